@@ -51,12 +51,11 @@ from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.milling.forces import cutting_forces
 from headstock.solvers.paths.controlled import (
     ControlledPath,
-    PathLoads,
-    cut_times,
     solve_controlled_path,
     solve_rubbing_path,
 )
 from headstock.solvers.paths.disturbed import solve_disturbed_loop
+from headstock.solvers.paths.loads import PathLoads, cut_times
 from headstock.solvers.paths.response import (
     PathDeviation,
     PathModel,
@@ -387,7 +386,13 @@ def shortest_ripple(drives: Sequence[Drive], request: PathRequest) -> float:
 def _move_freely(
     state: RunState, request: PathRequest, middle: PosedModes, model: PathModel
 ) -> SolvedMoves:
-    """Deviation of every move by its acceleration, with motors that follow their set point."""
+    """Deviation of every move by its acceleration and the cut, with motors that follow their set
+    point.
+    """
+    machine = state.scene.machine
+    directions = travel_directions(machine, request.path)
+    loads = _path_loads(machine, directions, request.cut)
+    model = dataclasses.replace(model, pushed=_pushed_channels(request), loads=loads)
     whole = dataclasses.replace(model, up_to_hz=None)
     kept = tuple(
         solve_path(middle.system, whole, move, sample_path(request, move)) for move in request.moves
@@ -397,9 +402,11 @@ def _move_freely(
     along = sample_system(
         lambda position: _build_plant(state, request, position), request.path.length, model
     )
-    table = make_step_table(along, 1.0 / request.sampling_hz)
+    fine, _ = cut_times(sample_path(request, request.moves[0]), loads)
+    table = make_step_table(along, float(fine[1] - fine[0]))
     found = tuple(
-        solve_varying_path(along, move, sample_path(request, move), table) for move in request.moves
+        solve_varying_path(along, model, move, sample_path(request, move), table)
+        for move in request.moves
     )
     move = request.moves[-1]
     short = solve_path(middle.system, model, move, sample_path(request, move))

@@ -260,17 +260,12 @@ def _check_cut(scene: SceneTable, path: PathTable, findings: Findings) -> None:
     """The cut of a path, and the effect that needs it."""
     key: KeyPath = ("analyses", "path", "cut")
     cut = path.cut
-    if scene.mechanism is None and scene.effects.get(CUTTING_FORCE, False) is not False:
-        if cut is None:
-            findings.add(
-                ("effects", CUTTING_FORCE),
-                "nothing is milled; write [analyses.path.cut] with mill, spindle, depths and material",
-            )
-        if scene.effects.get(DRIVE_CONTROL, False) is False:
-            findings.add(
-                ("effects", CUTTING_FORCE),
-                "acts on paths with controlled drives; write drive_control = true too",
-            )
+    cuts = scene.effects.get(CUTTING_FORCE, False) is not False
+    if scene.mechanism is None and cuts and cut is None:
+        findings.add(
+            ("effects", CUTTING_FORCE),
+            "nothing is milled; write [analyses.path.cut] with mill, spindle, depths and material",
+        )
     if cut is None:
         return
     if cut.radial_depth > 0.5 * cut.mill.diameter:

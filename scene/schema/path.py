@@ -27,8 +27,8 @@ Feeds = Annotated[list[PositiveSpeed], Field(min_length=1, max_length=20)]
 
 
 class PathCutTable(StrictTable):
-    """Milling along a path, the part on the right of the travel; used with the effects
-    `cutting_force` and `drive_control`.
+    """Milling along a path, the part on the right of the travel; used with the effect
+    `cutting_force`.
     """
 
     mill: MillTable

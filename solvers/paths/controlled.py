@@ -2,8 +2,7 @@
 rigid-body response, residual vibration.
 """
 
-import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +15,7 @@ from headstock.solvers.control.stability import has_free_motions
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.state_space import StateSpace
 from headstock.solvers.linear.time_response import solve_stepped_response
+from headstock.solvers.paths.loads import PathLoads, cut_times, loads_at, step_loads
 from headstock.solvers.paths.response import PathDeviation, step_times
 from headstock.solvers.paths.set_points import (
     SetPoint,
@@ -23,19 +23,6 @@ from headstock.solvers.paths.set_points import (
     sample_move,
     step_accelerations,
 )
-
-
-@dataclass(frozen=True, eq=False)
-class PathLoads:
-    """Loads on a machine along a path.
-
-    Attributes:
-        at: Loads ``(n, n_loads)`` at instants and at the speeds along the path there.
-        step: Longest time over which a load may be taken for straight [s].
-    """
-
-    at: Callable[[FloatArray, FloatArray], FloatArray]
-    step: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +96,7 @@ def solve_controlled_path(
     a[:size] = np.hstack([space.a, motion.inputs[:, :2]])
     a[size, size + 1] = 1.0
     first = len(set_channels(path.loop.trains))
-    own = space.b[:, first : first + _count_loads(path)]
+    own = space.b[:, first : first + loads_at(path.loads, np.zeros(1), np.zeros(1)).shape[1]]
     b = np.hstack(
         [
             np.append(motion.inputs[:, 2], [0.0, 1.0])[:, None],
@@ -136,7 +123,7 @@ def solve_controlled_path(
     fine, parts = cut_times(samples, path.loads)
     times, places = step_times(move, fine)
     given = np.concatenate(
-        [step_accelerations(move, times)[:, :, None], _step_loads(path, move, times)], axis=2
+        [step_accelerations(move, times)[:, :, None], step_loads(path.loads, move, times)], axis=2
     )
     found = solve_stepped_response(whole, times, given).outputs[places[::parts]]
     quasi_static = _follow(path, motion, move, samples)
@@ -185,33 +172,6 @@ def solve_rubbing_path(
         linear.low_frequency,
         total - linear.quasi_static - linear.low_frequency,
     ), found
-
-
-def cut_times(samples: FloatArray, loads: PathLoads | None) -> tuple[FloatArray, int]:
-    """Instants between which loads are straight, and into how many of them a sample is cut.
-
-    Args:
-        samples: ``(n,)`` evenly spaced [s].
-        loads: None where there are none.
-    """
-    step = np.inf if loads is None else loads.step
-    parts = max(1, math.ceil((samples[1] - samples[0]) / step))
-    fine = np.linspace(samples[0], samples[-1], parts * (len(samples) - 1) + 1)
-    return np.asarray(fine, dtype=float), parts
-
-
-def _count_loads(path: ControlledPath) -> int:
-    if path.loads is None:
-        return 0
-    return path.loads.at(np.zeros(1), np.zeros(1)).shape[1]
-
-
-def _step_loads(path: ControlledPath, move: SetPoint, times: FloatArray) -> FloatArray:
-    """Loads at the beginning and the end of each step ``(n - 1, 2, n_loads)``."""
-    if path.loads is None:
-        return np.zeros((len(times) - 1, 2, 0))
-    at = path.loads.at(times, sample_move(move, times).speeds)
-    return np.stack([at[:-1], at[1:]], axis=1)
 
 
 def _split(path: ControlledPath) -> _Motion:

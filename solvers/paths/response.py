@@ -22,6 +22,7 @@ from headstock.solvers.linear.modal_coordinates import (
 )
 from headstock.solvers.linear.state_space import modal_state_space
 from headstock.solvers.linear.time_response import solve_stepped_response
+from headstock.solvers.paths.loads import PathLoads, cut_times, loads_at, step_loads
 from headstock.solvers.paths.set_points import (
     SetPoint,
     list_breaks,
@@ -69,12 +70,21 @@ class PathModel:
         outputs: Where the deviation is wanted.
         low_frequency_limit_hz: Modes below it do not follow a ramp [Hz].
         up_to_hz: Modes kept; those above follow at once. None keeps all.
+        pushed: Inputs at which loads act.
+        loads: Of these inputs; None for none.
     """
 
     source: Channel
     outputs: tuple[Channel, ...]
     low_frequency_limit_hz: float
     up_to_hz: float | None = None
+    pushed: tuple[Channel, ...] = ()
+    loads: PathLoads | None = None
+
+    @property
+    def inputs(self) -> tuple[Channel, ...]:
+        """All of them."""
+        return (self.source, *self.pushed)
 
 
 def sample_times(move: SetPoint, sampling_hz: float, settle: float) -> FloatArray:
@@ -125,33 +135,48 @@ def solve_path(
     Raises:
         ModelError: A channel is unknown, or a damper acts on a dof without mass.
     """
-    coordinates = to_modal_coordinates(equivalent_viscous(system), [model.source], model.outputs)
+    coordinates = to_modal_coordinates(equivalent_viscous(system), model.inputs, model.outputs)
     if coordinates is None:
         raise ModelError(
             "a damper acts on a dof without mass, or a matrix is not symmetric; give every body a mass"
         )
     if model.up_to_hz is not None:
         coordinates = keep_modes(coordinates, count_modes(coordinates, model.up_to_hz))
-    times, places = step_times(move, samples)
-    loads = step_accelerations(move, times)[:, :, None]
-    space = modal_state_space(coordinates, (model.source,), model.outputs)
+    fine, parts = cut_times(samples, model.loads)
+    times, places = step_times(move, fine)
+    given = np.concatenate(
+        [step_accelerations(move, times)[:, :, None], step_loads(model.loads, move, times)], axis=2
+    )
+    space = modal_state_space(coordinates, model.inputs, model.outputs)
     below = np.repeat(coordinates.omega < 2.0 * np.pi * model.low_frequency_limit_hz, 2)
     rows = np.vstack([space.c, np.where(below, space.c, 0.0)])
     stretched = type(space)(
-        space.a, space.b, rows, np.zeros((len(rows), 1)), (), (), space.states, space.pairs
+        space.a,
+        space.b,
+        rows,
+        np.zeros((len(rows), len(model.inputs))),
+        (),
+        (),
+        space.states,
+        space.pairs,
     )
-    moved = solve_stepped_response(stretched, times, loads).outputs[places]
-    now = sample_move(move, samples).accelerations[:, None]
+    moved = solve_stepped_response(stretched, times, given).outputs[places[::parts]]
+    now = act_at(model, move, samples)
     count = len(model.outputs)
-    at_once = now * space.d[:, 0]
     low_frequency, quasi_static = (
         moved[:, count:],
-        now * static_share(coordinates, model.low_frequency_limit_hz),
+        now[:, :1] * static_share(coordinates, model.low_frequency_limit_hz),
     )
-    total = moved[:, :count] + at_once
+    total = moved[:, :count] + now @ space.d.T
     return PathDeviation(
         samples, total, quasi_static, low_frequency, total - quasi_static - low_frequency
     )
+
+
+def act_at(model: PathModel, move: SetPoint, times: FloatArray) -> FloatArray:
+    """Acceleration along the path, and loads ``(n, 1 + n_loads)`` at instants."""
+    motion = sample_move(move, times)
+    return np.column_stack([motion.accelerations, loads_at(model.loads, times, motion.speeds)])
 
 
 def static_share(coordinates: ModalCoordinates, low_frequency_limit_hz: float) -> FloatArray:

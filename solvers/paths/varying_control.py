@@ -30,7 +30,8 @@ from headstock.solvers.control.stability import has_free_motions
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.modal_coordinates import ModalCoordinates
 from headstock.solvers.linear.state_space import StateSpace, modal_state_space
-from headstock.solvers.paths.controlled import PathLoads, cut_times, project_slow
+from headstock.solvers.paths.controlled import project_slow
+from headstock.solvers.paths.loads import PathLoads, cut_times, loads_at
 from headstock.solvers.paths.response import PathDeviation, step_times
 from headstock.solvers.paths.set_points import (
     SetPoint,
@@ -213,7 +214,7 @@ def solve_varying_control(
     table = table or make_loop_table(loop, float(fine[1] - fine[0]))
     at = sample_move(move, times)
     accelerations = step_accelerations(move, times)
-    loads = _loads_at(loop, times, at.speeds)
+    loads = loads_at(loop.loads, times, at.speeds)
     given = np.hstack(
         [
             at.positions[:-1, None],
@@ -235,7 +236,7 @@ def solve_varying_control(
     )[places[::parts]]
     now = sample_move(move, samples)
     motion = np.column_stack([now.positions, now.speeds, now.accelerations])
-    acting = np.hstack([motion, _loads_at(loop, samples, now.speeds)])
+    acting = np.hstack([motion, loads_at(loop.loads, samples, now.speeds)])
     total = observe_along(table.rows, now.positions, states) + observe_along(
         table.direct, now.positions, acting
     )
@@ -265,7 +266,7 @@ def solve_varying_rubbing(
     def given(instant: float) -> FloatArray:
         now = sample_move(move, np.array([instant]))
         own = np.array([now.positions[0], now.speeds[0], now.accelerations[0]])
-        loads = _loads_at(loop, np.array([instant]), now.speeds)[0]
+        loads = loads_at(loop.loads, np.array([instant]), now.speeds)[0]
         return np.concatenate([sets @ own, loads, own[2:]])
 
     found = integrate_motion(along, given, samples, breaks=list_breaks(move))
@@ -377,10 +378,6 @@ def _set_matrix(loop: VaryingLoop) -> FloatArray:
         found[3 * number + 1, 1] = control.velocity_feed_forward * travel.axis - travel.motor
         found[3 * number + 2, 2] = control.acceleration_feed_forward * travel.axis
     return found
-
-
-def _loads_at(loop: VaryingLoop, times: FloatArray, speeds: FloatArray) -> FloatArray:
-    return np.zeros((len(times), 0)) if loop.loads is None else loop.loads.at(times, speeds)
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,8 @@ from scipy.interpolate import CubicSpline
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import AccuracyError
-from headstock.solvers.paths.response import PathDeviation, step_times
+from headstock.solvers.paths.loads import cut_times, step_loads
+from headstock.solvers.paths.response import PathDeviation, PathModel, act_at, step_times
 from headstock.solvers.paths.set_points import SetPoint, sample_move, step_accelerations
 from headstock.solvers.paths.varying_system import SampledPose, VaryingSystem
 
@@ -89,10 +90,10 @@ def tabulate_steps(step: Callable[[float], FloatArray], length: float, size: flo
 
 
 def exact_step(sampled_pose: SampledPose, scales: FloatArray, size: float) -> FloatArray:
-    """Exact step of the system frozen at one position, as a matrix ``(2m, 2m + 2)``.
+    """Exact step of the system frozen at one position, as a matrix ``(2m, 2m + 2k)``.
 
-    It gives the state ``(scale q, q')`` after the step from the state before it and the
-    accelerations along the path at its beginning and end, between which they are linear.
+    It gives the state ``(scale q, q')`` after the step from the state before it and what acts at its
+    beginning and end, between which it is linear: the acceleration along the path, and loads.
 
     Args:
         sampled_pose: Modal matrices of ``m`` modes at that position.
@@ -101,25 +102,27 @@ def exact_step(sampled_pose: SampledPose, scales: FloatArray, size: float) -> Fl
 
     Source: Van Loan (1978), Computing integrals involving the matrix exponential.
     """
-    count = len(scales)
-    big = np.zeros((2 * count + 2, 2 * count + 2))
-    big[:count, count : 2 * count] = np.diag(scales)
-    big[count : 2 * count, :count] = -sampled_pose.stiffness / scales
-    big[count : 2 * count, count : 2 * count] = -sampled_pose.damping
-    big[count : 2 * count, 2 * count] = sampled_pose.load
-    # A linear load is an integral of two more states: the acceleration at the start, and its rise
-    # per step (hence 1, not size). One exponential then holds the step and both integrals of the
-    # load, also where frequencies are zero and no closed form would do
+    count, acting = len(scales), sampled_pose.loads.shape[1]
+    states = 2 * count
+    big = np.zeros((states + 2 * acting, states + 2 * acting))
+    big[:count, count:states] = np.diag(scales)
+    big[count:states, :count] = -sampled_pose.stiffness / scales
+    big[count:states, count:states] = -sampled_pose.damping
+    big[count:states, states : states + acting] = sampled_pose.loads
+    # A linear load is an integral of two more states: the load at the start, and its rise per step
+    # (hence 1, not size). One exponential then holds the step and both integrals of the load, also
+    # where frequencies are zero and no closed form would do
     big *= size
-    big[2 * count, 2 * count + 1] = 1.0
-    found = scipy.linalg.expm(big)[: 2 * count]
-    level, rise = found[:, 2 * count], found[:, 2 * count + 1]
-    # level * a0 + rise * (a1 - a0), in terms of the accelerations at both ends
-    return np.column_stack([found[:, : 2 * count], level - rise, rise])
+    big[states : states + acting, states + acting :] = np.eye(acting)
+    found = scipy.linalg.expm(big)[:states]
+    level, rise = found[:, states : states + acting], found[:, states + acting :]
+    # level * a0 + rise * (a1 - a0), in terms of what acts at both ends
+    return np.hstack([found[:, :states], level - rise, rise])
 
 
 def solve_varying_path(
     system: VaryingSystem[SampledPose],
+    model: PathModel,
     move: SetPoint,
     samples: FloatArray,
     table: StepTable | None = None,
@@ -128,25 +131,24 @@ def solve_varying_path(
 
     Args:
         system: Along the path.
+        model: What is asked.
         move: Along the same path.
         samples: ``(n,)`` evenly spaced, from zero [s].
-        table: Steps of the size of a sample, where they are already known.
+        table: Steps of the size of those of ``cut_times``, where they are already known.
     """
-    times, places = step_times(move, samples)
+    fine, parts = cut_times(samples, model.loads)
+    times, places = step_times(move, fine)
     states = _march(
-        system, move, times, table or make_step_table(system, float(samples[1] - samples[0]))
-    )[places]
-    motion = sample_move(move, samples)
-    now = motion.accelerations[:, None]
+        system, model, move, times, table or make_step_table(system, float(fine[1] - fine[0]))
+    )[places[::parts]]
+    positions, now = sample_move(move, samples).positions, act_at(model, move, samples)
     displacements = states / system.scales
-    quasi_static, rest = (
-        now * system.splines[name](motion.positions) for name in ("quasi_static", "rest")
-    )
+    quasi_static = now[:, :1] * system.splines["quasi_static"](positions)
     moved, low_frequency = (
-        observe_along(system.splines[name], motion.positions, displacements)
+        observe_along(system.splines[name], positions, displacements)
         for name in ("rows", "low_frequency")
     )
-    total = moved + rest
+    total = moved + observe_along(system.splines["rest"], positions, now)
     return PathDeviation(
         samples,
         total,
@@ -157,15 +159,21 @@ def solve_varying_path(
 
 
 def _march(
-    system: VaryingSystem[SampledPose], move: SetPoint, times: FloatArray, table: StepTable
+    system: VaryingSystem[SampledPose],
+    model: PathModel,
+    move: SetPoint,
+    times: FloatArray,
+    table: StepTable,
 ) -> FloatArray:
     """Scaled displacements ``(n, m)`` at all times."""
+    accelerations, loads = step_accelerations(move, times), step_loads(model.loads, move, times)
+    given = [part for end in range(2) for part in (accelerations[:, end : end + 1], loads[:, end])]
     states = march_steps(
         table,
         lambda place, size: exact_step(system.at(place), system.scales, size),
         move,
         times,
-        step_accelerations(move, times),
+        np.hstack(given),
         size=2 * len(system.scales),
     )
     return states[:, : len(system.scales)]

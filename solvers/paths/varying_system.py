@@ -86,34 +86,36 @@ class SampledPose:
     Attributes:
         stiffness: ``(m, m)``.
         damping: ``(m, m)`` viscous.
-        load: ``(m,)`` per unit acceleration along the path.
+        loads: ``(m, k)`` per unit acceleration along the path, and per unit of each load.
         rows: ``(p, m)`` motion at the outputs.
         low_frequency: ``(p, m)`` motion at the outputs of the low-frequency modes alone, which are those
             in the middle of the path.
         quasi_static: ``(p,)`` quasi-static deviation per unit acceleration, of everything but the
             low-frequency modes.
-        rest: ``(p,)`` what the modes kept do not represent.
+        rest: ``(p, k)`` what the modes kept do not represent.
+        reach: ``(p, k)`` sizes of the compliances of the elastic modes: what ``rest`` is small beside.
+            It is not interpolated.
     """
 
     stiffness: FloatArray
     damping: FloatArray
-    load: FloatArray
+    loads: FloatArray
     rows: FloatArray
     low_frequency: FloatArray
     quasi_static: FloatArray
     rest: FloatArray
+    reach: FloatArray | None = None
 
     def sizes(self) -> dict[str, FloatArray]:
         """See :class:`PoseSample`."""
-        # what the modes lack is small beside the whole, and often nothing but roundoff
-        whole = largest_entries(self.quasi_static)
         rows = largest_entries(self.rows)
         return {
-            "load": largest_entries(self.load),
+            "loads": np.abs(self.loads).max(axis=0, keepdims=True, initial=0.0),
             "rows": rows,
             "low_frequency": rows,
-            "quasi_static": whole,
-            "rest": whole,
+            "quasi_static": largest_entries(self.quasi_static),
+            # what the modes lack is small beside the whole, and often nothing but roundoff
+            "rest": np.zeros_like(self.rest) if self.reach is None else self.reach,
         }
 
 
@@ -229,7 +231,7 @@ def sample_system(
         slow = int(np.count_nonzero(poses[middle_of(poses)].coordinates.omega < limit))
         return {place: _turn_pose(pose, turns[place], slow) for place, pose in poses.items()}
 
-    channels = PlantChannels((model.source,), model.outputs, model.up_to_hz)
+    channels = PlantChannels(model.inputs, model.outputs, model.up_to_hz)
     return _sample(place, length, channels, turn_poses, SampledPose)
 
 
@@ -387,23 +389,24 @@ def _turn_pose(pose: PoseModes, turn: FloatArray, slow: int) -> SampledPose:
     """
     kept = len(turn)
     found = pose.coordinates
-    rows, load = found.outputs[:, :kept] @ turn, turn.T @ found.inputs[:kept, 0]
+    rows, loads = found.outputs[:, :kept] @ turn, turn.T @ found.inputs[:kept]
     damping = np.zeros((kept, kept)) if found.viscous is None else found.viscous[:kept, :kept]
     # matrices in the turned modes q = T q': T^T Omega^2 T is full where close modes mix, and smooth
     # along the path
     stiffness = turn.T @ (found.eigenvalues[:kept, None] * turn)
-    rest = (found.outputs[:, kept:] / found.eigenvalues[kept:]) @ found.inputs[kept:, 0]
+    rest = (found.outputs[:, kept:] / found.eigenvalues[kept:]) @ found.inputs[kept:]
     if not found.complete:
-        rest = rest + found.residual[:, 0]
-    held = np.linalg.solve(stiffness[slow:, slow:], load[slow:])
+        rest = rest + found.residual
+    held = np.linalg.solve(stiffness[slow:, slow:], loads[slow:])
     return SampledPose(
         stiffness=stiffness,
         damping=turn.T @ damping @ turn,
-        load=load,
+        loads=loads,
         rows=rows,
         low_frequency=np.where(np.arange(kept) < slow, rows, 0.0),
-        quasi_static=rest + rows[:, slow:] @ held,
+        quasi_static=rest[:, 0] + rows[:, slow:] @ held[:, 0],
         rest=rest,
+        reach=np.abs(rest) + np.abs(rows[:, slow:]) @ np.abs(held),
     )
 
 

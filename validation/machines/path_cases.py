@@ -341,7 +341,9 @@ def compare_roads() -> tuple[FloatArray, FloatArray, FloatArray]:
             coupled,
         )
 
-    first = solve_varying_path(sample_system(place, path.length, model), move, times).total[:, 0]
+    first = solve_varying_path(sample_system(place, path.length, model), model, move, times).total[
+        :, 0
+    ]
     frozen = solve_path(place(0.0).system, model, move, times).total[:, 0]
     return first, _second_road(parts, machine, path, request.outputs, move, times), frozen
 

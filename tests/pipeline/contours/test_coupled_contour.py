@@ -103,7 +103,7 @@ def test_a_straight_move_deviates_as_in_the_path_analysis(tmp_path: Path) -> Non
     samples = sample_times(move, 20_000.0, 0.05)
     model = PathModel(PATH_INPUT, outputs, 0.0, 2000.0)
     along = sample_system(place, line.length, model)
-    other = solve_varying_path(along, move, samples, make_step_table(along, 1.0 / 20_000.0))
+    other = solve_varying_path(along, model, move, samples, make_step_table(along, 1.0 / 20_000.0))
 
     def go(times: FloatArray) -> FloatArray:
         now = sample_move(move, np.clip(times, 0.0, move.duration))

@@ -17,6 +17,7 @@ from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.scene import Scene, keep_analyses, list_analyses
+from headstock.solvers.milling.forces import cutting_forces
 
 SCENE = """
 [materials.steel]
@@ -68,6 +69,16 @@ feeds = ["600 mm/min", "3000 mm/min"]
 time_constant = "100 ms"
 lowpass = "300 Hz"
 on_request = true
+"""
+
+
+CUT = """
+[analyses.path.cut]
+mill = { diameter = "10 mm", teeth = 2, helix = "30 deg" }
+spindle = "6000 rpm"
+axial_depth = "1 mm"
+radial_depth = "2 mm"
+material = "al7075-t6-dry"
 """
 
 
@@ -147,6 +158,32 @@ def test_the_quasi_static_part_is_inertia_over_stiffness(tmp_path: Path) -> None
     expected = -0.5 * mass * (1.0 / 100e6 + 0.15 * 0.3 / 1e6)
     assert x.quasi_static == pytest.approx(expected, rel=1e-9)
     assert abs(y.peak) < 1e-9 * abs(x.peak)
+
+
+@pytest.mark.parametrize("pose_model", ["frozen", "pose_dependent"])
+def test_a_cut_without_control_pushes_the_tool_away_by_its_mean_force_times_the_compliance(
+    tmp_path: Path, pose_model: str
+) -> None:
+    """Motors are held: over whole turns at constant feed, the teeth deflect bed, guide and screw."""
+    text = SCENE.replace('feeds = ["600 mm/min", "3000 mm/min"]', 'feeds = ["3000 mm/min"]')
+    text = text.replace(
+        'lowpass = "300 Hz"', f'pose_model = "{pose_model}"\nresidual_time = "20 ms"'
+    )
+    text = text.replace("on_request = true", CUT)
+    text = text.replace('modal = "2 %" }', 'modal = "20 %" }\ncutting_force = true')
+    scene = load(tmp_path, text + '[analyses.static]\nat = "tcp"\n')
+    found = run(tmp_path, scene)
+    curves = find_answers(found.answers, PathResult)[0].runs[0].curves
+    times = curves.deviation.times
+    # 10 ms for a turn; X 0 mm, the pose of the static analysis, in the middle
+    steady = (times >= 0.2) & (times < 0.3)
+    mean = curves.deviation.total[steady].mean(axis=0)
+    fine = 0.2 + 1e-6 * np.arange(100_000)
+    path = scene.analyses.path
+    assert path is not None and path.cut is not None
+    force = cutting_forces(path.cut.cut, fine, np.full(len(fine), 0.05)).mean(axis=0)
+    (compliance,) = (points["tcp"].compliance[:3, :3] for points in found.static.values())
+    np.testing.assert_allclose(mean, compliance @ force, rtol=2e-3)
 
 
 def test_an_undamped_path_is_warned_of(tmp_path: Path) -> None:

@@ -18,10 +18,10 @@ from headstock.solvers.control.friction_loop import friction_channels, friction_
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.paths.controlled import (
     ControlledPath,
-    PathLoads,
     solve_controlled_path,
     solve_rubbing_path,
 )
+from headstock.solvers.paths.loads import PathLoads
 from headstock.solvers.paths.response import PathDeviation, sample_times
 from headstock.solvers.paths.set_points import Ramp, SetPoint, sample_move
 from headstock.solvers.paths.varying_control import (

@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import AccuracyError
 from headstock.solvers.linear.modal_analysis import solve_modal
+from headstock.solvers.paths.loads import PathLoads
 from headstock.solvers.paths.response import PathDeviation, PathModel, sample_times, solve_path
 from headstock.solvers.paths.set_points import Ramp, SetPoint, sample_move
 from headstock.solvers.paths.varying_response import exact_step, make_step_table, solve_varying_path
@@ -28,6 +29,7 @@ LENGTH = 0.08
 MOVE = SetPoint(LENGTH, 0.5, Ramp("linear", 0.02))
 MODEL = PathModel(SOURCE, (TIP,), low_frequency_limit_hz=50.0, up_to_hz=2000.0)
 MASSES = np.diag([30.0, 20.0, 5.0])
+PUSHED = np.array([0.0, 0.0, 1.0])
 
 
 def place_bare(position: float, strength: float = 1.0) -> SecondOrderSystem:
@@ -41,7 +43,7 @@ def place_bare(position: float, strength: float = 1.0) -> SecondOrderSystem:
     damping = stretch.T @ np.diag([800.0, 300.0 * (1.0 + share), 200.0]) @ stretch
     load, row = np.array([0.0, -20.0, -5.0]), np.array([0.0, share, 1.0])
     return SecondOrderSystem(
-        MASSES, damping, stiffness, {SOURCE: load}, {TIP: row}, ("a", "b", "c")
+        MASSES, damping, stiffness, {SOURCE: load, TIP: PUSHED}, {TIP: row}, ("a", "b", "c")
     )
 
 
@@ -60,14 +62,21 @@ def stand(time: float) -> float:
     )
 
 
-def integrate(samples: FloatArray) -> FloatArray:
-    """Deviation by an explicit integrator of high order, from break to break."""
+def travel_speed(time: float) -> float:
+    return 25.0 * float(np.clip(min(time, 0.18 - time), 0.0, 0.02))
+
+
+def integrate(samples: FloatArray, push: float = 0.0) -> FloatArray:
+    """Deviation by an explicit integrator of high order, from break to break, while the tip is pushed
+    with a force that is so large at a speed of 1 m/s [N].
+    """
 
     def slope(time: float, state: FloatArray, acceleration: float) -> FloatArray:
         system = place_bare(stand(time))
         assert system.damping is not None
         force = (
             acceleration * system.inputs[SOURCE]
+            + push * travel_speed(time) * PUSHED
             - system.damping @ state[3:]
             - system.stiffness @ state[:3]
         )
@@ -100,7 +109,7 @@ def follow(strength: float = 1.0) -> VaryingSystem[SampledPose]:
 
 
 def solve(system: VaryingSystem[SampledPose], sampling_hz: float = 2500.0) -> PathDeviation:
-    return solve_varying_path(system, MOVE, sample_times(MOVE, sampling_hz, 0.05))
+    return solve_varying_path(system, MODEL, MOVE, sample_times(MOVE, sampling_hz, 0.05))
 
 
 def test_where_nothing_changes_the_answer_is_the_frozen_one() -> None:
@@ -126,6 +135,28 @@ def test_a_changing_system_follows_an_integrator_at_tight_tolerance() -> None:
         found.times,
     )
     assert np.abs(frozen.total[:, 0] - reference).max() > 0.1 * size
+
+
+def test_a_load_on_the_way_adds_what_an_integrator_says() -> None:
+    """A force in proportion to the feed, in steps of its own; where nothing changes the end is the
+    static deflection.
+    """
+    loads = PathLoads(lambda times, speeds: 4e3 * speeds[:, None], step=2.5e-4)
+    model = dataclasses.replace(MODEL, pushed=(TIP,), loads=loads)
+    along = sample_system(place_chain, LENGTH, model)
+    samples = sample_times(MOVE, 2500.0, 0.05)
+    found = solve_varying_path(along, model, MOVE, samples)
+    reference, bare = integrate(samples, 4e3), integrate(samples)
+    size = np.abs(reference - bare).max()
+    assert size > 0.1 * np.abs(bare).max()
+    np.testing.assert_allclose(found.total[:, 0], reference, atol=2e-5 * size)
+    heavy = dataclasses.replace(place_bare(0.0), damping=1e5 * MASSES / 30.0)
+    steady = dataclasses.replace(
+        model, loads=PathLoads(lambda times, speeds: np.full((len(times), 1), 7.0), step=1.0)
+    )
+    late = solve_path(heavy, steady, MOVE, sample_times(MOVE, 1000.0, 1.0)).total[-1, 0]
+    static = 7.0 * heavy.outputs[TIP] @ np.linalg.solve(heavy.stiffness, PUSHED)
+    assert late == pytest.approx(static, rel=1e-9)
 
 
 def test_a_mode_may_pass_the_limit_of_low_frequencies_on_the_way() -> None:

@@ -1,0 +1,47 @@
+"""Loads that act on a machine while it travels along a straight path, such as those of a cut."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.solvers.paths.set_points import SetPoint, sample_move
+
+
+@dataclass(frozen=True, eq=False)
+class PathLoads:
+    """Loads on a machine along a path.
+
+    Attributes:
+        at: Loads ``(n, n_loads)`` at instants and at the speeds along the path there.
+        step: Longest time over which a load may be taken for straight [s].
+    """
+
+    at: Callable[[FloatArray, FloatArray], FloatArray]
+    step: float
+
+
+def cut_times(samples: FloatArray, loads: PathLoads | None) -> tuple[FloatArray, int]:
+    """Instants between which loads are straight, and into how many of them a sample is cut.
+
+    Args:
+        samples: ``(n,)`` evenly spaced [s].
+        loads: None where there are none.
+    """
+    step = np.inf if loads is None else loads.step
+    parts = max(1, math.ceil((samples[1] - samples[0]) / step))
+    fine = np.linspace(samples[0], samples[-1], parts * (len(samples) - 1) + 1)
+    return np.asarray(fine, dtype=float), parts
+
+
+def loads_at(loads: PathLoads | None, times: FloatArray, speeds: FloatArray) -> FloatArray:
+    """Loads ``(n, n_loads)`` at instants and speeds along the path; no column where there are none."""
+    return np.zeros((len(times), 0)) if loads is None else loads.at(times, speeds)
+
+
+def step_loads(loads: PathLoads | None, move: SetPoint, times: FloatArray) -> FloatArray:
+    """Loads at the beginning and the end of each step ``(n - 1, 2, n_loads)``."""
+    at = loads_at(loads, times, sample_move(move, times).speeds)
+    return np.stack([at[:-1], at[1:]], axis=1)
