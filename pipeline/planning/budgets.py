@@ -2,12 +2,14 @@
 scene and the machine.
 """
 
+import math
 from collections.abc import Sequence
 
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.parts.components import Component, MeshSettings, weigh_modes
 from headstock.meshing.sizing import CELL_BUDGET
 from headstock.pipeline.planning.plan import Stage
+from headstock.solvers.milling.forces import MillingCut
 
 # Nodes per cell of an endless mesh, and how much its surface adds: 1 + share / cells^(1/3);
 # measured on blocks, within a quarter.
@@ -40,31 +42,38 @@ MESHING_START = {"tet": 0.3, "hex": 0.03}
 STAGE_SECONDS = {
     "segment": 0.01,
     "expand": 0.3,
-    "couple": 0.03,
     "place": 0.005,
-    "static": 0.005,
     "recover": 0.5,
-    "modal": 0.05,
     "spread": 0.2,
     "models": 0.3,
     "joints": 0.3,
     "frf": 0.08,
     "control": 0.06,
-    "lobes": 1.0,
     "respond": 0.3,
-    "write": 0.05,
 }
+# at no dofs of the coupled machine, and per dof: three to nine bodies of 18 to 384 dofs, as above
+SECONDS_OF_DOFS = {
+    "couple": (0.01, 2.8e-4),
+    "static": (0.004, 7e-5),
+    "modal": (0.02, 4e-4),
+    "lobes": (0.25, 5e-4),
+}
+WRITE_START, SECONDS_PER_DRAWN_BODY = 0.04, 0.01
+DOFS_OF_A_BODY = 6
 STEPS_PER_SECOND = 3e4  # of a contour of a lumped mechanism
-# of a machine of components in its modes: elastic legs of the Tripteor up to 1 kHz, 41 modes (docs/contouring.md)
+# of a machine of components in its modes: up to the number of its dofs from which more add no modes
+# below the frequency up to which they are kept (elastic legs of the Tripteor up to 1 kHz, 41 modes), and
+# the share of a machine of hardly any; friction at the speeds of the motors; and what each tooth in the
+# cut adds that meets the waves of those before. A mill of three bodies (18 dofs), the three-axis machine
+# rigid (42) and segmented (384) and the Tripteor, blocks of 5 to 40 mm, on a busy core of a virtual AMD
+# EPYC: within a third
 COUPLED_STEPS_PER_SECOND = 6.6e3
-# the same with waves of the teeth before, with the full equations (of a lumped mechanism) or friction
-# at the speeds of the motors (of components), and with both; CPU seconds of the Tripteor, lumped and with
-# rigid legs under control, blocks of 5 to 30 mm, on a busy core of a virtual AMD EPYC
+MANY_DOFS, FEW_SHARE = 150, 1.0 / 3.0
+COUPLED_NONLINEAR_STEPS_PER_SECOND = 2.3e3
+SECONDS_PER_WAVY_TOOTH = 1.1e-3
+# of a lumped one with waves of the teeth before, and with the full equations; likewise
 REGENERATIVE_STEPS_PER_SECOND = 7e3
 NONLINEAR_STEPS_PER_SECOND = 900.0
-COUPLED_REGENERATIVE_STEPS_PER_SECOND = 750.0
-COUPLED_NONLINEAR_STEPS_PER_SECOND = 2.3e3
-COUPLED_BOTH_STEPS_PER_SECOND = 700.0
 # a lumped contour whose drives are under control takes so many times as long (1.2 to 1.5, as above)
 CONTROLLED_COST = 1.5
 POSES_PER_SECOND = 7e3  # of a map
@@ -77,23 +86,67 @@ CONTROL_POINT_DOFS = 4
 TIME_MARGIN = 2.0
 
 
-def contour_rate(*, lumped: bool, nonlinear: bool, regenerative: bool) -> float:
-    """Time steps of a contour per second of processor time.
+def contour_step_seconds(
+    cut: MillingCut, *, dofs: int | None, nonlinear: bool, regenerative: bool
+) -> float:
+    """Processor time of a time step of a contour [s].
 
     Args:
-        lumped: A lumped mechanism, which has no regeneration in the full equations.
+        cut: What is milled.
+        dofs: Of the coupled machine; None of a lumped mechanism, which has no regeneration in the full
+            equations.
         nonlinear: The full equations, or friction at the speeds of the motors.
         regenerative: Teeth meet the waves of those before.
     """
-    if lumped:
+    if dofs is None:
         if nonlinear:
-            return NONLINEAR_STEPS_PER_SECOND
-        return REGENERATIVE_STEPS_PER_SECOND if regenerative else STEPS_PER_SECOND
-    if nonlinear and regenerative:
-        return COUPLED_BOTH_STEPS_PER_SECOND
+            return 1.0 / NONLINEAR_STEPS_PER_SECOND
+        return 1.0 / (REGENERATIVE_STEPS_PER_SECOND if regenerative else STEPS_PER_SECOND)
+    share = FEW_SHARE + (1.0 - FEW_SHARE) * min(1.0, dofs / MANY_DOFS)
+    moving = share / COUPLED_STEPS_PER_SECOND
     if nonlinear:
-        return COUPLED_NONLINEAR_STEPS_PER_SECOND
-    return COUPLED_REGENERATIVE_STEPS_PER_SECOND if regenerative else COUPLED_STEPS_PER_SECOND
+        moving = 1.0 / COUPLED_NONLINEAR_STEPS_PER_SECOND
+    return moving + (SECONDS_PER_WAVY_TOOTH * count_teeth_in_cut(cut) if regenerative else 0.0)
+
+
+def count_teeth_in_cut(cut: MillingCut) -> float:
+    """Teeth that cut at a time, in the mean."""
+    mill = cut.mill
+    arc = math.acos(1.0 - 2.0 * min(cut.radial_depth / mill.diameter, 1.0))
+    lag = 2.0 * cut.axial_depth * math.tan(abs(mill.helix)) / mill.diameter
+    return mill.teeth * (arc + lag) / (2.0 * math.pi)
+
+
+def pose_seconds(kind: str, dofs: int) -> float | None:
+    """Processor time of a stage in a pose [s]; None where nothing can be said beforehand.
+
+    Args:
+        kind: Of the stage.
+        dofs: Of the coupled machine.
+    """
+    if kind in SECONDS_OF_DOFS:
+        start, slope = SECONDS_OF_DOFS[kind]
+        return start + slope * dofs
+    return STAGE_SECONDS.get(kind)
+
+
+def write_seconds(components: int, poses: int) -> float:
+    """Processor time of writing results [s]."""
+    return WRITE_START + SECONDS_PER_DRAWN_BODY * components * poses
+
+
+def reduced_dofs(component: Component, volume: float | None) -> int:
+    """Dofs that a component brings to the machine, roughly.
+
+    Args:
+        component: With the modes to keep.
+        volume: Of the component [m^3], to guess how many modes lie below a frequency.
+    """
+    if component.fidelity == "rigid":
+        return DOFS_OF_A_BODY
+    if component.fidelity == "segmented":
+        return DOFS_OF_A_BODY * component.segments.count
+    return _boundary_dofs(component) + _guess_modes(component, volume)
 
 
 class BudgetError(HeadstockError):
@@ -133,7 +186,7 @@ def reduction_seconds(dofs: int, component: Component, volume: float | None = No
         component: With the modes to keep.
         volume: Of the component [m^3], to guess how many modes lie below a frequency.
     """
-    reduced = _boundary_dofs(component) + _guess_modes(component, volume)
+    reduced = reduced_dofs(component, volume)
     return (
         REFERENCE_SECONDS * float((dofs / REFERENCE_DOFS) ** SECONDS_EXPONENT)
         + SECONDS_PER_ENTRY * dofs * reduced
@@ -152,7 +205,7 @@ def iterative_seconds(dofs: int, component: Component, volume: float | None = No
     """Processor time of assembly and reduction without a factorisation [s]; see
     ``reduction_seconds``.
     """
-    reduced = _boundary_dofs(component) + _guess_modes(component, volume)
+    reduced = reduced_dofs(component, volume)
     return REFERENCE_SECONDS * dofs / REFERENCE_DOFS + ITERATIVE_SECONDS_PER_ENTRY * dofs * reduced
 
 

@@ -21,18 +21,22 @@ from headstock.meshing.components.meshing import MeshEstimate, estimate_mesh
 from headstock.pipeline.planning.budgets import (
     CONTROLLED_COST,
     COUPLINGS_PER_SECOND,
+    MANY_DOFS,
     POSES_PER_SECOND,
     STAGE_SECONDS,
     check_cells,
     check_time,
-    contour_rate,
+    contour_step_seconds,
     displacement_dofs,
     iterative_memory_mb,
     iterative_seconds,
     mesh_memory_mb,
     mesh_seconds,
+    pose_seconds,
+    reduced_dofs,
     reduction_memory_mb,
     reduction_seconds,
+    write_seconds,
 )
 from headstock.pipeline.planning.interfaces import find_glued_joints, has_choice
 from headstock.pipeline.planning.node_memory import check_memory, node_memory_bytes
@@ -105,6 +109,7 @@ def plan_scene(
     components: dict[str, Component] = {}
     stages: list[Stage] = []
     surveys: dict[str, MeshEstimate] = {}
+    dofs = 0  # of the coupled machine
     supports, loads = tuple(scene.machine.supports.values()), tuple(scene.machine.loads.values())
     for name, component in scene.machine.components.items():
         settings, reason = choose_reduction(component, scene.analyses)
@@ -125,10 +130,11 @@ def plan_scene(
             settings = dataclasses.replace(elastic.reduction, solver="iterative")
             elastic = components[name] = dataclasses.replace(elastic, reduction=settings)
         stages += _component_stages(elastic, reason, scene, estimate, choice)
+        dofs += reduced_dofs(elastic, None if estimate is None else estimate.volume)
     poses = choose_poses(scene)
     for pose in poses.values():
         stages += [
-            dataclasses.replace(stage, estimated_seconds=STAGE_SECONDS.get(stage.kind))
+            dataclasses.replace(stage, estimated_seconds=pose_seconds(stage.kind, dofs))
             for stage in _pose_stages(pose, scene)
         ]
     stages += _spread_stages(components, scene.analyses.modal)
@@ -148,13 +154,15 @@ def plan_scene(
         steps = contour_steps(scene.analyses.contouring)
         steps *= CONTROLLED_COST if scene.drives and scene.is_lumped else 1.0
         contour = scene.analyses.contouring
-        rate = contour_rate(
-            lumped=scene.is_lumped,
+        per_step = contour_step_seconds(
+            contour.cut,
+            # the bodies of a mechanism turn on the way, whatever they bring
+            dofs=None if scene.is_lumped else max(dofs, MANY_DOFS if scene.mechanism else 0),
             nonlinear=contour.model == "nonlinear",
             regenerative=contour.regeneration and contour.cutting,
         )
         what = scene.analyses.contouring.describe() + _name_acting(scene)
-        stages.append(Stage("contour", None, what, estimated_seconds=steps / rate))
+        stages.append(Stage("contour", None, what, estimated_seconds=steps * per_step))
     if scene.analyses.path is not None:
         what = scene.analyses.path.describe() + _name_acting(scene)
         stages.append(Stage("path", None, what))
@@ -166,7 +174,10 @@ def plan_scene(
         )
     stages.append(
         Stage(
-            "write", None, "results.h5 and summary.json", estimated_seconds=STAGE_SECONDS["write"]
+            "write",
+            None,
+            "results.h5 and summary.json",
+            estimated_seconds=write_seconds(len(components), len(poses)),
         )
     )
     if ranks == 1:

@@ -333,3 +333,37 @@ def test_a_contour_that_looks_back_or_repeats_its_steps_is_planned_for_longer() 
         planned.append(stages["contour"] or 0.0)
     for seconds, taken in zip(planned, (5.7, 31.0, 10.0, 33.0), strict=True):
         assert 0.5 * taken < seconds < 1.5 * taken
+
+
+def test_contours_of_machines_of_few_and_many_bodies_are_planned_within_half_and_twice_what_they_took() -> (
+    None
+):
+    """Processor seconds of blocks of 10 mm, without and with waves of the teeth before: a mill of three
+    rigid bodies, the three-axis machine rigid, and with segmented columns.
+    """
+    root = Path(__file__).parents[3]
+    taken = {
+        ("tests/data/mill.toml", None): (1.9, 29.6),
+        ("machines/three_axis.toml", "R+milling"): (9.8, 45.3),
+        ("machines/three_axis.toml", "segmented+milling"): (12.1, 66.2),
+    }
+    block = ('analyses.contouring.side="10 mm"', "analyses.contouring.on_request=false")
+    for (name, variant), both in taken.items():
+        for seconds, more in zip(both, ((), ("effects.regeneration=true",)), strict=True):
+            scene = load_scene(root / name, variant=variant, overrides=(*block, *more))
+            stages = {stage.kind: stage.estimated_seconds for stage in plan_scene(scene).stages}
+            assert 0.5 * seconds < (stages["contour"] or 0.0) < 2.0 * seconds
+
+
+def test_stages_in_a_pose_are_planned_for_longer_the_more_dofs_bodies_bring() -> None:
+    scene = Path(__file__).parents[3] / "machines" / "three_axis.toml"
+    planned = [
+        sum(
+            stage.estimated_seconds or 0.0
+            for stage in plan_scene(load_scene(scene, variant=variant)).stages
+            if stage.pose == "reference"
+        )
+        for variant in ("R", "segmented")
+    ]
+    # 0.05 and 0.30 s of coupling, statics and modes
+    assert 0.025 < planned[0] < 0.1 and 0.15 < planned[1] < 0.6
