@@ -66,7 +66,7 @@ def close_drives(
         damping[:, motors, motors] += _viscous(drives)
     elif any(drive.friction is not None for drive in drives):
         laws = tuple(drive.friction or GuideFriction() for drive in drives)
-        rubbing = Rubbing(motors, laws, speeds, np.zeros_like(speeds))
+        rubbing = Rubbing(motors, laws, speeds)
     for drive, motor, places in zip(drives, motors, positions.T, strict=True):
         load[:, motor] += ripple_force(drive, np.asarray(places))
     controls = [

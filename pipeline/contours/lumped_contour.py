@@ -12,7 +12,12 @@ from numpy.typing import NDArray
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import Drive
 from headstock.geometry.mechanisms.exechon import LENGTHS, solve_tool_pose
-from headstock.pipeline.contours.contour_cut import cut_contour, travel_frames, turned_modes
+from headstock.pipeline.contours.contour_cut import (
+    CutMotion,
+    cut_contour,
+    travel_frames,
+    turned_modes,
+)
 from headstock.pipeline.contours.contour_drives import (
     FrictionSpeeds,
     close_drives,
@@ -104,12 +109,30 @@ def run_lumped_contour(
     friction: FrictionSpeeds = "true" if request.model == "nonlinear" else "set"
     servo = _close_legs(model, drive, free, drives, friction) if drives else None
     motion = free if servo is None else servo.motion
-    cut = cut_contour(request, motion, plan, rotation=turn, record=record)
-    history, moved = cut.history, cut.tip
+    legs = FreeLegs(names, free) if drives else None
+
+    def find_rest(history: CompliantHistory) -> FloatArray:
+        """Motion of the tool's place that the linear model lacks ``(n, 3)`` [m]."""
+        gaps = tool_gaps(model, drive, times, history, legs=legs)
+        return np.asarray(gaps - motion.tool_motion(history.compliant))
+
+    def cut_under(extra: FloatArray, before: CutMotion | None) -> CutMotion:
+        """What is cut under a load beside that of the linear model; chips are those of the motion
+        before it where that differs from the linear one.
+        """
+        rest = None
+        if before is not None and request.regeneration:
+            rest = find_rest(before.history)
+        loaded = dataclasses.replace(motion, load=motion.load + extra, rest=rest)
+        return cut_contour(request, loaded, plan, rotation=turn, record=record)
+
     if request.model == "nonlinear":
-        legs = FreeLegs(names, free) if drives else None
-        history = refine_motion(model, drive, motion, cut.force, history, legs=legs, pushed=pushed)
-        moved = tool_gaps(model, drive, times, history, legs=legs)
+        cut = refine_motion(model, drive, motion, cut_under, legs=legs, pushed=pushed)
+        moved = cut.tip + find_rest(cut.history)
+    else:
+        cut = cut_contour(request, motion, plan, rotation=turn, record=record)
+        moved = cut.tip
+    history = cut.history
     gravity_deflection = (
         motion.tool_motion(interpolate_nodes(times, motion.nodes, motion.gravity_deflection))
         @ turn.T

@@ -71,9 +71,10 @@ COUPLED_STEPS_PER_SECOND = 6.6e3
 MANY_DOFS, FEW_SHARE = 150, 1.0 / 3.0
 COUPLED_NONLINEAR_STEPS_PER_SECOND = 2.3e3
 SECONDS_PER_WAVY_TOOTH = 1.1e-3
-# of a lumped one with waves of the teeth before, and with the full equations; likewise
+# of a lumped one with waves of the teeth before, with the full equations, and with both; likewise
 REGENERATIVE_STEPS_PER_SECOND = 7e3
 NONLINEAR_STEPS_PER_SECOND = 900.0
+BOTH_STEPS_PER_SECOND = 420.0
 # a lumped contour whose drives are under control takes so many times as long (1.2 to 1.5, as above)
 CONTROLLED_COST = 1.5
 POSES_PER_SECOND = 7e3  # of a map
@@ -93,14 +94,13 @@ def contour_step_seconds(
 
     Args:
         cut: What is milled.
-        dofs: Of the coupled machine; None of a lumped mechanism, which has no regeneration in the full
-            equations.
+        dofs: Of the coupled machine; None of a lumped mechanism.
         nonlinear: The full equations, or friction at the speeds of the motors.
         regenerative: Teeth meet the waves of those before.
     """
     if dofs is None:
         if nonlinear:
-            return 1.0 / NONLINEAR_STEPS_PER_SECOND
+            return 1.0 / (BOTH_STEPS_PER_SECOND if regenerative else NONLINEAR_STEPS_PER_SECOND)
         return 1.0 / (REGENERATIVE_STEPS_PER_SECOND if regenerative else STEPS_PER_SECOND)
     share = FEW_SHARE + (1.0 - FEW_SHARE) * min(1.0, dofs / MANY_DOFS)
     moving = share / COUPLED_STEPS_PER_SECOND

@@ -291,11 +291,6 @@ def _check_regeneration(scene: SceneTable, table: ContouringTable, findings: Fin
             key,
             "needs computed forces: measured ones contain it already; remove this, or write the material instead of forces",
         )
-    elif table.model != "linear" and scene.is_lumped:
-        findings.add(
-            key,
-            'needs the linear model of a lumped mechanism; write model = "linear" in [analyses.contouring]',
-        )
     elif table.steps_per_turn % table.mill.teeth:
         findings.add(
             ("analyses", "contouring", "steps_per_turn"),

@@ -6,12 +6,12 @@ in them to one part in a thousand. The linear model takes ``M(t) ddd + D(t) dd +
 J(t)^T F(t)`` along the rigid path. The nonlinear solution of the same time steps (generalised-α)
 follows by Newton's method over *all* steps at once, with the linear model as its approximate
 derivative: every sweep evaluates the full equations at all instants together and solves the linear
-model for the rest that is left.
+model again under what they lack.
 """
 
-import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +38,6 @@ from headstock.solvers.paths.linear_motion import (
     chunk_slices,
     even_nodes,
     interpolate_nodes,
-    march_linear,
 )
 
 NODE_SPACING = 0.02  # matrices change over decimetres, the tool moves millimetres in this time
@@ -113,27 +112,39 @@ class FreeLegs:
         return Drive(*parts)
 
 
-def refine_motion(
+class Tried(Protocol):
+    """A motion of the linear model under the load of a sweep, with the force that it met."""
+
+    @property
+    def history(self) -> CompliantHistory:
+        """Its coordinates."""
+
+    @property
+    def carried(self) -> FloatArray:
+        """``(n, 3)`` force on the tool's place [N], ground frame of the chains."""
+
+
+def refine_motion[T: Tried](
     model: CompliantMechanism,
     drive: PathDrive,
     motion: LinearMotion,
-    force: FloatArray,
-    first: CompliantHistory,
+    solve: Callable[[FloatArray, T | None], T],
     *,
     legs: FreeLegs | None = None,
     pushed: FloatArray | None = None,
-) -> CompliantHistory:
+) -> T:
     """The nonlinear solution of the same steps, by sweeps from the linear one.
 
-    What the loops of drives add to the equations is linear, but for friction, which every sweep
-    solves step by step.
+    Every sweep solves the linear model under the load that its equations lack, whatever the force on
+    the tool depends on: chips of the motion itself, too. What the loops of drives add to the equations
+    is linear, but for friction, which is solved step by step.
 
     Args:
         model: The mechanism.
         drive: What its drives do.
         motion: Its linear model at ``n`` even steps, the approximate derivative.
-        force: ``(n, 3)`` force on the tool [N], ground frame of the chains.
-        first: The solution of the linear model.
+        solve: The motion of the linear model under a load ``(n, c)`` beside its own [N], and the one
+            before it, None at first.
         legs: Whose motors move beyond their set points; their coordinates follow the compliant
             ones, those of their controllers come last. None where motors follow them.
         pushed: ``(n, c)`` loads on the springs beside those of the model, which the linear model has
@@ -142,31 +153,25 @@ def refine_motion(
     Raises:
         ConvergenceError: The sweeps do not settle.
     """
-    found, last = first, np.inf
+    extra, last = np.zeros_like(motion.load), np.inf
+    tried = solve(extra, None)
     states = drive.rigid_states(motion.times)
     moving = len(model.mechanism.compliant) + (0 if legs is None else len(legs.names))
     for _ in range(MAX_SWEEPS):
-        off = _unbalanced(model, drive, motion, force, history=found, states=states, legs=legs)
+        found = tried.history
+        off = _unbalanced(
+            model, drive, motion, tried.carried, history=found, states=states, legs=legs
+        )
         if pushed is not None:
             off[:, : pushed.shape[1]] -= pushed
-        left = motion
         if motion.rubbing is not None:
             own = motion.rubbing
-            speeds = own.speeds + found.rate[:, own.coordinates]
-            rubbed = own.force(speeds)
-            off[:, own.coordinates] += rubbed
-            left = dataclasses.replace(
-                motion, rubbing=dataclasses.replace(own, speeds=speeds, counted=rubbed)
-            )
-        change = march_linear(left, -off)
-        found = CompliantHistory(
-            found.compliant + change.compliant,
-            found.rate + change.rate,
-            found.acceleration + change.acceleration,
-        )
-        size = float(np.abs(change.compliant[:, :moving]).max())
+            off[:, own.coordinates] += own.force(own.speeds + found.rate[:, own.coordinates])
+        extra = extra - off
+        tried = solve(extra, tried)
+        size = float(np.abs(tried.history.compliant - found.compliant)[:, :moving].max())
         if size < CONVERGED:
-            return found
+            return tried
         if size > last:
             break
         last = size

@@ -32,13 +32,11 @@ class Rubbing:
         coordinates: ``(d,)`` which.
         laws: Of each.
         speeds: ``(n, d)`` at ``n`` steps, what the speed of each is beside that of the system [m/s].
-        counted: ``(n, d)`` friction that is in the load already [N].
     """
 
     coordinates: NDArray[np.intp]
     laws: tuple[GuideFriction, ...]
     speeds: FloatArray
-    counted: FloatArray
 
     @functools.cached_property
     def _stacked(self) -> StackedFriction:
@@ -49,7 +47,7 @@ class Rubbing:
         return friction_force(self._stacked, speeds)
 
     def settle(self, step: int, free: FloatArray, gain: FloatArray) -> FloatArray:
-        """Forces ``(d,)`` that act on the coordinates at a step beside those counted [N].
+        """Forces ``(d,)`` that act on the coordinates at a step [N].
 
         Args:
             step: Its number.
@@ -59,10 +57,10 @@ class Rubbing:
         Raises:
             ConvergenceError: Newton's method does not settle.
         """
-        target, counted = self.speeds[step] + free, self.counted[step]
+        target = self.speeds[step] + free
         scale = np.abs(target).max() + self._stacked.smoothing.max()
         now = target
-        rubbed = self.force(now) - counted
+        rubbed = self.force(now)
         off = now + gain @ rubbed - target
         for _ in range(MOST_PASSES):
             if np.abs(off).max() <= SETTLED * scale:
@@ -73,7 +71,7 @@ class Rubbing:
             while True:
                 # the law bends within its smoothing: what overshoots is halved
                 trial = now + share * change
-                rubbed = self.force(trial) - counted
+                rubbed = self.force(trial)
                 off = trial + gain @ rubbed - target
                 if np.abs(off).max() < missed or share < 1e-3:
                     break

@@ -152,6 +152,34 @@ def test_effects_that_are_not_named_are_left_out(machine: Tripteor) -> None:
     assert 1e-9 < np.abs(waves.gap - cut.gap).max() < 3e-6
 
 
+def test_waves_add_to_the_full_equations_what_they_add_to_the_linear_ones(
+    machine: Tripteor,
+) -> None:
+    """To one part in thirty, as deflections move the tool by other parts in the full equations."""
+    plain = contour_request("al7075-t6")
+    plain = dataclasses.replace(
+        plain,
+        contour=changed_block(plain, side=5e-3),
+        cut=dataclasses.replace(plain.cut, spindle=100.0 * np.pi),
+        steps_per_turn=24,
+    )
+    until = plan_contour(plain.contour).enters + 0.075
+    gaps = {
+        (model, waves): run_lumped_contour(
+            machine.scene,
+            machine.model,
+            dataclasses.replace(plain, model=model, regeneration=waves),
+            until=until,
+        ).gap
+        for model in ("linear", "nonlinear")
+        for waves in (False, True)
+    }
+    added, whole = (gaps[model, True] - gaps[model, False] for model in ("linear", "nonlinear"))
+    size = np.abs(added).max()
+    assert size > 1e-7
+    assert np.abs(whole - added).max() < 0.033 * size
+
+
 def lobes_on_a_face(request: ContouringRequest, rpm: float, folder: Path) -> DirectionLobes:
     """In the middle of the first face; zeroth order is checked and mended at every speed."""
     face, cut = plan_contour(request.contour).cuts[0], request.cut

@@ -73,7 +73,6 @@ def test_components_on_a_mechanism_are_coupled_in_its_poses() -> None:
 
 @pytest.mark.parametrize(("override", "key", "message"), [
     ('analyses.contouring.steps_per_turn=98', "analyses.contouring.steps_per_turn", "multiple of the 4 teeth; write for example 96"),
-    ('analyses.contouring.model="nonlinear"', "effects.regeneration", 'write model = "linear"'),
     ('analyses.contouring.material=""', "analyses.contouring.material", "is not one of"),
 ])  # fmt: skip
 def test_regeneration_says_what_it_needs(override: str, key: str, message: str) -> None:

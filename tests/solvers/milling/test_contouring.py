@@ -1,6 +1,6 @@
 """The whole contour at once, linear and nonlinear, against marching step by step."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -21,11 +21,23 @@ from headstock.solvers.milling.contouring import (
     refine_motion,
     tool_gaps,
 )
+from headstock.solvers.milling.forces import (
+    CUTTING_MATERIALS,
+    EndMill,
+    MillingCut,
+    cutting_forces,
+    regeneration_stiffness,
+)
 from headstock.solvers.milling.path_drives import (
     PathDrive,
     find_tool_positions,
     follow_path,
     smooth_samples,
+)
+from headstock.solvers.milling.regeneration import (
+    RegenerativeCut,
+    cutting_phases,
+    march_regenerative,
 )
 from headstock.solvers.milling.tool_path import SquareContour, ToolPath, plan_contour
 from headstock.solvers.paths.linear_motion import (
@@ -101,29 +113,93 @@ def test_measured_leg_lengths_lead_the_tool_where_closed_loops_put_it() -> None:
         find_tool_positions(machine_, lengths + 5.0, path.at(times), machine().scene.tool)
 
 
-def test_all_steps_at_once_are_the_steps_one_by_one() -> None:
+@dataclass(frozen=True, eq=False)
+class Tried:
+    history: CompliantHistory
+    carried: FloatArray
+
+
+def march_by_steps(motion: LinearMotion, force: FloatArray, start: FloatArray) -> FloatArray:
+    """The full equations under a force step by step ``(n, 6)``."""
     model, (_, drive) = machine().model, path_drive()
-    motion, force = moving(200, 0.0)
-    linear = march_linear(motion, motion.load + motion.tool_load(force))
-    whole = refine_motion(model, drive, motion, force, linear)
-    stepped = [whole.compliant[0]]
+    stepped = [start]
     problem = PartitionedMotion(
         model, drive.at, lambda time: force[round(time / STEP)], drive.states[0]
     )
-    first = problem.start(0.0, whole.compliant[0], np.zeros(6))
+    first = problem.start(0.0, start, np.zeros(6))
     assert np.abs(first.acceleration).max() < 1e-6
 
     def observe(state: MotionState) -> None:
         stepped.append(state.position)
 
     integrate_motion(problem, first, STEP, len(motion.times) - 1, observe=observe, tolerance=1e-14)
-    assert np.abs(np.array(stepped) - whole.compliant).max() < 1e-11
+    return np.array(stepped)
+
+
+def test_all_steps_at_once_are_the_steps_one_by_one() -> None:
+    model, (_, drive) = machine().model, path_drive()
+    motion, force = moving(200, 0.0)
+
+    def solve(extra: FloatArray, _: Tried | None) -> Tried:
+        return Tried(march_linear(motion, motion.load + extra + motion.tool_load(force)), force)
+
+    linear = solve(np.zeros_like(motion.load), None).history
+    whole = refine_motion(model, drive, motion, solve).history
+    stepped = march_by_steps(motion, force, whole.compliant[0])
+    assert np.abs(stepped - whole.compliant).max() < 1e-11
     # the linear model follows within a hundredth of the motion
     assert (
         1e-9
         < np.abs(linear.compliant - whole.compliant).max()
         < 0.02 * np.abs(whole.compliant).max()
     )
+
+
+def test_waves_of_the_teeth_before_meet_the_full_equations() -> None:
+    """Under the force that was found the full equations march step by step to the same motion, and that
+    force is the rigid one and cutting stiffness times what the tool has moved since the last tooth.
+    """
+    model, (_, drive) = machine().model, path_drive()
+    motion, _ = moving(240, 0.0)
+    turn, teeth = 80, 4
+    mill = EndMill(0.02, teeth, np.radians(30.0))
+    milling = MillingCut(
+        mill, CUTTING_MATERIALS["al7075-t6"], 2.0 * np.pi / (turn * STEP), 3e-3, 8e-3
+    )
+    delay, speed = turn // teeth, 0.05
+    cut = RegenerativeCut(
+        phases=cutting_phases(milling, turn),
+        delay=delay,
+        feed=np.full(len(motion.times), speed * milling.tooth_period),
+        share=np.clip(motion.times / (40 * STEP), 0.0, 1.0),
+        frame=np.broadcast_to(np.eye(3), (len(motion.times), 3, 3)),
+    )
+
+    def gaps(history: CompliantHistory) -> FloatArray:
+        return tool_gaps(model, drive, motion.times, history)
+
+    def solve(extra: FloatArray, before: Tried | None) -> Tried:
+        rest = None
+        if before is not None:
+            rest = gaps(before.history) - motion.tool_motion(before.history.compliant)
+        loaded = replace(motion, rest=rest)
+        return Tried(*march_regenerative(loaded, motion.load + extra, cut))
+
+    linear = solve(np.zeros_like(motion.load), None)
+    whole = refine_motion(model, drive, motion, solve)
+    stepped = march_by_steps(motion, whole.carried, whole.history.compliant[0])
+    assert np.abs(stepped - whole.history.compliant).max() < 1e-11
+    late = slice(160, None)  # the surface before the tool was in the part is cut away
+    feed = np.full(len(motion.times), speed)
+    rigid = cutting_forces(milling, motion.times, feed)
+    moved = gaps(whole.history)
+    waves = moved[late] - moved[160 - delay : -delay]
+    expected = np.einsum("nij,nj->ni", regeneration_stiffness(milling, motion.times[late]), waves)
+    added = (whole.carried - rigid)[late]
+    size = np.abs(added).max()
+    assert np.abs(added - expected).max() < 1e-4 * size
+    # that of the linear model is not this one
+    assert np.abs(whole.carried - linear.carried)[late].max() > 1e-3 * size
 
 
 def test_a_slow_force_moves_the_tool_as_the_static_compliance_says() -> None:

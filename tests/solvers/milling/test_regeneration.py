@@ -149,7 +149,7 @@ def test_a_cut_and_friction_meet_as_in_a_fine_integration_of_the_delay_equation(
     )
     motion = machine(8)
     count, still = len(motion.times), np.zeros((len(motion.times), 1))
-    rubbing = Rubbing(np.array([0], dtype=np.intp), (law,), still, still)
+    rubbing = Rubbing(np.array([0], dtype=np.intp), (law,), still)
     cut = RegenerativeCut(
         (phase,),
         STEPS // 4,

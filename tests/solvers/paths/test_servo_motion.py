@@ -79,7 +79,7 @@ def close_table(
     )
     if friction is not None:
         slide, set_speeds = np.array([1], dtype=np.intp), speeds[:, None]
-        rubbing = Rubbing(slide, (friction,), set_speeds, np.zeros_like(set_speeds))
+        rubbing = Rubbing(slide, (friction,), set_speeds)
         free = dataclasses.replace(free, rubbing=rubbing)
     servo = close_motors(
         free,
