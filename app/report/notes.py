@@ -19,7 +19,11 @@ def judge_numbers(summary: RunSummary) -> list[Note]:
     fidelities = {facts["fidelity"] for facts in summary["components"].values()}
     notes = []
     if "accuracy" in summary:
-        notes.append(Note("Accuracy", ". ".join(accuracy_words(summary["accuracy"])) + "."))
+        notes.append(
+            Note(
+                "Accuracy", ". ".join(accuracy_words(summary["accuracy"], summary.get("frf"))) + "."
+            )
+        )
     if "model_errors" in summary:
         words = f"Rigid and segmented bodies compared with elastic ones: {model_words(summary['model_errors'])}."
         notes.append(Note("Models of bodies", words))

@@ -231,7 +231,9 @@ def print_summary(
             "Rigid joints compared with deformation shapes",
             tell_rows(JOINT_COLUMNS, summary["interface_errors"]["joints"].items()),
         )
-    for words in accuracy_words(summary["accuracy"]) if "accuracy" in summary else ():
+    for words in (
+        accuracy_words(summary["accuracy"], summary.get("frf")) if "accuracy" in summary else ()
+    ):
         console.print(words, markup=False)
     print_assumptions(summary.get("assumptions", ()))
     print_remarks([warning for warning in summary["warnings"] if warning not in said])

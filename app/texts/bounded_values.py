@@ -335,9 +335,11 @@ def model_words(models: ModelErrorsSummary) -> str:
     return f"{words}; part of every ± as `{MODEL}`"
 
 
-def accuracy_words(accuracy: AccuracySummary) -> list[str]:
-    """How settings were chosen for an accuracy: what was asked for, what is reached, and with which
-    settings.
+def accuracy_words(
+    accuracy: AccuracySummary, responses: Mapping[str, ResponseSummary] | None = None
+) -> list[str]:
+    """How settings were chosen for an accuracy: what was asked for, what is reached, with which
+    settings, and that lines of frequency responses by pose are further off, where they are.
     """
     rounds, reached = accuracy["rounds"], accuracy["estimated"]
     if not any("owner" in each for each in rounds):
@@ -353,9 +355,25 @@ def accuracy_words(accuracy: AccuracySummary) -> list[str]:
         f"accuracy {100.0 * accuracy['requested']:g} % {state} in {count}: {last} within {known}, the others closer"
         " (± of meshes counted up to 1.8 times)"
     )
+    share, at_hz, pose = max(_line_errors(responses or {}), default=(0.0, 0.0, ""))
+    if share > accuracy["requested"]:
+        words += (
+            f"; lines of the frequency response are no part of it: up to {100.0 * share:.2g} % off"
+            f" at {at_hz:.4g} Hz in pose {pose}"
+        )
     lines = [
         f"  {name}: {body['model']}; {body['why']}"
         + (f". Next: {body['next']}" if body["next"] else "")
         for name, body in accuracy.get("models", {}).items()
     ]
     return [words, *lines] if lines else [words, *([settings] if settings else [])]
+
+
+def _line_errors(responses: Mapping[str, ResponseSummary]) -> list[tuple[float, float, str]]:
+    """Largest share of a line by source, its frequency [Hz] and the pose."""
+    return [
+        (shares["largest_share"], shares["largest_share_hz"], pose)
+        for pose, response in responses.items()
+        for shares in (response.get("error") or {}).values()
+        if isinstance(shares, dict)
+    ]

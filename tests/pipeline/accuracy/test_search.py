@@ -2,6 +2,7 @@
 
 import dataclasses
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
@@ -24,8 +25,9 @@ from headstock.geometry.parts.solids import Box
 from headstock.pipeline.accuracy.quantities import SHARED
 from headstock.pipeline.accuracy.search import plan_first_round
 from headstock.pipeline.accuracy.settings import Trial, observed_rate, refine_mesh, start_component
-from headstock.pipeline.answers.accuracy import AccuracyAnswer, RoundSummary
+from headstock.pipeline.answers.accuracy import AccuracyAnswer, AccuracySummary, RoundSummary
 from headstock.pipeline.answers.answer import find_answers
+from headstock.pipeline.answers.frf import ResponseSummary
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
@@ -223,3 +225,21 @@ def test_without_a_mesh_nothing_is_said_to_be_met() -> None:
         }
     )
     assert words.startswith("accuracy 1 %")
+
+
+def test_an_accuracy_that_is_met_says_how_far_lines_of_responses_are_off() -> None:
+    accuracy: AccuracySummary = {
+        "requested": 0.03,
+        "estimated": 0.02,
+        "met": True,
+        "reason": "",
+        "rounds": [{"quantity": "frequency 1", "error": 0.02, "reason": "", "owner": "base"}],
+        "settings": {},
+        "values": {},
+    }
+    error = {"median_share": 0.03, "largest_share": 0.71, "largest_share_hz": 179.2}
+    responses = cast("dict[str, ResponseSummary]", {"reference": {"error": {"mesh": error}}})
+    (words,) = accuracy_words(accuracy, responses)
+    assert "no part of it: up to 71 % off at 179.2 Hz in pose reference" in words
+    error["largest_share"] = 0.02
+    assert "no part of it" not in accuracy_words(accuracy, responses)[0]
