@@ -41,6 +41,7 @@ from headstock.validation.machines.machine_cases import check_guideway, check_th
 from headstock.validation.machines.model_choice_cases import (
     check_model_choice,
     check_model_choice_smoke,
+    check_part_choice,
 )
 from headstock.validation.machines.model_estimate_cases import FRESH as FRESH_MACHINES
 from headstock.validation.machines.model_estimate_cases import (
@@ -352,9 +353,16 @@ CASES: tuple[Case, ...] = (
         on_request=True,
     ),
     Case(
+        "part-choice",
+        "estimates",
+        "the same over ten parts alone",
+        on_root(check_part_choice),
+        on_request=True,
+    ),
+    Case(
         "model-choice-smoke",
         "estimates",
-        "the same on one machine",
+        "`model-choice` on one machine",
         on_root(check_model_choice_smoke),
     ),
     Case(

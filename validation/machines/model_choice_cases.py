@@ -1,6 +1,6 @@
-"""Whether a stated accuracy is kept, and at what cost, over drawn machines whose bodies' models and
-meshes are all chosen: beside each stands the same machine of fine finite elements, and the same
-with models and meshes that somebody would try by hand.
+"""Whether a stated accuracy is kept, and at what cost, over drawn machines and parts whose models
+and meshes are all chosen: beside each stands the same of fine finite elements, and the same with
+models and meshes that somebody would try by hand.
 """
 
 import dataclasses
@@ -19,6 +19,7 @@ import headstock.pipeline
 import headstock.reduction
 import headstock.solvers
 from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.machine import Pose
 from headstock.geometry.parts.components import (
     Component,
     Fidelity,
@@ -32,13 +33,17 @@ from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.content_keys import code_fingerprint
 from headstock.pipeline.storage.store import Store, default_store_root, read_entry, write_entry
 from headstock.scene.building.loader import load_scene
+from headstock.scene.requests import Analyses, ModalRequest, StaticRequest
 from headstock.scene.scene import AccuracyGoal, Scene
+from headstock.validation.coverage.parts import draw_part
 from headstock.validation.machines.drawn_machines import HIGHEST_HZ, draw_machine
 from headstock.validation.references.rows import ValidationRow, judge_bound
 
-CASE, SMOKE = "model-choice", "model-choice-smoke"
+CASE, SMOKE, PARTS_CASE = "model-choice", "model-choice-smoke", "part-choice"
 # no margin of a search was chosen on these machines
 MACHINES, SMOKE_MACHINES = range(32, 52), (42,)
+# one of each kind of `coverage` that differs by more than the mesh it is drawn with
+PARTS = (97, *range(99, 107), 108)
 ASKED = (0.05, 0.03)  # by turns
 TRUE_ACCURACY = 0.005  # with which the meshes of the true machine begin
 MODES_TO = 6.0 * HIGHEST_HZ
@@ -48,8 +53,8 @@ KEPT, TIMES, CHEAP = 0.95, 2.0, 0.75
 
 
 @dataclass(frozen=True, eq=False)
-class MachinesBeside:
-    """What a machine with a stated accuracy is compared with.
+class ScenesBeside:
+    """What a machine or part with a stated accuracy is compared with.
 
     Attributes:
         truth: Numbers of fine finite elements, by kind, pose and point.
@@ -61,11 +66,11 @@ class MachinesBeside:
 
 
 @dataclass(frozen=True, eq=False)
-class ChosenMachine:
-    """A machine with a stated accuracy.
+class ChosenScene:
+    """A machine or part with a stated accuracy.
 
     Attributes:
-        seed: Of the machine.
+        seed: Of it.
         asked: Relative error allowed.
         met: The search says that it is kept.
         errors: ``(n,)`` true errors over the numbers: frequencies in their order, compliances.
@@ -83,37 +88,41 @@ class ChosenMachine:
 
 def check_model_choice() -> list[ValidationRow]:
     """Whether the errors of the machines are within what was asked, and what that costs."""
-    return _judge(CASE, [_recall(seed) for seed in MACHINES])
+    return _judge(CASE, "machine", [_recall(seed, load_drawn) for seed in MACHINES])
 
 
 def check_model_choice_smoke() -> list[ValidationRow]:
     """The same on one machine of three bodies."""
-    return _judge(SMOKE, [_recall(seed) for seed in SMOKE_MACHINES])
+    return _judge(SMOKE, "machine", [_recall(seed, load_drawn) for seed in SMOKE_MACHINES])
 
 
-def _recall(seed: int) -> ChosenMachine:
-    """A machine from the store where it is there: what was stopped goes on."""
+def check_part_choice() -> list[ValidationRow]:
+    """The same on parts alone, whose only lever is the mesh."""
+    return _judge(PARTS_CASE, "part", [_recall(seed, load_part) for seed in PARTS])
+
+
+def _recall(seed: int, load: Callable[[int, Path], Scene]) -> ChosenScene:
+    """A machine or part from the store where it is there: what was stopped goes on."""
     with tempfile.TemporaryDirectory(prefix="headstock-choice-") as name:
-        folder, text = Path(name), draw_machine(seed)
-        scene = load_drawn(seed, folder)
+        folder = Path(name)
+        scene = load(seed, folder)
+        text = repr(scene.machine).replace(name, "")
         # how settings are searched changes nothing of these
         models = {
             name: {body: _say_model(part) for body, part in parts.items()}
             for name, parts in _list_beside(scene)
         }
         beside_key = _key(text, repr(models))
-        beside = _keep(beside_key, MachinesBeside, lambda: measure_beside(scene, folder))
+        beside = _keep(beside_key, ScenesBeside, lambda: measure_beside(scene, folder))
         pipeline, own = code_fingerprint(headstock.pipeline), Path(__file__).read_text()
         return _keep(
             _key(beside_key, pipeline, own),
-            ChosenMachine,
+            ChosenScene,
             lambda: measure_choice(seed, scene, beside, folder),
         )
 
 
-def _keep[T: MachinesBeside | ChosenMachine](
-    key: str, kind: type[T], measure: Callable[[], T]
-) -> T:
+def _keep[T: ScenesBeside | ChosenScene](key: str, kind: type[T], measure: Callable[[], T]) -> T:
     store = Store(default_store_root())
     known = read_entry(store, key, kind).value
     if known is None:
@@ -136,6 +145,28 @@ def load_drawn(seed: int, folder: Path) -> Scene:
     return dataclasses.replace(scene, analyses=analyses, model_errors=False)
 
 
+def load_part(seed: int, folder: Path) -> Scene:
+    """The part of a seed of `coverage`, held at its foot, of which six frequencies and the
+    compliances of its tip are asked for.
+
+    Args:
+        seed: Of the part.
+        folder: For its file.
+    """
+    machine = draw_part(seed, folder).machine
+    return Scene(
+        machine.name,
+        folder / "part.toml",
+        machine,
+        {"reference": Pose("reference")},
+        Analyses(StaticRequest(("tcp",)), ModalRequest(count=6)),
+        frozenset(),
+        (),
+        {},
+        model_errors=False,
+    )
+
+
 def _key(*words: str) -> str:
     layers = headstock.geometry, headstock.meshing, headstock.solvers, headstock.reduction
     own = "\0".join((*(code_fingerprint(layer) for layer in layers), *words))
@@ -146,7 +177,7 @@ def _say_model(part: Component) -> tuple[str, int, MeshSettings, ReductionSettin
     return part.fidelity, part.segments.count, part.mesh, part.reduction
 
 
-def measure_beside(scene: Scene, folder: Path) -> MachinesBeside:
+def measure_beside(scene: Scene, folder: Path) -> ScenesBeside:
     """The machine of fine finite elements, and those that somebody would try.
 
     Args:
@@ -160,10 +191,10 @@ def measure_beside(scene: Scene, folder: Path) -> MachinesBeside:
         results = _run(replace_components(scene, parts), folder)
         off = float(_deviate(_list_numbers(results), truth).max())
         by_hand[name] = off, _cpu(results)
-    return MachinesBeside(truth, by_hand)
+    return ScenesBeside(truth, by_hand)
 
 
-def measure_choice(seed: int, scene: Scene, beside: MachinesBeside, folder: Path) -> ChosenMachine:
+def measure_choice(seed: int, scene: Scene, beside: ScenesBeside, folder: Path) -> ChosenScene:
     """Errors and cost of a machine with a stated accuracy.
 
     Args:
@@ -176,7 +207,7 @@ def measure_choice(seed: int, scene: Scene, beside: MachinesBeside, folder: Path
     goal = dataclasses.replace(scene, accuracy=AccuracyGoal(asked, models="all"))
     chosen = _run(goal, folder)
     errors = _deviate(_list_numbers(chosen), beside.truth)
-    return ChosenMachine(seed, asked, not chosen.failures, errors, _cpu(chosen), beside.by_hand)
+    return ChosenScene(seed, asked, not chosen.failures, errors, _cpu(chosen), beside.by_hand)
 
 
 def _list_beside(scene: Scene) -> Iterator[tuple[str, dict[str, Component]]]:
@@ -246,31 +277,31 @@ def _deviate(found: Mapping[str, FloatArray], truth: Mapping[str, FloatArray]) -
     return np.concatenate([np.abs(padded[name] / exact - 1.0) for name, exact in truth.items()])
 
 
-def _judge(case: str, machines: list[ChosenMachine]) -> list[ValidationRow]:
-    met = [machine for machine in machines if machine.met]
-    kept = np.concatenate([machine.errors <= machine.asked for machine in met])
-    furthest = max(met, key=lambda machine: machine.errors.max() / machine.asked)
+def _judge(case: str, what: str, scenes: list[ChosenScene]) -> list[ValidationRow]:
+    met = [scene for scene in scenes if scene.met]
+    kept = np.concatenate([scene.errors <= scene.asked for scene in met])
+    furthest = max(met, key=lambda scene: scene.errors.max() / scene.asked)
     ratios = []
-    for machine in met:
-        enough = [cpu for error, cpu in machine.by_hand.values() if error <= machine.asked]
-        ratios.append(machine.seconds / min(enough) if enough else 0.0)
+    for scene in met:
+        enough = [cpu for error, cpu in scene.by_hand.values() if error <= scene.asked]
+        ratios.append(scene.seconds / min(enough) if enough else 0.0)
     worst = int(np.argmax(ratios))
-    used = float(np.median([machine.errors.max() / machine.asked for machine in met]))
+    used = float(np.median([scene.errors.max() / scene.asked for scene in met]))
     return [
         judge_bound(
             case,
             "share of numbers that are further off than asked",
             float(1.0 - kept.mean()),
             1.0 - KEPT,
-            f"{len(kept)} numbers of {len(met)} machines, {len(machines) - len(met)} more were refused; furthest: machine {furthest.seed},"
+            f"{len(kept)} numbers of {len(met)} {what}s, {len(scenes) - len(met)} more were refused; furthest: {what} {furthest.seed},"
             f" {100.0 * furthest.errors.max():.2g} % for {100.0 * furthest.asked:g} %; largest error over what was asked, median {used:.2f}",
         ),
         judge_bound(
             case,
-            f"share of machines that take more than {TIMES:g} times the cheapest of what was tried",
+            f"share of {what}s that take more than {TIMES:g} times the cheapest of what was tried",
             float(np.mean(np.array(ratios) > TIMES)),
             1.0 - CHEAP,
-            f"times the cheapest: median {np.median(ratios):.2f}, most {ratios[worst]:.2g} (machine {met[worst].seed});"
-            f" {ratios.count(0.0)} machines where nothing that was tried is good enough",
+            f"times the cheapest: median {np.median(ratios):.2f}, most {ratios[worst]:.2g} ({what} {met[worst].seed});"
+            f" {ratios.count(0.0)} {what}s where nothing that was tried is good enough",
         ),
     ]

@@ -5,10 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from headstock.validation.coverage import cases as coverage_cases
 from headstock.validation.machines import model_choice_cases
 from headstock.validation.machines.model_choice_cases import (
     CASE,
-    ChosenMachine,
+    ChosenScene,
     _judge,
     load_drawn,
     measure_beside,
@@ -40,14 +41,16 @@ def test_a_machine_of_three_bodies_keeps_five_percent(
 
 def test_what_is_judged_are_numbers_beyond_what_was_asked_and_costs_beside_the_cheapest() -> None:
     kept = np.full(19, 0.01)
-    near = ChosenMachine(50, 0.05, True, kept, 3.0, {"a": (0.02, 2.0), "b": (0.2, 0.1)})
-    far = ChosenMachine(51, 0.05, True, np.array([0.2]), 9.0, {"a": (0.02, 2.0)})
-    refused = ChosenMachine(49, 0.05, False, np.array([0.5]), 1.0, {})
-    beyond, dear = _judge(CASE, [near, far, refused])
+    near = ChosenScene(50, 0.05, True, kept, 3.0, {"a": (0.02, 2.0), "b": (0.2, 0.1)})
+    far = ChosenScene(51, 0.05, True, np.array([0.2]), 9.0, {"a": (0.02, 2.0)})
+    refused = ChosenScene(49, 0.05, False, np.array([0.5]), 1.0, {})
+    beyond, dear = _judge(CASE, "machine", [near, far, refused])
     assert beyond.value == pytest.approx(1.0 / 20.0) and "1 more were refused" in beyond.note
     assert dear.value == 0.5 and not dear.passed and "machine 51" in dear.note
 
 
-def test_the_machines_are_none_that_margins_were_chosen_on() -> None:
+def test_the_machines_and_parts_are_none_that_margins_were_chosen_on() -> None:
     assert not set(model_choice_cases.MACHINES) & set(HOLD_OUT)
     assert len(model_choice_cases.MACHINES) >= 20
+    assert len(model_choice_cases.PARTS) == 10
+    assert min(model_choice_cases.PARTS) >= coverage_cases.FRESH
