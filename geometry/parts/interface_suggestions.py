@@ -26,8 +26,8 @@ END_NAMES = {
 MOST_PATTERNS = 4
 SMALLEST_PATTERN = 2
 PARALLEL = 1.0 - 1e-6
-AS_LARGE = 0.95  # of an area: the lower one of two such ends is where a part stands
-SMALLEST_TIP = 0.02  # of the area that a part stands on
+AS_LARGE = 0.95  # of a footprint: the lower one of two such ends is where a part stands
+SMALLEST_END = 0.02  # of the area of the largest flat face
 LARGE_FACE = 0.1  # of the largest area
 MOST_FACES = 12
 
@@ -52,11 +52,14 @@ class LikelyInterface:
 
 @dataclass(frozen=True, eq=False)
 class _Flat:
-    """Flat faces in one plane: what selects them, area [m^2], centroid and normal ``(3,)``."""
+    """Flat faces in one plane: what selects them, area [m^2], that of the rectangle around all of
+    them [m^2], centroid and normal ``(3,)``.
+    """
 
     face: str
     parts: tuple[CadFace, ...]
     area: float
+    footprint: float
     center: FloatArray
     normal: FloatArray
 
@@ -105,8 +108,8 @@ def likely_interfaces(faces: Sequence[CadFace]) -> list[LikelyInterface]:
 def _choose_ends(
     faces: Sequence[CadFace], names: dict[int, str]
 ) -> tuple[_Flat | None, _Flat | None]:
-    """Where a part stands, the largest flat face at its outside, and the flat face that is farthest
-    from that plane; None where there are no two.
+    """Where a part stands, the end of the largest footprint, and the flat face that is farthest from
+    that plane; None where there are no two. A casting stands on the rim of its open side.
     """
     ends = [_join(name, parts) for name, parts in find_ends(faces).items()]
     # a part that is drawn askew has no ends
@@ -117,14 +120,16 @@ def _choose_ends(
     )
     if len(flats) < 2:
         return None, None
-    largest = max(flat.area for flat in flats)
+    least = SMALLEST_END * max(flat.area for flat in flats)
+    large = [flat for flat in flats if flat.area >= least]
+    widest = max(flat.footprint for flat in large)
     order = list(END_NAMES)
     foot = min(
-        (flat for flat in flats if flat.area >= AS_LARGE * largest),
+        (flat for flat in large if flat.footprint >= AS_LARGE * widest),
         key=lambda flat: order.index(flat.face) if flat.face in order else len(order),
     )
     tip = max(
-        (flat for flat in flats if flat is not foot and flat.area >= SMALLEST_TIP * foot.area),
+        (flat for flat in large if flat is not foot),
         key=lambda flat: (round(_height(foot, flat.center), 6), flat.area),
         default=None,
     )
@@ -135,7 +140,16 @@ def _join(face: str, parts: tuple[CadFace, ...]) -> _Flat:
     areas = np.array([part.area for part in parts])
     centers = np.array([part.center for part in parts])
     center: FloatArray = areas @ centers / areas.sum()
-    return _Flat(face, parts, float(areas.sum()), center, np.array(parts[0].normal))
+    normal = np.array(parts[0].normal)
+    askew = np.abs(normal).max() < PARALLEL
+    footprint = areas.sum() if askew else np.sort(_sides(parts))[1:].prod()
+    return _Flat(face, parts, float(areas.sum()), float(footprint), center, normal)
+
+
+def _sides(parts: Sequence[CadFace]) -> FloatArray:
+    """Of the box around faces ``(3,)`` [m]."""
+    high = np.max([part.high for part in parts], axis=0)
+    return np.asarray(high - np.min([part.low for part in parts], axis=0))
 
 
 def _height(foot: _Flat, place: FloatArray) -> float:
@@ -178,7 +192,7 @@ def _describe(parts: tuple[CadFace, ...]) -> str:
     """Kind, area, size and position of faces."""
     whole = _join("", parts)
     kind = parts[0].kind if len(parts) == 1 else f"{len(parts)} {parts[0].kind}s"
-    size = np.max([part.high for part in parts], axis=0) - np.min([p.low for p in parts], axis=0)
+    size = _sides(parts)
     sides = " × ".join(f"{1e3 * side:.4g}" for side in size if side > SAME_PLACE * size.max())
     return f"{kind}, {1e4 * whole.area:.4g} cm^2: {sides} mm at {_in_mm(whole.center)} mm"
 

@@ -69,7 +69,12 @@ from headstock.scene.building.path import (
     check_path,
     check_path_carriages,
 )
-from headstock.scene.building.plausibility import check_mode_counts, check_mounts, check_numbers
+from headstock.scene.building.plausibility import (
+    check_mode_counts,
+    check_mounts,
+    check_numbers,
+    check_unused_interfaces,
+)
 from headstock.scene.building.rails import check_carriages, check_rails, choose_control_points
 from headstock.scene.building.studies import (
     build_study,
@@ -129,6 +134,7 @@ CHECKS_OF_ENTRIES: tuple[Callable[[Draft, Findings], None], ...] = (
     check_studies,
     check_comparison,
     check_numbers,
+    check_unused_interfaces,
     check_mounts,
     check_mode_counts,
 )

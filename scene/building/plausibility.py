@@ -3,6 +3,7 @@ above anything useful.
 """
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -26,6 +27,7 @@ MOST_DEFLECTION = (
     1.0  # under the own weight on springs to ground [m]; air springs of 1 Hz have 0.25 m
 )
 MOST_MODES = 3000
+DEFORMING = ("elastic", "polynomial")
 MOST_LOSS = 1.0  # of rubber and damping layers
 
 
@@ -69,6 +71,35 @@ def check_numbers(draft: Draft, findings: Findings) -> None:
                 ("components", name, "mesh"),
                 "linear elements lock: they come out too stiff; order = 2 is the default",
             )
+
+
+def check_unused_interfaces(draft: Draft, findings: Findings) -> None:
+    """Warn of areas of deforming bodies that are held rigid for nothing."""
+    named = set(_texts({key: value for key, value in draft.raw.items() if key != "components"}))
+    for name, component in draft.table.components.items():
+        unused = [one for one in component.interfaces if f"{name}.{one}" not in named]
+        # a part of which nothing is named is described for its own sake
+        if component.fidelity not in DEFORMING or len(unused) == len(component.interfaces):
+            continue
+        for interface in unused:
+            table = component.interfaces[interface]
+            if table.coupling == "rigid" and table.rail is None:
+                findings.warn(
+                    ("components", name, "interfaces", interface),
+                    f'nothing refers to "{name}.{interface}", which yet holds its area rigid and stiffens the part; '
+                    'remove it, name it in a joint, point or load, or write coupling = "average"',
+                )
+
+
+def _texts(value: object) -> Iterator[str]:
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict):
+        for inner in value.values():
+            yield from _texts(inner)
+    elif isinstance(value, list):
+        for inner in value:
+            yield from _texts(inner)
 
 
 def _large_loss(factor: float) -> str:

@@ -20,12 +20,30 @@ def roles(faces: list[CadFace]) -> dict[str, tuple[str, ...]]:
     return found
 
 
+def widen(face: CadFace) -> CadFace:
+    """A face along x and y, three times as long both ways."""
+    low, high = np.array(face.low), np.array(face.high)
+    beyond = (high - low) * (1.0, 1.0, 0.0)
+    return dataclasses.replace(
+        face, area=9.0 * face.area, low=as_vector(low - beyond), high=as_vector(high + beyond)
+    )
+
+
 def test_a_part_stands_on_its_largest_end_and_is_loaded_at_the_farthest_other_one() -> None:
     found = likely_interfaces(box_faces())
     assert [(one.name, one.role) for one in found[:2]] == [("back", "foot"), ("front", "tip")]
     # ends of one size: it stands on the lower one
     assert roles(box_faces()[::-1])["foot"] == ("x-",)
     assert found[0].reason == "plane, 800 cm^2: 200 × 400 mm at (0, 100, 200) mm"
+
+
+def test_a_casting_stands_on_the_rim_of_its_open_side_and_not_on_its_closed_top() -> None:
+    bottom, top = (widen(face) for face in box_faces()[4:])
+    rim = dataclasses.replace(bottom, area=0.15 * bottom.area)
+    assert roles([*box_faces()[:4], rim, top])["foot"] == ("z-",)
+    # a boss at the bottom is no rim
+    boss = dataclasses.replace(box_faces()[4], area=0.15 * bottom.area)
+    assert roles([*box_faces()[:4], boss, top])["foot"] == ("z+",)
 
 
 def test_every_other_large_face_is_named_and_a_small_one_is_not() -> None:
@@ -37,7 +55,8 @@ def test_every_other_large_face_is_named_and_a_small_one_is_not() -> None:
 
 
 def test_feet_in_one_plane_are_one_foot_that_their_end_selects() -> None:
-    pads = [dataclasses.replace(box_faces()[4], number=7 + n, area=0.03) for n in range(4)]
+    bottom = widen(box_faces()[4])
+    pads = [dataclasses.replace(bottom, number=7 + n, area=0.03) for n in range(4)]
     faces = [face for face in box_faces() if face.number != 5]
     found = likely_interfaces([*faces, *pads])
     assert found[0].faces == ("z-",)
@@ -62,7 +81,7 @@ def test_a_part_drawn_askew_stands_on_its_largest_plane() -> None:
 
 
 def test_equal_holes_that_open_into_the_foot_are_its_screws() -> None:
-    plate = [dataclasses.replace(face, area=face.area * 9) for face in box_faces()[4:]]
+    plate = [widen(face) for face in box_faces()[4:]]
     faces = [*box_faces()[:4], *plate]
     bolts = [bore(7 + i, place) for i, place in enumerate(CORNERS)]
     found = roles([*faces, *bolts, bore(11, (0.05, 0.1), radius=0.02)])

@@ -171,6 +171,11 @@ def test_text_that_is_not_toml_is_refused_at_its_line(
             'mesh = { size = "40 mm" }\nmass = "15 g"',
             "0.015 kg for a solid that weighs",
         ),
+        (
+            "nose =",
+            'back = { face = "y+" }\nnose =',
+            'nothing refers to "slider.back", which yet holds its area rigid',
+        ),
     ],
 )
 def test_numbers_that_look_wrong_are_warned_of_with_their_line(
@@ -181,6 +186,11 @@ def test_numbers_that_look_wrong_are_warned_of_with_their_line(
     warnings = [warning for warning in load_scene(path).warnings if fragment in warning]
     assert warnings
     assert warnings[0].startswith(f"{path}:")
+
+
+def test_an_interface_that_nothing_refers_to_may_average(tmp_path: Path) -> None:
+    text = GOOD.replace("nose =", 'back = { face = "y+", coupling = "average" }\nnose =')
+    assert load_scene(write_scene(tmp_path, text)).warnings == ()
 
 
 @pytest.mark.parametrize(("stiffness", "count"), [("200 N/m", 1), ("20 kN/m", 0)])
