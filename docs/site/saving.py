@@ -19,11 +19,14 @@ def main() -> None:
     parser.add_argument("picture", type=Path)
     parser.add_argument("name", help="in docs/images, without .png")
     parser.add_argument("--share", type=float, default=1.0, help="of its height, from the top")
+    parser.add_argument("--shaded", action="store_true", help="keep all colours")
     chosen = parser.parse_args()
     image = Image.open(chosen.picture).convert("RGB")
     upper = image.crop((0, 0, image.width, round(chosen.share * image.height)))
-    few = _crop_margins(upper).quantize(COLORS, kmeans=REFINEMENTS)
-    few.save(IMAGES / f"{chosen.name}.png", optimize=True)
+    kept = _crop_margins(upper)
+    if not chosen.shaded:
+        kept = kept.quantize(COLORS, kmeans=REFINEMENTS)
+    kept.save(IMAGES / f"{chosen.name}.png", optimize=True)
 
 
 def _crop_margins(image: Image.Image) -> Image.Image:
