@@ -206,3 +206,24 @@ def test_files_that_a_document_names_exist(document: str) -> None:
     named = set(re.findall(r"`((?:\w+/)+[a-z]\w*\.(?:py|toml|md))`", (ROOT / document).read_text()))
     assert named
     assert {path for path in named if "NAME" not in path and not (ROOT / path).is_file()} == set()
+
+
+def test_every_picture_of_the_documents_is_drawn_by_a_script_and_shown() -> None:
+    site = ROOT / "docs" / "site"
+    drawn = set(re.findall(r'"(\w+)": (?:Shot|Output|")', read_scripts(site)))
+    # a picture per entry of a table, in a family of names
+    drawings = (site / "pictures.py").read_text()
+    for family, table in (("joint", "JOINTS"), ("patch", "PATCHES")):
+        entries = drawings.split(f"\n{table}: ", 1)[1].split("\n}\n", 1)[0]
+        drawn |= {f"{family}_{kind}" for kind in re.findall(r'^    "(\w+)": ', entries, re.M)}
+    costs = (ROOT / "benchmarks" / "next_digit.py").read_text()
+    drawn |= {f"cost_{name}" for name in re.findall(r'Case\(\s*"(\w+)"', costs)}
+    drawn |= {f"cost_step_{name}" for name in re.findall(r'_part\(\s*"(\w+)"', costs)}
+    pictures = {path.stem for path in (ROOT / "docs" / "images").iterdir()}
+    assert pictures <= drawn, pictures - drawn
+    texts = "".join(path.read_text() for path in (*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")))
+    assert {name for name in pictures if f"images/{name}." not in texts} == set()
+
+
+def read_scripts(folder: Path) -> str:
+    return "".join(path.read_text() for path in folder.glob("*_pictures.py"))

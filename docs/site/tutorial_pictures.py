@@ -22,6 +22,7 @@ PICTURES = {
     "tutorial_bracket": "bracket/results/figures/mode_reference_01.png",
     "tutorial_mill": "mill/mill.png",
     "tutorial_mode": "mill/results/figures/mode_reference_01.png",
+    "tutorial_response": "mill/response/figures/frf_reference.png",
     "tutorial_budget": "mill/results/figures/budget_reference_tcp.png",
 }
 
