@@ -144,7 +144,7 @@ class ModelFinding:
     def _tell_price(self) -> str:
         share = 100.0 * abs(self.saved_share)
         if abs(self.saved_share) < CLEARLY:
-            return "hardly any time"
+            return f"within {100.0 * CLEARLY:.0f} % of the time"
         return f"{share:.0f} % {'less' if self.saved_share > 0.0 else 'more'} time"
 
     def _tell_action(self) -> str:

@@ -51,6 +51,7 @@ from headstock.studies.good_enough import (
 )
 from headstock.studies.model_trials import MODEL_KINDS, ModelTrial, list_model_trials
 from headstock.studies.model_worth import (
+    CLEARLY,
     ModelFinding,
     rank_findings,
     try_models,
@@ -59,7 +60,6 @@ from headstock.studies.model_worth import (
 EFFECTS = "effects"
 KINDS = (EFFECTS, *MODEL_KINDS)  # what may be tried
 SHOWN = 3  # answers per effect
-CLEARLY = 0.05  # share of the time from which it is shown as a number
 
 
 def print_trials(trials: Sequence[EffectTrial]) -> None:
@@ -89,7 +89,7 @@ def tell_trial(trial: EffectTrial) -> str:
     cost = (
         f"{100.0 * trial.time_share:.0f} % of run time"
         if trial.time_share >= CLEARLY
-        else "hardly any time"
+        else f"less than {100.0 * CLEARLY:.0f} % of run time"
     )
     return f"{name}: {show_share(moved.share)} of {moved.answer}, {cost}: {trial.advice}"
 

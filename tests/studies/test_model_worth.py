@@ -73,7 +73,7 @@ def finding(share: float, seconds: float, sense: Sense = "simpler", **more: obje
 @pytest.mark.parametrize(("found", "action", "verdict"), [
     (finding(1.0, 5.0, missing=True), "keep", "lacks first bending (50 Hz), 50 % less time: keep elastic"),
     (finding(5e-4, 8.8), "drop", "moves frequencies by 0.05 %, 12 % less time: rigid is enough"),
-    (finding(5e-4, 9.9), "either", "moves frequencies by 0.05 %, hardly any time: either will do"),
+    (finding(5e-4, 9.9), "either", "moves frequencies by 0.05 %, within 5 % of the time: either will do"),
     (finding(5e-3, 5.0), "third digit", "moves frequencies by 0.5 %, 50 % less time: keep elastic for the third digit"),
     (finding(0.2, 5.0, "other"), "matters", "moves frequencies by 20 %, 50 % less time: take the one that is like the joint"),
     (finding(0.2, 15.0, "richer"), "take", "moves frequencies by 20 %, 50 % more time: take rigid"),
