@@ -35,8 +35,10 @@ from headstock.pipeline.answers.estimates import DISCRETISATION, LEFT_OUT, show_
 from headstock.pipeline.stages.run_state import RunState
 from headstock.scene.scene import AccuracyGoal, Scene
 
-# Share of the accuracy that the next round aims at: one that misses by little costs another one
-AIM = 0.75
+# Share of the accuracy that the next round aims at: one that misses by little costs another one.
+# Errors of coarse meshes fall less than their sizes ask for: beyond its aim a round ended by about
+# this power of what the error was above the accuracy
+AIM, FAR_POWER = 0.75, 0.3
 ERROR_STEP = 0.9  # by which the error of an owner is thought to fall at a time
 # errors fall with about the second power of the mesh size; processor time grows with its third
 COST_POWER = 1.5
@@ -216,6 +218,8 @@ def _wanted_ratios(
         for other in groups[owner]
     }
     bounded = [quantity for quantity in short if np.isfinite(quantity.error)]
+    furthest = max((quantity.error for quantity in bounded), default=accuracy)
+    aim = accuracy * min(AIM, (accuracy / furthest) ** FAR_POWER)
     while bounded:
         left = {
             quantity.key: {
@@ -224,7 +228,7 @@ def _wanted_ratios(
             for quantity in bounded
         }
         worst = max(left.values(), key=lambda parts: sum(parts.values()))
-        if sum(worst.values()) <= AIM * accuracy:
+        if sum(worst.values()) <= aim:
             break
 
         def gain(owner: Owner, worst: Mapping[Owner, float] = worst) -> float:
