@@ -38,7 +38,7 @@ from headstock.scene.scene import AccuracyGoal, Scene
 # Share of the accuracy that the next round aims at: one that misses by little costs another one.
 # Errors of coarse meshes fall less than their sizes ask for: beyond its aim a round ended by about
 # this power of what the error was above the accuracy
-AIM, FAR_POWER = 0.75, 0.3
+AIM, FAR_POWER = 0.75, 0.4
 ERROR_STEP = 0.9  # by which the error of an owner is thought to fall at a time
 # errors fall with about the second power of the mesh size; processor time grows with its third
 COST_POWER = 1.5
