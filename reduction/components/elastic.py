@@ -66,10 +66,10 @@ from headstock.solvers.errors import AccuracyError, ConvergenceError, ModelError
 from headstock.solvers.ranks import RowBlocks, SharedFailure, order_rows
 
 # Recovered stresses follow a singularity no better than those of the elements: over blocks, sheets,
-# plates and tubes cells at the rims of rigid faces showed 0.35 to 0.4 of the energy that they
-# missed, those at the rims of rigid pads within a face 0.5 to 0.8. At the rims of averaging patches
-# tractions end abruptly, which smoothed stresses hide: cells there showed half as much as others do
-RIM_WEIGHT, FLAT_RIM_WEIGHT, AVERAGING_RIM_WEIGHT = 2.5, 1.8, 2.0
+# plates and tubes cells at rigid faces showed 0.35 to 0.4 of the energy that they missed, those at
+# the rims of rigid pads within a face 0.5 to 0.8. At the rims of averaging patches tractions end
+# abruptly, which smoothed stresses hide: cells there showed half as much as others do
+RIM_WEIGHT, PAD_RIM_WEIGHT, AVERAGING_RIM_WEIGHT = 2.5, 1.8, 2.0
 FLAT = 0.87  # cosine between normals on both sides of a rim where the surface goes on
 ELASTIC_ERRORS = (ModelError, ConvergenceError, AccuracyError)
 
@@ -348,7 +348,7 @@ def _rim_weights(component: Component, mesh: ComponentMesh, surface: MeshSurface
     """What the energies that cells miss count ``(n_cells,)``.
 
     More where stresses are singular, at what is fixed like a rigid plate, and where tractions end
-    abruptly, at averaging patches' rims.
+    abruptly, at averaging patches' rims. Within a pad, around which the face goes on, they are not.
     """
     weights = np.ones(len(mesh.cells))
 
@@ -364,11 +364,13 @@ def _rim_weights(component: Component, mesh: ComponentMesh, surface: MeshSurface
             count_more(np.intersect1d(facets, edge), RIM_WEIGHT)
         elif name.startswith(SUPPORT_GROUP) or interface is not None:
             flat, bent = _rim_nodes(mesh, surface, facets)
-            if interface is None or interface.coupling == "rigid":
-                count_more(flat, FLAT_RIM_WEIGHT)
+            if interface is not None and interface.coupling != "rigid":
+                count_more(np.concatenate([flat, bent]), AVERAGING_RIM_WEIGHT)
+            elif len(flat) > len(bent):
+                count_more(flat, PAD_RIM_WEIGHT)
                 count_more(bent, RIM_WEIGHT)
             else:
-                count_more(np.concatenate([flat, bent]), AVERAGING_RIM_WEIGHT)
+                count_more(facets.ravel(), RIM_WEIGHT)
     return weights
 
 
