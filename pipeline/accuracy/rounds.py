@@ -36,9 +36,9 @@ from headstock.pipeline.stages.run_state import RunState
 from headstock.scene.scene import AccuracyGoal, Scene
 
 # Share of the accuracy that the next round aims at: one that misses by little costs another one.
-# Errors of coarse meshes fall less than their sizes ask for: beyond its aim a round ended by about
-# this power of what the error was above the accuracy
-AIM, FAR_POWER = 0.75, 0.4
+# Errors of coarse meshes fall less than their sizes ask for: a round ended beyond its aim by about
+# this power of what the error was above the accuracy, which counts down to the least aim
+AIM, FAR_POWER, LEAST_AIM = 0.75, 0.4, 0.55
 ERROR_STEP = 0.9  # by which the error of an owner is thought to fall at a time
 # errors fall with about the second power of the mesh size; processor time grows with its third
 COST_POWER = 1.5
@@ -219,7 +219,7 @@ def _wanted_ratios(
     }
     bounded = [quantity for quantity in short if np.isfinite(quantity.error)]
     furthest = max((quantity.error for quantity in bounded), default=accuracy)
-    aim = accuracy * min(AIM, (accuracy / furthest) ** FAR_POWER)
+    aim = accuracy * float(np.clip((accuracy / furthest) ** FAR_POWER, LEAST_AIM, AIM))
     while bounded:
         left = {
             quantity.key: {
