@@ -81,7 +81,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "parts": {"references"},
         "mechanisms": {"references", "parts"},
         "coverage": {"references", "parts"},
-        "machines": {"references", "parts", "mechanisms"},
+        "machines": {"references", "parts", "mechanisms", "coverage"},
         "refinement": {"references", "parts", "mechanisms"},
     },
     "app": {
