@@ -251,7 +251,8 @@ def _sum_components(
     total, terms = kept.total.copy(), kept.terms.copy()
     for name, matrix in matrices.items():
         block = basis[layout.offsets[name]]
-        mine, others = (places[np.any(block[:, places] != 0.0, axis=0)] for places in (own, shared))
+        seen = np.any(block != 0.0, axis=0)
+        mine, others = (places[seen[places]] for places in (own, shared))
         if not len(mine):
             continue
         part = block[:, mine]
@@ -289,7 +290,7 @@ def _sum_shared(
     terms = np.zeros(basis.shape[1])
     for name, matrix in matrices.items():
         block = basis[layout.offsets[name]]
-        columns = shared[np.any(block[:, shared] != 0.0, axis=0)]
+        columns = shared[np.any(block != 0.0, axis=0)[shared]]
         part = block[:, columns]
         if _is_identity(part):
             total[np.ix_(columns, columns)] += matrix

@@ -16,7 +16,6 @@ from headstock.solvers.linear.modal_analysis import ModalResult
 from headstock.solvers.linear.modal_coordinates import (
     ModalCoordinates,
     damps_rigid_motion,
-    is_diagonal,
     rigid_response,
     to_modal_coordinates,
 )
@@ -230,7 +229,7 @@ def _choose_form(
     coordinates: ModalCoordinates, direct: DirectResponse
 ) -> ModalSum | DamperSum | PoleSum | DirectResponse:
     free = not damps_rigid_motion(coordinates)
-    if free and is_diagonal(coordinates.viscous) and is_diagonal(coordinates.hysteretic):
+    if free and coordinates.damped_apart:
         return sum_over_modes(coordinates)
     dampers = sum_over_dampers(coordinates)
     if dampers is not None:

@@ -3,6 +3,7 @@ out and massless dofs add.
 """
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -66,6 +67,11 @@ class ModalCoordinates:
     def omega(self) -> FloatArray:
         """Undamped angular frequencies ``(m,)`` [rad/s]."""
         return np.sqrt(self.eigenvalues)
+
+    @functools.cached_property
+    def damped_apart(self) -> bool:
+        """Damping couples no two modes."""
+        return is_diagonal(self.viscous) and is_diagonal(self.hysteretic)
 
 
 def to_modal_coordinates(
@@ -278,7 +284,7 @@ def modal_motion(
     """
     square, size = omega[:, None] ** 2, len(coordinates.eigenvalues)
     terms = (coordinates.viscous, coordinates.hysteretic)
-    if all(is_diagonal(term) for term in terms):
+    if coordinates.damped_apart:
         viscous, hysteretic = (0.0 if term is None else term.diagonal() for term in terms)
         lost = omega[:, None] * viscous + hysteretic
         return np.asarray(loads / (coordinates.eigenvalues - square + 1j * lost))

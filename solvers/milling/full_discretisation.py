@@ -296,7 +296,7 @@ def spectral_radius(matrix: FloatArray) -> float:
     power, space = matrix, _start_vectors(len(matrix))
     for squaring in range(SQUARINGS):
         power = power @ power
-        power *= 1.0 / np.abs(power).max()
+        power *= 1.0 / np.linalg.norm(power)
         if squaring + 1 < FEWEST_SQUARINGS:
             continue
         for _ in range(TIMES):
