@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import find_peaks as find_maxima
+import scipy  # whose search of peaks, half a second, is loaded where it is used
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.frf import PoseResponse, ResponseCurves
@@ -227,7 +227,7 @@ def _usual_size(curves: ResponseCurves, tops: FloatArray, output: Channel, given
 def _list_peaks(frequencies_hz: FloatArray, sizes: FloatArray) -> tuple[Peak, ...]:
     known = np.isfinite(sizes) & (sizes > 0.0)
     lines, logs = frequencies_hz[known], np.log(sizes[known])
-    places, _ = find_maxima(logs, prominence=np.log(PROMINENCE))
+    places, _ = scipy.signal.find_peaks(logs, prominence=np.log(PROMINENCE))
     return tuple(Peak(float(lines[place]), float(np.exp(logs[place]))) for place in places)
 
 
