@@ -14,6 +14,8 @@ from nbconvert import MarkdownExporter
 
 OUTSIDE = re.compile(r"\[([^\]]*)\]\(\.\./(?:\.\./)*([^)#]*)(#[^)]*)?\)")
 CELL_SECONDS = 600
+ROW = re.compile(r"^\|.*$", re.MULTILINE)
+BEFORE_UNIT = re.compile(r"(?<=\d) (?=%|(?:[kMG]?Hz|[mkM]?N|[µmk]?m|m?s|[MG]B|kg|dofs|times)\b)")
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -29,7 +31,9 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Links that leave the documents: the start page for the README, else the name of the file."""
+    """Links that leave the documents: the start page for the README, else the name of the file. In
+    tables numbers keep their units beside them.
+    """
     depth = len(PurePosixPath(page.file.src_uri).parents) - 1
 
     def rewrite(found: re.Match[str]) -> str:
@@ -41,7 +45,13 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
             return f"[{text}]({'../' * depth}index.md)"
         return f"{text} (`{target}`)" if text.strip("`") != target else text
 
-    return OUTSIDE.sub(rewrite, markdown)
+    return OUTSIDE.sub(rewrite, ROW.sub(keep_units, markdown))
+
+
+def keep_units(row: re.Match[str]) -> str:
+    """A row of a table with a space that does not break before units, but in code."""
+    parts = re.split(r"(`[^`]*`)", row.group())
+    return "".join(part if part[:1] == "`" else BEFORE_UNIT.sub("\u00a0", part) for part in parts)
 
 
 def render_notebook(path: Path, *, quick: bool) -> tuple[str, dict[str, bytes]]:
