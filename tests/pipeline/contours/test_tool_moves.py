@@ -15,6 +15,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import Drive, ripple_force
 from headstock.geometry.mechanisms.exechon import LENGTHS, solve_tool_pose
 from headstock.meshing.components.meshing import describe_component
+from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.contours import tool_moves
 from headstock.pipeline.contours.lumped_contour import _close_legs
@@ -22,6 +23,7 @@ from headstock.pipeline.contours.tool_moves import run_any_path_stage
 from headstock.pipeline.contours.ways import place_model
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages.control import drive_machine
 from headstock.pipeline.stages.run_state import ReducedComponent, RunState
 from headstock.pipeline.storage.store import Store
@@ -283,6 +285,36 @@ def test_a_cut_pushes_a_tool_off_its_line_as_far_as_statics_say(
     expected = middle.solve_point("tcp").answer.compliance[:3, :3] @ (force @ frame)
     mine = (total(found) - plain.runs[0].curves.frozen[:, :3])[late].mean(axis=0)
     assert np.abs(mine - expected).max() < 2e-2 * np.abs(expected).max()
+
+
+@pytest.mark.trials
+def test_legs_of_finite_elements_leave_a_line_and_yield_to_a_cut_as_legs_of_segments(
+    tmp_path: Path,
+) -> None:
+    coarse = [f'components.beam_{leg}.mesh.size="60 mm"' for leg in (1, 2, 3)]
+
+    def run(variant: str, *settings: str) -> FloatArray:
+        scene = load_scene(TRIPTEOR, variant=variant, overrides=[PATH, *coarse, *settings])
+        results = run_scene(
+            keep_analyses(scene, ["path"]),
+            tmp_path / "results",
+            comm=MPI.COMM_SELF,
+            store=Store(tmp_path / "store"),
+        )
+        (found,) = find_answers(results.answers, PathResult)
+        return total(found)
+
+    variants = "elastic_legs", "elastic_legs+segmented"
+    elements, segments = (run(variant) for variant in variants)
+    assert np.abs(elements - segments).max() < 1e-2 * np.abs(segments).max()
+    # over two turns of the spindle
+    late = slice(300, 380)
+    pushed, expected = (
+        (run(variant, CUT) - alone)[late].mean(axis=0)
+        for variant, alone in zip(variants, (elements, segments), strict=True)
+    )
+    assert np.abs(expected).max() > 1e-6
+    assert np.abs(pushed - expected).max() < 5e-3 * np.abs(expected).max()
 
 
 def test_torque_ripple_shakes_a_tool_as_the_closed_loop_at_its_frequency_does(
