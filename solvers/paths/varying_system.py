@@ -114,8 +114,11 @@ class SampledPose:
             "rows": rows,
             "low_frequency": rows,
             "quasi_static": largest_entries(self.quasi_static),
-            # what the modes lack is small beside the whole, and often nothing but roundoff
-            "rest": np.zeros_like(self.rest) if self.reach is None else self.reach,
+            # what the modes lack is small beside the whole, and often nothing but roundoff: so is
+            # the whole across the plane of a symmetric machine
+            "rest": np.zeros_like(self.rest)
+            if self.reach is None
+            else self.reach.max(axis=0, keepdims=True, initial=0.0),
         }
 
 
