@@ -55,7 +55,7 @@ def tube(outer: float, inner: float, length: float) -> Tube:
 
 BED = Body(box(260, 180, 50), (0.0, 0.0, -0.06), FIRST)
 TABLE = Body(box(140, 140, 60), (0.0, 0.0, 0.0), SECOND)
-SHAFT = Body(tube(44, 1, 300), (-0.15, 0.0, 0.05), SECOND, along="x")
+SHAFT = Body(tube(44, 1, 205), (-0.12, 0.0, 0.05), SECOND, along="x")
 HOUSING = Body(box(50, 130, 130), (0.0, 0.0, -0.015), FIRST)
 NUT = Body(box(70, 90, 90), (0.0, 0.0, 0.005), FIRST)
 LINK = Body(box(160, 44, 44), (0.10, 0.0, 0.028), SECOND)
