@@ -15,7 +15,9 @@ from nbconvert import MarkdownExporter
 OUTSIDE = re.compile(r"\[([^\]]*)\]\(\.\./(?:\.\./)*([^)#]*)(#[^)]*)?\)")
 CELL_SECONDS = 600
 ROW = re.compile(r"^\|.*$", re.MULTILINE)
-BEFORE_UNIT = re.compile(r"(?<=\d) (?=%|(?:\d{3}|[kMG]?Hz|[mkM]?N|[µmk]?m|m?s|[MG]B|kg|dofs|times)\b)")
+BEFORE_UNIT = re.compile(
+    r"(?<=\d) (?=%|(?:\d{3}|[kMG]?Hz|[mkM]?N|[µmk]?m|m?s|[MG]B|kg|dofs|times)\b)"
+)
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
