@@ -57,6 +57,7 @@ REDUCTION_SHARE = 0.25  # of the accuracy, left to the modes
 # errors fall like size^2 between smooth fields (4) and the rims of rigid interfaces in blocks of
 # hexes (about 1)
 DEFAULT_RATE, SLOWEST_RATE, FASTEST_RATE = 2.2, 0.8, 4.0
+RIM_RATE = 1.5  # below, rims make the errors of even meshes
 # five times the dofs: where errors fall slowly, more would overshoot
 LEAST_STEP, LARGEST_STEP = (
     0.85,
@@ -177,6 +178,9 @@ def refine_mesh(component: Component, *, ratio: float, trials: tuple[Trial, ...]
     if hexes > 2 * MOST_ROUGH_HEXES:
         # beyond, tetrahedra graded from rims are cheaper
         finer = _start_mesh(component, COARSE_ACCURACY)
+    elif mesh.cells == "hex" and len(trials) > 1 and observed_rate(trials) < RIM_RATE:
+        # what is left lies at the rims, where all hexahedra would have to be small
+        finer = grade_mesh(component, mesh.size, START_ACCURACY)
     return dataclasses.replace(component, mesh=finer)
 
 

@@ -157,6 +157,18 @@ def test_small_patches_are_meshed_with_tetrahedra_and_refined_themselves() -> No
     assert finer.mesh.across_patches > component.mesh.across_patches
 
 
+def test_hexahedra_whose_errors_fall_slowly_become_tetrahedra_that_grow_from_the_rims() -> None:
+    column = start_component(COLUMN, 0.01, None)
+    size = present(column.mesh.size)
+    fast = Trial(2.0 * size, 0.04, 0.04), Trial(size, 0.01, 0.01)
+    slow = Trial(2.0 * size, 0.04, 0.04), Trial(size, 0.02, 0.02)
+    assert refine_mesh(column, ratio=0.3, trials=fast).mesh.cells == "hex"
+    graded = refine_mesh(column, ratio=0.3, trials=slow).mesh
+    assert graded.cells == "tet" and present(graded.rim_size) < 0.5 * present(graded.size)
+    # one mesh tells nothing of the rate
+    assert refine_mesh(column, ratio=0.3, trials=slow[1:]).mesh.cells == "hex"
+
+
 def test_the_rate_is_that_of_the_last_two_trials_within_bounds() -> None:
     assert observed_rate((Trial(4.0, 0.32, 0.32), Trial(2.0, 0.04, 0.04))) == pytest.approx(3.0)
     assert observed_rate((Trial(2.0, 0.04, 0.04), Trial(1.0, 0.05, 0.05))) < 1.0
