@@ -16,6 +16,7 @@ from mpi4py import MPI
 from headstock.geometry.parts.components import Fidelity
 from headstock.machine import Machine, write_setting, write_settings
 from headstock.pipeline.accuracy.search import plan_first_round
+from headstock.pipeline.planning.kernels import add_compiling
 from headstock.pipeline.planning.plan import Plan, StageRecord
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.preview.free_motions import free_motion_warnings
@@ -114,7 +115,8 @@ def check(machine: Source) -> tuple[str, ...]:
 def plan(machine: Source) -> Plan:
     """The stages that a machine calls for, each with its reason and an estimate of its cost."""
     scene = _machine(machine).scene
-    return plan_scene(scene, survey=True) if scene.accuracy is None else plan_first_round(scene)
+    planned = plan_scene(scene, survey=True) if scene.accuracy is None else plan_first_round(scene)
+    return add_compiling(planned, scene)
 
 
 def run(

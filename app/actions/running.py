@@ -238,7 +238,10 @@ def _run_with_progress(
             seconds = (
                 stage.estimated_seconds if stage.estimated_seconds is not None or unknown else 0.0
             )
-            progress.begin(f"{stage.kind:<7} {stage.component or stage.pose or ''}", seconds)
+            subject = stage.component or stage.pose or ""
+            if stage.kernels:
+                subject += f", {counted(stage.kernels, 'kernel')} to compile first"
+            progress.begin(f"{stage.kind:<7} {subject}", seconds)
 
         def observe(record: StageRecord) -> None:
             progress.end()

@@ -60,6 +60,7 @@ def plan(
         from headstock.app.actions.checking import plan_rows
         from headstock.app.terminal.progress import show_progress
         from headstock.app.terminal.summary import print_plan
+        from headstock.pipeline.planning.kernels import add_compiling
         from headstock.pipeline.planning.planner import plan_scene
         from headstock.scene.building.lobes import require_feed_of_run
 
@@ -77,6 +78,7 @@ def plan(
             from headstock.pipeline.accuracy.search import plan_first_round  # it loads the solvers
 
             planned = plan_first_round(loaded)
+        planned = add_compiling(planned, loaded)
         print_plan(loaded.name, planned)
         write_json_file(json, plan_rows(planned))
         return 0

@@ -96,7 +96,7 @@ def mesh_component(
     if component.mesh.cells == "hex":
         return finish_mesh(_mesh_grid(component, groups, what), component, groups)
     imprinted = any(patch.shape != "whole" for patches in groups.values() for patch in patches)
-    may_refine = imprinted or not _has_plane_faces_only(component)
+    may_refine = imprinted or not has_plane_faces_only(component)
     for refinement in REFINEMENTS[:-1]:
         try:
             return finish_mesh(
@@ -212,7 +212,7 @@ def estimate_mesh(
     groups = patch_groups(component, supports, loads)
     imprinted = any(patch.shape != "whole" for patches in groups.values() for patch in patches)
     if survey and (
-        imprinted or not _has_plane_faces_only(component) or component.mesh.growth is not None
+        imprinted or not has_plane_faces_only(component) or component.mesh.growth is not None
     ):
         known = {} if known is None else known
         job = format_job(_shape_job(component, groups, task="estimate"))
@@ -451,7 +451,7 @@ def _shape_job(
         if component.mesh.details is None
         else round_length(component.mesh.details / scale),
         order=component.mesh.order,
-        straight=_has_plane_faces_only(component),
+        straight=has_plane_faces_only(component),
         sizes=None if component.mesh.sizes is None else component.mesh.sizes.scaled(scale),
     )
 
@@ -482,7 +482,8 @@ def _scaled_patch(patch: Patch, scale: float) -> Patch:
     )
 
 
-def _has_plane_faces_only(component: Component) -> bool:
+def has_plane_faces_only(component: Component) -> bool:
+    """Whether a solid is known to have no curved face, so that no edge of its mesh is curved."""
     solid = component.solid
     return not isinstance(solid, StepFile | Tube) and not (
         isinstance(solid, HollowColumn) and solid.core_hole > 0.0

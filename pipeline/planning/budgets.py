@@ -37,6 +37,23 @@ SECONDS_PER_ENTRY = 6e-7
 ITERATIVE_KB_PER_DOF = 2.4
 ITERATED_COPIES = 9
 ITERATIVE_SECONDS_PER_ENTRY = 5.8e-6
+# of generating and compiling the kernel of one matrix of a cell, with the start of the compiler in
+# those of stiffness; on the same core (benchmarks/kernels.py)
+KERNEL_SECONDS = {
+    "stiffness-tet4": 0.5,
+    "stiffness-tet10": 1.0,
+    "stiffness-tet10-curved": 5.2,
+    "stiffness-hex8": 1.2,
+    "stiffness-hex27": 2.1,
+    "mass-tet4": 0.2,
+    "mass-tet10": 0.2,
+    "mass-tet10-curved": 1.0,
+    "mass-hex8": 0.9,
+    "mass-hex27": 0.2,
+    "corners-tet10": 0.6,
+    "corners-tet10-curved": 0.6,
+    "corners-hex27": 1.1,
+}
 MESHING_SECONDS_PER_DOF = {"tet": 2e-5, "hex": 1e-6}
 MESHING_START = {"tet": 0.3, "hex": 0.03}
 STAGE_SECONDS = {
@@ -128,6 +145,15 @@ def pose_seconds(kind: str, dofs: int) -> float | None:
         start, slope = SECONDS_OF_DOFS[kind]
         return start + slope * dofs
     return STAGE_SECONDS.get(kind)
+
+
+def kernel_seconds(name: str) -> float:
+    """Processor time of compiling a kernel [s]; the longest of them where nobody measured it.
+
+    Args:
+        name: Of the kernel, see ``kernel_name``.
+    """
+    return KERNEL_SECONDS.get(name, max(KERNEL_SECONDS.values()))
 
 
 def write_seconds(components: int, poses: int) -> float:

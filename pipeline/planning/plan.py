@@ -56,6 +56,7 @@ class Stage:
         estimated_dofs: Degrees of freedom it will meet; None where nothing can be said beforehand.
         estimated_memory_mb: Peak memory [MB].
         estimated_seconds: Processor time, right within a factor of about two [s].
+        kernels: Number of kernels of finite elements that it compiles first; the time counts them.
     """
 
     kind: StageKind
@@ -65,6 +66,7 @@ class Stage:
     estimated_dofs: int | None = None
     estimated_memory_mb: float | None = None
     estimated_seconds: float | None = None
+    kernels: int = 0
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from mpi4py import MPI
 
 from headstock.pipeline.planning.budgets import BASE_MB
+from headstock.pipeline.planning.kernels import add_kernels, list_missing
 from headstock.pipeline.planning.node_memory import (
     RanksOnNodes,
     check_memory,
@@ -83,13 +84,17 @@ def make_superelements(
         for stage in state.plan.stages
         if stage.component is not None and (only is None or stage.component in only)
     ]
-    done = _share_components([state], [stages], announce) if state.comm.size > 1 else {}
+
+    def forecast(stage: Stage) -> None:
+        announce(add_kernels(stage, list_missing(stage, state.plan, state.scene)))
+
+    done = _share_components([state], [stages], forecast) if state.comm.size > 1 else {}
     for stage in stages:
         run_stage(
             state,
             stage,
             COMPONENT_STAGES[stage.kind],
-            announce=announce,
+            announce=forecast,
             # the work was done before; what is left is to fetch it
             observer=lambda record: observer(done.get(record.stage, record)),
         )

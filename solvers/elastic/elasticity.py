@@ -19,6 +19,7 @@ from headstock.meshing.component_mesh import CellKind, ComponentMesh, IntArray
 from headstock.solvers.elastic.compat import create_mesh, gmsh_cell_order
 from headstock.solvers.elastic.corner_level import CornerLevel, interpolate_corners
 from headstock.solvers.elastic.form_cache import compile_form
+from headstock.solvers.elastic.kernels import KernelPart, kernel_name
 from headstock.solvers.errors import AccuracyError
 from headstock.solvers.ranks import rows_from_root, sum_over_ranks
 
@@ -160,6 +161,10 @@ class _MeshFacts:
     straight: bool
     volume: float
 
+    def kernel(self, part: KernelPart) -> str:
+        """Name of the kernel for one of the matrices."""
+        return kernel_name(part, self.kind, straight=self.straight)
+
 
 def assemble_elasticity(
     mesh: ComponentMesh | None,
@@ -202,8 +207,10 @@ def assemble_elasticity(
     nodes[space.dofmap.list] = rows_from_root(
         comm, None if mesh is None else mesh.cells[:, _cell_order(facts.kind)], cells
     )
-    stiffness, column_map = _assemble_stiffness(space, material, _stiffness_degree(facts, order))
-    mass = _assemble_mass(scalar, material, _mass_degree(facts, order)) if with_mass else None
+    degree, mass = _stiffness_degree(facts, order), None
+    stiffness, column_map = _assemble_stiffness(space, material, degree, facts.kernel("stiffness"))
+    if with_mass:
+        mass = _assemble_mass(scalar, material, _mass_degree(facts, order), facts.kernel("mass"))
     sizes, noise = _measure_rows(stiffness)
     operators = ElasticOperators(
         comm=comm,
@@ -217,7 +224,7 @@ def assemble_elasticity(
         stiffness_scale=comm.allreduce(float(np.abs(stiffness.data).max(initial=0.0)), op=MPI.MAX),
         row_sizes=sizes,
         translation_noise=noise,
-        corners=_assemble_corners(scalar, material, _stiffness_degree(facts, order))
+        corners=_assemble_corners(scalar, material, degree, facts.kernel("corners"))
         if with_corners
         else None,
     )
@@ -248,7 +255,7 @@ def _cell_order(kind: CellKind) -> NDArray[np.int32]:
 
 
 def _assemble_stiffness(
-    space: fem.FunctionSpace, material: Material, degree: int
+    space: fem.FunctionSpace, material: Material, degree: int, kernel: str
 ) -> tuple[scipy.sparse.bsr_matrix, dolfinx.common.IndexMap]:
     u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
     young, poisson = float(material.youngs_modulus), float(material.poisson_ratio)
@@ -259,6 +266,7 @@ def _assemble_stiffness(
     form = compile_form(
         ufl.inner(stress, strain_v) * ufl.dx(metadata={"quadrature_degree": degree}),
         space.mesh.comm,
+        kernel,
     )
     matrix = fem.create_matrix(form, block_mode=la.BlockMode.compact)
     fem.assemble_matrix(matrix, form)
@@ -268,12 +276,14 @@ def _assemble_stiffness(
     return _owned_rows(matrix, 3), matrix.index_map(1)
 
 
-def _assemble_corners(scalar: fem.FunctionSpace, material: Material, degree: int) -> CornerLevel:
+def _assemble_corners(
+    scalar: fem.FunctionSpace, material: Material, degree: int, kernel: str
+) -> CornerLevel:
     # by the same quadrature, so that it is the fine stiffness on interpolated displacements
     domain = scalar.mesh
     shape = domain.topology.cell_name()
     space = fem.functionspace(domain, basix.ufl.element("Lagrange", shape, 1, shape=(3,)))
-    stiffness, columns = _assemble_stiffness(space, material, degree)
+    stiffness, columns = _assemble_stiffness(space, material, degree, kernel)
     corners = fem.functionspace(domain, basix.ufl.element("Lagrange", shape, 1))
     transfer, reached = interpolate_corners(corners, scalar)
     points = corners.tabulate_dof_coordinates()[: corners.dofmap.index_map.size_local]
@@ -281,12 +291,12 @@ def _assemble_corners(scalar: fem.FunctionSpace, material: Material, degree: int
 
 
 def _assemble_mass(
-    space: fem.FunctionSpace, material: Material, degree: int
+    space: fem.FunctionSpace, material: Material, degree: int, kernel: str
 ) -> scipy.sparse.csr_matrix:
     u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
     density = fem.Constant(space.mesh, float(material.density))
     form = compile_form(
-        density * u * v * ufl.dx(metadata={"quadrature_degree": degree}), space.mesh.comm
+        density * u * v * ufl.dx(metadata={"quadrature_degree": degree}), space.mesh.comm, kernel
     )
     matrix = fem.create_matrix(form)
     fem.assemble_matrix(matrix, form)

@@ -19,13 +19,14 @@ from ffcx.options import FFCX_DEFAULT_OPTIONS
 from mpi4py import MPI
 
 from headstock.geometry.errors import lacks_memory, out_of_memory
+from headstock.solvers.elastic.kernels import form_cache_folder, kernel_link
 from headstock.solvers.errors import CompileError
 
 COMPILER_ARGUMENTS = ["-O3", "-march=native"]
 LOCK_FILE = ".lock"
 
 
-def compile_form(form: ufl.Form, comm: MPI.Comm) -> fem.Form:
+def compile_form(form: ufl.Form, comm: MPI.Comm, name: str) -> fem.Form:
     """Compile a form on rank 0 and load it everywhere; collective.
 
     Every option is given here: dolfinx and ffcx would otherwise take compiler arguments and
@@ -34,6 +35,7 @@ def compile_form(form: ufl.Form, comm: MPI.Comm) -> fem.Form:
     Args:
         form: A UFL form over a mesh of the communicator.
         comm: Collective.
+        name: Of the kernel; a link of this name is left in the cache folder.
 
     Returns:
         The compiled dolfinx form.
@@ -54,7 +56,7 @@ def compile_form(form: ufl.Form, comm: MPI.Comm) -> fem.Form:
     defaults = {name: value for name, (_, value, _, _) in FFCX_DEFAULT_OPTIONS.items()}
     with _sole_compiler(folder) if comm.rank == 0 else contextlib.nullcontext():
         try:
-            return fem.form(form, form_compiler_options=defaults, jit_options=options)
+            compiled = fem.form(form, form_compiler_options=defaults, jit_options=options)
         except Exception as error:  # cffi, distutils and dolfinx each have their own
             if lacks_memory(error):
                 raise out_of_memory("the compiler of a form") from error
@@ -65,12 +67,18 @@ def compile_form(form: ufl.Form, comm: MPI.Comm) -> fem.Form:
             raise CompileError(
                 f"a form could not be compiled: {error} ({places}); see that there is room and a C compiler"
             ) from error
+        if comm.rank == 0:
+            _link_kernel(name, Path(compiled.module.__file__))
+    return compiled
 
 
-def form_cache_folder() -> Path:
-    """``headstock/forms`` in the user's cache folder."""
-    cache = os.environ.get("XDG_CACHE_HOME")
-    return (Path(cache) if cache else Path.home() / ".cache") / "headstock" / "forms"
+def _link_kernel(name: str, library: Path) -> None:
+    link = kernel_link(name)
+    if not link.exists():
+        # without it the kernel is only forecast once more
+        with contextlib.suppress(OSError):
+            link.unlink(missing_ok=True)
+            link.symlink_to(library.name)
 
 
 def clear_unfinished(folder: Path) -> None:

@@ -11,9 +11,9 @@ import pytest
 
 from headstock.solvers.elastic.form_cache import (
     clear_unfinished,
-    form_cache_folder,
     require_private,
 )
+from headstock.solvers.elastic.kernels import form_cache_folder, kernel_link
 from headstock.solvers.errors import CompileError
 
 COMPILE = """
@@ -23,7 +23,7 @@ from headstock.solvers.elastic.form_cache import compile_form
 domain = dolfinx.mesh.create_unit_interval(MPI.COMM_SELF, 1)
 space = dolfinx.fem.functionspace(domain, ("Lagrange", 1))
 u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
-compile_form(u * v * ufl.dx, MPI.COMM_SELF)
+compile_form(u * v * ufl.dx, MPI.COMM_SELF, "mass-interval")
 print("compiled")
 """
 
@@ -44,6 +44,7 @@ def test_what_a_killed_compilation_left_does_not_block_the_next(
     folder: Path, tmp_path: Path
 ) -> None:
     assert compile_in(tmp_path).stdout == "compiled\n"
+    assert kernel_link("mass-interval").resolve().suffix == ".so"
     sources = list(folder.glob("*.c"))
     assert len(sources) == 1
     sources[0].with_suffix(".c.cached").unlink()
