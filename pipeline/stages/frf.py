@@ -49,7 +49,11 @@ from headstock.reduction.estimates.response_errors import (
     soften_response,
 )
 from headstock.scene.requests import LOAD, FrfRequest
-from headstock.solvers.control.closed_response import ClosedResponse, prepare_closed_frf
+from headstock.solvers.control.closed_response import (
+    ClosedResponse,
+    control_forces,
+    prepare_closed_frf,
+)
 from headstock.solvers.control.drive_trains import DriveTrain
 from headstock.solvers.errors import UnstableControlError
 from headstock.solvers.linear.frequency_response import (
@@ -75,9 +79,6 @@ from headstock.solvers.second_order import (
 
 NEIGHBOURHOOD = 0.2  # of a peak's frequency: lines that follow it when it moves
 NAMED_MARGIN = 1.2
-NO_ESTIMATE = (
-    "meshes and modes left out: under control they are not estimated; locked motors tell them"
-)
 EVEN_LINES = 9  # of a response, by which runs are compared
 
 
@@ -114,6 +115,7 @@ def estimate_response_errors(
     coupled: CoupledMachine,
     modes: ModalResult,
     response: FrequencyResponse,
+    trains: Sequence[DriveTrain] | None = None,
 ) -> ResponseEstimate:
     """Change of every line of a response by finer meshes and by the modes left out.
 
@@ -123,6 +125,7 @@ def estimate_response_errors(
         coupled: The machine.
         modes: All undamped modes of the system.
         response: What is judged.
+        trains: The drives of the system whose loops are closed; None where motors are locked.
     """
     channels = (input_columns(system, response.inputs), output_rows(system, response.outputs))
     space = project_response(
@@ -131,6 +134,7 @@ def estimate_response_errors(
         modes,
         channels,
         float(response.frequencies_hz.max()),
+        None if trains is None else control_forces(system, trains),
     )
     errors = bound_response_errors(space, response.frequencies_hz)
     left_out = name_what_is_left_out(parts, coupled).left_out
@@ -395,8 +399,7 @@ def respond(
             superelements.
         model: Of ``prepare_response``, where it is already known.
     """
-    scene, bare, modes = machine.parts.scene, machine.system, machine.all_modes
-    request, coupled = _frf_request(machine), machine.coupled
+    scene, bare, request = machine.parts.scene, machine.system, _frf_request(machine)
     warnings = [*warn_of_no_damping(scene, bare)]
     loaded = _load_machine(machine)
     model = model or loaded.prepare(request.outputs)
@@ -416,13 +419,14 @@ def respond(
     if judged:
         placed = _place_probes(machine.parts, loaded, request.probes)
     rows = watched_rows(placed)
-    if judged and coupled is not None and not controlled:
+    if judged and loaded.coupled is not None:
         estimate = estimate_response_errors(
             machine.parts,
             dataclasses.replace(system, outputs=system.outputs | rows),
-            coupled,
-            modes,
+            loaded.coupled,
+            loaded.modes,
             dataclasses.replace(response, outputs=(*response.outputs, *judged_channels(placed))),
+            loaded.trains,
         )
     shares = {} if estimate is None else estimate.shares
     count = len(response.outputs)
@@ -465,9 +469,7 @@ def respond(
             response,
             estimate,
         ),
-        error_left_out=(NO_ESTIMATE,)
-        if controlled
-        else (() if estimate is None else estimate.left_out),
+        error_left_out=() if estimate is None else estimate.left_out,
     )
     warnings += [warn_of_singular(name, probe.singular) for name, probe in placed.items()]
     return Solved(found, tuple(warnings))

@@ -11,6 +11,7 @@ from scipy.linalg import cho_factor, cho_solve, eigh
 from headstock.geometry.frames import FloatArray
 from headstock.reduction.estimates.frequency_errors import TruncatedPart, new_directions
 from headstock.reduction.estimates.mesh_errors import MeshedPart
+from headstock.solvers.control.closed_response import ControlForces
 from headstock.solvers.linear.modal_analysis import ModalResult
 from headstock.solvers.linear.symmetric_matrices import symmetrise
 from headstock.solvers.second_order import Channel, ComplexArray, SecondOrderSystem
@@ -28,6 +29,8 @@ PASSING_MARGIN = 1.25  # the way of a peak is tried in one place only
 # on it: shares of the way that are tried then
 EVEN = 0.05
 ON_THE_WAY = (0.25, 0.5, 0.75)
+# Under control nobody knows at which share of the way a peak passes over a line
+CLOSELY = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +66,7 @@ class ResponseSpace:
         loads: ``(m, n_inputs)``.
         rows: ``(n_outputs, m)``.
         rest: Square of the angular frequency that counts as rest.
+        control: What drives under control add; None where motors are locked.
         finer: What finer meshes change.
         faces: What the parts' curved faces change, alone and together with finer meshes; empty
             where nothing is curved.
@@ -75,8 +79,10 @@ class ResponseSpace:
         space: FloatArray,
         channels: tuple[FloatArray, FloatArray],
         rest: float,
+        control: ControlForces | None = None,
     ) -> None:
         self.sources, self.rest = sources, rest
+        self.control = None if control is None else control.project(space)
         self.loads: FloatArray = space.T @ channels[0]
         self.rows: FloatArray = channels[1] @ space
         self._stiffness = space.T @ system.stiffness @ space
@@ -122,8 +128,8 @@ class ResponseSpace:
         change: SystemChange | None = None,
         shares: FloatArray | float = 1.0,
     ) -> ComplexArray:
-        """``K + i H + i omega C - omega^2 M`` ``(n_freq, m, m)``; structural damping does not act
-        at rest.
+        """``K + i H + i omega C - omega^2 M`` ``(n_freq, m, m)``, with what control adds; structural
+        damping does not act at rest.
 
         Args:
             squares: ``(n_freq,)`` of the angular frequencies; 0 for rest.
@@ -138,6 +144,10 @@ class ResponseSpace:
             dynamic += 1j * moving * self._hysteretic
         if self._damping is not None:
             dynamic += 1j * np.sqrt(squares)[:, None, None] * self._damping
+        if self.control is not None:
+            dynamic += self.control.dynamic_stiffness(
+                np.sqrt(np.where(squares > 0.0, squares, self.rest))
+            )
         if change is not None:
             added = (
                 np.where(moving, change.stiffness, change.stiffness.real)
@@ -171,15 +181,20 @@ class ResponseSpace:
             hysteretic=symmetrise(hysteretic) if hysteretic.any() else None,
         )
 
-    def squares(self, change: SystemChange | None = None) -> FloatArray:
-        """``omega^2`` of the undamped modes ``(m,)``, with a change or without."""
+    def squares(self, change: SystemChange | None = None, near_hz: float = 0.0) -> FloatArray:
+        """``omega^2`` of the undamped modes ``(m,)``, with a change or without; of drives under
+        control, as stiff as they are near a frequency.
+        """
         stiffness = self._stiffness if change is None else self._stiffness + change.stiffness.real
         mass = self._mass if change is None else self._mass + change.mass
+        if self.control is not None:
+            held = self.control.dynamic_stiffness(np.array([2.0 * np.pi * near_hz]))[0].real
+            stiffness = stiffness + symmetrise(held)
         return np.asarray(eigh(stiffness, mass, eigvals_only=True))
 
     def softening(self, hz: float) -> float:
         """Where the mode nearest to a frequency lies with finer meshes, over where it lies now."""
-        now, then = self.squares(), self.squares(self.finer)
+        now, then = self.squares(near_hz=hz), self.squares(self.finer, hz)
         mode = int(np.argmin(np.abs(now - (2.0 * np.pi * hz) ** 2)))
         return float(np.sqrt(max(then[mode], 0.0) / now[mode])) if now[mode] > 0.0 else 1.0
 
@@ -200,6 +215,7 @@ def project_response(
     modes: ModalResult,
     channels: tuple[FloatArray, FloatArray],
     highest_hz: float,
+    control: ControlForces | None = None,
 ) -> ResponseSpace:
     """Bring a machine into the space of its modes, of static responses at its channels and of the
     first corrections of its modes.
@@ -210,18 +226,25 @@ def project_response(
         modes: All its undamped modes.
         channels: Loads ``(n, n_inputs)`` and output rows ``(n_outputs, n)``.
         highest_hz: Up to where it will be asked.
+        control: What the drives of the system add to its dynamic stiffness, where its motors are free.
     """
     elastic = modes.frequencies_hz[modes.rigid_count :]
-    shift = (2.0 * np.pi * float(elastic[0])) ** 2 if modes.rigid_count and len(elastic) else 0.0
+    lowest = (2.0 * np.pi * float(elastic[0])) ** 2 if len(elastic) else 0.0
+    shift = lowest if modes.rigid_count else 0.0
+    pushes = [channels[0], channels[1].T]
+    if control is not None:
+        pushes += [control.pushed, control.seen.T]
     space = _trial_space(
         system,
         sources.truncated,
         modes,
-        pushes=np.hstack([channels[0], channels[1].T]),
+        pushes=np.hstack(pushes),
         highest_hz=highest_hz,
         shift=shift,
     )
-    return ResponseSpace(system, sources, space, channels, RESTING * shift)
+    # an integrator is at rest nowhere else
+    rest = RESTING * (shift if control is None else lowest)
+    return ResponseSpace(system, sources, space, channels, rest, control)
 
 
 def _trial_space(
@@ -335,6 +358,8 @@ def bound_response_errors(space: ResponseSpace, frequencies_hz: FloatArray) -> R
         if mesh is None
         else [
             _Move(change, space.squares(), space.squares(change))
+            if space.control is None
+            else _Move(change, np.zeros(0), np.zeros(0))
             for change in (space.finer, *space.faces)
         ]
     )
@@ -380,7 +405,9 @@ def _respond(space: ResponseSpace, dynamic: ComplexArray) -> ComplexArray:
 
 @dataclass(frozen=True, eq=False)
 class _Move:
-    """A change of a system, and ``omega^2`` of its modes ``(m,)`` before and after."""
+    """A change of a system, and ``omega^2`` of its modes ``(m,)`` before and after; of none under
+    control.
+    """
 
     change: SystemChange
     before: FloatArray
@@ -395,7 +422,8 @@ def _largest_change(
     """
     largest = np.maximum(np.abs(whole), _largest_passing(space, move, squares, plain))
     lines = np.flatnonzero((np.abs(whole) > EVEN * np.abs(plain)).any(axis=(1, 2)))
-    for share in ON_THE_WAY if len(lines) else ():
+    shares = ON_THE_WAY if space.control is None else CLOSELY
+    for share in shares if len(lines) else ():
         moved = _respond(space, space.dynamic_stiffness(squares[lines], move.change, share))
         largest[lines] = np.maximum(largest[lines], np.abs(moved - plain[lines]))
     return np.asarray(largest)
@@ -430,8 +458,13 @@ def _add_modes(
     """Changes by the least and by the most that the modes left out can add."""
     inputs = space.loads.shape[1]
     low, high = space.participations(squares)
-    moved = np.linalg.solve(dynamic - high, np.hstack([space.loads, space.rows.T]).astype(complex))
-    given, seen = moved[:, :, :inputs], moved[:, :, inputs:]
+    loads, rows = space.loads.astype(complex), space.rows.T.astype(complex)
+    if space.control is None:
+        moved = np.linalg.solve(dynamic - high, np.hstack([loads, rows]))
+        given, seen = moved[:, :, :inputs], moved[:, :, inputs:]
+    else:
+        given = np.linalg.solve(dynamic - high, loads)
+        seen = np.linalg.solve((dynamic - high).transpose(0, 2, 1), rows)
     most = space.rows @ given - plain
     # from the most to the least it is a small step, taken to first order: one more factorisation
     # would cost half as much again

@@ -25,9 +25,58 @@ from headstock.solvers.control.stability import (
 )
 from headstock.solvers.linear.frequency_response import FrfModel, prepare_frf
 from headstock.solvers.linear.modal_analysis import ModalResult
-from headstock.solvers.second_order import Channel, ComplexArray, SecondOrderSystem
+from headstock.solvers.second_order import (
+    Channel,
+    ComplexArray,
+    SecondOrderSystem,
+    input_columns,
+    output_rows,
+)
 
 CONTROLLED = "closed loops"
+
+
+@dataclass(frozen=True, eq=False)
+class ControlForces:
+    """What drives under control add to the dynamic stiffness of a machine with free motors, in
+    coordinates of which there are ``m``.
+
+    Attributes:
+        trains: The drives.
+        pushed: ``(m, n_drives)`` generalised load per drive force; motors move with its transpose.
+        seen: ``(n_drives, m)`` what the controllers see.
+    """
+
+    trains: tuple[DriveTrain, ...]
+    pushed: FloatArray
+    seen: FloatArray
+
+    def project(self, space: FloatArray) -> "ControlForces":
+        """The same in other coordinates, by their directions ``(m, k)``."""
+        return ControlForces(self.trains, space.T @ self.pushed, self.seen @ space)
+
+    def dynamic_stiffness(self, omega: FloatArray) -> ComplexArray:
+        """``(n_freq, m, m)``, not symmetric, at positive angular frequencies; without the springs
+        that anchor motors.
+        """
+        motors = self.pushed.T
+        answers = np.stack(
+            [
+                path.feedback[:, None] * (path.kv * seen + 1j * omega[:, None] * motor)
+                - train.anchor * motor
+                for train, seen, motor in zip(self.trains, self.seen, motors, strict=True)
+                for path in [control_paths(train.control, omega)]
+            ],
+            axis=1,
+        )
+        return np.asarray(self.pushed @ answers)
+
+
+def control_forces(system: SecondOrderSystem, trains: Sequence[DriveTrain]) -> ControlForces:
+    """What the drives of a system from ``free_motors`` add to its dynamic stiffness."""
+    pushed = input_columns(system, [(train.name, FORCE) for train in trains])
+    seen = output_rows(system, [measured_channel(train) for train in trains])
+    return ControlForces(tuple(trains), pushed, seen)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl, Drive, GuideFriction
 from headstock.geometry.mechanisms.mechanism import Marker, Mechanism, prismatic
 from headstock.reduction.coupling.drives import find_moved_mass, make_rigid_train
-from headstock.solvers.control.closed_response import prepare_closed_frf
+from headstock.solvers.control.closed_response import control_forces, prepare_closed_frf
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.drive_trains import DriveTrain, free_motors
 from headstock.solvers.control.driven_motion import solve_motion
@@ -22,7 +22,12 @@ from headstock.solvers.errors import UnstableControlError
 from headstock.solvers.linear.frequency_response import evaluate_frf
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism, LumpedSprings, MechanismBody
 from headstock.solvers.mechanisms.modes import linearise_poses, marker_motion, pose_system
-from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
+from headstock.solvers.second_order import (
+    ComplexArray,
+    SecondOrderSystem,
+    input_columns,
+    output_rows,
+)
 from headstock.validation.machines.drive_cases import LOAD, TwoMasses, make_drive
 
 LEAD = 0.01
@@ -37,7 +42,7 @@ def drive_of_leg(control: AxisControl = CASCADE, friction: GuideFriction | None 
     return Drive("leg", "q", "", MOTOR, LEAD, control, friction=friction)
 
 
-def make_leg(drive: Drive) -> tuple[SecondOrderSystem, DriveTrain]:
+def make_leg(drive: Drive, anchor: float = 0.0) -> tuple[SecondOrderSystem, DriveTrain]:
     """A vertical leg that grows, a beam on it, and a platform on a spring at its end."""
     chain = (prismatic("z", "q"), Marker("beam"), prismatic("z", "d"), Marker("tip"))
     mechanism = Mechanism("leg", chains=(chain,), closures=(), driven=("q",), compliant=("d",))
@@ -57,6 +62,7 @@ def make_leg(drive: Drive) -> tuple[SecondOrderSystem, DriveTrain]:
         stator=np.zeros(2),
         moved_mass=float(find_moved_mass(free, slide[None])[0]),
     )
+    train = dataclasses.replace(train, anchor=anchor)
     return free_motors(free, [train]), train
 
 
@@ -92,6 +98,20 @@ def test_a_leg_under_control_responds_as_its_transfer_function_says(encoder: str
     at_rest = 1.0 / SPRING if encoder == "motor" else 0.0
     assert found[0].real == pytest.approx(at_rest, rel=1e-9, abs=1e-9 / SPRING)
     assert train.control.acceleration_feed_forward == 0.0
+
+
+@pytest.mark.parametrize("encoder", ["motor", "scale"])
+def test_what_control_adds_to_the_dynamic_stiffness_gives_the_same_response(encoder: str) -> None:
+    control = dataclasses.replace(CASCADE, encoder=encoder)  # type: ignore[arg-type]
+    # the spring that anchors a motor is taken off again
+    system, train = make_leg(drive_of_leg(control), anchor=1e7)
+    omega = 2.0 * np.pi * LINES[1:]
+    free = system.stiffness - omega[:, None, None] ** 2 * system.mass
+    dynamic = free + control_forces(system, [train]).dynamic_stiffness(omega)
+    moved = np.linalg.solve(dynamic, input_columns(system, [TIP]).astype(complex))
+    found = (output_rows(system, [TIP]) @ moved)[:, 0, 0]
+    expected = laplace_leg(control, omega, at_scale=encoder == "scale")
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
 def test_feed_forward_carries_all_that_the_motor_of_a_leg_moves() -> None:

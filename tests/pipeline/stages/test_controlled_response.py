@@ -1,0 +1,70 @@
+"""The ± of a frequency response under control, beside a finer mesh of the same machine."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.answers.frf import PoseResponse
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.storage.store import Store
+from headstock.scene.building.loader import load_scene
+
+SCENE = Path(__file__).parents[2] / "data" / "slide.toml"
+DRIVE = (
+    '{inertia="2e-3 kg m^2", lead="10 mm", kv="40 1/s", velocity_gain="4e4 N s/m",'
+    ' integral_time="20 ms", sampling="250 us"}'
+)
+RESPONSE = (
+    'inputs=["tcp"], from="5 Hz", to="400 Hz", points=80, adaptive=false, poses=["left"],'
+    ' motors="{motors}"'
+)
+COARSE, FINE = "49 mm", "16 mm"
+NEAR = 1.3  # what estimates are over true errors, beside the same with motors locked
+
+
+def respond(size: str, motors: str, folder: Path) -> PoseResponse:
+    overrides = (
+        'components.bed.fidelity="elastic"',
+        f'components.bed.mesh={{cells="hex", size="{size}"}}',
+        f"drives.X={DRIVE}",
+        "effects.drive_control=true",
+        'effects.damping={modal="3 %"}',
+        "analyses.frf={" + RESPONSE.format(motors=motors) + "}",
+    )
+    scene = load_scene(SCENE, overrides=overrides)
+    results = run_scene(
+        scene, folder / size / motors, comm=MPI.COMM_SELF, store=Store(folder / "store")
+    )
+    return results.frf["left"]
+
+
+def find_errors(coarse: PoseResponse, fine: PoseResponse) -> tuple[FloatArray, FloatArray]:
+    """Errors of a coarse mesh as estimated and as they are, each line and channel by itself; half
+    of what the fine one is itself in doubt of is taken off.
+    """
+    error, doubt = coarse.curves.error, fine.curves.error
+    assert error is not None and doubt is not None and np.isfinite(error).all()
+    moved = np.abs(coarse.curves.receptance - fine.curves.receptance)
+    return error, np.asarray(np.maximum(moved - 0.5 * doubt, 0.0))
+
+
+@pytest.mark.fem
+@pytest.mark.process
+def test_the_error_of_a_mesh_is_covered_while_loops_are_closed(tmp_path: Path) -> None:
+    ratios = []
+    for motors in ("locked", "controlled"):
+        coarse, fine = (respond(size, motors, tmp_path) for size in (COARSE, FINE))
+        assert coarse.error_left_out == ("rigid model of slide",)
+        estimated, true = find_errors(coarse, fine)
+        assert (true <= estimated).mean() > 0.95
+        seen = true > 1e-3 * np.abs(fine.curves.receptance).max(axis=(1, 2), keepdims=True)
+        ratios.append(float(np.median(estimated[seen] / true[seen])))
+        for own, better in zip(coarse.figures, fine.figures, strict=True):
+            assert own.most_negative_real is not None and better.most_negative_real is not None
+            assert own.most_negative_real_error is not None
+            moved = abs(own.most_negative_real - better.most_negative_real)
+            assert moved < own.most_negative_real_error
+    assert 1.0 / NEAR < ratios[1] / ratios[0] < NEAR
