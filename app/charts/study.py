@@ -38,8 +38,6 @@ from headstock.studies.parameters.tables import (
 
 MOST_PANELS = 30
 MOST_TICKS = 7
-# across the legend of a figure of costs, and for the mark beside each of its names
-LEGEND_LETTERS, MARK_LETTERS = 190, 8
 MOST_LETTERS = 30  # below a panel, side by side
 PANEL_COLUMNS = 3
 COLORS = (
@@ -280,10 +278,7 @@ def draw_costs(points: Sequence[CostPoint], labels: dict[str, str]) -> bytes | N
     panels[0].set_ylabel("largest relative error", fontsize=9, color=INK)
     label_shares(panels[0])
     handles, names = figure.axes[0].get_legend_handles_labels()
-    columns = max(1, min(4, LEGEND_LETTERS // max(len(name) + MARK_LETTERS for name in names)))
-    figure.legend(
-        handles, names, loc="outside lower center", ncols=columns, fontsize=8, frameon=False
-    )
+    add_legend(figure, handles, names)
     return encode_figure(figure)
 
 

@@ -1,5 +1,6 @@
-"""Stability lobes in the report: limit depth over the speed of the spindle, one field for each
-direction of travel, each lobe in the colour of its mode.
+"""Stability lobes in the report: limit depth over the speed of the spindle, one picture for each
+direction of travel, each lobe in the colour of its mode. Two stand side by side; one alone can be read
+on a screen of 400 pixels.
 """
 
 import itertools
@@ -12,47 +13,33 @@ from headstock.app.report import svg
 from headstock.app.tables.lobes import show_best_depth
 from headstock.app.texts.bounded_values import show_bound, show_bounded
 from headstock.app.texts.curves import even_ticks
-from headstock.pipeline.answers.lobes import DirectionSummary, LobesSummary
+from headstock.pipeline.answers.lobes import DirectionSummary
 
-WIDTH, LEFT, RIGHT, TITLE, HEIGHT, FOOT, LINE = 1150, 52, 14, 26, 210, 34, 16
+WIDTH, LEFT, RIGHT, TITLE, HEIGHT, LINE = 600, 34, 14, 28, 230, 19
+WIDEST = 780.0  # on the page [px]
+SIZE = 12.5  # of the font
 COLORS = ("#2f6db3", "#d08a4a", "#6a9a5b", "#8a6bb0", "#b5566e", "#5d8f8f", "#8c9bab")
 HEADROOM = 1.15
 MOST_OVER_LOWEST = 12.0  # of the axis over the lowest limit: one deep pocket does not flatten lobes
-LETTER = 6.2  # width of a letter of the legend
-LABEL = 130.0  # width of the text at a best speed
+LETTER = 7.0  # width of a letter
+LABEL = 150.0  # width of the text at a best speed
 LOWEST, BEST, CHECKED = "#b5566e", "#6a9a5b", "#8a6bb0"
 Scale = Callable[[float], float]
 Sign = Callable[[float, float, str], Markup]
 
 
-def draw_lobes(found: LobesSummary, identity: str) -> Markup:
-    """The lobes of a pose as one SVG.
+def draw_lobes(found: DirectionSummary, identity: str) -> Markup:
+    """The lobes of a direction of travel in a pose.
 
     Args:
-        found: Of the pose.
+        found: Of the direction.
         identity: ``id`` in the page.
     """
-    parts: list[Markup] = []
-    top = 0.0
-    for direction in found["directions"]:
-        drawn, top = _draw_direction(direction, top)
-        parts.append(drawn)
-    return svg.picture(
-        parts,
-        identity=identity,
-        kind="sticks",
-        width=WIDTH,
-        height=top,
-        label="Limit depth of cut over the speed of the spindle",
-    )
-
-
-def _draw_direction(found: DirectionSummary, top: float) -> tuple[Markup, float]:
     series = found["series"]
     speeds = np.array(series["rpm"])
     depths, plain = np.array(series["limit_depth_mm"]), np.array(series["zeroth_order_mm"])
     highest = HEADROOM * float(min(depths.max(), MOST_OVER_LOWEST * max(depths.min(), 1e-6)))
-    base = top + TITLE + HEIGHT
+    base = float(TITLE + HEIGHT)
 
     def across(value: float) -> float:
         return float(LEFT + (WIDTH - LEFT - RIGHT) * (value - speeds[0]) / (speeds[-1] - speeds[0]))
@@ -61,18 +48,21 @@ def _draw_direction(found: DirectionSummary, top: float) -> tuple[Markup, float]
         return float(base - HEIGHT * min(value, highest) / highest)
 
     parts = [
-        svg.heading(LEFT, top + TITLE - 10, f"Travel {found['name']}: limit depth of cut [mm]")
+        svg.heading(
+            4, TITLE - 12, f"Travel {found['name']}: limit depth of cut [mm]", size=SIZE + 1.0
+        )
     ]
     for value in even_ticks(0.0, highest, 5):
         parts.append(
             svg.line(float(LEFT), up(value), float(WIDTH - RIGHT), up(value), opacity=0.13)
         )
-        parts.append(svg.text(LEFT - 5, up(value) + 3.5, f"{value:g}", anchor="end", size=10.5))
-    ticks = even_ticks(float(speeds[0]), float(speeds[-1]), 8)
+        parts.append(svg.text(LEFT - 6, up(value) + 4.5, f"{value:g}", anchor="end", size=SIZE))
+    ticks = even_ticks(float(speeds[0]), float(speeds[-1]), 5)
     for value in ticks:
         words = f"{value:g}{' rpm' if value == ticks[-1] else ''}"
         parts.append(svg.line(across(value), base, across(value), base + 4.0, opacity=0.5))
-        parts.append(svg.text(across(value), base + 15, words, anchor="middle", size=10.5))
+        middle = min(across(value), WIDTH - 0.6 * LETTER * len(words))
+        parts.append(svg.text(middle, base + 18, words, anchor="middle", size=SIZE))
     modes = list(dict.fromkeys(lobe["mode"] for lobe in found["lobes"]))
     colors = dict(zip(modes, itertools.cycle(COLORS), strict=False))
     # limits that were found one by one would be spikes in the line: they are dots beside it
@@ -105,8 +95,16 @@ def _draw_direction(found: DirectionSummary, top: float) -> tuple[Markup, float]
         if found["checks"] and not every
         else []
     )
-    legend, y = _legend(found, colors, dots if found["lowest"] else [], base + 32.0)
-    return Markup("").join([*parts, *legend]), y + 22.0
+    legend, y = _legend(found, colors, dots if found["lowest"] else [], base + 42.0)
+    return svg.picture(
+        [*parts, *legend],
+        identity=identity,
+        kind="sticks",
+        width=WIDTH,
+        height=y + 8.0,
+        label=f"Limit depth of cut over the speed of the spindle, travel {found['name']}",
+        widest=WIDEST,
+    )
 
 
 def _legend(
@@ -123,7 +121,7 @@ def _legend(
         width = 30.0 + LETTER * len(words)
         if x > LEFT and x + width > WIDTH - RIGHT:
             x, y = float(LEFT), y + LINE
-        parts += [sign(x + 8.0, y - 3.5, color), svg.text(x + 21.0, y, words, size=10.5)]
+        parts += [sign(x + 8.0, y - 4.5, color), svg.text(x + 21.0, y, words, size=SIZE)]
         x += width
     return parts, y
 
@@ -142,8 +140,9 @@ def _mark_lowest(found: DirectionSummary, across: Scale, up: Scale) -> Markup:
         parts.append(_line([(x, end) for end in ends], LOWEST, 1.2))
         parts += [_line([(x - 5.0, end), (x + 5.0, end)], LOWEST, 1.2) for end in ends]
     words = f"{limit} mm, chatter {chatter} Hz"
-    beside = min(max(x, LEFT + 90.0), WIDTH - RIGHT - 100.0)
-    parts.append(svg.text(beside, y + 18, words, anchor="middle", size=10.5))
+    half = 0.5 * LETTER * len(words)
+    beside = min(max(x, LEFT + half), WIDTH - RIGHT - half)
+    parts.append(svg.text(beside, y + 20, words, anchor="middle", size=SIZE))
     return Markup("").join(parts)
 
 
@@ -154,7 +153,7 @@ def _mark_best(found: DirectionSummary, across: Scale, up: Scale) -> Markup:
     for best in found["best_speeds"]:
         x, y = across(best["rpm"]), up(best["limit_depth_mm"])
         parts.append(_circle(x, y, BEST))
-        if all(abs(x - other) > 110.0 for other in taken):
+        if all(abs(x - other) > LABEL for other in taken):
             taken.append(x)
             words = f"{show_best_depth(best)} mm at {best['rpm']:.0f} rpm"
             # on the side where the line falls, so that it does not cross the text
@@ -162,7 +161,7 @@ def _mark_best(found: DirectionSummary, across: Scale, up: Scale) -> Markup:
             rises = max(beside, default=0.0) > best["limit_depth_mm"]
             anchor = "end" if x > WIDTH - LABEL or (rises and x > LEFT + LABEL) else "start"
             parts.append(
-                svg.text(x + (-7 if anchor == "end" else 7), y - 4, words, anchor=anchor, size=10.5)
+                svg.text(x + (-7 if anchor == "end" else 7), y - 5, words, anchor=anchor, size=SIZE)
             )
     return Markup("").join(parts)
 

@@ -51,17 +51,18 @@ def text(
     ).format(x, y, size, anchor, color, faint, words)
 
 
-def heading(x: float, y: float, words: str) -> Markup:
+def heading(x: float, y: float, words: str, *, size: float = 11.5) -> Markup:
     """What a plot shows, above its left end.
 
     Args:
         x: Of its start.
         y: Of its foot.
         words: What it says.
+        size: Of the font.
     """
     return Markup(
-        '<text x="{:.1f}" y="{:.1f}" font-size="11.5" font-weight="600" fill="currentColor">{}</text>'
-    ).format(x, y, words)
+        '<text x="{:.1f}" y="{:.1f}" font-size="{}" font-weight="600" fill="currentColor">{}</text>'
+    ).format(x, y, size, words)
 
 
 def picture(

@@ -14,6 +14,7 @@ from nbconvert import MarkdownExporter
 
 OUTSIDE = re.compile(r"\[([^\]]*)\]\(\.\./(?:\.\./)*([^)#]*)(#[^)]*)?\)")
 CELL_SECONDS = 600
+INLINE_CODE = re.compile(r"(?<=<code>)[^<\n]*(?=</code>)")
 ROW = re.compile(r"^\|.*$", re.MULTILINE)
 BEFORE_UNIT = re.compile(
     r"(?<=\d) (?=%|(?:\d{3}|[kMG]?Hz|[mkM]?N|[µmk]?m|m?s|[MG]B|kg|dofs|times)\b)"
@@ -48,6 +49,11 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
         return f"{text} (`{target}`)" if text.strip("`") != target else text
 
     return OUTSIDE.sub(rewrite, ROW.sub(keep_units, markdown))
+
+
+def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Names of files break after a slash where they break."""
+    return INLINE_CODE.sub(lambda found: found.group().replace("/", "/<wbr>"), html)
 
 
 def keep_units(row: re.Match[str]) -> str:

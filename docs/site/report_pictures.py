@@ -84,7 +84,13 @@ PICTURES: dict[str, Shot | Output] = {
     ),
     "lobes": Shot(
         "run machines/three_axis.toml --variant R --analysis lobes",
-        ((".page", "#lobes"), ("#lobes", ".block"), (".block", "svg")),
+        (
+            (".page", "#lobes"),
+            ("#lobes", ".block"),
+            (".block", ".fields"),
+            (".fields > div", "svg"),
+        ),
+        width=700,
     ),
     # from two of four sides
     "show": Output("show machines/three_axis.toml --pose measured", "machine.png", share=0.513),
