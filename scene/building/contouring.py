@@ -180,8 +180,6 @@ def check_contouring(draft: Draft, findings: Findings) -> None:
             (*KEY, "radial_depth"),
             "is more than the radius of the tool; take less, or a larger tool",
         )
-    if table.tool_modes and table.model != "linear" and scene.is_lumped:
-        findings.add((*KEY, "tool_modes"), 'need the linear model; write model = "linear"')
     _check_way(table, draft.folder, findings)
     for name, written in (("forces", table.forces), ("traces", table.traces)):
         try:

@@ -29,6 +29,7 @@ from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.forces import ForceFileError, ForceRecord
 from headstock.scene.requests import Analyses, ContouringRequest
+from headstock.solvers.mechanisms.dynamics import MechanismBody
 from headstock.solvers.mechanisms.modes import PoseDamping, linearise_poses, tool_compliance
 from headstock.solvers.milling.path_drives import follow_path
 from headstock.solvers.milling.tool_dynamics import ToolMode
@@ -178,6 +179,42 @@ def test_waves_add_to_the_full_equations_what_they_add_to_the_linear_ones(
     size = np.abs(added).max()
     assert size > 1e-7
     assert np.abs(whole - added).max() < 0.033 * size
+
+
+def test_a_mass_on_stiff_springs_at_the_tool_is_a_body_there_in_the_full_equations(
+    machine: Tripteor,
+) -> None:
+    """Which moves the mechanism by inertia; its weight is left out as that of all other bodies."""
+    plain = contour_request("al7075-t6")
+    block = changed_block(plain, side=5e-3, feed=0.2)
+    plain = dataclasses.replace(
+        plain, contour=block, steps_per_turn=96, damping=PoseDamping((0.0,))
+    )
+    mass, stiff = 60.0, 4000.0
+    stiffness = mass * (2.0 * np.pi * stiff) ** 2
+    carried = dataclasses.replace(
+        plain, tool_modes=(ToolMode("spindle", stiff, 0.3, stiffness, np.eye(3)),)
+    )
+    heavier = dataclasses.replace(
+        machine.model, bodies=(*machine.model.bodies, MechanismBody("spindle", "tcp", mass))
+    )
+    gaps = {
+        (name, model): run_lumped_contour(
+            machine.scene, bodies, dataclasses.replace(request, model=model), until=0.1
+        ).gap
+        for name, bodies, request in (
+            ("without", machine.model, plain),
+            ("mode", machine.model, carried),
+            ("body", heavier, plain),
+        )
+        for model in ("linear", "nonlinear")
+        if (name, model) not in {("without", "linear"), ("mode", "linear")}
+    }
+    own, beside = gaps["mode", "nonlinear"], gaps["body", "nonlinear"]
+    assert np.abs(beside - gaps["without", "nonlinear"]).max() > 5e-5
+    lacking = np.abs(beside - gaps["body", "linear"]).max()
+    assert lacking > 5e-7
+    assert np.abs(own - beside).max() < 0.2 * lacking
 
 
 def lobes_on_a_face(request: ContouringRequest, rpm: float, folder: Path) -> DirectionLobes:
