@@ -49,7 +49,7 @@ build_root() {
         require_builders
         remove_leftovers
         check_space
-        growing=$root.growing.$$
+        growing=$root.growing.$$ begun=$(date +%s)
         trap 'stop_build; exit 130' INT
         trap 'stop_build; exit 143' TERM HUP
         fill_root "$growing" "$cache/build.log"
@@ -58,13 +58,13 @@ build_root() {
         rm -f -- "$growing.pipe"
         rm -f -- "$cache/stamp-${root##*/}"
         mv -- "$growing" "$root"
-        say "environment ready"
+        say "environment ready after $(($(date +%s) - begun)) s, $(du -sm -- "$root" | cut -f1) MB"
     fi
     exec 9>&-
 }
 
 fill_root() {
-    say "building the environment in $root (once; two to four minutes, 2 GB)"
+    say "building the environment in $root (once; a few minutes, 2 GB)"
     : >"$2"
     if bootstrap "$1" "$2" && [ -x "$1/usr/bin/python3" ]; then return; fi
     # the mirror this machine's own apt uses, where the default one is out of reach
