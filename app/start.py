@@ -13,3 +13,7 @@ def main() -> None:
     """Give way to the launcher, with this Python as the one that computes."""
     own = {"HEADSTOCK_PYTHON": sys.executable}
     os.execve("/bin/sh", ["sh", str(LAUNCHER), *sys.argv[1:]], os.environ | own)
+
+
+if __name__ == "__main__":
+    main()

@@ -8,11 +8,13 @@ import re
 import shutil
 import subprocess
 import sys
+import venv
 import zipfile
 from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from slurm_stand_ins import write_stand_ins
 
 import release_check
 
@@ -152,6 +154,46 @@ def test_ranks_of_the_program_of_the_wheel_are_started_as_those_of_a_checkout(
     launcher = Path(started[started.index("run") - 1])
     assert launcher == built.packages / "headstock/environment/installed.sh"
     assert words[0][1] == str(built.packages / "headstock/environment/start_ranks.sh")
+
+
+def test_a_job_of_the_installed_package_is_started_by_the_python_it_is_installed_in(
+    built: Built, tmp_path: Path
+) -> None:
+    # as pip leaves it: found by one Python without PYTHONPATH, which no job takes along
+    own = tmp_path / "own"
+    venv.create(own, system_site_packages=True)
+    python = own / "bin" / "python"
+    (site,) = own.glob("lib/python*/site-packages")
+    (site / "installed.pth").write_text(f"{built.packages}\n")
+    write_stand_ins(tmp_path / "bin")
+    variables = os.environ | {
+        "PATH": f"{tmp_path / 'bin'}:{os.environ['PATH']}",
+        "PYTHONPATH": "",
+        "HEADSTOCK_STORE": str(tmp_path / "store"),
+    }
+    scene = ROOT / "tests" / "data" / "slide.toml"
+    for words in (
+        ["sweep", str(scene), "line", "-o", "swept", "--on", "slurm", "--tasks", "2"],
+        ["run", str(scene), "--no-figures", "-o", "run", "--on", "slurm"],
+    ):
+        done = subprocess.run(
+            [python, "-P", "-m", "headstock.app.start", *words],
+            cwd=tmp_path,
+            env=variables,
+            capture_output=True,
+            text=True,
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+    scripts = [
+        tmp_path / "swept" / "sweep.sbatch",
+        *tmp_path.glob("results/slurm/run-*/job.sbatch"),
+    ]
+    assert len(scripts) == 2
+    for script in scripts:
+        assert f"{python} -P -m headstock.app.start " in script.read_text()
+        assert str(ROOT / "headstock") + " " not in script.read_text()
+    assert (tmp_path / "swept" / "sweep.h5").exists()
+    assert (tmp_path / "run" / "summary.json").exists()
 
 
 def test_an_unpacked_source_archive_runs(built: Built, tmp_path: Path) -> None:

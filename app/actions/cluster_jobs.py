@@ -54,7 +54,7 @@ from headstock.studies.sweeps.slurm_tools import (
     submit,
 )
 
-LAUNCHER = PROJECT / "headstock"
+START_MODULE = "headstock.app.start"  # of an installed package
 TASK = 1
 FLAGS, VALUED = ("--no-wait",), ("--on", "--ranks", "--partition", "--time", "--sbatch")
 
@@ -88,8 +88,7 @@ def sweep_on_slurm(
         collect: Makes the files of a sweep whose poses are all computed, and returns the exit code.
 
     Raises:
-        click.UsageError: There is no Slurm here, or this was not started through the launcher of a
-            checkout.
+        click.UsageError: There is no Slurm here.
         SlurmError: Slurm refuses the job, or tasks ended without their poses.
     """
     _require_cluster(comm.size)
@@ -122,20 +121,24 @@ def _require_cluster(ranks: int) -> None:
     """Refuse to submit where that is not possible.
 
     Raises:
-        click.UsageError: This is one of several ranks, or there is no launcher or no Slurm.
+        click.UsageError: This is one of several ranks, or there is no Slurm.
     """
     if ranks > 1:
         raise click.UsageError(
             "--on slurm submits from one process; start it through ./headstock, which leaves --ranks to the job"
         )
-    if not LAUNCHER.is_file():
-        raise click.UsageError(
-            f"--on slurm needs the launcher of a checkout, {LAUNCHER}, for the job to start on the nodes"
-        )
     try:
         require_slurm()
     except SlurmMissingError as error:
         raise click.UsageError(str(error)) from error
+
+
+def find_launcher() -> tuple[str, ...]:
+    """Words that start this program on a node: the launcher of a checkout, or of an installed package
+    the Python that it is installed in.
+    """
+    launcher = PROJECT / "headstock"
+    return (str(launcher),) if launcher.is_file() else (sys.executable, "-P", "-m", START_MODULE)
 
 
 def _passed_environment() -> dict[str, str]:
@@ -158,7 +161,7 @@ def _submit(
     folder = job.folder.absolute()
     script = folder / SCRIPT_FILE
     array = ArrayJob(
-        LAUNCHER,
+        find_launcher(),
         job.scene.path.absolute(),
         job.sweep.name,
         folder,
@@ -270,7 +273,7 @@ def _submit_command(
     words: tuple[str, ...], options: SlurmOptions, folder: Path, key: str
 ) -> Submission:
     job = CommandJob(
-        launcher=LAUNCHER,
+        launcher=find_launcher(),
         words=words,
         folder=folder,
         options=options,

@@ -65,8 +65,8 @@ class ArrayJob:
     """Everything a job script is written from.
 
     Attributes:
-        launcher: ``headstock`` of the checkout that submits; it enters the private root on the
-            node.
+        launcher: Words that start the program on the node: the launcher of the checkout that
+            submits, which enters the private root there, or the Python of an installed package.
         scene: Scene file.
         sweep: Name in the scene.
         folder: Of the results.
@@ -78,7 +78,7 @@ class ArrayJob:
         environment: Variables that are set in the script.
     """
 
-    launcher: Path
+    launcher: tuple[str, ...]
     scene: Path
     sweep: str
     folder: Path
@@ -113,7 +113,7 @@ class CommandJob:
     """A command of which the whole is one task.
 
     Attributes:
-        launcher: ``headstock`` of the checkout that submits.
+        launcher: Words that start the program on the node.
         words: Of the command line, without those for the cluster and the ranks.
         folder: For script and log, absolute.
         options: Of the cluster.
@@ -121,7 +121,7 @@ class CommandJob:
         environment: Variables that are set in the script.
     """
 
-    launcher: Path
+    launcher: tuple[str, ...]
     words: tuple[str, ...]
     folder: Path
     options: SlurmOptions
@@ -144,13 +144,17 @@ def render_script(job: ArrayJob) -> str:
     options = job.options
     _check_values(
         {"the sweep's name": job.sweep, **_name_places(job.folder, job.start_folder)},
-        {"the scene": job.scene, "the launcher": job.launcher, "the sweep's key": job.key},
+        {
+            "the scene": job.scene,
+            "the launcher": shlex.join(job.launcher),
+            "the sweep's key": job.key,
+        },
         options,
         job.arguments,
         job.environment,
     )
     words = [
-        str(job.launcher),
+        *job.launcher,
         "sweep",
         str(job.scene),
         job.sweep,
@@ -187,12 +191,12 @@ def render_command(job: CommandJob) -> str:
     """
     _check_values(
         _name_places(job.folder, job.start_folder),
-        {"the launcher": job.launcher},
+        {"the launcher": shlex.join(job.launcher)},
         job.options,
         job.words,
         job.environment,
     )
-    words = [str(job.launcher), *job.words, "--ranks", str(job.options.ranks)]
+    words = [*job.launcher, *job.words, "--ranks", str(job.options.ranks)]
     name = f"headstock-{job.words[0]}"
     return "\n".join(
         [

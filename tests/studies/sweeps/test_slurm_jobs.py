@@ -57,7 +57,7 @@ def test_the_script_says_everything_a_task_needs() -> None:
     options = SlurmOptions(3, 2, "long", "0:30:00", ("--account=ours",))
     changed = ("--set", 'joints.drive.stiffness.axial="40 N/um"')
     places = (
-        Path("/opt/headstock/headstock"),
+        ("/opt/headstock/headstock",),
         Path("/data/a.toml"),
         "line",
         Path("/data/100% mine"),
@@ -80,7 +80,7 @@ ROW = '/data/x"\n#SBATCH --wrap="touch /tmp/owned'
         {"start_folder": Path(ROW)},
         {"start_folder": Path("/data/`id`")},
         {"scene": Path("/data/a\n.toml")},
-        {"launcher": Path("/opt/a\x1b[2J/headstock")},
+        {"launcher": ("/opt/a\x1b[2J/headstock",)},
         {"sweep": "line\n#SBATCH --wrap=id"},
         {"key": "a\nb"},
         {"arguments": ("--set", "name=a\nb")},
@@ -97,7 +97,7 @@ def test_a_value_that_would_add_lines_to_the_script_is_refused_by_name(
     change: dict[str, Any],
 ) -> None:
     job = ArrayJob(
-        Path("/opt/headstock"),
+        ("/opt/headstock",),
         Path("/data/a.toml"),
         "line",
         Path("/data/mine"),
