@@ -1,5 +1,6 @@
-"""Both releases of dolfinx compute the same on the same meshes: the one of these tests, and the one
-that ``./headstock --with dolfinx-new`` brings, which is installed here where it is missing.
+"""Both releases of dolfinx compute the same on the same meshes, and what agrees within ± on others: the
+one of these tests, and the one that ``./headstock --with dolfinx-new`` brings, which is installed here
+where it is missing.
 """
 
 import json
@@ -7,6 +8,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
 import basix
 import numpy as np
@@ -15,6 +17,7 @@ import scipy.linalg
 from mpi4py import MPI
 
 from common import make_box, make_component
+from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import CellKind
 from headstock.solvers.elastic.compat import RELEASE, gmsh_cell_order
 from headstock.solvers.elastic.constrained_solver import ConstrainedSolver
@@ -68,6 +71,58 @@ def test_numbers_of_every_cell_are_those_of_the_newest_dolfinx() -> None:
             other = np.array(there[kind][name])
             scale = np.abs(values) if name == "eigenvalues" else np.abs(values).max()
             assert np.max(np.abs(other - values) / scale) < 1e-8, f"{name} of {kind}"
+
+
+class Bounded(NamedTuple):
+    """Frequencies [Hz] and compliances along each force [µm/kN] of a run, with their ±."""
+
+    values: FloatArray
+    errors: FloatArray
+
+
+def run_scene(folder: Path, scene: Path, *words: str, newest: bool) -> Bounded:
+    """What a run with a store of its own finds, so that it meshes."""
+    subprocess.run(
+        [
+            ROOT / "headstock",
+            *(("--with", "dolfinx-new") if newest else ()),
+            *("run", scene, "--no-figures", "-o", folder / "results", *words),
+        ],
+        env=os.environ | {"HEADSTOCK_STORE": str(folder / "store")},
+        capture_output=True,
+        check=True,
+    )
+    found = json.loads((folder / "results" / "summary.json").read_text())
+    (modes,), (point,) = found["modal"], found["static"].values()
+    return Bounded(
+        np.array([*modes["frequencies_hz"], *np.diag(point["compliance_um_per_kN"])]),
+        np.array([*modes["error_hz"], *(point["error_um_per_kN"][axis] for axis in "xyz")]),
+    )
+
+
+@pytest.mark.trials
+@pytest.mark.process
+@pytest.mark.parametrize(
+    ("scene", "component", "sizes"),
+    [
+        ("machines/cantilever.toml", "column", ("12 mm", "10 mm")),
+        ("tests/data/support.toml", "support", ("4 mm", "3.3 mm")),
+    ],
+)
+def test_numbers_of_new_meshes_agree_within_their_bounds(
+    tmp_path: Path, scene: str, component: str, sizes: tuple[str, str]
+) -> None:
+    (tmp_path / "here").mkdir()
+    (tmp_path / "there").mkdir()
+    meshed = [f"--set=components.{component}.mesh={{ size = '{size}' }}" for size in sizes]
+    here = run_scene(tmp_path / "here", ROOT / scene, meshed[0], newest=False)
+    there = run_scene(tmp_path / "there", ROOT / scene, meshed[1], newest=True)
+    difference = np.abs(there.values - here.values)
+    assert np.all(difference > 1e-9 * np.abs(here.values))  # the meshes are two
+    assert np.all(here.errors < 0.1 * here.values)
+    assert np.all(difference <= here.errors + there.errors), difference / (
+        here.errors + there.errors
+    )
 
 
 @pytest.mark.parametrize("kind", KINDS)
