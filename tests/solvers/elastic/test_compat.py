@@ -82,17 +82,15 @@ class Bounded(NamedTuple):
 
 def run_scene(folder: Path, scene: Path, *words: str, newest: bool) -> Bounded:
     """What a run with a store of its own finds, so that it meshes."""
+    start = ["--with", "dolfinx-new"] if newest else []
+    results = folder / "results"
     subprocess.run(
-        [
-            ROOT / "headstock",
-            *(("--with", "dolfinx-new") if newest else ()),
-            *("run", scene, "--no-figures", "-o", folder / "results", *words),
-        ],
+        [ROOT / "headstock", *start, "run", scene, "--no-figures", "-o", results, *words],
         env=os.environ | {"HEADSTOCK_STORE": str(folder / "store")},
         capture_output=True,
         check=True,
     )
-    found = json.loads((folder / "results" / "summary.json").read_text())
+    found = json.loads((results / "summary.json").read_text())
     (modes,), (point,) = found["modal"], found["static"].values()
     return Bounded(
         np.array([*modes["frequencies_hz"], *np.diag(point["compliance_um_per_kN"])]),
