@@ -23,6 +23,9 @@ PARALLEL = 1e-6  # what is left of a direction across the tool
 FEED = "feed"  # name of the direction of travel that a path has in each pose
 
 
+Motors = Literal["locked", "controlled"]
+
+
 @dataclass(frozen=True)
 class StaticRequest:
     """Compliance at named points, in named poses (all of them when empty)."""
@@ -85,7 +88,7 @@ class FrfRequest:
     adaptive: bool = True
     motion: Motion = "receptance"
     poses: tuple[str, ...] = ()
-    motors: Literal["locked", "controlled"] = "locked"
+    motors: Motors = "locked"
     fields_at: tuple[float, ...] = ()
 
     def describe(self) -> str:
@@ -376,6 +379,7 @@ class TransientRequest:
         up_to_hz: Modes up to here vibrate; those above follow at once.
         settled: Share of its way within which an output has settled.
         poses: All of them when empty.
+        motors: Locked, or under control.
     """
 
     loads: tuple[TimedLoad, ...]
@@ -386,13 +390,17 @@ class TransientRequest:
     up_to_hz: float
     settled: float
     poses: tuple[str, ...] = ()
+    motors: Motors = "locked"
 
     def describe(self) -> str:
         """In a few words: what is computed, and how far."""
         causes = [f"{load.shape.replace('_', ' ')} {load.name}" for load in self.loads]
         if self.velocities:
             causes.append(f"initial velocity of {', '.join(self.velocities)}")
-        return f"{', '.join(causes)}: {self.duration:g} s with modes up to {self.up_to_hz:g} Hz"
+        under = ", drives under control" if self.motors == "controlled" else ""
+        return (
+            f"{', '.join(causes)}: {self.duration:g} s with modes up to {self.up_to_hz:g} Hz{under}"
+        )
 
 
 Request = (

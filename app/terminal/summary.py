@@ -212,7 +212,8 @@ def print_summary(
     for pose, transient in summary.get("transient", {}).items():
         print_table(
             console,
-            f"Motion in {1e3 * transient['duration_s']:g} ms in pose {pose}, {transient['modes']} modes up to {transient['up_to_hz']:g} Hz",
+            f"Motion in {1e3 * transient['duration_s']:g} ms in pose {pose}, {transient['modes']} modes up to {transient['up_to_hz']:g} Hz"
+            f"{', drives under control' if transient['motors'] == 'controlled' else ''}",
             tell_rows(MOVED_COLUMNS, list_moved(transient)),
         )
         for words in transient_words(transient):

@@ -14,6 +14,7 @@ from headstock.pipeline.answers.estimates import Estimate, scale_shares
 from headstock.pipeline.answers.frf import split_channel
 from headstock.pipeline.answers.path import deviation_unit
 from headstock.pipeline.storage.json_texts import check_finite
+from headstock.scene.requests import Motors
 from headstock.solvers.linear.transient import EnergyBalance, TransientFigures
 from headstock.solvers.second_order import Channel, name_channel
 
@@ -64,6 +65,7 @@ class TransientSummary(TypedDict):
     modes: int
     settled_within: float
     damped: bool
+    motors: Motors
     loads: dict[str, TimedLoadSummary]
     outputs: dict[str, MovedOutputSummary]
     energy: EnergySummary | None
@@ -111,7 +113,8 @@ class TransientAnswer(Answer):
         modes: How many these are.
         settled: Share of its way within which an output has settled.
         damped: Any damping is on.
-        energy: Its balance; None of a system without modes.
+        energy: Its balance; None of a system without modes, and under control.
+        motors: Locked, or under control.
     """
 
     curves: TransientCurves
@@ -127,6 +130,7 @@ class TransientAnswer(Answer):
     settled: float
     damped: bool
     energy: EnergyBalance | None
+    motors: Motors
     units: ClassVar[dict[str, str]] = {
         r"transient/.*/(outputs|loads|units)": "",
         r"transient/.*/times": "s",
@@ -150,6 +154,7 @@ class TransientAnswer(Answer):
             "modes": self.modes,
             "settled_within": self.settled,
             "damped": self.damped,
+            "motors": self.motors,
             "loads": {
                 name: {"acts_on": on, "shape": shape, "unit": unit, "largest": size}
                 for name, on, shape, unit, size in zip(

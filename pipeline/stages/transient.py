@@ -3,7 +3,7 @@ worth. Only rank 0 has anything to do.
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,12 +12,17 @@ from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.estimates import Estimate
 from headstock.pipeline.answers.transient import TRUNCATION, TransientAnswer, TransientCurves
 from headstock.pipeline.planning.plan import Stage
+from headstock.pipeline.stages.control import drive_machine
 from headstock.pipeline.stages.machine import damp_system, warn_of_no_damping
 from headstock.pipeline.stages.run_state import Outcome, PoseModel, RunState, Solved, pose_model
 from headstock.scene.requests import LOAD, TimedLoad, TransientRequest
-from headstock.solvers.errors import ModelError
+from headstock.solvers.control.drive_loops import close_loops
+from headstock.solvers.control.drive_trains import DriveTrain
+from headstock.solvers.control.stability import require_stable
+from headstock.solvers.errors import ModelError, UnstableControlError
 from headstock.solvers.linear.load_history import LoadHistory, SteppedLoads, step_loads
-from headstock.solvers.linear.modal_analysis import keep_lowest
+from headstock.solvers.linear.modal_analysis import ModalResult, keep_lowest, solve_modal
+from headstock.solvers.linear.modal_coordinates import has_symmetric_terms
 from headstock.solvers.linear.transient import (
     Motion,
     TransientFigures,
@@ -27,7 +32,7 @@ from headstock.solvers.linear.transient import (
     prepare_transient,
     read_response,
     rest_positions,
-    scale_frequencies,
+    soften_system,
     solve_transient,
 )
 from headstock.solvers.second_order import Channel, SecondOrderSystem, name_channel
@@ -60,7 +65,7 @@ def run_transient_stage(state: RunState, stage: Stage) -> Outcome:
     model = pose_model(state)
     try:
         solved = respond_in_time(model)
-    except ModelError as error:
+    except (ModelError, UnstableControlError) as error:
         return Outcome(
             detail="refused: see below",
             failures=(f"transient analysis in pose {model.pose.name}: {error}",),
@@ -72,6 +77,67 @@ def run_transient_stage(state: RunState, stage: Stage) -> Outcome:
     return Outcome(detail=detail, answers=(answer,), warnings=solved.warnings)
 
 
+@dataclass(frozen=True, eq=False)
+class _LoadedMachine:
+    """A machine in a pose with its damping and the loads of a request.
+
+    Attributes:
+        machine: In the pose; with motors let go under control.
+        system: Its equations of motion, with the loads and the momentum before the time zero as
+            inputs.
+        modes: All undamped modes of the system.
+        request: What is asked for.
+        trains: Its drives, whose loops are closed; None where motors are locked.
+    """
+
+    machine: PoseModel
+    system: SecondOrderSystem
+    modes: ModalResult
+    request: TransientRequest
+    trains: tuple[DriveTrain, ...] | None = None
+
+    @property
+    def near(self) -> ModalResult:
+        """The modes that vibrate."""
+        return keep_lowest(self.modes, up_to_hz=self.request.up_to_hz)
+
+    def prepare(self, up_to_hz: float | None) -> TransientModel:
+        """Ready for the loads, with modes up to a frequency; None for all."""
+        inputs = (*(_input_of(load) for load in self.request.loads), START)
+        outputs = self.request.outputs
+        if self.trains is None:
+            return prepare_transient(
+                self.system, inputs, outputs, up_to_hz=up_to_hz, modes=self.modes
+            )
+        loop = close_loops(
+            self.system, self.trains, inputs=inputs, outputs=outputs, up_to_hz=up_to_hz
+        )
+        return TransientModel(loop.between(inputs, outputs))
+
+    def widen(self, model: TransientModel) -> TransientModel:
+        """With modes beyond the range of a model: all, where nothing couples them or they are few."""
+        few = len(self.modes.frequencies_hz) <= MOST_COUPLED_MODES
+        every = few or model.space.pairs is not None
+        return self.prepare(None if every else BEYOND * self.request.up_to_hz)
+
+    def soften(self) -> tuple[dict[str, TransientModel], tuple[str, ...]]:
+        """Source of error to the machine with natural frequencies as low as this source leaves
+        possible, and what is not looked at. Meshes and reductions make frequencies too high.
+        """
+        near = self.near
+        estimates = self.machine.estimate_mode_errors(near)[near.rigid_count :]
+        frequencies = near.frequencies_hz[near.rigid_count :]
+        found: dict[str, TransientModel] = {}
+        for source in dict.fromkeys(source for error in estimates for source in error.shares):
+            sizes = np.array([error.shares.get(source) or 0.0 for error in estimates])
+            factors = 1.0 - np.minimum(sizes / frequencies, 0.5)
+            softer = soften_system(self.system, near, factors)
+            own = dataclasses.replace(self, system=softer, modes=solve_modal(softer))
+            found[source] = own.prepare(self.request.up_to_hz)
+        left_out = dict.fromkeys(words for error in estimates for words in error.left_out)
+        return found, tuple(left_out)
+
+
 def respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[TransientAnswer]:
     """Motion of a machine in a pose under loads over time, with the damping of its scene.
 
@@ -81,45 +147,41 @@ def respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[Transi
 
     Raises:
         ModelError: What is released acts on a motion that nothing holds.
+        UnstableControlError: A control loop is.
     """
-    scene = machine.parts.scene
-    request = scene.analyses.transient
+    request = machine.parts.scene.analyses.transient
     if request is None:
         raise ValueError("a transient analysis needs one in the scene")
-    bare = _add_inputs(machine, request)
-    system = damp_system(scene, bare, machine.all_modes)
-    inputs = [_input_of(load) for load in request.loads] + [START]
-
-    def prepare(up_to_hz: float | None) -> TransientModel:
-        return prepare_transient(
-            system, inputs, request.outputs, up_to_hz=up_to_hz, modes=machine.all_modes
-        )
-
+    warnings: list[str] = []
+    loaded = _load_machine(machine, request, warnings.append)
     histories = [load.history for load in request.loads]
     none = np.zeros(0)
     histories.append(LoadHistory(none, none, none, none, none, none))
     stepped = step_loads(histories, request.duration, request.sampling_hz)
-    model = prepare(request.up_to_hz)
+    model = loaded.prepare(request.up_to_hz)
     solution = _solve(model, request, histories, stepped)
     energy = find_energy(model, solution.motion)
     errors: tuple[Estimate, ...] = (Estimate(),) * len(request.outputs)
-    if judged and model.coordinates is not None:
-        wider = prepare(None if _has_few_modes(model) else BEYOND * request.up_to_hz)
-        others = [(TRUNCATION, _solve(wider, request, histories, stepped))]
-        softer, left_out = _soften(machine, model)
-        others += [
-            (source, _solve(other, request, histories, stepped)) for source, other in softer.items()
-        ]
-        errors = _compare_peaks(solution, others, left_out)
+    if judged and has_symmetric_terms(loaded.system):
+        softer, left_out = loaded.soften()
+        others = {TRUNCATION: loaded.widen(model)} | softer
+        errors = _compare_peaks(
+            solution,
+            [
+                (source, _solve(other, request, histories, stepped))
+                for source, other in others.items()
+            ],
+            left_out,
+        )
     values, _ = stepped.evaluate()
     sampled = stepped.sampled
     loads = np.concatenate([values[:, 0], values[-1:, 1]])[sampled][:, : len(request.loads)]
-    warnings = [*warn_of_no_damping(scene, bare)]
     if energy is not None and energy.error > UNBALANCED_ENERGY:
         warnings.append(
             f"transient analysis in pose {machine.pose.name}: {100.0 * energy.error:.2g} % of the energy are missing between samples at"
             f" {request.sampling_hz:g} Hz: the loads set off modes that are too fast for them; raise sampling or lower up_to"
         )
+    controlled = loaded.trains is not None
     answer = TransientAnswer(
         curves=TransientCurves(
             pose=machine.pose.name,
@@ -138,17 +200,50 @@ def respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[Transi
         duration=request.duration,
         sampling_hz=request.sampling_hz,
         up_to_hz=request.up_to_hz,
-        modes=len(model.space.a) // 2,
+        modes=len(loaded.near.frequencies_hz) if controlled else len(model.space.a) // 2,
         settled=request.settled,
-        damped=system.damping is not None or system.hysteretic is not None,
+        damped=controlled
+        or loaded.system.damping is not None
+        or loaded.system.hysteretic is not None,
         energy=energy,
+        motors=request.motors,
     )
     return Solved(answer, tuple(warnings))
 
 
-def _add_inputs(machine: PoseModel, request: TransientRequest) -> SecondOrderSystem:
-    """The system with the static loads that are named, and the momentum before the time zero, as
-    inputs.
+def _load_machine(
+    machine: PoseModel, request: TransientRequest, warn: Callable[[str], None]
+) -> _LoadedMachine:
+    """A machine under the loads of a request.
+
+    Raises:
+        UnstableControlError: A control loop is.
+    """
+    scene = machine.parts.scene
+    if request.motors == "controlled":
+        driven = drive_machine(machine, warn)
+        machine, trains = driven.released, driven.trains
+        poles = require_stable(driven.system, trains)
+        if poles.limit_hz < request.up_to_hz:
+            warn(
+                f"transient analysis in pose {machine.pose.name}: dead times of the drives are right up to {poles.limit_hz:.4g} Hz only, and modes"
+                f" up to {request.up_to_hz:.4g} Hz vibrate; lower up_to"
+            )
+        system = _add_inputs(driven.system, machine, request)
+        return _LoadedMachine(machine, system, driven.modes, request, trains)
+    for message in warn_of_no_damping(scene, machine.system):
+        warn(message)
+    system = damp_system(scene, machine.system, machine.all_modes)
+    return _LoadedMachine(
+        machine, _add_inputs(system, machine, request), machine.all_modes, request
+    )
+
+
+def _add_inputs(
+    system: SecondOrderSystem, machine: PoseModel, request: TransientRequest
+) -> SecondOrderSystem:
+    """The system of a machine with the static loads that are named, and the momentum before the time
+    zero, as inputs.
     """
     named = {
         _input_of(load): machine.loads[load.target]
@@ -156,8 +251,8 @@ def _add_inputs(machine: PoseModel, request: TransientRequest) -> SecondOrderSys
         if isinstance(load.target, str)
     }
     velocities = {name: np.array(speeds) for name, speeds in request.velocities.items()}
-    inputs = machine.system.inputs | named | {START: machine.momentum(velocities)}
-    return dataclasses.replace(machine.system, inputs=inputs)
+    inputs = system.inputs | named | {START: machine.momentum(velocities)}
+    return dataclasses.replace(system, inputs=inputs)
 
 
 def _input_of(load: TimedLoad) -> Channel:
@@ -199,40 +294,6 @@ def _leave_out_roundoff(
             else own
         )
     return tuple(found)
-
-
-def _has_few_modes(model: TransientModel) -> bool:
-    """Whether all modes together are no effort: nothing couples them, or they are few."""
-    every = model.every
-    return model.space.pairs is not None or (
-        every is not None and len(every.eigenvalues) <= MOST_COUPLED_MODES
-    )
-
-
-def _soften(
-    machine: PoseModel, model: TransientModel
-) -> tuple[dict[str, TransientModel], tuple[str, ...]]:
-    """Source of error to the model with natural frequencies as low as this source leaves possible,
-    and what is not looked at. Meshes and reductions make frequencies too high.
-    """
-    own = model.coordinates
-    count = 0 if own is None else len(own.eigenvalues) - own.rigid_count
-    if own is None or not count:
-        return {}, ()
-    near = keep_lowest(machine.all_modes, count=len(own.eigenvalues))
-    estimates = machine.estimate_mode_errors(near)[own.rigid_count :]
-    frequencies = near.frequencies_hz[own.rigid_count :]
-    found: dict[str, TransientModel] = {}
-    for source in dict.fromkeys(source for error in estimates for source in error.shares):
-        sizes = np.zeros(count)
-        for mode, error in enumerate(estimates[:count]):
-            sizes[mode] = error.shares.get(source) or 0.0
-        factors = 1.0 - np.minimum(sizes[: len(frequencies)] / frequencies[:count], 0.5)
-        padded = np.ones(count)
-        padded[: len(factors)] = factors
-        found[source] = scale_frequencies(model, padded)
-    left_out = dict.fromkeys(words for error in estimates for words in error.left_out)
-    return found, tuple(left_out)
 
 
 def _compare_peaks(

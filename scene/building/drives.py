@@ -283,15 +283,13 @@ def _check_cut(scene: SceneTable, path: PathTable, findings: Findings) -> None:
 
 
 def _check_analysis(scene: SceneTable, findings: Findings) -> None:
-    frf = scene.analyses.frf
+    frf, transient = scene.analyses.frf, scene.analyses.transient
     if frf is not None and frf.motors == "controlled":
-        if scene.effects.get(DRIVE_CONTROL, False) is False:
-            findings.add_for(
-                "frf",
-                ("analyses", "frf", "motors"),
-                "drives are not controlled; write [effects] drive_control = true",
-            )
+        _check_motors(scene, "frf", findings)
         _check_sampling(scene, frf.to, "frf", "to", findings)
+    if transient is not None and transient.motors == "controlled":
+        _check_motors(scene, "transient", findings)
+        _check_sampling(scene, transient.up_to, "transient", "up_to", findings)
     request = scene.analyses.control
     if request is None:
         return
@@ -302,6 +300,15 @@ def _check_analysis(scene: SceneTable, findings: Findings) -> None:
             "drives are not controlled; write [effects] drive_control = true",
         )
     _check_sampling(scene, request.up_to, "control", "up_to", findings)
+
+
+def _check_motors(scene: SceneTable, analysis: str, findings: Findings) -> None:
+    if scene.effects.get(DRIVE_CONTROL, False) is False:
+        findings.add_for(
+            analysis,
+            ("analyses", analysis, "motors"),
+            "drives are not controlled; write [effects] drive_control = true",
+        )
 
 
 def _check_sampling(

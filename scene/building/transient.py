@@ -76,6 +76,7 @@ def build_transient(
         up_to_hz=table.up_to,
         settled=table.settled,
         poses=tuple(table.poses or poses),
+        motors=table.motors,
     )
 
 

@@ -101,6 +101,7 @@ class TransientTable(RequestTable):
     sampling: PositiveFrequency | None = None
     settled: NotNegativeShare = 0.02
     outputs: Channels | None = None
+    motors: Literal["locked", "controlled"] = "locked"
     poses: Names | None = None
 
     @property

@@ -41,8 +41,8 @@ class TransientModel:
     """
 
     space: StateSpace
-    coordinates: ModalCoordinates | None
-    every: ModalCoordinates | None
+    coordinates: ModalCoordinates | None = None
+    every: ModalCoordinates | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +161,7 @@ def prepare_transient(
         ModelError: A channel is unknown.
     """
     if not has_symmetric_terms(system):
-        return TransientModel(to_state_space(system, inputs=inputs, outputs=outputs), None, None)
+        return TransientModel(to_state_space(system, inputs=inputs, outputs=outputs))
     modes = modes or solve_modal(system)
     damped = equivalent_viscous(system, modes)
     every = to_modal_coordinates(damped, inputs, outputs, modes)
@@ -173,26 +173,21 @@ def prepare_transient(
     return TransientModel(modal_state_space(kept, tuple(inputs), tuple(outputs)), kept, every)
 
 
-def scale_frequencies(model: TransientModel, factors: FloatArray) -> TransientModel:
-    """The same model with other natural frequencies, of the same damping ratios and shapes.
+def soften_system(
+    system: SecondOrderSystem, modes: ModalResult, factors: FloatArray
+) -> SecondOrderSystem:
+    """A symmetric system with other natural frequencies, of the same shapes and dampers.
 
     Args:
-        model: Of modes.
-        factors: ``(m,)`` of the elastic modes kept.
-
-    Raises:
-        ModelError: It has no modes.
+        system: Any.
+        modes: Its lowest undamped modes.
+        factors: ``(m,)`` of the first elastic ones.
     """
-    own = model.coordinates
-    if own is None:
-        raise ModelError("a system with unsymmetric terms has no natural modes to scale")
-    scale = np.concatenate([np.ones(own.rigid_count), factors])
-    viscous = None
-    if own.viscous is not None:
-        viscous = own.viscous * np.sqrt(np.outer(scale, scale))
-    moved = dataclasses.replace(own, eigenvalues=own.eigenvalues * scale**2, viscous=viscous)
-    space = modal_state_space(moved, model.space.inputs, model.space.outputs)
-    return TransientModel(space, moved, model.every)
+    moved = slice(modes.rigid_count, modes.rigid_count + len(factors))
+    pushed = system.mass @ modes.shapes[:, moved]
+    squares = (2.0 * np.pi * modes.frequencies_hz[moved]) ** 2
+    lost = (pushed * ((1.0 - factors**2) * squares)) @ pushed.T
+    return dataclasses.replace(system, stiffness=system.stiffness - lost)
 
 
 def find_equilibrium(space: StateSpace, loads: FloatArray) -> FloatArray | None:

@@ -36,6 +36,7 @@ from headstock.studies.answers import compare_answers
 
 ROOT = Path(__file__).resolve().parents[3]
 COLUMN = ROOT / "tests" / "data" / "segmented_column.toml"
+SLIDE = ROOT / "tests" / "data" / "slide.toml"
 ROD = """
 [materials.steel]
 E = "210 GPa"
@@ -179,6 +180,79 @@ def test_the_fourier_transform_of_an_impulse_response_is_the_frequency_response(
     peak = np.abs(expected).max()
     # what modes beyond 2 kHz add, and what sampling folds back, is far below the peak
     assert np.abs(transformed - expected).max() < 2e-3 * peak
+
+
+DRIVEN = """
+[drives.X]
+inertia = "2e-3 kg m^2"
+lead = "10 mm"
+kv = "40 1/s"
+velocity_gain = "4e4 N s/m"
+integral_time = "20 ms"
+sampling = "200 us"
+encoder = "ENCODER"
+[effects]
+drive_control = true
+damping = { modal = "3 %" }
+"""
+
+
+def driven_scene(folder: Path, transient: str, *, encoder: str = "motor", more: str = "") -> Scene:
+    text = SLIDE.read_text() + DRIVEN.replace("ENCODER", encoder)
+    request = f'[analyses.transient]\nmotors = "controlled"\nposes = ["left"]\n{transient}'
+    return write_scene(folder, text, request, more)
+
+
+def test_the_fourier_transform_of_an_impulse_response_under_control_is_the_frequency_response(
+    tmp_path: Path,
+) -> None:
+    """Dead times are exact in the frequency response and rational functions in time."""
+    scene = driven_scene(
+        tmp_path,
+        'duration = "1 s"\nup_to = "2 kHz"\nsampling = "20 kHz"\noutputs = [["tcp", "x"]]\n'
+        '[analyses.transient.loads]\nhit = { at = ["tcp", "x"], shape = "impulse", size = "1 N s" }',
+        more='[analyses.frf]\ninputs = [["tcp", "x"]]\nfrom = "5 Hz"\nto = "300 Hz"\npoints = 21\n'
+        'adaptive = false\nmotors = "controlled"\nposes = ["left"]\n',
+    )
+    results = run(scene, tmp_path)
+    (response,) = find_answers(results.answers, PoseResponse)
+    answer = answer_of(results)
+    phases = np.exp(-2j * np.pi * np.outer(response.curves.frequencies_hz, answer.curves.times))
+    transformed = phases @ answer.curves.displacements[:, 0] / 20e3
+    expected = response.curves.receptance[:, 0, 0]
+    assert np.abs(transformed - expected).max() < 2e-3 * np.abs(expected).max()
+    assert summarise(results)["transient"]["left"]["motors"] == "controlled"
+
+
+@pytest.mark.parametrize(("encoder", "held"), [("motor", False), ("scale", True)])
+def test_an_integrator_holds_what_it_sees_under_a_step(
+    tmp_path: Path, encoder: str, *, held: bool
+) -> None:
+    loads = '[analyses.transient.loads]\npush = { at = ["tcp", "x"], shape = "step", size = "1 N" }'
+    text = f'duration = "1 s"\nup_to = "500 Hz"\noutputs = [["slide.bottom", "x"]]\n{loads}'
+    scene = driven_scene(tmp_path, text, encoder=encoder)
+    (figures,) = answer_of(run(scene, tmp_path)).figures
+    locked = write_scene(
+        tmp_path,
+        SLIDE.read_text(),
+        f'[analyses.transient]\nposes = ["left"]\n{text}',
+        '[effects]\ndamping = { modal = "3 %" }\n',
+    )
+    (stiff,) = answer_of(run(locked, tmp_path)).figures
+    assert figures.final is not None and stiff.final is not None
+    # a motor encoder does not see the thread give way; a scale between bed and slide sees most of it
+    if held:
+        assert abs(figures.final) < 0.5 * stiff.final
+    else:
+        assert figures.final == pytest.approx(stiff.final, rel=1e-6)
+    assert figures.peak > stiff.peak
+
+
+def test_motors_under_control_need_the_effect(tmp_path: Path) -> None:
+    loads = 'loads.push = { at = ["tcp", "x"], shape = "step", size = "1 N" }'
+    text = f'[analyses.transient]\nmotors = "controlled"\nduration = "10 ms"\n{loads}'
+    with pytest.raises(SceneError, match=r"write \[effects\] drive_control = true"):
+        write_scene(tmp_path, SLIDE.read_text(), text)
 
 
 def test_a_segmented_machine_moves_as_direct_integration_says(tmp_path: Path) -> None:

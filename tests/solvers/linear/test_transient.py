@@ -23,6 +23,7 @@ from headstock.solvers.linear.load_history import (
     step_load,
     step_loads,
 )
+from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.transient import (
     Response,
     TransientFigures,
@@ -31,7 +32,7 @@ from headstock.solvers.linear.transient import (
     prepare_transient,
     read_response,
     rest_positions,
-    scale_frequencies,
+    soften_system,
     solve_transient,
 )
 from headstock.solvers.second_order import Channel, SecondOrderSystem
@@ -250,21 +251,19 @@ def test_modes_left_out_follow_at_once_so_that_a_step_ends_where_all_modes_end()
     assert ends[0][0] == pytest.approx(np.linalg.inv(system.stiffness)[0, 0], rel=1e-10)
 
 
-def test_a_softer_system_moves_further_and_later() -> None:
-    model = prepare_transient(oscillator(), [X], [X], up_to_hz=None)
-    softer = scale_frequencies(model, np.array([0.9]))
-    stiffness = STIFFNESS * 0.9**2
-    softened = dataclasses.replace(
-        oscillator(),
-        stiffness=np.array([[stiffness]]),
-        damping=np.array([[2.0 * ZETA * OMEGA * 0.9 * MASS]]),
-    )
-    expected = respond(softened, step_load(1.0)).sample()[1]
-    stepped = step_loads([step_load(1.0)], 0.1, 1000.0)
-    motion = solve_transient(softer.space, stepped, np.zeros(2))
-    assert np.allclose(
-        read_response(softer.space, motion).sample()[1], expected, rtol=1e-10, atol=1e-20
-    )
+def test_a_softer_oscillator_has_the_stiffness_of_its_frequency_and_the_same_damper() -> None:
+    softer = soften_system(oscillator(), solve_modal(oscillator()), np.array([0.9]))
+    assert softer.stiffness == pytest.approx(np.array([[0.81 * STIFFNESS]]), rel=1e-12)
+    assert softer.damping == oscillator().damping
+
+
+def test_a_softer_system_keeps_its_shapes_and_its_other_frequencies() -> None:
+    system = chain(8)
+    modes = solve_modal(system)
+    softer = solve_modal(soften_system(system, modes, np.array([0.99, 1.0, 0.97])))
+    factors = np.concatenate([[0.99, 1.0, 0.97], np.ones(5)])
+    np.testing.assert_allclose(softer.frequencies_hz, factors * modes.frequencies_hz, rtol=1e-10)
+    np.testing.assert_allclose(softer.shapes, modes.shapes, rtol=0.0, atol=1e-8)
 
 
 def test_a_step_on_a_free_body_has_no_rest_position_and_moves_it_evenly_faster() -> None:
