@@ -29,7 +29,7 @@ IN_TIME = (
     'duration="60 ms", up_to="500 Hz", outputs=[["tcp", "x"], ["tcp", "z"]], poses=["left"], motors="{motors}",'
     ' loads={{ hit={{ at=["tcp", "z"], shape="half_sine", size="100 N", time="4 ms" }} }}'
 )
-COARSE, FINE = "49 mm", "18 mm"
+COARSE, FINE = "49 mm", "16 mm"
 NEAR = 1.3  # what estimates are over true errors, beside the same with motors locked
 
 
