@@ -27,6 +27,8 @@ from headstock.scene.schema.types import JsonForm, QuantityPattern
 type Quantity = str | float | np.floating[Any]
 ROTATIONAL = {key for rule in KINDS.values() for key, dofs in rule.keys.items() if dofs[0] >= 3}
 
+DIGITS = range(12, 18)  # of a text: as few as are exactly the number
+
 
 @runtime_checkable
 class Tabled(Protocol):
@@ -84,9 +86,10 @@ def _write(hint: object, value: object, key: KeyPath) -> TomlValue:
 
 def _write_quantity(value: float, dimension: Dimension) -> str:
     """In the usual unit where that is exactly the same number, else in the SI unit."""
-    text = str(write_number(value, unit_of(dimension.example), 12))
-    if parse_quantity(text, dimension).value == value:
-        return text
+    for digits in DIGITS:
+        text = str(write_number(value, unit_of(dimension.example), digits))
+        if parse_quantity(text, dimension).value == value:
+            return text
     return f"{value!r} {dimension.unit}"
 
 

@@ -290,8 +290,8 @@ def _check_value(
     faults: _Faults,
 ) -> None:
     if key not in rule.keys:
-        known = ", ".join(rule.keys) or "none: it constrains everything"
-        faults.add(f"a {table.kind} has no {part} {key!r}; keys: {known}", part, key)
+        known = f"keys: {', '.join(rule.keys)}" if rule.keys else 'write kind = "spring"'
+        faults.add(f"a joint of kind {table.kind!r} has no {part} {key!r}; {known}", part, key)
         return
     if isinstance(value, str):
         return

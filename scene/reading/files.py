@@ -130,7 +130,9 @@ def resolve_file(folder: Path, text: str, suffixes: tuple[str, ...]) -> Path:
 
 def _read_text(path: Path, findings: Findings) -> str:
     if path.suffix.lower() != ".toml":
-        findings.add_line(None, "a scene file ends in .toml")
+        part = path.suffix.lower() in (".step", ".stp")
+        remedy = "; `headstock new FOLDER --part FILE` writes one around a part" if part else ""
+        findings.add_line(None, f"a scene file ends in .toml{remedy}")
         findings.raise_if_any()
     try:
         # non-blocking, so that a pipe put in place of the file cannot hang the reader

@@ -117,6 +117,10 @@ def test_a_noun_reads_in_si_units_and_compares_by_value() -> None:
     assert tube == hs.Tube(outer=0.06, inner="40 mm", length="1000 mm")
     assert tube != hs.Tube(outer=0.06, length="1000 mm")
     assert repr(tube) == "Tube(outer='60 mm', inner='40 mm', length='1 m')"
+    # numbers that are not round keep the usual unit, and their value to the last bit
+    third = hs.Tube(outer=0.1 / 3.0, length=1.0)
+    assert repr(third).startswith("Tube(outer='33.3333333333333")
+    assert eval(repr(third), {"Tube": hs.Tube}).outer == 0.1 / 3.0
     assert "material" in inspect.signature(hs.Component).parameters
     with pytest.raises(AttributeError, match=r"Tube.*'diameter'"):
         tube.diameter  # noqa: B018

@@ -214,7 +214,7 @@ def test_a_scene_says_once_what_it_leaves_to_the_catalogue(load: Load) -> None:
         ),
         ("screw_bearing_30", "guide_30", ("joints.drive.screw.bearing", "screw_bearing_30")),
         ("screw_bearing_30", "screw_bearing_31", ("joints.drive.screw.bearing", "screw_bearing_3")),
-        ("stiffness.lateral", "stiffness.latral", ("a linear_guide has no stiffness 'latral'",)),
+        ("stiffness.lateral", "stiffness.latral", ("'linear_guide' has no stiffness 'latral'",)),
     ],
 )
 def test_what_is_wrong_is_said_once_with_place_and_remedy(

@@ -95,6 +95,8 @@ def test_only_plain_utf8_is_read(tmp_path: Path, data: bytes, fragment: str) -> 
 def test_only_regular_toml_files_are_read(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match=r"ends in \.toml"):
         read(tmp_path / "scene.yaml")
+    with pytest.raises(SceneError, match=r"new FOLDER --part FILE"):
+        read(tmp_path / "part.STEP")
     with pytest.raises(SceneError, match="No such file"):
         read(tmp_path / "missing.toml")
     (tmp_path / "folder.toml").mkdir()
