@@ -15,6 +15,7 @@ from nbconvert import MarkdownExporter
 OUTSIDE = re.compile(r"\[([^\]]*)\]\(\.\./(?:\.\./)*([^)#]*)(#[^)]*)?\)")
 CELL_SECONDS = 600
 INLINE_CODE = re.compile(r"(?<=<code>)[^<\n]*(?=</code>)")
+BETWEEN_FOLDERS = re.compile(r"(?<=\w)/(?=\w)")
 ROW = re.compile(r"^\|.*$", re.MULTILINE)
 BEFORE_UNIT = re.compile(
     r"(?<=\d) (?=%|(?:\d{3}|[kMG]?Hz|[mkM]?N|[µmk]?m|m?s|[MG]B|kg|dofs|times)\b)"
@@ -53,7 +54,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
 def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """Names of files break after a slash where they break."""
-    return INLINE_CODE.sub(lambda found: found.group().replace("/", "/<wbr>"), html)
+    return INLINE_CODE.sub(lambda found: BETWEEN_FOLDERS.sub("/<wbr>", found.group()), html)
 
 
 def keep_units(row: re.Match[str]) -> str:
