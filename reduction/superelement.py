@@ -253,6 +253,11 @@ class Superelement:
     errors: ErrorEstimates = field(default_factory=ErrorEstimates)
     probes: dict[str, ProbeRows] = field(default_factory=dict)
 
+    def place_of(self, interface: str) -> FloatArray:
+        """``(3,)`` where an interface is, of a rail its middle, in the component frame [m]."""
+        rail = self.rails.get(interface)
+        return self.interface_maps[interface].frame.origin if rail is None else rail.center
+
     @property
     def node_size(self) -> int:
         """Number of dofs of the boundary nodes, 6 each."""

@@ -15,6 +15,7 @@ import scipy  # whose interpolation, a third of a second, is loaded where it is 
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.geometry.machine.drives import Drive
+from headstock.geometry.machine.joints import JointEnd
 from headstock.geometry.machine.machine import Machine
 from headstock.geometry.machine.tool_travel import find_tool_travel
 from headstock.geometry.mechanisms.closures import evaluate_kinematics
@@ -291,15 +292,18 @@ def _leg_motors(
             return turn @ moving, turn @ turning
 
         def output_rows(channel: Channel) -> FloatArray:
-            """Motion ``(n, d)`` at an output: of a point its tool's less its work's."""
-            point, dof = parts.scene.machine.points[channel[0]], DOF_NAMES.index(channel[1])
+            """Motion ``(n, d)`` at an output: of a point its tool's less its work's, or of an
+            interface.
+            """
+            point, dof = parts.scene.machine.points.get(channel[0]), DOF_NAMES.index(channel[1])
+            ends = [(JointEnd(*channel[0].split(".", 1)), 1.0)]
+            if point is not None:
+                ends = [(point.tool, 1.0), (point.work, -1.0)]
             total = np.zeros((len(times), 6, count))
-            for end, sign in ((point.tool, 1.0), (point.work, -1.0)):
+            for end, sign in ends:
                 if end.component in bodies and end.interface is not None:
-                    local = parts.superelements[end.component].interface_maps[end.interface]
-                    total += sign * np.concatenate(
-                        travel(end.component, local.frame.origin), axis=1
-                    )
+                    local = parts.superelements[end.component].place_of(end.interface)
+                    total += sign * np.concatenate(travel(end.component, local), axis=1)
             return np.asarray(total[:, dof])
 
         for number, (name, marker) in enumerate(bodies.items()):

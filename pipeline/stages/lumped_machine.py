@@ -69,8 +69,7 @@ class PlacedMechanism:
         return np.asarray(placement.origin + placement.rotation @ self._local(end))
 
     def _local(self, end: JointEnd) -> FloatArray:
-        interface_maps = self.superelements[end.component or ""].interface_maps
-        return interface_maps[end.interface or ""].frame.origin
+        return self.superelements[end.component or ""].place_of(end.interface or "")
 
 
 def build_compliant_mechanism(

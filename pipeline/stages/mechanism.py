@@ -9,6 +9,7 @@ import numpy as np
 
 from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray, Frame, rigid_map
 from headstock.geometry.machine.drives import Drive
+from headstock.geometry.machine.joints import JointEnd
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.mechanisms.exechon import LEGS, LENGTHS
 from headstock.geometry.mechanisms.tool_mechanism import solve_pose
@@ -79,11 +80,14 @@ class LumpedPose:
     @functools.cached_property
     def _bare_system(self) -> SecondOrderSystem:
         machine, placed = self.parts.scene.machine, self.placed
-        system = pose_system(
-            placed.model,
-            placed.motions,
-            {name: placed.motion_at(point.tool) for name, point in machine.points.items()},
-        )
+        ends = [
+            JointEnd(name, interface)
+            for name, body in placed.superelements.items()
+            for interface in (*body.interface_maps, *body.rails)
+        ]
+        channels = {str(end): placed.motion_at(end) for end in ends}
+        channels |= {name: placed.motion_at(point.tool) for name, point in machine.points.items()}
+        system = pose_system(placed.model, placed.motions, channels)
         rayleigh = machine.rayleigh
         if not rayleigh:
             return system

@@ -202,9 +202,7 @@ def locate_interface(layout: DofLayout, end: JointEnd) -> FloatArray:
     """Position ``(3,)`` of an interface in the machine frame [m]."""
     component, interface = _named_end(layout, end)
     superelement, placement = layout.superelements[component], layout.placements[component]
-    rail = superelement.rails.get(interface)
-    place = superelement.interface_maps[interface].frame.origin if rail is None else rail.center
-    return np.asarray(placement.origin + placement.rotation @ place)
+    return np.asarray(placement.origin + placement.rotation @ superelement.place_of(interface))
 
 
 def is_rail(layout: DofLayout, end: JointEnd) -> bool:

@@ -9,7 +9,7 @@ from headstock.geometry.mechanisms.tool_mechanism import TOOL_POINT
 from headstock.scene.building.analyses import build_channels
 from headstock.scene.building.axes import find_position_fault
 from headstock.scene.building.draft import Draft, check_channel, check_name
-from headstock.scene.building.drives import DRIVE_CONTROL, build_drives, build_path_cut
+from headstock.scene.building.drives import build_drives, build_path_cut
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import LENGTH
@@ -99,15 +99,6 @@ def _check_tool_path(scene: SceneTable, table: PathTable, findings: Findings) ->
                     (*KEY, end, axis),
                     f'{axis} is measured as {LENGTH.name}; write for example "{LENGTH.example}"',
                 )
-    why = (
-        "the lumped model knows points only"
-        if scene.is_lumped
-        else "under control the motions of points only are known"
-    )
-    if scene.is_lumped or scene.effects.get(DRIVE_CONTROL):
-        for index, (name, _) in enumerate(table.outputs or ()):
-            if name not in scene.points:
-                findings.add((*KEY, "outputs", index), f"{name} is no point, and {why}; name one")
 
 
 def check_path_carriages(scene: Scene, findings: Findings) -> None:

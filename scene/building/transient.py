@@ -101,8 +101,6 @@ def check_transient(draft: Draft, findings: Findings) -> None:
             KEY,
             'there is no point whose motion is wanted; write [points], or outputs = [["tcp", "z"]]',
         )
-    if draft.table.is_lumped:
-        _check_lumped(table, draft, findings)
 
 
 def _check_load(key: KeyPath, load: TimedLoadTable, draft: Draft, findings: Findings) -> None:
@@ -148,17 +146,6 @@ def _check_record(
             f"{100.0 * lost:.2g} % of its rms are faster than the samples of the analysis at"
             f" {table.samples_per_second:g} Hz and are left out; each sample has the mean around it",
         )
-
-
-def _check_lumped(table: TransientTable, draft: Draft, findings: Findings) -> None:
-    """Of a lumped mechanism points are known, relative to ground, and no other channels."""
-    channels = [((*KEY, "loads", name, "at"), load.at) for name, load in table.loads.items()]
-    channels += [((*KEY, "outputs", index), at) for index, at in enumerate(table.outputs or ())]
-    for key, channel in channels:
-        if channel is not None and channel[0] not in draft.table.points:
-            findings.add(
-                key, f"{channel[0]} is no point, and the lumped model knows points only; name one"
-            )
 
 
 def _build_history(load: TimedLoadTable, table: TransientTable, folder: Path) -> LoadHistory:
