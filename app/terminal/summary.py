@@ -382,7 +382,7 @@ def _mode_table(modes: ModesSummary) -> Table:
             cells.append(show_span(row.spread_hz))
         cells.append(row.name)
         if shared:
-            top = top_shares(row.energy_share, SHARES_SHOWN, SMALLEST_SHARE)
+            top = top_shares(merge_families(row.energy_share), SHARES_SHOWN, SMALLEST_SHARE)
             cells.append(", ".join(f"{name} {100 * share:.0f} %" for name, share in top))
         add_row(table, *cells)
     return table

@@ -205,6 +205,17 @@ def test_the_table_of_the_whole_compliance_has_a_row_per_load_and_units_in_its_h
     assert table.rows[3][0] == "1 N m about x"
 
 
+def test_energy_in_parts_alike_is_told_together(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "160")
+    summary = make_summary()
+    pads = {f"x_pad_{number}": 0.2 for number in range(1, 5)}
+    summary["modal"][0]["energy_share"] = [{"column": 0.15, "x_drive": 0.05} | pads] * 2
+    print_summary(summary, seconds=1.0, folder="out")
+    assert "x_pad_1..4 80 %, column 15 %, x_drive 5 %" in capsys.readouterr().out
+
+
 def test_what_one_part_alone_gives_is_no_budget(capsys: pytest.CaptureFixture[str]) -> None:
     summary = make_summary()
     print_summary(summary, seconds=1.0, folder="out")
