@@ -65,7 +65,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "building": {"reading", "schema", "expansion"},
     },
     "pipeline": {
-        "planning": set(),
+        "planning": {"storage"},
         "storage": set(),
         "answers": {"planning", "storage"},
         "results": {"planning", "storage", "answers"},

@@ -13,7 +13,7 @@ from headstock.geometry.parts.mass_properties import (
     closed_form_properties,
     solid_volume,
 )
-from headstock.geometry.parts.patches import FACE_DIRECTIONS
+from headstock.geometry.parts.patches import FACE_DIRECTIONS, PlanarSolid
 from headstock.geometry.parts.solid_checks import find_solid_faults
 from headstock.geometry.parts.solids import (
     Box,
@@ -207,7 +207,8 @@ def estimate_mesh(
         return MeshEstimate(
             _count_hex_cells(component, supports, loads)
             if component.mesh.cells == "hex"
-            else estimate_cells(component)
+            else estimate_cells(component),
+            volume=solid_volume(solid) if isinstance(solid, PlanarSolid | Tube) else None,
         )
     groups = patch_groups(component, supports, loads)
     imprinted = any(patch.shape != "whole" for patches in groups.values() for patch in patches)

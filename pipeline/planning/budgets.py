@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.parts.components import Component, MeshSettings, weigh_modes
+from headstock.geometry.parts.solids import Box
 from headstock.meshing.sizing import CELL_BUDGET
 from headstock.pipeline.planning.plan import Stage
 from headstock.solvers.milling.forces import MillingCut
@@ -70,12 +71,12 @@ STAGE_SECONDS = {
 }
 # at no dofs of the coupled machine, and per dof: three to nine bodies of 18 to 384 dofs, as above
 SECONDS_OF_DOFS = {
-    "couple": (0.01, 2.8e-4),
+    "couple": (0.006, 1e-4),
     "static": (0.004, 7e-5),
-    "modal": (0.02, 4e-4),
+    "modal": (0.005, 2.5e-4),
     "lobes": (0.25, 5e-4),
 }
-WRITE_START, SECONDS_PER_DRAWN_BODY = 0.04, 0.01
+WRITE_START, SECONDS_PER_DRAWN_BODY = 0.025, 0.002
 DOFS_OF_A_BODY = 6
 STEPS_PER_SECOND = 3e4  # of a contour of a lumped mechanism
 # of a machine of components in its modes: up to the number of its dofs from which more add no modes
@@ -260,9 +261,31 @@ def _guess_modes(component: Component, volume: float | None) -> int:
         * settings.modes_to_hz**3
         * weigh_modes(material.youngs_modulus, material.poisson_ratio, material.density)
     )
-    return int(
-        min(2.0 * bulk + 4.0, MOST_GUESSED_MODES if settings.modes is None else settings.modes)
+    found = max(2.0 * bulk, _count_plate_modes(component, settings.modes_to_hz)) + 4.0
+    return int(min(found, MOST_GUESSED_MODES if settings.modes is None else settings.modes))
+
+
+def _count_plate_modes(component: Component, up_to_hz: float) -> float:
+    """Natural frequencies of a box below a frequency as those of a plate as thick as its least side:
+    bending, and two families of waves in its plane, each as many as ``area k^2 / (4 pi)`` for many
+    of them; none of other shapes, whose sides are not known.
+
+    Source: Weyl's law in the plane; wave numbers ``k`` of the Kirchhoff plate, Cremer and Heckl
+    (1996), section 2.3.
+    """
+    solid, material = component.solid, component.material
+    if not isinstance(solid, Box):
+        return 0.0
+    thickness, width, length = sorted(solid.size)
+    speed = math.sqrt(material.youngs_modulus / material.density)
+    narrowing = 1.0 - material.poisson_ratio**2
+    omega = 2.0 * math.pi * up_to_hz
+    squares = (
+        math.sqrt(12.0 * narrowing) * omega / (speed * thickness),
+        narrowing * (omega / speed) ** 2,
+        2.0 * (1.0 + material.poisson_ratio) * (omega / speed) ** 2,
     )
+    return width * length / (4.0 * math.pi) * sum(squares)
 
 
 def check_cells(component: Component, cells: int, limit: int | None) -> None:

@@ -9,7 +9,7 @@ frequency (``FRF_MARGIN`` times that of a frequency response), else ``default_mo
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from typing import assert_never
 
 import numpy as np
@@ -41,6 +41,7 @@ from headstock.pipeline.planning.budgets import (
 from headstock.pipeline.planning.interfaces import find_glued_joints, has_choice
 from headstock.pipeline.planning.node_memory import check_memory, node_memory_bytes
 from headstock.pipeline.planning.plan import Plan, Stage
+from headstock.pipeline.storage.content_keys import superelement_key
 from headstock.reduction.components.solver_choice import (
     SolverChoice,
     choose_method,
@@ -109,6 +110,7 @@ def plan_scene(
     components: dict[str, Component] = {}
     stages: list[Stage] = []
     surveys: dict[str, MeshEstimate] = {}
+    equals: dict[Hashable, str] = {}  # what is reduced to the first component that needs it
     dofs = 0  # of the coupled machine
     supports, loads = tuple(scene.machine.supports.values()), tuple(scene.machine.loads.values())
     for name, component in scene.machine.components.items():
@@ -129,7 +131,9 @@ def plan_scene(
         if choice is not None and choice.method == "iterative":
             settings = dataclasses.replace(elastic.reduction, solver="iterative")
             elastic = components[name] = dataclasses.replace(elastic, reduction=settings)
-        stages += _component_stages(elastic, reason, scene, estimate, choice)
+        own = _component_stages(elastic, reason, scene, estimate, choice)
+        first = equals.setdefault(_reduction_key(elastic, scene), name)
+        stages += own if first == name else [_share_stage(stage, first) for stage in own]
         dofs += reduced_dofs(elastic, None if estimate is None else estimate.volume)
     poses = choose_poses(scene)
     for pose in poses.values():
@@ -391,6 +395,33 @@ def _fidelity(component: Component, scene: Scene) -> Fidelity:
 
 def _is_requested(pose: str, poses: tuple[str, ...]) -> bool:
     return not poses or pose in poses
+
+
+def _reduction_key(component: Component, scene: Scene) -> Hashable:
+    """The same of components that are reduced once for all of them; those that are not elastic take
+    no time and share nothing.
+    """
+    machine, name = scene.machine, component.name
+    if component.fidelity != "elastic" or isinstance(
+        component.solid, SuperelementFile | PointMass | MeshFile
+    ):
+        return name
+    key = superelement_key(
+        component,
+        [support for support in machine.supports.values() if support.component == name],
+        [load for load in machine.loads.values() if load.component == name],
+        [probe for probe in machine.probes.values() if probe.component == name],
+    )
+    return key, component.reduction
+
+
+def _share_stage(stage: Stage, first: str) -> Stage:
+    """A stage of a component that is equal to one before it, and takes what that one leaves in the
+    store.
+    """
+    return dataclasses.replace(
+        stage, reason=f"{stage.reason}; once for {first} and this one", estimated_seconds=0.0
+    )
 
 
 def _component_stages(
