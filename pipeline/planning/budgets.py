@@ -95,6 +95,11 @@ NONLINEAR_STEPS_PER_SECOND = 900.0
 BOTH_STEPS_PER_SECOND = 420.0
 # a lumped contour whose drives are under control takes so many times as long (1.2 to 1.5, as above)
 CONTROLLED_COST = 1.5
+# of a path: at no dofs of the coupled machine and per dof, for the poses on the way; per sample in its
+# modes, and with friction. The three-axis machine rigid (42), of finite elements (97) and segmented
+# (426), 800 to 48 000 samples, and the lumped Tripteor, on a busy core of a virtual AMD EPYC: within a half
+PATH_START, SECONDS_PER_PATH_DOF, LUMPED_PATH_START = 0.1, 2.2e-3, 4.6
+PATH_SAMPLES_PER_SECOND, RUBBING_SAMPLES_PER_SECOND = 4.5e4, 3.5e3
 POSES_PER_SECOND = 7e3  # of a map
 COUPLINGS_PER_SECOND = 60.0  # of a volumetric map
 MOST_GUESSED_MODES = 300
@@ -125,6 +130,18 @@ def contour_step_seconds(
     if nonlinear:
         moving = 1.0 / COUPLED_NONLINEAR_STEPS_PER_SECOND
     return moving + (SECONDS_PER_WAVY_TOOTH * count_teeth_in_cut(cut) if regenerative else 0.0)
+
+
+def path_seconds(samples: float, *, dofs: int | None, rubbing: bool) -> float:
+    """Processor time of a path [s].
+
+    Args:
+        samples: Of all its moves.
+        dofs: Of the coupled machine; None of a lumped mechanism.
+        rubbing: Guides of drives under control have friction.
+    """
+    start = LUMPED_PATH_START if dofs is None else PATH_START + SECONDS_PER_PATH_DOF * dofs
+    return start + samples / (RUBBING_SAMPLES_PER_SECOND if rubbing else PATH_SAMPLES_PER_SECOND)
 
 
 def count_teeth_in_cut(cut: MillingCut) -> float:

@@ -32,6 +32,7 @@ from headstock.pipeline.planning.budgets import (
     iterative_seconds,
     mesh_memory_mb,
     mesh_seconds,
+    path_seconds,
     pose_seconds,
     reduced_dofs,
     reduction_memory_mb,
@@ -168,8 +169,15 @@ def plan_scene(
         what = scene.analyses.contouring.describe() + _name_acting(scene)
         stages.append(Stage("contour", None, what, estimated_seconds=steps * per_step))
     if scene.analyses.path is not None:
-        what = scene.analyses.path.describe() + _name_acting(scene)
-        stages.append(Stage("path", None, what))
+        request = scene.analyses.path
+        lasting = sum(move.duration + request.residual_time for move in request.moves)
+        seconds = path_seconds(
+            lasting * request.sampling_hz,
+            dofs=None if scene.is_lumped else dofs,
+            rubbing=any(drive.friction is not None for drive in scene.drives.values()),
+        )
+        what = request.describe() + _name_acting(scene)
+        stages.append(Stage("path", None, what, estimated_seconds=seconds))
     if scene.analyses.volumetric is not None:
         count = math.prod(len(values) for _, values in scene.analyses.volumetric.axes)
         what = scene.analyses.volumetric.describe()

@@ -336,6 +336,21 @@ def test_a_contour_that_looks_back_or_repeats_its_steps_is_planned_for_longer() 
         assert 0.5 * taken < seconds < 1.5 * taken
 
 
+def test_a_path_is_planned_for_its_samples_its_dofs_and_its_friction() -> None:
+    """Processor seconds of the three-axis machine at two feeds, at a slow one, and with friction."""
+    scene = Path(__file__).parents[3] / "machines" / "three_axis.toml"
+    for variant, setting, taken in (
+        (None, 'analyses.path.feeds=["600 mm/min", "3000 mm/min"]', 0.74),
+        (None, 'analyses.path.feeds=["100 mm/min"]', 3.1),
+        ("controlled", "effects.friction=true", 7.1),
+    ):
+        loaded = load_scene(
+            scene, variant=variant, overrides=("analyses.path.on_request=false", setting)
+        )
+        stages = {stage.kind: stage.estimated_seconds for stage in plan_scene(loaded).stages}
+        assert 0.5 * taken < (stages["path"] or 0.0) < 1.5 * taken
+
+
 def test_contours_of_machines_of_few_and_many_bodies_are_planned_within_half_and_twice_what_they_took() -> (
     None
 ):
