@@ -34,8 +34,10 @@ from headstock.pipeline.contours.ways import (
     axes_way,
     find_screws,
     has_coriolis,
+    judge_turning,
     mechanism_way,
     place_machine,
+    place_model,
 )
 from headstock.pipeline.stages.run_state import RunState
 from headstock.scene.reading.forces import ForceRecord
@@ -61,6 +63,7 @@ from headstock.solvers.paths.varying_system import PlantChannels
 STEPS_PER_SWING = 20  # of the highest mode that is kept: with fewer its frequency is off
 RESIDUAL_REACH = 4.0  # frequency at which what is left out gives way, in highest modes kept
 RESIDUAL_DAMPING = 0.3
+TURNING_NODES = 101  # at which speeds of turning are looked at
 IDEAL = "motors follow their set points; no control loop is closed along a contour"
 OF_SCREWS = "motor torques are the forces of the screws times lead over 2 pi"
 
@@ -165,6 +168,14 @@ def run_coupled_contour(
     else:
         drives = controlled_drives(servo, motors.drives, history)
         assumed = drive_assumptions(motors.drives, friction)
+    nodes: FloatArray = np.asarray(np.linspace(0.0, end, TURNING_NODES), dtype=float)
+    turning = judge_turning(
+        state,
+        place_model(state)(rigid.pose_at(plan.cuts[0].middle)),
+        nodes,
+        path.at(nodes),
+        _tool_direction(state),
+    )
     return CoupledRun(
         times=times,
         gap=cut.tip + motion.tool_rest(cut.force) - gravity_deflection,
@@ -177,7 +188,7 @@ def run_coupled_contour(
         drives=drives,
         highest_hz=sampled.highest_hz,
         coriolis=has_coriolis(state),
-        assumed=assumed,
+        assumed=(*assumed, *turning),
         sampled=sampled,
     )
 

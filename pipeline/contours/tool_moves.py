@@ -21,6 +21,7 @@ from headstock.pipeline.contours.ways import (
     GRAVITY_LOAD,
     RigidWay,
     has_coriolis,
+    judge_turning,
     mechanism_way,
     place_machine,
     place_model,
@@ -214,6 +215,10 @@ def run_any_path_stage(state: RunState, stage: Stage) -> Outcome:
         return run_path_stage(state, stage)
     _judge_speeds(state, state.scene.mechanism, request)
     model = place_model(state)(request.path.pose_at(0.5 * request.path.length))
+    line, move = _lay_line(state, request), request.moves[-1]
+    middle = line.unit_travel(move.feed, 0.0).at(np.array([0.5 * request.path.length]))
+    for message in judge_turning(state, model, np.zeros(1), middle, line.direction):
+        state.warn(f"path analysis: {message}")
     system = damp_system(state.scene, model.system, model.all_modes)
     return answer_path(
         state,

@@ -26,6 +26,7 @@ from headstock.reduction.coupling.path_loads import (
     TurningBody,
     body_loads,
     body_travel,
+    bound_gyroscopic_shift,
     inertia_load,
     stack_modes,
     turn_with_bodies,
@@ -33,12 +34,13 @@ from headstock.reduction.coupling.path_loads import (
 from headstock.scene.scene import SceneMechanism
 from headstock.solvers.control.drive_trains import SCALE
 from headstock.solvers.milling.path_drives import move_markers
-from headstock.solvers.milling.tool_path import ToolPath
+from headstock.solvers.milling.tool_path import PathPoints, ToolPath
 from headstock.solvers.paths.varying_system import PosedModes
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 
 GRAVITY_LOAD: Channel = ("gravity", "load")
 FORCE = "force"
+LEAST_SHIFT = 1e-9  # of a natural frequency: roundoff, as of bodies that are rigid
 Amounts = Callable[[FloatArray], FloatArray]
 
 
@@ -263,6 +265,45 @@ def place_model(state: RunState) -> Callable[[Pose], PoseModel]:
         return CoupledPose(parts, pose, coupled)
 
     return build
+
+
+def judge_turning(
+    state: RunState,
+    model: PoseModel,
+    times: FloatArray,
+    points: PathPoints,
+    direction: FloatArray | None,
+) -> tuple[str, ...]:
+    """What is said of gyroscopic forces on the deformation of bodies that a mechanism turns, which
+    are not all there; nothing where bodies do not deform or speeds do not act.
+
+    Args:
+        state: Of the run.
+        model: The machine in a pose on the way.
+        times: ``(n,)`` [s].
+        points: The path of the tool then.
+        direction: ``(3,)`` of the tool, machine frame; None of axes.
+    """
+    mechanism = state.scene.mechanism
+    if mechanism is None or direction is None or model.coupled is None or not has_coriolis(state):
+        return ()
+    mounted = mechanism.mounted
+    moved = move_markers(mounted, times, points, direction)
+    turned = {
+        name: float(np.linalg.norm(moved.omega[:, place], axis=1).max())
+        for name, marker in mechanism.carries.items()
+        if name in state.parts.reduced
+        for place in [mounted.mechanism.markers.index(marker)]
+    }
+    share = bound_gyroscopic_shift(
+        _stack(model, model.system), _turning_bodies(model, tuple(turned)), tuple(turned.values())
+    )
+    if share < LEAST_SHIFT:
+        return ()
+    return (
+        f"gyroscopic forces on what deforms within bodies that turn (at {max(turned.values()):.2g} rad/s and less) count in part only; all of"
+        f" them would move natural frequencies by {100.0 * share:.1g} % at most",
+    )
 
 
 def _coupled(model: PoseModel) -> CoupledMachine:

@@ -177,6 +177,36 @@ def turn_with_bodies(posed: PosedModes, bodies: Sequence[TurningBody]) -> PosedM
     )
 
 
+def bound_gyroscopic_shift(
+    posed: PosedModes, bodies: Sequence[TurningBody], rates: Sequence[float]
+) -> float:
+    """How far gyroscopic forces on the deformation of bodies, of which ``turn_with_bodies`` has a part
+    only, can move a natural frequency, as a share of it; to first order in the speeds.
+
+    Two modes of equal frequency and unit mass that ``g`` couples are split by ``g / 2`` to both
+    sides, modes of different frequencies by less. Of a body that turns at ``omega``, ``g = 2 omega
+    int rho u_1 . (e x u_2)``; without that of its rigid motions alone it is at most ``2 omega (2
+    sqrt(r s) + s)``, of which ``r`` and ``s`` are the shares of kinetic energy in its rigid motion
+    and in its deformation.
+
+    Args:
+        posed: A machine in a pose, its modes of unit mass, in dofs that do not turn.
+        bodies: That turn.
+        rates: Speed of each [rad/s].
+    """
+    elastic = slice(posed.modes.rigid_count, None)
+    shifts = np.zeros(posed.motions.shape[1])
+    for body, rate in zip(bodies, rates, strict=True):
+        own, travel = posed.momenta[body.rows], body.travel
+        pulled = travel.T @ own
+        rigid = (pulled * np.linalg.solve(travel.T @ body.mass @ travel, pulled)).sum(axis=0)
+        whole = (posed.motions[body.rows] * own).sum(axis=0)
+        deforming = np.maximum(whole - rigid, 0.0)
+        shifts += rate * (2.0 * np.sqrt(rigid * deforming) + deforming)
+    omega = 2.0 * np.pi * posed.modes.frequencies_hz[elastic]
+    return float((shifts[elastic] / omega).max(initial=0.0))
+
+
 def find_rigid_travels(
     coupled: CoupledMachine,
     trains: Sequence[DriveTrain],

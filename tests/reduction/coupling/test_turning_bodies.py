@@ -4,10 +4,16 @@ import dataclasses
 import math
 
 import numpy as np
+import pytest
+import scipy
 from scipy.integrate import solve_ivp
 
 from headstock.geometry.frames import FloatArray, rotation_about
-from headstock.reduction.coupling.path_loads import TurningBody, turn_with_bodies
+from headstock.reduction.coupling.path_loads import (
+    TurningBody,
+    bound_gyroscopic_shift,
+    turn_with_bodies,
+)
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.paths.linear_motion import march_linear
 from headstock.solvers.paths.sampled_motion import follow_motion, sample_motion
@@ -88,3 +94,44 @@ def test_a_spinning_rotor_whirls_as_its_gyroscopic_equations_say() -> None:
     # terms with the square of the spin are left out: (0.03)^2 / 2 of an angle, over 38 rad
     assert np.abs(whirl(turns=True) - exact).max() < 2e-2 * size
     assert np.abs(whirl(turns=False) - exact).max() > 0.5 * size
+
+
+@pytest.mark.parametrize("lean", [1.0, 1.5])
+def test_a_chain_on_a_spinning_hub_is_split_no_further_than_the_bound_which_twins_reach(
+    lean: float,
+) -> None:
+    """Masses on springs along the axis of spin, as stiff across it in x as in y or stiffer there;
+    exact: their equations of motion in axes that turn.
+    """
+    count, kilograms, hub, spin = 4, 2.0, 1e10, 3.0
+    chain = 4e5 * (2.0 * np.eye(count) - np.eye(count, k=1) - np.eye(count, k=-1))
+    stiffness = np.kron(chain, np.diag([1.0, lean]))
+    mass = kilograms * np.eye(2 * count)
+    system = SecondOrderSystem(
+        mass, None, stiffness, {}, {}, tuple(f"q{k}" for k in range(2 * count))
+    )
+    modes = solve_modal(system)
+    # six dofs of the hub, which stands still, and two of each mass
+    whole = np.diag([hub] * 6 + [kilograms] * (2 * count))
+    motions = np.vstack([np.zeros((6, 2 * count)), modes.shapes])
+    heights = np.arange(1, count + 1)
+    travel = np.zeros((6 + 2 * count, 6))
+    travel[:6] = np.eye(6)
+    travel[6::2, 0] = travel[7::2, 1] = 1.0
+    travel[6::2, 4], travel[7::2, 3] = heights, -heights
+    body = TurningBody(
+        slice(0, len(whole)), travel, whole, np.eye(3), hub + kilograms * count, hub * np.eye(3)
+    )
+    bound = bound_gyroscopic_shift(
+        PosedModes(system, modes, motions, whole @ motions), [body], [spin]
+    )
+    turning = 2.0 * spin * kilograms * np.kron(np.eye(count), [[0.0, -1.0], [1.0, 0.0]])
+    softened = stiffness - spin**2 * mass
+    first_order = np.block(
+        [[np.zeros_like(mass), np.eye(2 * count)], [-softened / kilograms, -turning / kilograms]]
+    )
+    exact = np.sort(np.abs(scipy.linalg.eigvals(first_order).imag))[::2]
+    omega = 2.0 * np.pi * modes.frequencies_hz
+    shift = float((np.abs(exact - omega) / omega).max())
+    assert shift < bound
+    assert (bound < 1.001 * shift) == (lean == 1.0)
