@@ -83,13 +83,15 @@ STEPS_PER_SECOND = 3e4  # of a contour of a lumped mechanism
 # below the frequency up to which they are kept (elastic legs of the Tripteor up to 1 kHz, 41 modes), and
 # the share of a machine of hardly any; friction at the speeds of the motors; and what each tooth in the
 # cut adds that meets the waves of those before. A mill of three bodies (18 dofs), the three-axis machine
-# rigid (42) and segmented (384) and the Tripteor, blocks of 5 to 40 mm, on a busy core of a virtual AMD
-# EPYC: within a third
-COUPLED_STEPS_PER_SECOND = 6.6e3
-MANY_DOFS, FEW_SHARE = 150, 1.0 / 3.0
-COUPLED_NONLINEAR_STEPS_PER_SECOND = 2.3e3
-SECONDS_PER_WAVY_TOOTH = 1.1e-3
-# of a lumped one with waves of the teeth before, with the full equations, and with both; likewise
+# rigid (42), of elastic columns (110) and segmented (384) and the Tripteor, blocks of 5 to 200 mm, on a
+# core of a virtual AMD EPYC took 0.6 to 1.0 times as long; a core whose other thread is busy takes twice
+# as long
+COUPLED_STEPS_PER_SECOND = 1.2e4
+MANY_DOFS, FEW_SHARE = 250, 1.0 / 3.0
+COUPLED_NONLINEAR_STEPS_PER_SECOND = 7e3
+SECONDS_PER_WAVY_TOOTH = 5e-4
+# of a lumped one with waves of the teeth before, with the full equations, and with both; with the
+# other thread of the core busy
 REGENERATIVE_STEPS_PER_SECOND = 7e3
 NONLINEAR_STEPS_PER_SECOND = 900.0
 BOTH_STEPS_PER_SECOND = 420.0
