@@ -24,12 +24,12 @@ from headstock.validation.machines.model_estimate_cases import HOLD_OUT
 def test_a_machine_of_three_bodies_keeps_five_percent(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(model_choice_cases, "TRUE_ACCURACY", 0.01)
+    monkeypatch.setattr(model_choice_cases, "TRUE_SHARE", 0.5)
     monkeypatch.setattr(model_choice_cases, "MODES_TO", 1000.0)
-    monkeypatch.setattr(model_choice_cases, "HAND_MESHES", ())
+    monkeypatch.setattr(model_choice_cases, "HAND_MESHES", {})
     scene = load_drawn(42, tmp_path)
-    beside = measure_beside(scene, tmp_path)
-    found = measure_choice(42, scene, beside, tmp_path)
+    beside = measure_beside(scene, 0.05, tmp_path)
+    found = measure_choice(42, 0.05, scene, beside, tmp_path)
     assert found.asked == 0.05
     assert found.met and 0.005 < found.errors.max() < 0.05
     # what is simpler by hand is much further off
@@ -41,11 +41,15 @@ def test_a_machine_of_three_bodies_keeps_five_percent(
 
 def test_what_is_judged_are_numbers_beyond_what_was_asked_and_costs_beside_the_cheapest() -> None:
     kept = np.full(19, 0.01)
-    near = ChosenScene(50, 0.05, True, kept, 3.0, {"a": (0.02, 2.0), "b": (0.2, 0.1)})
-    far = ChosenScene(51, 0.05, True, np.array([0.2]), 9.0, {"a": (0.02, 2.0)})
-    refused = ChosenScene(49, 0.05, False, np.array([0.5]), 1.0, {})
-    beyond, dear = _judge(CASE, "machine", [near, far, refused])
-    assert beyond.value == pytest.approx(1.0 / 20.0) and "1 more were refused" in beyond.note
+    near = ChosenScene(50, 0.05, True, 0.01, kept, 3.0, {"a": (0.02, 2.0), "b": (0.2, 0.1)})
+    far = ChosenScene(51, 0.05, True, 0.01, np.array([0.2]), 9.0, {"a": (0.02, 2.0)})
+    refused = ChosenScene(49, 0.05, False, 0.01, np.array([0.5]), 1.0, {})
+    doubtful = ChosenScene(48, 0.05, True, 0.03, np.array([0.5]), 1.0, {})
+    beyond, dear = _judge(CASE, "machine", [near, far, refused, doubtful])
+    assert (
+        beyond.value == pytest.approx(1.0 / 20.0)
+        and "1 more were refused, 1 have no truth" in beyond.note
+    )
     assert dear.value == 0.5 and not dear.passed and "machine 51" in dear.note
 
 
