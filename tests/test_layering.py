@@ -45,7 +45,8 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "components": {"process", "elements", "files"},
     },
     "solvers": {
-        "elastic": set(),
+        "recovery": set(),
+        "elastic": {"recovery"},
         "linear": set(),
         "mechanisms": set(),
         "control": {"linear"},
@@ -100,7 +101,7 @@ ADAPTERS = {
     "gmsh": {"meshing/cad", "meshing/files"},
     "meshio": {"meshing/files"},
     "netCDF4": {"meshing/files"},
-    "basix": {"solvers/elastic"},
+    "basix": {"solvers/elastic", "solvers/recovery"},
     "dolfinx": {"solvers/elastic"},
     "ffcx": {"solvers/elastic"},
     "ufl": {"solvers/elastic"},

@@ -32,7 +32,7 @@ from headstock.meshing.sizing import (
     largest_extent,
     thinnest_feature,
 )
-from headstock.solvers.elastic.discretisation_error import STOUT
+from headstock.solvers.recovery.discretisation_error import STOUT
 
 # Just below the thickness: two hexes across, of which recovery sees the error of torsion (one hex
 # across: a quarter of it).

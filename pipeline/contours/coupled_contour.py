@@ -171,7 +171,7 @@ def run_coupled_contour(
     nodes: FloatArray = np.asarray(np.linspace(0.0, end, TURNING_NODES), dtype=float)
     turning = judge_turning(
         state,
-        place_model(state)(rigid.pose_at(plan.cuts[0].middle)),
+        lambda: place_model(state)(rigid.pose_at(plan.cuts[0].middle)),
         nodes,
         path.at(nodes),
         _tool_direction(state),

@@ -67,6 +67,7 @@ STEPS_PER_SWING = 24  # of the highest mode that is kept
 NODES = 65  # positions of the line between which the rigid motion is interpolated
 NODE_SPACING = 5e-3  # of its matrices in time: on ramps the place is no line in time [s]
 BEFORE = 2  # steps before the move begins: the first one is at rest
+MATTERS = 1e-3  # of a natural frequency: what moves it less is no warning
 TWICE = 2.0  # as high as modes are kept, to judge what is left out
 
 
@@ -217,7 +218,9 @@ def run_any_path_stage(state: RunState, stage: Stage) -> Outcome:
     model = place_model(state)(request.path.pose_at(0.5 * request.path.length))
     line, move = _lay_line(state, request), request.moves[-1]
     middle = line.unit_travel(move.feed, 0.0).at(np.array([0.5 * request.path.length]))
-    for message in judge_turning(state, model, np.zeros(1), middle, line.direction):
+    for message in judge_turning(
+        state, lambda: model, np.zeros(1), middle, line.direction, least=MATTERS
+    ):
         state.warn(f"path analysis: {message}")
     system = damp_system(state.scene, model.system, model.all_modes)
     return answer_path(

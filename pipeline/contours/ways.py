@@ -269,23 +269,29 @@ def place_model(state: RunState) -> Callable[[Pose], PoseModel]:
 
 def judge_turning(
     state: RunState,
-    model: PoseModel,
+    place: Callable[[], PoseModel],
     times: FloatArray,
     points: PathPoints,
     direction: FloatArray | None,
+    *,
+    least: float = LEAST_SHIFT,
 ) -> tuple[str, ...]:
     """What is said of gyroscopic forces on the deformation of bodies that a mechanism turns, which
     are not all there; nothing where bodies do not deform or speeds do not act.
 
     Args:
         state: Of the run.
-        model: The machine in a pose on the way.
+        place: Makes the machine in a pose on the way.
         times: ``(n,)`` [s].
         points: The path of the tool then.
         direction: ``(3,)`` of the tool, machine frame; None of axes.
+        least: Share of a natural frequency below which nothing is said.
     """
     mechanism = state.scene.mechanism
-    if mechanism is None or direction is None or model.coupled is None or not has_coriolis(state):
+    if mechanism is None or direction is None or not has_coriolis(state):
+        return ()
+    model = place()
+    if model.coupled is None:
         return ()
     mounted = mechanism.mounted
     moved = move_markers(mounted, times, points, direction)
@@ -298,7 +304,7 @@ def judge_turning(
     share = bound_gyroscopic_shift(
         _stack(model, model.system), _turning_bodies(model, tuple(turned)), tuple(turned.values())
     )
-    if share < LEAST_SHIFT:
+    if share < least:
         return ()
     return (
         f"gyroscopic forces on what deforms within bodies that turn (at {max(turned.values()):.2g} rad/s and less) count in part only; all of"

@@ -98,10 +98,14 @@ BOTH_STEPS_PER_SECOND = 420.0
 # a lumped contour whose drives are under control takes so many times as long (1.2 to 1.5, as above)
 CONTROLLED_COST = 1.5
 # of a path: at no dofs of the coupled machine and per dof, for the poses on the way; per sample in its
-# modes, and with friction. The three-axis machine rigid (42), of finite elements (97) and segmented
-# (426), 800 to 48 000 samples, and the lumped Tripteor, on a busy core of a virtual AMD EPYC: within a half
+# modes; with friction per move, whose ramps stick and slip, and per sample. The three-axis machine
+# rigid (42), of finite elements (97) and segmented (426), 4 500 to 600 000 samples, and the lumped
+# Tripteor, on a core of a virtual AMD EPYC: within a third
 PATH_START, SECONDS_PER_PATH_DOF, LUMPED_PATH_START = 0.1, 2.2e-3, 4.6
-PATH_SAMPLES_PER_SECOND, RUBBING_SAMPLES_PER_SECOND = 4.5e4, 3.5e3
+PATH_SAMPLES_PER_SECOND = 4.5e4
+SECONDS_PER_RUBBING_MOVE, RUBBING_SAMPLES_PER_SECOND = 1.5, 1.2e4
+# of its longest move, for one output and each further one; likewise, 4 500 to 1 200 000 samples
+PATH_MB, PATH_KB_PER_SAMPLE, PATH_KB_PER_OUTPUT, RUBBING_KB_PER_SAMPLE = 60.0, 0.82, 0.07, 2.3
 POSES_PER_SECOND = 7e3  # of a map
 COUPLINGS_PER_SECOND = 60.0  # of a volumetric map
 MOST_GUESSED_MODES = 300
@@ -134,16 +138,32 @@ def contour_step_seconds(
     return moving + (SECONDS_PER_WAVY_TOOTH * count_teeth_in_cut(cut) if regenerative else 0.0)
 
 
-def path_seconds(samples: float, *, dofs: int | None, rubbing: bool) -> float:
+def path_seconds(samples: Sequence[float], *, dofs: int | None, rubbing: bool) -> float:
     """Processor time of a path [s].
 
     Args:
-        samples: Of all its moves.
+        samples: Of each of its moves.
         dofs: Of the coupled machine; None of a lumped mechanism.
         rubbing: Guides of drives under control have friction.
     """
     start = LUMPED_PATH_START if dofs is None else PATH_START + SECONDS_PER_PATH_DOF * dofs
-    return start + samples / (RUBBING_SAMPLES_PER_SECOND if rubbing else PATH_SAMPLES_PER_SECOND)
+    if rubbing:
+        start += len(samples) * SECONDS_PER_RUBBING_MOVE
+    rate = RUBBING_SAMPLES_PER_SECOND if rubbing else PATH_SAMPLES_PER_SECOND
+    return start + sum(samples) / rate
+
+
+def path_memory_mb(samples: float, outputs: int, *, rubbing: bool) -> float:
+    """Peak memory of a path [MB].
+
+    Args:
+        samples: Of its longest move.
+        outputs: Where its deviation is wanted.
+        rubbing: Guides of drives under control have friction.
+    """
+    own = RUBBING_KB_PER_SAMPLE if rubbing else PATH_KB_PER_SAMPLE
+    kilobytes = own + PATH_KB_PER_OUTPUT * (outputs - 1)
+    return BASE_MB + PATH_MB + 1e-3 * kilobytes * samples
 
 
 def count_teeth_in_cut(cut: MillingCut) -> float:

@@ -81,7 +81,7 @@ def check_memory(
     """Refuse stages that would need more memory than the scene allows, or than a node has.
 
     Args:
-        stages: Of components.
+        stages: Of components, and a path.
         limit_bytes: ``limits.memory`` of the scene; None for what the node has.
         held: Where the ranks are; None for one rank on this machine.
         split_dofs: Larger components are split over all ranks.
@@ -98,11 +98,15 @@ def check_memory(
         if stage.estimated_memory_mb is not None and need_mb > limit_mb:
             whose = "this machine has" if limit_bytes is None else "limits.memory allows"
             where, remedy = "", "write a larger mesh size or keep fewer modes"
+            what = (
+                f" of component {stage.component!r} with about {stage.estimated_dofs or 0:.3g} dofs"
+            )
+            if stage.component is None:
+                what, remedy = "", "write a lower sampling or higher feeds"
             if held.ranks > 1:
                 how = "that share the component" if split else "of which one has the component"
                 where = f" on a node with {held.together} of {held.ranks} ranks, {how}"
                 remedy += ", or start fewer ranks on a node"
             raise BudgetError(
-                f"{stage.kind} of component {stage.component!r} with about {stage.estimated_dofs:.3g} dofs would need about"
-                f" {need_mb:.3g} MB{where}; {whose} {limit_mb:.3g} MB; {remedy}"
+                f"{stage.kind}{what} would need about {need_mb:.3g} MB{where}; {whose} {limit_mb:.3g} MB; {remedy}"
             )

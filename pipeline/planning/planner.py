@@ -32,6 +32,7 @@ from headstock.pipeline.planning.budgets import (
     iterative_seconds,
     mesh_memory_mb,
     mesh_seconds,
+    path_memory_mb,
     path_seconds,
     pose_seconds,
     reduced_dofs,
@@ -155,29 +156,7 @@ def plan_scene(
                 estimated_seconds=count / POSES_PER_SECOND,
             )
         )
-    if scene.analyses.contouring is not None:
-        steps = contour_steps(scene.analyses.contouring)
-        steps *= CONTROLLED_COST if scene.drives and scene.is_lumped else 1.0
-        contour = scene.analyses.contouring
-        per_step = contour_step_seconds(
-            contour.cut,
-            # the bodies of a mechanism turn on the way, whatever they bring
-            dofs=None if scene.is_lumped else max(dofs, MANY_DOFS if scene.mechanism else 0),
-            nonlinear=contour.model == "nonlinear",
-            regenerative=contour.regeneration and contour.cutting,
-        )
-        what = scene.analyses.contouring.describe() + _name_acting(scene)
-        stages.append(Stage("contour", None, what, estimated_seconds=steps * per_step))
-    if scene.analyses.path is not None:
-        request = scene.analyses.path
-        lasting = sum(move.duration + request.residual_time for move in request.moves)
-        seconds = path_seconds(
-            lasting * request.sampling_hz,
-            dofs=None if scene.is_lumped else dofs,
-            rubbing=any(drive.friction is not None for drive in scene.drives.values()),
-        )
-        what = request.describe() + _name_acting(scene)
-        stages.append(Stage("path", None, what, estimated_seconds=seconds))
+    stages += _way_stages(scene, dofs)
     if scene.analyses.volumetric is not None:
         count = math.prod(len(values) for _, values in scene.analyses.volumetric.axes)
         what = scene.analyses.volumetric.describe()
@@ -571,6 +550,41 @@ def _pose_stages(pose: Pose, scene: Scene) -> list[Stage]:
     transient = scene.analyses.transient
     if transient is not None and _is_requested(pose.name, transient.poses):
         stages.append(Stage("respond", None, transient.describe(), pose=pose.name))
+    return stages
+
+
+def _way_stages(scene: Scene, dofs: int) -> list[Stage]:
+    """Stages in which a machine of so many dofs goes its way."""
+    contour, path = scene.analyses.contouring, scene.analyses.path
+    stages: list[Stage] = []
+    if contour is not None:
+        steps = contour_steps(contour)
+        steps *= CONTROLLED_COST if scene.drives and scene.is_lumped else 1.0
+        per_step = contour_step_seconds(
+            contour.cut,
+            # the bodies of a mechanism turn on the way, whatever they bring
+            dofs=None if scene.is_lumped else max(dofs, MANY_DOFS if scene.mechanism else 0),
+            nonlinear=contour.model == "nonlinear",
+            regenerative=contour.regeneration and contour.cutting,
+        )
+        what = contour.describe() + _name_acting(scene)
+        stages.append(Stage("contour", None, what, estimated_seconds=steps * per_step))
+    if path is not None:
+        samples = [(move.duration + path.residual_time) * path.sampling_hz for move in path.moves]
+        rubbing = any(drive.friction is not None for drive in scene.drives.values())
+        stages.append(
+            Stage(
+                "path",
+                None,
+                path.describe() + _name_acting(scene),
+                estimated_memory_mb=path_memory_mb(
+                    max(samples), len(path.outputs), rubbing=rubbing
+                ),
+                estimated_seconds=path_seconds(
+                    samples, dofs=None if scene.is_lumped else dofs, rubbing=rubbing
+                ),
+            )
+        )
     return stages
 
 

@@ -21,7 +21,7 @@ from headstock.solvers.control.drive_trains import DriveTrain
 from headstock.solvers.control.stability import require_stable
 from headstock.solvers.errors import ModelError, UnstableControlError
 from headstock.solvers.linear.load_history import LoadHistory, SteppedLoads, step_loads
-from headstock.solvers.linear.modal_analysis import ModalResult, keep_lowest, solve_modal
+from headstock.solvers.linear.modal_analysis import ModalResult, keep_lowest
 from headstock.solvers.linear.modal_coordinates import has_symmetric_terms
 from headstock.solvers.linear.transient import (
     Motion,
@@ -101,17 +101,22 @@ class _LoadedMachine:
         """The modes that vibrate."""
         return keep_lowest(self.modes, up_to_hz=self.request.up_to_hz)
 
-    def prepare(self, up_to_hz: float | None) -> TransientModel:
-        """Ready for the loads, with modes up to a frequency; None for all."""
+    def prepare(
+        self, up_to_hz: float | None, softer: SecondOrderSystem | None = None
+    ) -> TransientModel:
+        """Ready for the loads, with modes up to a frequency; None for all.
+
+        Args:
+            up_to_hz: The frequency.
+            softer: A system in place of its own, of which the modes are not known yet.
+        """
+        system = softer or self.system
         inputs = (*(_input_of(load) for load in self.request.loads), START)
         outputs = self.request.outputs
         if self.trains is None:
-            return prepare_transient(
-                self.system, inputs, outputs, up_to_hz=up_to_hz, modes=self.modes
-            )
-        loop = close_loops(
-            self.system, self.trains, inputs=inputs, outputs=outputs, up_to_hz=up_to_hz
-        )
+            modes = self.modes if softer is None else None
+            return prepare_transient(system, inputs, outputs, up_to_hz=up_to_hz, modes=modes)
+        loop = close_loops(system, self.trains, inputs=inputs, outputs=outputs, up_to_hz=up_to_hz)
         return TransientModel(loop.between(inputs, outputs))
 
     def widen(self, model: TransientModel) -> TransientModel:
@@ -132,8 +137,7 @@ class _LoadedMachine:
             sizes = np.array([error.shares.get(source) or 0.0 for error in estimates])
             factors = 1.0 - np.minimum(sizes / frequencies, 0.5)
             softer = soften_system(self.system, near, factors)
-            own = dataclasses.replace(self, system=softer, modes=solve_modal(softer))
-            found[source] = own.prepare(self.request.up_to_hz)
+            found[source] = self.prepare(self.request.up_to_hz, softer)
         left_out = dict.fromkeys(words for error in estimates for words in error.left_out)
         return found, tuple(left_out)
 

@@ -36,7 +36,7 @@ from headstock.solvers.second_order import ComplexArray
 from headstock.solvers.stresses import largest_von_mises, pack_tensor, true_stresses
 
 # loaded only where volumes are requested: it needs the element library
-STRESS_MODULE = "headstock.solvers.elastic.patch_recovery"
+STRESS_MODULE = "headstock.solvers.recovery.patch_recovery"
 PLACES_AT_ONCE = 40_000
 # what complex amplitudes are written of, and their parts
 TRACED: tuple[Quantity, Quantity] = ("shape", "stress")

@@ -56,7 +56,11 @@ PACKAGES = (
 # what meshing and reducing a component import, and nothing else: a change in milling or control
 # keeps what is stored
 MESH_CODE = (headstock.geometry, headstock.meshing)
-REDUCTION_ROOMS = ((headstock.solvers, "elastic"), (headstock.reduction, "components"))
+REDUCTION_ROOMS = (
+    (headstock.solvers, "elastic"),
+    (headstock.solvers, "recovery"),
+    (headstock.reduction, "components"),
+)
 FILE_KEYS = [
     split_key(key)
     for key in (

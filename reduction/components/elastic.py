@@ -55,15 +55,15 @@ from headstock.reduction.requests import ReductionRequest, mode_target, needs_ma
 from headstock.reduction.superelement import ErrorEstimates, Recovery, StaticLoad, Superelement
 from headstock.reduction.superelement_checks import rigid_motions
 from headstock.solvers.elastic.constrained_solver import ConstrainedSolver
-from headstock.solvers.elastic.discretisation_error import (
-    estimate_cell_errors,
-    mesh_safety,
-    sees_errors,
-)
 from headstock.solvers.elastic.elasticity import ElasticOperators, assemble_elasticity
 from headstock.solvers.elastic.split_estimates import estimate_split_errors
 from headstock.solvers.errors import AccuracyError, ConvergenceError, ModelError
 from headstock.solvers.ranks import RowBlocks, SharedFailure, order_rows
+from headstock.solvers.recovery.discretisation_error import (
+    estimate_cell_errors,
+    mesh_safety,
+    sees_errors,
+)
 
 # Recovered stresses follow a singularity no better than those of the elements: over blocks, sheets,
 # plates and tubes cells at rigid faces showed 0.35 to 0.4 of the energy that they missed, those at

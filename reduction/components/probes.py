@@ -28,10 +28,10 @@ from headstock.meshing.elements.surface import (
 from headstock.reduction.components.nodal_loads import scatter_rows
 from headstock.reduction.superelement import ProbeLoad, ProbeRows
 from headstock.solvers.elastic.constrained_solver import ConstrainedSolver
-from headstock.solvers.elastic.discretisation_error import cut_neighbourhood, recover_at_nodes
 from headstock.solvers.elastic.elasticity import ElasticOperators
 from headstock.solvers.elastic.stress_recovery import PointRows, find_point_rows
 from headstock.solvers.errors import ModelError
+from headstock.solvers.recovery.discretisation_error import cut_neighbourhood, recover_at_nodes
 
 SEEN = 9  # displacement x y z, stress xx yy zz xy xz yz
 MOVED = 3

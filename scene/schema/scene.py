@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from headstock.scene.reading.units import ACCELERATION, RATE, TIME, show_value
+from headstock.scene.requests import Motors
 from headstock.scene.schema.axes import AxisTable, PointTable, PoseTable
 from headstock.scene.schema.chains import ChainTable
 from headstock.scene.schema.components import ComponentTable, MaterialTable, OrientationTable
@@ -59,7 +60,7 @@ class FrfTable(RequestTable):
     spacing: Literal["linear", "log"] = "linear"
     adaptive: Flag = True
     motion: Literal["receptance", "mobility", "accelerance"] = "receptance"
-    motors: Literal["locked", "controlled"] = "locked"
+    motors: Motors = "locked"
     fields_at: tuple[PositiveFrequency, ...] = ()
     poses: Names | None = None
 

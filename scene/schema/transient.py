@@ -6,6 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from headstock.scene.requests import Motors
 from headstock.scene.schema.types import (
     ChannelName,
     Name,
@@ -101,7 +102,7 @@ class TransientTable(RequestTable):
     sampling: PositiveFrequency | None = None
     settled: NotNegativeShare = 0.02
     outputs: Channels | None = None
-    motors: Literal["locked", "controlled"] = "locked"
+    motors: Motors = "locked"
     poses: Names | None = None
 
     @property

@@ -60,16 +60,10 @@ class ControlForces:
         that anchor motors.
         """
         motors = self.pushed.T
-        answers = np.stack(
-            [
-                path.feedback[:, None] * (path.kv * seen + 1j * omega[:, None] * motor)
-                - train.anchor * motor
-                for train, seen, motor in zip(self.trains, self.seen, motors, strict=True)
-                for path in [control_paths(train.control, omega)]
-            ],
-            axis=1,
+        anchors = np.array([train.anchor for train in self.trains])[:, None] * motors
+        return np.asarray(
+            self.pushed @ (_answer_motions(self.trains, omega, self.seen, motors) - anchors)
         )
-        return np.asarray(self.pushed @ answers)
 
 
 def control_forces(system: SecondOrderSystem, trains: Sequence[DriveTrain]) -> ControlForces:
@@ -99,20 +93,33 @@ class ClosedResponse:
         count = len(self.trains)
         open_response = take_off_anchors(self.free.form.evaluate(omega), self.trains)
         seen, motors, moved = np.split(open_response, [count, 2 * count], axis=1)
-        paths = [control_paths(train.control, omega) for train in self.trains]
-        answers = np.stack(
-            [
-                path.feedback[:, None] * (path.kv * seen[:, i] + 1j * omega[:, None] * motors[:, i])
-                for i, path in enumerate(paths)
-            ],
-            axis=1,
-        )
+        answers = _answer_motions(self.trains, omega, seen, motors)
         forces = np.linalg.solve(np.eye(count) + answers[..., :count], answers[..., count:])
         return np.asarray(moved[..., count:] - moved[..., :count] @ forces)
 
     def poles(self) -> ComplexArray:
         """Poles of the closed loops [rad/s]."""
         return self.found.poles
+
+
+def _answer_motions(
+    trains: Sequence[DriveTrain],
+    omega: FloatArray,
+    seen: FloatArray | ComplexArray,
+    motors: FloatArray | ComplexArray,
+) -> ComplexArray:
+    """Minus the forces ``(n_freq, n_drives, k)`` with which controllers answer motions.
+
+    Args:
+        trains: The drives.
+        omega: ``(n_freq,)`` angular frequencies.
+        seen: ``(n_drives, k)`` what controllers see, or ``(n_freq, n_drives, k)``.
+        motors: Motions of the motors likewise.
+    """
+    paths = [control_paths(train.control, omega) for train in trains]
+    feedback = np.stack([path.feedback for path in paths], axis=1)[..., None]
+    gains = np.array([path.kv for path in paths])[:, None]
+    return np.asarray(feedback * (gains * seen + 1j * omega[:, None, None] * motors))
 
 
 def prepare_closed_frf(

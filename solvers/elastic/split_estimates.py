@@ -12,15 +12,15 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Material
 from headstock.meshing.component_mesh import ComponentMesh, IntArray, SurfaceGaps
 from headstock.meshing.elements.topology import cell_family, cell_order
-from headstock.solvers.elastic.discretisation_error import (
+from headstock.solvers.elastic.elasticity import ElasticOperators
+from headstock.solvers.ranks import RowBlocks, sum_over_ranks
+from headstock.solvers.recovery.discretisation_error import (
     SAMPLE_DEGREES,
     MeshErrors,
     ShapeChange,
     estimate_mesh_errors,
 )
-from headstock.solvers.elastic.elasticity import ElasticOperators
-from headstock.solvers.elastic.patch_recovery import corner_patches, gauss_places
-from headstock.solvers.ranks import RowBlocks, sum_over_ranks
+from headstock.solvers.recovery.patch_recovery import corner_patches, gauss_places
 
 CELLS_TAG = 4714
 

@@ -37,12 +37,10 @@ class TransientModel:
     Attributes:
         space: Loads in, displacements out; the static compliance of modes left out is in ``d``.
         coordinates: The modes behind it; None of a system with unsymmetric terms.
-        every: All modes of the system; None without them.
     """
 
     space: StateSpace
     coordinates: ModalCoordinates | None = None
-    every: ModalCoordinates | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +168,7 @@ def prepare_transient(
     if every is None:
         raise ModelError("a damper acts on dofs that have neither mass nor stiffness")
     kept = every if up_to_hz is None else keep_modes(every, count_modes(every, up_to_hz))
-    return TransientModel(modal_state_space(kept, tuple(inputs), tuple(outputs)), kept, every)
+    return TransientModel(modal_state_space(kept, tuple(inputs), tuple(outputs)), kept)
 
 
 def soften_system(

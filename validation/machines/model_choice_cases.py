@@ -126,7 +126,7 @@ def _recall(seed: int, load: Callable[[int, Path], Scene]) -> ChosenScene:
             for name, parts in _tried_by_hand(scene)
         }
         asked = ASKED[seed % len(ASKED)]
-        beside_key = _key(text, repr(models), repr((TRUE_SHARE, asked)))
+        beside_key = _key(text, repr(models), repr((TRUE_SHARE, TRUE_MEMORY, asked)))
         beside = _keep(beside_key, ScenesBeside, lambda: measure_beside(scene, asked, folder))
         pipeline, own = code_fingerprint(headstock.pipeline), Path(__file__).read_text()
         return _keep(

@@ -337,18 +337,37 @@ def test_a_contour_that_looks_back_or_repeats_its_steps_is_planned_for_longer() 
 
 
 def test_a_path_is_planned_for_its_samples_its_dofs_and_its_friction() -> None:
-    """Processor seconds of the three-axis machine at two feeds, at a slow one, and with friction."""
+    """Processor seconds and megabytes of the three-axis machine."""
     scene = Path(__file__).parents[3] / "machines" / "three_axis.toml"
-    for variant, setting, taken in (
-        (None, 'analyses.path.feeds=["600 mm/min", "3000 mm/min"]', 0.74),
-        (None, 'analyses.path.feeds=["100 mm/min"]', 3.1),
-        ("controlled", "effects.friction=true", 7.1),
+    for variant, feeds, seconds, megabytes in (
+        (None, (600, 3000), 0.74, None),
+        (None, (100,), 3.2, 295.0),
+        (None, (20,), 14.7, 680.0),
+        ("controlled", (3000,), 2.3, 197.0),
+        ("controlled", (600,), 3.4, 226.0),
+        ("controlled", (600, 3000), 5.6, 226.0),
+        ("controlled", (100,), 11.6, 460.0),
     ):
-        loaded = load_scene(
-            scene, variant=variant, overrides=("analyses.path.on_request=false", setting)
-        )
-        stages = {stage.kind: stage.estimated_seconds for stage in plan_scene(loaded).stages}
-        assert 0.5 * taken < (stages["path"] or 0.0) < 1.5 * taken
+        wanted = ", ".join(f'"{feed} mm/min"' for feed in feeds)
+        settings = ["analyses.path.on_request=false", f"analyses.path.feeds=[{wanted}]"]
+        if variant is not None:
+            settings.append("effects.friction=true")
+        loaded = load_scene(scene, variant=variant, overrides=settings)
+        (stage,) = [each for each in plan_scene(loaded).stages if each.kind == "path"]
+        assert 0.67 * seconds < (stage.estimated_seconds or 0.0) < 1.5 * seconds
+        if megabytes is not None:
+            assert stage.estimated_memory_mb == pytest.approx(megabytes, rel=0.1)
+
+
+def test_a_path_that_is_too_long_for_the_memory_is_refused_with_its_remedy() -> None:
+    scene = Path(__file__).parents[3] / "machines" / "three_axis.toml"
+    settings = (
+        "analyses.path.on_request=false",
+        'analyses.path.feeds=["20 mm/min"]',
+        'limits.memory="600 MB"',
+    )
+    with pytest.raises(BudgetError, match=r"path would need about 68.* MB.*lower sampling"):
+        plan_scene(load_scene(scene, variant="R", overrides=settings))
 
 
 def test_contours_of_machines_of_few_and_many_bodies_are_planned_within_half_and_twice_what_they_took() -> (

@@ -30,7 +30,9 @@ IN_TIME = (
     ' loads={{ hit={{ at=["tcp", "z"], shape="half_sine", size="100 N", time="4 ms" }} }}'
 )
 COARSE, FINE = "49 mm", "16 mm"
-NEAR = 1.3  # what estimates are over true errors, beside the same with motors locked
+# times the true error, in the median: rims of feet and single hexahedra are judged safely
+MOST = 10.0
+NEAR = 1.1  # of that, beside the same with motors locked
 
 
 def respond(size: str, motors: str, folder: Path) -> tuple[PoseResponse, TransientAnswer]:
@@ -52,13 +54,12 @@ def respond(size: str, motors: str, folder: Path) -> tuple[PoseResponse, Transie
 
 
 def find_errors(coarse: PoseResponse, fine: PoseResponse) -> tuple[FloatArray, FloatArray]:
-    """Errors of a coarse mesh as estimated and as they are, each line and channel by itself; half
-    of what the fine one is itself in doubt of is taken off.
+    """Errors of a coarse mesh as estimated, and as far as a fine one tells them, each line and
+    channel by itself.
     """
-    error, doubt = coarse.curves.error, fine.curves.error
-    assert error is not None and doubt is not None and np.isfinite(error).all()
-    moved = np.abs(coarse.curves.receptance - fine.curves.receptance)
-    return error, np.asarray(np.maximum(moved - 0.5 * doubt, 0.0))
+    error = coarse.curves.error
+    assert error is not None and np.isfinite(error).all()
+    return error, np.abs(coarse.curves.receptance - fine.curves.receptance)
 
 
 @pytest.mark.fem
@@ -78,7 +79,9 @@ def test_the_error_of_a_mesh_is_covered_while_loops_are_closed(tmp_path: Path) -
         estimated, true = find_errors(coarse, fine)
         assert (true <= estimated).mean() > 0.95
         seen = true > 1e-3 * np.abs(fine.curves.receptance).max(axis=(1, 2), keepdims=True)
+        assert seen.sum() > 200  # the others are at rest by symmetry, or nearly
         ratios.append(float(np.median(estimated[seen] / true[seen])))
+        assert 1.0 < ratios[-1] < MOST
         for point, better_point in zip(coarse.figures, fine.figures, strict=True):
             assert (
                 point.most_negative_real is not None and better_point.most_negative_real is not None

@@ -224,10 +224,8 @@ def test_the_fourier_transform_of_an_impulse_response_under_control_is_the_frequ
     assert summarise(results)["transient"]["left"]["motors"] == "controlled"
 
 
-@pytest.mark.parametrize(("encoder", "held"), [("motor", False), ("scale", True)])
-def test_an_integrator_holds_what_it_sees_under_a_step(
-    tmp_path: Path, encoder: str, *, held: bool
-) -> None:
+@pytest.mark.parametrize("encoder", ["motor", "scale"])
+def test_an_integrator_holds_what_it_sees_under_a_step(tmp_path: Path, encoder: str) -> None:
     loads = '[analyses.transient.loads]\npush = { at = ["tcp", "x"], shape = "step", size = "1 N" }'
     text = f'duration = "1 s"\nup_to = "500 Hz"\noutputs = [["slide.bottom", "x"]]\n{loads}'
     scene = driven_scene(tmp_path, text, encoder=encoder)
@@ -241,7 +239,7 @@ def test_an_integrator_holds_what_it_sees_under_a_step(
     (stiff,) = answer_of(run(locked, tmp_path)).figures
     assert figures.final is not None and stiff.final is not None
     # a motor encoder does not see the thread give way; a scale between bed and slide sees most of it
-    if held:
+    if encoder == "scale":
         assert abs(figures.final) < 0.5 * stiff.final
     else:
         assert figures.final == pytest.approx(stiff.final, rel=1e-6)
@@ -253,6 +251,21 @@ def test_motors_under_control_need_the_effect(tmp_path: Path) -> None:
     text = f'[analyses.transient]\nmotors = "controlled"\nduration = "10 ms"\n{loads}'
     with pytest.raises(SceneError, match=r"write \[effects\] drive_control = true"):
         write_scene(tmp_path, SLIDE.read_text(), text)
+
+
+def test_friction_that_a_transient_leaves_out_is_said(tmp_path: Path) -> None:
+    loads = 'loads.push = { at = ["tcp", "x"], shape = "step", size = "1 N" }'
+    rubbing = DRIVEN.replace("ENCODER", "motor").replace(
+        "drive_control = true", "drive_control = true\nfriction = true"
+    )
+    rubbing = rubbing.replace("[effects]", 'friction = { coulomb = "20 N" }\n[effects]')
+    path = '[analyses.path]\nfrom = { X = "0 mm" }\nto = { X = "100 mm" }\nfeeds = ["1 m/min"]\ntime_constant = "50 ms"'
+    warned = []
+    for motors in ("locked", "controlled"):
+        text = f'[analyses.transient]\nmotors = "{motors}"\nduration = "10 ms"\n{loads}'
+        scene = write_scene(tmp_path, SLIDE.read_text() + rubbing, text, path)
+        warned.append(any("friction does not act" in words for words in scene.warnings))
+    assert warned == [False, True]
 
 
 def test_a_segmented_machine_moves_as_direct_integration_says(tmp_path: Path) -> None:

@@ -32,14 +32,14 @@ from headstock.reduction.estimates.mesh_errors import (
 )
 from headstock.reduction.motions.compliance_budget import point_budget
 from headstock.reduction.requests import ReductionRequest
-from headstock.solvers.elastic.discretisation_error import (
+from headstock.solvers.elastic.eigenpairs import ModeTarget
+from headstock.solvers.linear.modal_analysis import solve_modal
+from headstock.solvers.recovery.discretisation_error import (
     SAFETY,
     SINGLE_SAFETY,
     mesh_safety,
     sees_errors,
 )
-from headstock.solvers.elastic.eigenpairs import ModeTarget
-from headstock.solvers.linear.modal_analysis import solve_modal
 
 OUTER, INNER, LENGTH = 0.1, 0.06, 0.2
 LIMP = Material("limp", 200e9, 0.0, 7800.0)  # no lateral contraction: the closed form is exact

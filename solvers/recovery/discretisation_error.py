@@ -22,7 +22,7 @@ from headstock.meshing.elements.topology import (
     cell_order,
     shape_functions,
 )
-from headstock.solvers.elastic.patch_recovery import (
+from headstock.solvers.recovery.patch_recovery import (
     BLOCK_VALUES,
     COMPONENTS,
     StressArray,

@@ -8,11 +8,11 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Material
 from headstock.meshing.component_mesh import CellKind, ComponentMesh
 from headstock.meshing.elements.topology import shape_functions, shape_gradients
-from headstock.solvers.elastic.discretisation_error import (
+from headstock.solvers.recovery.discretisation_error import (
     estimate_cell_errors,
     estimate_mesh_errors,
 )
-from headstock.solvers.elastic.patch_recovery import gauss_places
+from headstock.solvers.recovery.patch_recovery import gauss_places
 
 SIZE = (0.2, 0.3, 0.5)
 ORDERS = {"tet4": 1, "hex8": 1, "tet10": 2, "hex27": 2}
