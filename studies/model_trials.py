@@ -16,7 +16,7 @@ ModelKind = Literal["elasticity", "interfaces", "modes", "mesh", "pose", "severa
 MODEL_KINDS: tuple[ModelKind, ...] = ("elasticity", "interfaces", "modes", "mesh", "pose")
 # what is tried leaves something out of what is written, adds to it, or is neither
 Sense = Literal["simpler", "richer", "other"]
-FINER = 0.7  # times the mesh size: nearly three times the elements
+FINER = 0.7  # times the mesh size: nearly three times the elements; coarser is one over it
 SHAPES = 12  # deformation shapes of a flexible interface
 RICHNESS: tuple[Fidelity, ...] = ("rigid", "segmented", "polynomial", "elastic")
 # fields of components that are tried together
@@ -89,7 +89,7 @@ def list_model_trials(
             if part.fidelity == "elastic":
                 found += _vary_interfaces(part, names)
                 found += _vary_modes(part, plan.components[part.name], names)
-                found += _refine_mesh(part, names) if "mesh" in kinds else []
+                found += _vary_mesh(part, names) if "mesh" in kinds else []
     found += _vary_pose(scene)
     return [trial for trial in found if trial.kind in kinds]
 
@@ -152,14 +152,14 @@ def _vary_interfaces(part: Component, names: tuple[str, ...]) -> Iterator[ModelT
             yield ModelTrial(
                 "interfaces",
                 names,
-                " and ".join(dict.fromkeys(words.values())),
+                " and ".join(dict.fromkeys(words[name] for name in others)),
                 kind,
                 tuple(
                     setting
                     for name in others
                     for setting in _set(names, f"interfaces.{name}.coupling", value)
                 ),
-                _compare_kinds(words.values(), kind),
+                _compare_kinds([words[name] for name in others], kind),
             )
 
 
@@ -196,18 +196,22 @@ def _vary_modes(
         yield ModelTrial("modes", names, written, tried, settings, richer)
 
 
-def _refine_mesh(part: Component, names: tuple[str, ...]) -> Iterator[ModelTrial]:
+def _vary_mesh(part: Component, names: tuple[str, ...]) -> Iterator[ModelTrial]:
+    """One step coarser and one step finer; elements at rims follow."""
     if isinstance(part.solid, MeshFile):
         return
-    size = part.mesh.size or automatic_size(part)
-    finer = float(f"{FINER * size:.3g}")
-    settings = _set(names, "mesh.size", f'"{1e3 * finer:g} mm"')
-    if part.mesh.rim_size is not None:
-        rim = float(f"{FINER * part.mesh.rim_size:.3g}")
-        settings += _set(names, "mesh.rim_size", f'"{1e3 * rim:g} mm"')
-    yield ModelTrial(
-        "mesh", names, f"{1e3 * size:.3g} mm", f"{1e3 * finer:g} mm", settings, "richer"
-    )
+    size, rim = part.mesh.size or automatic_size(part), part.mesh.rim_size
+    steps: tuple[tuple[float, Sense], ...] = ((1.0 / FINER, "simpler"), (FINER, "richer"))
+    for factor, sense in steps:
+        other = _in_mm(factor * size)
+        settings = _set(names, "mesh.size", f'"{other}"')
+        if rim is not None:
+            settings += _set(names, "mesh.rim_size", f'"{_in_mm(factor * rim)}"')
+        yield ModelTrial("mesh", names, _in_mm(size), other, settings, sense)
+
+
+def _in_mm(size: float) -> str:
+    return f"{float(f'{1e3 * size:.3g}'):g} mm"
 
 
 def _vary_pose(scene: Scene) -> Iterator[ModelTrial]:

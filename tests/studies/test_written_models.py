@@ -1,0 +1,186 @@
+"""Meshes, interfaces and poses that may be dropped are written as a variant that runs and moves what
+was said; those that matter stay.
+"""
+
+import json
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from headstock.app.command_line import main
+from headstock.studies.answers import compare_answers
+
+pytestmark = pytest.mark.fem
+
+DATA = Path(__file__).resolve().parents[1] / "data"
+# a stiff block on soft springs, whose mesh matters little, and a column of few linear elements,
+# whose mesh matters much
+COLUMN = """
+name = "Column on a block"
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.block]
+solid = { box = ["300 mm", "300 mm", "150 mm"] }
+material = "steel"
+at = ["0 mm", "0 mm", "-150 mm"]
+fidelity = "elastic"
+mesh = { size = "50 mm", cells = "hex" }
+[components.block.interfaces]
+bottom = { face = "z-", coupling = "average" }
+top = { face = "z+", coupling = "average" }
+[components.column]
+solid = { box = ["40 mm", "60 mm", "400 mm"] }
+material = "steel"
+fidelity = "elastic"
+mesh = { size = "50 mm", cells = "hex", order = 1 }
+interfaces = { foot = { face = "z-" }, tip = { face = "z+", coupling = "average" } }
+[joints.feet]
+between = ["block.bottom", "ground"]
+kind = "spring"
+stiffness = { x = "10 N/um", y = "10 N/um", z = "10 N/um", rx = "1 MN m/rad", ry = "1 MN m/rad", rz = "1 MN m/rad" }
+[joints.bolts]
+between = ["block.top", "column.foot"]
+kind = "rigid"
+[points]
+tcp = { tool = "column.tip", work = "ground" }
+[analyses.modal]
+count = 8
+"""
+# the seam of two halves is as flexible as the plate; a block on soft springs needs no shapes at its
+# foot
+PLATE = """
+name = "A plate of two halves on a block"
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.block]
+solid = { box = ["200 mm", "200 mm", "150 mm"] }
+material = "steel"
+at = ["-100 mm", "0 mm", "0 mm"]
+fidelity = "elastic"
+mesh = { size = "33 mm", cells = "hex" }
+interfaces = { foot = { face = "x-", coupling = { flexible = 60 } }, front = { face = "x+", rect = { size = ["200 mm", "20 mm"] } } }
+[components.left]
+solid = { box = ["200 mm", "200 mm", "20 mm"] }
+material = "steel"
+at = ["100 mm", "0 mm", "65 mm"]
+fidelity = "elastic"
+mesh = { size = "50 mm", cells = "hex" }
+interfaces = { seam = { face = "x+", coupling = { flexible = 12 } }, end = { face = "x-" } }
+[components.right]
+solid = { box = ["200 mm", "200 mm", "20 mm"] }
+material = "steel"
+at = ["300 mm", "0 mm", "65 mm"]
+fidelity = "elastic"
+mesh = { size = "50 mm", cells = "hex" }
+interfaces = { seam = { face = "x-", coupling = { flexible = 12 } }, end = { face = "x+" } }
+[joints.feet]
+between = ["block.foot", "ground"]
+kind = "spring"
+stiffness = { x = "10 N/um", y = "10 N/um", z = "10 N/um", rx = "1 MN m/rad", ry = "1 MN m/rad", rz = "1 MN m/rad" }
+[joints.weld]
+between = ["left.end", "block.front"]
+kind = "rigid"
+[joints.glue]
+between = ["left.seam", "right.seam"]
+kind = "rigid"
+[points]
+tcp = { tool = "right.end", work = "ground" }
+[analyses.modal]
+count = 8
+"""
+PATH = """
+[effects]
+damping = { modal = "2 %" }
+[analyses.path]
+from = { X = "FROM" }
+to = { X = "TO" }
+feeds = ["FEED"]
+time_constant = "100 ms"
+lowpass = "300 Hz"
+"""
+
+
+def slide(start: str, end: str, feed: str) -> str:
+    move = PATH.replace("FROM", start).replace("TO", end).replace("FEED", feed)
+    return (DATA / "slide.toml").read_text() + move
+
+
+SLOW, FAST = slide("0 mm", "0.1 mm", "10 mm/min"), slide("-100 mm", "150 mm", "12 m/min")
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "dropped", "kept"),
+    [
+        (SLOW, "pose", {"analyses.path.pose_model": "frozen"}, {}),
+        pytest.param(
+            COLUMN,
+            "mesh",
+            {"components.block.mesh.size": "71.4 mm"},
+            {"column": "keep"},
+            marks=pytest.mark.trials,
+        ),
+        pytest.param(
+            PLATE,
+            "interfaces",
+            {"components.block.interfaces.foot.coupling": "rigid"},
+            {"left": "keep", "right": "keep"},
+            marks=pytest.mark.trials,
+        ),
+    ],
+    ids=["pose", "mesh", "interfaces"],
+)
+def test_what_is_written_checks_runs_and_moves_what_was_said(
+    text: str,
+    kind: str,
+    dropped: dict[str, str],
+    kept: dict[str, str],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
+    path, told = tmp_path / "scene.toml", tmp_path / "effects.json"
+    path.write_text(text)
+    assert main(["effects", str(path), "--only", kind, "--write", "--json", str(told)]) == 0
+    capsys.readouterr()
+    target = tmp_path / "scene_good_enough.toml"
+    assert tomllib.loads(target.read_text())["variants"]["good_enough"] == dropped
+    findings = json.loads(told.read_text())["models"]
+    simpler = {
+        each["bodies"][0]: each["action"]
+        for each in findings
+        if each["bodies"] and each["action"] in ("keep", "drop")
+    }
+    assert kept.items() <= simpler.items()
+    (said,) = [
+        each
+        for each in findings
+        if each["settings"] == [f"{key}={json.dumps(value)}" for key, value in dropped.items()]
+    ]
+    assert said["action"] == "drop" and said["worth"] > 0.0
+    variant = ["--variant", "good_enough"]
+    assert main(["check", str(target), *variant]) == 0
+    summaries = []
+    for number, chosen in enumerate((variant, [])):
+        folder = tmp_path / str(number)
+        assert main(["run", str(target), *chosen, "-o", str(folder), "--no-figures"]) == 0
+        summaries.append(json.loads((folder / "summary.json").read_text()))
+    moved = max(change.share for change in compare_answers(*summaries))
+    assert moved == pytest.approx(said["worth"], rel=1e-3, abs=1e-9)
+
+
+def test_a_pose_that_matters_stays(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
+    path = tmp_path / "scene.toml"
+    path.write_text(FAST)
+    assert main(["effects", str(path), "--only", "pose", "--write"]) == 0
+    told = capsys.readouterr().out
+    assert "keep pose_dependent" in told and "no file is written" in told
+    assert not (tmp_path / "scene_good_enough.toml").exists()
