@@ -16,14 +16,21 @@ from headstock.pipeline.stages.control import drive_machine
 from headstock.pipeline.stages.machine import damp_system, warn_of_no_damping
 from headstock.pipeline.stages.run_state import Outcome, PoseModel, RunState, Solved, pose_model
 from headstock.scene.requests import LOAD, TimedLoad, TransientRequest
-from headstock.solvers.control.drive_loops import close_loops
+from headstock.solvers.control.drive_loops import ClosedLoop, close_loops
 from headstock.solvers.control.drive_trains import DriveTrain
+from headstock.solvers.control.friction_loop import friction_channels
+from headstock.solvers.control.rubbing_transient import (
+    RubbingTransient,
+    sharpen_friction,
+    solve_rubbing_transient,
+)
 from headstock.solvers.control.stability import require_stable
-from headstock.solvers.errors import ModelError, UnstableControlError
+from headstock.solvers.errors import ConvergenceError, ModelError, UnstableControlError
 from headstock.solvers.linear.load_history import LoadHistory, SteppedLoads, step_loads
 from headstock.solvers.linear.modal_analysis import ModalResult, keep_lowest
 from headstock.solvers.linear.modal_coordinates import has_symmetric_terms
 from headstock.solvers.linear.transient import (
+    EnergyBalance,
     Motion,
     TransientFigures,
     TransientModel,
@@ -43,14 +50,42 @@ START: Channel = ("initial velocity", "momentum")
 MOST_COUPLED_MODES = 200
 BEYOND = 2.0
 UNBALANCED_ENERGY = 0.01
+UNBALANCED_RUBBING = 1e-6  # likewise, of an integrator whose works are states
+SMOOTHING = "smoothing of friction"
+# so many times the smoothing: where peaks go with its root, the slowest that was seen, a sharp law
+# changes them by REMAINING times as much
+SHARPER = 0.1
+REMAINING = 1.0 / (1.0 - SHARPER**0.5)
 ROUNDOFF = 1e-10  # of the largest displacement of its kind
 
 
 @dataclass(frozen=True, eq=False)
+class _Ready:
+    """A model ready for loads.
+
+    Attributes:
+        linear: Without friction.
+        rubbing: Closed loops with friction in their guides; None where nothing rubs.
+    """
+
+    linear: TransientModel
+    rubbing: ClosedLoop | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class _Solution:
-    """Motion of a model, and what it says."""
+    """Motion of a model, and what it says.
+
+    Attributes:
+        motion: Without friction.
+        rubbed: With it; None where nothing rubs.
+        figures: Of each output.
+        times: ``(n,)`` of the samples [s].
+        displacements: ``(n, n_outputs)`` then [m, rad].
+    """
 
     motion: Motion
+    rubbed: RubbingTransient | None
     figures: tuple[TransientFigures, ...]
     times: FloatArray
     displacements: FloatArray
@@ -65,7 +100,7 @@ def run_transient_stage(state: RunState, stage: Stage) -> Outcome:
     model = pose_model(state)
     try:
         solved = respond_in_time(model)
-    except (ModelError, UnstableControlError) as error:
+    except (ModelError, UnstableControlError, ConvergenceError) as error:
         return Outcome(
             detail="refused: see below",
             failures=(f"transient analysis in pose {model.pose.name}: {error}",),
@@ -101,9 +136,7 @@ class _LoadedMachine:
         """The modes that vibrate."""
         return keep_lowest(self.modes, up_to_hz=self.request.up_to_hz)
 
-    def prepare(
-        self, up_to_hz: float | None, softer: SecondOrderSystem | None = None
-    ) -> TransientModel:
+    def prepare(self, up_to_hz: float | None, softer: SecondOrderSystem | None = None) -> _Ready:
         """Ready for the loads, with modes up to a frequency; None for all.
 
         Args:
@@ -115,24 +148,31 @@ class _LoadedMachine:
         outputs = self.request.outputs
         if self.trains is None:
             modes = self.modes if softer is None else None
-            return prepare_transient(system, inputs, outputs, up_to_hz=up_to_hz, modes=modes)
-        loop = close_loops(system, self.trains, inputs=inputs, outputs=outputs, up_to_hz=up_to_hz)
-        return TransientModel(loop.between(inputs, outputs))
+            return _Ready(
+                prepare_transient(system, inputs, outputs, up_to_hz=up_to_hz, modes=modes)
+            )
+        channels = friction_channels(self.trains)
+        loop = close_loops(
+            system, self.trains, inputs=(*inputs, *channels), outputs=outputs, up_to_hz=up_to_hz
+        )
+        return _Ready(TransientModel(loop.between(inputs, outputs)), loop if channels else None)
 
-    def widen(self, model: TransientModel) -> TransientModel:
-        """With modes beyond the range of a model: all, where nothing couples them or they are few."""
-        few = len(self.modes.frequencies_hz) <= MOST_COUPLED_MODES
-        every = few or model.space.pairs is not None
+    def widen(self, model: _Ready) -> _Ready:
+        """With modes beyond the range of a model: all, where nothing couples them or they are few,
+        and nothing rubs.
+        """
+        few = len(self.modes.frequencies_hz) <= MOST_COUPLED_MODES and model.rubbing is None
+        every = few or model.linear.space.pairs is not None
         return self.prepare(None if every else BEYOND * self.request.up_to_hz)
 
-    def soften(self) -> tuple[dict[str, TransientModel], tuple[str, ...]]:
+    def soften(self) -> tuple[dict[str, _Ready], tuple[str, ...]]:
         """Source of error to the machine with natural frequencies as low as this source leaves
         possible, and what is not looked at. Meshes and reductions make frequencies too high.
         """
         near = self.near
         estimates = self.machine.estimate_mode_errors(near)[near.rigid_count :]
         frequencies = near.frequencies_hz[near.rigid_count :]
-        found: dict[str, TransientModel] = {}
+        found: dict[str, _Ready] = {}
         for source in dict.fromkeys(source for error in estimates for source in error.shares):
             sizes = np.array([error.shares.get(source) or 0.0 for error in estimates])
             factors = 1.0 - np.minimum(sizes / frequencies, 0.5)
@@ -152,6 +192,7 @@ def respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[Transi
     Raises:
         ModelError: What is released acts on a motion that nothing holds.
         UnstableControlError: A control loop is.
+        ConvergenceError: Motion with friction could not be integrated.
     """
     request = machine.parts.scene.analyses.transient
     if request is None:
@@ -164,11 +205,13 @@ def respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[Transi
     stepped = step_loads(histories, request.duration, request.sampling_hz)
     model = loaded.prepare(request.up_to_hz)
     solution = _solve(model, request, histories, stepped)
-    energy = find_energy(model, solution.motion)
+    energy = _balance_energy(model, solution)
     errors: tuple[Estimate, ...] = (Estimate(),) * len(request.outputs)
     if judged and has_symmetric_terms(loaded.system):
         softer, left_out = loaded.soften()
         others = {TRUNCATION: loaded.widen(model)} | softer
+        if model.rubbing is not None:
+            others[SMOOTHING] = _Ready(model.linear, sharpen_friction(model.rubbing, SHARPER))
         errors = _compare_peaks(
             solution,
             [
@@ -180,7 +223,13 @@ def respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[Transi
     values, _ = stepped.evaluate()
     sampled = stepped.sampled
     loads = np.concatenate([values[:, 0], values[-1:, 1]])[sampled][:, : len(request.loads)]
-    if energy is not None and energy.error > UNBALANCED_ENERGY:
+    rubbed = solution.rubbed
+    if rubbed is not None and rubbed.motion.energy.error > UNBALANCED_RUBBING:
+        warnings.append(
+            f"transient analysis in pose {machine.pose.name}: the energy balance misses {rubbed.motion.energy.error:.2g} of the work, more than"
+            f" {UNBALANCED_RUBBING:g}; give friction a larger smoothing"
+        )
+    if rubbed is None and energy is not None and energy.error > UNBALANCED_ENERGY:
         warnings.append(
             f"transient analysis in pose {machine.pose.name}: {100.0 * energy.error:.2g} % of the energy are missing between samples at"
             f" {request.sampling_hz:g} Hz: the loads set off modes that are too fast for them; raise sampling or lower up_to"
@@ -204,7 +253,7 @@ def respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[Transi
         duration=request.duration,
         sampling_hz=request.sampling_hz,
         up_to_hz=request.up_to_hz,
-        modes=len(loaded.near.frequencies_hz) if controlled else len(model.space.a) // 2,
+        modes=len(loaded.near.frequencies_hz) if controlled else len(model.linear.space.a) // 2,
         settled=request.settled,
         damped=controlled
         or loaded.system.damping is not None
@@ -264,20 +313,31 @@ def _input_of(load: TimedLoad) -> Channel:
 
 
 def _solve(
-    model: TransientModel,
+    model: _Ready,
     request: TransientRequest,
     histories: Sequence[LoadHistory],
     stepped: SteppedLoads,
 ) -> _Solution:
-    start, final, state = rest_positions(model.space, histories, request.duration)
+    space = model.linear.space
+    start, final, state = rest_positions(space, histories, request.duration)
     moving = np.zeros(len(histories))
     moving[-1] = 1.0
-    motion = solve_transient(model.space, stepped, state + model.space.b @ moving)
-    response = read_response(model.space, motion)
+    motion = solve_transient(space, stepped, state + space.b @ moving)
+    rubbed = None
+    if model.rubbing is not None:
+        rubbed = solve_rubbing_transient(model.rubbing, stepped, motion, len(request.outputs))
+    response = read_response(space, motion) if rubbed is None else rubbed.response
     figures = find_figures(response, start=start, final=final, near=request.settled)
     figures = _leave_out_roundoff(figures, request.outputs)
     times, displacements = response.sample()
-    return _Solution(motion, figures, times, displacements)
+    return _Solution(motion, rubbed, figures, times, displacements)
+
+
+def _balance_energy(model: _Ready, solution: _Solution) -> EnergyBalance | None:
+    """None under control where nothing rubs."""
+    if solution.rubbed is not None:
+        return solution.rubbed.energy
+    return find_energy(model.linear, solution.motion)
 
 
 def _leave_out_roundoff(
@@ -307,7 +367,8 @@ def _compare_peaks(
     return tuple(
         Estimate(
             {
-                source: abs(abs(other.figures[number].peak) - abs(own.peak))
+                source: (REMAINING if source == SMOOTHING else 1.0)
+                * abs(abs(other.figures[number].peak) - abs(own.peak))
                 for source, other in others
             },
             left_out,

@@ -230,10 +230,17 @@ def _check_path(scene: SceneTable, findings: Findings) -> None:
     """Under control every axis that a path moves needs a drive."""
     path = scene.analyses.path
     if path is None:
-        if scene.effects.get(FRICTION, False) is not False and scene.analyses.contouring is None:
+        transient = scene.analyses.transient
+        loaded = transient is not None and transient.motors == "controlled"
+        if (
+            scene.effects.get(FRICTION, False) is not False
+            and scene.analyses.contouring is None
+            and not loaded
+        ):
             findings.add(
                 ("effects", FRICTION),
-                "friction acts along paths and contours only, and the scene has none; add [analyses.path] or [analyses.contouring]",
+                "friction acts along paths and contours and on loads over time under control, and the scene has none;"
+                ' add [analyses.path], [analyses.contouring], or [analyses.transient] with motors = "controlled"',
             )
         return
     _check_cut(scene, path, findings)
@@ -289,11 +296,6 @@ def _check_analysis(scene: SceneTable, findings: Findings) -> None:
         _check_sampling(scene, frf.to, "frf", "to", findings)
     if transient is not None and transient.motors == "controlled":
         _check_motors(scene, "transient", findings)
-        if scene.effects.get(FRICTION, False) is not False:
-            findings.warn(
-                ("analyses", "transient", "motors"),
-                "friction does not act on loads over time, only along paths and contours: stick and slip of guides are not in the answer",
-            )
         _check_sampling(scene, transient.up_to, "transient", "up_to", findings)
     request = scene.analyses.control
     if request is None:

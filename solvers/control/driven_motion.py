@@ -10,9 +10,9 @@ from typing import Literal
 import numpy as np
 import scipy.integrate
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.solvers.control.drive_loops import ClosedLoop
-from headstock.solvers.control.friction_loop import WORKS, RubbingLoop, make_rubbing_loop
+from headstock.solvers.control.friction_loop import LOADS, WORKS, RubbingLoop, make_rubbing_loop
 from headstock.solvers.errors import ConvergenceError
 
 TOLERANCE = 1e-8
@@ -72,17 +72,36 @@ class DrivenMotion:
 
     Attributes:
         times: ``(n,)`` [s].
-        outputs: ``(n, n_outputs)`` of the closed loop.
+        left: ``(n, m)`` states just before each time.
+        right: ``(n, m)`` and just after it: an impulse is between them.
+        outputs: ``(n, n_outputs)`` of the closed loop, just after each time.
         friction: ``(n, k)`` force against the motion there [N].
         energy: Where it went.
         evaluations: How often the rate of change was asked for.
     """
 
     times: FloatArray
+    left: FloatArray
+    right: FloatArray
     outputs: FloatArray
     friction: FloatArray
     energy: EnergyBalance
     evaluations: int
+
+
+@dataclass(frozen=True, eq=False)
+class Outset:
+    """How a motion begins that does not begin from rest, and what strikes it on its way.
+
+    Attributes:
+        state: ``(m,)`` before the first time.
+        jumps: ``(n, m)`` of the state at each time, by impulses.
+        sizes: ``(p, m)`` states as large as those to be expected.
+    """
+
+    state: FloatArray
+    jumps: FloatArray
+    sizes: FloatArray
 
 
 def solve_motion(
@@ -119,10 +138,12 @@ def integrate_motion(
     times: FloatArray,
     *,
     breaks: FloatArray | None = None,
+    outset: Outset | None = None,
+    longest: float = np.inf,
     method: Literal["Radau", "BDF"] = "Radau",
     tolerance: float = TOLERANCE,
 ) -> DrivenMotion:
-    """The same of a loop that may change with time.
+    """The same of a loop that may change with time, and from any state.
 
     The works are integrated along with the states, so that their balance tells the integrator's
     error.
@@ -132,6 +153,8 @@ def integrate_motion(
         given: Set points, then loads, at an instant.
         times: ``(n,)`` instants wanted, rising; the first is the start.
         breaks: Instants at which what is given jumps or kinks: no step reaches over one.
+        outset: How it begins; None for rest.
+        longest: Step [s].
         method: Of scipy.
         tolerance: Relative, per step.
 
@@ -143,13 +166,21 @@ def integrate_motion(
     """
     times = np.asarray(times, dtype=float)
     typical = loop_at(0.5 * float(times[0] + times[-1]))
-    allowed = tolerance * _state_scale(typical, given, times)
-    state: FloatArray = np.zeros(typical.size + WORKS)
-    parts, asked = [np.zeros((1, len(state)))], 0
+    size = typical.size
+    if outset is None:
+        sizes = _coarse_states(typical, given, times)
+        outset = Outset(np.zeros(size), np.zeros((len(times), size)), sizes)
+    allowed = tolerance * _state_scale(typical, outset.sizes, float(times[-1] - times[0]))
+    struck: BoolArray = np.asarray(outset.jumps.any(axis=1))
+    left, asked = [np.concatenate([outset.state, np.zeros(WORKS)])[None]], 0
+    # works count from just after the first time
+    state = left[0][0] + np.concatenate([outset.jumps[0], np.zeros(WORKS)])
+    after = {0: state} if struck[0] else {}
     inner = np.zeros(0) if breaks is None else breaks[(breaks > times[0]) & (breaks < times[-1])]
-    stops = np.unique(np.concatenate([times[[0, -1]], inner]))
+    stops = np.unique(np.concatenate([times[[0, -1]], times[struck], inner]))
     for start, end in itertools.pairwise(stops):
-        inside = times[(times > start) & (times <= end)]
+        places = np.flatnonzero((times > start) & (times <= end))
+        inside = times[places]
         wanted = inside if len(inside) and inside[-1] == end else np.append(inside, end)
         # a load that jumps at the end of a stretch belongs to the next one
         last = np.nextafter(end, start)
@@ -162,6 +193,7 @@ def integrate_motion(
             jac=lambda t, x, last=last: loop_at(min(t, last)).jacobian(x, given(min(t, last))),
             rtol=tolerance,
             atol=allowed,
+            max_step=longest,
         )
         if not solved.success:
             raise ConvergenceError(
@@ -169,13 +201,29 @@ def integrate_motion(
                 "give friction a larger smoothing, or the machine some damping"
             )
         state, asked = solved.y[:, -1], asked + int(solved.nfev)
-        parts.append(solved.y.T[: len(inside)])
-    return _collect(loop_at, given, times, np.concatenate(parts), asked)
+        left.append(solved.y.T[: len(inside)])
+        if len(places) and struck[places[-1]]:
+            number = int(places[-1])
+            state = after[number] = _strike(loop_at(end), state, outset.jumps[number])
+    before = np.concatenate(left)
+    right = before.copy() if after else before
+    for number, changed in after.items():
+        right[number] = changed
+    return _collect(loop_at, given, times, left=before, right=right, asked=asked)
 
 
-def _state_scale(model: RubbingLoop, given: Given, times: FloatArray) -> FloatArray:
-    """How large each kind of state gets ``(n + 5,)``, from a coarse linear run without friction."""
-    machine = model.loop.plant_size
+def _strike(model: RubbingLoop, full: FloatArray, jump: FloatArray) -> FloatArray:
+    """States and works after an impulse; what it adds to the energy is work of the loads."""
+    after = full.copy()
+    after[: model.size] += jump
+    after[model.size + LOADS] += float(
+        model.stored_energy(after[: model.size]) - model.stored_energy(full[: model.size])
+    )
+    return after
+
+
+def _coarse_states(model: RubbingLoop, given: Given, times: FloatArray) -> FloatArray:
+    """States ``(p, m)`` of a coarse linear run from rest without friction."""
     instants = np.linspace(times[0], times[-1], PROBES)
     step = float(instants[1] - instants[0])
     unit = np.eye(model.size)
@@ -188,13 +236,17 @@ def _state_scale(model: RubbingLoop, given: Given, times: FloatArray) -> FloatAr
             state + step * model.loop.space.b[:, : model.given] @ given(float(instant))
         )
         states[number] = state
+    return states
+
+
+def _state_scale(model: RubbingLoop, states: FloatArray, duration: float) -> FloatArray:
+    """How large each kind of state gets ``(m + 5,)``, from states ``(p, m)`` as large."""
+    machine = model.loop.plant_size
     dry = sum(max(law.coulomb, law.breakaway) for law in model.laws)
     energy = float(model.stored_energy(states).max(initial=0.0))
     energy = max(
         energy,
-        dry
-        * float(np.abs(states @ model.slides.T + model.guides).max(initial=0.0))
-        * (times[-1] - times[0]),
+        dry * float(np.abs(states @ model.slides.T + model.guides).max(initial=0.0)) * duration,
         1e-12,
     )
     scale: FloatArray = np.full(model.size + WORKS, energy)
@@ -206,12 +258,19 @@ def _state_scale(model: RubbingLoop, given: Given, times: FloatArray) -> FloatAr
 
 
 def _collect(
-    loop_at: LoopAt, given: Given, times: FloatArray, full: FloatArray, asked: int
+    loop_at: LoopAt,
+    given: Given,
+    times: FloatArray,
+    *,
+    left: FloatArray,
+    right: FloatArray,
+    asked: int,
 ) -> DrivenMotion:
+    """The motion of states and works ``(n, m + 5)`` just before and after each time."""
     outputs, rubbed, stored = [], [], []
     for number, instant in enumerate(times):
         model = loop_at(float(instant))
-        state = full[number, : model.size]
+        state = right[number, : model.size]
         inputs, space = given(float(instant)), model.loop.space
         rubbed.append(model.friction(model.slides @ state + model.guides))
         stored.append(model.stored_energy(state))
@@ -220,9 +279,11 @@ def _collect(
             + space.d[:, : model.given] @ inputs
             - space.d[:, model.given :] @ rubbed[-1]
         )
-    drives, loads, damping, friction, pose = full[:, -WORKS:].T
+    drives, loads, damping, friction, pose = right[:, -WORKS:].T
     return DrivenMotion(
         times=times,
+        left=left[:, :-WORKS],
+        right=right[:, :-WORKS],
         outputs=np.array(outputs),
         friction=np.array(rubbed),
         energy=EnergyBalance(np.array(stored), drives, loads, damping, friction, pose),

@@ -15,6 +15,7 @@ from headstock.solvers.control.drive_trains import SLIDE, DriveTrain
 from headstock.solvers.second_order import Channel
 
 WORKS = 5  # of the drives, of the loads, lost in dampers, lost in friction, of the change of pose
+LOADS = 1  # which of them is that of the loads
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,10 +111,13 @@ class RubbingLoop:
             forces[..., number] = friction_force(law, speeds[..., number])
         return forces
 
-    def drive_forces(self, states: FloatArray, given: FloatArray) -> FloatArray:
-        """``(..., n_drives)`` [N]."""
+    def drive_forces(self, states: FloatArray, given: FloatArray, rubbed: FloatArray) -> FloatArray:
+        """``(..., n_drives)``, with friction ``(..., k)``, which moves what controllers see at once by
+        the modes that are left out [N].
+        """
         count, space = len(self.loop.trains), self.loop.space
-        return np.asarray(states @ space.c[-count:].T + given @ space.d[-count:, : self.given].T)
+        acting = np.concatenate([given, -rubbed], axis=-1)
+        return np.asarray(states @ space.c[-count:].T + acting @ space.d[-count:].T)
 
     def stored_energy(self, states: FloatArray) -> FloatArray:
         """Kinetic and strain energy ``(...)`` [J]."""
@@ -127,7 +131,7 @@ class RubbingLoop:
         rubbed = self.friction(speeds + self.guides)
         machine = state[: self.loop.plant_size]
         works = (
-            self.drive_forces(state, given) @ (self.loop.rates @ state),
+            self.drive_forces(state, given, rubbed) @ (self.loop.rates @ state),
             machine @ self._load_column(given),
             machine @ self.dampers @ machine,
             rubbed @ speeds,
@@ -152,11 +156,12 @@ class RubbingLoop:
         # law times speed
         inner, works = found[: self.size, : self.size], found[self.size :, : self.size]
         inner[:] = space.a - (self.drag * slopes) @ self.slides
-        rates = self.loop.rates
-        works[0] = self.drive_forces(state, given) @ rates + (rates @ state) @ space.c[-count:]
+        rates, rubbed = self.loop.rates, self.friction(rubbing)
+        pushes = space.c[-count:] - (space.d[-count:, self.given :] * slopes) @ self.slides
+        works[0] = self.drive_forces(state, given, rubbed) @ rates + (rates @ state) @ pushes
         works[1, machine] = self._load_column(given)
         works[2, machine] = 2.0 * self.dampers @ state[machine]
-        works[3] = (self.friction(rubbing) + slopes * speeds) @ self.slides
+        works[3] = (rubbed + slopes * speeds) @ self.slides
         works[4, machine] = self.weight_rates @ state[machine]
         return found
 

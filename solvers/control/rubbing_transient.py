@@ -1,0 +1,160 @@
+"""Loads over time on a machine under control whose guides rub: the stiff integrator of driven
+motions on the steps of a transient analysis.
+"""
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.solvers.control.drive_loops import ClosedLoop
+from headstock.solvers.control.driven_motion import DrivenMotion, Given, Outset, integrate_motion
+from headstock.solvers.control.friction_loop import (
+    RubbingLoop,
+    friction_slope,
+    make_rubbing_loop,
+    stack_laws,
+)
+from headstock.solvers.linear.load_history import SteppedLoads
+from headstock.solvers.linear.transient import EnergyBalance, Motion, Response
+
+JUMP = 1e-9  # of the largest load: what changes less from one step to the next one does not jump
+# a pulse is not stepped over: integrators look into a step at least three times
+LONGEST = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class RubbingTransient:
+    """What a controlled machine with friction did under loads over time.
+
+    Attributes:
+        motion: As integrated.
+        response: At the outputs wanted.
+        energy: Its balance.
+    """
+
+    motion: DrivenMotion
+    response: Response
+    energy: EnergyBalance
+
+
+def sharpen_friction(loop: ClosedLoop, share: float) -> ClosedLoop:
+    """The loop with friction that changes its sign over a share of the speed.
+
+    Args:
+        loop: Closed with ``friction_channels`` of its drives.
+        share: Of the smoothing.
+    """
+    trains = tuple(
+        train
+        if train.friction is None
+        else dataclasses.replace(
+            train,
+            friction=dataclasses.replace(
+                train.friction, smoothing=share * train.friction.smoothing
+            ),
+        )
+        for train in loop.trains
+    )
+    return dataclasses.replace(loop, trains=trains)
+
+
+def solve_rubbing_transient(
+    loop: ClosedLoop, loads: SteppedLoads, free: Motion, count: int
+) -> RubbingTransient:
+    """Motion under loads with friction, set points at rest.
+
+    Args:
+        loop: Closed with the loads, then ``friction_channels`` of its drives, as inputs; the outputs
+            wanted are its first ones.
+        loads: On their grid.
+        free: The same motion without friction, which begins alike and tells how large states get.
+        count: Outputs wanted.
+
+    Raises:
+        ConvergenceError: The integrator gave up.
+    """
+    model = make_rubbing_loop(loop)
+    sets = model.sets
+    found = integrate_motion(
+        lambda instant: model,
+        _follow_loads(loads, sets),
+        loads.times,
+        breaks=_find_jumps(loads),
+        outset=Outset(
+            free.left[0], loads.impulses @ loop.space.b[:, sets : model.given].T, free.right
+        ),
+        longest=LONGEST * float(np.median(loads.steps)),
+    )
+    return RubbingTransient(
+        found, _read_outputs(model, loads, found, count), _add_energies(model, found)
+    )
+
+
+def _follow_loads(loads: SteppedLoads, sets: int) -> Given:
+    """Set points at rest and loads at an instant; where a load jumps, that after it."""
+    last = len(loads.times) - 2
+
+    def given(instant: float) -> FloatArray:
+        number = int(np.searchsorted(loads.times, instant, side="right")) - 1
+        number = min(max(number, 0), last)
+        since = instant - loads.times[number]
+        share = since / (loads.times[number + 1] - loads.times[number])
+        now = (1.0 - share) * loads.linear[number, 0] + share * loads.linear[number, 1]
+        for sine in loads.sines:
+            s, c = np.sin(sine.omega * since), np.cos(sine.omega * since)
+            now = now + sine.forward[number] * s + sine.quadrature[number] * c
+        return np.concatenate([np.zeros(sets), now])
+
+    return given
+
+
+def _find_jumps(loads: SteppedLoads) -> FloatArray:
+    """Times at which a load jumps."""
+    values, _ = loads.evaluate()
+    change = np.abs(values[1:, 0] - values[:-1, 1])
+    sizes = np.abs(values).max(axis=(0, 1))
+    return np.asarray(loads.times[1:-1][(change > JUMP * sizes).any(axis=1)])
+
+
+def _read_outputs(
+    model: RubbingLoop, loads: SteppedLoads, motion: DrivenMotion, count: int
+) -> Response:
+    """Displacements and speeds of the outputs wanted."""
+    space, given, sets = model.loop.space, model.given, model.sets
+    rows, direct = space.c[:count], space.d[:count]
+    values, rates = loads.evaluate()
+    stacked = stack_laws(model.laws)
+    moved, speeds = [], []
+    for end, states in enumerate((motion.right[:-1], motion.left[1:])):
+        sliding = states @ model.slides.T
+        rubbed = model.friction(sliding)
+        changes = (
+            states @ space.a.T + values[:, end] @ space.b[:, sets:given].T - rubbed @ model.drag.T
+        )
+        slopes = friction_slope(stacked, sliding)
+        moved.append(
+            states @ rows.T
+            + values[:, end] @ direct[:, sets:given].T
+            - rubbed @ direct[:, given:].T
+        )
+        speeds.append(
+            changes @ rows.T
+            + rates[:, end] @ direct[:, sets:given].T
+            - (slopes * (changes @ model.slides.T)) @ direct[:, given:].T
+        )
+    return Response(loads.times, moved[0], moved[1], speeds[0], speeds[1], loads.sampled)
+
+
+def _add_energies(model: RubbingLoop, motion: DrivenMotion) -> EnergyBalance:
+    """Works of drives and loads beside what dampers and friction take."""
+    every, first = motion.energy, model.stored_energy(motion.left[0])
+    begun = float(every.stored[0] - first)  # by an impulse at the first time
+    return EnergyBalance(
+        initial=float(first),
+        work=begun + float(every.drives[-1] + every.loads[-1]),
+        dissipated=float(every.damping[-1] + every.friction[-1]),
+        final=float(every.stored[-1]),
+        largest=float(every.stored.max()),
+    )
