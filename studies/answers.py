@@ -24,6 +24,8 @@ UNITS = {
     "peaks over time": "µm",
     "rest positions": "µm",
     "settling times": "s",
+    "motor torques": "N m",
+    "position errors": "µm",
     "control poles": "Hz",
     "velocity lag": "µm",
     "deflection under gravity on the contour": "µm",
@@ -186,6 +188,10 @@ def _entries(summary: RunSummary) -> Iterator[_Entry]:
                 yield _Entry("peaks over time", where, [moved["peak"]])
                 yield _Entry("rest positions", where, [moved["final"]])
                 yield _Entry("settling times", where, [moved["settling_s"]])
+        for name, motor in transient["drives"].items():
+            where = f"{name} in pose {pose}"
+            yield _Entry("motor torques", where, [motor["torque_nm"]])
+            yield _Entry("position errors", where, [motor["position_error_um"]])
     for pose, lobes in summary.get("lobes", {}).items():
         for direction in lobes["directions"]:
             if (lowest := direction["lowest"]) is not None:

@@ -66,7 +66,10 @@ def draw_shade(panel: Panel, begin: float, end: float) -> Markup:
 def draw_axes(panel: Panel, unit: str, side: str) -> Markup:
     """Grid lines with numbers; units behind the last one and above the first."""
     parts = []
-    for value in even_ticks(panel.up[0], panel.up[1], 4):
+    levels = even_ticks(panel.up[0], panel.up[1], 4)
+    if len(levels) < 2:  # one number is no scale
+        levels = even_ticks(panel.up[0], panel.up[1], 8)
+    for value in levels:
         y = float(panel.level(np.array(value)))
         parts.append(
             svg.line(

@@ -44,6 +44,7 @@ from headstock.app.tables.lobes import (
     list_lowest_lobes,
 )
 from headstock.app.tables.modes import ModeRow, list_modes
+from headstock.app.tables.motion_forces import JOINT_FORCE_COLUMNS, MOTOR_COLUMNS
 from headstock.app.tables.path import (
     CRUISE_COLUMNS,
     ZONE_COLUMNS,
@@ -578,6 +579,8 @@ def report_environment() -> jinja2.Environment:
             "ports": DRIVE_POINT_COLUMNS,
             "zones": ZONE_COLUMNS,
             "moved": MOVED_COLUMNS,
+            "motors": MOTOR_COLUMNS,
+            "joint_forces": JOINT_FORCE_COLUMNS,
             "cruises": CRUISE_COLUMNS,
             "faces": FACE_COLUMNS,
             "models": MODEL_COLUMNS,

@@ -1,4 +1,6 @@
-"""Motion under loads over time in the report: the loads, and below them every output."""
+"""Motion under loads over time in the report: the loads, below them every output, and what drives
+under control do.
+"""
 
 import numpy as np
 from markupsafe import Markup
@@ -11,7 +13,7 @@ from headstock.pipeline.answers.transient import TransientCurves
 from headstock.solvers.second_order import name_channel
 
 WIDTH, LEFT, RIGHT, TITLE, FOOT = 1150, 58, 14, 24, 30
-LOAD_HEIGHT, OUTPUT_HEIGHT = 70, 150
+LOAD_HEIGHT, OUTPUT_HEIGHT, DRIVE_HEIGHT = 70, 150, 100
 COLORS = ("#2f6db3", "#d08a4a", "#6a9a5b", "#8a6bb0", "#b5566e", "#5d8f8f")
 UNITS = {"um": "µm", "urad": "µrad"}
 NEGLIGIBLE = 1e-10  # of the largest output of its kind: at rest by symmetry
@@ -19,7 +21,7 @@ NEGLIGIBLE = 1e-10  # of the largest output of its kind: at rest by symmetry
 
 def draw_transient(curves: TransientCurves, identity: str) -> Markup:
     """One SVG: a panel per load that has values over time, then one for all displacements and one
-    for all rotations.
+    for all rotations, and of drives one for torques and one for position errors.
 
     Args:
         curves: Of a pose.
@@ -50,6 +52,17 @@ def draw_transient(curves: TransientCurves, identity: str) -> Markup:
             label = f"{'Displacement' if unit == 'um' else 'Rotation'} [{UNITS[unit]}]"
             parts.append(_draw_field(curves.times, lines, label, top, OUTPUT_HEIGHT))
             top += TITLE + OUTPUT_HEIGHT + FOOT
+    for label, values in (
+        ("Torque of motors [N m]", curves.torques),
+        ("Position error [µm]", 1e6 * curves.position_errors),
+    ):
+        if curves.drives:
+            lines = [
+                (name, values[:, number], COLORS[number % len(COLORS)])
+                for number, name in enumerate(curves.drives)
+            ]
+            parts.append(_draw_field(curves.times, lines, label, top, DRIVE_HEIGHT))
+            top += TITLE + DRIVE_HEIGHT + FOOT
     said = f"Motion in pose {curves.pose}"
     return svg.picture(parts, identity=identity, kind="sticks", width=WIDTH, height=top, label=said)
 

@@ -11,6 +11,7 @@ from headstock.app.tables.control import POLE_COLUMNS
 from headstock.app.tables.lobes import LOBE_COLUMNS, list_lobes, tabulate_limits
 from headstock.app.tables.map import tabulate_map
 from headstock.app.tables.modes import tabulate_modes
+from headstock.app.tables.motion_forces import MOTOR_COLUMNS, tabulate_joint_forces
 from headstock.app.tables.probes import PROBE_COLUMNS, PROBE_PEAK_COLUMNS, list_probe_peaks
 from headstock.app.tables.static import (
     DEVIATION_COLUMNS,
@@ -74,7 +75,12 @@ def list_tables(summary: RunSummary) -> list[PlainTable]:
         tables.append(tabulate(f"lobes_{file_stem(pose)}", LOBE_COLUMNS, list_lobes(pose, found)))
         tables.append(tabulate_limits(pose, found))
     for pose, transient in summary.get("transient", {}).items():
-        tables.append(tabulate(f"peaks_{file_stem(pose)}", MOVED_COLUMNS, list_moved(transient)))
+        stem = file_stem(pose)
+        tables.append(tabulate(f"peaks_{stem}", MOVED_COLUMNS, list_moved(transient)))
+        if transient["drives"]:
+            tables.append(tabulate(f"motors_{stem}", MOTOR_COLUMNS, transient["drives"].items()))
+        if transient["joints"]:
+            tables.append(tabulate_joint_forces(f"joint_forces_{stem}", transient["joints"]))
     if "map" in summary:
         tables.append(tabulate_map("map", summary["map"]))
     for place, volume in summary.get("volumetric", {}).items():

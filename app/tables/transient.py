@@ -58,7 +58,9 @@ def transient_stem(curves: TransientCurves) -> str:
 
 
 def tabulate_transient(curves: TransientCurves) -> PlainTable:
-    """A row per sample: time, every load, and the displacement of every output."""
+    """A row per sample: time, every load, the displacement of every output, and what drives under
+    control do.
+    """
     headings, columns = ["time [s]"], [curves.times]
     for number, (name, unit) in enumerate(zip(curves.loads, curves.units, strict=True)):
         if not unit.endswith(" s"):  # an impulse has no value at a time
@@ -68,6 +70,9 @@ def tabulate_transient(curves: TransientCurves) -> PlainTable:
         unit, factor = deviation_unit(channel)
         headings.append(f"{name_channel(channel)} [{unit}]")
         columns.append(factor * curves.displacements[:, number])
+    for number, name in enumerate(curves.drives):
+        headings += [f"torque of {name} [N m]", f"position error of {name} [um]"]
+        columns += [curves.torques[:, number], 1e6 * curves.position_errors[:, number]]
     return PlainTable(
         transient_stem(curves),
         tuple(headings),

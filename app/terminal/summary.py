@@ -13,6 +13,7 @@ from headstock.app.tables.control import DRIVE_COLUMNS, POLE_COLUMNS
 from headstock.app.tables.frf import DRIVE_POINT_COLUMNS, list_channels
 from headstock.app.tables.lobes import LOWEST_LOBE_COLUMNS, list_lowest_lobes
 from headstock.app.tables.modes import list_modes
+from headstock.app.tables.motion_forces import JOINT_FORCE_COLUMNS, MOTOR_COLUMNS
 from headstock.app.tables.path import CRUISE_COLUMNS, ZONE_COLUMNS, list_cruises, list_zones
 from headstock.app.tables.probes import PROBE_COLUMNS, PROBE_PEAK_COLUMNS, list_probe_peaks
 from headstock.app.tables.static import (
@@ -218,6 +219,12 @@ def print_summary(
         )
         for words in transient_words(transient):
             console.print(f"  {words}", markup=False)
+        if transient["drives"]:
+            title = f"Motors in pose {pose}"
+            print_table(console, title, tell_rows(MOTOR_COLUMNS, transient["drives"].items()))
+        if transient["joints"]:
+            title = f"Largest forces of joints in pose {pose}"
+            print_table(console, title, tell_rows(JOINT_FORCE_COLUMNS, transient["joints"].items()))
     if "model_errors" in summary:
         print_table(
             console,

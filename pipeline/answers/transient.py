@@ -12,10 +12,18 @@ from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.estimates import Estimate, scale_shares
 from headstock.pipeline.answers.frf import split_channel
+from headstock.pipeline.answers.motion_forces import (
+    DriveExtremes,
+    DriveForceSummary,
+    JointForceSummary,
+    summarise_drives,
+    summarise_joints,
+)
 from headstock.pipeline.answers.path import deviation_unit
 from headstock.pipeline.storage.json_texts import check_finite
 from headstock.scene.requests import Motors
 from headstock.solvers.linear.transient import EnergyBalance, TransientFigures
+from headstock.solvers.linear.watched_outputs import Extreme
 from headstock.solvers.second_order import Channel, name_channel
 
 TRUNCATION = "modes above the range"
@@ -70,6 +78,8 @@ class TransientSummary(TypedDict):
     outputs: dict[str, MovedOutputSummary]
     energy: EnergySummary | None
     error_left_out: list[str]
+    drives: dict[str, DriveForceSummary]
+    joints: dict[str, dict[str, JointForceSummary]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +95,9 @@ class TransientCurves:
         units: Of each load.
         load_values: ``(n, n_loads)`` forces, moments, or factors of static loads; impulses are not
             in them.
+        drives: Names of the drives under control.
+        torques: ``(n, d)`` of their motors [N m].
+        position_errors: ``(n, d)`` set less measured position [m].
     """
 
     pose: str
@@ -94,6 +107,9 @@ class TransientCurves:
     loads: tuple[str, ...]
     units: tuple[str, ...]
     load_values: FloatArray
+    drives: tuple[str, ...]
+    torques: FloatArray
+    position_errors: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,8 +129,10 @@ class TransientAnswer(Answer):
         modes: How many these are.
         settled: Share of its way within which an output has settled.
         damped: Any damping is on.
-        energy: Its balance; None of a system without modes, and under control.
+        energy: Its balance; None of a system without modes, and under control where nothing rubs.
         motors: Locked, or under control.
+        drives: What each drive under control did at most.
+        joints: Largest force on the first end of each joint, by direction, in joint axes.
     """
 
     curves: TransientCurves
@@ -131,11 +149,15 @@ class TransientAnswer(Answer):
     damped: bool
     energy: EnergyBalance | None
     motors: Motors
+    drives: dict[str, DriveExtremes]
+    joints: dict[str, dict[str, Extreme]]
     units: ClassVar[dict[str, str]] = {
-        r"transient/.*/(outputs|loads|units)": "",
+        r"transient/.*/(outputs|loads|units|drives)": "",
         r"transient/.*/times": "s",
         r"transient/.*/displacements": "SI: m or rad, by outputs",
         r"transient/.*/load_values": "SI: by units",
+        r"transient/.*/torques": "N m",
+        r"transient/.*/position_errors": "m",
     }
 
     def summarise(self) -> TransientSummary:
@@ -174,6 +196,8 @@ class TransientAnswer(Answer):
             },
             "energy": None if self.energy is None else _summarise_energy(self.energy),
             "error_left_out": sorted({words for error in self.errors for words in error.left_out}),
+            "drives": summarise_drives(self.drives),
+            "joints": summarise_joints(self.joints),
         }
 
     def fill(self, file: h5py.File) -> None:
@@ -183,10 +207,12 @@ class TransientAnswer(Answer):
             ("outputs", [name_channel(channel) for channel in curves.outputs]),
             ("loads", list(curves.loads)),
             ("units", list(curves.units)),
+            ("drives", list(curves.drives)),
         ):
             group[name] = np.char.encode(np.array(texts, dtype=str), "utf-8")
         group["times"], group["displacements"] = curves.times, curves.displacements
         group["load_values"] = curves.load_values
+        group["torques"], group["position_errors"] = curves.torques, curves.position_errors
 
 
 def parse_transient(pose: str, group: h5py.Group) -> TransientCurves:
@@ -197,7 +223,7 @@ def parse_transient(pose: str, group: h5py.Group) -> TransientCurves:
     """
     names = {
         name: tuple(text.decode() for text in group[name][:])
-        for name in ("outputs", "loads", "units")
+        for name in ("outputs", "loads", "units", "drives")
     }
     return TransientCurves(
         pose=pose,
@@ -207,6 +233,9 @@ def parse_transient(pose: str, group: h5py.Group) -> TransientCurves:
         loads=names["loads"],
         units=names["units"],
         load_values=group["load_values"][:],
+        drives=names["drives"],
+        torques=group["torques"][:],
+        position_errors=group["position_errors"][:],
     )
 
 

@@ -45,6 +45,7 @@ from headstock.reduction.coupling.drives import (
     place_drives,
     release_motors,
 )
+from headstock.reduction.coupling.joint_forces import JointForces, find_joint_forces
 from headstock.reduction.motions.body_motions import (
     FreeMotion,
     find_free_motions,
@@ -115,6 +116,12 @@ class CoupledPose:
     def loads(self) -> Mapping[str, FloatArray]:
         """Generalised load ``(n,)`` of every static load by name, gravity among them."""
         return self.coupled.loads
+
+    @property
+    def joints(self) -> tuple[JointForces, ...]:
+        """Forces of its joints; dampers act with the effect damping."""
+        damped = DAMPING in self.parts.scene.effects
+        return find_joint_forces(self.coupled.joint_springs, damped=damped)
 
     def momentum(self, velocities: Mapping[str, FloatArray]) -> FloatArray:
         """Generalised momentum ``(n,)`` of components that translate."""

@@ -27,7 +27,7 @@ from headstock.pipeline.stages.lumped_machine import (
     place_mechanism,
     spring_shares,
 )
-from headstock.pipeline.stages.machine import add_view
+from headstock.pipeline.stages.machine import DAMPING, add_view
 from headstock.pipeline.stages.run_state import (
     MachineParts,
     Outcome,
@@ -39,6 +39,7 @@ from headstock.pipeline.stages.run_state import (
 from headstock.reduction.coupling.channels import GRAVITY
 from headstock.reduction.coupling.drives import anchor_motors, find_weight_stiffness
 from headstock.reduction.coupling.guide_errors import GUIDE_ERRORS
+from headstock.reduction.coupling.joint_forces import JointForces
 from headstock.reduction.motions.mode_naming import NamedModes
 from headstock.reduction.superelement import Superelement
 from headstock.scene.scene import SceneMechanism
@@ -141,6 +142,20 @@ class LumpedPose:
     def loads(self) -> Mapping[str, FloatArray]:
         """Generalised load ``(n,)`` of gravity, where it acts."""
         return {} if self.parts.plan.gravity is None else {GRAVITY: self.placed.motions.gravity}
+
+    @property
+    def joints(self) -> tuple[JointForces, ...]:
+        """Forces of the springs across and along each leg."""
+        stiffness = self.placed.motions.stiffness
+        springs = np.zeros((len(stiffness), len(self.system.mass)))
+        springs[:, : len(stiffness)] = np.diag(stiffness)
+        damped = DAMPING in self.parts.scene.effects
+        beta = self.parts.scene.machine.rayleigh.beta if damped else 0.0
+        return tuple(
+            JointForces(leg, ("across", "along"), springs[rows], beta * springs[rows])
+            for number, leg in enumerate(LEGS)
+            for rows in (slice(2 * number, 2 * number + 2),)
+        )
 
     def momentum(self, velocities: Mapping[str, FloatArray]) -> FloatArray:
         """Generalised momentum ``(n,)`` of components that translate, or whose velocity ``(6,)`` is

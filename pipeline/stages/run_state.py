@@ -25,6 +25,7 @@ from headstock.pipeline.results.views import PoseView, ShiftArray
 from headstock.pipeline.storage.part_files import locate_patch
 from headstock.pipeline.storage.store import Store
 from headstock.reduction.coupling.coupling import CoupledMachine
+from headstock.reduction.coupling.joint_forces import JointForces
 from headstock.reduction.motions.mode_naming import NamedModes
 from headstock.reduction.superelement import Superelement
 from headstock.scene.scene import Scene
@@ -167,6 +168,10 @@ class PoseModel(Protocol):
     @property
     def loads(self) -> Mapping[str, FloatArray]:
         """Generalised load ``(n,)`` of every static load by name, gravity among them."""
+
+    @property
+    def joints(self) -> tuple[JointForces, ...]:
+        """Forces of its joints, or of the springs of a lumped mechanism's legs."""
 
     def momentum(self, velocities: Mapping[str, FloatArray]) -> FloatArray:
         """Generalised momentum ``(n,)`` of components that translate, each at its velocity

@@ -14,6 +14,11 @@ from headstock.pipeline.answers.transient import TRUNCATION, TransientAnswer, Tr
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.control import drive_machine
 from headstock.pipeline.stages.machine import damp_system, warn_of_no_damping
+from headstock.pipeline.stages.motion_forces import (
+    SteppedStates,
+    find_largest_forces,
+    follow_drives,
+)
 from headstock.pipeline.stages.run_state import Outcome, PoseModel, RunState, Solved, pose_model
 from headstock.scene.requests import LOAD, TimedLoad, TransientRequest
 from headstock.solvers.control.drive_loops import ClosedLoop, close_loops
@@ -29,6 +34,7 @@ from headstock.solvers.errors import ConvergenceError, ModelError, UnstableContr
 from headstock.solvers.linear.load_history import LoadHistory, SteppedLoads, step_loads
 from headstock.solvers.linear.modal_analysis import ModalResult, keep_lowest
 from headstock.solvers.linear.modal_coordinates import has_symmetric_terms
+from headstock.solvers.linear.state_space import StateSpace
 from headstock.solvers.linear.transient import (
     EnergyBalance,
     Motion,
@@ -65,10 +71,13 @@ class _Ready:
 
     Attributes:
         linear: Without friction.
+        watched: With what is watched beside the displacements as outputs, and friction as inputs
+            where there is any.
         rubbing: Closed loops with friction in their guides; None where nothing rubs.
     """
 
     linear: TransientModel
+    watched: StateSpace
     rubbing: ClosedLoop | None = None
 
 
@@ -145,17 +154,22 @@ class _LoadedMachine:
         """
         system = softer or self.system
         inputs = (*(_input_of(load) for load in self.request.loads), START)
-        outputs = self.request.outputs
+        joints = [name for joint in self.machine.joints for name in joint.outputs()]
+        outputs = (*self.request.outputs, *joints)
         if self.trains is None:
             modes = self.modes if softer is None else None
-            return _Ready(
-                prepare_transient(system, inputs, outputs, up_to_hz=up_to_hz, modes=modes)
-            )
+            model = prepare_transient(system, inputs, outputs, up_to_hz=up_to_hz, modes=modes)
+            wanted = model.space.select(inputs, self.request.outputs)
+            return _Ready(dataclasses.replace(model, space=wanted), model.space)
         channels = friction_channels(self.trains)
         loop = close_loops(
             system, self.trains, inputs=(*inputs, *channels), outputs=outputs, up_to_hz=up_to_hz
         )
-        return _Ready(TransientModel(loop.between(inputs, outputs)), loop if channels else None)
+        return _Ready(
+            TransientModel(loop.space.select(inputs, self.request.outputs)),
+            loop.space.select((*inputs, *channels), loop.space.outputs),
+            loop if channels else None,
+        )
 
     def widen(self, model: _Ready) -> _Ready:
         """With modes beyond the range of a model: all, where nothing couples them or they are few,
@@ -194,7 +208,8 @@ def respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[Transi
         UnstableControlError: A control loop is.
         ConvergenceError: Motion with friction could not be integrated.
     """
-    request = machine.parts.scene.analyses.transient
+    scene = machine.parts.scene
+    request = scene.analyses.transient
     if request is None:
         raise ValueError("a transient analysis needs one in the scene")
     warnings: list[str] = []
@@ -211,7 +226,9 @@ def respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[Transi
         softer, left_out = loaded.soften()
         others = {TRUNCATION: loaded.widen(model)} | softer
         if model.rubbing is not None:
-            others[SMOOTHING] = _Ready(model.linear, sharpen_friction(model.rubbing, SHARPER))
+            others[SMOOTHING] = dataclasses.replace(
+                model, rubbing=sharpen_friction(model.rubbing, SHARPER)
+            )
         errors = _compare_peaks(
             solution,
             [
@@ -235,6 +252,8 @@ def respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[Transi
             f" {request.sampling_hz:g} Hz: the loads set off modes that are too fast for them; raise sampling or lower up_to"
         )
     controlled = loaded.trains is not None
+    moved = _step_states(solution)
+    drives = follow_drives(tuple(scene.drives.values()) if controlled else (), model.watched, moved)
     answer = TransientAnswer(
         curves=TransientCurves(
             pose=machine.pose.name,
@@ -244,6 +263,9 @@ def respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[Transi
             loads=tuple(load.name for load in request.loads),
             units=tuple(_unit_of(load) for load in request.loads),
             load_values=loads,
+            drives=tuple(drives.extremes),
+            torques=drives.torques[sampled],
+            position_errors=drives.position_errors[sampled],
         ),
         figures=solution.figures,
         errors=errors,
@@ -260,6 +282,8 @@ def respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[Transi
         or loaded.system.hysteretic is not None,
         energy=energy,
         motors=request.motors,
+        drives=drives.extremes,
+        joints=find_largest_forces(loaded.machine.joints, model.watched, moved),
     )
     return Solved(answer, tuple(warnings))
 
@@ -282,21 +306,21 @@ def _load_machine(
                 f"transient analysis in pose {machine.pose.name}: dead times of the drives are right up to {poles.limit_hz:.4g} Hz only, and modes"
                 f" up to {request.up_to_hz:.4g} Hz vibrate; lower up_to"
             )
-        system = _add_inputs(driven.system, machine, request)
+        system = _add_channels(driven.system, machine, request)
         return _LoadedMachine(machine, system, driven.modes, request, trains)
     for message in warn_of_no_damping(scene, machine.system):
         warn(message)
     system = damp_system(scene, machine.system, machine.all_modes)
     return _LoadedMachine(
-        machine, _add_inputs(system, machine, request), machine.all_modes, request
+        machine, _add_channels(system, machine, request), machine.all_modes, request
     )
 
 
-def _add_inputs(
+def _add_channels(
     system: SecondOrderSystem, machine: PoseModel, request: TransientRequest
 ) -> SecondOrderSystem:
     """The system of a machine with the static loads that are named, and the momentum before the time
-    zero, as inputs.
+    zero, as inputs, and the forces of its joints as outputs.
     """
     named = {
         _input_of(load): machine.loads[load.target]
@@ -305,7 +329,8 @@ def _add_inputs(
     }
     velocities = {name: np.array(speeds) for name, speeds in request.velocities.items()}
     inputs = system.inputs | named | {START: machine.momentum(velocities)}
-    return dataclasses.replace(system, inputs=inputs)
+    forces = {name: row for joint in machine.joints for name, row in joint.outputs().items()}
+    return dataclasses.replace(system, inputs=inputs, outputs=system.outputs | forces)
 
 
 def _input_of(load: TimedLoad) -> Channel:
@@ -331,6 +356,23 @@ def _solve(
     figures = _leave_out_roundoff(figures, request.outputs)
     times, displacements = response.sample()
     return _Solution(motion, rubbed, figures, times, displacements)
+
+
+def _step_states(solution: _Solution) -> SteppedStates:
+    """States, and what acts on them: loads, then friction against the motion."""
+    motion, rubbed = solution.motion, solution.rubbed
+    values, _ = motion.loads.evaluate()
+    begins, ends = values[:, 0], values[:, 1]
+    if rubbed is None:
+        return SteppedStates(
+            motion.loads.times, (motion.right[:-1], motion.left[1:]), (begins, ends)
+        )
+    found, (first, last) = rubbed.motion, rubbed.friction
+    return SteppedStates(
+        found.times,
+        (found.right[:-1], found.left[1:]),
+        (np.hstack([begins, -first]), np.hstack([ends, -last])),
+    )
 
 
 def _balance_energy(model: _Ready, solution: _Solution) -> EnergyBalance | None:

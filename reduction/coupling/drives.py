@@ -24,6 +24,7 @@ from headstock.solvers.control.drive_trains import (
     count_coordinates,
     free_motors,
     is_rigid,
+    thread_stiffness,
 )
 from headstock.solvers.errors import ModelError
 from headstock.solvers.second_order import SecondOrderSystem
@@ -102,7 +103,7 @@ def free_legs(coupled: CoupledMachine, machine: Machine, drives: Iterable[Drive]
 
 def release_motors(coupled: CoupledMachine, trains: tuple[DriveTrain, ...]) -> CoupledMachine:
     """The same machine with its motors let go; a drive's joint then stretches by the nut's motion
-    less the motor's.
+    less the motor's, or the screw's where that turns by itself, and is as stiff as the thread.
     """
     size = len(coupled.system.mass)
     counts = [count_coordinates(train) for train in trains]
@@ -115,7 +116,14 @@ def release_motors(coupled: CoupledMachine, trains: tuple[DriveTrain, ...]) -> C
         spring = springs[train.joint]
         rows = spring.rows.copy()
         rows[0, size + last] = -np.sign(_thread_row(spring)[:size] @ train.stretch)
-        springs[train.joint] = dataclasses.replace(spring, rows=rows)
+        thread = spring.stiffness[0] / spring.stiffness[0, 0]
+        stiffer = (thread_stiffness(train) - train.stiffness) * np.outer(thread, thread)
+        springs[train.joint] = dataclasses.replace(
+            spring,
+            rows=rows,
+            stiffness=spring.stiffness + stiffer,
+            damping=spring.damping + train.beta * stiffer,
+        )
     return dataclasses.replace(
         coupled,
         system=free_motors(coupled.system, trains),

@@ -53,19 +53,6 @@ class ClosedLoop:
     rates: FloatArray
     plant: StateSpace
 
-    def between(self, inputs: Sequence[Channel], outputs: Sequence[Channel]) -> StateSpace:
-        """From loads to motions that the loop was closed with, set points at rest."""
-        columns = [self.space.inputs.index(channel) for channel in inputs]
-        rows = [self.space.outputs.index(channel) for channel in outputs]
-        return dataclasses.replace(
-            self.space,
-            b=self.space.b[:, columns],
-            c=self.space.c[rows],
-            d=self.space.d[np.ix_(rows, columns)],
-            inputs=tuple(inputs),
-            outputs=tuple(outputs),
-        )
-
 
 def close_loops(
     system: SecondOrderSystem,

@@ -96,7 +96,7 @@ def free_motors(system: SecondOrderSystem, trains: Sequence[DriveTrain]) -> Seco
         if turns.apart:
             freed += train.coupling * np.outer(motor - screw, motor - screw)
         if not is_rigid(train):
-            locked, spring = train.stiffness, _thread_stiffness(train)
+            locked, spring = train.stiffness, thread_stiffness(train)
             freed += _join(stretch, screw, spring) + (spring - locked) * np.outer(stretch, stretch)
             if damping is not None:
                 damping += _join(slide, screw, train.damping)
@@ -174,7 +174,7 @@ def _turns_alone(train: DriveTrain) -> bool:
     return train.screw_mass > 0.0 and math.isfinite(train.coupling)
 
 
-def _thread_stiffness(train: DriveTrain) -> float:
+def thread_stiffness(train: DriveTrain) -> float:
     """Between the nut and what turns the thread: a coupling without a screw of its own stands in
     series.
     """

@@ -30,11 +30,14 @@ class RubbingTransient:
 
     Attributes:
         motion: As integrated.
+        friction: ``(n - 1, k)`` force against the motion at the begin of each step, and at its end
+            [N].
         response: At the outputs wanted.
         energy: Its balance.
     """
 
     motion: DrivenMotion
+    friction: tuple[FloatArray, FloatArray]
     response: Response
     energy: EnergyBalance
 
@@ -87,8 +90,15 @@ def solve_rubbing_transient(
         ),
         longest=LONGEST * float(np.median(loads.steps)),
     )
+    rubbed = (
+        model.friction(found.right[:-1] @ model.slides.T),
+        model.friction(found.left[1:] @ model.slides.T),
+    )
     return RubbingTransient(
-        found, _read_outputs(model, loads, found, count), _add_energies(model, found)
+        found,
+        rubbed,
+        _read_outputs(model, loads, found, rubbed, count),
+        _add_energies(model, found),
     )
 
 
@@ -119,7 +129,11 @@ def _find_jumps(loads: SteppedLoads) -> FloatArray:
 
 
 def _read_outputs(
-    model: RubbingLoop, loads: SteppedLoads, motion: DrivenMotion, count: int
+    model: RubbingLoop,
+    loads: SteppedLoads,
+    motion: DrivenMotion,
+    friction: tuple[FloatArray, FloatArray],
+    count: int,
 ) -> Response:
     """Displacements and speeds of the outputs wanted."""
     space, given, sets = model.loop.space, model.given, model.sets
@@ -128,8 +142,7 @@ def _read_outputs(
     stacked = stack_laws(model.laws)
     moved, speeds = [], []
     for end, states in enumerate((motion.right[:-1], motion.left[1:])):
-        sliding = states @ model.slides.T
-        rubbed = model.friction(sliding)
+        sliding, rubbed = states @ model.slides.T, friction[end]
         changes = (
             states @ space.a.T + values[:, end] @ space.b[:, sets:given].T - rubbed @ model.drag.T
         )

@@ -2,6 +2,7 @@
 ``x' = A x + B u``, ``y = C x + D u``.
 """
 
+import dataclasses
 import importlib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -70,6 +71,19 @@ class StateSpace:
     outputs: tuple[Channel, ...]
     states: tuple[str, ...]
     pairs: ModalPairs | None = None
+
+    def select(self, inputs: Sequence[Channel], outputs: Sequence[Channel]) -> "StateSpace":
+        """The same states between some of the inputs and outputs."""
+        columns = [self.inputs.index(channel) for channel in inputs]
+        rows = [self.outputs.index(channel) for channel in outputs]
+        return dataclasses.replace(
+            self,
+            b=self.b[:, columns],
+            c=self.c[rows],
+            d=self.d[np.ix_(rows, columns)],
+            inputs=tuple(inputs),
+            outputs=tuple(outputs),
+        )
 
     def respond(self, omega: FloatArray) -> ComplexArray:
         """Frequency response ``(n_freq, n_outputs, n_inputs)`` at angular frequencies [rad/s]."""

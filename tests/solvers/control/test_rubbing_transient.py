@@ -66,7 +66,7 @@ def respond(
     loop = close_loops(
         system, [train], inputs=[*inputs, *channels], outputs=[LOAD], up_to_hz=up_to_hz
     )
-    space = loop.between(inputs, [LOAD])
+    space = loop.space.select(inputs, [LOAD])
     stepped = step_loads(loads, duration, rate)
     _, _, state = rest_positions(space, loads, duration)
     free = solve_transient(space, stepped, state)

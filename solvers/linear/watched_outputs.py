@@ -1,0 +1,81 @@
+"""Outputs of a motion in time whose largest values are wanted: forces of drives and joints, and
+what else states and loads say.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.solvers.linear.state_space import StateSpace
+from headstock.solvers.second_order import Channel
+
+CHUNK = 4096  # steps looked at together
+
+
+@dataclass(frozen=True)
+class Extreme:
+    """The value of largest size, with its sign, and when it occurs [s]."""
+
+    value: float
+    time: float
+
+
+@dataclass(frozen=True, eq=False)
+class WatchedOutputs:
+    """Linear outputs of a state space.
+
+    Attributes:
+        states: ``(k, n)`` of its states.
+        inputs: ``(k, m)`` of what acts on it.
+    """
+
+    states: FloatArray
+    inputs: FloatArray
+
+    def evaluate(self, states: FloatArray, acting: FloatArray) -> FloatArray:
+        """Values ``(..., k)`` at states ``(..., n)`` and inputs ``(..., m)``."""
+        return np.asarray(states @ self.states.T + acting @ self.inputs.T)
+
+    def find_extremes(
+        self, times: FloatArray, states: Sequence[FloatArray], acting: Sequence[FloatArray]
+    ) -> tuple[Extreme, ...]:
+        """The largest values at the begin and the end of every step.
+
+        Args:
+            times: ``(n,)`` [s].
+            states: ``(n - 1, s)`` at the begin of each step, and at its end.
+            acting: ``(n - 1, m)`` likewise.
+        """
+        count = len(self.states)
+        values, places = np.zeros(count), np.zeros(count, dtype=np.intp)
+        for end in (0, 1):
+            for start in range(0, len(times) - 1, CHUNK):
+                part = slice(start, start + CHUNK)
+                found = self.evaluate(states[end][part], acting[end][part])
+                rows = np.abs(found).argmax(axis=0)
+                largest = found[rows, np.arange(count)]
+                larger = np.abs(largest) > np.abs(values)
+                values[larger], places[larger] = largest[larger], rows[larger] + start + end
+        return tuple(
+            Extreme(float(value), float(times[place]))
+            for value, place in zip(values, places, strict=True)
+        )
+
+
+def watch_channels(
+    space: StateSpace, channels: Sequence[Channel], rates: Sequence[Channel] = ()
+) -> WatchedOutputs:
+    """Outputs of a state space, each with the rate of another one added.
+
+    Args:
+        space: With all of them as outputs.
+        channels: ``k`` of them.
+        rates: As many; none adds nothing. What inputs do to them at once has no rate here.
+    """
+    rows = [space.outputs.index(channel) for channel in channels]
+    states, inputs = space.c[rows], space.d[rows]
+    if rates:
+        states = states + space.c[[space.outputs.index(channel) for channel in rates]] @ space.a
+    return WatchedOutputs(states, inputs)

@@ -1,0 +1,195 @@
+"""Torques of motors, position errors and forces of joints while a machine moves, beside closed forms
+and equilibrium.
+"""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from headstock.app.report.report import render_report
+from headstock.app.tables.run import list_tables
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.answers.answer import find_answers
+from headstock.pipeline.answers.transient import TransientAnswer
+from headstock.pipeline.results.files import read_histories
+from headstock.pipeline.results.results import Results
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.storage.store import Store
+from headstock.scene.building.loader import load_scene
+
+ROOT = Path(__file__).resolve().parents[3]
+SLIDE = ROOT / "tests" / "data" / "slide.toml"
+MASS, INERTIA, LEAD = 40.0, 2e-3, 0.01
+KP, KV = 6e4, 10.0
+COULOMB, VISCOUS, PUSH = 30.0, 500.0, 400.0
+AXIS = f"""
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.slide]
+solid = {{ box = ["200 mm", "200 mm", "100 mm"] }}
+material = "steel"
+mass = "{MASS} kg"
+fidelity = "rigid"
+[components.slide.interfaces]
+bottom = {{ face = "z-" }}
+top = {{ face = "z+" }}
+[joints.guide]
+between = ["ground", "slide.bottom"]
+kind = "spring"
+stiffness = {{ x = "0 N/um", y = "rigid", z = "rigid", rx = "rigid", ry = "rigid", rz = "rigid" }}
+[joints.screw]
+between = ["slide.bottom", "ground"]
+kind = "ball_screw"
+axis = "x"
+stiffness = {{ axial = "1e6 N/um" }}
+[axes.X]
+joints = ["guide", "screw"]
+limits = ["-100 mm", "100 mm"]
+[points]
+tcp = {{ tool = "slide.top", work = "ground" }}
+[drives.X]
+inertia = "{INERTIA} kg m^2"
+lead = "{1e3 * LEAD} mm"
+kv = "{KV} 1/s"
+velocity_gain = "{KP} N s/m"
+friction = {{ coulomb = "{COULOMB} N", viscous = "{VISCOUS} N s/m", smoothing = "0.006 mm/min" }}
+[effects]
+drive_control = true
+friction = true
+[poses.middle]
+X = "0 mm"
+"""
+
+
+def run(text: str, folder: Path) -> Results:
+    path = folder / "scene.toml"
+    path.write_text(text)
+    return run_scene(
+        load_scene(path), folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store")
+    )
+
+
+def answer_of(results: Results) -> TransientAnswer:
+    (answer,) = find_answers(results.answers, TransientAnswer)
+    return answer
+
+
+def pushed_axis(times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Position, speed and acceleration of a mass that a P controller holds while a force pushes it
+    against friction: two real poles.
+    """
+    whole = MASS + INERTIA * (2.0 * np.pi / LEAD) ** 2
+    slow, fast = np.roots([whole, KP + VISCOUS, KP * KV]).real
+    rest = (PUSH - COULOMB) / (KP * KV)
+    # rest (1 - (f e^{s t} - s e^{f t}) / (f - s))
+    parts = [(fast, slow), (-slow, fast)]
+    moved, speed, pull = (
+        sum(factor * pole**order * np.exp(pole * times) for factor, pole in parts) / (fast - slow)
+        for order in range(3)
+    )
+    return rest * (1.0 - moved), -rest * speed, -rest * pull
+
+
+def test_a_motor_turns_what_it_moves_and_overcomes_friction_and_load(tmp_path: Path) -> None:
+    request = (
+        '[analyses.transient]\nduration = "40 ms"\nup_to = "500 Hz"\nmotors = "controlled"\n'
+        f'outputs = [["tcp", "x"]]\nloads.push = {{ at = ["tcp", "x"], shape = "step", size = "{PUSH} N" }}'
+    )
+    results = run(f"{AXIS}\n{request}", tmp_path)
+    answer = answer_of(results)
+    curves = answer.curves
+    position, speed, pull = pushed_axis(curves.times)
+    sliding = curves.times > 0.0
+    assert speed[sliding].min() > 1e-5  # 100 times its smoothing
+    # kp (kv x + v) = - (J (2 pi / l)^2 + m) a - friction + load, as a torque
+    whole = MASS + INERTIA * (2.0 * np.pi / LEAD) ** 2
+    force = whole * pull + COULOMB + VISCOUS * speed - PUSH
+    torque = LEAD / (2.0 * np.pi) * force
+    np.testing.assert_allclose(
+        curves.torques[sliding, 0], torque[sliding], atol=1e-4 * np.abs(torque).max()
+    )
+    np.testing.assert_allclose(curves.position_errors[:, 0], -position, atol=1e-4 * position.max())
+    largest = answer.drives["X"]
+    assert largest.torque.value == pytest.approx(-np.abs(torque[sliding]).max(), rel=1e-4)
+    assert largest.position_error.value == pytest.approx(-position[-1], rel=1e-4)
+    assert largest.position_error.time == pytest.approx(0.04)
+    # the screw takes what does not accelerate the slide, most before that moves and rubs
+    taken = answer.joints["screw"]["x"]
+    assert taken.value == pytest.approx(MASS * PUSH / whole - PUSH, rel=1e-4)
+    assert taken.time == 0.0
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())["transient"]["middle"]
+    assert summary["drives"]["X"]["torque_nm"] == largest.torque.value
+    assert summary["joints"]["screw"]["x"]["unit"] == "N"
+
+
+def test_joints_carry_a_load_that_comes_slowly(tmp_path: Path) -> None:
+    """Guide and screw of a slide are statically determinate; motors are locked."""
+    request = (
+        '[analyses.transient]\nduration = "1 s"\nup_to = "500 Hz"\nposes = ["left"]\n'
+        'outputs = [["tcp", "x"]]\n'
+        'loads.side = { at = ["tcp", "y"], shape = "ramp", size = "50 N", time = "1 s" }\n'
+        'loads.down = { at = ["tcp", "z"], shape = "ramp", size = "-200 N", time = "1 s" }\n'
+        'loads.along = { at = ["tcp", "x"], shape = "ramp", size = "80 N", time = "1 s" }\n'
+        "[effects]\ndamping = { modal = 0.3 }"
+    )
+    joints = answer_of(run(f"{SLIDE.read_text()}\n{request}", tmp_path)).joints
+    # the slide is 60 mm high; the guide's first end is the slide, which it pushes back
+    carriage, screw = joints["carriage"], joints["drive"]
+    assert carriage["y"].value == pytest.approx(-50.0, rel=1e-3)
+    assert carriage["z"].value == pytest.approx(200.0, rel=1e-3)
+    assert carriage["rx"].value == pytest.approx(0.06 * 50.0, rel=5e-3)
+    assert screw["x"].value == pytest.approx(-80.0, rel=1e-3)
+    assert {name: found.time for name, found in carriage.items()}["z"] == pytest.approx(1.0)
+
+
+def test_springs_beside_rigid_joints_take_nothing(tmp_path: Path) -> None:
+    beside = (
+        '[joints.soft]\nbetween = ["bed.foot_1", "ground"]\nkind = "spring"\n'
+        'stiffness = { z = "10 N/um" }\n'
+    )
+    request = (
+        '[analyses.transient]\nduration = "5 ms"\nposes = ["left"]\n'
+        'loads.hit = { at = ["tcp", "z"], shape = "step", size = "10 N" }\n'
+    )
+    joints = answer_of(run(f"{SLIDE.read_text()}\n{beside}{request}", tmp_path)).joints
+    assert joints["soft"]["z"].value == 0.0
+    assert "foot_1" not in joints
+    assert abs(joints["foot_2"]["z"].value) > 1.0
+
+
+def test_a_coupling_does_not_change_what_a_screw_takes(tmp_path: Path) -> None:
+    """A screw that turns by itself stands between thread and coupling; at rest it passes the load on."""
+    request = (
+        '[analyses.transient]\nduration = "4 s"\nup_to = "300 Hz"\nmotors = "controlled"\n'
+        f'outputs = [["tcp", "x"]]\nloads.push = {{ at = ["tcp", "x"], shape = "ramp", size = "{PUSH} N", time = "4 s" }}'
+    )
+    text = AXIS.replace('stiffness = { axial = "1e6 N/um" }', 'stiffness = { axial = "100 N/um" }')
+    text = text.replace("friction = true", "screw_inertia = true\ndamping = { modal = 0.05 }")
+    text = text.replace(
+        "[effects]", 'coupling = "1 kN m/rad"\nscrew_inertia = "1e-4 kg m^2"\n[effects]'
+    )
+    answer = answer_of(run(f"{text}\n{request}", tmp_path))
+    assert answer.joints["screw"]["x"].value == pytest.approx(-PUSH, rel=1e-2)
+    assert answer.drives["X"].torque.value == pytest.approx(-LEAD / (2.0 * np.pi) * PUSH, rel=1e-2)
+
+
+def test_forces_are_tabled_written_and_drawn(tmp_path: Path) -> None:
+    request = (
+        '[analyses.transient]\nduration = "10 ms"\nup_to = "500 Hz"\nmotors = "controlled"\n'
+        'outputs = [["tcp", "x"]]\nloads.push = { at = ["tcp", "x"], shape = "step", size = "90 N" }'
+    )
+    answer = answer_of(run(f"{AXIS}\n{request}", tmp_path))
+    (curves,) = read_histories(tmp_path / "out")
+    assert curves.drives == ("X",)
+    assert np.array_equal(curves.torques, answer.curves.torques)
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    tables = {table.name: table for table in list_tables(summary)}
+    assert tables["joint_forces_middle"].rows[0][:2] == ("screw", "x")
+    assert tables["motors_middle"].headings[1] == "largest torque [N m]"
+    page = render_report(summary, histories=[curves])
+    assert "Torque of motors [N m]" in page and "Position error [µm]" in page
