@@ -181,6 +181,10 @@ def _entries(summary: RunSummary) -> Iterator[_Entry]:
                 if "peak_um" in figures:
                     where = f"{' '.join(output['dof'])}, {zone}, {run['name']}"
                     yield _Entry("path deviation", where, [figures["peak_um"], figures["span_um"]])
+        for name, motor in run["drives"].items():
+            where = f"{name}, {run['name']}"
+            yield _Entry("motor torques", where, [motor["torque_nm"]])
+            yield _Entry("position errors", where, [motor["position_error_um"]])
     for pose, transient in summary.get("transient", {}).items():
         for name, moved in transient["outputs"].items():
             if moved["unit"] == "um":

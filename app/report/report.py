@@ -30,7 +30,7 @@ from headstock.app.report.lobes import draw_lobes
 from headstock.app.report.milled_faces import draw_milled_faces
 from headstock.app.report.notes import judge_numbers
 from headstock.app.report.path import draw_contour, draw_path
-from headstock.app.report.transient import draw_transient
+from headstock.app.report.transient import draw_path_drives, draw_transient
 from headstock.app.report.viewer_data import Caption, EncodedMachine, Kind, encode_machine
 from headstock.app.report.volumetric import draw_motions, draw_volume, list_maps
 from headstock.app.tables.components import COMPONENT_COLUMNS, JOINT_COLUMNS, MODEL_COLUMNS
@@ -215,7 +215,7 @@ def render_report(
                 table.name: base64.b64encode(encode_csv(table)).decode() for table in tables
             },
             paths=list(paths),
-            path_stems=[path_stem(run) for run in paths],
+            path_stems=[path_stem(6e4 * run.feed) for run in paths],
             histories={history.pose: history for history in histories},
             worth=None if worth is None else worth.summary,
             chart=None if worth is None else worth.chart,
@@ -557,6 +557,7 @@ def report_environment() -> jinja2.Environment:
         "draw_poles": draw_poles,
         "draw_path": draw_path,
         "draw_transient": draw_transient,
+        "draw_path_drives": draw_path_drives,
         "list_moved": list_moved,
         "transient_words": transient_words,
         "limit_error_words": limit_error_words,

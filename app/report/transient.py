@@ -8,12 +8,13 @@ from markupsafe import Markup
 from headstock.app.report import svg
 from headstock.app.report.panels import Panel, draw_axes, draw_curve, show_range
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.answers.path import deviation_unit
+from headstock.pipeline.answers.path import PathCurves, deviation_unit
 from headstock.pipeline.answers.transient import TransientCurves
 from headstock.solvers.second_order import name_channel
 
 WIDTH, LEFT, RIGHT, TITLE, FOOT = 1150, 58, 14, 24, 30
 LOAD_HEIGHT, OUTPUT_HEIGHT, DRIVE_HEIGHT = 70, 150, 100
+DRIVES_HEIGHT = 2 * (TITLE + DRIVE_HEIGHT + FOOT)
 COLORS = ("#2f6db3", "#d08a4a", "#6a9a5b", "#8a6bb0", "#b5566e", "#5d8f8f")
 UNITS = {"um": "µm", "urad": "µrad"}
 NEGLIGIBLE = 1e-10  # of the largest output of its kind: at rest by symmetry
@@ -52,19 +53,36 @@ def draw_transient(curves: TransientCurves, identity: str) -> Markup:
             label = f"{'Displacement' if unit == 'um' else 'Rotation'} [{UNITS[unit]}]"
             parts.append(_draw_field(curves.times, lines, label, top, OUTPUT_HEIGHT))
             top += TITLE + OUTPUT_HEIGHT + FOOT
+    if curves.drives:
+        parts.append(_draw_drives(curves.times, curves, top))
+        top += DRIVES_HEIGHT
+    said = f"Motion in pose {curves.pose}"
+    return svg.picture(parts, identity=identity, kind="sticks", width=WIDTH, height=top, label=said)
+
+
+def draw_path_drives(curves: PathCurves, identity: str) -> Markup:
+    """One SVG: torques and position errors of drives along a path."""
+    said = f"Drives at {curves.name}"
+    drawn = [_draw_drives(curves.deviation.times, curves, 0.0)]
+    return svg.picture(
+        drawn, identity=identity, kind="sticks", width=WIDTH, height=DRIVES_HEIGHT, label=said
+    )
+
+
+def _draw_drives(times: FloatArray, curves: TransientCurves | PathCurves, top: float) -> Markup:
+    """A panel for the torques of motors, and one for position errors."""
+    parts = []
     for label, values in (
         ("Torque of motors [N m]", curves.torques),
         ("Position error [µm]", 1e6 * curves.position_errors),
     ):
-        if curves.drives:
-            lines = [
-                (name, values[:, number], COLORS[number % len(COLORS)])
-                for number, name in enumerate(curves.drives)
-            ]
-            parts.append(_draw_field(curves.times, lines, label, top, DRIVE_HEIGHT))
-            top += TITLE + DRIVE_HEIGHT + FOOT
-    said = f"Motion in pose {curves.pose}"
-    return svg.picture(parts, identity=identity, kind="sticks", width=WIDTH, height=top, label=said)
+        lines = [
+            (name, values[:, number], COLORS[number % len(COLORS)])
+            for number, name in enumerate(curves.drives)
+        ]
+        parts.append(_draw_field(times, lines, label, top, DRIVE_HEIGHT))
+        top += 0.5 * DRIVES_HEIGHT
+    return Markup("").join(parts)
 
 
 def _draw_field(

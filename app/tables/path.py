@@ -123,13 +123,15 @@ CRUISE_COLUMNS: tuple[Column[CruiseRow], ...] = (
 )
 
 
-def path_stem(curves: PathCurves) -> str:
-    """Name of a feed's files: ``path_3000``."""
-    return f"path_{6e4 * curves.feed:g}".replace(".", "_").replace("+", "")
+def path_stem(feed: float) -> str:
+    """Name of the files of a feed [mm/min]: ``path_3000``."""
+    return f"path_{feed:g}".replace(".", "_").replace("+", "")
 
 
 def tabulate_path(curves: PathCurves) -> PlainTable:
-    """A row per sample: time, set point, and the deviation of every output with its parts."""
+    """A row per sample: time, set point, the deviation of every output with its parts, and what drives
+    under control do.
+    """
     found = curves.deviation
     headings = ["time [s]", "position [mm]", "acceleration [m/s^2]"]
     columns = [found.times, 1e3 * curves.positions, curves.accelerations]
@@ -140,8 +142,11 @@ def tabulate_path(curves: PathCurves) -> PlainTable:
             columns.append(factor * getattr(found, part)[:, number])
         headings.append(f"deviation in the pose of the middle {name_channel(channel)} [{unit}]")
         columns.append(factor * curves.frozen[:, number])
+    for number, name in enumerate(curves.drives):
+        headings += [f"torque of {name} [N m]", f"position error of {name} [um]"]
+        columns += [curves.torques[:, number], 1e6 * curves.position_errors[:, number]]
     return PlainTable(
-        path_stem(curves),
+        path_stem(6e4 * curves.feed),
         tuple(headings),
         tuple(tuple(float(value) for value in row) for row in np.column_stack(columns)),
     )

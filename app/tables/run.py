@@ -12,6 +12,7 @@ from headstock.app.tables.lobes import LOBE_COLUMNS, list_lobes, tabulate_limits
 from headstock.app.tables.map import tabulate_map
 from headstock.app.tables.modes import tabulate_modes
 from headstock.app.tables.motion_forces import MOTOR_COLUMNS, tabulate_joint_forces
+from headstock.app.tables.path import path_stem
 from headstock.app.tables.probes import PROBE_COLUMNS, PROBE_PEAK_COLUMNS, list_probe_peaks
 from headstock.app.tables.static import (
     DEVIATION_COLUMNS,
@@ -65,6 +66,12 @@ def list_tables(summary: RunSummary) -> list[PlainTable]:
         tables += [
             table for face in contour.get("milled_faces", []) for table in tabulate_profiles(face)
         ]
+    for feed in summary["path"]["feeds"] if "path" in summary else ():
+        stem = path_stem(feed["feed_mm_per_min"])
+        if feed["drives"]:
+            tables.append(tabulate(f"motors_{stem}", MOTOR_COLUMNS, feed["drives"].items()))
+        if feed["joints"]:
+            tables.append(tabulate_joint_forces(f"joint_forces_{stem}", feed["joints"]))
     for pose, control in summary.get("control", {}).items():
         tables.append(
             tabulate(

@@ -63,6 +63,7 @@ from headstock.app.texts.bounded_values import (
 from headstock.geometry.machine.machine import show_position
 from headstock.pipeline.answers.lobes import LobesSummary
 from headstock.pipeline.answers.modal import ModesSummary
+from headstock.pipeline.answers.motion_forces import DriveForceSummary, JointForceSummary
 from headstock.pipeline.answers.path import PathSummary
 from headstock.pipeline.answers.static import PointSummary
 from headstock.pipeline.answers.volumetric import VolumetricSummary
@@ -180,6 +181,8 @@ def print_summary(
                 "At constant feed, with errors of guides [µm or µrad]",
                 tell_rows(CRUISE_COLUMNS, cruises),
             )
+        for feed in summary["path"]["feeds"]:
+            _print_forces(console, f"at {feed['name']}", feed["drives"], feed["joints"])
     if "contouring" in summary:
         contour = summary["contouring"]
         print_table(
@@ -219,12 +222,7 @@ def print_summary(
         )
         for words in transient_words(transient):
             console.print(f"  {words}", markup=False)
-        if transient["drives"]:
-            title = f"Motors in pose {pose}"
-            print_table(console, title, tell_rows(MOTOR_COLUMNS, transient["drives"].items()))
-        if transient["joints"]:
-            title = f"Largest forces of joints in pose {pose}"
-            print_table(console, title, tell_rows(JOINT_FORCE_COLUMNS, transient["joints"].items()))
+        _print_forces(console, f"in pose {pose}", transient["drives"], transient["joints"])
     if "model_errors" in summary:
         print_table(
             console,
@@ -250,6 +248,20 @@ def print_summary(
     console.print(
         f"{summary['status']} in {seconds:.2f} s, results in {folder}", style="bold", markup=False
     )
+
+
+def _print_forces(
+    console: Console,
+    where: str,
+    drives: Mapping[str, DriveForceSummary],
+    joints: Mapping[str, Mapping[str, JointForceSummary]],
+) -> None:
+    """What drives and joints took at most."""
+    if drives:
+        print_table(console, f"Motors {where}", tell_rows(MOTOR_COLUMNS, drives.items()))
+    if joints:
+        title = f"Largest forces of joints {where}"
+        print_table(console, title, tell_rows(JOINT_FORCE_COLUMNS, joints.items()))
 
 
 def tell_rows[Row](columns: Sequence[Column[Row]], rows: Iterable[Row]) -> Table:

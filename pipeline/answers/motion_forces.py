@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TypedDict
 
+from headstock.geometry.frames import FloatArray
 from headstock.solvers.linear.watched_outputs import Extreme
 
 
@@ -37,6 +38,34 @@ class DriveExtremes:
 
     torque: Extreme
     position_error: Extreme
+
+
+@dataclass(frozen=True, eq=False)
+class DriveHistory:
+    """What drives under control did.
+
+    Attributes:
+        extremes: By drive.
+        torques: ``(n, d)`` of motors at every time [N m].
+        position_errors: ``(n, d)`` [m].
+    """
+
+    extremes: dict[str, DriveExtremes]
+    torques: FloatArray
+    position_errors: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class PathForces:
+    """What drives and joints took along a path.
+
+    Attributes:
+        drives: Under control.
+        joints: Largest force on the first end of each joint, by direction, in joint axes.
+    """
+
+    drives: DriveHistory
+    joints: dict[str, dict[str, Extreme]]
 
 
 def summarise_drives(drives: Mapping[str, DriveExtremes]) -> dict[str, DriveForceSummary]:

@@ -11,6 +11,14 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.frf import split_channel
+from headstock.pipeline.answers.motion_forces import (
+    DriveExtremes,
+    DriveForceSummary,
+    JointForceSummary,
+    summarise_drives,
+    summarise_joints,
+)
+from headstock.solvers.linear.watched_outputs import Extreme
 from headstock.solvers.paths.response import CruiseFigures, PathDeviation, ZoneFigures
 from headstock.solvers.second_order import Channel, name_channel
 
@@ -47,6 +55,8 @@ class FeedSummary(TypedDict):
     feed_mm_per_min: float
     acceleration: float
     outputs: list[OutputSummary]
+    drives: dict[str, DriveForceSummary]
+    joints: dict[str, dict[str, JointForceSummary]]
 
 
 class FollowedSummary(TypedDict):
@@ -94,6 +104,9 @@ class PathCurves:
         frozen: ``(n, n_outputs)`` deviation if the pose stayed that of the middle, as filtered.
         positions: ``(n,)`` set point along the path [m].
         accelerations: ``(n,)`` of the set point [m/s^2].
+        drives: Names of the drives under control.
+        torques: ``(n, d)`` of their motors, not filtered [N m].
+        position_errors: ``(n, d)`` set less measured position, not filtered [m].
     """
 
     feed: float
@@ -103,6 +116,9 @@ class PathCurves:
     frozen: FloatArray
     positions: FloatArray
     accelerations: FloatArray
+    drives: tuple[str, ...]
+    torques: FloatArray
+    position_errors: FloatArray
 
     @property
     def name(self) -> str:
@@ -118,12 +134,16 @@ class PathRun:
         curves: What is tabled and drawn.
         figures: Of every output, in both zones.
         frozen_figures: The same if the pose stayed that of the middle.
+        drives: What each drive under control did at most.
+        joints: Largest force on the first end of each joint, by direction, in joint axes.
         cruises: Of every output at constant feed; empty without errors of guides.
     """
 
     curves: PathCurves
     figures: tuple[tuple[ZoneFigures, ZoneFigures], ...]
     frozen_figures: tuple[tuple[ZoneFigures, ZoneFigures], ...]
+    drives: dict[str, DriveExtremes]
+    joints: dict[str, dict[str, Extreme]]
     cruises: tuple[CruiseFigures | None, ...] = ()
 
 
@@ -207,7 +227,9 @@ class PathResult(Answer):
     drives: tuple[str, ...] = ()
     energy_error: dict[str, float] = field(default_factory=dict)
     units: ClassVar[dict[str, str]] = {
-        r"path/.*/(inputs|outputs)": "",
+        r"path/.*/(inputs|outputs|drives)": "",
+        r"path/.*/torques": "N m",
+        r"path/.*/position_errors": "m",
         r"path/.*/times": "s",
         r"path/.*/positions": "m",
         r"path/.*/accelerations": "m/s^2",
@@ -247,6 +269,8 @@ def _summarise_run(run: PathRun) -> FeedSummary:
         "feed_mm_per_min": 6e4 * run.curves.feed,
         "acceleration": float(np.abs(run.curves.accelerations).max()),
         "outputs": [_summarise_output(run, number) for number in range(len(run.figures))],
+        "drives": summarise_drives(run.drives),
+        "joints": summarise_joints(run.joints),
     }
 
 
@@ -311,6 +335,8 @@ def fill_path(group: h5py.Group, curves: PathCurves) -> None:
     for name in _PARTS:
         group[name] = getattr(curves.deviation, name)
     group["frozen"] = curves.frozen
+    group["drives"] = np.char.encode(np.array(curves.drives, dtype=str), "utf-8")
+    group["torques"], group["position_errors"] = curves.torques, curves.position_errors
 
 
 def parse_path(group: h5py.Group) -> PathCurves:
@@ -331,4 +357,7 @@ def parse_path(group: h5py.Group) -> PathCurves:
         frozen=group["frozen"][:],
         positions=group["positions"][:],
         accelerations=group["accelerations"][:],
+        drives=tuple(text.decode() for text in group["drives"][:]),
+        torques=group["torques"][:],
+        position_errors=group["position_errors"][:],
     )

@@ -5,6 +5,7 @@ errors, the cut and the forces of its speeds, by the steps in time of contours.
 import dataclasses
 import functools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.machine.drives import Drive
 from headstock.geometry.mechanisms.exechon import LENGTHS
 from headstock.geometry.mechanisms.tool_mechanism import tool_pose
+from headstock.pipeline.answers.motion_forces import PathForces
 from headstock.pipeline.answers.path import FollowedPoses
 from headstock.pipeline.contours.way_errors import STEPS_PER_WAVE, WayErrors, find_way_errors
 from headstock.pipeline.contours.way_motors import WayMotors, close_way, lead_motors, plan_motors
@@ -30,6 +32,7 @@ from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.carried_bodies import move_bodies
 from headstock.pipeline.stages.control import drive_along
 from headstock.pipeline.stages.machine import damp_system
+from headstock.pipeline.stages.motion_forces import leave_out_roundoff, record_drives
 from headstock.pipeline.stages.path import (
     STEPS_PER_TURN,
     SolvedMoves,
@@ -40,9 +43,11 @@ from headstock.pipeline.stages.path import (
     sample_path,
 )
 from headstock.pipeline.stages.run_state import Outcome, RunState
+from headstock.reduction.coupling.joint_forces import JointForces, joint_outputs
 from headstock.scene.requests import PathRequest
 from headstock.scene.scene import SceneMechanism
 from headstock.solvers.control.drive_trains import SCALE
+from headstock.solvers.linear.watched_outputs import Extreme, find_largest
 from headstock.solvers.milling.straight_path import StraightPath, UnitTravel
 from headstock.solvers.milling.tool_path import PathPoints
 from headstock.solvers.paths.linear_motion import (
@@ -60,7 +65,7 @@ from headstock.solvers.paths.sampled_motion import (
     sample_motion,
 )
 from headstock.solvers.paths.set_points import SetPoint, sample_move
-from headstock.solvers.paths.varying_system import PlantChannels
+from headstock.solvers.paths.varying_system import PlantChannels, SampledPlant
 from headstock.solvers.second_order import Channel
 
 STEPS_PER_SWING = 24  # of the highest mode that is kept
@@ -68,6 +73,7 @@ NODES = 65  # positions of the line between which the rigid motion is interpolat
 NODE_SPACING = 5e-3  # of its matrices in time: on ramps the place is no line in time [s]
 BEFORE = 2  # steps before the move begins: the first one is at rest
 MATTERS = 1e-3  # of a natural frequency: what moves it less is no warning
+TOOL_FORCES = 3  # of the inputs are forces on the tool
 TWICE = 2.0  # as high as modes are kept, to judge what is left out
 
 
@@ -165,17 +171,26 @@ class ToolLine:
         way = dataclasses.replace(speeding, amounts=amounts)
         return way if self.errors is None else self.errors.join(way, motion)
 
+    @functools.cached_property
+    def joints(self) -> tuple[JointForces, ...]:
+        """Forces of the joints in the middle of the line."""
+        path = self.request.path
+        return place_model(self.state)(path.pose_at(0.5 * path.length)).joints
+
     def sample(self, up_to_hz: float, *, follows: bool) -> SampledMotion:
-        """The machine at positions of the line, or in its middle everywhere."""
+        """The machine at positions of the line, or in its middle everywhere; there with its joints
+        among the outputs.
+        """
         length = self.request.path.length
         first = StraightPath(
             self.start, self.along, self.request.moves[0], 1.0 / self.request.sampling_hz
         )
         way = self.way(first)
         scales = ((drive.name, SCALE) for drive in self.drives)
+        joints = () if follows else tuple(joint_outputs(self.joints))
         channels = PlantChannels(
             inputs=(*self.tool, GRAVITY_LOAD, *way.channels),
-            outputs=(*self.tool, *self.request.outputs, *scales),
+            outputs=(*self.tool, *self.request.outputs, *joints, *scales),
             up_to_hz=up_to_hz,
         )
         place = place_machine(self.state, way, {}, self.drives)
@@ -198,14 +213,20 @@ def solve_tool_moves(state: RunState, request: PathRequest) -> SolvedMoves:
         _require_stable(line)
     up_to_hz = choose_model(request).up_to_hz or 0.0
     frozen = line.sample(up_to_hz, follows=False)
-    kept = tuple(_solve_move(line, frozen, move) for move in request.moves)
+    first = [_solve_move(line, frozen, move, joints=line.joints) for move in request.moves]
+    kept = tuple(found for found, _ in first)
     disturbed = line.errors is not None or any(drive.ripple for drive in line.drives)
     if not request.follows_pose:
-        return SolvedMoves(kept, kept, disturbed=disturbed)
+        return SolvedMoves(kept, kept, tuple(taken for _, taken in first), disturbed=disturbed)
     sampled = line.sample(up_to_hz, follows=True)
-    found = tuple(_solve_move(line, sampled, move) for move in request.moves)
+    second = [_solve_move(line, sampled, move) for move in request.moves]
+    found = tuple(each for each, _ in second)
+    forces = tuple(
+        PathForces(own.drives, middle.joints)
+        for (_, own), (_, middle) in zip(second, first, strict=True)
+    )
     return SolvedMoves(
-        found, kept, _judge_poses(line, sampled, found, kept, up_to_hz), disturbed=disturbed
+        found, kept, forces, _judge_poses(line, sampled, found, kept, up_to_hz), disturbed=disturbed
     )
 
 
@@ -280,8 +301,12 @@ def _count_steps(line: ToolLine, sampled: SampledMotion, move: SetPoint) -> int:
     return max(1, math.ceil(max(rates) / line.request.sampling_hz))
 
 
-def _solve_move(line: ToolLine, sampled: SampledMotion, move: SetPoint) -> PathDeviation:
-    """Deviation over one move, from the equilibrium at its beginning."""
+def _solve_move(
+    line: ToolLine, sampled: SampledMotion, move: SetPoint, joints: Sequence[JointForces] = ()
+) -> tuple[PathDeviation, PathForces]:
+    """Deviation over one move, from the equilibrium at its beginning, and what drives take; and
+    joints, whose springs and dampers are outputs after those wanted.
+    """
     samples = sample_path(line.request, move)
     parts = _count_steps(line, sampled, move)
     step = float(samples[1] - samples[0]) / parts
@@ -300,12 +325,13 @@ def _solve_move(line: ToolLine, sampled: SampledMotion, move: SetPoint) -> PathD
     outputs = slice(len(line.tool), len(line.tool) + len(line.request.outputs))
     found = sampled.at(motion.nodes, "rows", "direct")
     rows, direct = found.rows[:, outputs], found.direct[:, outputs]
-    motors = None
+    motors = servo = None
     if line.unit_motors is not None:
         motors = lead_motors(*line.unit_motors, line.nodes, path.travel)
     if motors is not None:
+        scales = outputs.stop + len(joint_outputs(joints))
         servo = close_way(
-            motors, sampled, motion, scales=outputs.stop, friction="true", load_spacing=step
+            motors, sampled, motion, scales=scales, friction="true", load_spacing=step
         )
         motion = servo.motion
         moved = motors.at(motion.nodes).outputs[:, outputs]
@@ -322,7 +348,65 @@ def _solve_move(line: ToolLine, sampled: SampledMotion, move: SetPoint) -> PathD
     total, at_once, slow = (
         (part - part[0])[BEFORE::parts] for part in (total, at_once, split.low_frequency)
     )
-    return PathDeviation(samples, total, at_once, slow, total - at_once - slow)
+    shown = slice(BEFORE, None, parts)
+    none = np.zeros((len(samples), 0))
+    drives = (
+        record_drives((), samples, none, none)
+        if servo is None
+        else record_drives(
+            line.drives, samples, servo.forces(history)[shown], -servo.read(history)[shown]
+        )
+    )
+    deviation = PathDeviation(samples, total, at_once, slow, total - at_once - slow)
+    return deviation, PathForces(
+        drives,
+        _find_joint_forces(
+            joints,
+            motion,
+            history,
+            sampled.at(motion.nodes, "rows", "direct"),
+            first=outputs.stop,
+            acting=np.concatenate([force, given[:, 1:]], axis=1),
+        ),
+    )
+
+
+def _find_joint_forces(
+    joints: Sequence[JointForces],
+    motion: LinearMotion,
+    history: CompliantHistory,
+    found: SampledPlant,
+    *,
+    first: int,
+    acting: FloatArray,
+) -> dict[str, dict[str, Extreme]]:
+    """Largest forces of joints beside those by weight alone.
+
+    Args:
+        joints: Of which springs and dampers are outputs.
+        motion: The machine.
+        history: Of its coordinates.
+        found: Its matrices at the nodes of the motion.
+        first: The first of these outputs.
+        acting: ``(n, 3 + r)`` forces on the tool, and what the way gives after gravity.
+    """
+    weight = interpolate_nodes(motion.times, motion.nodes, motion.gravity_deflection)
+    modes = found.rows.shape[2]
+    moved, rates = (history.compliant - weight)[:, :modes], history.rate[:, :modes]
+    # of what acts, gravity stands between the tool and the way
+    beyond = np.delete(found.direct, TOOL_FORCES, axis=2)
+    forces: dict[str, dict[str, Extreme]] = {}
+    for joint in joints:
+        count = len(joint.directions)
+        springs, dampers = slice(first, first + count), slice(first + count, first + 2 * count)
+        values = motion.apply(found.rows[:, springs], moved)
+        values += motion.apply(found.rows[:, dampers], rates)
+        values += motion.apply(beyond[:, springs], acting)
+        first += 2 * count
+        forces[joint.name] = dict(
+            zip(joint.directions, find_largest(motion.times, values), strict=True)
+        )
+    return leave_out_roundoff(forces)
 
 
 def _cut_forces(line: ToolLine, move: SetPoint, times: FloatArray) -> FloatArray:
@@ -393,7 +477,7 @@ def _judge_poses(
     truncation = 0.0
     if not sampled.complete:
         finer = line.sample(TWICE * up_to_hz, follows=False)
-        full = show(_solve_move(line, finer, line.request.moves[-1]))
+        full = show(_solve_move(line, finer, line.request.moves[-1], joints=line.joints)[0])
         most = max(float(np.abs(full).max()), float(np.finfo(float).tiny))
         truncation = float(np.abs(show(kept[-1]) - full).max()) / most
     return FollowedPoses(

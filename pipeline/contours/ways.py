@@ -21,6 +21,7 @@ from headstock.pipeline.stages.mechanism import LumpedPose, build_mechanism, pla
 from headstock.pipeline.stages.run_state import PoseModel, RunState
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.coupling.drives import find_scales
+from headstock.reduction.coupling.joint_forces import joint_outputs
 from headstock.reduction.coupling.memo import CouplingMemo
 from headstock.reduction.coupling.path_loads import (
     TurningBody,
@@ -237,7 +238,7 @@ def place_machine(
         system = dataclasses.replace(
             system,
             inputs={**system.inputs, GRAVITY_LOAD: weight, **way.loads(model)},
-            outputs={**system.outputs, **rows, **scales},
+            outputs={**system.outputs, **rows, **scales, **joint_outputs(model.joints)},
         )
         posed = _stack(model, system)
         return posed if not turning else turn_with_bodies(posed, _turning_bodies(model, turning))

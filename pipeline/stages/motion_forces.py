@@ -10,12 +10,19 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import Drive
-from headstock.pipeline.answers.motion_forces import DriveExtremes
+from headstock.pipeline.answers.motion_forces import DriveExtremes, DriveHistory
 from headstock.reduction.coupling.joint_forces import DAMPER, SPRING, JointForces
 from headstock.solvers.control.drive_loops import ENCODER
 from headstock.solvers.control.drive_trains import FORCE
 from headstock.solvers.linear.state_space import StateSpace
-from headstock.solvers.linear.watched_outputs import Extreme, WatchedOutputs, watch_channels
+from headstock.solvers.linear.watched_outputs import (
+    Extreme,
+    WatchedOutputs,
+    find_largest,
+    watch_channels,
+)
+from headstock.solvers.paths.response import PathDeviation
+from headstock.solvers.second_order import Channel
 
 ROUNDOFF = 1e-10  # of the largest force, or the largest moment
 
@@ -48,21 +55,6 @@ class SteppedStates:
         return watched.find_extremes(self.times, self.states, self.acting)
 
 
-@dataclass(frozen=True, eq=False)
-class DriveHistory:
-    """What drives did, set points at rest.
-
-    Attributes:
-        extremes: By drive.
-        torques: ``(n, d)`` of motors at every time [N m].
-        position_errors: ``(n, d)`` [m].
-    """
-
-    extremes: dict[str, DriveExtremes]
-    torques: FloatArray
-    position_errors: FloatArray
-
-
 def follow_drives(
     drives: Collection[Drive], space: StateSpace, motion: SteppedStates
 ) -> DriveHistory:
@@ -87,6 +79,48 @@ def follow_drives(
     return DriveHistory(extremes, motion.at_times(torque), motion.at_times(error))
 
 
+def record_drives(
+    drives: Collection[Drive], times: FloatArray, forces: FloatArray, errors: FloatArray
+) -> DriveHistory:
+    """The same of what is known at times.
+
+    Args:
+        drives: ``d`` under control.
+        times: ``(n,)`` [s].
+        forces: ``(n, d)`` of the drives along their axes [N].
+        errors: ``(n, d)`` position errors [m].
+    """
+    torques = forces * [drive.lead / (2.0 * math.pi) for drive in drives]
+    names = [drive.name for drive in drives]
+    largest = zip(names, find_largest(times, torques), find_largest(times, errors), strict=True)
+    return DriveHistory({name: DriveExtremes(*both) for name, *both in largest}, torques, errors)
+
+
+def path_channels(
+    drives: Collection[Drive], joints: Iterable[JointForces]
+) -> tuple[tuple[Channel, ...], tuple[Channel, ...]]:
+    """What a path watches: springs of joints, then forces and encoders of drives; and whose rates are
+    added to the first of these.
+    """
+    joints = tuple(joints)
+    springs = [channel for joint in joints for channel in joint.channels(SPRING)]
+    dampers = [channel for joint in joints for channel in joint.channels(DAMPER)]
+    own = [(drive.name, what) for what in (FORCE, ENCODER) for drive in drives]
+    return (*springs, *own), tuple(dampers)
+
+
+def read_joints(
+    joints: Iterable[JointForces], found: PathDeviation
+) -> dict[str, dict[str, Extreme]]:
+    """Largest forces of joints, of which a path watched ``path_channels``."""
+    if found.watched is None:
+        return {}
+    largest = iter(find_largest(found.times, found.watched))
+    return leave_out_roundoff(
+        {joint.name: dict(zip(joint.directions, largest, strict=False)) for joint in joints}
+    )
+
+
 def find_largest_forces(
     joints: Iterable[JointForces], space: StateSpace, motion: SteppedStates
 ) -> dict[str, dict[str, Extreme]]:
@@ -102,10 +136,10 @@ def find_largest_forces(
         watched = watch_channels(space, joint.channels(SPRING), joint.channels(DAMPER))
         extremes = motion.find_extremes(watched)
         found[joint.name] = dict(zip(joint.directions, extremes, strict=True))
-    return _leave_out_roundoff(found)
+    return leave_out_roundoff(found)
 
 
-def _leave_out_roundoff(
+def leave_out_roundoff(
     joints: dict[str, dict[str, Extreme]],
 ) -> dict[str, dict[str, Extreme]]:
     """Forces of springs beside which rigid joints hold everything are zero."""

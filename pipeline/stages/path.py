@@ -16,14 +16,17 @@ import numpy as np
 from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray
 from headstock.geometry.machine.drives import Drive, ripple_force
 from headstock.geometry.machine.machine import Machine, travel_directions
+from headstock.pipeline.answers.motion_forces import PathForces
 from headstock.pipeline.answers.path import FollowedPoses, PathCurves, PathResult, PathRun
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.planner import MODE_MARGIN, path_band
 from headstock.pipeline.stages.control import drive_along, drive_machine
 from headstock.pipeline.stages.machine import CoupledPose, damp_system, warn_of_no_damping
+from headstock.pipeline.stages.motion_forces import path_channels, read_joints, record_drives
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.coupling.error_travel import offset_loads
+from headstock.reduction.coupling.joint_forces import joint_outputs
 from headstock.reduction.coupling.path_loads import (
     PATH_INPUT,
     add_driven_path_input,
@@ -48,6 +51,7 @@ from headstock.solvers.control.friction_loop import friction_channels
 from headstock.solvers.control.stability import require_stable
 from headstock.solvers.errors import ModelError, UnstableControlError
 from headstock.solvers.linear.modal_analysis import solve_modal
+from headstock.solvers.linear.watched_outputs import Extreme
 from headstock.solvers.milling.forces import cutting_forces
 from headstock.solvers.paths.controlled import (
     ControlledPath,
@@ -118,7 +122,9 @@ def _close_path(
     """
     driven = drive_machine(posed, state.warn)
     require_stable(driven.system, driven.trains)
-    channels = friction_channels(driven.trains)
+    channels, joints = friction_channels(driven.trains), driven.released.joints
+    watched, rates = path_channels(state.scene.drives.values(), joints)
+    own = joint_outputs(joints)
     cut = request.cut
     pushed = _pushed_channels(request)
     reach = reach or (FRICTION_REACH if channels else LINEAR_REACH)
@@ -126,10 +132,10 @@ def _close_path(
     directions = travel_directions(machine, request.path)
     return ControlledPath(
         loop=close_loops(
-            driven.system,
+            dataclasses.replace(driven.system, outputs=driven.system.outputs | own),
             driven.trains,
             inputs=(*pushed, *channels),
-            outputs=request.outputs,
+            outputs=(*request.outputs, *own),
             up_to_hz=reach * path_band(request),
         ),
         shares=axis_shares(request),
@@ -141,6 +147,8 @@ def _close_path(
         ),
         low_frequency_limit_hz=low_frequency_limit_hz,
         loads=_path_loads(machine, directions, cut),
+        watched=watched,
+        rates=rates,
     )
 
 
@@ -234,12 +242,14 @@ class SolvedMoves:
     Attributes:
         found: What holds.
         kept: In the pose of the middle.
+        forces: One per feed; of joints those in the pose of the middle.
         poses: How the poses of the path were followed; None where they were not.
         disturbed: Errors of guides or torque ripple are among what deviates.
     """
 
     found: tuple[PathDeviation, ...]
     kept: tuple[PathDeviation, ...]
+    forces: tuple[PathForces, ...]
     poses: FollowedPoses | None = None
     disturbed: bool = False
 
@@ -393,12 +403,22 @@ def _move_freely(
     directions = travel_directions(machine, request.path)
     loads = _path_loads(machine, directions, request.cut)
     model = dataclasses.replace(model, pushed=_pushed_channels(request), loads=loads)
-    whole = dataclasses.replace(model, up_to_hz=None)
+    joints = _couple_at(state, request, 0.5 * request.path.length).joints
+    springs, dampers = path_channels((), joints)
+    whole = dataclasses.replace(model, up_to_hz=None, watched=springs, rates=dampers)
+    system = dataclasses.replace(
+        middle.system, outputs=middle.system.outputs | joint_outputs(joints)
+    )
     kept = tuple(
-        solve_path(middle.system, whole, move, sample_path(request, move)) for move in request.moves
+        solve_path(system, whole, move, sample_path(request, move)) for move in request.moves
+    )
+    forces = tuple(
+        PathForces(record_drives((), each.times, none, none), read_joints(joints, each))
+        for each in kept
+        for none in (np.zeros((len(each.times), 0)),)
     )
     if not request.follows_pose:
-        return SolvedMoves(kept, kept)
+        return SolvedMoves(kept, kept, forces)
     along = sample_system(
         lambda position: _build_plant(state, request, position), request.path.length, model
     )
@@ -413,6 +433,7 @@ def _move_freely(
     return SolvedMoves(
         found,
         kept,
+        forces,
         _judge_poses(request, along, table, found=found, kept=kept, short=short, whole=kept[-1]),
     )
 
@@ -424,8 +445,11 @@ def _drive_moves(state: RunState, request: PathRequest, model: PathModel) -> Sol
     kept = tuple(
         _drive_path(state, loop, move, sample_path(request, move)) for move in request.moves
     )
+    shares = [loop.shares.get(train.axis, 0.0) for train in loop.loop.trains]
+    joints = middle.release(state.scene.drives.values()).model.joints
+    taken = [read_joints(joints, each) for each in kept]
     if not request.follows_pose:
-        return SolvedMoves(kept, kept)
+        return SolvedMoves(kept, kept, _read_forces(state, request, kept, shares, taken))
     along = _close_along(state, request, middle, model.low_frequency_limit_hz)
     fine, _ = cut_times(sample_path(request, request.moves[0]), along.loads)
     table = make_loop_table(along, float(fine[1] - fine[0]))
@@ -446,7 +470,36 @@ def _drive_moves(state: RunState, request: PathRequest, model: PathModel) -> Sol
     poses = _judge_poses(
         request, along.plant, table.steps, found=found, kept=kept, short=short, whole=whole
     )
-    return SolvedMoves(found, kept, poses)
+    # what a controller reads is there the deviation from the rigid machine
+    shares = [travel.axis - travel.encoder for travel in along.travels]
+    return SolvedMoves(found, kept, _read_forces(state, request, found, shares, taken), poses)
+
+
+def _read_forces(
+    state: RunState,
+    request: PathRequest,
+    found: Sequence[PathDeviation],
+    shares: Sequence[float],
+    joints: Sequence[dict[str, dict[str, Extreme]]],
+) -> tuple[PathForces, ...]:
+    """What drives did on every move, with what joints took.
+
+    Args:
+        state: Of the run.
+        request: The path.
+        found: Watched at last are the forces of all drives, then what they read.
+        shares: Of each drive, what it should read per travel along the path.
+        joints: Of every move.
+    """
+    drives, forces = tuple(state.scene.drives.values()), []
+    for move, each, taken in zip(request.moves, found, joints, strict=True):
+        if each.watched is None:
+            raise ValueError("a path under control watches its drives")
+        way = sample_move(move, each.times).positions
+        pushed, read = np.split(each.watched[:, -2 * len(drives) :], 2, axis=1)
+        history = record_drives(drives, each.times, pushed, np.outer(way, shares) - read)
+        forces.append(PathForces(history, taken))
+    return tuple(forces)
 
 
 def _couple_at(state: RunState, request: PathRequest, position: float) -> CoupledPose:
@@ -491,6 +544,7 @@ def _close_along(
         count=len(request.outputs),
         low_frequency_limit_hz=low_frequency_limit_hz,
         loads=_path_loads(machine, directions, request.cut),
+        watched=path_channels(state.scene.drives.values(), ())[0],
     )
 
 
@@ -604,8 +658,10 @@ def answer_path(
         low_frequency_modes=slow_modes(frequencies_hz, model.low_frequency_limit_hz),
         poses=solved.poses,
         runs=tuple(
-            _run_move(request, move, raw, kept, disturbed=solved.disturbed)
-            for move, raw, kept in zip(request.moves, solved.found, solved.kept, strict=True)
+            _run_move(request, move, raw, kept, forces, disturbed=solved.disturbed)
+            for move, raw, kept, forces in zip(
+                request.moves, solved.found, solved.kept, solved.forces, strict=True
+            )
         ),
         drives=tuple(state.scene.drives),
         energy_error=dict(state.energy_errors),
@@ -623,10 +679,13 @@ def _run_move(
     move: SetPoint,
     raw: PathDeviation,
     kept: PathDeviation,
+    forces: PathForces,
     *,
     disturbed: bool,
 ) -> PathRun:
-    """The deviation of one move as filtered, with its figures; and as if the pose were kept."""
+    """The deviation of one move as filtered, with its figures; and as if the pose were kept. Forces
+    are not filtered.
+    """
     found, frozen = (filter_deviation(part, request.low_pass) for part in (raw, kept))
     motion = sample_move(move, found.times)
     curves = PathCurves(
@@ -637,6 +696,9 @@ def _run_move(
         frozen.total,
         motion.positions,
         motion.accelerations,
+        drives=tuple(forces.drives.extremes),
+        torques=forces.drives.torques,
+        position_errors=forces.drives.position_errors,
     )
     channels = range(len(request.outputs))
     return PathRun(
@@ -653,4 +715,6 @@ def _run_move(
         )
         if disturbed
         else (),
+        drives=forces.drives.extremes,
+        joints=forces.joints,
     )

@@ -20,6 +20,7 @@ from headstock.pipeline.stages.motion_forces import (
     follow_drives,
 )
 from headstock.pipeline.stages.run_state import Outcome, PoseModel, RunState, Solved, pose_model
+from headstock.reduction.coupling.joint_forces import joint_outputs
 from headstock.scene.requests import LOAD, TimedLoad, TransientRequest
 from headstock.solvers.control.drive_loops import ClosedLoop, close_loops
 from headstock.solvers.control.drive_trains import DriveTrain
@@ -154,8 +155,7 @@ class _LoadedMachine:
         """
         system = softer or self.system
         inputs = (*(_input_of(load) for load in self.request.loads), START)
-        joints = [name for joint in self.machine.joints for name in joint.outputs()]
-        outputs = (*self.request.outputs, *joints)
+        outputs = (*self.request.outputs, *joint_outputs(self.machine.joints))
         if self.trains is None:
             modes = self.modes if softer is None else None
             model = prepare_transient(system, inputs, outputs, up_to_hz=up_to_hz, modes=modes)
@@ -329,7 +329,7 @@ def _add_channels(
     }
     velocities = {name: np.array(speeds) for name, speeds in request.velocities.items()}
     inputs = system.inputs | named | {START: machine.momentum(velocities)}
-    forces = {name: row for joint in machine.joints for name, row in joint.outputs().items()}
+    forces = joint_outputs(machine.joints)
     return dataclasses.replace(system, inputs=inputs, outputs=system.outputs | forces)
 
 

@@ -43,6 +43,11 @@ class JointForces:
         return tuple((f"{self.name} {kind}", direction) for direction in self.directions)
 
 
+def joint_outputs(joints: Iterable[JointForces]) -> dict[Channel, FloatArray]:
+    """Rows ``(n,)`` of the springs and dampers of all joints by channel."""
+    return {name: row for joint in joints for name, row in joint.outputs().items()}
+
+
 def find_joint_forces(joints: Iterable[PlacedJoint], *, damped: bool) -> tuple[JointForces, ...]:
     """Forces of all joints that have any.
 

@@ -64,6 +64,14 @@ class WatchedOutputs:
         )
 
 
+def find_largest(times: FloatArray, values: FloatArray) -> tuple[Extreme, ...]:
+    """The value of largest size of each column of ``(n, k)`` at times ``(n,)``."""
+    rows = np.abs(values).argmax(axis=0)
+    return tuple(
+        Extreme(float(values[row, column]), float(times[row])) for column, row in enumerate(rows)
+    )
+
+
 def watch_channels(
     space: StateSpace, channels: Sequence[Channel], rates: Sequence[Channel] = ()
 ) -> WatchedOutputs:

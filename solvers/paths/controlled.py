@@ -23,6 +23,7 @@ from headstock.solvers.paths.set_points import (
     sample_move,
     step_accelerations,
 )
+from headstock.solvers.second_order import Channel
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +38,8 @@ class ControlledPath:
         low_frequency_limit_hz: Poles below this frequency are rigid-body motion on the drives and
             mounts [Hz].
         loads: On the machine; None for none.
+        watched: Other outputs of the loop that are asked for as a whole.
+        rates: Outputs whose rates are added to these, as dampers add to springs.
     """
 
     loop: ClosedLoop
@@ -44,6 +47,22 @@ class ControlledPath:
     travel: FloatArray
     low_frequency_limit_hz: float
     loads: PathLoads | None = None
+    watched: tuple[Channel, ...] = ()
+    rates: tuple[Channel, ...] = ()
+
+    @property
+    def watched_rows(self) -> list[int]:
+        """Which outputs of the loop are watched."""
+        return [self.loop.space.outputs.index(channel) for channel in self.watched]
+
+    @property
+    def rate_rows(self) -> FloatArray:
+        """``(w, n)`` rates that are added to them per state; without any for those at the end."""
+        space = self.loop.space
+        found = np.zeros((len(self.watched), len(space.a)))
+        rated = [space.outputs.index(channel) for channel in self.rates]
+        found[: len(rated)] = space.c[rated] @ space.a
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +75,8 @@ class _Motion:
         speed: X_v: at constant speed.
         pull: X_a: at constant acceleration.
         inputs: ``(n, 3)`` columns of position, speed and acceleration along the path.
-        direct: ``(n_outputs, 3)`` what they do to the outputs at once, through drive forces and the
-            flexibility of modes left out.
+        direct: ``(n_outputs + w, 3)`` what they do at once to the outputs, then to what is watched,
+            through drive forces and the flexibility of modes left out.
         low_frequency: ``(n, n)`` projector on the low-frequency poles.
     """
 
@@ -104,12 +123,15 @@ def solve_controlled_path(
         ]
     )
     low_frequency = rows @ motion.low_frequency
-    direct = np.zeros((2 * count, b.shape[1]))
-    direct[:count, 0] = motion.direct[:, 2]
-    direct[:count, 1:] = space.d[:count, first : first + own.shape[1]]
+    others, loads = path.watched_rows, slice(first, first + own.shape[1])
+    direct = np.zeros((2 * count + len(others), b.shape[1]))
+    direct[:count, 0] = motion.direct[:count, 2]
+    direct[:count, 1:] = space.d[:count, loads]
+    direct[2 * count :, 0] = motion.direct[count:, 2]
+    direct[2 * count :, 1:] = space.d[others, loads]
     c = np.vstack(
         [
-            np.hstack([rows, motion.direct[:, :2] - np.outer(path.travel, [1.0, 0.0])]),
+            np.hstack([rows, motion.direct[:count, :2] - np.outer(path.travel, [1.0, 0.0])]),
             np.hstack(
                 [
                     low_frequency,
@@ -117,6 +139,7 @@ def solve_controlled_path(
                     -(low_frequency @ motion.speed)[:, None],
                 ]
             ),
+            np.hstack([space.c[others] + path.rate_rows, motion.direct[count:, :2]]),
         ]
     )
     whole = StateSpace(a, b, c, direct, (), (), ())
@@ -127,9 +150,14 @@ def solve_controlled_path(
     )
     found = solve_stepped_response(whole, times, given).outputs[places[::parts]]
     quasi_static = _follow(path, motion, move, samples)
-    total, low_frequency = found[:, :count], found[:, count:]
+    total, low_frequency = found[:, :count], found[:, count : 2 * count]
     return PathDeviation(
-        samples, total, quasi_static, low_frequency, total - quasi_static - low_frequency
+        samples,
+        total,
+        quasi_static,
+        low_frequency,
+        total - quasi_static - low_frequency,
+        found[:, 2 * count :] if others else None,
     )
 
 
@@ -171,6 +199,9 @@ def solve_rubbing_path(
         linear.quasi_static,
         linear.low_frequency,
         total - linear.quasi_static - linear.low_frequency,
+        found.outputs[:, path.watched_rows] + found.right @ path.rate_rows.T
+        if path.watched
+        else None,
     ), found
 
 
@@ -186,7 +217,7 @@ def _split(path: ControlledPath) -> _Motion:
         np.column_stack(
             [(part[:, : len(sets)] * shares)[:, kind::3].sum(axis=1) for kind in range(3)]
         )
-        for part in (space.b, space.d[: len(path.travel)])
+        for part in (space.b, space.d[[*range(len(path.travel)), *path.watched_rows]])
     )
     factors = scipy.linalg.lu_factor(space.a)
     place = scipy.linalg.lu_solve(factors, -given[:, 0])
@@ -208,8 +239,9 @@ def _follow(
     """What speed and acceleration hold ``(n, n_outputs)``."""
     rows = path.loop.space.c[: len(path.travel)]
     now = sample_move(move, samples)
-    speed = rows @ motion.speed + motion.direct[:, 1]
-    pull = rows @ (motion.pull - motion.low_frequency @ motion.pull) + motion.direct[:, 2]
+    direct = motion.direct[: len(rows)]
+    speed = rows @ motion.speed + direct[:, 1]
+    pull = rows @ (motion.pull - motion.low_frequency @ motion.pull) + direct[:, 2]
     return np.asarray(np.outer(now.speeds, speed) + np.outer(now.accelerations, pull))
 
 

@@ -22,6 +22,7 @@ from headstock.solvers.linear.modal_coordinates import (
 )
 from headstock.solvers.linear.state_space import modal_state_space
 from headstock.solvers.linear.time_response import solve_stepped_response
+from headstock.solvers.linear.watched_outputs import watch_channels
 from headstock.solvers.paths.loads import PathLoads, cut_times, loads_at, step_loads
 from headstock.solvers.paths.set_points import (
     SetPoint,
@@ -52,6 +53,7 @@ class PathDeviation:
         low_frequency: ``(n, n_outputs)``: the slower modes, in which the machine sways on soft
             mounts as a whole.
         dynamic: ``(n, n_outputs)``: the residual vibration of the faster modes.
+        watched: ``(n, w)`` what else was asked for, such as forces; None for nothing.
     """
 
     times: FloatArray
@@ -59,6 +61,7 @@ class PathDeviation:
     quasi_static: FloatArray
     low_frequency: FloatArray
     dynamic: FloatArray
+    watched: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -72,6 +75,8 @@ class PathModel:
         up_to_hz: Modes kept; those above follow at once. None keeps all.
         pushed: Inputs at which loads act.
         loads: Of these inputs; None for none.
+        watched: Other outputs that are asked for as a whole.
+        rates: Outputs whose rates are added to these, one each.
     """
 
     source: Channel
@@ -80,6 +85,8 @@ class PathModel:
     up_to_hz: float | None = None
     pushed: tuple[Channel, ...] = ()
     loads: PathLoads | None = None
+    watched: tuple[Channel, ...] = ()
+    rates: tuple[Channel, ...] = ()
 
     @property
     def inputs(self) -> tuple[Channel, ...]:
@@ -135,7 +142,8 @@ def solve_path(
     Raises:
         ModelError: A channel is unknown, or a damper acts on a dof without mass.
     """
-    coordinates = to_modal_coordinates(equivalent_viscous(system), model.inputs, model.outputs)
+    outputs = (*model.outputs, *model.watched, *model.rates)
+    coordinates = to_modal_coordinates(equivalent_viscous(system), model.inputs, outputs)
     if coordinates is None:
         raise ModelError(
             "a damper acts on a dof without mass, or a matrix is not symmetric; give every body a mass"
@@ -147,9 +155,12 @@ def solve_path(
     given = np.concatenate(
         [step_accelerations(move, times)[:, :, None], step_loads(model.loads, move, times)], axis=2
     )
-    space = modal_state_space(coordinates, model.inputs, model.outputs)
+    space = modal_state_space(coordinates, model.inputs, outputs)
+    others = watch_channels(space, model.watched, model.rates)
+    count = len(model.outputs)
     below = np.repeat(coordinates.omega < 2.0 * np.pi * model.low_frequency_limit_hz, 2)
-    rows = np.vstack([space.c, np.where(below, space.c, 0.0)])
+    shown = space.c[:count]
+    rows = np.vstack([shown, np.where(below, shown, 0.0), others.states])
     stretched = type(space)(
         space.a,
         space.b,
@@ -162,14 +173,18 @@ def solve_path(
     )
     moved = solve_stepped_response(stretched, times, given).outputs[places[::parts]]
     now = act_at(model, move, samples)
-    count = len(model.outputs)
     low_frequency, quasi_static = (
-        moved[:, count:],
-        now[:, :1] * static_share(coordinates, model.low_frequency_limit_hz),
+        moved[:, count : 2 * count],
+        now[:, :1] * static_share(coordinates, model.low_frequency_limit_hz)[:count],
     )
-    total = moved[:, :count] + now @ space.d.T
+    total = moved[:, :count] + now @ space.d[:count].T
     return PathDeviation(
-        samples, total, quasi_static, low_frequency, total - quasi_static - low_frequency
+        samples,
+        total,
+        quasi_static,
+        low_frequency,
+        total - quasi_static - low_frequency,
+        moved[:, 2 * count :] + now @ others.inputs.T if model.watched else None,
     )
 
 

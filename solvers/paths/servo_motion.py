@@ -42,6 +42,12 @@ class ServoMotion:
     accelerations: FloatArray
     reads: FloatArray
 
+    def read(self, history: CompliantHistory) -> FloatArray:
+        """What the position controllers read beside their set points ``(n, d)`` [m]."""
+        states = history.compliant[:, : self.first + self.speeds.shape[1]]
+        reads = self.motion.between(self.reads, slice(None))
+        return np.asarray((reads @ states[..., None])[..., 0])
+
     def forces(self, history: CompliantHistory) -> FloatArray:
         """Forces of the drives ``(n, d)`` [N].
 
@@ -50,8 +56,7 @@ class ServoMotion:
         """
         count, states = self.speeds.shape[1], history.compliant
         free = self.first + count
-        every = slice(None)
-        read = (self.motion.between(self.reads, every) @ states[:, :free, None])[..., 0]
+        read = self.read(history)
         given = np.zeros((len(states), count, INPUTS))
         given[:, :, SPEED], given[:, :, ACCELERATION] = self.speeds, self.accelerations
         given[:, :, POSITION] = read

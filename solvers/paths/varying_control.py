@@ -78,10 +78,11 @@ class VaryingLoop:
         channels: Its channels.
         trains: Its drives.
         travels: Of each drive.
-        count: How many of the outputs are wanted.
+        count: How many of the first outputs are wanted.
         low_frequency_limit_hz: Poles below this frequency are rigid-body motion on the drives and
             mounts; as many along the whole path [Hz].
         loads: On the machine; None for none.
+        watched: Other outputs of the closed loop that are wanted after these, as deviations.
     """
 
     plant: VaryingSystem[SampledPlant]
@@ -91,6 +92,12 @@ class VaryingLoop:
     count: int
     low_frequency_limit_hz: float
     loads: PathLoads | None = None
+    watched: tuple[Channel, ...] = ()
+
+    def rows(self, space: StateSpace) -> list[int]:
+        """Which outputs of the closed loop are wanted."""
+        others = [space.outputs.index(channel) for channel in self.watched]
+        return [*range(self.count), *others]
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,9 +251,13 @@ def solve_varying_control(
         table.slow, now.positions, motion[:, :2]
     )
     quasi_static = observe_along(table.quasi_static, now.positions, motion)
-    return PathDeviation(
-        samples, total, quasi_static, low_frequency, total - quasi_static - low_frequency
+    count = loop.count
+    others = total[:, count:] if loop.watched else None
+    total, quasi_static, low_frequency = (
+        part[:, :count] for part in (total, quasi_static, low_frequency)
     )
+    dynamic = total - quasi_static - low_frequency
+    return PathDeviation(samples, total, quasi_static, low_frequency, dynamic, others)
 
 
 def solve_varying_rubbing(
@@ -270,9 +281,13 @@ def solve_varying_rubbing(
         return np.concatenate([sets @ own, loads, own[2:]])
 
     found = integrate_motion(along, given, samples, breaks=list_breaks(move))
-    total = found.outputs[:, : loop.count]
+    total = found.outputs[:, loop.rows(along(0.0).loop.space)]
+    shown = total[:, : loop.count]
     return dataclasses.replace(
-        linear, total=total, dynamic=total - linear.quasi_static - linear.low_frequency
+        linear,
+        total=shown,
+        dynamic=shown - linear.quasi_static - linear.low_frequency,
+        watched=total[:, loop.count :] if loop.watched else None,
     ), found
 
 
@@ -407,7 +422,7 @@ def _drive_inputs(loop: VaryingLoop, position: float) -> _Inputs:
         along[:, 2] += columns[:, path]
         return np.hstack([along, columns[:, sets:path]])
 
-    return _Inputs(space, collect(space.b), collect(space.d[: loop.count]))
+    return _Inputs(space, collect(space.b), collect(space.d[loop.rows(space)]))
 
 
 def _exact_step(loop: VaryingLoop, position: float, size: float) -> FloatArray:
@@ -463,7 +478,7 @@ def _observe_loop(loop: VaryingLoop, inputs: _Inputs, parting: float) -> tuple[F
 
     Source: ``A X_s = -B_s``, ``A X_v = X_s - B_v``, ``A X_a = X_v - B_a``.
     """
-    rows = inputs.space.c[: loop.count]
+    rows = inputs.space.c[loop.rows(inputs.space)]
     factors = scipy.linalg.lu_factor(inputs.space.a)
     place = scipy.linalg.lu_solve(factors, -inputs.b[:, 0])
     speed = scipy.linalg.lu_solve(factors, place - inputs.b[:, 1])

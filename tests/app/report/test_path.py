@@ -33,6 +33,9 @@ def make_curves(feed: float) -> PathCurves:
         quasi_static + rings,
         motion.positions,
         motion.accelerations,
+        drives=("Z",),
+        torques=rings[:, :1],
+        position_errors=rings[:, 1:],
     )
 
 
@@ -46,7 +49,7 @@ def test_a_table_has_a_row_per_sample_and_its_parts_add_up() -> None:
         "residual vibration tcp z [um]",
     )
     rows = np.array(table.rows)
-    assert rows.shape == (5000, 3 + 2 * 5)
+    assert rows.shape == (5000, 3 + 2 * 5 + 2)
     np.testing.assert_allclose(rows[:, 3], rows[:, 4:7].sum(axis=1), atol=1e-15)
     np.testing.assert_allclose(rows[:, 8], rows[:, 9:12].sum(axis=1), atol=1e-15)
 
@@ -74,7 +77,7 @@ def test_the_drawing_shades_both_ramps_and_shows_every_feed() -> None:
 
 
 def test_stems_of_odd_feeds_are_file_names() -> None:
-    assert [path_stem(make_curves(feed / 6e4)) for feed in (600.0, 1234.5)] == [
+    assert [path_stem(feed) for feed in (600.0, 1234.5)] == [
         "path_600",
         "path_1234_5",
     ]

@@ -208,12 +208,59 @@ def test_legs_under_control_with_friction_leave_a_line_as_lumped_contours_do(
 
 
 def test_legs_of_components_under_control_leave_it_as_lumped_ones(tmp_path: Path) -> None:
-    lumped, legs = (
-        total(solve(tmp_path, f"{variant}+controlled", FROZEN))
-        for variant in ("lumped", "components")
+    first, second = (
+        solve(tmp_path, f"{variant}+controlled", FROZEN) for variant in ("lumped", "components")
     )
+    lumped, legs = total(first), total(second)
     assert np.abs(lumped).max() > 1e-5
     assert np.abs(legs - lumped).max() < 1e-9 * np.abs(lumped).max()
+    own, other = (found.runs[0].curves for found in (first, second))
+    assert own.drives == ("leg_1", "leg_2", "leg_3")
+    np.testing.assert_allclose(
+        own.torques, other.torques, atol=1e-7 * np.abs(own.torques).max(), rtol=0.0
+    )
+    size = np.abs(own.position_errors).max()
+    np.testing.assert_allclose(
+        own.position_errors, other.position_errors, atol=1e-7 * size, rtol=0.0
+    )
+
+
+def test_motors_hold_the_weight_before_a_move(tmp_path: Path) -> None:
+    settings = (FROZEN, "effects.gravity=true")
+    (own,) = solve(tmp_path, "lumped+controlled", *settings).runs
+    state = build_state(tmp_path, "lumped+controlled", *settings)
+    path = state.scene.analyses.path
+    assert path is not None
+    # the weight that motors carry is that of where they are
+    driven = drive_machine(place_model(state)(path.path.start), lambda text: None)
+    motors = np.array([driven.system.inputs[train.name, FORCE] for train in driven.trains])
+    size, count = motors.shape[1], len(motors)
+    held = np.zeros((size + count, size + count))
+    held[:size, :size], held[size:, :size], held[:size, size:] = (
+        driven.system.stiffness,
+        motors,
+        -motors.T,
+    )
+    pulled = np.concatenate([driven.released.loads["gravity"], np.zeros(count)])
+    forces = np.linalg.solve(held, pulled)[size:]
+    lead = state.scene.drives["leg_1"].lead / (2.0 * np.pi)
+    assert np.abs(forces).max() > 100.0
+    np.testing.assert_allclose(own.curves.torques[0], lead * forces, rtol=1e-6)
+    # what a leg carries beside the weight goes through its spring along it
+    assert set(own.joints) == {"leg_1", "leg_2", "leg_3"}
+    assert set(own.joints["leg_1"]) == {"across", "along"}
+
+
+def test_springs_of_legs_carry_what_motors_give_them(tmp_path: Path) -> None:
+    """Locked motors: springs of the lumped legs beside the joints of the same legs of components."""
+    lumped, legs = (solve(tmp_path, variant, FROZEN) for variant in ("lumped", "components"))
+    along = [abs(lumped.runs[0].joints[f"leg_{leg}"]["along"].value) for leg in (1, 2, 3)]
+    screws = [
+        max(abs(force.value) for name, force in joint.items() if not name.startswith("r"))
+        for name, joint in sorted(legs.runs[0].joints.items())
+    ]
+    for force in along:
+        assert min(abs(force - screw) for screw in screws) < 1e-6 * force
 
 
 @pytest.mark.parametrize("variant", ["lumped", "components"])

@@ -8,11 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mpi4py import MPI
+from scipy.integrate import solve_ivp
 
 from headstock.app.report.report import render_report
 from headstock.app.tables.run import list_tables
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
+from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.answers.transient import TransientAnswer
 from headstock.pipeline.results.files import read_histories
 from headstock.pipeline.results.results import Results
@@ -125,6 +127,65 @@ def test_a_motor_turns_what_it_moves_and_overcomes_friction_and_load(tmp_path: P
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())["transient"]["middle"]
     assert summary["drives"]["X"]["torque_nm"] == largest.torque.value
     assert summary["joints"]["screw"]["x"]["unit"] == "N"
+
+
+@pytest.mark.parametrize("friction", [True, False])
+@pytest.mark.parametrize("pose_model", ["frozen", "pose_dependent"])
+def test_a_motor_moves_its_axis_along_a_path(
+    tmp_path: Path, pose_model: str, friction: bool
+) -> None:
+    """Beside an integrator of a library; at constant speed only friction is left."""
+    feed, constant = 0.05, 0.1
+    request = (
+        '[analyses.path]\nfrom = { X = "-20 mm" }\nto = { X = "20 mm" }\nfeeds = ["3000 mm/min"]\n'
+        f'time_constant = "100 ms"\nsampling = "2 kHz"\nresidual_time = "50 ms"\npose_model = "{pose_model}"\n'
+        'outputs = [["tcp", "x"]]'
+    )
+    text = AXIS.replace("friction = true", f"friction = {str(friction).lower()}")
+    (found,) = find_answers(run(f"{text}\n{request}", tmp_path).answers, PathResult)
+    (own,) = found.runs
+    curves, times = own.curves, own.curves.deviation.times
+    whole = MASS + INERTIA * (2.0 * np.pi / LEAD) ** 2
+    coulomb, viscous = (COULOMB, VISCOUS) if friction else (0.0, 0.0)
+    ends = (0.0, constant, 0.04 / feed, 0.04 / feed + constant, float(times[-1]))
+    pulls = (feed / constant, 0.0, -feed / constant, 0.0)
+
+    def rate(pull: float, state: FloatArray) -> FloatArray:
+        wanted, wished, position, speed = state
+        force = KP * (KV * (wanted - position) - speed)
+        rubbed = coulomb * np.tanh(speed / 1e-7) + viscous * speed
+        return np.array([wished, pull, speed, (force - rubbed) / whole])
+
+    state, solved = np.zeros(4), np.zeros((len(times), 4))
+    for begin, end, pull in zip(ends[:-1], ends[1:], pulls, strict=True):
+        here = (times >= begin) & (times <= end)
+        piece = solve_ivp(
+            lambda t, x, pull=pull: rate(pull, x),
+            (begin, end),
+            state,
+            "LSODA",
+            np.append(np.minimum(times[here], np.nextafter(end, begin)), end),
+            rtol=1e-9,
+            atol=1e-12,
+        )
+        solved[here], state = piece.y[:, :-1].T, piece.y[:, -1]
+    wanted, _, position, speed = solved.T
+    torque = LEAD / (2.0 * np.pi) * KP * (KV * (wanted - position) - speed)
+    size = np.abs(torque).max()
+    np.testing.assert_allclose(curves.torques[:, 0], torque, atol=1e-4 * size)
+    errors = wanted - position
+    np.testing.assert_allclose(
+        curves.position_errors[:, 0], errors, atol=1e-4 * np.abs(errors).max()
+    )
+    cruising = int(np.searchsorted(times, 0.04 / feed - 1e-3))
+    kept = LEAD / (2.0 * np.pi) * (coulomb + viscous * feed)
+    assert curves.torques[cruising, 0] == pytest.approx(kept, abs=2e-3 * size)
+    assert own.drives["X"].torque.value == pytest.approx(
+        torque[np.argmax(np.abs(torque))], rel=1e-4
+    )
+    # the screw moves the slide, in the pose of the middle
+    moved = np.gradient(speed, times) * MASS + coulomb * np.sign(speed) + viscous * speed
+    assert own.joints["screw"]["x"].value == pytest.approx(np.abs(moved[1:-1]).max(), rel=2e-2)
 
 
 def test_joints_carry_a_load_that_comes_slowly(tmp_path: Path) -> None:
