@@ -48,7 +48,7 @@ from headstock.pipeline.stages.run_state import (
     RunState,
     run_stage,
 )
-from headstock.pipeline.stages.shared_components import make_superelements
+from headstock.pipeline.stages.shared_components import find_ranks, make_superelements
 from headstock.pipeline.stages.static import run_static_stage
 from headstock.pipeline.stages.transient import run_transient_stage
 from headstock.pipeline.stages.volume_files import volume_grid, write_volumes
@@ -273,9 +273,8 @@ def _run_rounds(scene: Scene, rounds: _StageRunner) -> RunState:
     that errors are estimated of.
     """
     if scene.accuracy is None:
-        return rounds.run(
-            scene, make_on_root(rounds.comm, lambda: plan_scene(scene, ranks=rounds.comm.size))
-        )
+        held = find_ranks(rounds.comm)
+        return rounds.run(scene, make_on_root(rounds.comm, lambda: plan_scene(scene, held=held)))
     search = search_settings(scene, rounds.run, rounds.note, comm=rounds.comm, store=rounds.store)
     state = search.state
     rest = search.scene.analyses != state.scene.analyses

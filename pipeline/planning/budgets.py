@@ -105,7 +105,11 @@ PATH_START, SECONDS_PER_PATH_DOF, LUMPED_PATH_START = 0.1, 2.2e-3, 4.6
 PATH_SAMPLES_PER_SECOND = 4.5e4
 SECONDS_PER_RUBBING_MOVE, RUBBING_SAMPLES_PER_SECOND = 1.5, 1.2e4
 # of its longest move, for one output and each further one; likewise, 4 500 to 1 200 000 samples
-PATH_MB, PATH_KB_PER_SAMPLE, PATH_KB_PER_OUTPUT, RUBBING_KB_PER_SAMPLE = 60.0, 0.82, 0.07, 2.3
+PATH_MB, PATH_KB_PER_SAMPLE, PATH_KB_PER_OUTPUT, RUBBING_KB_PER_SAMPLE = 60.0, 0.82, 0.07, 2.0
+PATH_KB_PER_FORCE = 0.009  # that is watched on the way
+# of a transient analysis with friction, five to six times for ±: the three-axis machine and the
+# lumped Tripteor, 2 000 samples
+SECONDS_PER_RUBBING_SAMPLE = 7e-4
 POSES_PER_SECOND = 7e3  # of a map
 COUPLINGS_PER_SECOND = 60.0  # of a volumetric map
 MOST_GUESSED_MODES = 300
@@ -153,16 +157,26 @@ def path_seconds(samples: Sequence[float], *, dofs: int | None, rubbing: bool) -
     return start + sum(samples) / rate
 
 
-def path_memory_mb(samples: float, outputs: int, *, rubbing: bool) -> float:
+def transient_seconds(rubbing_samples: float) -> float:
+    """Processor time of a transient analysis in a pose [s].
+
+    Args:
+        rubbing_samples: How many there are of motion with friction; none without it.
+    """
+    return STAGE_SECONDS["respond"] + SECONDS_PER_RUBBING_SAMPLE * rubbing_samples
+
+
+def path_memory_mb(samples: float, outputs: int, *, rubbing: bool, watched: int = 0) -> float:
     """Peak memory of a path [MB].
 
     Args:
         samples: Of its longest move.
         outputs: Where its deviation is wanted.
         rubbing: Guides of drives under control have friction.
+        watched: Forces that are watched on the way.
     """
     own = RUBBING_KB_PER_SAMPLE if rubbing else PATH_KB_PER_SAMPLE
-    kilobytes = own + PATH_KB_PER_OUTPUT * (outputs - 1)
+    kilobytes = own + PATH_KB_PER_OUTPUT * (outputs - 1) + PATH_KB_PER_FORCE * watched
     return BASE_MB + PATH_MB + 1e-3 * kilobytes * samples
 
 

@@ -101,10 +101,11 @@ def check_memory(
             what = (
                 f" of component {stage.component!r} with about {stage.estimated_dofs or 0:.3g} dofs"
             )
+            whole = "component"
             if stage.component is None:
-                what, remedy = "", "write a lower sampling or higher feeds"
+                what, remedy, whole = "", "write a lower sampling or higher feeds", stage.kind
             if held.ranks > 1:
-                how = "that share the component" if split else "of which one has the component"
+                how = f"that share the {whole}" if split else f"of which one has the {whole}"
                 where = f" on a node with {held.together} of {held.ranks} ranks, {how}"
                 remedy += ", or start fewer ranks on a node"
             raise BudgetError(

@@ -38,10 +38,15 @@ from headstock.pipeline.planning.budgets import (
     reduced_dofs,
     reduction_memory_mb,
     reduction_seconds,
+    transient_seconds,
     write_seconds,
 )
 from headstock.pipeline.planning.interfaces import find_glued_joints, has_choice
-from headstock.pipeline.planning.node_memory import check_memory, node_memory_bytes
+from headstock.pipeline.planning.node_memory import (
+    RanksOnNodes,
+    check_memory,
+    node_memory_bytes,
+)
 from headstock.pipeline.planning.plan import Plan, Stage
 from headstock.pipeline.storage.content_keys import superelement_key
 from headstock.reduction.components.solver_choice import (
@@ -92,7 +97,7 @@ def plan_scene(
     *,
     survey: bool = False,
     before_survey: Callable[[str], None] | None = None,
-    ranks: int = 1,
+    held: RanksOnNodes | None = None,
 ) -> Plan:
     """The stages a scene calls for, in the order in which they run.
 
@@ -102,8 +107,9 @@ def plan_scene(
             second or a few each; otherwise they are counted by rules of thumb.
         before_survey: Called with the name of each component whose surface is meshed; equal
             components are surveyed once.
-        ranks: That share the components. Of several, what a node of theirs holds is checked when it
-            is known which components are not in the store.
+        held: Where the ranks are that share the components; None for one rank on this machine. Of
+            several, what a node holds of components is checked when it is known which of them are not
+            in the store.
 
     Raises:
         BudgetError: A mesh or a stage would be larger than allowed.
@@ -140,7 +146,12 @@ def plan_scene(
     poses = choose_poses(scene)
     for pose in poses.values():
         stages += [
-            dataclasses.replace(stage, estimated_seconds=pose_seconds(stage.kind, dofs))
+            dataclasses.replace(
+                stage,
+                estimated_seconds=transient_seconds(_count_rubbing_samples(scene))
+                if stage.kind == "respond"
+                else pose_seconds(stage.kind, dofs),
+            )
             for stage in _pose_stages(pose, scene)
         ]
     stages += _spread_stages(components, scene.analyses.modal)
@@ -171,8 +182,9 @@ def plan_scene(
             estimated_seconds=write_seconds(len(components), len(poses)),
         )
     )
-    if ranks == 1:
-        check_memory(stages, scene.limits.memory_bytes)
+    several = held is not None and held.ranks > 1
+    known = [stage for stage in stages if stage.component is None] if several else stages
+    check_memory(known, scene.limits.memory_bytes, held=held)
     check_time(stages, scene.limits.time_s)
     return Plan(
         stages=tuple(stages),
@@ -578,7 +590,10 @@ def _way_stages(scene: Scene, dofs: int) -> list[Stage]:
                 None,
                 path.describe() + _name_acting(scene),
                 estimated_memory_mb=path_memory_mb(
-                    max(samples), len(path.outputs), rubbing=rubbing
+                    max(samples),
+                    len(path.outputs),
+                    rubbing=rubbing,
+                    watched=_count_forces(scene),
                 ),
                 estimated_seconds=path_seconds(
                     samples, dofs=None if scene.is_lumped else dofs, rubbing=rubbing
@@ -586,6 +601,28 @@ def _way_stages(scene: Scene, dofs: int) -> list[Stage]:
             )
         )
     return stages
+
+
+def _count_rubbing_samples(scene: Scene) -> float:
+    """Samples of a transient analysis on which friction acts; none where nothing rubs."""
+    request = scene.analyses.transient
+    rubbing = any(drive.friction is not None for drive in scene.drives.values())
+    if request is None or request.motors == "locked" or not rubbing:
+        return 0.0
+    return request.duration * request.sampling_hz
+
+
+def _count_forces(scene: Scene) -> int:
+    """What a path watches: forces of joints, and force and position of each drive."""
+    if scene.mechanism is not None:
+        return 0  # one joint after the other
+    springs = sum(
+        bool(joint.stiffness[dof].any())
+        for joint in scene.machine.joints.values()
+        for dof in range(len(joint.stiffness))
+        if dof not in joint.fixed
+    )
+    return 2 * len(scene.drives) + springs
 
 
 def contour_steps(request: ContouringRequest) -> float:

@@ -152,12 +152,7 @@ def _share_components(
         announce: Called with each stage before it begins.
     """
     first = states[0]
-    node, node_mb = find_node(first.comm), node_memory_bytes() / 1e6
-    held = RanksOnNodes(
-        first.comm.size,
-        first.comm.allreduce(node.ranks, op=MPI.MAX),
-        first.comm.allreduce(node_mb, op=MPI.MIN),
-    )
+    held = find_ranks(first.comm)
     dealt = make_on_root(first.comm, lambda: _list_dealt(states, stages, held))
     if dealt:
         # PETSc starts on all ranks together
@@ -192,7 +187,7 @@ def _share_components(
         [expect_job(each) for each in by_job],
         reduce_one,
         folder=first.store.root,
-        memory_mb=node_mb,
+        memory_mb=node_memory_bytes() / 1e6,
         idle_mb=BASE_MB,
     )
     for one, made in zip(dealt, shared, strict=False):  # none on other ranks
@@ -203,6 +198,14 @@ def _share_components(
             component = state.plan.components[one.name]
             state.read[stored_request(state, component)] = made.reduced
     return {record.stage: record for made in shared for record in made.records}
+
+
+def find_ranks(comm: MPI.Comm) -> RanksOnNodes:
+    """Where the ranks of a run are; collective."""
+    node, node_mb = find_node(comm), node_memory_bytes() / 1e6
+    return RanksOnNodes(
+        comm.size, comm.allreduce(node.ranks, op=MPI.MAX), comm.allreduce(node_mb, op=MPI.MIN)
+    )
 
 
 def _list_dealt(

@@ -267,25 +267,27 @@ def _collect(
     asked: int,
 ) -> DrivenMotion:
     """The motion of states and works ``(n, m + 5)`` just before and after each time."""
-    outputs, rubbed, stored = [], [], []
+    first, count = loop_at(float(times[0])), len(times)
+    outputs = np.empty((count, len(first.loop.space.c)))
+    rubbed, stored = np.empty((count, len(first.laws))), np.empty(count)
     for number, instant in enumerate(times):
         model = loop_at(float(instant))
         state = right[number, : model.size]
         inputs, space = given(float(instant)), model.loop.space
-        rubbed.append(model.friction(model.slides @ state + model.guides))
-        stored.append(model.stored_energy(state))
-        outputs.append(
+        rubbed[number] = model.friction(model.slides @ state + model.guides)
+        stored[number] = model.stored_energy(state)
+        outputs[number] = (
             space.c @ state
             + space.d[:, : model.given] @ inputs
-            - space.d[:, model.given :] @ rubbed[-1]
+            - space.d[:, model.given :] @ rubbed[number]
         )
     drives, loads, damping, friction, pose = right[:, -WORKS:].T
     return DrivenMotion(
         times=times,
         left=left[:, :-WORKS],
         right=right[:, :-WORKS],
-        outputs=np.array(outputs),
-        friction=np.array(rubbed),
-        energy=EnergyBalance(np.array(stored), drives, loads, damping, friction, pose),
+        outputs=outputs,
+        friction=rubbed,
+        energy=EnergyBalance(stored, drives, loads, damping, friction, pose),
         evaluations=asked,
     )

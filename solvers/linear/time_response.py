@@ -14,6 +14,7 @@ from headstock.solvers.linear.state_space import ModalPairs, StateSpace
 # below this angle per step the integrals of a mode would cancel, and come from the exponential of a
 # larger matrix
 LOW_FREQUENCY = 0.5
+CHUNK = 4096  # steps worked on together
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,8 +128,17 @@ def solve_stepped_response(space: StateSpace, times: FloatArray, loads: FloatArr
             + propagator.end @ loads[number, 1]
         )
         outputs[number + 1] = space.c @ state
-    direct = np.concatenate([loads[:, 0], loads[-1:, 1]]) @ space.d.T
-    return TimeResponse(np.asarray(times, dtype=float), outputs + direct, state)
+    add_direct(outputs, np.concatenate([loads[:, 0], loads[-1:, 1]]), space.d)
+    return TimeResponse(np.asarray(times, dtype=float), outputs, state)
+
+
+def add_direct(outputs: FloatArray, loads: FloatArray, direct: FloatArray) -> None:
+    """Add what loads ``(n, m)`` do at once to outputs ``(n, k)``, some steps after the other: no second
+    array as large.
+    """
+    for start in range(0, len(loads), CHUNK):
+        part = slice(start, start + CHUNK)
+        outputs[part] += loads[part] @ direct.T
 
 
 def make_propagator(space: StateSpace, step: float) -> Propagator:

@@ -66,7 +66,9 @@ class WatchedOutputs:
 
 def find_largest(times: FloatArray, values: FloatArray) -> tuple[Extreme, ...]:
     """The value of largest size of each column of ``(n, k)`` at times ``(n,)``."""
-    rows = np.abs(values).argmax(axis=0)
+    rows = np.array(
+        [np.abs(column).argmax() for column in values.T], dtype=np.intp
+    )  # a column at a time takes little memory
     return tuple(
         Extreme(float(values[row, column]), float(times[row])) for column, row in enumerate(rows)
     )

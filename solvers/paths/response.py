@@ -21,7 +21,7 @@ from headstock.solvers.linear.modal_coordinates import (
     to_modal_coordinates,
 )
 from headstock.solvers.linear.state_space import modal_state_space
-from headstock.solvers.linear.time_response import solve_stepped_response
+from headstock.solvers.linear.time_response import add_direct, solve_stepped_response
 from headstock.solvers.linear.watched_outputs import watch_channels
 from headstock.solvers.paths.loads import PathLoads, cut_times, loads_at, step_loads
 from headstock.solvers.paths.set_points import (
@@ -178,13 +178,15 @@ def solve_path(
         now[:, :1] * static_share(coordinates, model.low_frequency_limit_hz)[:count],
     )
     total = moved[:, :count] + now @ space.d[:count].T
+    watched = moved[:, 2 * count :]
+    add_direct(watched, now, others.inputs)
     return PathDeviation(
         samples,
         total,
         quasi_static,
         low_frequency,
         total - quasi_static - low_frequency,
-        moved[:, 2 * count :] + now @ others.inputs.T if model.watched else None,
+        watched if model.watched else None,
     )
 
 

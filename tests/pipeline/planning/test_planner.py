@@ -20,6 +20,7 @@ from headstock.geometry.parts.components import (
 )
 from headstock.geometry.parts.solids import Box, SuperelementFile, Tube
 from headstock.pipeline.planning.budgets import BudgetError, check_elapsed, reduced_dofs
+from headstock.pipeline.planning.node_memory import RanksOnNodes
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.planner import (
     FRF_MARGIN,
@@ -341,12 +342,12 @@ def test_a_path_is_planned_for_its_samples_its_dofs_and_its_friction() -> None:
     scene = Path(__file__).parents[3] / "machines" / "three_axis.toml"
     for variant, feeds, seconds, megabytes in (
         (None, (600, 3000), 0.74, None),
-        (None, (100,), 3.2, 295.0),
-        (None, (20,), 14.7, 680.0),
-        ("controlled", (3000,), 2.3, 197.0),
-        ("controlled", (600,), 3.4, 226.0),
-        ("controlled", (600, 3000), 5.6, 226.0),
-        ("controlled", (100,), 11.6, 460.0),
+        (None, (100,), 3.2, 336.0),
+        (None, (20,), 16.3, 881.0),
+        ("controlled", (3000,), 2.8, 208.0),
+        ("controlled", (600,), 3.7, 259.0),
+        ("controlled", (600, 3000), 6.6, 263.0),
+        ("controlled", (100,), 11.9, 502.0),
     ):
         wanted = ", ".join(f'"{feed} mm/min"' for feed in feeds)
         settings = ["analyses.path.on_request=false", f"analyses.path.feeds=[{wanted}]"]
@@ -366,8 +367,18 @@ def test_a_path_that_is_too_long_for_the_memory_is_refused_with_its_remedy() -> 
         'analyses.path.feeds=["20 mm/min"]',
         'limits.memory="600 MB"',
     )
-    with pytest.raises(BudgetError, match=r"path would need about 68.* MB.*lower sampling"):
-        plan_scene(load_scene(scene, variant="R", overrides=settings))
+    loaded = load_scene(scene, variant="R", overrides=settings)
+    with pytest.raises(BudgetError, match=r"path would need about 9.* MB.*lower sampling"):
+        plan_scene(loaded)
+    # the others wait while one rank has the path; components are judged when the store is looked at
+    held = RanksOnNodes(ranks=4, together=2, memory_mb=8_000.0)
+    with pytest.raises(BudgetError, match=r"2 of 4 ranks, of which one has the path; limits"):
+        plan_scene(loaded, held=held)
+    free = dataclasses.replace(loaded, limits=dataclasses.replace(loaded.limits, memory_bytes=None))
+    plan_scene(free, held=held)
+    with pytest.raises(BudgetError, match=r"this machine has 1e\+03 MB"):
+        plan_scene(free, held=RanksOnNodes(ranks=4, together=2, memory_mb=1000.0))
+    plan_scene(free, held=RanksOnNodes(ranks=4, together=1, memory_mb=1000.0))
 
 
 def test_contours_of_machines_of_few_and_many_bodies_are_planned_within_half_and_twice_what_they_took() -> (
