@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TypedDict
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.linear.watched_outputs import Extreme
+from headstock.solvers.watched_outputs import Extreme
 
 
 class DriveForceSummary(TypedDict):

@@ -18,9 +18,9 @@ from headstock.pipeline.answers.motion_forces import (
     summarise_drives,
     summarise_joints,
 )
-from headstock.solvers.linear.watched_outputs import Extreme
 from headstock.solvers.paths.response import CruiseFigures, PathDeviation, ZoneFigures
 from headstock.solvers.second_order import Channel, name_channel
+from headstock.solvers.watched_outputs import Extreme
 
 _PARTS = ("total", "quasi_static", "low_frequency", "dynamic")
 # ``peak_um`` or ``peak_urad`` and so on, ``settling_s`` without a value where it never settles

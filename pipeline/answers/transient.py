@@ -23,8 +23,8 @@ from headstock.pipeline.answers.path import deviation_unit
 from headstock.pipeline.storage.json_texts import check_finite
 from headstock.scene.requests import Motors
 from headstock.solvers.linear.transient import EnergyBalance, TransientFigures
-from headstock.solvers.linear.watched_outputs import Extreme
 from headstock.solvers.second_order import Channel, name_channel
+from headstock.solvers.watched_outputs import Extreme
 
 TRUNCATION = "modes above the range"
 

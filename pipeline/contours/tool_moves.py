@@ -47,7 +47,6 @@ from headstock.reduction.coupling.joint_forces import JointForces, joint_outputs
 from headstock.scene.requests import PathRequest
 from headstock.scene.scene import SceneMechanism
 from headstock.solvers.control.drive_trains import SCALE
-from headstock.solvers.linear.watched_outputs import Extreme, find_largest
 from headstock.solvers.milling.straight_path import StraightPath, UnitTravel
 from headstock.solvers.milling.tool_path import PathPoints
 from headstock.solvers.paths.linear_motion import (
@@ -67,6 +66,7 @@ from headstock.solvers.paths.sampled_motion import (
 from headstock.solvers.paths.set_points import SetPoint, sample_move
 from headstock.solvers.paths.varying_system import PlantChannels, SampledPlant
 from headstock.solvers.second_order import Channel
+from headstock.solvers.watched_outputs import Extreme, find_largest
 
 STEPS_PER_SWING = 24  # of the highest mode that is kept
 NODES = 65  # positions of the line between which the rigid motion is interpolated

@@ -15,14 +15,13 @@ from headstock.reduction.coupling.joint_forces import DAMPER, SPRING, JointForce
 from headstock.solvers.control.drive_loops import ENCODER
 from headstock.solvers.control.drive_trains import FORCE
 from headstock.solvers.linear.state_space import StateSpace
-from headstock.solvers.linear.watched_outputs import (
+from headstock.solvers.paths.response import PathDeviation
+from headstock.solvers.second_order import Channel
+from headstock.solvers.watched_outputs import (
     Extreme,
     WatchedOutputs,
     find_largest,
-    watch_channels,
 )
-from headstock.solvers.paths.response import PathDeviation
-from headstock.solvers.second_order import Channel
 
 ROUNDOFF = 1e-10  # of the largest force, or the largest moment
 
@@ -67,8 +66,8 @@ def follow_drives(
         motion: Its states.
     """
     pitches = [drive.lead / (2.0 * math.pi) for drive in drives]
-    torque = _scale(watch_channels(space, [(drive.name, FORCE) for drive in drives]), pitches)
-    error = watch_channels(space, [(drive.name, ENCODER) for drive in drives])
+    torque = _scale(space.watch([(drive.name, FORCE) for drive in drives]), pitches)
+    error = space.watch([(drive.name, ENCODER) for drive in drives])
     error = _scale(error, [-1.0] * len(drives))
     extremes = {
         drive.name: DriveExtremes(*found)
@@ -133,7 +132,7 @@ def find_largest_forces(
     """
     found = {}
     for joint in joints:
-        watched = watch_channels(space, joint.channels(SPRING), joint.channels(DAMPER))
+        watched = space.watch(joint.channels(SPRING), joint.channels(DAMPER))
         extremes = motion.find_extremes(watched)
         found[joint.name] = dict(zip(joint.directions, extremes, strict=True))
     return leave_out_roundoff(found)

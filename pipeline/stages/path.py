@@ -51,7 +51,6 @@ from headstock.solvers.control.friction_loop import friction_channels
 from headstock.solvers.control.stability import require_stable
 from headstock.solvers.errors import ModelError, UnstableControlError
 from headstock.solvers.linear.modal_analysis import solve_modal
-from headstock.solvers.linear.watched_outputs import Extreme
 from headstock.solvers.milling.forces import cutting_forces
 from headstock.solvers.paths.controlled import (
     ControlledPath,
@@ -87,6 +86,7 @@ from headstock.solvers.paths.varying_system import (
     sample_system,
 )
 from headstock.solvers.second_order import Channel
+from headstock.solvers.watched_outputs import Extreme
 
 ENERGY_LIMIT = 1e-6
 # modes up to so many times the band looked at are states of the loop, the others act at once; fewer

@@ -29,6 +29,7 @@ from headstock.solvers.second_order import (
     name_channel,
     output_rows,
 )
+from headstock.solvers.watched_outputs import WatchedOutputs
 
 MASSLESS_CONDITION = 1e14
 
@@ -84,6 +85,19 @@ class StateSpace:
             inputs=tuple(inputs),
             outputs=tuple(outputs),
         )
+
+    def watch(self, channels: Sequence[Channel], rates: Sequence[Channel] = ()) -> WatchedOutputs:
+        """Some of the outputs, each with the rate of another one added.
+
+        Args:
+            channels: ``k`` of them.
+            rates: As many; none adds nothing. What inputs do to them at once has no rate here.
+        """
+        rows = [self.outputs.index(channel) for channel in channels]
+        states = self.c[rows]
+        if rates:
+            states = states + self.c[[self.outputs.index(channel) for channel in rates]] @ self.a
+        return WatchedOutputs(states, self.d[rows])
 
     def respond(self, omega: FloatArray) -> ComplexArray:
         """Frequency response ``(n_freq, n_outputs, n_inputs)`` at angular frequencies [rad/s]."""

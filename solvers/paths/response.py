@@ -22,7 +22,6 @@ from headstock.solvers.linear.modal_coordinates import (
 )
 from headstock.solvers.linear.state_space import modal_state_space
 from headstock.solvers.linear.time_response import add_direct, solve_stepped_response
-from headstock.solvers.linear.watched_outputs import watch_channels
 from headstock.solvers.paths.loads import PathLoads, cut_times, loads_at, step_loads
 from headstock.solvers.paths.set_points import (
     SetPoint,
@@ -156,7 +155,7 @@ def solve_path(
         [step_accelerations(move, times)[:, :, None], step_loads(model.loads, move, times)], axis=2
     )
     space = modal_state_space(coordinates, model.inputs, outputs)
-    others = watch_channels(space, model.watched, model.rates)
+    others = space.watch(model.watched, model.rates)
     count = len(model.outputs)
     below = np.repeat(coordinates.omega < 2.0 * np.pi * model.low_frequency_limit_hz, 2)
     shown = space.c[:count]

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.linear.state_space import StateSpace
-from headstock.solvers.second_order import Channel
 
 CHUNK = 4096  # steps looked at together
 
@@ -72,20 +70,3 @@ def find_largest(times: FloatArray, values: FloatArray) -> tuple[Extreme, ...]:
     return tuple(
         Extreme(float(values[row, column]), float(times[row])) for column, row in enumerate(rows)
     )
-
-
-def watch_channels(
-    space: StateSpace, channels: Sequence[Channel], rates: Sequence[Channel] = ()
-) -> WatchedOutputs:
-    """Outputs of a state space, each with the rate of another one added.
-
-    Args:
-        space: With all of them as outputs.
-        channels: ``k`` of them.
-        rates: As many; none adds nothing. What inputs do to them at once has no rate here.
-    """
-    rows = [space.outputs.index(channel) for channel in channels]
-    states, inputs = space.c[rows], space.d[rows]
-    if rates:
-        states = states + space.c[[space.outputs.index(channel) for channel in rates]] @ space.a
-    return WatchedOutputs(states, inputs)
