@@ -9,7 +9,7 @@ from headstock.geometry.frames import FloatArray, rigid_map
 from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.stages.run_state import PoseModel
 from headstock.reduction.motions.body_fields import BodyPlaces, choose_places, machine_field
-from headstock.solvers.linear.mode_pairing import SAME_MODE, ModeSet, correlate_modes, pair_modes
+from headstock.solvers.pairing.mode_pairing import SAME_MODE, ModeSet, correlate_modes, pair_modes
 from headstock.studies.responses import ResponseEntry, compare_entries, overlay_responses
 from headstock.studies.variants import VariantSolution
 

@@ -48,6 +48,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "recovery": set(),
         "elastic": {"recovery"},
         "linear": set(),
+        "pairing": {"linear"},
         "mechanisms": set(),
         "control": {"linear"},
         "paths": {"linear", "mechanisms", "control"},

@@ -50,6 +50,7 @@ from headstock.validation.machines.model_estimate_cases import (
     compare_new_machines,
 )
 from headstock.validation.machines.path_cases import check_path_roads, check_path_test
+from headstock.validation.machines.peak_cases import check_peaks, check_peaks_smoke
 from headstock.validation.machines.response_estimate_cases import (
     check_mesh_response_estimates,
     check_response_estimates,
@@ -345,6 +346,14 @@ CASES: tuple[Case, ...] = (
         "the same on one machine",
         on_root(check_model_estimates_smoke),
     ),
+    Case(
+        "peaks",
+        "estimates",
+        "± of peaks of frequency responses, and their accuracy when it is asked for, on three machines",
+        on_root(check_peaks),
+        on_request=True,
+    ),
+    Case("peaks-smoke", "estimates", "± alone, on one machine", on_root(check_peaks_smoke)),
     Case(
         "model-choice",
         "estimates",

@@ -36,7 +36,13 @@ from headstock.app.report.volumetric import draw_motions, draw_volume, list_maps
 from headstock.app.tables.components import COMPONENT_COLUMNS, JOINT_COLUMNS, MODEL_COLUMNS
 from headstock.app.tables.contouring import FACE_COLUMNS, contour_words, list_faces
 from headstock.app.tables.control import DRIVE_COLUMNS, POLE_COLUMNS
-from headstock.app.tables.frf import DRIVE_POINT_COLUMNS, list_channels, tabulate_response
+from headstock.app.tables.frf import (
+    DRIVE_POINT_COLUMNS,
+    NUMBER_COLUMNS,
+    list_channels,
+    list_numbers,
+    tabulate_response,
+)
 from headstock.app.tables.lobes import (
     LOBE_COLUMNS,
     LOWEST_LOBE_COLUMNS,
@@ -564,6 +570,7 @@ def report_environment() -> jinja2.Environment:
         "transient_stem": transient_stem,
         "draw_rows": draw_rows,
         "list_ports": list_channels,
+        "list_numbers": list_numbers,
         "list_displacements": list_displacements,
         "list_zones": list_zones,
         "draw_lobes": draw_lobes,
@@ -578,6 +585,7 @@ def report_environment() -> jinja2.Environment:
             "poles": POLE_COLUMNS,
             "drives": DRIVE_COLUMNS,
             "ports": DRIVE_POINT_COLUMNS,
+            "numbers": NUMBER_COLUMNS,
             "zones": ZONE_COLUMNS,
             "moved": MOVED_COLUMNS,
             "motors": MOTOR_COLUMNS,

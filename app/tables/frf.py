@@ -7,7 +7,12 @@ import numpy as np
 from headstock.app.tables.table import Column, PlainTable, show_percent
 from headstock.app.texts.bounded_values import show_digits
 from headstock.app.texts.curves import name_entry, response_unit_si
-from headstock.pipeline.answers.frf import DrivePointSummary, ResponseCurves, ResponseSummary
+from headstock.pipeline.answers.frf import (
+    DrivePointSummary,
+    NumberSummary,
+    ResponseCurves,
+    ResponseSummary,
+)
 from headstock.pipeline.results.mode_files import file_stem
 
 
@@ -62,6 +67,46 @@ DRIVE_POINT_COLUMNS: tuple[Column[DrivePointSummary], ...] = (
     ),
     Column(
         lambda row: row["truncation_share"], report="missed by a plain modal sum", show=show_percent
+    ),
+)
+
+
+def list_numbers(response: ResponseSummary) -> list[NumberSummary]:
+    """Peaks and levels of forces and translations: others are in files only."""
+    return [number for number in response.get("peaks", []) if "size_um_per_kN" in number]
+
+
+def _name_number(row: NumberSummary) -> str:
+    kind = "static" if row["kind"] == "level" else "peak"
+    return f"{kind} {' '.join(row['output'])} / {' '.join(row['input'])}"
+
+
+def _share(row: NumberSummary) -> float | None:
+    error = row["error_um_per_kN"]
+    return None if error is None else error / row["size_um_per_kN"]
+
+
+NUMBER_COLUMNS: tuple[Column[NumberSummary], ...] = (
+    Column(_name_number, screen="of", report="of"),
+    Column(lambda row: row["hz"], screen=">at Hz", report="at [Hz]", show=_show_four),
+    Column(
+        lambda row: row["size_um_per_kN"],
+        screen=">µm/kN",
+        report="size [µm/kN]",
+        show=_show_four,
+        error=lambda row: row["error_um_per_kN"],
+    ),
+    Column(
+        lambda row: 1e3 / row["size_um_per_kN"],
+        screen=">N/µm",
+        report="dynamic stiffness [N/µm]",
+        show=_show_four,
+    ),
+    Column(
+        _share,
+        screen=">± of it",
+        report="± of it",
+        show=show_percent,
     ),
 )
 

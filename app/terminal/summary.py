@@ -10,7 +10,12 @@ from rich.table import Table
 from headstock.app.tables.components import COMPONENT_COLUMNS, JOINT_COLUMNS, MODEL_COLUMNS
 from headstock.app.tables.contouring import FACE_COLUMNS, contour_words, limit_words, list_faces
 from headstock.app.tables.control import DRIVE_COLUMNS, POLE_COLUMNS
-from headstock.app.tables.frf import DRIVE_POINT_COLUMNS, list_channels
+from headstock.app.tables.frf import (
+    DRIVE_POINT_COLUMNS,
+    NUMBER_COLUMNS,
+    list_channels,
+    list_numbers,
+)
 from headstock.app.tables.lobes import LOWEST_LOBE_COLUMNS, list_lowest_lobes
 from headstock.app.tables.modes import list_modes
 from headstock.app.tables.motion_forces import JOINT_FORCE_COLUMNS, MOTOR_COLUMNS
@@ -160,6 +165,12 @@ def print_summary(
         else:
             console.print(
                 f"Frequency response in pose {pose}: curves in tables/ and the report", markup=False
+            )
+        if numbers := list_numbers(response):
+            print_table(
+                console,
+                f"Peaks and static compliances of responses in pose {pose}",
+                tell_rows(NUMBER_COLUMNS, numbers),
             )
         for words in response_error_words(response):
             console.print(f"  {words}", markup=False)

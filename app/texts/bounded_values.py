@@ -355,10 +355,16 @@ def accuracy_words(
         f"accuracy {100.0 * accuracy['requested']:g} % {state} in {count}: {last} within {known}, the others closer"
         " (± of meshes counted up to 1.8 times)"
     )
+    if (own := accuracy.get("responses")) is not None:
+        size = "an unknown amount" if own["error"] is None else f"{100.0 * own['error']:.2g} %"
+        words += (
+            f"; peaks and static levels of frequency responses {'met' if own['met'] else 'did not meet'} it:"
+            f" {own['quantity']} within {size}"
+        )
     share, at_hz, pose = max(_line_errors(responses or {}), default=(0.0, 0.0, ""))
     if share > accuracy["requested"]:
         words += (
-            f"; lines of the frequency response are no part of it: up to {100.0 * share:.2g} % off"
+            f"; single lines of the frequency response are no part of it: up to {100.0 * share:.2g} % off"
             f" at {at_hz:.4g} Hz in pose {pose}"
         )
     lines = [

@@ -14,6 +14,7 @@ from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.parts.components import CouplingKind
+from headstock.pipeline.accuracy.response_changes import follow_numbers
 from headstock.pipeline.answers.estimates import INTERFACE, Estimate, combine_estimates, show_share
 from headstock.pipeline.answers.frf import DrivePointFigures, PoseResponse
 from headstock.pipeline.answers.interfaces import InterfaceErrorsAnswer, JointShapes
@@ -247,7 +248,8 @@ def judge_interfaces(state: RunState, shaped: ShapedMachines) -> Outcome:
             state.answers[place] = _judge_compliances(machines, answer, shares, words)
         elif isinstance(answer, PoseResponse):
             words = f" in pose {answer.curves.pose}" if several else ""
-            state.answers[place] = _judge_response(machines, answer, lines, words)
+            judged = _judge_response(machines, answer, lines, words)
+            state.answers[place] = _judge_numbers(machines, judged, shares, words)
     found = InterfaceErrorsAnswer(
         {joint.name: _describe(machines, joint) for joint in shaped.joints},
         shares,
@@ -386,6 +388,38 @@ def _judge_response(
         curves=dataclasses.replace(curves, error_share={**curves.error_share, INTERFACE: change}),
         figures=tuple(_judge_figures(own, list(found.values())) for own in answer.figures),
     )
+
+
+def _judge_numbers(
+    machines: _Machines, answer: PoseResponse, shares: dict[str, dict[str, float]], words: str
+) -> PoseResponse:
+    """A response with what shapes change in the ± of its peaks and levels; adds to the shares."""
+    if not answer.numbers:
+        return answer
+    pose = machines.parts.plan.poses[answer.curves.pose]
+    count = max((own.mode for own in answer.numbers), default=-1) + 1
+    plain = machines.watch(None, pose, count)
+    better = {kind: machines.watch(kind, pose, count) for kind in (STRONG, WEAK)}
+    moved = {
+        kind: follow_numbers(answer.numbers, machines.at(kind, pose), plain, modes)
+        for kind, modes in better.items()
+    }
+    numbers = []
+    for own, *others in zip(answer.numbers, *moved.values(), strict=True):
+        size = max(abs(other.size - own.size) for other in others)
+        if np.isnan([other.size for other in others]).any():
+            error = Estimate({INTERFACE: None})
+        else:
+            shape = (
+                better[STRONG].modes.shapes[:, [others[0].mode]]
+                if own.kind == "peak"
+                else machines.at(STRONG, pose).push(own.output)[:, None]
+            )
+            parts = machines.split(pose, shape, size)
+            error = Estimate({INTERFACE: size}, (), {INTERFACE: parts})
+            shares[f"{own.name}{words}"] = {name: part / own.size for name, part in parts.items()}
+        numbers.append(dataclasses.replace(own, error=combine_estimates([own.error, error])))
+    return dataclasses.replace(answer, numbers=tuple(numbers))
 
 
 def _respond(model: CoupledPose, answer: PoseResponse) -> _Responses:

@@ -16,10 +16,17 @@ from headstock.pipeline.accuracy.quantities import (
     name_frequency,
     say_place,
 )
+from headstock.pipeline.answers.frf import ResponseNumber
 from headstock.pipeline.stages.components import ELASTIC_MODULE, load_or_make_mesh
 from headstock.pipeline.stages.machine import CoupledPose, couple_pose
 from headstock.pipeline.stages.run_state import ReducedComponent, RunState
 from headstock.reduction.coupling.dof_layout import turn_dofs
+from headstock.reduction.motions.body_motions import solve_machine_static
+from headstock.scene.requests import LOAD
+from headstock.solvers.second_order import Channel
+
+MIXING = 0.02  # of omega^2: modes nearer to each other than that mix as if that far apart
+NODE = 1e-3  # of the largest motion at a channel: there a mode has a node and its peak is another's
 
 
 def mean_size(reduced: ReducedComponent) -> float:
@@ -81,6 +88,58 @@ def _list_motions(state: RunState) -> Iterator[tuple[CoupledPose, str, FloatArra
                         name_compliance(name, direction, place),
                         model.push((name, direction)) / np.sqrt(compliance),
                     )
+
+    for response in state.responses:
+        model = couple_pose(state.parts, state.plan.poses[response.curves.pose])
+        place = say_place(state.responses, response.curves.pose)
+        for entry in response.numbers:
+            motions = _move_peak(model, entry) if entry.kind == "peak" else _push(model, entry)
+            for motion in motions:
+                yield model, f"{entry.key}{place}", motion
+
+
+def _move_peak(model: CoupledPose, peak: ResponseNumber) -> Iterator[FloatArray]:
+    """Motions of a peak ``phi_i phi_o / (2 zeta omega^2)``: that of its mode for the frequency, and per
+    channel that of its mode and of all others, through which its shape changes there.
+
+    What a mesh changes of a shape at a channel is a product of two motions ``u^T E v``, of which half of
+    ``a u^T E u + v^T E v / a`` is the least bound with both terms alike.
+    """
+    modes = model.all_modes
+    squares = (2.0 * np.pi * modes.frequencies_hz) ** 2
+    own, square = modes.shapes[:, peak.mode], squares[peak.mode]
+    yield own / np.sqrt(square)
+    apart = squares - square
+    # others at the same place mix with the mode by as much as their damping allows
+    shares = apart / (apart**2 + (MIXING * square) ** 2)
+    shares[peak.mode] = 0.0
+    for channel in dict.fromkeys((peak.output, peak.given)):
+        moved = modes.shapes.T @ _load(model, channel)
+        if abs(moved[peak.mode]) < NODE * np.abs(moved).max():
+            continue
+        weights = shares * moved / moved[peak.mode]
+        energy = float(weights**2 @ squares)
+        if energy > 0.0:
+            balance = np.sqrt(energy / square)
+            count = 2.0 if peak.output == peak.given else 1.0
+            yield own * np.sqrt(0.5 * count * balance)
+            yield modes.shapes @ weights * np.sqrt(0.5 * count / balance)
+
+
+def _push(model: CoupledPose, level: ResponseNumber) -> Iterator[FloatArray]:
+    """Motions of a static level: those under loads at both channels, likewise."""
+    loads = [_load(model, channel) for channel in (level.output, level.given)]
+    moved = [solve_machine_static(model.coupled, load).displacements for load in loads]
+    soft = [float(load @ own) for load, own in zip(loads, moved, strict=True)]
+    if min(soft) > 0.0:
+        for own, energy in zip(moved, soft, strict=True):
+            yield own * np.sqrt(0.5 * np.sqrt(soft[0] * soft[1]) / (energy * level.size))
+
+
+def _load(model: CoupledPose, channel: Channel) -> FloatArray:
+    if channel[1] == LOAD:
+        return model.loads[channel[0]]
+    return {**model.system.outputs, **model.system.inputs}[channel]
 
 
 def _parts_of(model: CoupledPose, names: Sequence[str], motion: FloatArray) -> Iterator[FloatArray]:

@@ -4,7 +4,7 @@ their place, kept in the store, and the small coupled machines are compared.
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -15,6 +15,7 @@ from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.parts.components import Component
 from headstock.pipeline.accuracy.remembered import NUMBERS, Judged
+from headstock.pipeline.accuracy.response_changes import follow_numbers
 from headstock.pipeline.accuracy.rounds import describe_settings, replace_components
 from headstock.pipeline.accuracy.settings import (
     COARSE_ACCURACY,
@@ -25,12 +26,16 @@ from headstock.pipeline.accuracy.settings import (
 from headstock.pipeline.answers.accuracy import BodyModel, ModelErrorsAnswer, NumberChange
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.estimates import MODEL, Estimate, show_share
-from headstock.pipeline.answers.frf import PoseResponse
+from headstock.pipeline.answers.frf import PoseResponse, ResponseNumber
 from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.answers.static import PointCompliance, StaticAnswer
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.planner import is_simple, plan_scene
-from headstock.pipeline.stages.frf import estimate_response_errors, prepare_response
+from headstock.pipeline.stages.frf import (
+    estimate_response_errors,
+    judge_numbers,
+    prepare_response,
+)
 from headstock.pipeline.stages.machine import CoupledPose, couple_pose
 from headstock.pipeline.stages.run_state import (
     MachineParts,
@@ -368,11 +373,12 @@ def _judge_response(
     *,
     several: bool,
 ) -> PoseResponse:
-    """A response with what the models of bodies leave out in the ± of its lines; adds its largest
-    change, over the largest entry of its line.
+    """A response with what the models of bodies leave out in the ± of its lines and peaks; adds
+    their changes, of lines the largest, over the largest entry of its line.
     """
     curves = answer.curves
-    model = machines.at(machines.parts.plan.poses[curves.pose]).better
+    posed = machines.at(machines.parts.plan.poses[curves.pose])
+    model = posed.better
     prepared = prepare_response(model)
     response = evaluate_frf(prepared, curves.frequencies_hz)
     estimate = estimate_response_errors(
@@ -385,6 +391,7 @@ def _judge_response(
     changes[f"a line of the frequency response{place}"] = NumberChange(
         float(np.nanmax(shares)) if np.isfinite(shares).any() else None
     )
+    numbers = _judge_numbers(machines, posed, answer.numbers, changes, place)
     return dataclasses.replace(
         answer,
         curves=dataclasses.replace(curves, error_share={MODEL: change, **estimate.shares}),
@@ -396,7 +403,41 @@ def _judge_response(
             for own in answer.figures
         ),
         error_left_out=estimate.left_out,
+        numbers=numbers,
     )
+
+
+def _judge_numbers(
+    machines: _Machines,
+    posed: _PosedMachines,
+    numbers: Sequence[ResponseNumber],
+    changes: dict[str, NumberChange],
+    place: str,
+) -> tuple[ResponseNumber, ...]:
+    """Peaks and levels with what the models of bodies leave out in their ±; adds to the changes."""
+    if not numbers:
+        return ()
+    count = max((own.mode for own in numbers), default=-1) + 1
+    plain = machines.watch(posed.plain, (), count)
+
+    def follow(model: CoupledPose, names: Iterable[str]) -> tuple[ResponseNumber, ...]:
+        return follow_numbers(numbers, model, plain, machines.watch(model, names, count))
+
+    moved = follow(posed.better, machines.bodies.components)
+    alone = {name: follow(model, [name]) for name, model in posed.singles.items()}
+    known = iter(judge_numbers(posed.better, [own for own in moved if np.isfinite(own.size)]))
+    found = []
+    for index, (number, other) in enumerate(zip(numbers, moved, strict=True)):
+        change = other.size - number.size
+        singles = {name: own[index].size - number.size for name, own in alone.items()}
+        changes[f"{number.name}{place}"] = _relative(change, singles, number.size)
+        error = (
+            Estimate({MODEL: None})
+            if np.isnan(change)
+            else _add_model(next(known).error, change, singles)
+        )
+        found.append(dataclasses.replace(number, error=error))
+    return tuple(found)
 
 
 def _add_model(better: Estimate, change: float, singles: Mapping[str, float]) -> Estimate:

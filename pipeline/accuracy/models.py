@@ -18,6 +18,7 @@ from headstock.pipeline.accuracy.quantities import (
     name_frequency,
     say_place,
 )
+from headstock.pipeline.accuracy.response_changes import follow_numbers
 from headstock.pipeline.accuracy.rounds import describe_settings
 from headstock.pipeline.accuracy.settings import are_equal
 from headstock.pipeline.answers.accuracy import BodyChoice
@@ -69,12 +70,14 @@ class ModelChoice:
         bodies: What is said of each body.
         worst: The number that is furthest off.
         error: By how much of it.
+        errors: Key of each number to by how much of it that may be off.
     """
 
     components: dict[str, Component]
     bodies: dict[str, BodyChoice]
     worst: str
     error: float
+    errors: Mapping[str, float]
 
 
 def choose_models(
@@ -105,7 +108,7 @@ def choose_models(
     finest = {name: len(bodies[name]) - 1 for name in groups}
     trials = _Trials(state, bodies)
     errors = {quantity.key: quantity.error for quantity in quantities}
-    doubts = {quantity.key: quantity.two_sided for quantity in quantities}
+    doubts = {quantity.key: quantity.doubt for quantity in quantities}
     alone: dict[tuple[str, int], Mapping[str, float]] = {}
 
     def changes(choice: Choice) -> Mapping[str, float]:
@@ -158,7 +161,7 @@ def choose_models(
         components[name] = dataclasses.replace(
             components[name], fidelity=model.fidelity, segments=model.segments
         )
-    return ModelChoice(components, told, names[worst], sums[worst])
+    return ModelChoice(components, told, names[worst], sums[worst], sums)
 
 
 def add_change(error: float, two_sided: float, change: float) -> float:
@@ -271,28 +274,34 @@ class _Trials:
         }
         self._motions: dict[tuple[str, int], FloatArray] = {}
         self._last = {name: len(candidates) - 1 for name, candidates in bodies.items()}
-        self._poses = [modes.pose for modes in state.modal]
-        models = {pose.name: self._couple({}, pose.name) for pose in self._poses}
-        self._modes = {
-            modes.pose.name: self._watch(
-                models[modes.pose.name], {}, modes.below + len(modes.frequencies_hz)
+        # how many modes are followed in each pose
+        self._counts = {
+            modes.pose.name: modes.below + len(modes.frequencies_hz) for modes in state.modal
+        }
+        for response in state.responses:
+            pose, highest = (
+                response.curves.pose,
+                max((own.mode for own in response.numbers), default=-1),
             )
-            for modes in state.modal
+            self._counts[pose] = max(self._counts.get(pose, 0), highest + 1)
+        self._modes = {
+            pose: self._watch(self._couple({}, pose), {}, count)
+            for pose, count in self._counts.items()
         }
 
     def changes(self, choice: Choice) -> dict[str, float]:
         """How much softer some bodies make each number, over it; inf for a mode that no longer has its
         shape.
         """
-        models: dict[str, CoupledPose] = {}
+        models = {pose: self._couple(choice, pose) for pose in self._counts}
+        watched = {
+            pose: self._watch(models[pose], choice, count) for pose, count in self._counts.items()
+        }
         found: dict[str, float] = {}
         for modes in self._state.modal:
             pose, count = modes.pose.name, modes.below + len(modes.frequencies_hz)
-            models[pose] = self._couple(choice, pose)
             place = say_place(self._state.modal, pose)
-            compared = compare_modes(
-                self._modes[pose], self._watch(models[pose], choice, count), count=count
-            )
+            compared = compare_modes(self._modes[pose], watched[pose], count=count)
             for mode in range(max(modes.rigid_count, modes.below), count):
                 share = -compared.changes_hz[mode] / modes.frequencies_hz[mode - modes.below]
                 # a mode among them that finite elements do not have is as wrong as one that lacks
@@ -307,6 +316,13 @@ class _Trials:
                     before, after = point.compliance[axis, axis], compliance[axis, axis]
                     if before > 0.0:
                         found[name_compliance(name, direction, place)] = after / before - 1.0
+        for response in self._state.responses:
+            pose = response.curves.pose
+            place = say_place(self._state.responses, pose)
+            moved = follow_numbers(response.numbers, models[pose], self._modes[pose], watched[pose])
+            for number, other in zip(response.numbers, moved, strict=True):
+                share = other.size / number.size - 1.0
+                found[f"{number.key}{place}"] = float(share) if np.isfinite(share) else np.inf
         return found
 
     def _couple(self, choice: Choice, pose: str) -> CoupledPose:

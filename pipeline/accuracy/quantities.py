@@ -48,6 +48,8 @@ class Quantity:
         parts: Component and source to their relative part of the error; inf where there is no
             bound.
         two_sided: What of it, by curved faces, may make the machine too soft as well as too stiff.
+        response: It is a peak or a level of a frequency response, which errors may make too large
+            as well as too small.
     """
 
     key: str
@@ -55,11 +57,17 @@ class Quantity:
     value: float
     parts: Mapping[Owner, float]
     two_sided: float = 0.0
+    response: bool = False
 
     @property
     def error(self) -> float:
         """Relative error, all parts together."""
         return sum(self.parts.values())
+
+    @property
+    def doubt(self) -> float:
+        """What of the error may have either sign."""
+        return self.error if self.response else self.two_sided
 
     @property
     def owner(self) -> Owner:
@@ -68,10 +76,10 @@ class Quantity:
 
 
 def list_quantities(state: RunState) -> list[Quantity]:
-    """Every frequency and compliance that a run has found, with its error in parts as estimated; on
-    rank 0, after its analyses.
+    """Every frequency, compliance, and peak and level of a frequency response that a run has found,
+    with its error in parts as estimated; on rank 0, after its analyses.
     """
-    return [*_list_frequencies(state), *_list_compliances(state)]
+    return [*_list_frequencies(state), *_list_compliances(state), *_list_responses(state)]
 
 
 def name_frequency(number: int, place: str) -> str:
@@ -156,6 +164,22 @@ def _list_compliances(state: RunState) -> Iterator[Quantity]:
                     what = name_compliance(name, direction, place)
                     parts = _relative_parts(error, value) | _unseen_parts(state, error)
                     yield Quantity(what, what, value, parts, _two_sided(error, value))
+
+
+def _list_responses(state: RunState) -> Iterator[Quantity]:
+    for answer in state.responses:
+        place = say_place(state.responses, answer.curves.pose)
+        for number in answer.numbers:
+            parts = _relative_parts(number.error, number.size) | _unseen_parts(state, number.error)
+            if number.error.shares.get(REDUCTION, 0.0) is None:
+                parts |= {(name, REDUCTION): np.inf for name in _short_of(state, number.hz)}
+            yield Quantity(
+                f"{number.key}{place}",
+                f"{number.name}{place}",
+                number.size,
+                parts,
+                response=True,
+            )
 
 
 def _relative_parts(error: Estimate, value: float) -> dict[Owner, float]:

@@ -19,6 +19,7 @@ from headstock.pipeline.answers.accuracy import (
     AccuracyRound,
     BodyChoice,
     ModelErrorsAnswer,
+    ResponseAccuracy,
 )
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.frf import PoseResponse
@@ -165,4 +166,7 @@ def _restore_answer(content: Mapping[str, Any]) -> AccuracyAnswer:
         for one in content["rounds"]
     )
     models = {name: BodyChoice(**body) for name, body in content["models"].items()}
-    return AccuracyAnswer(**{**content, "rounds": rounds, "models": models})
+    own = content["responses"]
+    responses = None if own is None else ResponseAccuracy(**own)
+    known = {"rounds": rounds, "models": models, "responses": responses}
+    return AccuracyAnswer(**{**content, **known})

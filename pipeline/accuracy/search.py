@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
+import numpy as np
 from mpi4py import MPI
 
 from headstock.geometry.parts.components import Component
@@ -47,7 +48,11 @@ from headstock.pipeline.accuracy.settings import (
     start_component,
     suits_polynomials,
 )
-from headstock.pipeline.answers.accuracy import AccuracyAnswer, AccuracyRound
+from headstock.pipeline.answers.accuracy import (
+    AccuracyAnswer,
+    AccuracyRound,
+    ResponseAccuracy,
+)
 from headstock.pipeline.answers.estimates import show_share
 from headstock.pipeline.planning.budgets import BudgetError
 from headstock.pipeline.planning.plan import Plan, Stage
@@ -345,7 +350,24 @@ def _conclude(
     failure = refined.failure or "; ".join(
         f"joint {own.joint.name}: {own.reason}" for own in shapes if own.reason
     )
-    return AccuracyAnswer(_goal(scene).to, rounds, settings, values, failure, bodies)
+    responses = _judge_responses(refined.quantities, choice, _goal(scene).to)
+    return AccuracyAnswer(_goal(scene).to, rounds, settings, values, failure, bodies, responses)
+
+
+def _judge_responses(
+    quantities: Sequence[Quantity], choice: ModelChoice | None, accuracy: float
+) -> ResponseAccuracy | None:
+    """The peak or level of a frequency response that is furthest off with the models chosen."""
+    errors = {
+        each.name: each.error if choice is None else choice.errors[each.key]
+        for each in quantities
+        if each.response
+    }
+    if not errors:
+        return None
+    worst = max(errors, key=lambda name: errors[name])
+    size = errors[worst]
+    return ResponseAccuracy(worst, size if np.isfinite(size) else None, size <= accuracy)
 
 
 def _say_failure(answer: AccuracyAnswer) -> str:
@@ -436,13 +458,19 @@ def plan_start(scene: Scene) -> tuple[Scene, Plan]:
 
 
 def _round_analyses(analyses: Analyses) -> Analyses:
-    """The analyses that say how far off a machine is: statics, and modes as far up as any analysis
-    looks.
+    """The analyses that say how far off a machine is: statics, modes as far up as any analysis
+    looks, and peaks of frequency responses.
     """
     modal, frf = analyses.modal, analyses.frf
     if modal is None and frf is not None:
         modal = ModalRequest(up_to_hz=frf.to_hz, poses=frf.poses)
-    return Analyses(static=analyses.static, modal=modal)
+    # peaks and levels are found without the lines of a grid; under control there are none
+    lines = (
+        None
+        if frf is None or frf.motors == "controlled"
+        else dataclasses.replace(frf, points=2, adaptive=False, probes=(), fields_at=())
+    )
+    return Analyses(static=analyses.static, modal=modal, frf=lines)
 
 
 def _modes_to(analyses: Analyses, accuracy: float) -> float | None:

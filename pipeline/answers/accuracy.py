@@ -30,8 +30,18 @@ class BodyChoiceSummary(TypedDict):
     next: str
 
 
+class ResponseAccuracySummary(TypedDict):
+    """The entry of the peaks and levels of frequency responses: the one furthest off."""
+
+    quantity: str
+    error: float | None
+    met: bool
+
+
 class AccuracySummary(TypedDict):
-    """The entry ``accuracy``; ``models`` where bodies were chosen among models."""
+    """The entry ``accuracy``; ``models`` where bodies were chosen among models, ``responses`` where
+    peaks and levels of frequency responses are among the numbers.
+    """
 
     requested: float
     estimated: float | None
@@ -41,6 +51,7 @@ class AccuracySummary(TypedDict):
     settings: dict[str, str]
     values: dict[str, Any]
     models: NotRequired[dict[str, BodyChoiceSummary]]
+    responses: NotRequired[ResponseAccuracySummary]
 
 
 @dataclass(frozen=True)
@@ -85,6 +96,21 @@ class AccuracyRound:
 
 
 @dataclass(frozen=True)
+class ResponseAccuracy:
+    """The peak or level of a frequency response that is furthest off.
+
+    Attributes:
+        quantity: Which one, in plain words.
+        error: By how much of it; None where nobody knows.
+        met: That is within what was asked for.
+    """
+
+    quantity: str
+    error: float | None
+    met: bool
+
+
+@dataclass(frozen=True)
 class AccuracyAnswer(Answer):
     """How a search for settings went.
 
@@ -95,6 +121,7 @@ class AccuracyAnswer(Answer):
         values: The same as values of the scene by dotted key, which ``load_scene`` takes.
         reason: Why the accuracy was not reached; empty when it was.
         models: Body to what was chosen among its models; empty where none was cheaper.
+        responses: Peaks and levels of frequency responses; None without any.
     """
 
     requested: float
@@ -103,6 +130,7 @@ class AccuracyAnswer(Answer):
     values: Mapping[str, Any] = field(default_factory=dict)
     reason: str = ""
     models: Mapping[str, BodyChoice] = field(default_factory=dict)
+    responses: ResponseAccuracy | None = None
 
     @property
     def met(self) -> bool:
@@ -129,6 +157,13 @@ class AccuracyAnswer(Answer):
             summary["models"] = {
                 name: {"model": body.model, "why": body.why, "next": body.following}
                 for name, body in self.models.items()
+            }
+        if self.responses is not None:
+            own = self.responses
+            summary["responses"] = {
+                "quantity": own.quantity,
+                "error": own.error,
+                "met": own.met,
             }
         return summary
 

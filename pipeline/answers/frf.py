@@ -11,13 +11,14 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import Answer
-from headstock.pipeline.answers.estimates import REDUCTION
+from headstock.pipeline.answers.estimates import REDUCTION, Estimate, scale_shares
 from headstock.pipeline.answers.probes import ProbeCurves, ProbeCurvesSummary, parse_probe_curves
 from headstock.pipeline.answers.static import N_PER_UM, UM_PER_KN
 from headstock.solvers.linear.frequency_response import convert_receptance
 from headstock.solvers.second_order import Channel, ComplexArray, Motion, name_channel
 
 Spacing = Literal["linear", "log"]
+NumberKind = Literal["peak", "level"]
 
 
 class DrivePointSummary(TypedDict):
@@ -46,6 +47,23 @@ class DrivePointSummary(TypedDict):
     minimum_dynamic_stiffness_SI: NotRequired[float | None]
 
 
+class NumberSummary(TypedDict):
+    """The entry of a peak or of a static level; keys in SI are those of rotations and moments.
+    ``mode`` counts from 1, and is 0 for a level; ``error_share`` is by source.
+    """
+
+    kind: NumberKind
+    output: list[str]
+    input: list[str]
+    hz: float
+    mode: int
+    size_um_per_kN: NotRequired[float]
+    error_um_per_kN: NotRequired[float | None]
+    size_SI: NotRequired[float]
+    error_SI: NotRequired[float | None]
+    error_share: dict[str, float | None]
+
+
 class LineErrors(TypedDict):
     """Errors of a source over the largest entry of the same line."""
 
@@ -72,6 +90,7 @@ class ResponseSummary(TypedDict):
     error: dict[str, LineErrors | float | None] | None
     error_left_out: list[str]
     drive_points: list[DrivePointSummary]
+    peaks: list[NumberSummary]
     probes: NotRequired[dict[str, ProbeCurvesSummary]]
 
 
@@ -110,6 +129,61 @@ class DrivePointFigures:
     most_negative_real_error_share: Mapping[str, float] = field(default_factory=dict)
     lines_hz: tuple[float, ...] = ()
     lines: tuple[float | None, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class ResponseNumber:
+    """The height of a peak of an entry of a response, or its level below all resonances.
+
+    Attributes:
+        kind: Which of both.
+        output: Where motion is computed.
+        given: Where the load acts.
+        hz: Where it is [Hz].
+        size: Of the receptance there [m/N, ...].
+        mode: Index of the natural mode beside a peak, rigid-body modes counted; -1 for a level.
+        error: How far it may be off, in the unit of the size.
+    """
+
+    kind: NumberKind
+    output: Channel
+    given: Channel
+    hz: float
+    size: float
+    mode: int = -1
+    error: Estimate = field(default_factory=Estimate)
+
+    @property
+    def key(self) -> str:
+        """Which one, the same on every mesh."""
+        beside = f" at mode {self.mode + 1}" if self.kind == "peak" else ""
+        return f"{self.kind} of {' '.join(self.output)} under {' '.join(self.given)}{beside}"
+
+    @property
+    def name(self) -> str:
+        """In plain words."""
+        words = f"of {' '.join(self.output)} under {' '.join(self.given)}"
+        if self.kind == "peak":
+            return f"peak {words} at {self.hz:.4g} Hz"
+        return f"static level {words}"
+
+    def summarise(self) -> NumberSummary:
+        """As it stands in ``summary.json``."""
+        linear = self.output[1] in "xyz" and self.given[1] in "xyz"
+        scale = UM_PER_KN if linear else 1.0
+        total = self.error.total
+        size, error = scale * self.size, None if total is None else scale * total
+        summary: NumberSummary = {
+            "kind": self.kind,
+            "output": list(self.output),
+            "input": list(self.given),
+            "hz": self.hz,
+            "mode": self.mode + 1,
+            "error_share": scale_shares(self.error, scale),
+        }
+        if linear:
+            return summary | {"size_um_per_kN": size, "error_um_per_kN": error}
+        return summary | {"size_SI": size, "error_SI": error}
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,6 +255,7 @@ class PoseResponse(Answer):
         singular_hz: Frequencies on the pole of an undamped mode.
         figures: Of every drive point, which is input and output.
         error_left_out: What is not in the errors, in plain words.
+        numbers: Heights of the peaks that count, and levels below all resonances, of every entry.
     """
 
     curves: ResponseCurves
@@ -190,6 +265,7 @@ class PoseResponse(Answer):
     singular_hz: tuple[float, ...]
     figures: tuple[DrivePointFigures, ...]
     error_left_out: tuple[str, ...] = ()
+    numbers: tuple[ResponseNumber, ...] = ()
     units: ClassVar[dict[str, str]] = {
         r"frf/.*/(inputs|outputs)": "",
         r"frf/.*/frequencies_hz": "Hz",
@@ -215,6 +291,7 @@ class PoseResponse(Answer):
             "error": _summarise_error(curves),
             "error_left_out": list(self.error_left_out),
             "drive_points": [_summarise_drive_point(figures) for figures in self.figures],
+            "peaks": [number.summarise() for number in self.numbers],
         }
         if curves.probes:
             summary["probes"] = {probe.name: probe.summarise() for probe in curves.probes}

@@ -83,7 +83,7 @@ def _find_finer_models(
 
     def respond(change: SystemChange | None) -> FrfModel:
         # ratios of modes are those of the changed ones
-        system = damp_system(machine.parts.scene, space.changed_system(ports, change))
+        system = damp_system(machine.parts.scene, space.changed_system(ports, ports, change))
         return prepare_frf(system, inputs=ports, outputs=ports)
 
     return change_models(space, respond)

@@ -11,12 +11,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.geometry.frames import BoolArray, FloatArray
-from headstock.pipeline.answers.estimates import CURVED_FACES, DISCRETISATION, REDUCTION
-from headstock.pipeline.answers.frf import DrivePointFigures, PoseResponse, ResponseCurves
+from headstock.pipeline.answers.estimates import (
+    CURVED_FACES,
+    DISCRETISATION,
+    LEFT_OUT,
+    REDUCTION,
+    combine_estimates,
+)
+from headstock.pipeline.answers.frf import (
+    DrivePointFigures,
+    PoseResponse,
+    ResponseCurves,
+    ResponseNumber,
+)
 from headstock.pipeline.answers.probes import ProbeCurves
+from headstock.pipeline.answers.response_numbers import list_numbers, place_levels, place_peaks
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.control import drive_machine, list_poles
-from headstock.pipeline.stages.estimates import name_what_is_left_out
+from headstock.pipeline.stages.estimates import estimate_parts, name_what_is_left_out
 from headstock.pipeline.stages.machine import DAMPING, damp_system, warn_of_no_damping
 from headstock.pipeline.stages.probes import (
     judged_channels,
@@ -40,10 +52,12 @@ from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.probes import PlacedProbe, component_factors, place_probe
 from headstock.reduction.estimates.frequency_errors import truncated_parts
 from headstock.reduction.estimates.mesh_errors import meshed_parts
+from headstock.reduction.estimates.peak_errors import Respond, find_peak_errors
 from headstock.reduction.estimates.response_errors import (
     ErrorSources,
     ResponseErrors,
     ResponseSpace,
+    SystemChange,
     bound_response_errors,
     project_response,
     soften_response,
@@ -470,9 +484,76 @@ def respond(
             estimate,
         ),
         error_left_out=() if estimate is None else estimate.left_out,
+        numbers=_find_numbers(machine, model, request) if judged else (),
     )
     warnings += [warn_of_singular(name, probe.singular) for name, probe in placed.items()]
     return Solved(found, tuple(warnings))
+
+
+def _find_numbers(
+    machine: PoseModel, model: FrfModel, request: FrfRequest
+) -> tuple[ResponseNumber, ...]:
+    """Peaks and levels with their errors; none under control, whose resonances are no natural modes."""
+    if isinstance(model.form, ClosedResponse):
+        return ()
+    return judge_numbers(machine, list_numbers(model, request))
+
+
+def judge_numbers(
+    machine: PoseModel, numbers: Sequence[ResponseNumber]
+) -> tuple[ResponseNumber, ...]:
+    """Peaks and levels of a response of a machine with their errors, as far as these are known.
+
+    Args:
+        machine: In its pose.
+        numbers: Of its response.
+    """
+    request, coupled = _frf_request(machine), machine.coupled
+    if coupled is None or not numbers:
+        return tuple(numbers)
+    bare = add_load_inputs(machine.system, machine.loads, request.inputs)
+    sources = find_error_sources(machine.parts, coupled)
+    channels = (input_columns(bare, request.inputs), output_rows(bare, request.outputs))
+    space = project_response(bare, sources, machine.all_modes, channels, request.to_hz)
+
+    def respond(change: SystemChange | None) -> FrfModel:
+        # ratios of modes are those of the changed ones
+        changed = space.changed_system(request.inputs, request.outputs, change)
+        system = damp_system(machine.parts.scene, changed)
+        return prepare_frf(system, inputs=request.inputs, outputs=request.outputs)
+
+    return _add_number_errors(numbers, request, space, respond)
+
+
+def _add_number_errors(
+    numbers: Sequence[ResponseNumber],
+    request: FrfRequest,
+    space: ResponseSpace,
+    respond: Respond,
+) -> tuple[ResponseNumber, ...]:
+    """The numbers with what each component's mesh and modes left out change of them.
+
+    Args:
+        numbers: Peaks, then levels.
+        request: Its channels.
+        space: The machine in its trial space, without the damping of modes.
+        respond: Its response with a change, damped as the scene says.
+    """
+    peaks, levels = place_peaks(numbers, request), place_levels(numbers, request)
+    found = find_peak_errors(space, respond, peaks, levels)
+    by_source = [
+        estimate_parts(source, sizes, len(numbers))
+        for source, sizes in (
+            (DISCRETISATION, found.finer),
+            (CURVED_FACES, found.faces),
+            (LEFT_OUT, found.left_out),
+            (REDUCTION, found.modes),
+        )
+    ]
+    return tuple(
+        dataclasses.replace(number, error=combine_estimates(each))
+        for number, each in zip(numbers, zip(*by_source, strict=True), strict=True)
+    )
 
 
 def _name_peaks(

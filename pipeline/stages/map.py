@@ -19,9 +19,9 @@ from headstock.pipeline.stages.mechanism import placed_mechanism
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.scene.requests import MapRequest
 from headstock.scene.scene import SceneMechanism
-from headstock.solvers.linear.mode_tracking import SweptModes, track_modes, tracked_frequencies
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.solvers.mechanisms.modes import linearise_poses, solve_pose_modes, tool_compliance
+from headstock.solvers.pairing.mode_tracking import SweptModes, track_modes, tracked_frequencies
 
 IndexArray = NDArray[np.intp]
 CHUNK = 512  # poses evaluated together: more would leave the cache

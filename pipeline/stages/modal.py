@@ -38,7 +38,7 @@ from headstock.scene.scene import Scene
 from headstock.solvers.linear.damped_modes import damping_of_undamped, solve_damped
 from headstock.solvers.linear.damping import equivalent_viscous
 from headstock.solvers.linear.modal_analysis import ModalResult, keep_lowest, solve_modal
-from headstock.solvers.linear.mode_pairing import ModeSet, pair_modes
+from headstock.solvers.pairing.mode_pairing import ModeSet, pair_modes
 
 UNSTABLE = 1e-9
 AT_REST = 1e-6  # of the lowest elastic frequency

@@ -17,6 +17,7 @@ from headstock.meshing.component_mesh import ComponentMesh, MeshQuality
 from headstock.meshing.errors import MeshError, PatchError
 from headstock.pipeline.answers.answer import Answer, find_answers
 from headstock.pipeline.answers.estimates import Estimate
+from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.answers.static import PointCompliance, StaticAnswer
 from headstock.pipeline.planning.plan import Plan, Stage, StageRecord
@@ -251,6 +252,11 @@ class RunState:
     def modal(self) -> tuple[PoseModes, ...]:
         """Natural modes found so far, one per pose."""
         return find_answers(self.answers, PoseModes)
+
+    @property
+    def responses(self) -> tuple[PoseResponse, ...]:
+        """Frequency responses found so far, one per pose."""
+        return find_answers(self.answers, PoseResponse)
 
     def weigh_meshes(self, factors: Mapping[str, float]) -> None:
         """Multiply the estimates of mesh errors of components; those that are not reduced here are

@@ -10,8 +10,6 @@ import numpy as np
 from headstock.reduction.estimates.response_errors import ResponseSpace, SystemChange
 from headstock.solvers.linear.frequency_response import FrfModel
 
-STEP = 1e-3  # of omega^2, to both sides, for a slope
-
 
 @dataclass(frozen=True)
 class LowestLimit:
@@ -105,21 +103,9 @@ def _add_modes(models: FinerModels, find: FindLowest, plain: LowestLimit) -> Low
     square = plain.chatter**2
     if not square < models.space.limit:
         return NO_BOUND
-    least, most = (find(models.respond(each)) for each in _linearise(models.space, square))
+    least, most = (find(models.respond(each)) for each in models.space.linearise_modes(square))
     first, second, apart = least.distance(plain), most.distance(plain), least.distance(most)
     return LowestLimit(
         max(first.depth, second.depth) + apart.depth,
         max(first.chatter, second.chatter) + apart.chatter,
     )
-
-
-def _linearise(space: ResponseSpace, square: float) -> list[SystemChange]:
-    """The least and the most that modes left out take from the dynamic stiffness, as a line in
-    ``omega^2`` through its value and its slope at one ``square``.
-    """
-    ends = square * np.array([1.0 - STEP, 1.0 + STEP])
-    changes = []
-    for low, high in space.participations(ends):
-        value, slope = 0.5 * (low + high), (high - low) / (ends[1] - ends[0])
-        changes.append(SystemChange(square * slope - value, np.asarray(slope.real)))
-    return changes

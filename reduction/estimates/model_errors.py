@@ -11,7 +11,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.motions.body_fields import BodyPlaces, machine_field
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
-from headstock.solvers.linear.mode_pairing import ModeSet, pair_modes
+from headstock.solvers.pairing.mode_pairing import ModeSet, pair_modes
 
 # more modes than are judged: partners lie further up, or come from there
 BEYOND, FURTHER = 2, 6

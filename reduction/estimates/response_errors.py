@@ -29,6 +29,7 @@ PASSING_MARGIN = 1.25  # the way of a peak is tried in one place only
 # on it: shares of the way that are tried then
 EVEN = 0.05
 ON_THE_WAY = (0.25, 0.5, 0.75)
+STEP = 1e-3  # of omega^2, to both sides, for a slope
 # Under control nobody knows at which share of the way a peak passes over a line
 CLOSELY = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 
@@ -58,6 +59,17 @@ class SystemChange:
     mass: FloatArray
 
 
+@dataclass(frozen=True, eq=False)
+class MeshChanges:
+    """What the mesh of one component changes: by being finer, by its true curved faces, and by the
+    small features that it lacks; None where nothing is known of those, or there are none.
+    """
+
+    finer: SystemChange
+    faces: SystemChange | None
+    left_out: SystemChange | None
+
+
 class ResponseSpace:
     """A damped system and its sources of error, in a trial space.
 
@@ -68,6 +80,7 @@ class ResponseSpace:
         rest: Square of the angular frequency that counts as rest.
         control: What drives under control add; None where motors are locked.
         finer: What finer meshes change.
+        parts: What the mesh of each component changes alone.
         faces: What the parts' curved faces change, alone and together with finer meshes; empty
             where nothing is curved.
     """
@@ -95,21 +108,32 @@ class ResponseSpace:
             name: 1.0 + 1j * sources.loss_factors.get(name, 0.0)
             for name in (*sources.truncated, *sources.meshed)
         }
-        self._moments = []
+        self._moments = {}
         for name, part in sources.truncated.items():
             seen, moments = part.rows @ space, part.truncation
             first, second = seen.T @ moments.first @ seen, seen.T @ moments.second @ seen
-            self._moments.append((first, second, moments.limit, lossy[name]))
+            self._moments[name] = first, second, moments.limit, lossy[name]
+        self.parts: dict[str, MeshChanges] = {}
         missing: ComplexArray = np.zeros(self._mass.shape, dtype=complex)
         shape, heavier = np.zeros_like(missing), np.zeros_like(self._mass)
+        nothing = np.zeros_like(self._mass)
         for name, meshed in sources.meshed.items():
             seen = meshed.rows @ space
-            missing += lossy[name] * (seen.T @ meshed.energy @ seen)
-            changed = meshed.shape
-            if changed is not None:
-                shape += lossy[name] * (seen.T @ changed.stiffness @ seen)
-                heavier += seen.T @ changed.mass @ seen
-        nothing = np.zeros_like(self._mass)
+            own = lossy[name] * (seen.T @ meshed.energy @ seen)
+            missing += own
+            changes = [
+                None
+                if each is None
+                else SystemChange(
+                    lossy[name] * (seen.T @ each.stiffness @ seen), seen.T @ each.mass @ seen
+                )
+                for each in (meshed.faces, meshed.left_out)
+            ]
+            self.parts[name] = MeshChanges(SystemChange(-own, nothing), *changes)
+            for change in changes:
+                if change is not None:
+                    shape += change.stiffness
+                    heavier += change.mass
         self.finer = SystemChange(-missing, nothing)
         # finer meshes and true faces may act together or against each other
         faces = (SystemChange(shape, heavier), SystemChange(shape - missing, heavier))
@@ -157,12 +181,16 @@ class ResponseSpace:
         return dynamic
 
     def changed_system(
-        self, channels: Sequence[Channel], change: SystemChange | None = None
+        self,
+        inputs: Sequence[Channel],
+        outputs: Sequence[Channel],
+        change: SystemChange | None = None,
     ) -> SecondOrderSystem:
         """The machine in the trial space as a system of its own.
 
         Args:
-            channels: Names of its loads, which are its outputs too.
+            inputs: Names of its loads.
+            outputs: Names of its outputs.
             change: What is added, such as by finer meshes; None for nothing.
         """
         added = change or SystemChange(
@@ -175,8 +203,8 @@ class ResponseSpace:
             mass=symmetrise(self._mass + added.mass),
             damping=None if self._damping is None else symmetrise(self._damping),
             stiffness=symmetrise(self._stiffness + added.stiffness.real),
-            inputs={channel: self.loads[:, place] for place, channel in enumerate(channels)},
-            outputs={channel: self.rows[place] for place, channel in enumerate(channels)},
+            inputs={channel: self.loads[:, place] for place, channel in enumerate(inputs)},
+            outputs={channel: self.rows[place] for place, channel in enumerate(outputs)},
             labels=tuple(f"trial.{number}" for number in range(len(self._mass))),
             hysteretic=symmetrise(hysteretic) if hysteretic.any() else None,
         )
@@ -198,15 +226,33 @@ class ResponseSpace:
         mode = int(np.argmin(np.abs(now - (2.0 * np.pi * hz) ** 2)))
         return float(np.sqrt(max(then[mode], 0.0) / now[mode])) if now[mode] > 0.0 else 1.0
 
-    def participations(self, squares: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """The least and the most that ``lambda^2 R`` can be ``(n_freq, m, m)``."""
+    def participations(
+        self, squares: FloatArray, only: str | None = None
+    ) -> tuple[ComplexArray, ComplexArray]:
+        """The least and the most that ``lambda^2 R`` can be ``(n_freq, m, m)``, of one component or of
+        all.
+        """
         shape = (len(squares), *self._mass.shape)
         least, most = np.zeros(shape, dtype=complex), np.zeros(shape, dtype=complex)
         column = squares[:, None, None]
-        for first, second, limit, lossy in self._moments:
-            least += column**2 / lossy * (first + column / lossy * second)
-            most += column**2 / lossy * (first + column / lossy / (1.0 - column / limit) * second)
+        for name, (first, second, limit, lossy) in self._moments.items():
+            if only in (None, name):
+                least += column**2 / lossy * (first + column / lossy * second)
+                most += (
+                    column**2 / lossy * (first + column / lossy / (1.0 - column / limit) * second)
+                )
         return least, most
+
+    def linearise_modes(self, square: float) -> tuple[SystemChange, SystemChange]:
+        """The least and the most that modes left out take from the dynamic stiffness, as a line in
+        ``omega^2`` through its value and its slope at one ``square``.
+        """
+        ends = square * np.array([1.0 - STEP, 1.0 + STEP])
+        changes = []
+        for low, high in self.participations(ends):
+            value, slope = 0.5 * (low + high), (high - low) / (ends[1] - ends[0])
+            changes.append(SystemChange(square * slope - value, np.asarray(slope.real)))
+        return changes[0], changes[1]
 
 
 def project_response(

@@ -21,7 +21,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.pipeline.planning.node_memory import node_memory_bytes
 from headstock.pipeline.storage.store import default_store_root
 from headstock.solvers.errors import ConvergenceError
-from headstock.solvers.linear.mode_pairing import match_frequencies
+from headstock.solvers.pairing.mode_pairing import match_frequencies
 from headstock.solvers.ranks import make_on_root
 from headstock.solvers.shared_work import Job, share_work
 from headstock.studies.identification.problem import (

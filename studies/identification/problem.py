@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.linear.mode_pairing import assign_modes, match_frequencies
+from headstock.solvers.pairing.mode_pairing import assign_modes, match_frequencies
 from headstock.studies.identification.cases import (
     CaseModel,
     CaseSlope,

@@ -33,7 +33,7 @@ from headstock.pipeline.results.views import ShiftArray
 from headstock.scene.reading.files import TomlValue
 from headstock.scene.scene import Scene
 from headstock.scene.studies import Study, StudyFamily
-from headstock.solvers.linear.mode_pairing import ModeSet, pair_modes
+from headstock.solvers.pairing.mode_pairing import ModeSet, pair_modes
 from headstock.solvers.ranks import make_on_root
 from headstock.studies.parameters.limits import (
     TIME_SLOPE,

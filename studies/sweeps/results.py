@@ -22,7 +22,7 @@ from headstock.scene.requests import Analyses, LobesRequest, ModalRequest
 from headstock.scene.scene import Scene
 from headstock.scene.studies import Sweep, describe_positions, sweep_neighbours, sweep_pose
 from headstock.solvers.errors import ModelError
-from headstock.solvers.linear.mode_tracking import (
+from headstock.solvers.pairing.mode_tracking import (
     SweptModes,
     TrackedModes,
     track_modes,

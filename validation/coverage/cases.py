@@ -50,7 +50,7 @@ from headstock.reduction.requests import ReductionRequest
 from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.linear.frequency_response import evaluate_frf, prepare_frf
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
-from headstock.solvers.linear.mode_pairing import ModeSet, pair_modes
+from headstock.solvers.pairing.mode_pairing import ModeSet, pair_modes
 from headstock.solvers.second_order import Channel, ComplexArray, input_columns, output_rows
 from headstock.validation.coverage.parts import (
     FIRST_ADAPTED,

@@ -9,7 +9,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray, rigid_map
 from headstock.meshing.component_mesh import IntArray
-from headstock.solvers.linear.mode_pairing import correlate_modes
+from headstock.solvers.pairing.mode_pairing import correlate_modes
 from headstock.validation.references.bending import euler_bernoulli_shape
 from headstock.validation.references.prismatic_beams import EndConditions
 from headstock.validation.references.torsion import wave_numbers

@@ -6,7 +6,7 @@ from mpi4py import MPI
 
 from headstock.geometry.parts.solids import Box
 from headstock.scene.building.loader import load_scene
-from headstock.solvers.linear.mode_pairing import match_frequencies
+from headstock.solvers.pairing.mode_pairing import match_frequencies
 from headstock.studies.identification.target_files import load_targets
 from headstock.validation.machines.axis_kit_cases import (
     FEM_TOLERANCE,

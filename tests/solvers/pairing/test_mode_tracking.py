@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import eigh
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.linear.mode_tracking import (
+from headstock.solvers.pairing.mode_tracking import (
     SweptModes,
     TrackedModes,
     track_modes,

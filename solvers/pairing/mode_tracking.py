@@ -11,7 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.linear.mode_pairing import (
+from headstock.solvers.pairing.mode_pairing import (
     SAME_MODE,
     SHAPE_WEIGHT,
     ModeSet,

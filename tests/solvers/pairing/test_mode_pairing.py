@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.linear.mode_pairing import (
+from headstock.solvers.pairing.mode_pairing import (
     ModeSet,
     correlate_modes,
     find_clusters,

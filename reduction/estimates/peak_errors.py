@@ -1,0 +1,161 @@
+"""How far peaks and static levels of a frequency response may be off: what each component's finer
+mesh, true faces and modes left out change of them.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.reduction.estimates.response_errors import ResponseSpace, SystemChange
+from headstock.solvers.linear.frequency_response import FrfModel
+from headstock.solvers.pairing.mode_pairing import ModeSet, pair_modes
+from headstock.solvers.pairing.response_peaks import (
+    ResponseLevel,
+    ResponsePeak,
+    follow_peaks,
+    measure_levels,
+)
+
+# more modes than have peaks: partners of theirs lie further up
+BEYOND, FURTHER = 2, 6
+Respond = Callable[[SystemChange | None], FrfModel]
+
+
+@dataclass(frozen=True, eq=False)
+class PeakErrors:
+    """Sizes of changes ``(n,)`` of peaks, then of levels, by component [m/N, ...]; NaN where nobody
+    knows.
+
+    Attributes:
+        finer: By finer meshes.
+        faces: By true curved faces.
+        left_out: By small features that meshes lack.
+        modes: By the modes left out.
+    """
+
+    finer: dict[str, FloatArray] = field(default_factory=dict)
+    faces: dict[str, FloatArray] = field(default_factory=dict)
+    left_out: dict[str, FloatArray] = field(default_factory=dict)
+    modes: dict[str, FloatArray] = field(default_factory=dict)
+
+
+class _Follower:
+    """Peaks and levels of a machine in its trial space, and of the same machine with changes.
+
+    Args:
+        plain: Without any change.
+        peaks: Of the machine.
+        levels: Of the machine.
+    """
+
+    def __init__(
+        self, plain: FrfModel, peaks: Sequence[ResponsePeak], levels: Sequence[ResponseLevel]
+    ) -> None:
+        count = max((peak.mode for peak in peaks), default=-1) + 1
+        self._peaks, self._levels = peaks, levels
+        self._modes, self._count = _mode_set(plain, count), count
+        self._hz = (
+            np.array([self._modes.frequencies_hz[peak.mode] for peak in peaks])
+            if peaks
+            else np.zeros(0)
+        )
+        self.before = self.measure(plain)
+
+    def measure(self, model: FrfModel) -> FloatArray:
+        """Heights ``(n,)`` of peaks, then of levels."""
+        partners = {
+            pair.first: pair.second
+            for pair in pair_modes(self._modes, _mode_set(model, BEYOND * self._count + FURTHER))
+        }
+        own = [partners.get(peak.mode, -1) for peak in self._peaks]
+        heights = [each.height for each in follow_peaks(model, self._peaks, own, self._hz)]
+        return np.concatenate([heights, measure_levels(model, self._levels)])
+
+    def shape(self, mode: int) -> FloatArray:
+        """Coordinates ``(m,)`` of a mode."""
+        return np.asarray(self._modes.field[:, mode])
+
+
+def _mode_set(model: FrfModel, count: int) -> ModeSet:
+    coordinates = model.coordinates
+    if coordinates is None:
+        raise ValueError("peaks are those of modes")
+    # the trial space is mass-orthonormal, so that products of coordinates are those of motions
+    hz = np.asarray(coordinates.omega[:count] / (2.0 * np.pi), dtype=np.float64)
+    return ModeSet(hz, coordinates.shapes[:, :count], min(coordinates.rigid_count, len(hz)))
+
+
+def find_peak_errors(
+    space: ResponseSpace,
+    respond: Respond,
+    peaks: Sequence[ResponsePeak],
+    levels: Sequence[ResponseLevel],
+) -> PeakErrors:
+    """What each source of error changes of the heights of peaks and of levels.
+
+    Near a resonance ``|H| = phi_i phi_o / (2 zeta omega^2)`` and what other modes add, so that a peak
+    changes with its mode's shape at both channels, twice with its frequency, and with its damping. The
+    machine is solved anew with each change in the trial space, damped as the scene says: that holds
+    all of it, to any order.
+
+    Args:
+        space: The machine in its trial space, without the damping of modes.
+        respond: Its response with a change, damped as the scene says.
+        peaks: Of the machine.
+        levels: Of the machine.
+
+    Source: Prudhomme and Oden (1999) for changes by meshes and Leung (1978) for those by modes left
+    out (see ``bound_response_errors``).
+    """
+    follower = _Follower(respond(None), peaks, levels)
+
+    def change(by: SystemChange) -> FloatArray:
+        return np.abs(follower.measure(respond(by)) - follower.before)
+
+    errors = PeakErrors()
+    hz = np.array([*(peak.hz for peak in peaks), *(level.hz for level in levels)])
+    for name, part in space.parts.items():
+        silent = hz >= space.sources.meshed[name].reach_hz
+        errors.finer[name] = np.where(silent, np.nan, change(part.finer))
+        if part.faces is not None and part.faces.stiffness.any():
+            errors.faces[name] = change(part.faces)
+        if part.left_out is not None:
+            errors.left_out[name] = change(part.left_out)
+    errors.modes.update(_add_modes(space, respond, follower, peaks, len(levels)))
+    return errors
+
+
+def _add_modes(
+    space: ResponseSpace,
+    respond: Respond,
+    follower: _Follower,
+    peaks: Sequence[ResponsePeak],
+    levels: int,
+) -> dict[str, FloatArray]:
+    """Changes by the most that modes left out can add, split among components by their energy; at
+    rest they add nothing.
+    """
+    names = list(space.sources.truncated)
+    found: dict[str, FloatArray] = {name: np.zeros(len(peaks) + levels) for name in names}
+    for mode in {peak.mode: None for peak in peaks} if names else ():
+        own = [number for number, peak in enumerate(peaks) if peak.mode == mode]
+        square = (2.0 * np.pi * peaks[own[0]].hz) ** 2
+        if not square < space.limit:
+            for name in names:
+                if not square < space.sources.truncated[name].truncation.limit:
+                    found[name][own] = np.nan
+            continue
+        model = respond(space.linearise_modes(square)[1])
+        sizes = np.abs(follower.measure(model) - follower.before)[own]
+        shape = follower.shape(mode)
+        energies = np.array(
+            [
+                abs(shape @ space.participations(np.array([square]), name)[1][0] @ shape)
+                for name in names
+            ]
+        )
+        for name, share in zip(names, energies / max(energies.sum(), 1e-300), strict=True):
+            found[name][own] = share * sizes
+    return found

@@ -1,0 +1,176 @@
+"""Peaks and static levels of responses are among the numbers that an accuracy steers, and are true."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from common import present
+from headstock.app.command_line import main
+from headstock.app.texts.bounded_values import accuracy_words
+from headstock.pipeline.answers.accuracy import AccuracyAnswer
+from headstock.pipeline.answers.answer import find_answers
+from headstock.pipeline.answers.estimates import MODEL
+from headstock.pipeline.answers.frf import PoseResponse, ResponseNumber
+from headstock.pipeline.results.results import Results
+from headstock.pipeline.results.summary import summarise
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.storage.store import Store
+from headstock.scene.building.loader import load_scene
+
+pytestmark = [pytest.mark.fem, pytest.mark.process]
+
+# a slender mast on a heavy block on soft springs
+SCENE = """
+name = "mast"
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.block]
+solid = { box = ["300 mm", "300 mm", "200 mm"] }
+material = "steel"
+mesh = { size = "70 mm", cells = "hex" }
+interfaces = { bottom = { face = "z-" }, top = { face = "z+", coupling = "average", rect = { size = ["60 mm", "40 mm"] } } }
+[components.mast]
+solid = { box = ["60 mm", "40 mm", "500 mm"] }
+material = "steel"
+at = ["0 mm", "0 mm", "350 mm"]
+mesh = { size = "80 mm", cells = "tet" }
+interfaces = { foot = { face = "z-", coupling = "average" }, tip = { face = "z+", coupling = "average" } }
+[joints.bolts]
+between = ["block.top", "mast.foot"]
+kind = "rigid"
+[joints.feet]
+between = ["block.bottom", "ground"]
+kind = "spring"
+stiffness = { x = "20 N/um", y = "20 N/um", z = "50 N/um", rx = "1 N m/urad", ry = "1 N m/urad", rz = "1 N m/urad" }
+[points]
+tip = { tool = "mast.tip", work = "ground" }
+[effects]
+damping = { modal = "2 %" }
+[analyses.frf]
+inputs = ["tip"]
+to = "400 Hz"
+"""
+FINE = (
+    'components.mast.mesh={ size = "19 mm", cells = "hex" }',
+    'components.block.mesh={ size = "60 mm", cells = "tet", across_patches = 14, growth = 0.45 }',
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("peaks")
+
+
+def run(folder: Path, *overrides: str) -> Results:
+    path = folder / "mast.toml"
+    path.write_text(SCENE)
+    scene = load_scene(path, overrides=overrides)
+    return run_scene(scene, folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
+
+
+@pytest.fixture(scope="module")
+def truth(folder: Path) -> dict[str, ResponseNumber]:
+    return numbers(run(folder, *FINE))
+
+
+def numbers(results: Results) -> dict[str, ResponseNumber]:
+    (found,) = find_answers(results.answers, PoseResponse)
+    return {number.key: number for number in found.numbers}
+
+
+def answer(results: Results) -> AccuracyAnswer:
+    (found,) = find_answers(results.answers, AccuracyAnswer)
+    return found
+
+
+def compare(found: dict[str, ResponseNumber], truth: dict[str, ResponseNumber]) -> float:
+    """Largest relative error; both have the same numbers."""
+    assert found.keys() == truth.keys() and {own.kind for own in found.values()} == {
+        "peak",
+        "level",
+    }
+    return max(abs(own.size / truth[key].size - 1.0) for key, own in found.items())
+
+
+def test_each_plus_minus_covers_the_true_error_and_is_not_far_above_it(
+    folder: Path, truth: dict[str, ResponseNumber]
+) -> None:
+    found = numbers(run(folder))
+    assert compare(found, truth) > 1e-3
+    ratios = []
+    for key, own in found.items():
+        true = abs(own.size - truth[key].size)
+        assert own.error.total is not None and own.error.total >= true
+        ratios += [own.error.total / true] if true > 1e-3 * own.size else []
+    assert len(ratios) > 5 and np.median(ratios) < 4.0
+
+
+@pytest.mark.trials
+def test_an_accuracy_steers_peaks_and_says_so(
+    folder: Path, truth: dict[str, ResponseNumber]
+) -> None:
+    results = run(folder, 'accuracy={ to = "1 %", models = "none" }')
+    own = answer(results)
+    assert own.met and own.responses is not None and own.responses.met
+    assert own.responses.error is not None and own.responses.error <= 0.01
+    assert any(each.quantity.startswith("peak of tip") for each in own.rounds)
+    assert compare(numbers(results), truth) <= 0.01
+    summary = summarise(results)
+    assert summary["accuracy"]["responses"]["met"]
+    words = accuracy_words(summary["accuracy"], summary["frf"])[0]
+    assert "peaks and static levels of frequency responses met it: " in words
+    peaks = summary["frf"]["reference"]["peaks"]
+    assert [peak["kind"] for peak in peaks].count("level") == 3
+    for peak in peaks:
+        assert 0.0 < present(peak["error_um_per_kN"]) < peak["size_um_per_kN"]
+    again = run(folder, 'accuracy={ to = "1 %", models = "none" }')
+    assert answer(again).responses == own.responses
+    assert numbers(again).keys() == numbers(results).keys()
+
+
+def test_models_of_bodies_are_chosen_by_peaks_too_and_stand_behind_plus_minus(
+    folder: Path, truth: dict[str, ResponseNumber]
+) -> None:
+    results = run(folder, 'accuracy={ to = "6 %" }')
+    own = answer(results)
+    assert own.met and own.models and own.responses is not None
+    found = numbers(results)
+    assert compare(found, truth) <= 0.06
+    assert all(MODEL in number.error.shares for number in found.values())
+
+
+def test_the_table_and_the_report_show_peaks_with_their_plus_minus(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HEADSTOCK_STORE", str(folder / "store"))
+    path = folder / "mast.toml"
+    path.write_text(SCENE)
+    output = folder / "shown"
+    assert main(["run", str(path), "-o", str(output), "--no-figures"]) == 0
+    told = capsys.readouterr().out
+    assert "Peaks and static compliances of responses" in told and "peak tip x / tip x" in told
+    assert "Peaks within 10 dB" in (output / "report.html").read_text()
+    summary = json.loads((output / "summary.json").read_text())
+    (response,) = summary["frf"].values()
+    first = next(own for own in response["peaks"] if own["output"] == own["input"] == ["tip", "x"])
+    (drive,) = [own for own in response["drive_points"] if own["dof"] == ["tip", "x"]]
+    tallest = max(
+        own["size_um_per_kN"]
+        for own in response["peaks"]
+        if own["output"] == own["input"] == first["output"]
+    )
+    # the minimum dynamic stiffness is one over the tallest peak
+    assert 1e3 / tallest == pytest.approx(drive["minimum_dynamic_stiffness_N_per_um"], rel=1e-5)
+
+
+def test_bodies_without_finite_elements_have_peaks_without_a_known_error(folder: Path) -> None:
+    rigid = run(folder, "components.mast.fidelity=segmented", "components.block.fidelity=rigid")
+    found = numbers(rigid)
+    assert found and all(own.error.total is None for own in found.values())
+    assert not any(dataclasses.asdict(own)["error"]["shares"] for own in found.values())

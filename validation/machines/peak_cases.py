@@ -1,0 +1,161 @@
+"""Whether ± of peaks and static levels of frequency responses covers the truth, and whether an
+accuracy that is asked for holds for them: the three-axis machine and two drawn ones beside fine
+meshes.
+"""
+
+import dataclasses
+import functools
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.accuracy.rounds import replace_components
+from headstock.pipeline.accuracy.settings import start_component
+from headstock.pipeline.answers.accuracy import AccuracyAnswer
+from headstock.pipeline.answers.answer import find_answers
+from headstock.pipeline.answers.frf import PoseResponse, ResponseNumber
+from headstock.pipeline.planning.planner import FRF_MARGIN
+from headstock.pipeline.results.results import Results
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.storage.store import Store
+from headstock.scene.building.loader import load_scene
+from headstock.scene.scene import AccuracyGoal, Scene
+from headstock.validation.machines.axis_kit_models import SCENE
+from headstock.validation.machines.drawn_machines import draw_machine
+from headstock.validation.references.rows import ValidationRow, judge_bound, show
+
+Load = Callable[[Path], Scene]
+CASE, SMOKE = "peaks", "peaks-smoke"
+SEEDS, SMOKE_SEED = (1, 2), 2
+ASKED = 0.03
+TRUE_ACCURACY = 0.002  # with which the meshes of the true machine begin
+COVERED, LARGEST_MEDIAN = 0.95, 4.0
+CLEAR = 1e-3  # true errors above which a ratio means something
+
+
+def check_peaks() -> list[ValidationRow]:
+    """The three-axis machine and two drawn ones."""
+    drawn = {f"machine {seed}": functools.partial(load_drawn, seed) for seed in SEEDS}
+    loads: dict[str, Load] = {"three-axis machine": load_three_axis, **drawn}
+    return [
+        row for what, load in loads.items() for row in _compare(CASE, what, load, searched=True)
+    ]
+
+
+def check_peaks_smoke() -> list[ValidationRow]:
+    """± alone, of one drawn machine."""
+    load = functools.partial(load_drawn, SMOKE_SEED)
+    return _compare(SMOKE, f"machine {SMOKE_SEED}", load, searched=False)
+
+
+def load_three_axis(_folder: Path) -> Scene:
+    """The machine of the reference study with a response at its tool."""
+    return load_scene(SCENE, variant="frf")
+
+
+def load_drawn(seed: int, folder: Path) -> Scene:
+    """The machine of a seed, all bodies of which are finite elements.
+
+    Args:
+        seed: Of the machine.
+        folder: For its file.
+    """
+    path = folder / "machine.toml"
+    path.write_text(draw_machine(seed))
+    scene = load_scene(path)
+    bodies = {
+        name: dataclasses.replace(part, fidelity="elastic")
+        for name, part in scene.machine.components.items()
+    }
+    return replace_components(dataclasses.replace(scene, model_errors=False), bodies)
+
+
+def _compare(case: str, what: str, load: Load, *, searched: bool) -> list[ValidationRow]:
+    with tempfile.TemporaryDirectory(prefix="headstock-peaks-") as name:
+        folder = Path(name)
+        scene = load(folder)
+        store = Store(folder / "store")
+
+        def run(one: Scene) -> Results:
+            return run_scene(one, folder / "results", comm=MPI.COMM_SELF, store=store)
+
+        truth = _list_numbers(run(_refine(scene)))
+        rows = _judge_errors(case, what, *_pair(_list_numbers(run(scene)), truth))
+        if searched:
+            found = run(dataclasses.replace(scene, accuracy=AccuracyGoal(ASKED)))
+            rows += _judge_search(case, what, found, truth)
+    return rows
+
+
+def _refine(scene: Scene) -> Scene:
+    frf = scene.analyses.frf
+    if frf is None:
+        raise ValueError("peaks are those of a frequency response")
+    fine = {
+        name: start_component(part, TRUE_ACCURACY, FRF_MARGIN * frf.to_hz)
+        if part.fidelity == "elastic"
+        else part
+        for name, part in scene.machine.components.items()
+    }
+    return replace_components(scene, fine)
+
+
+def _list_numbers(results: Results) -> dict[tuple[str, str], ResponseNumber]:
+    return {
+        (response.curves.pose, number.key): number
+        for response in find_answers(results.answers, PoseResponse)
+        for number in response.numbers
+    }
+
+
+def _pair(
+    found: dict[tuple[str, str], ResponseNumber], truth: dict[tuple[str, str], ResponseNumber]
+) -> tuple[FloatArray, FloatArray]:
+    """True and estimated relative errors ``(n,)`` of the numbers of both; infinite where nobody
+    knows.
+    """
+    shared = [key for key in found if key in truth]
+    true = [abs(found[key].size / truth[key].size - 1.0) for key in shared]
+    totals = [found[key].error.total for key in shared]
+    sizes = [np.inf if total is None else total for total in totals]
+    return np.array(true), np.array(sizes) / np.array([found[key].size for key in shared])
+
+
+def _judge_errors(
+    case: str, what: str, true: FloatArray, estimated: FloatArray
+) -> list[ValidationRow]:
+    clear = true > CLEAR
+    ratios = estimated[clear] / true[clear]
+    low, middle, high = np.quantile(ratios, [0.1, 0.5, 0.9])
+    note = (
+        f"10 .. 90 %: {low:.2f} .. {high:.2f}; {clear.sum()} of {len(true)} peaks and levels,"
+        f" up to {true.max():.2g} off"
+    )
+    missed = 1.0 - float((true <= estimated).mean())
+    return [
+        judge_bound(case, f"{what}: share of true errors beyond ±", missed, 1.0 - COVERED),
+        judge_bound(case, f"{what}: ± over true error, median", middle, LARGEST_MEDIAN, note),
+    ]
+
+
+def _judge_search(
+    case: str, what: str, results: Results, truth: dict[tuple[str, str], ResponseNumber]
+) -> list[ValidationRow]:
+    (answer,) = find_answers(results.answers, AccuracyAnswer)
+    true, _ = _pair(_list_numbers(results), truth)
+    said = answer.responses is not None and answer.responses.met
+    seconds = sum(record.cpu_seconds for record in results.stages)
+    return [
+        judge_bound(
+            case,
+            f"{what}: largest true error of a peak or level, {100.0 * ASKED:g} % asked",
+            float(true.max()),
+            ASKED,
+            "said to be met" if said else "said not to be met",
+        ),
+        show(case, f"{what}: processor time of the search", seconds, "s"),
+    ]
