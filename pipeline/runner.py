@@ -392,4 +392,5 @@ def gather_facts(state: RunState, name: str, reduced: ReducedComponent) -> Compo
         cutoff_hz=superelement.cutoff_hz,
         residual=superelement.residual,
         quality=quality,
+        corrected=superelement.errors.corrected,
     )

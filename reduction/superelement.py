@@ -169,12 +169,16 @@ class ErrorEstimates:
             None for components without a mesh, and for imported ones that do not say.
         mesh_safety: What ``missing_energy`` is to be multiplied by, so that it covers the true
             errors in 95 of 100 cases.
+        mesh_truth: Share of ``missing_energy`` that true errors lie around, and how far of it on
+            either side in 95 of 100 cases.
         shape_stiffness: ``(n, n)`` change of the stiffness by the part's curved faces, which the
             mesh cuts short or overshoots.
         shape_mass: The same of the mass.
         left_out_stiffness: ``(n, n)`` change of the stiffness by small features of the part that the
             mesh lacks; None where it lacks none.
         left_out_mass: The same of the mass.
+        corrected: The stiffness has been corrected by ``missing_energy``: errors of the mesh are of
+            either sign.
     """
 
     truncation: Truncation | None = None
@@ -184,6 +188,8 @@ class ErrorEstimates:
     shape_mass: FloatArray | None = None
     left_out_stiffness: FloatArray | None = None
     left_out_mass: FloatArray | None = None
+    mesh_truth: tuple[float, float] = (1.0, 1.0)
+    corrected: bool = False
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

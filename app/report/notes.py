@@ -83,12 +83,25 @@ def _judge_compliance(summary: RunSummary) -> Note:
         for error in point.get("error_um_per_kN", {}).values()
     ):
         text += (
-            "A finite mesh underestimates it by about the ± value, which is estimated by comparing computed with smoothed stresses "
-            "(Zienkiewicz-Zhu) and covers the error in 95 % of cases."
+            f"{_say_what_meshes_do(summary, 'underestimate it by about the ± value')}, which is estimated by comparing computed with"
+            " smoothed stresses (Zienkiewicz-Zhu) and covers the error in 95 % of cases."
         )
     elif any(facts["fidelity"] == "elastic" for facts in summary["components"].values()):
         text += "An error estimate for the mesh was not made; run again with a smaller mesh size and compare."
     return Note("Compliance", text.strip())
+
+
+def _say_what_meshes_do(summary: RunSummary, uncorrected: str) -> str:
+    meshed = {
+        name: facts.get("mesh_corrected", False)
+        for name, facts in summary["components"].items()
+        if facts["fidelity"] == "elastic"
+    }
+    if not any(meshed.values()):
+        return f"Finite meshes {uncorrected}"
+    left = "What meshes miss is taken out by its estimate: the ± of what is left has either sign"
+    plain = [name for name, corrected in meshed.items() if not corrected]
+    return f"{left}; those of {', '.join(plain)} {uncorrected}" if plain else left
 
 
 def _judge_frequencies(summary: RunSummary) -> Note:
@@ -96,7 +109,8 @@ def _judge_frequencies(summary: RunSummary) -> Note:
         return Note(
             "Natural frequencies",
             "The column “± Hz” covers the error of each frequency in 95 % of cases; the line below the table names its sources."
-            " Reduction and mesh make frequencies too high, not too low. These modes are undamped.",
+            f" The reduction makes frequencies too high, not too low. {_say_what_meshes_do(summary, 'make them too high, too')}."
+            " These modes are undamped.",
         )
     return Note(
         "Natural frequencies",

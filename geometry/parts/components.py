@@ -178,6 +178,7 @@ class ReductionSettings:
     With neither the planner decides. With ``verify`` a second factorisation counts the modes
     (Sturm), so that none can be missing. ``eigensolver`` is the method that finds them on the factors
     of the stiffness; ``solver`` says whether there are factors, ``auto`` where they fit.
+    ``correct_mesh`` takes what the mesh is estimated to miss out of the reduced stiffness.
     """
 
     modes_to_hz: float | None = None
@@ -185,6 +186,7 @@ class ReductionSettings:
     verify: bool = False
     eigensolver: Eigensolver = DEFAULT_EIGENSOLVER
     solver: LinearSolver = "auto"
+    correct_mesh: bool = False
 
 
 @dataclass(frozen=True)

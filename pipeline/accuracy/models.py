@@ -167,8 +167,8 @@ def choose_models(
 def add_change(error: float, two_sided: float, change: float) -> float:
     """The error of a number with other models of bodies.
 
-    Meshes and modes left out make a machine too stiff and never too soft (Rayleigh and Ritz), so the
-    truth is softer by no more than their error. What makes the number softer by less lies between
+    Modes left out, and meshes that nothing corrects, make a machine too stiff and never too soft
+    (Rayleigh and Ritz), so the truth is softer by no more than their error. What makes the number softer by less lies between
     both and adds nothing; what makes it stiffer adds all.
 
     Args:

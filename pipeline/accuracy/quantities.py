@@ -47,7 +47,9 @@ class Quantity:
         value: [Hz] or [m/N].
         parts: Component and source to their relative part of the error; inf where there is no
             bound.
-        two_sided: What of it, by curved faces, may make the machine too soft as well as too stiff.
+        faces: What of it is by curved faces of meshes as they are: the machine may be too soft as well
+            as too stiff.
+        corrected: Components whose meshes are corrected by their estimates: so it may by what is left.
         response: It is a peak or a level of a frequency response, which errors may make too large
             as well as too small.
     """
@@ -56,7 +58,8 @@ class Quantity:
     name: str
     value: float
     parts: Mapping[Owner, float]
-    two_sided: float = 0.0
+    faces: float = 0.0
+    corrected: frozenset[str] = frozenset()
     response: bool = False
 
     @property
@@ -67,7 +70,13 @@ class Quantity:
     @property
     def doubt(self) -> float:
         """What of the error may have either sign."""
-        return self.error if self.response else self.two_sided
+        if self.response:
+            return self.error
+        return self.faces + sum(
+            part
+            for (name, source), part in self.parts.items()
+            if name in self.corrected and source == DISCRETISATION
+        )
 
     @property
     def owner(self) -> Owner:
@@ -136,6 +145,7 @@ def worst_quantity(quantities: list[Quantity]) -> Quantity | None:
 
 
 def _list_frequencies(state: RunState) -> Iterator[Quantity]:
+    corrected = _list_corrected(state)
     for modes in state.modal:
         place = say_place(state.modal, modes.pose.name)
         for index in range(modes.rigid_count, len(modes.frequencies_hz)):
@@ -150,11 +160,13 @@ def _list_frequencies(state: RunState) -> Iterator[Quantity]:
                 f"frequency {modes.below + index + 1} ({hz:.4g} Hz){place}",
                 hz,
                 parts,
-                _two_sided(modes.errors[index], hz),
+                _faces_of(modes.errors[index], hz, corrected),
+                corrected,
             )
 
 
 def _list_compliances(state: RunState) -> Iterator[Quantity]:
+    corrected = _list_corrected(state)
     for answer in state.static:
         place = say_place(state.static, answer.pose)
         for name, point in answer.points.items():
@@ -163,7 +175,8 @@ def _list_compliances(state: RunState) -> Iterator[Quantity]:
                 if value > 0.0:
                     what = name_compliance(name, direction, place)
                     parts = _relative_parts(error, value) | _unseen_parts(state, error)
-                    yield Quantity(what, what, value, parts, _two_sided(error, value))
+                    faces = _faces_of(error, value, corrected)
+                    yield Quantity(what, what, value, parts, faces, corrected)
 
 
 def _list_responses(state: RunState) -> Iterator[Quantity]:
@@ -208,8 +221,15 @@ def _unseen_parts(state: RunState, error: Estimate) -> dict[Owner, float]:
     }
 
 
-def _two_sided(error: Estimate, value: float) -> float:
-    return sum(error.parts.get(CURVED_FACES, {}).values()) / value
+def _list_corrected(state: RunState) -> frozenset[str]:
+    return frozenset(
+        name for name, part in state.reduced.items() if part.superelement.errors.corrected
+    )
+
+
+def _faces_of(error: Estimate, value: float, corrected: frozenset[str]) -> float:
+    faces = error.parts.get(CURVED_FACES, {})
+    return sum(size for name, size in faces.items() if name not in corrected) / value
 
 
 def _short_of(state: RunState, hz: float) -> list[str]:

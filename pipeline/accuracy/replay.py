@@ -48,13 +48,23 @@ def list_values(components: Mapping[str, Component]) -> TomlTable:
             values[f"{key}.segments.count"] = part.segments.count
         if part.fidelity == "elastic":
             values[f"{key}.mesh"] = _mesh_values(name, part.mesh)
-        if part.fidelity in ("elastic", "polynomial") and part.reduction.modes_to_hz is not None:
-            values[f"{key}.reduction"] = {"modes_to": f"{part.reduction.modes_to_hz:.12g} Hz"}
+        if part.fidelity in ("elastic", "polynomial") and (kept := _reduction_values(part)):
+            values[f"{key}.reduction"] = kept
         values |= {
             f"{key}.interfaces.{own}.coupling": _coupling_value(item)
             for own, item in part.interfaces.items()
             if item.flexible
         }
+    return values
+
+
+def _reduction_values(part: Component) -> TomlTable:
+    settings = part.reduction
+    values: TomlTable = {}
+    if settings.modes_to_hz is not None:
+        values["modes_to"] = f"{settings.modes_to_hz:.12g} Hz"
+    if settings.correct_mesh and part.fidelity == "elastic":
+        values["correct_mesh"] = True
     return values
 
 

@@ -130,7 +130,9 @@ def start_component(
         rough_for: Accuracy of the machine for which an even grid along the edges of small patches
             will do, too; None for none.
     """
-    reduction = dataclasses.replace(component.reduction, modes_to_hz=modes_to_hz, modes=None)
+    reduction = dataclasses.replace(
+        component.reduction, modes_to_hz=modes_to_hz, modes=None, correct_mesh=True
+    )
     if isinstance(component.solid, MeshFile):
         return dataclasses.replace(component, reduction=reduction)
     if component.fidelity == "polynomial":
@@ -164,7 +166,8 @@ def refine_mesh(component: Component, *, ratio: float, trials: tuple[Trial, ...]
         raise ValueError("a mesh without a size cannot be refined")
     step = float(
         np.clip(
-            ratio ** (1.0 / observed_rate(trials)),
+            ratio
+            ** (1.0 / observed_rate(trials, RIM_RATE if _is_rough(component) else DEFAULT_RATE)),
             LARGEST_STEP,
             LEAST_STEP,
         )

@@ -36,6 +36,7 @@ class ComponentFacts:
         cutoff_hz: Its fixed-interface modes are complete up to here; inf for rigid bodies.
         residual: Largest relative residual of its solves.
         quality: Of its mesh; None without one.
+        corrected: By the estimate of its mesh.
     """
 
     fidelity: str
@@ -45,6 +46,7 @@ class ComponentFacts:
     cutoff_hz: float
     residual: float
     quality: MeshQuality | None = None
+    corrected: bool = False
 
 
 @dataclass(frozen=True, eq=False)

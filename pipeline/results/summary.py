@@ -70,6 +70,7 @@ class ComponentSummary(TypedDict):
     cutoff_hz: float | None
     residual: float
     mesh_quality: NotRequired[QualitySummary]
+    mesh_corrected: NotRequired[bool]
 
 
 class RunSummary(TypedDict):
@@ -208,6 +209,8 @@ def _summarise_component(facts: ComponentFacts) -> ComponentSummary:
             "volume": facts.quality.volume,
             "cad_volume": _number_or_null(facts.quality.cad_volume),
         }
+    if facts.corrected:
+        summary["mesh_corrected"] = True
     return summary
 
 

@@ -36,6 +36,7 @@ from headstock.pipeline.storage.superelements import read_superelement
 from headstock.reduction.components.polynomial import reduce_polynomial
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.components.segmented import reduce_segmented, segment_skin
+from headstock.reduction.estimates.mesh_correction import correct_mesh
 from headstock.reduction.requests import (
     ReductionExtent,
     ReductionRequest,
@@ -183,7 +184,7 @@ def _run_reduce_stage(state: RunState, stage: Stage) -> Outcome:
         check_superelement(superelement)
         skin, quality = (None, None) if mesh is None else (mesh_skin(mesh), mesh.quality)
         reduced = ReducedComponent(superelement, quality, skin)
-        state.reduced[component.name] = reduced
+        state.reduced[component.name] = _as_asked(component, reduced)
         state.warn(_keep_superelement(state.store, stored_request(state, component), reduced))
         split = ""
         if state.comm.size > 1:
@@ -277,7 +278,7 @@ def _run_load_stage(state: RunState, stage: Stage) -> Outcome:
             probes={},
         )
         check_superelement(superelement, rounding=FILE_ROUNDING)
-        state.reduced[component.name] = ReducedComponent(superelement)
+        state.reduced[component.name] = _as_asked(component, ReducedComponent(superelement))
         return Outcome(detail=_describe(superelement))
     return Outcome()
 
@@ -310,8 +311,16 @@ def load_reduced(state: RunState, component: Component) -> bool:
         found = state.read[request] = read.value
     # equal components share an entry and its arrays: the name is not part of the key
     superelement = dataclasses.replace(found.superelement, name=component.name)
-    state.reduced[component.name] = dataclasses.replace(found, superelement=superelement)
+    named = dataclasses.replace(found, superelement=superelement)
+    state.reduced[component.name] = _as_asked(component, named)
     return True
+
+
+def _as_asked(component: Component, reduced: ReducedComponent) -> ReducedComponent:
+    """What the store or a file holds as it is, corrected by the estimate of its mesh where that is asked for."""
+    if component.fidelity != "elastic" or not component.reduction.correct_mesh:
+        return reduced
+    return dataclasses.replace(reduced, superelement=correct_mesh(reduced.superelement))
 
 
 def _reduction_request(state: RunState, component: Component) -> ReductionRequest:

@@ -195,9 +195,14 @@ def _check_meaning(path: str, superelement: Superelement) -> None:
         if not value >= 0.0 or (np.isinf(value) and name != "cutoff_hz"):
             raise RecordError(f"{path}: {name} is {value}; it must be a number of at least zero")
     errors = superelement.errors
-    if not 1.0 <= errors.mesh_safety < np.inf:
+    least = 0.0 if errors.corrected else 1.0
+    if not least <= errors.mesh_safety < np.inf:
         raise RecordError(
-            f"{path}: mesh_safety is {errors.mesh_safety}; it must be a number of at least 1"
+            f"{path}: mesh_safety is {errors.mesh_safety}; it must be a number of at least {least:g}"
+        )
+    if not all(0.0 <= share < np.inf for share in errors.mesh_truth):
+        raise RecordError(
+            f"{path}: mesh_truth is {errors.mesh_truth}; it must be two numbers of at least zero"
         )
     scale = dof_scale(superelement)
     if errors.missing_energy is not None:

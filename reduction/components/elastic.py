@@ -61,6 +61,7 @@ from headstock.solvers.errors import AccuracyError, ConvergenceError, ModelError
 from headstock.solvers.ranks import RowBlocks, SharedFailure, order_rows
 from headstock.solvers.recovery.discretisation_error import (
     estimate_cell_errors,
+    locate_truth,
     mesh_safety,
     sees_errors,
 )
@@ -284,12 +285,14 @@ def _estimate_errors(
     if fields is None:
         return ErrorEstimates(missing_energy=np.zeros(element.stiffness.shape)), None
 
-    comm, weights, safety = operators.comm, None, 0.0
+    comm, weights, worth = operators.comm, None, (0.0, (0.0, 0.0))
     if mesh is not None:
         surface = extract_surface(mesh.cells, mesh.kind)
         weights, safety = _rim_weights(component, mesh, surface), mesh_safety(mesh, surface)
+        worth = safety, locate_truth(mesh, safety)
     material = make_of_mesh(comm, mesh, functools.partial(scaled_material, component))
     found = estimate_split_errors(mesh, material, operators, fields, weights)
+    safety, truth = comm.bcast(worth)
     strained, size = _strained_motions(element), len(element.stiffness)
     beside = found.missing_energy[size:].copy()
     beside[:, :size] = beside[:, :size] @ strained
@@ -299,7 +302,8 @@ def _estimate_errors(
 
     return ErrorEstimates(
         missing_energy=of_dofs(found.missing_energy),
-        mesh_safety=comm.bcast(safety),
+        mesh_safety=safety,
+        mesh_truth=truth,
         shape_stiffness=None if found.shape is None else of_dofs(found.shape.stiffness),
         shape_mass=None if found.shape is None else found.shape.mass[:size, :size],
         left_out_stiffness=None if found.left_out is None else of_dofs(found.left_out.stiffness),

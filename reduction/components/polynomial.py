@@ -164,7 +164,7 @@ def reduce_polynomial(
         mass_kg=density * properties.volume,
         center_of_mass=np.asarray(properties.center, dtype=float),
         inertia=density * 0.5 * (properties.inertia + properties.inertia.T),
-        recovery=Recovery(fine.displacements(skin.points) @ fields, skin.points),
+        recovery=Recovery(fine.move(skin.points, fields), skin.points),
         loads={
             name: _reduce_load(fine, whole, modes, force, skin.points)
             for name, force in _list_forces(component, fine, bar, loads, request, density).items()
@@ -306,12 +306,12 @@ def _prescribe(
         elif component.interfaces[name].coupling == "rigid":
             add(*_follow_rigidly(space, areas[name], first))
         else:
-            motions = space.displacements(areas[name].points)
-            add(areas[name].average_operator().T @ motions, first, np.eye(6))
+            means = space.pull(areas[name].points, areas[name].average_operator())
+            add(means.T, first, np.eye(6))
     first = 6 * len(maps)
     for rail in rails:
         count = rail.operator.shape[1]
-        add(rail.operator.T @ space.displacements(rail.patch.points), first, np.eye(count))
+        add(space.pull(rail.patch.points, rail.operator).T, first, np.eye(count))
         first += count
     left, sizes, right = np.linalg.svd(np.vstack(rows), full_matrices=False)
     told = left.T @ np.vstack(values)
@@ -470,7 +470,7 @@ def _reduce_load(
     rest = whole.free @ scipy.linalg.cho_solve(whole.factor, whole.free.T @ force)
     rest -= modes.shapes @ (modal / modes.squares)
     return StaticLoad(
-        np.concatenate([whole.psi.T @ force, modal]), space.displacements(points) @ rest
+        np.concatenate([whole.psi.T @ force, modal]), space.move(points, rest[:, None])[:, 0]
     )
 
 

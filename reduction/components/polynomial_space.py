@@ -54,18 +54,25 @@ class PolynomialSpace:
         along = _legendre(local[:, self.bar.axis], 0.5 * self.bar.length, self.along, False)
         return np.asarray(np.einsum("ki,kj->kij", section, along).reshape(len(points), -1))
 
-    def displacements(self, points: FloatArray) -> FloatArray:
-        """Displacement ``(3 k, 3 n)`` of points ``(k, 3)`` per unit dof."""
-        values = self.values(points)
-        found = np.zeros((len(points), 3, self.count, 3))
-        for direction in range(3):
-            found[:, direction, :, direction] = values
-        return found.reshape(3 * len(points), 3 * self.count)
+    def move(self, points: FloatArray, dofs: FloatArray) -> FloatArray:
+        """Displacements ``(3 k, c)`` of points ``(k, 3)`` under dofs ``(3 n, c)``."""
+        return _apply(self.values(points), dofs)
+
+    def pull(self, points: FloatArray, forces: FloatArray) -> FloatArray:
+        """Forces ``(3 n, c)`` on the dofs by those on points ``(k, 3)``, ``(3 k, c)``."""
+        return _apply(self.values(points).T, forces)
 
     def rigid_motion(self, origin: FloatArray) -> FloatArray:
         """Dofs ``(3 n, 6)`` of the rigid motions about a point."""
         motion = np.repeat(self.weights, 3)[:, None] * rigid_map(self.points, origin)
-        return np.asarray(self.displacements(self.points).T @ motion)
+        return self.pull(self.points, motion)
+
+
+def _apply(functions: FloatArray, columns: FloatArray) -> FloatArray:
+    """``(3 a, c)`` of functions ``(a, b)`` that take each axis alike, and columns ``(3 b, c)``."""
+    return np.asarray(functions @ columns.reshape(functions.shape[1], -1)).reshape(
+        3 * len(functions), -1
+    )
 
 
 def build_space(

@@ -55,6 +55,7 @@ class MeshedPart:
         faces: What the part's curved faces change, likewise times a factor; None where nobody knows
             where they lie.
         left_out: What small features change that its mesh lacks, likewise; None for none.
+        corrected: Its stiffness is corrected by the estimate: the error may have either sign.
     """
 
     energy: FloatArray
@@ -64,6 +65,7 @@ class MeshedPart:
     reach_hz: float = np.inf
     faces: PartChange | None = None
     left_out: PartChange | None = None
+    corrected: bool = False
 
     @property
     def shape(self) -> PartChange | None:
@@ -101,6 +103,7 @@ def meshed_parts(coupled: CoupledMachine) -> dict[str, MeshedPart]:
                 reach_hz=float(reach),
                 faces=_scale_change(errors.shape_stiffness, errors.shape_mass),
                 left_out=_scale_change(errors.left_out_stiffness, errors.left_out_mass),
+                corrected=errors.corrected,
             )
     return found
 

@@ -80,6 +80,7 @@ class ResponseSpace:
         rest: Square of the angular frequency that counts as rest.
         control: What drives under control add; None where motors are locked.
         finer: What finer meshes change.
+        meshes: The same, and the other way where estimates have corrected the meshes.
         parts: What the mesh of each component changes alone.
         faces: What the parts' curved faces change, alone and together with finer meshes; empty
             where nothing is curved.
@@ -116,11 +117,12 @@ class ResponseSpace:
         self.parts: dict[str, MeshChanges] = {}
         missing: ComplexArray = np.zeros(self._mass.shape, dtype=complex)
         shape, heavier = np.zeros_like(missing), np.zeros_like(self._mass)
-        nothing = np.zeros_like(self._mass)
+        beyond, nothing = np.zeros_like(missing), np.zeros_like(self._mass)
         for name, meshed in sources.meshed.items():
             seen = meshed.rows @ space
             own = lossy[name] * (seen.T @ meshed.energy @ seen)
             missing += own
+            beyond += meshed.corrected * own
             changes = [
                 None
                 if each is None
@@ -135,6 +137,8 @@ class ResponseSpace:
                     shape += change.stiffness
                     heavier += change.mass
         self.finer = SystemChange(-missing, nothing)
+        stiffer = (SystemChange(beyond, nothing),) if beyond.any() else ()
+        self.meshes: tuple[SystemChange, ...] = (self.finer, *stiffer)
         # finer meshes and true faces may act together or against each other
         faces = (SystemChange(shape, heavier), SystemChange(shape - missing, heavier))
         self.faces: tuple[SystemChange, ...] = faces if shape.any() or heavier.any() else ()
@@ -406,7 +410,7 @@ def bound_response_errors(space: ResponseSpace, frequencies_hz: FloatArray) -> R
             _Move(change, space.squares(), space.squares(change))
             if space.control is None
             else _Move(change, np.zeros(0), np.zeros(0))
-            for change in (space.finer, *space.faces)
+            for change in (*space.meshes, *space.faces)
         ]
     )
     for start in range(0, len(squares), CHUNK):
@@ -417,13 +421,14 @@ def bound_response_errors(space: ResponseSpace, frequencies_hz: FloatArray) -> R
         plain = space.rows @ np.linalg.solve(dynamic, space.loads.astype(complex))
         if mesh is not None:
             mesh[lines] = soften_response(space, frequencies_hz[lines]) - plain
-            sizes[lines] = _largest_change(space, moves[0], squares[lines], plain, mesh[lines])
-            for move in moves[1:]:
-                whole = (
-                    _respond(space, space.dynamic_stiffness(squares[lines], move.change)) - plain
-                )
-                added = _largest_change(space, move, squares[lines], plain, whole) - sizes[lines]
-                faces[lines] = np.maximum(faces[lines], added)
+            changes = []
+            for move in moves:
+                moved = _respond(space, space.dynamic_stiffness(squares[lines], move.change))
+                changes.append(_largest_change(space, move, squares[lines], plain, moved - plain))
+            sizes[lines] = np.max(changes[: len(space.meshes)], axis=0)
+            faces[lines] = (
+                np.max([sizes[lines], *changes[len(space.meshes) :]], axis=0) - sizes[lines]
+            )
         inside = (squares[lines] > 0.0) & ~beyond[lines]
         if space.sources.truncated and inside.any():
             kept = lines[inside]

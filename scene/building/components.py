@@ -292,6 +292,7 @@ def build_component(
             table.reduction.verify,
             table.reduction.eigensolver,
             table.reduction.solver,
+            table.reduction.correct_mesh,
         ),
         segments=SegmentSettings(table.segments.count, table.segments.along),
         mass=table.mass if table.solid.point_mass is None else table.solid.point_mass,

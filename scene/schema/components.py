@@ -374,6 +374,7 @@ class ReductionTable(StrictTable):
     verify: Flag = False
     eigensolver: Literal["block_lanczos", "krylov_schur"] = "block_lanczos"
     solver: Literal["auto", "direct", "iterative"] = "auto"
+    correct_mesh: Flag = False
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -157,6 +157,8 @@ NOTES = {
     "Reduction.eigensolver": "solver for fixed-interface modes (both of SLEPc); block Lanczos is faster and misses no repeated mode",
     "Reduction.solver": "`direct`: one factorisation; `iterative`: conjugate gradients and LOBPCG on a multigrid, slower in a fraction of "
     "the memory; `auto`: direct as far as the factors fit, see `plan`",
+    "Reduction.correct_mesh": "take what the mesh is estimated to miss out of the reduced stiffness: ± is then a third, of either sign; "
+    "`accuracy` does so",
     "Reduction.verify": "count the modes below the highest one by a Sturm sequence check: none is missing",
     "Joint.between": "its two ends",
     "Joint.kind": "kind of joint, see the table of kinds below; not needed beside `from`, which brings it",

@@ -8,7 +8,7 @@ import dataclasses
 import hashlib
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -32,6 +32,7 @@ from headstock.pipeline.storage.store import Store, default_store_root, read_ent
 from headstock.reduction.components.elastic import find_cell_errors, reduce_elastic
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.estimates.frequency_errors import bound_frequency_errors, truncated_parts
+from headstock.reduction.estimates.mesh_correction import correct_mesh
 from headstock.reduction.estimates.mesh_errors import (
     compliance_mesh_errors,
     compliance_shape_errors,
@@ -47,6 +48,7 @@ from headstock.reduction.estimates.response_errors import (
 from headstock.reduction.motions.body_fields import BodyPlaces, choose_places, machine_field
 from headstock.reduction.motions.compliance_budget import PointBudget, point_budget
 from headstock.reduction.requests import ReductionRequest
+from headstock.reduction.superelement import Superelement
 from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.linear.frequency_response import evaluate_frf, prepare_frf
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
@@ -77,7 +79,9 @@ VISIBLE = 1e-2  # 40 dB below the highest peak
 # the error of a true mesh is known within this share of its estimate: estimates came out 0.7 to 1.9
 # times the true errors
 UNSURE = 0.5
-SURE = 0.1  # of ±: what may be unknown of a truth that is to judge it
+# of ±: what may be unknown of a truth that is to judge it, and of one that judges a corrected mesh,
+# whose ± is a third
+SURE, SURE_CORRECTED = 0.1, 0.2
 JUDGED_LINES = (
     0.5  # of the visible lines of a response: with fewer that are sure enough it is set aside
 )
@@ -119,6 +123,8 @@ class PartCoverage:
         lines: ``(m,)`` per frequency response the share that is covered of its visible lines whose
             truth is sure enough; NaN where that are too few.
         failure: What ended the computation of a mesh, empty for nothing.
+        sure: Share of ± that may be unknown of the truth.
+        corrected: The same with meshes corrected by their estimates; None here.
     """
 
     seed: int
@@ -129,6 +135,8 @@ class PartCoverage:
     unsure: FloatArray
     lines: FloatArray
     failure: str = ""
+    sure: float = SURE
+    corrected: "PartCoverage | None" = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,22 +212,39 @@ def measure_part(part: CoveragePart) -> PartCoverage:
     grid = np.linspace(0.2 * elastic[0], 1.15 * elastic[4], LINES)
     right, _ = _respond(reference.coupled, grid, finer=True)
     doubt = UNSURE * np.abs(right - _respond(reference.coupled, grid)[0])
-    tables, lines, failures = [], [], []
+    judgements: list[_Judgement] = [_Judgement(), _Judgement()]
+    failures = []
     meshes, rounds = list(part.meshes), part.rounds
     while meshes:
         try:
             judged = _solve(part, meshes.pop(0), JUDGED_MODES, WATCHED, reference.places)
-            tables.append(_compare(judged, reference))
-            lines.append(_cover_lines(judged.coupled, grid, right, doubt))
+            for own, each in zip(judgements, (judged, _correct(part, judged)), strict=True):
+                own.tables.append(_compare(each, reference))
+                own.lines.append(_cover_lines(each.coupled, grid, right, doubt))
             if rounds and not meshes:
                 meshes, rounds = [_follow_errors(judged, ADAPTED_STEP)], rounds - 1
         except HeadstockError as error:
             failures.append(f"{type(error).__name__}: {error}")
-    rows = np.concatenate([np.zeros((4, 0)), *tables], axis=1)
-    covered = np.concatenate([np.zeros(0), *lines])
-    return PartCoverage(
-        part.seed, part.kind, rows[0], rows[1], rows[2], rows[3], covered, "; ".join(failures)
-    )
+    plain, corrected = (own.conclude(part, "; ".join(failures)) for own in judgements)
+    corrected = dataclasses.replace(corrected, sure=SURE_CORRECTED)
+    return dataclasses.replace(plain, corrected=corrected)
+
+
+@dataclass(frozen=True, eq=False)
+class _Judgement:
+    """Meshes of a part beside its truth: rows of numbers as ``_compare`` finds them, and shares of
+    lines.
+    """
+
+    tables: list[FloatArray] = field(default_factory=list)
+    lines: list[FloatArray] = field(default_factory=list)
+
+    def conclude(self, part: CoveragePart, failure: str) -> PartCoverage:
+        rows = np.concatenate([np.zeros((4, 0)), *self.tables], axis=1)
+        lines = np.concatenate([np.zeros(0), *self.lines])
+        return PartCoverage(
+            part.seed, part.kind, rows[0], rows[1], rows[2], rows[3], lines, failure
+        )
 
 
 def _solve_reference(part: CoveragePart) -> _Solved:
@@ -244,6 +269,23 @@ def _solve(
     request = ReductionRequest(ModeTarget(count=modes))
     mesh = mesh_component(body)
     element = reduce_elastic(body, mesh, comm=MPI.COMM_SELF, request=request)
+    return _analyse(part, body, mesh, element, watched, places)
+
+
+def _correct(part: CoveragePart, judged: _Solved) -> _Solved:
+    """The same part on the same mesh, corrected by its estimate."""
+    element = correct_mesh(judged.coupled.layout.superelements["part"])
+    return _analyse(part, judged.body, judged.mesh, element, WATCHED, judged.places)
+
+
+def _analyse(
+    part: CoveragePart,
+    body: Component,
+    mesh: ComponentMesh,
+    element: Superelement,
+    watched: int,
+    places: BodyPlaces | None,
+) -> _Solved:
     coupled = couple({"part": element}, part.machine, Pose("reference"))
     found = solve_modal(coupled.system, count=watched)
     places = places or choose_places(element)
@@ -420,6 +462,14 @@ def _cover(seeds: Sequence[int]) -> list[PartCoverage]:
 
 
 def _judge(case: str, what: str, parts: Sequence[PartCoverage]) -> list[ValidationRow]:
+    """Meshes as they are, then corrected by their estimates."""
+    corrected = [part.corrected for part in parts if part.corrected is not None]
+    return _judge_meshes(case, what, parts) + (
+        _judge_meshes(case, f"{what}, corrected", corrected) if corrected else []
+    )
+
+
+def _judge_meshes(case: str, what: str, parts: Sequence[PartCoverage]) -> list[ValidationRow]:
     covered = [_covered(part) for part in parts]
     numbers = np.concatenate(covered)
     given = np.concatenate([part.estimates[_known(part)] for part in parts])
@@ -478,7 +528,7 @@ def _judge(case: str, what: str, parts: Sequence[PartCoverage]) -> list[Validati
 
 def _known(part: PartCoverage) -> FloatArray:
     """Which numbers have an estimate, and a truth that is sure enough to judge it."""
-    return np.asarray(part.unsure <= SURE * part.estimates)
+    return np.asarray(part.unsure <= part.sure * part.estimates)
 
 
 def _covered(part: PartCoverage) -> FloatArray:

@@ -253,11 +253,13 @@ def _tried_by_hand(scene: Scene) -> Iterator[tuple[str, dict[str, Component]]]:
     yield "rigid", all_as("rigid")
     yield f"{HAND_SEGMENTS} segments", all_as("segmented")
     for accuracy in HAND_MESHES:
-        yield f"finite elements for {100.0 * accuracy:g} %", _mesh_by_rule(scene, accuracy)
+        what = f"finite elements for {100.0 * accuracy:g} %"
+        yield what, _mesh_by_rule(scene, accuracy, correct=False)
+        yield f"{what}, corrected", _mesh_by_rule(scene, accuracy, correct=True)
 
 
-def _mesh_by_rule(scene: Scene, accuracy: float) -> dict[str, Component]:
-    """Finite elements for an accuracy in place of all bodies."""
+def _mesh_by_rule(scene: Scene, accuracy: float, *, correct: bool) -> dict[str, Component]:
+    """Finite elements for an accuracy in place of all bodies, corrected by their estimates or not."""
     fine = {
         name: start_component(dataclasses.replace(part, fidelity="elastic"), accuracy, MODES_TO)
         for name, part in scene.machine.components.items()
@@ -269,10 +271,13 @@ def _mesh_by_rule(scene: Scene, accuracy: float) -> dict[str, Component]:
         for name, part in fine.items()
         if isinstance(part.solid, StepFile)
     }
-    if len(fine) > 1:
-        return fine
-    kept = ReductionSettings(modes=PART_MODES)
-    return {name: dataclasses.replace(part, reduction=kept) for name, part in fine.items()}
+    kept = (
+        ReductionSettings(modes_to_hz=MODES_TO)
+        if len(fine) > 1
+        else ReductionSettings(modes=PART_MODES)
+    )
+    own = dataclasses.replace(kept, correct_mesh=correct)
+    return {name: dataclasses.replace(part, reduction=own) for name, part in fine.items()}
 
 
 def _run(scene: Scene, folder: Path) -> Results:
