@@ -380,6 +380,7 @@ class TransientRequest:
         settled: Share of its way within which an output has settled.
         poses: All of them when empty.
         motors: Locked, or under control.
+        probes: Where displacement and stress are wanted.
     """
 
     loads: tuple[TimedLoad, ...]
@@ -391,6 +392,7 @@ class TransientRequest:
     settled: float
     poses: tuple[str, ...] = ()
     motors: Motors = "locked"
+    probes: tuple[str, ...] = ()
 
     def describe(self) -> str:
         """In a few words: what is computed, and how far."""
@@ -398,9 +400,8 @@ class TransientRequest:
         if self.velocities:
             causes.append(f"initial velocity of {', '.join(self.velocities)}")
         under = ", drives under control" if self.motors == "controlled" else ""
-        return (
-            f"{', '.join(causes)}: {self.duration:g} s with modes up to {self.up_to_hz:g} Hz{under}"
-        )
+        inside = f", displacement and stress at {', '.join(self.probes)}" if self.probes else ""
+        return f"{', '.join(causes)}: {self.duration:g} s with modes up to {self.up_to_hz:g} Hz{under}{inside}"
 
 
 Request = (

@@ -60,6 +60,7 @@ from headstock.app.tables.path import (
 )
 from headstock.app.tables.probes import (
     PROBE_MOTION_COLUMNS,
+    PROBE_MOTION_PEAKS,
     PROBE_PEAK_COLUMNS,
     PROBE_STRESS_COLUMNS,
     list_probe_peaks,
@@ -588,6 +589,7 @@ def report_environment() -> jinja2.Environment:
             "numbers": NUMBER_COLUMNS,
             "zones": ZONE_COLUMNS,
             "moved": MOVED_COLUMNS,
+            "probe_peaks_over_time": PROBE_MOTION_PEAKS,
             "motors": MOTOR_COLUMNS,
             "joint_forces": JOINT_FORCE_COLUMNS,
             "cruises": CRUISE_COLUMNS,

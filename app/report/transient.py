@@ -9,6 +9,7 @@ from headstock.app.report import svg
 from headstock.app.report.panels import Panel, draw_axes, draw_curve, show_range
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.path import PathCurves, deviation_unit
+from headstock.pipeline.answers.probes import MEGA
 from headstock.pipeline.answers.transient import TransientCurves
 from headstock.solvers.second_order import name_channel
 
@@ -22,7 +23,8 @@ NEGLIGIBLE = 1e-10  # of the largest output of its kind: at rest by symmetry
 
 def draw_transient(curves: TransientCurves, identity: str) -> Markup:
     """One SVG: a panel per load that has values over time, then one for all displacements and one
-    for all rotations, and of drives one for torques and one for position errors.
+    for all rotations, one for the stress at probes, and of drives one for torques and one for
+    position errors.
 
     Args:
         curves: Of a pose.
@@ -53,6 +55,14 @@ def draw_transient(curves: TransientCurves, identity: str) -> Markup:
             label = f"{'Displacement' if unit == 'um' else 'Rotation'} [{UNITS[unit]}]"
             parts.append(_draw_field(curves.times, lines, label, top, OUTPUT_HEIGHT))
             top += TITLE + OUTPUT_HEIGHT + FOOT
+    if curves.probes:
+        lines = [
+            (probe.name, MEGA * probe.von_mises, COLORS[number % len(COLORS)])
+            for number, probe in enumerate(curves.probes)
+        ]
+        label = "Equivalent stress at probes [MPa]"
+        parts.append(_draw_field(curves.times, lines, label, top, DRIVE_HEIGHT))
+        top += TITLE + DRIVE_HEIGHT + FOOT
     if curves.drives:
         parts.append(_draw_drives(curves.times, curves, top))
         top += DRIVES_HEIGHT

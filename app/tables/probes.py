@@ -9,6 +9,7 @@ import numpy as np
 from headstock.app.tables.table import Column, PlainTable
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.pipeline.answers.frf import ResponseCurves, ResponseSummary
+from headstock.pipeline.answers.probe_motions import ProbeMotionSummary
 from headstock.pipeline.answers.probes import (
     ProbeCurves,
     ProbePeakSummary,
@@ -124,6 +125,37 @@ PROBE_PEAK_COLUMNS: tuple[Column[ProbePeakRow], ...] = (
     Column(lambda row: row.peak["peak_von_mises_error"], "± largest von Mises"),
     Column(lambda row: row.peak["peak_hz"], "at [Hz]", ">at Hz", "at [Hz]"),
     Column(lambda row: row.peak["unit"], "unit", "unit", "Unit"),
+)
+
+
+type ProbeMotionRow = tuple[str, ProbeMotionSummary]
+
+PROBE_MOTION_PEAKS: tuple[Column[ProbeMotionRow], ...] = (
+    Column(lambda row: row[0], "probe", "probe", "Probe"),
+    Column(lambda row: row[1]["component"], "component", "in", "Component"),
+    Column(
+        lambda row: row[1]["peak_von_mises_mpa"],
+        "largest von Mises [MPa]",
+        ">von Mises MPa",
+        "von Mises [MPa]",
+        error=lambda row: _open(row[1]["peak_von_mises_error_mpa"]),
+    ),
+    Column(lambda row: row[1]["peak_von_mises_error_mpa"], "± largest von Mises [MPa]"),
+    Column(lambda row: 1e3 * row[1]["peak_von_mises_s"], "von Mises at [ms]", ">at ms", "at [ms]"),
+    Column(
+        lambda row: row[1]["peak_displacement_um"],
+        "largest displacement [um]",
+        ">displacement µm",
+        "Displacement [µm]",
+        error=lambda row: _open(row[1]["peak_displacement_error_um"]),
+    ),
+    Column(lambda row: row[1]["peak_displacement_error_um"], "± largest displacement [um]"),
+    Column(
+        lambda row: 1e3 * row[1]["peak_displacement_s"],
+        "displacement at [ms]",
+        ">at ms ",
+        "at [ms]",
+    ),
 )
 
 

@@ -13,7 +13,12 @@ from headstock.app.tables.map import tabulate_map
 from headstock.app.tables.modes import tabulate_modes
 from headstock.app.tables.motion_forces import MOTOR_COLUMNS, tabulate_joint_forces
 from headstock.app.tables.path import path_stem
-from headstock.app.tables.probes import PROBE_COLUMNS, PROBE_PEAK_COLUMNS, list_probe_peaks
+from headstock.app.tables.probes import (
+    PROBE_COLUMNS,
+    PROBE_MOTION_PEAKS,
+    PROBE_PEAK_COLUMNS,
+    list_probe_peaks,
+)
 from headstock.app.tables.static import (
     DEVIATION_COLUMNS,
     list_displacements,
@@ -86,6 +91,9 @@ def list_tables(summary: RunSummary) -> list[PlainTable]:
         tables.append(tabulate(f"peaks_{stem}", MOVED_COLUMNS, list_moved(transient)))
         if transient["drives"]:
             tables.append(tabulate(f"motors_{stem}", MOTOR_COLUMNS, transient["drives"].items()))
+        if transient["probes"]:
+            name = f"probes_over_time_{stem}"
+            tables.append(tabulate(name, PROBE_MOTION_PEAKS, transient["probes"].items()))
         if transient["joints"]:
             tables.append(tabulate_joint_forces(f"joint_forces_{stem}", transient["joints"]))
     if "map" in summary:

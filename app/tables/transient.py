@@ -3,9 +3,11 @@
 import numpy as np
 
 from headstock.app.tables.table import Cell, Column, PlainTable, show_percent
+from headstock.geometry.frames import DIRECTIONS
 from headstock.pipeline.answers.path import (
     deviation_unit,
 )
+from headstock.pipeline.answers.probes import MEGA, MICRO
 from headstock.pipeline.answers.transient import (
     MovedOutputSummary,
     TransientCurves,
@@ -13,6 +15,7 @@ from headstock.pipeline.answers.transient import (
 )
 from headstock.pipeline.results.mode_files import file_stem
 from headstock.solvers.second_order import name_channel
+from headstock.solvers.stresses import STRESS_NAMES
 
 type MovedRow = tuple[str, MovedOutputSummary]
 
@@ -58,8 +61,8 @@ def transient_stem(curves: TransientCurves) -> str:
 
 
 def tabulate_transient(curves: TransientCurves) -> PlainTable:
-    """A row per sample: time, every load, the displacement of every output, and what drives under
-    control do.
+    """A row per sample: time, every load, the displacement of every output, stress and displacement at probes, and what
+    drives under control do.
     """
     headings, columns = ["time [s]"], [curves.times]
     for number, (name, unit) in enumerate(zip(curves.loads, curves.units, strict=True)):
@@ -70,6 +73,13 @@ def tabulate_transient(curves: TransientCurves) -> PlainTable:
         unit, factor = deviation_unit(channel)
         headings.append(f"{name_channel(channel)} [{unit}]")
         columns.append(factor * curves.displacements[:, number])
+    for probe in curves.probes:
+        headings.append(f"von Mises {probe.name} [MPa]")
+        columns.append(MEGA * probe.von_mises)
+        headings += [f"stress {pair} {probe.name} [MPa]" for pair in STRESS_NAMES]
+        columns += [*(MEGA * probe.stress.T)]
+        headings += [f"displacement {along} {probe.name} [um]" for along in DIRECTIONS]
+        columns += [*(MICRO * probe.displacement.T)]
     for number, name in enumerate(curves.drives):
         headings += [f"torque of {name} [N m]", f"position error of {name} [um]"]
         columns += [curves.torques[:, number], 1e6 * curves.position_errors[:, number]]

@@ -20,7 +20,12 @@ from headstock.app.tables.lobes import LOWEST_LOBE_COLUMNS, list_lowest_lobes
 from headstock.app.tables.modes import list_modes
 from headstock.app.tables.motion_forces import JOINT_FORCE_COLUMNS, MOTOR_COLUMNS
 from headstock.app.tables.path import CRUISE_COLUMNS, ZONE_COLUMNS, list_cruises, list_zones
-from headstock.app.tables.probes import PROBE_COLUMNS, PROBE_PEAK_COLUMNS, list_probe_peaks
+from headstock.app.tables.probes import (
+    PROBE_COLUMNS,
+    PROBE_MOTION_PEAKS,
+    PROBE_PEAK_COLUMNS,
+    list_probe_peaks,
+)
 from headstock.app.tables.static import (
     DEVIATION_COLUMNS,
     list_displacements,
@@ -233,6 +238,10 @@ def print_summary(
         )
         for words in transient_words(transient):
             console.print(f"  {words}", markup=False)
+        if transient["probes"]:
+            title = f"Largest stress over time at probes in pose {pose}"
+            rows = tell_rows(PROBE_MOTION_PEAKS, transient["probes"].items())
+            print_table(console, title, rows)
         _print_forces(console, f"in pose {pose}", transient["drives"], transient["joints"])
     if "model_errors" in summary:
         print_table(

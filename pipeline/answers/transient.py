@@ -20,6 +20,12 @@ from headstock.pipeline.answers.motion_forces import (
     summarise_joints,
 )
 from headstock.pipeline.answers.path import deviation_unit
+from headstock.pipeline.answers.probe_motions import (
+    ProbeMotion,
+    ProbeMotionSummary,
+    ProbeTrace,
+    parse_probe_trace,
+)
 from headstock.pipeline.storage.json_texts import check_finite
 from headstock.scene.requests import Motors
 from headstock.solvers.linear.transient import EnergyBalance, TransientFigures
@@ -80,6 +86,7 @@ class TransientSummary(TypedDict):
     error_left_out: list[str]
     drives: dict[str, DriveForceSummary]
     joints: dict[str, dict[str, JointForceSummary]]
+    probes: dict[str, ProbeMotionSummary]
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +105,7 @@ class TransientCurves:
         drives: Names of the drives under control.
         torques: ``(n, d)`` of their motors [N m].
         position_errors: ``(n, d)`` set less measured position [m].
+        probes: Displacement and stress at probes.
     """
 
     pose: str
@@ -110,6 +118,7 @@ class TransientCurves:
     drives: tuple[str, ...]
     torques: FloatArray
     position_errors: FloatArray
+    probes: tuple[ProbeTrace, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,6 +142,7 @@ class TransientAnswer(Answer):
         motors: Locked, or under control.
         drives: What each drive under control did at most.
         joints: Largest force on the first end of each joint, by direction, in joint axes.
+        probes: What each probe saw at most.
     """
 
     curves: TransientCurves
@@ -151,10 +161,13 @@ class TransientAnswer(Answer):
     motors: Motors
     drives: dict[str, DriveExtremes]
     joints: dict[str, dict[str, Extreme]]
+    probes: dict[str, ProbeMotion]
     units: ClassVar[dict[str, str]] = {
         r"transient/.*/(outputs|loads|units|drives)": "",
         r"transient/.*/times": "s",
         r"transient/.*/displacements": "SI: m or rad, by outputs",
+        r"transient/.*/probes/.*/displacement": "m",
+        r"transient/.*/probes/.*/stress": "Pa",
         r"transient/.*/load_values": "SI: by units",
         r"transient/.*/torques": "N m",
         r"transient/.*/position_errors": "m",
@@ -198,6 +211,7 @@ class TransientAnswer(Answer):
             "error_left_out": sorted({words for error in self.errors for words in error.left_out}),
             "drives": summarise_drives(self.drives),
             "joints": summarise_joints(self.joints),
+            "probes": {name: probe.summarise() for name, probe in self.probes.items()},
         }
 
     def fill(self, file: h5py.File) -> None:
@@ -213,6 +227,8 @@ class TransientAnswer(Answer):
         group["times"], group["displacements"] = curves.times, curves.displacements
         group["load_values"] = curves.load_values
         group["torques"], group["position_errors"] = curves.torques, curves.position_errors
+        for probe in curves.probes:
+            probe.fill(group.create_group(f"probes/{probe.name}"))
 
 
 def parse_transient(pose: str, group: h5py.Group) -> TransientCurves:
@@ -236,6 +252,7 @@ def parse_transient(pose: str, group: h5py.Group) -> TransientCurves:
         drives=names["drives"],
         torques=group["torques"][:],
         position_errors=group["position_errors"][:],
+        probes=tuple(parse_probe_trace(name, own) for name, own in group.get("probes", {}).items()),
     )
 
 

@@ -17,6 +17,7 @@ from headstock.geometry.mechanisms.exechon import LENGTHS
 from headstock.geometry.mechanisms.tool_mechanism import tool_pose
 from headstock.pipeline.answers.motion_forces import PathForces
 from headstock.pipeline.answers.path import FollowedPoses
+from headstock.pipeline.contours.carried_bodies import move_bodies
 from headstock.pipeline.contours.way_errors import STEPS_PER_WAVE, WayErrors, find_way_errors
 from headstock.pipeline.contours.way_motors import WayMotors, close_way, lead_motors, plan_motors
 from headstock.pipeline.contours.ways import (
@@ -29,7 +30,6 @@ from headstock.pipeline.contours.ways import (
     place_model,
 )
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.stages.carried_bodies import move_bodies
 from headstock.pipeline.stages.control import drive_along
 from headstock.pipeline.stages.machine import damp_system
 from headstock.pipeline.stages.motion_forces import leave_out_roundoff, record_drives

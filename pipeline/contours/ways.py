@@ -14,8 +14,8 @@ from headstock.geometry.machine.joints import Axis
 from headstock.geometry.machine.machine import Machine, Pose
 from headstock.geometry.machine.tool_travel import ToolTravel
 from headstock.geometry.mechanisms.exechon import LENGTHS
+from headstock.pipeline.contours.carried_bodies import move_bodies
 from headstock.pipeline.contours.contour_run import CORIOLIS
-from headstock.pipeline.stages.carried_bodies import move_bodies
 from headstock.pipeline.stages.machine import CoupledPose, damp_system, warn_of_no_damping
 from headstock.pipeline.stages.mechanism import LumpedPose, build_mechanism, place_pose
 from headstock.pipeline.stages.run_state import PoseModel, RunState

@@ -3,8 +3,8 @@ worth. Only rank 0 has anything to do.
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -19,8 +19,11 @@ from headstock.pipeline.stages.motion_forces import (
     find_largest_forces,
     follow_drives,
 )
+from headstock.pipeline.stages.probe_motions import MovingModel, place_probes, trace_motion
+from headstock.pipeline.stages.probes import warn_of_singular, watched_rows
 from headstock.pipeline.stages.run_state import Outcome, PoseModel, RunState, Solved, pose_model
 from headstock.reduction.coupling.joint_forces import joint_outputs
+from headstock.reduction.coupling.probes import PlacedProbe
 from headstock.scene.requests import LOAD, TimedLoad, TransientRequest
 from headstock.solvers.control.drive_loops import ClosedLoop, close_loops
 from headstock.solvers.control.drive_trains import DriveTrain
@@ -133,6 +136,7 @@ class _LoadedMachine:
         modes: All undamped modes of the system.
         request: What is asked for.
         trains: Its drives, whose loops are closed; None where motors are locked.
+        probes: Where displacement and stress are wanted.
     """
 
     machine: PoseModel
@@ -140,6 +144,7 @@ class _LoadedMachine:
     modes: ModalResult
     request: TransientRequest
     trains: tuple[DriveTrain, ...] | None = None
+    probes: Mapping[str, PlacedProbe] = field(default_factory=dict)
 
     @property
     def near(self) -> ModalResult:
@@ -155,7 +160,8 @@ class _LoadedMachine:
         """
         system = softer or self.system
         inputs = (*(_input_of(load) for load in self.request.loads), START)
-        outputs = (*self.request.outputs, *joint_outputs(self.machine.joints))
+        watched = (*joint_outputs(self.machine.joints), *watched_rows(self.probes))
+        outputs = (*self.request.outputs, *watched)
         if self.trains is None:
             modes = self.modes if softer is None else None
             model = prepare_transient(system, inputs, outputs, up_to_hz=up_to_hz, modes=modes)
@@ -222,6 +228,9 @@ def respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[Transi
     solution = _solve(model, request, histories, stepped)
     energy = _balance_energy(model, solution)
     errors: tuple[Estimate, ...] = (Estimate(),) * len(request.outputs)
+    solved: dict[str, _Solution] = {}
+    left_out: tuple[str, ...] = ()
+    others: dict[str, _Ready] = {}
     if judged and has_symmetric_terms(loaded.system):
         softer, left_out = loaded.soften()
         others = {TRUNCATION: loaded.widen(model)} | softer
@@ -229,17 +238,14 @@ def respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[Transi
             others[SMOOTHING] = dataclasses.replace(
                 model, rubbing=sharpen_friction(model.rubbing, SHARPER)
             )
-        errors = _compare_peaks(
-            solution,
-            [
-                (source, _solve(other, request, histories, stepped))
-                for source, other in others.items()
-            ],
-            left_out,
-        )
+        solved = {
+            source: _solve(other, request, histories, stepped) for source, other in others.items()
+        }
+        errors = _compare_peaks(solution, solved, left_out)
     values, _ = stepped.evaluate()
     sampled = stepped.sampled
     loads = np.concatenate([values[:, 0], values[-1:, 1]])[sampled][:, : len(request.loads)]
+    warnings += [warn_of_singular(name, probe.singular) for name, probe in loaded.probes.items()]
     rubbed = solution.rubbed
     if rubbed is not None and rubbed.motion.energy.error > UNBALANCED_RUBBING:
         warnings.append(
@@ -253,6 +259,19 @@ def respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[Transi
         )
     controlled = loaded.trains is not None
     moved = _step_states(solution)
+    probes = trace_motion(
+        machine.parts,
+        loaded.probes,
+        MovingModel(model.watched, moved),
+        {
+            source: MovingModel(others[source].watched, _step_states(other))
+            for source, other in solved.items()
+        },
+        loads=[load.target if isinstance(load.target, str) else "" for load in request.loads],
+        sampled=sampled,
+        up_to_hz=request.up_to_hz,
+        left_out=left_out,
+    )
     drives = follow_drives(tuple(scene.drives.values()) if controlled else (), model.watched, moved)
     answer = TransientAnswer(
         curves=TransientCurves(
@@ -266,6 +285,7 @@ def respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[Transi
             drives=tuple(drives.extremes),
             torques=drives.torques[sampled],
             position_errors=drives.position_errors[sampled],
+            probes=tuple(probe.trace for probe in probes.values()),
         ),
         figures=solution.figures,
         errors=errors,
@@ -284,6 +304,7 @@ def respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[Transi
         motors=request.motors,
         drives=drives.extremes,
         joints=find_largest_forces(loaded.machine.joints, model.watched, moved),
+        probes=probes,
     )
     return Solved(answer, tuple(warnings))
 
@@ -306,21 +327,25 @@ def _load_machine(
                 f"transient analysis in pose {machine.pose.name}: dead times of the drives are right up to {poles.limit_hz:.4g} Hz only, and modes"
                 f" up to {request.up_to_hz:.4g} Hz vibrate; lower up_to"
             )
-        system = _add_channels(driven.system, machine, request)
-        return _LoadedMachine(machine, system, driven.modes, request, trains)
+        probes = place_probes(machine.parts, machine.coupled, request.probes)
+        system = _add_channels(driven.system, machine, request, probes)
+        return _LoadedMachine(machine, system, driven.modes, request, trains, probes)
     for message in warn_of_no_damping(scene, machine.system):
         warn(message)
     system = damp_system(scene, machine.system, machine.all_modes)
-    return _LoadedMachine(
-        machine, _add_channels(system, machine, request), machine.all_modes, request
-    )
+    probes = place_probes(machine.parts, machine.coupled, request.probes)
+    system = _add_channels(system, machine, request, probes)
+    return _LoadedMachine(machine, system, machine.all_modes, request, probes=probes)
 
 
 def _add_channels(
-    system: SecondOrderSystem, machine: PoseModel, request: TransientRequest
+    system: SecondOrderSystem,
+    machine: PoseModel,
+    request: TransientRequest,
+    probes: Mapping[str, PlacedProbe],
 ) -> SecondOrderSystem:
     """The system of a machine with the static loads that are named, and the momentum before the time
-    zero, as inputs, and the forces of its joints as outputs.
+    zero, as inputs, and the forces of its joints and what its probes see as outputs.
     """
     named = {
         _input_of(load): machine.loads[load.target]
@@ -329,8 +354,8 @@ def _add_channels(
     }
     velocities = {name: np.array(speeds) for name, speeds in request.velocities.items()}
     inputs = system.inputs | named | {START: machine.momentum(velocities)}
-    forces = joint_outputs(machine.joints)
-    return dataclasses.replace(system, inputs=inputs, outputs=system.outputs | forces)
+    outputs = system.outputs | joint_outputs(machine.joints) | watched_rows(probes)
+    return dataclasses.replace(system, inputs=inputs, outputs=outputs)
 
 
 def _input_of(load: TimedLoad) -> Channel:
@@ -403,7 +428,7 @@ def _leave_out_roundoff(
 
 
 def _compare_peaks(
-    solution: _Solution, others: Sequence[tuple[str, _Solution]], left_out: tuple[str, ...]
+    solution: _Solution, others: Mapping[str, _Solution], left_out: tuple[str, ...]
 ) -> tuple[Estimate, ...]:
     """What each peak changes by in other models."""
     return tuple(
@@ -411,7 +436,7 @@ def _compare_peaks(
             {
                 source: (REMAINING if source == SMOOTHING else 1.0)
                 * abs(abs(other.figures[number].peak) - abs(own.peak))
-                for source, other in others
+                for source, other in others.items()
             },
             left_out,
         )

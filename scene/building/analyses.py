@@ -80,7 +80,7 @@ def check_requests(draft: Draft, findings: Findings) -> None:
             if key == "inputs" and name in draft.sections.get("loads", ()):
                 _check_load_input(place, name, direction, draft, findings)
             elif key == "outputs" and name in draft.sections.get("probes", ()):
-                _check_probe_output(place, name, direction, draft, findings)
+                check_probe_output(place, name, direction, draft, findings)
             else:
                 check_channel(place, name, draft, findings)
     for name, table in (
@@ -118,9 +118,10 @@ def _check_load_input(
         )
 
 
-def _check_probe_output(
+def check_probe_output(
     key: KeyPath, name: str, direction: str, draft: Draft, findings: Findings
 ) -> None:
+    """Report a probe as an output that is a point as well, or has a direction."""
     if name in draft.table.points:
         findings.add(key, f"{name} is a point and a probe; rename one of them")
     elif direction:

@@ -162,13 +162,13 @@ def check_probes(draft: Draft, findings: Findings) -> None:
                 ("probes", name, "at"),
                 f"lies outside {probe.component}, which reaches over x, y, z from {ends} in its own frame",
             )
-    static, frf = scene.analyses.static, scene.analyses.frf
-    if not scene.probes or frf is not None:
+    static, frf, transient = scene.analyses.static, scene.analyses.frf, scene.analyses.transient
+    if not scene.probes or frf is not None or transient is not None:
         return
     if static is None:
         findings.add(
             ("probes",),
-            "probes show the response to static or harmonic loads; add [analyses.static] or [analyses.frf]",
+            "probes show the response to static or harmonic loads, or loads over time; add [analyses.static], [analyses.frf] or [analyses.transient]",
         )
     if not scene.loads and not scene.effects.get("gravity"):
         findings.add(

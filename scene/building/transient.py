@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.scene.building.analyses import build_channels
+from headstock.scene.building.analyses import build_channels, check_probe_output
 from headstock.scene.building.draft import Draft, check_channel, check_name, check_pose_names
 from headstock.scene.reading.files import resolve_file
 from headstock.scene.reading.findings import Findings
@@ -57,6 +57,8 @@ def build_transient(
     table = scene.analyses.transient
     if table is None:
         return None
+    outputs = [one for one in table.outputs or () if one[0] not in scene.probes]
+    inside = [name for name, _ in table.outputs or () if name in scene.probes]
     return TransientRequest(
         loads=tuple(
             TimedLoad(
@@ -70,13 +72,14 @@ def build_transient(
         velocities={
             name: (speeds[0], speeds[1], speeds[2]) for name, speeds in table.velocity.items()
         },
-        outputs=build_channels(table.outputs or [(name, "") for name in scene.points]),
+        outputs=build_channels(outputs or [(name, "") for name in scene.points]),
         duration=table.duration,
         sampling_hz=table.samples_per_second,
         up_to_hz=table.up_to,
         settled=table.settled,
         poses=tuple(table.poses or poses),
         motors=table.motors,
+        probes=tuple(dict.fromkeys(inside if table.outputs else scene.probes)),
     )
 
 
@@ -93,10 +96,14 @@ def check_transient(draft: Draft, findings: Findings) -> None:
             _check_record((*KEY, "loads", name, "file"), load, table, draft.folder, findings)
     for name in table.velocity:
         check_name((*KEY, "velocity", name), name, "components", draft, findings)
-    for index, (name, _) in enumerate(table.outputs or ()):
-        check_channel((*KEY, "outputs", index), name, draft, findings)
+    for index, (name, direction) in enumerate(table.outputs or ()):
+        if name in draft.sections.get("probes", ()):
+            check_probe_output((*KEY, "outputs", index), name, direction, draft, findings)
+        else:
+            check_channel((*KEY, "outputs", index), name, draft, findings)
     check_pose_names((*KEY, "poses"), table.poses, draft, findings)
-    if table.outputs is None and not draft.table.points:
+    outputs = [one for one, _ in table.outputs or () if one not in draft.table.probes]
+    if not outputs and not draft.table.points:
         findings.add(
             KEY,
             'there is no point whose motion is wanted; write [points], or outputs = [["tcp", "z"]]',

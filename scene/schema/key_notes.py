@@ -429,7 +429,7 @@ NOTES = {
     "Transient.up_to": "modes up to this frequency vibrate; those above follow the loads at once",
     "Transient.sampling": "samples per second, more than twice `up_to`; default: 20 times `up_to`",
     "Transient.settled": "share of the way to the rest position (of the peak, where there is no way) within which an output has settled",
-    "Transient.outputs": "where the motion is computed: `[[\"tcp\", \"z\"]]`; default: all points in x, y and z",
+    "Transient.outputs": "where the motion is computed: `[[\"tcp\", \"z\"], \"fillet\"]`, with a probe; default: all points in x, y, z and all probes",
     "Transient.motors": "as in `[analyses.frf]`; with the effect `friction` guides rub",
     "Transient.poses": "poses in which it is computed; default: all of them",
     "Transient.on_request": "run only when named: `--analysis transient`",

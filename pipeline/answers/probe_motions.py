@@ -1,0 +1,110 @@
+"""Displacement and stress at probes under loads over time as results: the types, and how they read in
+``summary.json`` and ``results.h5``.
+"""
+
+from dataclasses import dataclass
+from typing import TypedDict
+
+import h5py
+
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.answers.estimates import Estimate, scale_shares
+from headstock.pipeline.answers.probes import MEGA, MICRO
+from headstock.solvers.stresses import STRESS_NAMES, largest_von_mises
+from headstock.solvers.watched_outputs import Extreme
+
+
+class ProbeMotionSummary(TypedDict):
+    """The entry of a probe: its largest equivalent stress, the stress then by ``xx``, ``xy`` and so on,
+    and its largest displacement, by size.
+    """
+
+    component: str
+    singular: str
+    peak_von_mises_mpa: float
+    peak_von_mises_s: float
+    peak_von_mises_error_mpa: float | None
+    peak_von_mises_error_share: dict[str, float | None]
+    peak_stress_mpa: dict[str, float]
+    peak_displacement_um: float
+    peak_displacement_s: float
+    peak_displacement_error_um: float | None
+    error_left_out: list[str]
+
+
+@dataclass(frozen=True, eq=False)
+class ProbeTrace:
+    """What is tabled and drawn of a probe.
+
+    Attributes:
+        name: Of the probe.
+        displacement: ``(n, 3)`` at the samples, machine axes [m].
+        stress: ``(n, 6)`` xx yy zz xy xz yz [Pa].
+    """
+
+    name: str
+    displacement: FloatArray
+    stress: FloatArray
+
+    @property
+    def von_mises(self) -> FloatArray:
+        """``(n,)`` [Pa]."""
+        return largest_von_mises(self.stress)
+
+    def fill(self, group: h5py.Group) -> None:
+        """Write the curves."""
+        group["displacement"], group["stress"] = self.displacement, self.stress
+
+
+@dataclass(frozen=True, eq=False)
+class ProbeMotion:
+    """Response at a probe.
+
+    Attributes:
+        component: That it is in.
+        trace: At the samples.
+        von_mises: The largest equivalent stress [Pa].
+        stress: ``(6,)`` then [Pa].
+        displacement: The largest size of the displacement [m].
+        von_mises_error: Of the largest equivalent stress [Pa].
+        displacement_error: Of the largest displacement [m].
+        singular: What makes the stress there grow with every finer mesh; empty for nothing.
+    """
+
+    component: str
+    trace: ProbeTrace
+    von_mises: Extreme
+    stress: FloatArray
+    displacement: Extreme
+    von_mises_error: Estimate
+    displacement_error: Estimate
+    singular: str = ""
+
+    def summarise(self) -> ProbeMotionSummary:
+        """As it stands in ``summary.json``."""
+        mises, moved = self.von_mises_error, self.displacement_error
+        return {
+            "component": self.component,
+            "singular": self.singular,
+            "peak_von_mises_mpa": MEGA * self.von_mises.value,
+            "peak_von_mises_s": self.von_mises.time,
+            "peak_von_mises_error_mpa": None if mises.total is None else MEGA * mises.total,
+            "peak_von_mises_error_share": scale_shares(mises, MEGA),
+            "peak_stress_mpa": {
+                name: MEGA * float(value)
+                for name, value in zip(STRESS_NAMES, self.stress, strict=True)
+            },
+            "peak_displacement_um": MICRO * self.displacement.value,
+            "peak_displacement_s": self.displacement.time,
+            "peak_displacement_error_um": None if moved.total is None else MICRO * moved.total,
+            "error_left_out": sorted({*mises.left_out, *moved.left_out}),
+        }
+
+
+def parse_probe_trace(name: str, group: h5py.Group) -> ProbeTrace:
+    """Read what ``ProbeTrace.fill`` wrote.
+
+    Raises:
+        KeyError: A part is missing.
+    """
+    return ProbeTrace(name, group["displacement"][:], group["stress"][:])

@@ -1,0 +1,314 @@
+"""Probes while a machine moves in time: displacement and stress from the states of the motion, with
+their errors.
+"""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.answers.estimates import DISCRETISATION, REDUCTION, Estimate
+from headstock.pipeline.answers.probe_motions import ProbeMotion, ProbeTrace
+from headstock.pipeline.answers.transient import TRUNCATION
+from headstock.pipeline.stages.machine import DAMPING
+from headstock.pipeline.stages.motion_forces import SteppedStates
+from headstock.pipeline.stages.run_state import MachineParts
+from headstock.reduction.coupling.coupling import CoupledMachine
+from headstock.reduction.coupling.probes import PlacedProbe, place_probe
+from headstock.reduction.estimates.probe_errors import (
+    MOVED,
+    SEEN,
+    STRESS_SAFETY,
+    STRESSED,
+    moved_locally,
+)
+from headstock.solvers.linear.load_history import IndexArray
+from headstock.solvers.linear.state_space import StateSpace
+from headstock.solvers.stresses import largest_von_mises, von_mises_change
+from headstock.solvers.watched_outputs import CHUNK, Extreme, WatchedOutputs
+
+
+@dataclass(frozen=True, eq=False)
+class MovingModel:
+    """A model of a machine under loads over time, and its motion.
+
+    Attributes:
+        space: With ``watched_rows`` of its probes as outputs.
+        motion: Its states.
+    """
+
+    space: StateSpace
+    motion: SteppedStates
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """What a probe sees of a model.
+
+    Attributes:
+        whole: ``(9,)`` outputs of displacement and stress.
+        late: ``(9,)`` the share in them of modes left out, which follow accelerations.
+    """
+
+    whole: WatchedOutputs
+    late: WatchedOutputs
+
+
+@dataclass(frozen=True, eq=False)
+class _Peak:
+    """The largest of values over a motion.
+
+    Attributes:
+        extreme: Its size and when.
+        end: It is at the end of a step, not at the begin.
+        step: Which step.
+    """
+
+    extreme: Extreme
+    end: int
+    step: int
+
+
+def place_probes(
+    parts: MachineParts, coupled: CoupledMachine | None, names: Sequence[str]
+) -> dict[str, PlacedProbe]:
+    """Probes of a machine in its free coordinates; none of a lumped mechanism.
+
+    Raises:
+        ModelError: A component was reduced without its probe.
+    """
+    if coupled is None:
+        return {}
+    machine = parts.scene.machine
+    return {
+        name: place_probe(coupled, machine, machine.probes[name], parts.plan.gravity)
+        for name in names
+    }
+
+
+def trace_motion(
+    parts: MachineParts,
+    probes: Mapping[str, PlacedProbe],
+    own: MovingModel,
+    others: Mapping[str, MovingModel],
+    *,
+    loads: Sequence[str],
+    sampled: IndexArray,
+    up_to_hz: float,
+    left_out: tuple[str, ...],
+) -> dict[str, ProbeMotion]:
+    """Displacement and stress at probes over time, with their errors.
+
+    The modes that a component leaves out follow the accelerations of its boundary as at rest, and
+    loads inside it act at once. Viscous damping of the material adds to stresses.
+
+    Args:
+        parts: Of the machine.
+        probes: Of the machine.
+        own: As computed.
+        others: Source of error to a model without it; empty where none was sought.
+        loads: The static load that each input is, whole; empty of others.
+        sampled: ``(m,)`` which of the times are samples.
+        up_to_hz: Modes up to here vibrate.
+        left_out: What is not looked at.
+    """
+    found = {}
+    for name, probe in probes.items():
+        seen = _see(parts, name, probe, own.space, loads)
+        values = own.motion.at_times(seen.whole)[sampled]
+        trace = ProbeTrace(name, values[:, :MOVED], values[:, MOVED:])
+        mises, moved = _find_peaks(own.motion, seen.whole)
+        motion = ProbeMotion(
+            component=probe.component,
+            trace=trace,
+            von_mises=mises.extreme,
+            stress=_at_peak(own.motion, seen.whole, mises)[MOVED:],
+            displacement=moved.extreme,
+            von_mises_error=Estimate(),
+            displacement_error=Estimate(),
+            singular=probe.singular,
+        )
+        if others:
+            changed = {
+                source: _compare(
+                    (own.motion, seen.whole),
+                    (other.motion, _see(parts, name, probe, other.space, loads).whole),
+                    always=source == TRUNCATION,
+                )
+                for source, other in others.items()
+            }
+            motion = _judge(
+                motion,
+                probe,
+                name,
+                own,
+                seen,
+                peaks=(mises, moved),
+                changed=changed,
+                loads=loads,
+                up_to_hz=up_to_hz,
+                left_out=left_out,
+            )
+        found[name] = motion
+    return found
+
+
+def _see(
+    parts: MachineParts,
+    name: str,
+    probe: PlacedProbe,
+    space: StateSpace,
+    loads: Sequence[str],
+) -> _Seen:
+    values = space.watch([(name, f"values {number}") for number in range(SEEN)])
+    inertia = space.watch([(name, f"inertia {number}") for number in range(SEEN)])
+    alpha, beta = _rayleigh(parts, probe.component)
+    # of displacements only states have rates: y' = C A x, y'' = C A (A x + B u)
+    rates = inertia.states @ space.a
+    late = WatchedOutputs(
+        -(rates @ space.a + alpha * rates), -np.asarray(rates @ space.b, dtype=float)
+    )
+    states, inputs = values.states + late.states, values.inputs + late.inputs
+    states[MOVED:] += beta * (values.states @ space.a)[MOVED:]
+    for column, load in enumerate(loads):
+        if load in probe.loads:
+            inputs[:, column] += probe.loads[load].values
+    return _Seen(WatchedOutputs(states, inputs), late)
+
+
+def _rayleigh(parts: MachineParts, component: str) -> tuple[float, float]:
+    """Coefficients of mass and stiffness [1/s, s] of a component; zero without the effect damping."""
+    if DAMPING not in parts.scene.effects:
+        return 0.0, 0.0
+    every = parts.scene.machine.rayleigh
+    own = parts.scene.machine.components[component].rayleigh
+    return every.alpha + own.alpha, every.beta + own.beta
+
+
+def _find_peaks(motion: SteppedStates, seen: WatchedOutputs) -> tuple[_Peak, _Peak]:
+    """The largest equivalent stress, and the largest size of the displacement."""
+    peaks = [_Peak(Extreme(-1.0, 0.0), 0, 0)] * 2
+    for end in (0, 1):
+        for start in range(0, len(motion.times) - 1, CHUNK):
+            part = slice(start, start + CHUNK)
+            values = seen.evaluate(motion.states[end][part], motion.acting[end][part])
+            for kind, size in enumerate(_size(values)):
+                row = int(np.argmax(size))
+                if size[row] > peaks[kind].extreme.value:
+                    extreme = Extreme(float(size[row]), float(motion.times[start + row + end]))
+                    peaks[kind] = _Peak(extreme, end, start + row)
+    return peaks[0], peaks[1]
+
+
+def _size(values: FloatArray) -> FloatArray:
+    """Equivalent stress, and size of the displacement ``(2, n)``, of what is seen ``(n, 9)``."""
+    moved = np.linalg.norm(values[:, :MOVED], axis=1)
+    return np.stack([largest_von_mises(values[:, MOVED:]), moved])
+
+
+def _compare(
+    first: tuple[SteppedStates, WatchedOutputs],
+    second: tuple[SteppedStates, WatchedOutputs],
+    *,
+    always: bool,
+) -> FloatArray:
+    """How far two models of a probe are apart ``(2,)``: their peaks, or at any time.
+
+    Args:
+        first: A motion and what a probe sees of it.
+        second: The same of another model, on the same steps.
+        always: At any time: fast modes move peaks by less than they move.
+    """
+    if not always:
+        peaks = zip(_find_peaks(*first), _find_peaks(*second), strict=True)
+        return np.array([abs(ours.extreme.value - own.extreme.value) for ours, own in peaks])
+    found = np.zeros(2)
+    for end in (0, 1):
+        for start in range(0, len(first[0].times) - 1, CHUNK):
+            part = slice(start, start + CHUNK)
+            ours, theirs = (
+                _size(seen.evaluate(motion.states[end][part], motion.acting[end][part]))
+                for motion, seen in (first, second)
+            )
+            found = np.maximum(found, np.abs(ours - theirs).max(axis=1))
+    return np.asarray(found)
+
+
+def _at_peak(motion: SteppedStates, seen: WatchedOutputs, peak: _Peak) -> FloatArray:
+    """Values ``(k,)`` of outputs when a peak occurs."""
+    return seen.evaluate(motion.states[peak.end][peak.step], motion.acting[peak.end][peak.step])
+
+
+def _judge(
+    motion: ProbeMotion,
+    probe: PlacedProbe,
+    name: str,
+    own: MovingModel,
+    seen: _Seen,
+    *,
+    peaks: tuple[_Peak, _Peak],
+    changed: Mapping[str, FloatArray],
+    loads: Sequence[str],
+    up_to_hz: float,
+    left_out: tuple[str, ...],
+) -> ProbeMotion:
+    """The errors of both peaks: what they change by in other models, what recovery changes in the
+    stress, and what the modes that the component leaves out do beyond their static share at the
+    highest frequency that vibrates.
+    """
+    shares: list[dict[str, float | None]] = [
+        {source: float(change[kind]) for source, change in changed.items()} for kind in (0, 1)
+    ]
+    reach = (2.0 * np.pi * up_to_hz) ** 2 / probe.limit
+    beyond = reach / (1.0 - reach) if reach < 1.0 else None
+    # what these modes hold is largest elsewhere than the peak, where accelerations are
+    late = [peak.extreme.value for peak in _find_peaks(own.motion, seen.late)]
+    local: list[float | None] = [None, None]
+    if probe.missing is not None and probe.smoothing is not None:
+        stressed, moved = (
+            STRESS_SAFETY
+            * _read_rows(own, name, "smoothing", probe, peak, loads).reshape(-1, STRESSED)
+            for peak in peaks
+        )
+        missing = _read_rows(own, name, "missing", probe, peaks[1], loads)
+        local = [
+            None
+            if probe.singular
+            else float(np.linalg.norm(von_mises_change(motion.stress, stressed))),
+            float(np.linalg.norm(missing)) + float(moved_locally(probe.strain_reach, moved)),
+        ]
+    for kind in (0, 1):
+        for source, size in (
+            (DISCRETISATION, local[kind]),
+            (REDUCTION, None if beyond is None else beyond * late[kind]),
+        ):
+            known = shares[kind].get(source, 0.0)
+            shares[kind][source] = None if size is None or known is None else known + size
+    return dataclasses.replace(
+        motion,
+        von_mises_error=Estimate(shares[0], left_out),
+        displacement_error=Estimate(shares[1], left_out),
+    )
+
+
+def _read_rows(
+    own: MovingModel,
+    name: str,
+    kind: str,
+    probe: PlacedProbe,
+    peak: _Peak,
+    loads: Sequence[str],
+) -> FloatArray:
+    """Rows of a kind when a peak occurs, with loads inside the component."""
+    channels = [
+        one for one in own.space.outputs if one[0] == name and one[1].startswith(f"{kind} ")
+    ]
+    values = _at_peak(own.motion, own.space.watch(channels), peak)
+    acting = own.motion.acting[peak.end][peak.step]
+    for column, load in enumerate(loads):
+        inside = None if load not in probe.loads else getattr(probe.loads[load], kind)
+        if inside is not None:
+            values = values + acting[column] * inside.ravel()
+    return values

@@ -1,0 +1,185 @@
+"""Displacement and stress at probes under loads over time: a bar against its modal sum, the frequency
+response of the same scene, statics, and what files hold.
+"""
+
+import json
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from common import present
+from headstock.app.report.report import render_report
+from headstock.app.tables.run import list_tables
+from headstock.app.tables.transient import tabulate_transient
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.answers.answer import find_answers
+from headstock.pipeline.answers.frf import PoseResponse
+from headstock.pipeline.answers.probe_motions import ProbeMotion
+from headstock.pipeline.answers.transient import TransientAnswer
+from headstock.pipeline.results.files import read_histories
+from headstock.pipeline.results.results import Results
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.storage.store import Store
+from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.findings import SceneError
+
+pytestmark = [pytest.mark.fem, pytest.mark.process]
+
+LENGTH, WIDTH, MODULUS, DENSITY = 0.2, 0.02, 210e9, 7850.0
+BAR = """
+[materials.steel]
+E = "210 GPa"
+nu = 0.0
+rho = "7850 kg/m^3"
+[components.bar]
+solid = { box = ["200 mm", "20 mm", "20 mm"] }
+material = "steel"
+mesh = { size = "10 mm", cells = "hex" }
+reduction = { modes = 60 }
+[components.bar.interfaces]
+tip = { face = "x+", coupling = "average" }
+[supports.clamp]
+face = "bar.x-"
+fix = ["x", "y", "z"]
+[loads.pull]
+face = "bar.x+"
+traction = ["1 MPa", "0 MPa", "0 MPa"]
+[probes.inside]
+component = "bar"
+at = ["-37 mm", "3 mm", "5 mm"]
+[probes.foot]
+component = "bar"
+at = ["-80 mm", "0 mm", "10 mm"]
+[points]
+tip = { tool = "bar.tip", work = "ground" }
+"""
+PULSE = (
+    'analyses={ transient={ duration="1.2 ms", up_to="60 kHz", sampling="500 kHz", outputs=[["tip", "x"], "inside", "foot"],'
+    ' loads={ pull={ LOAD, shape="half_sine", time="0.9 ms" } } } }'
+)
+AT_TIP = 'at=["tip", "x"], size="400 N"'  # 1 MPa on 400 mm^2
+OVER_FACE = 'load="pull"'
+
+
+def compute(folder: Path, *settings: str, into: str = "out") -> Results:
+    path = folder / "scene.toml"
+    path.write_text(BAR)
+    scene = load_scene(path, overrides=settings)
+    return run_scene(scene, folder / into, comm=MPI.COMM_SELF, store=Store(folder / "store"))
+
+
+def answer_of(results: Results) -> TransientAnswer:
+    (answer,) = find_answers(results.answers, TransientAnswer)
+    return answer
+
+
+def modal_sum(place: float, times: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Displacement and stress of a clamped bar under half a sine of 1 MPa in 0.9 ms at its end, without
+    damping; the static response of all modes in closed form, so that the sum converges fast.
+
+    Source: Meirovitch (2001), Fundamentals of Vibrations, section 8.10.
+    """
+    driven, last = np.pi / 9e-4, 9e-4
+    speed = np.sqrt(MODULUS / DENSITY)
+    moved: FloatArray = np.zeros(len(times))
+    strain: FloatArray = np.zeros(len(times))
+    for number in range(1, 200):
+        wave = (2 * number - 1) * np.pi / (2.0 * LENGTH)
+        omega = wave * speed
+        push = 2e6 / (DENSITY * LENGTH) * np.sin(wave * LENGTH)
+
+        def swing(now: FloatArray, omega: float = omega) -> FloatArray:
+            ring = np.sin(driven * now) - driven / omega * np.sin(omega * now)
+            return np.asarray(ring / (omega**2 - driven**2), dtype=float)
+
+        # after the pulse a second half sine goes on from its end, and takes the first one off
+        after = np.where(times > last, swing(times - last), 0.0)
+        # beyond the static share 1 / omega^2, which the closed form has
+        force = np.where(times <= last, np.sin(driven * times), 0.0)
+        own = push * (swing(times) + after - force / omega**2)
+        moved += own * np.sin(wave * place)
+        strain += own * wave * np.cos(wave * place)
+    static = np.where(times <= last, 1e6 * np.sin(driven * times), 0.0)
+    return np.asarray(moved + static * place / MODULUS), np.asarray(MODULUS * strain + static)
+
+
+@pytest.mark.parametrize("load", [AT_TIP, OVER_FACE])
+def test_stress_in_a_bar_follows_its_modal_sum_within_its_error(load: str, tmp_path: Path) -> None:
+    answer = answer_of(compute(tmp_path, PULSE.replace("LOAD", load)))
+    for name, place in (("inside", 0.063), ("foot", 0.02)):
+        found = answer.probes[name]
+        moved, stress = modal_sum(place, answer.curves.times)
+        size = np.abs(stress).max()
+        # the kinks of the pulse also set off what is beyond the modes of the bar
+        np.testing.assert_allclose(found.trace.stress[:, 0], stress, atol=5e-3 * size)
+        np.testing.assert_allclose(
+            found.trace.displacement[:, 0], moved, atol=5e-3 * np.abs(moved).max()
+        )
+        exact = np.abs(stress).max()
+        error = present(found.von_mises_error.total)
+        assert abs(found.von_mises.value - exact) < error < 5e-3 * exact
+        assert found.von_mises.time == pytest.approx(
+            answer.curves.times[np.argmax(np.abs(stress))], abs=4e-6
+        )
+
+
+def test_a_pulse_at_probes_is_the_frequency_response_in_time(tmp_path: Path) -> None:
+    damped = "effects={ damping={ modal=0.05 } }"
+    request = (
+        'analyses={ transient={ duration="8 ms", up_to="40 kHz", sampling="400 kHz", outputs=[["tip", "x"], "inside"],'
+        ' loads={ pull={ load="pull", shape="half_sine", time="0.1 ms" } } },'
+        ' frf={ inputs=["pull"], outputs=[["tip", "x"], "inside"], from="500 Hz", to="9000 Hz", points=12, adaptive=false } }'
+    )
+    results = compute(tmp_path, request, damped)
+    trace = answer_of(results).probes["inside"].trace
+    times = answer_of(results).curves.times
+    (response,) = find_answers(results.answers, PoseResponse)
+    (probe,) = response.curves.probes
+    phases = np.exp(-2j * np.pi * np.outer(probe.frequencies_hz, times)) / 400e3
+    pulse = phases @ np.where(times < 1e-4, np.sin(np.pi * times / 1e-4), 0.0)
+    for found, expected in (
+        (trace.stress[:, 0], probe.stress[:, 0, 0]),
+        (trace.displacement[:, 0], probe.displacement[:, 0, 0]),
+    ):
+        transformed = phases @ found / pulse
+        np.testing.assert_allclose(transformed, expected, atol=5e-3 * np.abs(expected).max())
+
+
+def test_a_slow_load_has_the_stress_of_statics_with_its_error(tmp_path: Path) -> None:
+    request = (
+        'analyses={ static={}, transient={ duration="50 ms", up_to="20 kHz", outputs=[["tip", "x"], "inside"],'
+        ' loads={ pull={ load="pull", shape="ramp", time="50 ms" } } } }'
+    )
+    answer = answer_of(compute(tmp_path, request))
+    found = answer.probes["inside"]
+    assert found.von_mises.value == pytest.approx(1e6, rel=2e-3)
+    assert found.stress[0] == pytest.approx(1e6, rel=2e-3)
+    assert found.displacement.value == pytest.approx(1e6 * 0.063 / MODULUS, rel=2e-3)
+
+
+def of_files(folder: Path) -> tuple[ProbeMotion, dict[str, object]]:
+    answer = answer_of(compute(folder, PULSE.replace("LOAD", AT_TIP)))
+    return answer.probes["foot"], json.loads((folder / "out" / "summary.json").read_text())
+
+
+def test_probes_are_tabled_written_and_drawn(tmp_path: Path) -> None:
+    found, summary = of_files(tmp_path)
+    (curves,) = read_histories(tmp_path / "out")
+    assert {probe.name for probe in curves.probes} == {"inside", "foot"}
+    with h5py.File(tmp_path / "out" / "results.h5") as file:
+        stress = file["transient/reference/probes/foot/stress"][:]
+    assert np.array_equal(stress, found.trace.stress)
+    tables = {table.name: table for table in list_tables(summary)}  # type: ignore[arg-type]
+    assert tables["probes_over_time_reference"].rows[0][0] in ("inside", "foot")
+    headings = tabulate_transient(curves).headings
+    assert "von Mises foot [MPa]" in headings and "stress xy inside [MPa]" in headings
+    page = render_report(summary, histories=[curves])  # type: ignore[arg-type]
+    assert "Equivalent stress at probes [MPa]" in page
+
+
+def test_a_probe_has_no_direction(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match='write "foot" alone'):
+        compute(tmp_path, PULSE.replace("LOAD", AT_TIP).replace('"foot"]', '["foot", "x"]]'))
