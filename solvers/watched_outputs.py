@@ -2,12 +2,13 @@
 what else states and loads say.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.solvers.second_order import Channel
 
 CHUNK = 4096  # steps looked at together
 
@@ -18,6 +19,34 @@ class Extreme:
 
     value: float
     time: float
+
+
+@dataclass(frozen=True)
+class Watch:
+    """Outputs of a system that are watched.
+
+    Attributes:
+        channels: ``k`` of them.
+        rates: Channel to an output whose rate is added to it, as dampers add to springs.
+        accelerations: Channel to an output whose acceleration is added to it.
+    """
+
+    channels: tuple[Channel, ...] = ()
+    rates: Mapping[Channel, Channel] = field(default_factory=dict)
+    accelerations: Mapping[Channel, Channel] = field(default_factory=dict)
+
+    @property
+    def outputs(self) -> tuple[Channel, ...]:
+        """All outputs that this takes."""
+        return (*self.channels, *self.rates.values(), *self.accelerations.values())
+
+    def join(self, other: "Watch") -> "Watch":
+        """Both, one after the other."""
+        return Watch(
+            (*self.channels, *other.channels),
+            {**self.rates, **other.rates},
+            {**self.accelerations, **other.accelerations},
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from headstock.app.tables.probes import list_trace_columns
 from headstock.app.tables.table import Column, PlainTable, show_deviation
 from headstock.pipeline.answers.path import (
     CruiseSummary,
@@ -142,6 +143,10 @@ def tabulate_path(curves: PathCurves) -> PlainTable:
             columns.append(factor * getattr(found, part)[:, number])
         headings.append(f"deviation in the pose of the middle {name_channel(channel)} [{unit}]")
         columns.append(factor * curves.frozen[:, number])
+    for probe in curves.probes:
+        for heading, values in list_trace_columns(probe):
+            headings.append(heading)
+            columns.append(values)
     for number, name in enumerate(curves.drives):
         headings += [f"torque of {name} [N m]", f"position error of {name} [um]"]
         columns += [curves.torques[:, number], 1e6 * curves.position_errors[:, number]]

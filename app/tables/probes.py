@@ -9,8 +9,10 @@ import numpy as np
 from headstock.app.tables.table import Column, PlainTable
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.pipeline.answers.frf import ResponseCurves, ResponseSummary
-from headstock.pipeline.answers.probe_motions import ProbeMotionSummary
+from headstock.pipeline.answers.probe_motions import ProbeMotionSummary, ProbeTrace
 from headstock.pipeline.answers.probes import (
+    MEGA,
+    MICRO,
     ProbeCurves,
     ProbePeakSummary,
     ProbeSummary,
@@ -157,6 +159,21 @@ PROBE_MOTION_PEAKS: tuple[Column[ProbeMotionRow], ...] = (
         "at [ms]",
     ),
 )
+
+
+def list_trace_columns(probe: ProbeTrace) -> list[tuple[str, FloatArray]]:
+    """Headings and values ``(n,)`` of a probe over time."""
+    return [
+        (f"von Mises {probe.name} [MPa]", MEGA * probe.von_mises),
+        *(
+            (f"stress {pair} {probe.name} [MPa]", MEGA * probe.stress[:, row])
+            for row, pair in enumerate(STRESS_NAMES)
+        ),
+        *(
+            (f"displacement {along} {probe.name} [um]", MICRO * probe.displacement[:, row])
+            for row, along in enumerate(DIRECTIONS)
+        ),
+    ]
 
 
 def tabulate_probes(curves: ResponseCurves) -> PlainTable:

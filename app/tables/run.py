@@ -75,6 +75,9 @@ def list_tables(summary: RunSummary) -> list[PlainTable]:
         stem = path_stem(feed["feed_mm_per_min"])
         if feed["drives"]:
             tables.append(tabulate(f"motors_{stem}", MOTOR_COLUMNS, feed["drives"].items()))
+        if feed["probes"]:
+            name = f"probes_{stem}"
+            tables.append(tabulate(name, PROBE_MOTION_PEAKS, feed["probes"].items()))
         if feed["joints"]:
             tables.append(tabulate_joint_forces(f"joint_forces_{stem}", feed["joints"]))
     for pose, control in summary.get("control", {}).items():

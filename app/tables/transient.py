@@ -2,12 +2,11 @@
 
 import numpy as np
 
+from headstock.app.tables.probes import list_trace_columns
 from headstock.app.tables.table import Cell, Column, PlainTable, show_percent
-from headstock.geometry.frames import DIRECTIONS
 from headstock.pipeline.answers.path import (
     deviation_unit,
 )
-from headstock.pipeline.answers.probes import MEGA, MICRO
 from headstock.pipeline.answers.transient import (
     MovedOutputSummary,
     TransientCurves,
@@ -15,7 +14,6 @@ from headstock.pipeline.answers.transient import (
 )
 from headstock.pipeline.results.mode_files import file_stem
 from headstock.solvers.second_order import name_channel
-from headstock.solvers.stresses import STRESS_NAMES
 
 type MovedRow = tuple[str, MovedOutputSummary]
 
@@ -74,12 +72,9 @@ def tabulate_transient(curves: TransientCurves) -> PlainTable:
         headings.append(f"{name_channel(channel)} [{unit}]")
         columns.append(factor * curves.displacements[:, number])
     for probe in curves.probes:
-        headings.append(f"von Mises {probe.name} [MPa]")
-        columns.append(MEGA * probe.von_mises)
-        headings += [f"stress {pair} {probe.name} [MPa]" for pair in STRESS_NAMES]
-        columns += [*(MEGA * probe.stress.T)]
-        headings += [f"displacement {along} {probe.name} [um]" for along in DIRECTIONS]
-        columns += [*(MICRO * probe.displacement.T)]
+        for heading, values in list_trace_columns(probe):
+            headings.append(heading)
+            columns.append(values)
     for number, name in enumerate(curves.drives):
         headings += [f"torque of {name} [N m]", f"position error of {name} [um]"]
         columns += [curves.torques[:, number], 1e6 * curves.position_errors[:, number]]

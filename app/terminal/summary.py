@@ -198,6 +198,10 @@ def print_summary(
                 tell_rows(CRUISE_COLUMNS, cruises),
             )
         for feed in summary["path"]["feeds"]:
+            if feed["probes"]:
+                title = f"Largest stress at probes at {feed['name']}"
+                rows = tell_rows(PROBE_MOTION_PEAKS, feed["probes"].items())
+                print_table(console, title, rows)
             _print_forces(console, f"at {feed['name']}", feed["drives"], feed["joints"])
     if "contouring" in summary:
         contour = summary["contouring"]

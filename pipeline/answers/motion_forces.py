@@ -3,10 +3,11 @@
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypedDict
 
 from headstock.geometry.frames import FloatArray
+from headstock.pipeline.answers.probe_motions import ProbeMotion
 from headstock.solvers.watched_outputs import Extreme
 
 
@@ -62,10 +63,12 @@ class PathForces:
     Attributes:
         drives: Under control.
         joints: Largest force on the first end of each joint, by direction, in joint axes.
+        probes: Displacement and stress at probes.
     """
 
     drives: DriveHistory
     joints: dict[str, dict[str, Extreme]]
+    probes: dict[str, ProbeMotion] = field(default_factory=dict)
 
 
 def summarise_drives(drives: Mapping[str, DriveExtremes]) -> dict[str, DriveForceSummary]:

@@ -18,6 +18,12 @@ from headstock.pipeline.answers.motion_forces import (
     summarise_drives,
     summarise_joints,
 )
+from headstock.pipeline.answers.probe_motions import (
+    ProbeMotion,
+    ProbeMotionSummary,
+    ProbeTrace,
+    parse_probe_trace,
+)
 from headstock.solvers.paths.response import CruiseFigures, PathDeviation, ZoneFigures
 from headstock.solvers.second_order import Channel, name_channel
 from headstock.solvers.watched_outputs import Extreme
@@ -57,6 +63,7 @@ class FeedSummary(TypedDict):
     outputs: list[OutputSummary]
     drives: dict[str, DriveForceSummary]
     joints: dict[str, dict[str, JointForceSummary]]
+    probes: dict[str, ProbeMotionSummary]
 
 
 class FollowedSummary(TypedDict):
@@ -107,6 +114,7 @@ class PathCurves:
         drives: Names of the drives under control.
         torques: ``(n, d)`` of their motors, not filtered [N m].
         position_errors: ``(n, d)`` set less measured position, not filtered [m].
+        probes: Displacement and stress at probes, not filtered, in the pose of the middle.
     """
 
     feed: float
@@ -119,6 +127,7 @@ class PathCurves:
     drives: tuple[str, ...]
     torques: FloatArray
     position_errors: FloatArray
+    probes: tuple[ProbeTrace, ...] = ()
 
     @property
     def name(self) -> str:
@@ -136,6 +145,7 @@ class PathRun:
         frozen_figures: The same if the pose stayed that of the middle.
         drives: What each drive under control did at most.
         joints: Largest force on the first end of each joint, by direction, in joint axes.
+        probes: What each probe saw at most, in the pose of the middle.
         cruises: Of every output at constant feed; empty without errors of guides.
     """
 
@@ -144,6 +154,7 @@ class PathRun:
     frozen_figures: tuple[tuple[ZoneFigures, ZoneFigures], ...]
     drives: dict[str, DriveExtremes]
     joints: dict[str, dict[str, Extreme]]
+    probes: dict[str, ProbeMotion]
     cruises: tuple[CruiseFigures | None, ...] = ()
 
 
@@ -229,6 +240,8 @@ class PathResult(Answer):
     units: ClassVar[dict[str, str]] = {
         r"path/.*/(inputs|outputs|drives)": "",
         r"path/.*/torques": "N m",
+        r"path/.*/probes/.*/displacement": "m",
+        r"path/.*/probes/.*/stress": "Pa",
         r"path/.*/position_errors": "m",
         r"path/.*/times": "s",
         r"path/.*/positions": "m",
@@ -271,6 +284,7 @@ def _summarise_run(run: PathRun) -> FeedSummary:
         "outputs": [_summarise_output(run, number) for number in range(len(run.figures))],
         "drives": summarise_drives(run.drives),
         "joints": summarise_joints(run.joints),
+        "probes": {name: probe.summarise() for name, probe in run.probes.items()},
     }
 
 
@@ -337,6 +351,8 @@ def fill_path(group: h5py.Group, curves: PathCurves) -> None:
     group["frozen"] = curves.frozen
     group["drives"] = np.char.encode(np.array(curves.drives, dtype=str), "utf-8")
     group["torques"], group["position_errors"] = curves.torques, curves.position_errors
+    for probe in curves.probes:
+        probe.fill(group.create_group(f"probes/{probe.name}"))
 
 
 def parse_path(group: h5py.Group) -> PathCurves:
@@ -360,4 +376,5 @@ def parse_path(group: h5py.Group) -> PathCurves:
         drives=tuple(text.decode() for text in group["drives"][:]),
         torques=group["torques"][:],
         position_errors=group["position_errors"][:],
+        probes=tuple(parse_probe_trace(name, own) for name, own in group.get("probes", {}).items()),
     )

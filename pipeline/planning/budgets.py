@@ -106,7 +106,7 @@ PATH_SAMPLES_PER_SECOND = 4.5e4
 SECONDS_PER_RUBBING_MOVE, RUBBING_SAMPLES_PER_SECOND = 1.5, 1.2e4
 # of its longest move, for one output and each further one; likewise, 4 500 to 1 200 000 samples
 PATH_MB, PATH_KB_PER_SAMPLE, PATH_KB_PER_OUTPUT, RUBBING_KB_PER_SAMPLE = 60.0, 0.82, 0.07, 2.0
-PATH_KB_PER_FORCE = 0.009  # that is watched on the way
+PATH_KB_PER_WATCHED = 0.009  # force, displacement or stress on the way
 # of a transient analysis with friction, five to six times for ±: the three-axis machine and the
 # lumped Tripteor, 2 000 samples
 SECONDS_PER_RUBBING_SAMPLE = 7e-4
@@ -173,10 +173,10 @@ def path_memory_mb(samples: float, outputs: int, *, rubbing: bool, watched: int 
         samples: Of its longest move.
         outputs: Where its deviation is wanted.
         rubbing: Guides of drives under control have friction.
-        watched: Forces that are watched on the way.
+        watched: Forces, displacements and stresses that are watched on the way.
     """
     own = RUBBING_KB_PER_SAMPLE if rubbing else PATH_KB_PER_SAMPLE
-    kilobytes = own + PATH_KB_PER_OUTPUT * (outputs - 1) + PATH_KB_PER_FORCE * watched
+    kilobytes = own + PATH_KB_PER_OUTPUT * (outputs - 1) + PATH_KB_PER_WATCHED * watched
     return BASE_MB + PATH_MB + 1e-3 * kilobytes * samples
 
 

@@ -77,6 +77,7 @@ FEWEST_DEFAULT_MODES = 20
 # limit of the default: what these modes leave out of a response is in its ±
 MOST_DEFAULT_MODES = 200
 GRAVITY = "gravity"
+PROBED = 9  # numbers at a probe
 ALONG_WAYS = {
     "friction": "friction",
     "torque_ripple": "torque ripple",
@@ -593,7 +594,7 @@ def _way_stages(scene: Scene, dofs: int) -> list[Stage]:
                     max(samples),
                     len(path.outputs),
                     rubbing=rubbing,
-                    watched=_count_forces(scene),
+                    watched=_count_watched(scene),
                 ),
                 estimated_seconds=path_seconds(
                     samples, dofs=None if scene.is_lumped else dofs, rubbing=rubbing
@@ -612,8 +613,10 @@ def _count_rubbing_samples(scene: Scene) -> float:
     return request.duration * request.sampling_hz
 
 
-def _count_forces(scene: Scene) -> int:
-    """What a path watches: forces of joints, and force and position of each drive."""
+def _count_watched(scene: Scene) -> int:
+    """What a path watches: forces of joints, force and position of each drive, and displacement and
+    stress at probes.
+    """
     if scene.mechanism is not None:
         return 0  # one joint after the other
     springs = sum(
@@ -622,7 +625,7 @@ def _count_forces(scene: Scene) -> int:
         for dof in range(len(joint.stiffness))
         if dof not in joint.fixed
     )
-    return 2 * len(scene.drives) + springs
+    return 2 * len(scene.drives) + springs + PROBED * len(scene.machine.probes)
 
 
 def contour_steps(request: ContouringRequest) -> float:

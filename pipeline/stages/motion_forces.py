@@ -16,9 +16,9 @@ from headstock.solvers.control.drive_loops import ENCODER
 from headstock.solvers.control.drive_trains import FORCE
 from headstock.solvers.linear.state_space import StateSpace
 from headstock.solvers.paths.response import PathDeviation
-from headstock.solvers.second_order import Channel
 from headstock.solvers.watched_outputs import (
     Extreme,
+    Watch,
     WatchedOutputs,
     find_largest,
 )
@@ -66,8 +66,11 @@ def follow_drives(
         motion: Its states.
     """
     pitches = [drive.lead / (2.0 * math.pi) for drive in drives]
-    torque = _scale(space.watch([(drive.name, FORCE) for drive in drives]), pitches)
-    error = space.watch([(drive.name, ENCODER) for drive in drives])
+    torque, error = (
+        space.watch(Watch(tuple((drive.name, what) for drive in drives)))
+        for what in (FORCE, ENCODER)
+    )
+    torque = _scale(torque, pitches)
     error = _scale(error, [-1.0] * len(drives))
     extremes = {
         drive.name: DriveExtremes(*found)
@@ -95,23 +98,23 @@ def record_drives(
     return DriveHistory({name: DriveExtremes(*both) for name, *both in largest}, torques, errors)
 
 
-def path_channels(
-    drives: Collection[Drive], joints: Iterable[JointForces]
-) -> tuple[tuple[Channel, ...], tuple[Channel, ...]]:
-    """What a path watches: springs of joints, then forces and encoders of drives; and whose rates are
-    added to the first of these.
-    """
+def watch_joints(joints: Iterable[JointForces]) -> Watch:
+    """Springs of joints, with their dampers."""
     joints = tuple(joints)
     springs = [channel for joint in joints for channel in joint.channels(SPRING)]
     dampers = [channel for joint in joints for channel in joint.channels(DAMPER)]
-    own = [(drive.name, what) for what in (FORCE, ENCODER) for drive in drives]
-    return (*springs, *own), tuple(dampers)
+    return Watch(tuple(springs), dict(zip(springs, dampers, strict=True)))
+
+
+def watch_drives(drives: Collection[Drive]) -> Watch:
+    """Forces of drives, then what their position controllers read."""
+    return Watch(tuple((drive.name, what) for what in (FORCE, ENCODER) for drive in drives))
 
 
 def read_joints(
     joints: Iterable[JointForces], found: PathDeviation
 ) -> dict[str, dict[str, Extreme]]:
-    """Largest forces of joints, of which a path watched ``path_channels``."""
+    """Largest forces of joints, which a path watched first."""
     if found.watched is None:
         return {}
     largest = iter(find_largest(found.times, found.watched))
@@ -132,8 +135,7 @@ def find_largest_forces(
     """
     found = {}
     for joint in joints:
-        watched = space.watch(joint.channels(SPRING), joint.channels(DAMPER))
-        extremes = motion.find_extremes(watched)
+        extremes = motion.find_extremes(space.watch(watch_joints([joint])))
         found[joint.name] = dict(zip(joint.directions, extremes, strict=True))
     return leave_out_roundoff(found)
 

@@ -18,15 +18,27 @@ from headstock.geometry.machine.drives import Drive, ripple_force
 from headstock.geometry.machine.machine import Machine, travel_directions
 from headstock.pipeline.answers.motion_forces import PathForces
 from headstock.pipeline.answers.path import FollowedPoses, PathCurves, PathResult, PathRun
+from headstock.pipeline.answers.probe_motions import ProbeMotion
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.planner import MODE_MARGIN, path_band
 from headstock.pipeline.stages.control import drive_along, drive_machine
 from headstock.pipeline.stages.machine import CoupledPose, damp_system, warn_of_no_damping
-from headstock.pipeline.stages.motion_forces import path_channels, read_joints, record_drives
+from headstock.pipeline.stages.motion_forces import (
+    read_joints,
+    record_drives,
+    watch_drives,
+    watch_joints,
+)
+from headstock.pipeline.stages.probe_motions import (
+    place_probes,
+    probe_outputs,
+    read_probes,
+    watch_probes,
+)
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.coupling.error_travel import offset_loads
-from headstock.reduction.coupling.joint_forces import joint_outputs
+from headstock.reduction.coupling.joint_forces import JointForces, joint_outputs
 from headstock.reduction.coupling.path_loads import (
     PATH_INPUT,
     add_driven_path_input,
@@ -35,6 +47,8 @@ from headstock.reduction.coupling.path_loads import (
     stack_driven_modes,
     stack_modes,
 )
+from headstock.reduction.coupling.probes import PlacedProbe, travel_inertia
+from headstock.reduction.estimates.probe_errors import SEEN
 from headstock.reduction.motions.path_errors import (
     NODES,
     STEPS_PER_WAVE,
@@ -123,8 +137,9 @@ def _close_path(
     driven = drive_machine(posed, state.warn)
     require_stable(driven.system, driven.trains)
     channels, joints = friction_channels(driven.trains), driven.released.joints
-    watched, rates = path_channels(state.scene.drives.values(), joints)
-    own = joint_outputs(joints)
+    probes = place_probes(state.parts, driven.released.coupled, tuple(state.scene.machine.probes))
+    own = joint_outputs(joints) | probe_outputs(state.parts, probes)
+    watched = watch_joints(joints).join(watch_probes(probes))
     cut = request.cut
     pushed = _pushed_channels(request)
     reach = reach or (FRICTION_REACH if channels else LINEAR_REACH)
@@ -147,8 +162,7 @@ def _close_path(
         ),
         low_frequency_limit_hz=low_frequency_limit_hz,
         loads=_path_loads(machine, directions, cut),
-        watched=watched,
-        rates=rates,
+        watched=watched.join(watch_drives(state.scene.drives.values())),
     )
 
 
@@ -403,18 +417,40 @@ def _move_freely(
     directions = travel_directions(machine, request.path)
     loads = _path_loads(machine, directions, request.cut)
     model = dataclasses.replace(model, pushed=_pushed_channels(request), loads=loads)
-    joints = _couple_at(state, request, 0.5 * request.path.length).joints
-    springs, dampers = path_channels((), joints)
-    whole = dataclasses.replace(model, up_to_hz=None, watched=springs, rates=dampers)
-    system = dataclasses.replace(
-        middle.system, outputs=middle.system.outputs | joint_outputs(joints)
-    )
+    posed = _couple_at(state, request, 0.5 * request.path.length)
+    joints = posed.joints
+    probes = place_probes(state.parts, posed.coupled, tuple(machine.probes))
+    own = joint_outputs(joints) | probe_outputs(state.parts, probes)
+    watched = watch_joints(joints).join(watch_probes(probes))
+    whole = dataclasses.replace(model, up_to_hz=None, watched=watched)
+    system = dataclasses.replace(middle.system, outputs=middle.system.outputs | own)
     kept = tuple(
         solve_path(system, whole, move, sample_path(request, move)) for move in request.moves
     )
+    carried = np.concatenate(
+        [
+            np.zeros(0),
+            *(
+                travel_inertia(posed.coupled, machine.probes[name], directions[probe.component])
+                if probe.component in directions
+                else np.zeros(SEEN)
+                for name, probe in probes.items()
+            ),
+        ]
+    )
     forces = tuple(
-        PathForces(record_drives((), each.times, none, none), read_joints(joints, each))
-        for each in kept
+        PathForces(
+            record_drives((), each.times, none, none),
+            read_joints(joints, each),
+            # the acceleration of the travel is none of the deviation
+            _read_probes(
+                probes,
+                joints,
+                each,
+                -np.outer(sample_move(move, each.times).accelerations, carried),
+            ),
+        )
+        for move, each in zip(request.moves, kept, strict=True)
         for none in (np.zeros((len(each.times), 0)),)
     )
     if not request.follows_pose:
@@ -446,8 +482,28 @@ def _drive_moves(state: RunState, request: PathRequest, model: PathModel) -> Sol
         _drive_path(state, loop, move, sample_path(request, move)) for move in request.moves
     )
     shares = [loop.shares.get(train.axis, 0.0) for train in loop.loop.trains]
-    joints = middle.release(state.scene.drives.values()).model.joints
-    taken = [read_joints(joints, each) for each in kept]
+    released = middle.release(state.scene.drives.values()).model
+    joints = released.joints
+    probes = place_probes(state.parts, released.coupled, tuple(state.scene.machine.probes))
+    directions = travel_directions(state.scene.machine, request.path)
+    travel = np.concatenate(
+        [
+            np.zeros(0),
+            *(
+                np.pad(directions.get(probe.component, np.zeros(3)), (0, SEEN - 3))
+                for probe in probes.values()
+            ),
+        ]
+    )
+    taken = [
+        (
+            read_joints(joints, each),
+            _read_probes(
+                probes, joints, each, -np.outer(sample_move(move, each.times).positions, travel)
+            ),
+        )
+        for move, each in zip(request.moves, kept, strict=True)
+    ]
     if not request.follows_pose:
         return SolvedMoves(kept, kept, _read_forces(state, request, kept, shares, taken))
     along = _close_along(state, request, middle, model.low_frequency_limit_hz)
@@ -480,26 +536,47 @@ def _read_forces(
     request: PathRequest,
     found: Sequence[PathDeviation],
     shares: Sequence[float],
-    joints: Sequence[dict[str, dict[str, Extreme]]],
+    taken: Sequence[tuple[dict[str, dict[str, Extreme]], dict[str, ProbeMotion]]],
 ) -> tuple[PathForces, ...]:
-    """What drives did on every move, with what joints took.
+    """What drives did on every move, with what joints took and probes saw.
 
     Args:
         state: Of the run.
         request: The path.
         found: Watched at last are the forces of all drives, then what they read.
         shares: Of each drive, what it should read per travel along the path.
-        joints: Of every move.
+        taken: By joints, and seen by probes, on every move.
     """
     drives, forces = tuple(state.scene.drives.values()), []
-    for move, each, taken in zip(request.moves, found, joints, strict=True):
+    for move, each, own in zip(request.moves, found, taken, strict=True):
         if each.watched is None:
             raise ValueError("a path under control watches its drives")
         way = sample_move(move, each.times).positions
         pushed, read = np.split(each.watched[:, -2 * len(drives) :], 2, axis=1)
         history = record_drives(drives, each.times, pushed, np.outer(way, shares) - read)
-        forces.append(PathForces(history, taken))
+        forces.append(PathForces(history, *own))
     return tuple(forces)
+
+
+def _read_probes(
+    probes: Mapping[str, PlacedProbe],
+    joints: Sequence[JointForces],
+    found: PathDeviation,
+    added: FloatArray,
+) -> dict[str, ProbeMotion]:
+    """What probes saw on a move, which watched them after the joints.
+
+    Args:
+        probes: ``p`` of them.
+        joints: Before them.
+        found: The move.
+        added: ``(n, 9 p)`` what is to be added.
+    """
+    if found.watched is None or not probes:
+        return {}
+    first = sum(len(joint.directions) for joint in joints)
+    seen = found.watched[:, first : first + added.shape[1]]
+    return read_probes(probes, found.times, seen + added)
 
 
 def _couple_at(state: RunState, request: PathRequest, position: float) -> CoupledPose:
@@ -544,7 +621,7 @@ def _close_along(
         count=len(request.outputs),
         low_frequency_limit_hz=low_frequency_limit_hz,
         loads=_path_loads(machine, directions, request.cut),
-        watched=path_channels(state.scene.drives.values(), ())[0],
+        watched=watch_drives(state.scene.drives.values()).channels,
     )
 
 
@@ -699,6 +776,7 @@ def _run_move(
         drives=tuple(forces.drives.extremes),
         torques=forces.drives.torques,
         position_errors=forces.drives.position_errors,
+        probes=tuple(probe.trace for probe in forces.probes.values()),
     )
     channels = range(len(request.outputs))
     return PathRun(
@@ -717,4 +795,5 @@ def _run_move(
         else (),
         drives=forces.drives.extremes,
         joints=forces.joints,
+        probes=forces.probes,
     )

@@ -3,7 +3,7 @@ their errors.
 """
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,7 @@ from headstock.pipeline.answers.probe_motions import ProbeMotion, ProbeTrace
 from headstock.pipeline.answers.transient import TRUNCATION
 from headstock.pipeline.stages.machine import DAMPING
 from headstock.pipeline.stages.motion_forces import SteppedStates
+from headstock.pipeline.stages.probes import watched_rows
 from headstock.pipeline.stages.run_state import MachineParts
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.probes import PlacedProbe, place_probe
@@ -26,8 +27,9 @@ from headstock.reduction.estimates.probe_errors import (
 )
 from headstock.solvers.linear.load_history import IndexArray
 from headstock.solvers.linear.state_space import StateSpace
+from headstock.solvers.second_order import Channel
 from headstock.solvers.stresses import largest_von_mises, von_mises_change
-from headstock.solvers.watched_outputs import CHUNK, Extreme, WatchedOutputs
+from headstock.solvers.watched_outputs import CHUNK, Extreme, Watch, WatchedOutputs, find_largest
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +37,7 @@ class MovingModel:
     """A model of a machine under loads over time, and its motion.
 
     Attributes:
-        space: With ``watched_rows`` of its probes as outputs.
+        space: With ``probe_outputs`` among its outputs.
         motion: Its states.
     """
 
@@ -89,7 +91,6 @@ def place_probes(
 
 
 def trace_motion(
-    parts: MachineParts,
     probes: Mapping[str, PlacedProbe],
     own: MovingModel,
     others: Mapping[str, MovingModel],
@@ -105,7 +106,6 @@ def trace_motion(
     loads inside it act at once. Viscous damping of the material adds to stresses.
 
     Args:
-        parts: Of the machine.
         probes: Of the machine.
         own: As computed.
         others: Source of error to a model without it; empty where none was sought.
@@ -116,7 +116,7 @@ def trace_motion(
     """
     found = {}
     for name, probe in probes.items():
-        seen = _see(parts, name, probe, own.space, loads)
+        seen = _see(name, probe, own.space, loads)
         values = own.motion.at_times(seen.whole)[sampled]
         trace = ProbeTrace(name, values[:, :MOVED], values[:, MOVED:])
         mises, moved = _find_peaks(own.motion, seen.whole)
@@ -134,7 +134,7 @@ def trace_motion(
             changed = {
                 source: _compare(
                     (own.motion, seen.whole),
-                    (other.motion, _see(parts, name, probe, other.space, loads).whole),
+                    (other.motion, _see(name, probe, other.space, loads).whole),
                     always=source == TRUNCATION,
                 )
                 for source, other in others.items()
@@ -155,27 +155,70 @@ def trace_motion(
     return found
 
 
-def _see(
-    parts: MachineParts,
-    name: str,
-    probe: PlacedProbe,
-    space: StateSpace,
-    loads: Sequence[str],
-) -> _Seen:
-    values = space.watch([(name, f"values {number}") for number in range(SEEN)])
-    inertia = space.watch([(name, f"inertia {number}") for number in range(SEEN)])
-    alpha, beta = _rayleigh(parts, probe.component)
-    # of displacements only states have rates: y' = C A x, y'' = C A (A x + B u)
-    rates = inertia.states @ space.a
-    late = WatchedOutputs(
-        -(rates @ space.a + alpha * rates), -np.asarray(rates @ space.b, dtype=float)
+def probe_outputs(
+    parts: MachineParts, probes: Mapping[str, PlacedProbe]
+) -> dict[Channel, FloatArray]:
+    """Output rows ``(n,)`` of what a motion in time is asked for at probes: what is seen, what its rate
+    and its acceleration add, and what errors need.
+    """
+    rows = watched_rows(probes)
+    for name, probe in probes.items():
+        alpha, beta = _rayleigh(parts, probe.component)
+        viscous = -alpha * probe.inertia
+        viscous[MOVED:] += beta * probe.values[MOVED:]
+        for number in range(SEEN):
+            rows[name, f"viscous {number}"] = viscous[number]
+            rows[name, f"late {number}"] = -probe.inertia[number]
+    return rows
+
+
+def watch_probes(names: Iterable[str]) -> Watch:
+    """Displacement and stress at probes: 9 numbers each."""
+    channels = [(name, number) for name in names for number in range(SEEN)]
+    return Watch(
+        tuple((name, f"values {number}") for name, number in channels),
+        {(name, f"values {number}"): (name, f"viscous {number}") for name, number in channels},
+        {(name, f"values {number}"): (name, f"late {number}") for name, number in channels},
     )
-    states, inputs = values.states + late.states, values.inputs + late.inputs
-    states[MOVED:] += beta * (values.states @ space.a)[MOVED:]
+
+
+def read_probes(
+    probes: Mapping[str, PlacedProbe], times: FloatArray, seen: FloatArray
+) -> dict[str, ProbeMotion]:
+    """What probes saw at times, without errors.
+
+    Args:
+        probes: ``p`` of them.
+        times: ``(n,)`` [s].
+        seen: ``(n, 9 p)`` displacement and stress of each.
+    """
+    found = {}
+    for (name, probe), own in zip(
+        probes.items(), np.split(seen, max(len(probes), 1), axis=1), strict=False
+    ):
+        mises, moved = find_largest(times, _size(own).T)
+        found[name] = ProbeMotion(
+            component=probe.component,
+            trace=ProbeTrace(name, own[:, :MOVED], own[:, MOVED:]),
+            von_mises=mises,
+            stress=own[int(np.searchsorted(times, mises.time)), MOVED:],
+            displacement=moved,
+            von_mises_error=Estimate(),
+            displacement_error=Estimate(),
+            singular=probe.singular,
+        )
+    return found
+
+
+def _see(name: str, probe: PlacedProbe, space: StateSpace, loads: Sequence[str]) -> _Seen:
+    own = watch_probes([name])
+    whole, early = space.watch(own), space.watch(Watch(own.channels, own.rates))
+    late = WatchedOutputs(whole.states - early.states, whole.inputs - early.inputs)
+    inputs = whole.inputs.copy()
     for column, load in enumerate(loads):
         if load in probe.loads:
             inputs[:, column] += probe.loads[load].values
-    return _Seen(WatchedOutputs(states, inputs), late)
+    return _Seen(WatchedOutputs(whole.states, inputs), late)
 
 
 def _rayleigh(parts: MachineParts, component: str) -> tuple[float, float]:
@@ -305,7 +348,7 @@ def _read_rows(
     channels = [
         one for one in own.space.outputs if one[0] == name and one[1].startswith(f"{kind} ")
     ]
-    values = _at_peak(own.motion, own.space.watch(channels), peak)
+    values = _at_peak(own.motion, own.space.watch(Watch(tuple(channels))), peak)
     acting = own.motion.acting[peak.end][peak.step]
     for column, load in enumerate(loads):
         inside = None if load not in probe.loads else getattr(probe.loads[load], kind)

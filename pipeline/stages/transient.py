@@ -19,8 +19,13 @@ from headstock.pipeline.stages.motion_forces import (
     find_largest_forces,
     follow_drives,
 )
-from headstock.pipeline.stages.probe_motions import MovingModel, place_probes, trace_motion
-from headstock.pipeline.stages.probes import warn_of_singular, watched_rows
+from headstock.pipeline.stages.probe_motions import (
+    MovingModel,
+    place_probes,
+    probe_outputs,
+    trace_motion,
+)
+from headstock.pipeline.stages.probes import warn_of_singular
 from headstock.pipeline.stages.run_state import Outcome, PoseModel, RunState, Solved, pose_model
 from headstock.reduction.coupling.joint_forces import joint_outputs
 from headstock.reduction.coupling.probes import PlacedProbe
@@ -160,7 +165,8 @@ class _LoadedMachine:
         """
         system = softer or self.system
         inputs = (*(_input_of(load) for load in self.request.loads), START)
-        watched = (*joint_outputs(self.machine.joints), *watched_rows(self.probes))
+        parts = self.machine.parts
+        watched = (*joint_outputs(self.machine.joints), *probe_outputs(parts, self.probes))
         outputs = (*self.request.outputs, *watched)
         if self.trains is None:
             modes = self.modes if softer is None else None
@@ -260,7 +266,6 @@ def respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[Transi
     controlled = loaded.trains is not None
     moved = _step_states(solution)
     probes = trace_motion(
-        machine.parts,
         loaded.probes,
         MovingModel(model.watched, moved),
         {
@@ -354,8 +359,8 @@ def _add_channels(
     }
     velocities = {name: np.array(speeds) for name, speeds in request.velocities.items()}
     inputs = system.inputs | named | {START: machine.momentum(velocities)}
-    outputs = system.outputs | joint_outputs(machine.joints) | watched_rows(probes)
-    return dataclasses.replace(system, inputs=inputs, outputs=outputs)
+    seen = joint_outputs(machine.joints) | probe_outputs(machine.parts, probes)
+    return dataclasses.replace(system, inputs=inputs, outputs=system.outputs | seen)
 
 
 def _input_of(load: TimedLoad) -> Channel:

@@ -92,6 +92,18 @@ def place_probe(
     )
 
 
+def travel_inertia(coupled: CoupledMachine, probe: Probe, direction: FloatArray) -> FloatArray:
+    """What modes left out add at a probe ``(9,)`` at rest per acceleration of its whole component in a
+    direction ``(3,)``, times -1, machine axes.
+    """
+    name = probe.component
+    superelement, placement = coupled.layout.superelements[name], coupled.placements[name]
+    moved = coupled.matrices.rigid[name][:, :3] @ direction
+    own = (turn_dofs(superelement, placement) @ moved)[: superelement.boundary_size]
+    seen = scipy.linalg.block_diag(placement.rotation, turn_stress(placement.rotation))
+    return np.asarray(seen @ superelement.probes[probe.name].inertia @ own)
+
+
 def component_factors(
     coupled: CoupledMachine, machine: Machine, name: str, gravity: FloatArray | None
 ) -> dict[str, dict[str, float]]:

@@ -4,7 +4,7 @@
 
 import dataclasses
 import importlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,7 +29,7 @@ from headstock.solvers.second_order import (
     name_channel,
     output_rows,
 )
-from headstock.solvers.watched_outputs import WatchedOutputs
+from headstock.solvers.watched_outputs import Watch, WatchedOutputs
 
 MASSLESS_CONDITION = 1e14
 
@@ -86,18 +86,31 @@ class StateSpace:
             outputs=tuple(outputs),
         )
 
-    def watch(self, channels: Sequence[Channel], rates: Sequence[Channel] = ()) -> WatchedOutputs:
-        """Some of the outputs, each with the rate of another one added.
+    def watch(self, outputs: Watch) -> WatchedOutputs:
+        """Some of the outputs, with rates and accelerations of others added.
 
-        Args:
-            channels: ``k`` of them.
-            rates: As many; none adds nothing. What inputs do to them at once has no rate here.
+        Those others are displacements: what inputs do to them at once has no rate here.
         """
-        rows = [self.outputs.index(channel) for channel in channels]
-        states = self.c[rows]
-        if rates:
-            states = states + self.c[[self.outputs.index(channel) for channel in rates]] @ self.a
-        return WatchedOutputs(states, self.d[rows])
+        rows = [self.outputs.index(channel) for channel in outputs.channels]
+        states, inputs = self.c[rows], self.d[rows]
+        rates, accelerations = (
+            self._find_rows(outputs.channels, added) @ self.a
+            for added in (outputs.rates, outputs.accelerations)
+        )
+        # y' = C A x, y'' = C A (A x + B u)
+        return WatchedOutputs(
+            states + rates + accelerations @ self.a, inputs + accelerations @ self.b
+        )
+
+    def _find_rows(
+        self, channels: Sequence[Channel], added: Mapping[Channel, Channel]
+    ) -> FloatArray:
+        """Rows ``(k, n)`` of what is added to each channel; zero for nothing."""
+        found = np.zeros((len(channels), len(self.a)))
+        for number, channel in enumerate(channels):
+            if channel in added:
+                found[number] = self.c[self.outputs.index(added[channel])]
+        return found
 
     def respond(self, omega: FloatArray) -> ComplexArray:
         """Frequency response ``(n_freq, n_outputs, n_inputs)`` at angular frequencies [rad/s]."""

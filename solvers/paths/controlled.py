@@ -2,15 +2,16 @@
 rigid-body response, residual vibration.
 """
 
+import functools
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.linalg
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.control.drive_loops import ClosedLoop, set_channels
-from headstock.solvers.control.driven_motion import DrivenMotion, solve_motion
+from headstock.solvers.control.driven_motion import DrivenMotion, Given, solve_motion
 from headstock.solvers.control.stability import has_free_motions
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.state_space import StateSpace
@@ -23,7 +24,7 @@ from headstock.solvers.paths.set_points import (
     sample_move,
     step_accelerations,
 )
-from headstock.solvers.second_order import Channel
+from headstock.solvers.watched_outputs import Watch, WatchedOutputs
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +40,6 @@ class ControlledPath:
             mounts [Hz].
         loads: On the machine; None for none.
         watched: Other outputs of the loop that are asked for as a whole.
-        rates: Outputs whose rates are added to these, as dampers add to springs.
     """
 
     loop: ClosedLoop
@@ -47,22 +47,12 @@ class ControlledPath:
     travel: FloatArray
     low_frequency_limit_hz: float
     loads: PathLoads | None = None
-    watched: tuple[Channel, ...] = ()
-    rates: tuple[Channel, ...] = ()
+    watched: Watch = field(default_factory=Watch)
 
-    @property
-    def watched_rows(self) -> list[int]:
-        """Which outputs of the loop are watched."""
-        return [self.loop.space.outputs.index(channel) for channel in self.watched]
-
-    @property
-    def rate_rows(self) -> FloatArray:
-        """``(w, n)`` rates that are added to them per state; without any for those at the end."""
-        space = self.loop.space
-        found = np.zeros((len(self.watched), len(space.a)))
-        rated = [space.outputs.index(channel) for channel in self.rates]
-        found[: len(rated)] = space.c[rated] @ space.a
-        return found
+    @functools.cached_property
+    def others(self) -> WatchedOutputs:
+        """What is watched, of states and inputs."""
+        return self.loop.space.watch(self.watched)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,12 +113,12 @@ def solve_controlled_path(
         ]
     )
     low_frequency = rows @ motion.low_frequency
-    others, loads = path.watched_rows, slice(first, first + own.shape[1])
-    direct = np.zeros((2 * count + len(others), b.shape[1]))
+    others, loads = path.others, slice(first, first + own.shape[1])
+    direct = np.zeros((2 * count + len(others.states), b.shape[1]))
     direct[:count, 0] = motion.direct[:count, 2]
     direct[:count, 1:] = space.d[:count, loads]
     direct[2 * count :, 0] = motion.direct[count:, 2]
-    direct[2 * count :, 1:] = space.d[others, loads]
+    direct[2 * count :, 1:] = others.inputs[:, loads]
     c = np.vstack(
         [
             np.hstack([rows, motion.direct[:count, :2] - np.outer(path.travel, [1.0, 0.0])]),
@@ -139,7 +129,7 @@ def solve_controlled_path(
                     -(low_frequency @ motion.speed)[:, None],
                 ]
             ),
-            np.hstack([space.c[others] + path.rate_rows, motion.direct[count:, :2]]),
+            np.hstack([others.states, motion.direct[count:, :2]]),
         ]
     )
     whole = StateSpace(a, b, c, direct, (), (), ())
@@ -157,7 +147,7 @@ def solve_controlled_path(
         quasi_static,
         low_frequency,
         total - quasi_static - low_frequency,
-        found[:, 2 * count :] if others else None,
+        found[:, 2 * count :] if path.watched.channels else None,
     )
 
 
@@ -199,10 +189,17 @@ def solve_rubbing_path(
         linear.quasi_static,
         linear.low_frequency,
         total - linear.quasi_static - linear.low_frequency,
-        found.outputs[:, path.watched_rows] + found.right @ path.rate_rows.T
-        if path.watched
-        else None,
+        _watch_rubbing(path, found, given) if path.watched.channels else None,
     ), found
+
+
+def _watch_rubbing(path: ControlledPath, found: DrivenMotion, given: Given) -> FloatArray:
+    """What is watched of a motion with friction ``(n, w)``."""
+    watched = np.empty((len(found.times), len(path.watched.channels)))
+    for number, instant in enumerate(found.times):
+        acting = np.concatenate([given(float(instant)), -found.friction[number]])
+        watched[number] = path.others.evaluate(found.right[number], acting)
+    return watched
 
 
 def _split(path: ControlledPath) -> _Motion:
@@ -217,7 +214,7 @@ def _split(path: ControlledPath) -> _Motion:
         np.column_stack(
             [(part[:, : len(sets)] * shares)[:, kind::3].sum(axis=1) for kind in range(3)]
         )
-        for part in (space.b, space.d[[*range(len(path.travel)), *path.watched_rows]])
+        for part in (space.b, np.vstack([space.d[: len(path.travel)], path.others.inputs]))
     )
     factors = scipy.linalg.lu_factor(space.a)
     place = scipy.linalg.lu_solve(factors, -given[:, 0])

@@ -4,7 +4,7 @@ figures in each acceleration zone.
 
 import dataclasses
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -30,6 +30,7 @@ from headstock.solvers.paths.set_points import (
     step_accelerations,
 )
 from headstock.solvers.second_order import Channel, SecondOrderSystem
+from headstock.solvers.watched_outputs import Watch
 
 SAME_INSTANT = 1e-9  # a break so near to a sample, as a share of the step, is the sample
 FILTER_ORDER = 4
@@ -75,7 +76,6 @@ class PathModel:
         pushed: Inputs at which loads act.
         loads: Of these inputs; None for none.
         watched: Other outputs that are asked for as a whole.
-        rates: Outputs whose rates are added to these, one each.
     """
 
     source: Channel
@@ -84,8 +84,7 @@ class PathModel:
     up_to_hz: float | None = None
     pushed: tuple[Channel, ...] = ()
     loads: PathLoads | None = None
-    watched: tuple[Channel, ...] = ()
-    rates: tuple[Channel, ...] = ()
+    watched: Watch = field(default_factory=Watch)
 
     @property
     def inputs(self) -> tuple[Channel, ...]:
@@ -141,7 +140,7 @@ def solve_path(
     Raises:
         ModelError: A channel is unknown, or a damper acts on a dof without mass.
     """
-    outputs = (*model.outputs, *model.watched, *model.rates)
+    outputs = (*model.outputs, *model.watched.outputs)
     coordinates = to_modal_coordinates(equivalent_viscous(system), model.inputs, outputs)
     if coordinates is None:
         raise ModelError(
@@ -155,7 +154,7 @@ def solve_path(
         [step_accelerations(move, times)[:, :, None], step_loads(model.loads, move, times)], axis=2
     )
     space = modal_state_space(coordinates, model.inputs, outputs)
-    others = space.watch(model.watched, model.rates)
+    others = space.watch(model.watched)
     count = len(model.outputs)
     below = np.repeat(coordinates.omega < 2.0 * np.pi * model.low_frequency_limit_hz, 2)
     shown = space.c[:count]
@@ -185,7 +184,7 @@ def solve_path(
         quasi_static,
         low_frequency,
         total - quasi_static - low_frequency,
-        watched if model.watched else None,
+        watched if model.watched.channels else None,
     )
 
 

@@ -17,6 +17,7 @@ from headstock.app.tables.transient import tabulate_transient
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
+from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.answers.probe_motions import ProbeMotion
 from headstock.pipeline.answers.transient import TransientAnswer
 from headstock.pipeline.results.files import read_histories
@@ -183,3 +184,102 @@ def test_probes_are_tabled_written_and_drawn(tmp_path: Path) -> None:
 def test_a_probe_has_no_direction(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match='write "foot" alone'):
         compute(tmp_path, PULSE.replace("LOAD", AT_TIP).replace('"foot"]', '["foot", "x"]]'))
+
+
+SLIDE = """
+[materials.steel]
+E = "210 GPa"
+nu = 0.0
+rho = "7850 kg/m^3"
+[components.carrier]
+solid = { box = ["100 mm", "100 mm", "50 mm"] }
+material = "steel"
+fidelity = "rigid"
+[components.carrier.interfaces]
+bottom = { face = "z-" }
+front = { face = "x+" }
+[components.bar]
+solid = { box = ["200 mm", "20 mm", "20 mm"] }
+material = "steel"
+at = ["150 mm", "0 mm", "0 mm"]
+mesh = { size = "10 mm", cells = "hex" }
+reduction = { modes = MODES }
+[components.bar.interfaces]
+foot = { face = "x-", coupling = "average" }
+tip = { face = "x+", coupling = "average" }
+[joints.glue]
+between = ["carrier.front", "bar.foot"]
+kind = "rigid"
+[joints.guide]
+between = ["ground", "carrier.bottom"]
+kind = "spring"
+stiffness = { x = "0 N/um", y = "rigid", z = "rigid", rx = "rigid", ry = "rigid", rz = "rigid" }
+[joints.screw]
+between = ["carrier.bottom", "ground"]
+kind = "ball_screw"
+axis = "x"
+stiffness = { axial = "200 N/um" }
+[axes.X]
+joints = ["guide", "screw"]
+limits = ["-100 mm", "100 mm"]
+[points]
+tip = { tool = "bar.tip", work = "ground" }
+[probes.inside]
+component = "bar"
+at = ["-37 mm", "3 mm", "5 mm"]
+[drives.X]
+inertia = "1e-3 kg m^2"
+lead = "10 mm"
+kv = "60 1/s"
+velocity_gain = "3e4 N s/m"
+feed_forward = { velocity = "100 %", acceleration = "100 %" }
+[analyses.path]
+from = { X = "-40 mm" }
+to = { X = "40 mm" }
+feeds = ["6000 mm/min"]
+time_constant = "300 ms"
+sampling = "4 kHz"
+residual_time = "10 ms"
+pose_model = "frozen"
+outputs = [["tip", "x"]]
+[effects]
+damping = { modal = 0.2 }
+"""
+
+
+@pytest.mark.parametrize("modes", [0, 12])
+@pytest.mark.parametrize(
+    "control", ["", "drive_control = true\n", "drive_control = true\nfriction = true\n"]
+)
+def test_a_bar_that_is_pushed_along_a_path_carries_its_inertia(
+    control: str, modes: int, tmp_path: Path
+) -> None:
+    """Stress ``-rho a (L - x)`` where the acceleration has lasted; with modes and without, which then
+    follow the acceleration.
+    """
+    path = tmp_path / "scene.toml"
+    text = SLIDE.replace("MODES", str(modes)) + control
+    if "friction" in control:
+        text = text.replace("feed_forward", 'friction = { coulomb = "5 N" }\nfeed_forward')
+    path.write_text(text)
+    results = run_scene(
+        load_scene(path), tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store")
+    )
+    (found,) = find_answers(results.answers, PathResult)
+    (own,) = found.runs
+    trace, times = own.probes["inside"].trace, own.curves.deviation.times
+    late = int(np.searchsorted(times, 0.28))  # of a ramp of 300 ms
+    acceleration, place = 0.1 / 0.3, 0.063
+    stress = -DENSITY * acceleration * (LENGTH - place)
+    assert own.curves.accelerations[late] == pytest.approx(acceleration)
+    assert trace.stress[late, 0] == pytest.approx(stress, rel=5e-3)
+    # beside what the screw and the controller leave, the bar shortens between foot and probe
+    foot = own.curves.deviation.total[late, 0]
+    shorter = DENSITY * acceleration / MODULUS * (0.5 * LENGTH**2 - LENGTH * place + 0.5 * place**2)
+    assert trace.displacement[late, 0] - foot == pytest.approx(shorter, abs=2e-3 * abs(foot))
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    peak = summary["path"]["feeds"][0]["probes"]["inside"]
+    assert peak["peak_von_mises_mpa"] == pytest.approx(
+        1e-6 * np.abs(trace.stress[:, 0]).max(), rel=1e-2
+    )
+    assert peak["peak_von_mises_error_mpa"] is None
