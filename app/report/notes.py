@@ -83,7 +83,7 @@ def _judge_compliance(summary: RunSummary) -> Note:
         for error in point.get("error_um_per_kN", {}).values()
     ):
         text += (
-            f"{_say_what_meshes_do(summary, 'underestimate it by about the ± value')}, which is estimated by comparing computed with"
+            f"{_say_what_meshes_do(summary, 'underestimate it by about the ± value')}. It is estimated by comparing computed with"
             " smoothed stresses (Zienkiewicz-Zhu) and covers the error in 95 % of cases."
         )
     elif any(facts["fidelity"] == "elastic" for facts in summary["components"].values()):
