@@ -107,9 +107,10 @@ SECONDS_PER_RUBBING_MOVE, RUBBING_SAMPLES_PER_SECOND = 1.5, 1.2e4
 # of its longest move, for one output and each further one; likewise, 4 500 to 1 200 000 samples
 PATH_MB, PATH_KB_PER_SAMPLE, PATH_KB_PER_OUTPUT, RUBBING_KB_PER_SAMPLE = 60.0, 0.82, 0.07, 2.0
 PATH_KB_PER_WATCHED = 0.009  # force, displacement or stress on the way
-# of a transient analysis with friction, five to six times for ±: the three-axis machine and the
-# lumped Tripteor, 2 000 samples
-SECONDS_PER_RUBBING_SAMPLE = 7e-4
+# of a transient analysis with friction, five to six times for ±, in a pose and per sample: the three-axis
+# machine and the lumped Tripteor, 2 000 samples, and a slide on a bed of finite elements, 801 samples that
+# stick and slip, within half and twice
+RUBBING_START, SECONDS_PER_RUBBING_SAMPLE = 1.0, 7e-4
 POSES_PER_SECOND = 7e3  # of a map
 COUPLINGS_PER_SECOND = 60.0  # of a volumetric map
 MOST_GUESSED_MODES = 300
@@ -163,7 +164,10 @@ def transient_seconds(rubbing_samples: float) -> float:
     Args:
         rubbing_samples: How many there are of motion with friction; none without it.
     """
-    return STAGE_SECONDS["respond"] + SECONDS_PER_RUBBING_SAMPLE * rubbing_samples
+    start = STAGE_SECONDS["respond"]
+    if not rubbing_samples:
+        return start
+    return start + RUBBING_START + SECONDS_PER_RUBBING_SAMPLE * rubbing_samples
 
 
 def path_memory_mb(samples: float, outputs: int, *, rubbing: bool, watched: int = 0) -> float:

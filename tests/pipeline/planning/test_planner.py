@@ -360,6 +360,21 @@ def test_a_path_is_planned_for_its_samples_its_dofs_and_its_friction() -> None:
             assert stage.estimated_memory_mb == pytest.approx(megabytes, rel=0.1)
 
 
+def test_loads_over_time_are_planned_for_their_friction() -> None:
+    """Processor seconds of the three-axis machine in a pose."""
+    scene = Path(__file__).parents[3] / "machines" / "three_axis.toml"
+    request = (
+        'analyses={ transient={ motors="controlled", duration="100 ms", up_to="500 Hz",'
+        ' loads={ hit={ at=["tcp", "y"], shape="half_sine", size="200 N", time="4 ms" } } } }'
+    )
+    for friction, seconds in (("false", 0.5), ("true", 1.7)):
+        settings = [request, f"effects.friction={friction}"]
+        loaded = load_scene(scene, variant="controlled+segmented", overrides=settings)
+        stages = [each for each in plan_scene(loaded).stages if each.kind == "respond"]
+        assert len(stages) == 2
+        assert 0.5 * seconds < (stages[0].estimated_seconds or 0.0) < 2.0 * seconds
+
+
 def test_a_path_that_is_too_long_for_the_memory_is_refused_with_its_remedy() -> None:
     scene = Path(__file__).parents[3] / "machines" / "three_axis.toml"
     settings = (
