@@ -36,6 +36,8 @@ MOST_POSES = 257
 # of what is interpolated half-way between sampled poses, as a share of its size; 1/16 of it between
 # all
 TOLERANCE = 5e-5
+# of what the largest entries of inputs and outputs would do in the lowest elastic mode
+ROUNDOFF = 1e-9
 TURN_TOLERANCE = 1e-3  # of modes transported along the sampled poses before the last halving [rad]; 1/4 of it along all
 SEARCHED = (
     1.5  # the highest mode kept lies below the widest gap up to so many times the highest frequency
@@ -425,15 +427,20 @@ def turn_plant(pose: PoseModes, turn: FloatArray) -> SampledPlant:
     found = keep_modes(pose.coordinates, kept - pose.coordinates.rigid_count)
     flexible = slice(found.rigid_count, None)
     damping = np.zeros((kept, kept)) if found.viscous is None else found.viscous
+    reach = np.abs(found.outputs[:, flexible]) @ np.abs(
+        found.inputs[flexible] / found.eigenvalues[flexible, None]
+    ) + np.abs(found.residual)
+    if len(found.eigenvalues) > found.rigid_count:
+        # a travel that bends nothing leaves elastic modes nothing but roundoff
+        rows, columns = largest_entries(found.outputs), largest_entries(found.inputs.T).T
+        reach = reach + ROUNDOFF * rows * columns / found.eigenvalues[flexible].min()
     return SampledPlant(
         stiffness=turn.T @ (found.eigenvalues[:, None] * turn),
         damping=turn.T @ damping @ turn,
         loads=turn.T @ found.inputs,
         rows=found.outputs @ turn,
         direct=np.zeros_like(found.residual) if found.complete else found.residual,
-        reach=np.abs(found.outputs[:, flexible])
-        @ np.abs(found.inputs[flexible] / found.eigenvalues[flexible, None])
-        + np.abs(found.residual),
+        reach=reach,
     )
 
 

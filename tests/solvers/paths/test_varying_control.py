@@ -33,7 +33,13 @@ from headstock.solvers.paths.varying_control import (
     solve_varying_control,
     solve_varying_rubbing,
 )
-from headstock.solvers.paths.varying_system import PosedModes, sample_plant
+from headstock.solvers.paths.varying_system import (
+    PlantChannels,
+    PosedModes,
+    look_at_pose,
+    sample_plant,
+    turn_plant,
+)
 from headstock.solvers.second_order import SecondOrderSystem
 
 PATH, TIP, PUSH = ("path", "acceleration"), ("tip", "x"), ("tip", "x")
@@ -311,3 +317,27 @@ def test_a_floating_machine_is_refused() -> None:
     floating = dataclasses.replace(loop, plant=dataclasses.replace(loop.plant, splines=splines))
     with pytest.raises(Exception, match="the machine floats"):
         make_loop_table(floating, 4e-4)
+
+
+def test_a_travel_that_bends_nothing_is_not_followed_to_its_roundoff() -> None:
+    """Of a free chain that is pulled at every mass, elastic modes take nothing but roundoff, which no
+    number of poses makes smooth.
+    """
+    heavy, size = np.diag([3.0, 1.0, 2.0, 0.7]), 4
+    stiffness = np.zeros((size, size))
+    for number, spring in enumerate((1e6, 2e6, 3e7)):
+        apart = np.eye(size)[number + 1] - np.eye(size)[number]
+        stiffness += spring * np.outer(apart, apart)
+    end = ("last", "x")
+    pulled = {PATH: -heavy @ np.ones(size), end: np.eye(size)[-1]}
+    rows = {("first", "x"): np.eye(size)[0], end: np.eye(size)[-1]}
+    system = SecondOrderSystem(heavy, None, stiffness, pulled, rows, tuple("abcd"))
+    modes = solve_modal(system)
+    channels = PlantChannels((PATH, end), (("first", "x"), end), up_to_hz=400.0)
+    posed = look_at_pose(PosedModes(system, modes, modes.shapes, heavy @ modes.shapes), channels)
+    found = turn_plant(posed, np.eye(3))
+    assert found.direct.any()  # the fourth mode is left out
+    travel, force = np.abs(found.sizes()["direct"]).T
+    assert np.abs(found.direct[:, 0]).max() < 1e-6 * travel.min()
+    # what a force does at once is much more than that
+    assert 1e-3 < np.abs(found.direct[1, 1]) / force[1] < 1.0
