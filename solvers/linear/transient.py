@@ -27,7 +27,7 @@ from headstock.solvers.second_order import Channel, SecondOrderSystem
 
 UNBALANCED = 1e-8  # of a load, what is left of it where it moves the system as a whole
 SAME_STEP = 9  # decimals of a step's length that tell one from another
-CHANGE = 1e-9  # of the largest value: a smaller change of the rest position is none
+CHANGE = 1e-6  # of the largest value: a smaller change of the rest position is none
 
 
 @dataclass(frozen=True, eq=False)
