@@ -227,7 +227,7 @@ def _trim_probe(element: Superelement, probe: ProbeRows, kept: int) -> ProbeRows
     own = _resting_amplitudes(element, probe.values.T, kept)
     missing = None
     if probe.missing is not None and energy is not None:
-        missing = probe.missing[:, :kept] + own[:, :3].T @ energy[kept:, :kept]
+        missing = probe.missing[:, :kept] + own.T @ energy[kept:, :kept]
     return ProbeRows(
         values=probe.values[:, :kept],
         inertia=probe.inertia + own.T @ element.mass[kept:, : element.boundary_size],
@@ -247,7 +247,7 @@ def _trim_probe_load(
 ) -> ProbeLoad:
     amplitudes = _resting_amplitudes(element, load.vector, kept)
     own, energy = (
-        _resting_amplitudes(element, probe.values[:3].T, kept),
+        _resting_amplitudes(element, probe.values.T, kept),
         element.errors.missing_energy,
     )
     smoothing, missing = seen.smoothing, None

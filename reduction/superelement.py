@@ -105,7 +105,7 @@ class ProbeLoad:
         values: ``(9,)`` displacement and stress.
         smoothing: ``(s, 6)`` what recovery changes in that stress and around; None where nobody
             knows.
-        missing: ``(3,)`` energy products of the discretisation errors; None where nobody knows.
+        missing: ``(9,)`` energy products of the discretisation errors; None where nobody knows.
     """
 
     values: FloatArray
@@ -125,9 +125,9 @@ class ProbeRows:
         smoothing: ``(s, 6, n)`` what recovery changes in the stresses at the probe and at the nodes
             of its cells; the root of the sum of squares over the first axis is the size of a
             change. None where nobody knows.
-        missing: ``(3, n)`` energy products of the discretisation errors of the dofs with those of
-            the response to unit forces at the probe with boundary and modal dofs fixed; None where
-            nobody knows.
+        missing: ``(9, n)`` energy products of the discretisation errors of the dofs with those of
+            the response to the load that does the work of what is seen, with boundary and modal dofs
+            fixed; None where nobody knows.
         loads: By load of the superelement.
         strain_reach: Size of its cells over Young's modulus: what an error of the stress moves
             across them [m/Pa].

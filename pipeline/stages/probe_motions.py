@@ -14,14 +14,13 @@ from headstock.pipeline.answers.probe_motions import ProbeMotion, ProbeTrace
 from headstock.pipeline.answers.transient import TRUNCATION
 from headstock.pipeline.stages.machine import DAMPING
 from headstock.pipeline.stages.motion_forces import SteppedStates
-from headstock.pipeline.stages.probes import watched_rows
+from headstock.pipeline.stages.probes import CYCLE_SAFETY, watched_rows
 from headstock.pipeline.stages.run_state import MachineParts
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.probes import PlacedProbe, place_probe
 from headstock.reduction.estimates.probe_errors import (
     MOVED,
     SEEN,
-    STRESS_SAFETY,
     STRESSED,
     moved_locally,
 )
@@ -311,16 +310,16 @@ def _judge(
     local: list[float | None] = [None, None]
     if probe.missing is not None and probe.smoothing is not None:
         stressed, moved = (
-            STRESS_SAFETY
-            * _read_rows(own, name, "smoothing", probe, peak, loads).reshape(-1, STRESSED)
+            _read_rows(own, name, "smoothing", probe, peak, loads).reshape(-1, STRESSED)
             for peak in peaks
         )
-        missing = _read_rows(own, name, "missing", probe, peaks[1], loads)
+        missing = _read_rows(own, name, "missing", probe, peaks[1], loads)[:MOVED]
         local = [
             None
             if probe.singular
-            else float(np.linalg.norm(von_mises_change(motion.stress, stressed))),
-            float(np.linalg.norm(missing)) + float(moved_locally(probe.strain_reach, moved)),
+            else float(np.linalg.norm(von_mises_change(motion.stress, CYCLE_SAFETY * stressed))),
+            probe.mesh_safety * float(np.linalg.norm(missing))
+            + float(moved_locally(probe.strain_reach, moved)),
         ]
     for kind in (0, 1):
         for source, size in (

@@ -25,7 +25,6 @@ from headstock.reduction.coupling.probes import PlacedProbe, missing_of_loads, p
 from headstock.reduction.estimates.probe_errors import (
     MOVED,
     SEEN,
-    STRESS_SAFETY,
     STRESSED,
     bound_von_mises,
     estimate_at_rest,
@@ -38,6 +37,9 @@ from headstock.solvers.linear.frequency_response import FrequencyResponse
 from headstock.solvers.second_order import Channel, ComplexArray
 from headstock.solvers.stresses import largest_von_mises, von_mises_change
 
+# What recovery changes in an amplitude of stress is multiplied by, so that with the change of the
+# coordinates it covers true errors
+CYCLE_SAFETY = 1.8
 # what a frequency response is asked for at a probe
 WATCHED = ("values", "inertia", "smoothing", "missing")
 
@@ -237,13 +239,15 @@ def _trace_probe(
         own = _read(response, name, "missing") + _of_loads(response, probe, "missing")
         change = lossy * _read(response, name, "smoothing")
         change += _of_loads(response, probe, "smoothing")
-        local = STRESS_SAFETY * change.reshape(len(change), -1, STRESSED, len(response.inputs))
-        # places, stresses, lines, inputs
+        # lines, places, stresses, inputs
+        local = change.reshape(len(change), -1, STRESSED, len(response.inputs))
         places = local.transpose(1, 2, 0, 3)
         own_strain = moved_locally(probe.strain_reach, places) / np.abs(lossy[:, 0])
-        moved[DISCRETISATION] += np.abs(own) + own_strain[:, None]
-        sizes[DISCRETISATION] += np.linalg.norm(local, axis=1)
-        cycle = von_mises_change(stress.swapaxes(1, 2), places.transpose(0, 2, 3, 1))
+        inside = probe.mesh_safety * np.abs(own[:, :MOVED])
+        moved[DISCRETISATION] += inside + own_strain[:, None]
+        # sizes of changes of lines have no sign, with which energy products inside would cancel
+        sizes[DISCRETISATION] += CYCLE_SAFETY * np.linalg.norm(local, axis=1)
+        cycle = von_mises_change(stress.swapaxes(1, 2), CYCLE_SAFETY * places.transpose(0, 2, 3, 1))
         mises[DISCRETISATION] += np.linalg.norm(cycle, axis=0)
     moved[REDUCTION] += np.abs(rest[:, :MOVED])
     sizes[REDUCTION] += np.abs(rest[:, MOVED:])

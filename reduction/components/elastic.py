@@ -43,6 +43,7 @@ from headstock.reduction.components.fixed_interface_modes import (
 )
 from headstock.reduction.components.nodal_loads import assemble_loads, make_of_mesh
 from headstock.reduction.components.probes import (
+    SEEN,
     ProbePlace,
     find_probe_places,
     gather_probes,
@@ -262,7 +263,7 @@ def _smooth_probes(
     """What recovery changes in the stresses that probes see of dofs and loads, on rank 0."""
     if fields is None:
         raise ValueError("rank 0 has no fields")
-    probes = 3 * len(places)
+    probes = SEEN * len(places)
     found = read_smoothing(mesh, component.material, places, fields[:, : fields.shape[1] - probes])
     size, strained = len(element.stiffness), _strained_motions(element)
     return {

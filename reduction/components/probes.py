@@ -172,8 +172,8 @@ class WatchedDofs:
         values: ``(9 p, n)`` per reduced dof.
         inertia: ``(9 p, n_b)`` static share of the modes left out per boundary acceleration.
         direct: ``(9 p, k)`` of loads with boundary and modal dofs fixed.
-        moved: ``(3 n_owned, 3 p)`` response to unit forces at the probes with boundary and modal
-            dofs fixed.
+        moved: ``(3 n_owned, 9 p)`` response to the loads that do the work of what is seen, with
+            boundary and modal dofs fixed.
     """
 
     values: FloatArray
@@ -211,13 +211,12 @@ def watch_dofs(
     loads = np.hstack([np.zeros((len(psi), 0)), *blocks])
     seen = [solver.product(loads, fields) for fields in (psi, shapes, particular)]
     inertia: FloatArray = np.zeros((loads.shape[1], psi.shape[1]))
-    moved: FloatArray = loads
+    responses: FloatArray = loads
     if loads.shape[1]:
         responses = solver.solve(loads) - shapes @ (seen[1] / eigenvalues).T
         if operators.scalar_mass is not None:
             inertia = solver.product(responses, operators.apply_mass(psi))
-        moved = responses.reshape(len(psi), -1, SEEN)[:, :, :MOVED].reshape(len(psi), -1)
-    return WatchedDofs(np.hstack(seen[:2]), inertia, seen[2], moved)
+    return WatchedDofs(np.hstack(seen[:2]), inertia, seen[2], responses)
 
 
 def _spread(rows: PointRows, operators: ElasticOperators) -> FloatArray:
@@ -275,14 +274,14 @@ def gather_probes(
         loads: Names of the loads.
         smoothing: By probe, ``(s, 6, n + k)`` what recovery changes in the stresses of dofs and
             loads; None where nobody knows.
-        missing: ``(3 p, n + k)`` energy products of the errors of unit responses at the probes with
+        missing: ``(9 p, n + k)`` energy products of the errors of unit responses at the probes with
             those of dofs and loads; None where nobody knows.
     """
     count, found = watched.values.shape[1], {}
     for number, (name, place) in enumerate(places.items()):
         rows = slice(SEEN * number, SEEN * (number + 1))
         smooth = None if smoothing is None else smoothing[name]
-        energy = None if missing is None else missing[MOVED * number : MOVED * (number + 1)]
+        energy = None if missing is None else missing[rows]
         found[name] = ProbeRows(
             values=watched.values[rows],
             inertia=watched.inertia[rows],

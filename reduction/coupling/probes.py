@@ -29,12 +29,14 @@ class PlacedProbe:
         inertia: ``(9, n)`` that modes left out add at rest per acceleration, times -1.
         smoothing: ``(s, 6, n)`` what recovery changes in the stresses at the probe and around, the
             root of whose sum of squares counts; None where nobody knows.
-        missing: ``(3, n)`` energy products of the errors of unit responses with those of the
-            coordinates, times the factor that covers 95 % of true errors; None where nobody knows.
-        loads: By load of the machine, whole; its energy products times that factor.
+        missing: ``(9, n)`` energy products of the errors of unit responses with those of the
+            coordinates; None where nobody knows.
+        loads: By load of the machine, whole.
         limit: Square of the angular frequency from which on modes are left out [rad^2/s^2].
         strain_reach: What an error of the stress moves across its cells [m/Pa].
         singular: What makes the stress there grow with every finer mesh; empty for nothing.
+        mesh_safety: Factor with which the energy products of a displacement cover 95 % of true
+            errors.
     """
 
     component: str
@@ -47,6 +49,7 @@ class PlacedProbe:
     limit: float = np.inf
     strain_reach: float = 0.0
     singular: str = ""
+    mesh_safety: float = 1.0
 
 
 def place_probe(
@@ -79,16 +82,15 @@ def place_probe(
         offset=seen @ rows.values @ fixed,
         inertia=seen @ rows.inertia @ stacked[: superelement.boundary_size],
         smoothing=None if rows.smoothing is None else turned @ (rows.smoothing @ stacked),
-        missing=None
-        if rows.missing is None
-        else errors.mesh_safety * placement.rotation @ rows.missing @ stacked,
+        missing=None if rows.missing is None else seen @ rows.missing @ stacked,
         loads={
-            load: _combine(rows, factors, seen, errors.mesh_safety)
+            load: _combine(rows, factors, seen)
             for load, factors in component_factors(coupled, machine, name, gravity).items()
         },
         limit=np.inf if errors.truncation is None else errors.truncation.limit,
         strain_reach=rows.strain_reach,
         singular=rows.singular,
+        mesh_safety=errors.mesh_safety,
     )
 
 
@@ -129,13 +131,11 @@ def component_factors(
     }
 
 
-def _combine(
-    rows: ProbeRows, factors: Mapping[str, float], seen: FloatArray, safety: float
-) -> ProbeLoad:
+def _combine(rows: ProbeRows, factors: Mapping[str, float], seen: FloatArray) -> ProbeLoad:
     """What is seen of unit loads that act together, machine axes."""
     values: FloatArray = np.zeros(9)
     smoothing: FloatArray = np.zeros(() if rows.smoothing is None else rows.smoothing.shape[:2])
-    missing: FloatArray = np.zeros(3)
+    missing: FloatArray = np.zeros(9)
     known = rows.smoothing is not None and rows.missing is not None
     for key, factor in factors.items():
         load = rows.loads[key]
@@ -146,7 +146,7 @@ def _combine(
     return ProbeLoad(
         seen @ values,
         smoothing @ seen[3:, 3:].T if known else None,
-        safety * seen[:3, :3] @ missing if known else None,
+        seen @ missing if known else None,
     )
 
 

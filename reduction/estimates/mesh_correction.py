@@ -66,16 +66,16 @@ def _correct_load(load: StaticLoad, share: float) -> StaticLoad:
 def _correct_probe(probe: ProbeRows, share: float) -> ProbeRows:
     return dataclasses.replace(
         probe,
-        values=_add_motion(probe.values, probe.missing, share),
+        values=_add_missing(probe.values, probe.missing, share),
         loads={
-            name: dataclasses.replace(seen, values=_add_motion(seen.values, seen.missing, share))
+            name: dataclasses.replace(seen, values=_add_missing(seen.values, seen.missing, share))
             for name, seen in probe.loads.items()
         },
     )
 
 
-def _add_motion(values: FloatArray, missing: FloatArray | None, share: float) -> FloatArray:
-    """Displacements, the first three rows, with what the mesh misses of them; stresses as they are."""
-    if missing is None:
-        return values
-    return np.concatenate([values[:3] + share * missing, values[3:]])
+def _add_missing(values: FloatArray, missing: FloatArray | None, share: float) -> FloatArray:
+    """What is seen with what the mesh misses of it inside. Of stresses this is what keeps them in balance
+    with the loads: the softer coordinates alone would raise them.
+    """
+    return values if missing is None else values + share * missing

@@ -15,14 +15,17 @@ from headstock.reduction.estimates.mesh_errors import (
 )
 from headstock.solvers.linear.static_response import solve_balanced
 from headstock.solvers.second_order import ComplexArray
-from headstock.solvers.stresses import von_mises_change
+from headstock.solvers.stresses import largest_von_mises, von_mises_change
 
 SEEN, MOVED = 9, 3  # rows of a probe, and those of displacement; the others are stresses
 STRESSED = SEEN - MOVED
-# What recovery changes in a stress is multiplied by so that it covers 95 % of true errors; and the
-# share of a cell's size over which that error counts as one of the strain, which moves the probe
-# beside its dofs (`validate probes`)
-STRESS_SAFETY, MOVED_SHARE = 1.8, 0.2
+# What a stress is estimated to change by in all is multiplied by so that it covers 95 % of true errors;
+# and each of its two parts, which may cancel by chance, and what recovery changes around: in a stress,
+# and in an equivalent stress, which a change moves by one direction of it alone (`validate probes`)
+WHOLE, PART, MISES_PART = 1.3, 1.7, 0.55
+# share of a cell's size over which what recovery changes counts as an error of the strain, which moves
+# the probe beside its dofs
+MOVED_SHARE = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,11 +34,12 @@ class RestErrors:
 
     Attributes:
         component: That the probe is in.
-        products: Component to ``(9,)`` what finer meshes would add by way of the coordinates, times
-            the factor of the mesh; NaN where nobody knows.
+        products: Component to ``(9,)`` what finer meshes would add: by way of the coordinates, and in
+            its component inside; of displacements times the factor of the mesh, of stresses as
+            estimated; NaN where nobody knows.
         faces: Component to the size ``(9,)`` of what the curved faces and small features change that
             its mesh lacks.
-        local: ``(s, 6)`` what recovery changes in the stresses, times its factor, as in
+        local: ``(s, 6)`` what recovery changes in the stresses at the probe and around, as in
             ``ProbeRows.smoothing``.
         moved: Size of the displacement error within the cells of the probe [m].
     """
@@ -52,7 +56,13 @@ class RestErrors:
         sizes = {name: np.abs(change) for name, change in self.products.items()}
         if self.component in sizes:
             sizes[self.component][:MOVED] += self.moved
-            sizes[self.component][MOVED:] += np.linalg.norm(self.local, axis=0)
+        for name, size in sizes.items():
+            whole = self.products[name][MOVED:]
+            parts: FloatArray = np.zeros((0, STRESSED))
+            if name == self.component:
+                parts = np.vstack([whole, self.local])
+                whole = whole + self.local[0]
+            size[MOVED:] = np.linalg.norm(np.vstack([WHOLE * whole, PART * parts]), axis=0)
         return sizes
 
 
@@ -62,8 +72,10 @@ def estimate_at_rest(
     """Errors of what a probe sees of a static response.
 
     The error of a displacement is the energy product of the errors of the response and of the
-    response to a unit force at the probe. A stress differs by what recovery changes there, and by
-    what finer meshes change in the coordinates.
+    response to a unit force at the probe. That of a stress is the same with the load that does the
+    work of the stress, and what recovery changes there: it sees what cells miss next to the probe,
+    where the response to that load is hardly resolved. The part of the products by way of the
+    coordinates means nothing alone: where a part bends more, its stress per motion falls.
 
     Args:
         coupled: The machine.
@@ -78,6 +90,9 @@ def estimate_at_rest(
     meshes, faces = product_errors(coupled, duals.displacements, moved)
     for name, missing in inside.items():
         meshes[name] = meshes[name] + duals.displacements.T @ missing
+    elements = coupled.layout.superelements
+    for name, change in meshes.items():
+        change[MOVED:] /= elements[name].errors.mesh_safety
     unknown = ~duals.balanced
     energy = float(moved @ coupled.system.stiffness @ moved)
     if float(silent_energies(coupled, moved[:, None])[0]) > SILENT_SHARE * energy:
@@ -86,12 +101,12 @@ def estimate_at_rest(
     if probe.missing is None or probe.smoothing is None:
         unknown[:] = True
     else:
-        own, change = probe.missing @ moved, probe.smoothing @ moved
+        own, local = probe.missing @ moved, probe.smoothing @ moved
         for load in probe.loads.values():
             if load.missing is not None and load.smoothing is not None:
-                own, change = own + load.missing, change + load.smoothing
-        meshes[probe.component][:MOVED] += own
-        local = STRESS_SAFETY * change
+                own, local = own + load.missing, local + load.smoothing
+        own[:MOVED] *= probe.mesh_safety
+        meshes[probe.component] += own
     if probe.singular:
         unknown[MOVED:] = True
     return RestErrors(
@@ -109,11 +124,11 @@ def moved_locally(strain_reach: float, local: ComplexArray | FloatArray) -> Floa
 
     Args:
         strain_reach: Of the probe [m/Pa].
-        local: ``(s, 6, ...)`` changes of stresses, times their factor [Pa].
+        local: ``(s, 6, ...)`` changes of stresses by recovery [Pa].
     """
     shears = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
     squares = np.tensordot(shears, (np.abs(local) ** 2).sum(axis=0), axes=1)
-    return np.asarray(MOVED_SHARE / STRESS_SAFETY * strain_reach * np.sqrt(squares))
+    return np.asarray(MOVED_SHARE * strain_reach * np.sqrt(squares))
 
 
 def bound_von_mises(stress: FloatArray, errors: RestErrors) -> tuple[float, float]:
@@ -124,10 +139,16 @@ def bound_von_mises(stress: FloatArray, errors: RestErrors) -> tuple[float, floa
         stress: ``(6,)`` [Pa].
         errors: Of the stress.
     """
-    here = np.linalg.norm(von_mises_change(stress, errors.local))
-    elsewhere = [von_mises_change(stress, own[MOVED:]) for own in errors.products.values()]
+    products = np.sum([change[MOVED:] for change in errors.products.values()], axis=0)
+    parts = [
+        *von_mises_change(stress, np.stack([products, errors.local[0]])),
+        # of changes around nobody knows how they turn on the way to the probe
+        *largest_von_mises(errors.local[1:]),
+    ]
+    whole = float(von_mises_change(stress, products + errors.local[0]))
+    meshed = np.hypot(WHOLE * whole, MISES_PART * np.linalg.norm(parts))
     faces = [
         von_mises_change(stress, np.copysign(size[MOVED:], stress))
         for size in errors.faces.values()
     ]
-    return float(here + np.sum(elsewhere)), float(np.sum(faces))
+    return float(meshed), float(np.sum(faces))

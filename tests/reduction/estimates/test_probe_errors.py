@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from common import make_box, make_component
+from common import make_box, make_component, present
 from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.geometry.machine.joints import JointEnd
 from headstock.geometry.machine.machine import Machine, Point, Pose, Probe
@@ -21,6 +21,8 @@ from headstock.reduction.estimates.probe_errors import (
     bound_von_mises,
     estimate_at_rest,
 )
+from headstock.reduction.requests import ReductionRequest
+from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.linear.static_response import solve_static
 from headstock.solvers.stresses import largest_von_mises
 
@@ -111,3 +113,35 @@ def test_true_errors_at_seeded_places_lie_within_their_estimates(
     found = np.array(shares)
     assert (found <= 1.0).mean() >= 0.95
     assert np.median(found[:, :MOVED]) > 0.05 and np.median(found[:, MOVED:]) > 0.05
+
+
+def test_modes_that_are_kept_change_no_error_at_rest() -> None:
+    """The parts by way of the coordinates and inside differ with the modes, their sum does not."""
+    mesh = make_box((2, 3, 6), SIZE, GROUPS, kind="tet10")
+    found, inner = [], []
+    for count in (0, 5):
+        element = reduce_elastic(
+            COMPONENT,
+            mesh,
+            FOOT,
+            (OIL,),
+            comm=MPI.COMM_SELF,
+            request=ReductionRequest(ModeTarget(count=count)),
+            probes=tuple(PROBES.values()),
+        )
+        coupled = couple({"body": element}, MACHINE, Pose("reference"))
+        inside = missing_of_loads(coupled, MACHINE, None)
+        for seed, probe in enumerate(PROBES.values()):
+            placed = place_probe(coupled, MACHINE, probe, None)
+            moved = solve_static(coupled.system, give_load(coupled, seed)[:, None]).displacements
+            found.append(estimate_at_rest(coupled, placed, moved[:, 0], inside))
+            own = present(placed.missing) @ moved[:, 0]
+            inner.append(own + present(placed.loads["oil"].missing))
+    for seed in SEEDS:
+        first, second = (found[seed + place].products["body"] for place in (0, len(SEEDS)))
+        apart = inner[seed] - inner[seed + len(SEEDS)]
+        for part in (slice(MOVED), slice(MOVED, None)):
+            size = float(np.linalg.norm(first[part]))
+            # natural modes are known to about that
+            np.testing.assert_allclose(second[part], first[part], rtol=0.0, atol=1e-5 * size)
+            assert np.linalg.norm(apart[part]) > 1e-2 * size
