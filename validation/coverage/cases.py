@@ -104,7 +104,9 @@ FRESH, NEW_PARTS = (
 )  # first seed of no part above, and how many are drawn from one on
 SMOKE_PARTS = (8, 15)
 COVERED = 0.95
-LARGEST_MEDIAN = 3.0
+# errors of either sign that are spread normally: ± that covers 95 % of them is 2.9 times the median,
+# ± that covers 99 % 3.8 times
+LARGEST_MEDIAN, LARGEST_MEDIAN_CORRECTED = 3.0, 4.0
 COVERED_RESPONSES = 0.9
 CLEAR = 1e-4  # true errors above which a ratio means something
 
@@ -464,12 +466,16 @@ def _cover(seeds: Sequence[int]) -> list[PartCoverage]:
 def _judge(case: str, what: str, parts: Sequence[PartCoverage]) -> list[ValidationRow]:
     """Meshes as they are, then corrected by their estimates."""
     corrected = [part.corrected for part in parts if part.corrected is not None]
-    return _judge_meshes(case, what, parts) + (
-        _judge_meshes(case, f"{what}, corrected", corrected) if corrected else []
+    return _judge_meshes(case, what, parts, LARGEST_MEDIAN) + (
+        _judge_meshes(case, f"{what}, corrected", corrected, LARGEST_MEDIAN_CORRECTED)
+        if corrected
+        else []
     )
 
 
-def _judge_meshes(case: str, what: str, parts: Sequence[PartCoverage]) -> list[ValidationRow]:
+def _judge_meshes(
+    case: str, what: str, parts: Sequence[PartCoverage], largest_median: float
+) -> list[ValidationRow]:
     covered = [_covered(part) for part in parts]
     numbers = np.concatenate(covered)
     given = np.concatenate([part.estimates[_known(part)] for part in parts])
@@ -511,7 +517,7 @@ def _judge_meshes(case: str, what: str, parts: Sequence[PartCoverage]) -> list[V
             case,
             f"{what}: ± over true error, median",
             float(np.median(given[clear] / true[clear])),
-            LARGEST_MEDIAN,
+            largest_median,
             f"{clear.sum()} numbers with errors above {CLEAR:g}",
         ),
         judge_bound(
