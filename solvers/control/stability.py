@@ -51,8 +51,11 @@ class LoopPoles:
 
     def growing(self) -> list[int]:
         """Which poles grow, fastest growth first."""
+        sizes = np.abs(self.poles)
+        # eigenvalues are known to the rounding of the fastest, which very stiff loops have
+        rounding = np.finfo(float).eps * sizes.max(initial=0.0)
         judged = np.flatnonzero(
-            (self.poles.real > GROWING * np.abs(self.poles))
+            (self.poles.real > np.maximum(GROWING * sizes, rounding))
             & (self.frequencies_hz <= self.limit_hz)
         )
         return [int(index) for index in judged[np.argsort(-self.poles[judged].real)]]
