@@ -28,11 +28,12 @@ from headstock.meshing.sizing import (
     DEFAULT_CELLS,
     DETAIL_SHARE,
     SIZE_STEP,
+    ParametricSolid,
     estimate_tets,
     largest_extent,
     thinnest_feature,
 )
-from headstock.solvers.recovery.discretisation_error import STOUT
+from headstock.solvers.recovery.discretisation_error import STOUT, WIDE
 
 # Just below the thickness: two hexes across, of which recovery sees the error of torsion (one hex
 # across: a quarter of it).
@@ -43,6 +44,8 @@ START_ACCURACY = (
 COARSE_ACCURACY = 0.03
 FEWEST_ALONG = 3
 MOST_ACROSS = 40
+# of a first mesh: where thin walls ask for more, elements are wider than the walls are thick
+MOST_START_HEXES, MOST_START_TETS = 1_500, 30_000
 # hexes between the edges of small patches, for accuracies of one percent and more
 ROUGH_ACCURACY, ROUGH_ACROSS, MOST_ROUGH_HEXES = 0.01, 2, 400
 # along the longest side: for an accuracy, and for a finer one, from which a second round is needed
@@ -181,9 +184,15 @@ def refine_mesh(component: Component, *, ratio: float, trials: tuple[Trial, ...]
     if hexes > 2 * MOST_ROUGH_HEXES:
         # beyond, tetrahedra graded from rims are cheaper
         finer = _start_mesh(component, COARSE_ACCURACY)
-    elif mesh.cells == "hex" and len(trials) > 1 and observed_rate(trials) < RIM_RATE:
+    elif (
+        isinstance(component.solid, Box)
+        and mesh.cells == "hex"
+        and len(trials) > 1
+        and observed_rate(trials) < RIM_RATE
+    ):
         # what is left lies at the rims, where all hexahedra would have to be small
-        finer = grade_mesh(component, mesh.size, START_ACCURACY)
+        size = min(mesh.size, WIDE * thinnest_feature(component.solid))
+        finer = grade_mesh(component, size, START_ACCURACY)
     return dataclasses.replace(component, mesh=finer)
 
 
@@ -295,9 +304,12 @@ def _start_mesh(component: Component, accuracy: float) -> MeshSettings:
         raise ValueError("the mesh of a file is not ours to choose")
     thinnest = thinnest_feature(solid)
     size = _round(min(START_SHARE * thinnest, largest_extent(solid) / FEWEST_ALONG))
+    cells = _choose_cells(component, size)
+    size = _round(
+        _widen_hexes(component, solid, size) if cells == "hex" else _widen_tets(solid, size)
+    )
     while step < 1.0 and estimate_tets(solid_volume(solid), thinnest, step * size) > DEFAULT_CELLS:
         step = min(1.0, SIZE_STEP * step)
-    cells = _choose_cells(component, size)
     return _shrink(
         component,
         MeshSettings(size, cells=cells)
@@ -305,6 +317,27 @@ def _start_mesh(component: Component, accuracy: float) -> MeshSettings:
         else grade_mesh(component, size, accuracy),
         step,
     )
+
+
+def _widen_hexes(component: Component, solid: ParametricSolid, size: float) -> float:
+    """The size of a first mesh of a box: where it would have many hexes they are as flat as patches
+    let them be.
+    """
+    thinnest = thinnest_feature(solid)
+    most = max(size, min(_narrowest_patch(component), largest_extent(solid) / ROUGH_ALONG))
+    while size < most and count_hexes(component, size) > MOST_START_HEXES:
+        size = max(SIZE_STEP * size, thinnest / STOUT)
+    return min(size, most)
+
+
+def _widen_tets(solid: ParametricSolid, size: float) -> float:
+    """The size of a first mesh of tets: where it would have many they are up to three times as wide
+    as walls are thick, which costs hardly any accuracy.
+    """
+    volume, thinnest = solid_volume(solid), thinnest_feature(solid)
+    while size < WIDE * thinnest and estimate_tets(volume, thinnest, size) > MOST_START_TETS:
+        size = min(SIZE_STEP * size, WIDE * thinnest)
+    return size
 
 
 def _rough_grid(component: Component, accuracy: float) -> MeshSettings | None:

@@ -21,7 +21,8 @@ from headstock.geometry.parts.components import (
     Patch,
     ReductionSettings,
 )
-from headstock.geometry.parts.solids import Box
+from headstock.geometry.parts.solids import Box, HollowColumn
+from headstock.meshing.components.meshing import count_hexes
 from headstock.pipeline.accuracy.quantities import SHARED
 from headstock.pipeline.accuracy.search import plan_first_round
 from headstock.pipeline.accuracy.settings import Trial, observed_rate, refine_mesh, start_component
@@ -159,6 +160,24 @@ def test_small_patches_are_meshed_with_tetrahedra_and_refined_themselves() -> No
     assert finer.mesh.size is not None and component.mesh.size is not None
     assert finer.mesh.size < component.mesh.size
     assert finer.mesh.across_patches > component.mesh.across_patches
+
+
+def test_thin_parts_begin_with_elements_wider_than_their_walls() -> None:
+    pad = Interface(
+        "tip", (Patch("z+", "rect", (0.12, 0.06, 0.0), (0.04, 0.03)),), coupling="average"
+    )
+    sheet = dataclasses.replace(
+        COLUMN, solid=Box((0.3, 0.2, 0.001)), interfaces=FACES | {"tip": pad}
+    )
+    flat = start_component(sheet, 0.01, None)
+    size = present(flat.mesh.size)
+    assert flat.mesh.cells == "hex" and size > 3.0 * 0.001
+    assert count_hexes(sheet, size, flat.mesh.across_patches) <= 1500
+    column = dataclasses.replace(COLUMN, solid=HollowColumn((0.4, 0.3, 1.5), 0.006, 0.01))
+    hollow = start_component(column, 0.01, None)
+    assert hollow.mesh.cells == "tet" and hollow.mesh.size == pytest.approx(3.0 * 0.006)
+    # what takes few elements as it is stays fine enough for torsion
+    assert start_component(COLUMN, 0.01, None).mesh.size == pytest.approx(0.95 * 0.04)
 
 
 def test_hexahedra_whose_errors_fall_slowly_become_tetrahedra_that_grow_from_the_rims() -> None:
