@@ -41,7 +41,8 @@ class BestSpeedSummary(TypedDict):
 
 class LimitCheckSummary(TypedDict):
     """Largest Floquet multipliers below a limit depth (at 0.45, 0.7 and 0.95 of it; in the sample of a
-    sweep at 0.95 alone) and at 1.05 of it; stable below one.
+    sweep at 0.95 alone) and at 1.05 of it; stable below one. Without a limit, the deepest cut has only
+    to be stable.
     """
 
     rpm: float
@@ -130,17 +131,19 @@ class LimitCheck:
         depth: By zeroth order [m].
         below: Largest multiplier below the limit: at 0.45, 0.7 and 0.95 of it.
         above: At 1.05 of it.
+        limited: False where no limit was found up to the deepest cut, which is the depth then.
     """
 
     place: int
     depth: float
     below: float
     above: float
+    limited: bool = True
 
     @property
     def confirmed(self) -> bool:
-        """Stable below, unstable above."""
-        return self.below < 1.0 <= self.above
+        """Stable below, unstable above where there is a limit."""
+        return self.below < 1.0 and (self.above >= 1.0 or not self.limited)
 
 
 @dataclass(frozen=True)

@@ -73,7 +73,13 @@ class Trials:
         depth = float(self.diagram.depths[place])
         stable, unstable = [share * depth for share in (*islands, BELOW)], ABOVE * depth
         multiplier = self.multiplier(place, stable)
-        check = LimitCheck(place, depth, max(map(multiplier, stable)), multiplier(unstable))
+        check = LimitCheck(
+            place,
+            depth,
+            below=max(map(multiplier, stable)),
+            above=multiplier(unstable),
+            limited=bool(self.diagram.waves[place] >= 0),
+        )
         if check.confirmed:
             return check, depth
         deepest = self.request.deepest

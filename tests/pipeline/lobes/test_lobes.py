@@ -82,6 +82,19 @@ def test_every_lobe_has_a_mode_a_part_and_a_checked_limit(tmp_path: Path) -> Non
             assert own.depths[place] > 1.2 * own.depths.min()
 
 
+def test_speeds_without_a_limit_are_confirmed_where_the_deepest_cut_is_stable(
+    tmp_path: Path,
+) -> None:
+    """The deepest cut that is looked at is no limit: that a deeper one is stable refutes nothing."""
+    plain = along_x(lobes_of(write_scene(tmp_path), tmp_path))
+    between = 1e3 * float(np.sqrt(plain.depths.min() * plain.depths.max()))
+    found = along_x(lobes_of(write_scene(tmp_path, f'deepest = "{between} mm"\n'), tmp_path))
+    open_ended = [check for check in found.checks if not check.limited]
+    assert any(check.above < 1.0 for check in open_ended)
+    assert all(check.confirmed for check in found.checks)
+    assert found.bisected == 0
+
+
 def test_report_and_tables_show_the_lobes(tmp_path: Path) -> None:
     scene = load_scene(write_scene(tmp_path))
     scene = dataclasses.replace(scene, analyses=Analyses(lobes=scene.analyses.lobes))
