@@ -19,6 +19,9 @@ from headstock.solvers.linear.symmetric_matrices import absolute_product
 BUDGET_LIMIT = 1e-9
 LARGEST_MISS = 1e-4  # of the work, whatever rounding may leave
 ROUNDOFF = 4.0 * float(np.finfo(float).eps)
+WEIGHT = (
+    "own weight"  # the share of gravity stiffening: negative where weight makes a machine softer
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +97,7 @@ def point_budget(coupled: CoupledMachine, point: str) -> PointBudget:
     """Compliance at a point with the share of every component and joint by strain energy.
 
     Under a unit load the compliance is twice the strain energy (Clapeyron 1833), which is a sum
-    over components and joints.
+    over components and joints, and over what the weight does where it stiffens.
 
     Raises:
         ModelError: There is no such point, or every force there does work on a free motion of the
@@ -103,7 +106,10 @@ def point_budget(coupled: CoupledMachine, point: str) -> PointBudget:
     """
     compliance, displacements = _solve_point(coupled, point)
     shares: dict[str, dict[str, float]] = {}
-    energies = strain_energies(coupled, displacements[:, : len(DIRECTIONS)])
+    moved = displacements[:, : len(DIRECTIONS)]
+    energies = strain_energies(coupled, moved)
+    if coupled.geometric is not None:
+        energies[WEIGHT] = 0.5 * weight_energy(coupled, moved, moved)
     for i, direction in enumerate(DIRECTIONS):
         own = {name: float(values[i]) for name, values in energies.items()}
         # a load that does work on a free motion has no answer, so nothing has a share in it
@@ -158,6 +164,16 @@ def mutual_energies(
             answer = stretch if same else spring.rows @ second
             energies[spring.name] = np.einsum("im,im->m", stretch, spring.stiffness @ answer)
     return energies
+
+
+def weight_energy(coupled: CoupledMachine, first: FloatArray, second: FloatArray) -> FloatArray:
+    """``p^T K q`` ``(m,)`` [J] of the geometric stiffness of gravity for pairs of displacements ``(n,
+    m)``; zero without the effect.
+    """
+    if coupled.geometric is None:
+        return np.zeros(first.shape[1])
+    moved = coupled.geometric @ (coupled.basis @ second)
+    return np.einsum("im,im->m", coupled.basis @ first, moved)
 
 
 def _deformation(coupled: CoupledMachine, name: str, own: FloatArray) -> FloatArray:
@@ -222,7 +238,7 @@ def find_weakest_link(
         None where nothing gives way in that direction, or one part alone.
     """
     budget = budget or point_budget(coupled, point)
-    shares = budget.shares[direction]
+    shares = {name: share for name, share in budget.shares[direction].items() if name != WEIGHT}
     if len(shares) < 2:
         return None
     families = name_families(shares)

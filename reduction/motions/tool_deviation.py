@@ -14,7 +14,12 @@ from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.dof_layout import locate_interface, motion_rows
 from headstock.reduction.coupling.guide_errors import GUIDE_ERRORS
 from headstock.reduction.motions.body_motions import solve_machine_static
-from headstock.reduction.motions.compliance_budget import mutual_energies, point_loads
+from headstock.reduction.motions.compliance_budget import (
+    WEIGHT,
+    mutual_energies,
+    point_loads,
+    weight_energy,
+)
 
 GEOMETRY, FORCES = "geometry", "static forces"
 SOURCES = (GEOMETRY, GRAVITY, FORCES)
@@ -108,5 +113,8 @@ def solve_deviation(coupled: CoupledMachine, machine: Machine, point: str) -> To
         sources[GEOMETRY] = np.sum(list(parts[GEOMETRY].values()), axis=0)
     for number, source in enumerate(deforming):
         sources[source] = rows @ moved[:, number]
-        parts[source] = mutual_energies(coupled, influence, moved[:, [number] * 6])
+        same = moved[:, [number] * 6]
+        parts[source] = mutual_energies(coupled, influence, same)
+        if coupled.geometric is not None:
+            parts[source][WEIGHT] = weight_energy(coupled, influence, same)
     return ToolDeviation(sources, parts)

@@ -16,6 +16,12 @@ from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.components.segmented import reduce_segmented
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.coupling.drives import place_drives, release_motors
+from headstock.reduction.motions.compliance_budget import (
+    WEIGHT,
+    find_weakest_link,
+    point_budget,
+)
+from headstock.reduction.motions.tool_deviation import FORCES, solve_deviation
 from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import keep_analyses
 from headstock.solvers.control.drive_loops import close_loops
@@ -269,3 +275,32 @@ def test_the_weight_of_a_free_axis_travels_over_a_base_that_tilts(
     found = picked.T @ change @ picked
     # the guide sags by 1 um under the weight, which the sketch leaves out
     np.testing.assert_allclose(found, expected, atol=1e-5 * cart * G)
+
+
+TIP = """
+[points]
+tip = { tool = "bar.top", work = "ground" }
+[loads]
+push = { at = "bar.top", force = ["10 N", "0 N", "0 N"] }
+"""
+
+
+def test_budgets_have_the_part_of_the_weight(tmp_path: Path) -> None:
+    """A bar on a turning spring: what the weight takes of its stiffness is a part of the compliance at
+    its tip, and of the way of the tip under a force, with the spring's more than all of them.
+    """
+    coupled = couple_text(tmp_path, HEAD + POST + TIP)
+    taken = bar(0.5)[0] * G * 0.25
+    left = 2e3 - taken
+    budget = point_budget(coupled, "tip")
+    assert budget.compliance[0, 0] == pytest.approx(0.5**2 / left, rel=1e-9)
+    shares = budget.shares["x"]
+    assert shares["foot"] == pytest.approx(2e3 / left, rel=1e-9)
+    assert shares[WEIGHT] == pytest.approx(-taken / left, rel=1e-9)
+    assert find_weakest_link(coupled, "tip", "x", budget) is None  # a part alone
+    machine = load_scene(tmp_path / "scene.toml").machine
+    found = solve_deviation(coupled, machine, "tip")
+    parts = found.parts[FORCES]
+    assert found.sources[FORCES][0] == pytest.approx(10.0 * 0.5**2 / left, rel=1e-9)
+    assert parts["foot"][0] + parts[WEIGHT][0] == pytest.approx(found.sources[FORCES][0], rel=1e-9)
+    assert parts[WEIGHT][0] == pytest.approx(-10.0 * 0.5**2 * taken / left**2, rel=1e-9)
