@@ -268,7 +268,8 @@ def _check_cut(scene: SceneTable, path: PathTable, findings: Findings) -> None:
     key: KeyPath = ("analyses", "path", "cut")
     cut = path.cut
     cuts = scene.effects.get(CUTTING_FORCE, False) is not False
-    if scene.mechanism is None and cuts and cut is None:
+    elsewhere = scene.mechanism is not None or scene.analyses.contouring is not None
+    if cuts and cut is None and not elsewhere:
         findings.add(
             ("effects", CUTTING_FORCE),
             "nothing is milled; write [analyses.path.cut] with mill, spindle, depths and material",

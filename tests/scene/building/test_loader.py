@@ -24,6 +24,7 @@ from headstock.geometry.parts.solids import (
     Tube,
 )
 from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.findings import SceneError
 
 MACHINES = Path(__file__).resolve().parents[3] / "machines"
 STEEL = '[materials.steel]\nE = "210 GPa"\nnu = 0.3\nrho = "7850 kg/m^3"\n'
@@ -359,3 +360,17 @@ def test_the_json_schema_names_every_section_and_is_json() -> None:
         schema["properties"]
     )
     assert schema["additionalProperties"] is False
+
+
+def test_a_cut_of_the_contour_lets_a_path_mill_nothing() -> None:
+    """The effect has something to cut; with neither a contour nor a cut of the path it has not."""
+    path = 'analyses.path={ from = { X = "-9 mm" }, to = { X = "9 mm" }, feeds = ["1 m/min"], time_constant = "50 ms" }'
+    scene = load_scene(MACHINES / "three_axis.toml", variant="R+milling", overrides=(path,))
+    assert scene.analyses.path is not None and scene.analyses.path.cut is None
+    assert scene.analyses.contouring is not None and scene.analyses.contouring.cutting
+    with pytest.raises(SceneError, match="nothing is milled"):
+        load_scene(
+            MACHINES / "three_axis.toml",
+            variant="R+milling",
+            overrides=(path, "analyses.contouring=false"),
+        )
