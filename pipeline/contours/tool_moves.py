@@ -18,6 +18,7 @@ from headstock.geometry.mechanisms.tool_mechanism import tool_pose
 from headstock.pipeline.answers.motion_forces import PathForces
 from headstock.pipeline.answers.path import FollowedPoses
 from headstock.pipeline.contours.carried_bodies import move_bodies
+from headstock.pipeline.contours.line_probes import LineProbes, find_probes, follow_probes
 from headstock.pipeline.contours.way_errors import STEPS_PER_WAVE, WayErrors, find_way_errors
 from headstock.pipeline.contours.way_motors import WayMotors, close_way, lead_motors, plan_motors
 from headstock.pipeline.contours.ways import (
@@ -177,9 +178,17 @@ class ToolLine:
         path = self.request.path
         return place_model(self.state)(path.pose_at(0.5 * path.length)).joints
 
+    @functools.cached_property
+    def probes(self) -> LineProbes:
+        """Probes in the middle of the line."""
+        path = self.request.path
+        return find_probes(
+            self.state.parts, place_model(self.state)(path.pose_at(0.5 * path.length))
+        )
+
     def sample(self, up_to_hz: float, *, follows: bool) -> SampledMotion:
         """The machine at positions of the line, or in its middle everywhere; there with its joints
-        among the outputs.
+        and probes among the outputs.
         """
         length = self.request.path.length
         first = StraightPath(
@@ -187,16 +196,16 @@ class ToolLine:
         )
         way = self.way(first)
         scales = ((drive.name, SCALE) for drive in self.drives)
-        joints = () if follows else tuple(joint_outputs(self.joints))
+        watched = () if follows else (*joint_outputs(self.joints), *self.probes.channels)
         channels = PlantChannels(
             inputs=(*self.tool, GRAVITY_LOAD, *way.channels),
-            outputs=(*self.tool, *self.request.outputs, *joints, *scales),
+            outputs=(*self.tool, *self.request.outputs, *watched, *scales),
             up_to_hz=up_to_hz,
         )
         place = place_machine(self.state, way, {}, self.drives)
         if follows:
             return sample_motion(place, [0.0, length], channels)
-        held = place(0.5 * length)
+        held = self.probes.join(place(0.5 * length))
         return sample_motion(lambda where: held, [0.0, length], channels)
 
 
@@ -213,7 +222,7 @@ def solve_tool_moves(state: RunState, request: PathRequest) -> SolvedMoves:
         _require_stable(line)
     up_to_hz = choose_model(request).up_to_hz or 0.0
     frozen = line.sample(up_to_hz, follows=False)
-    first = [_solve_move(line, frozen, move, joints=line.joints) for move in request.moves]
+    first = [_solve_move(line, frozen, move, middle=True) for move in request.moves]
     kept = tuple(found for found, _ in first)
     disturbed = line.errors is not None or any(drive.ripple for drive in line.drives)
     if not request.follows_pose:
@@ -222,7 +231,7 @@ def solve_tool_moves(state: RunState, request: PathRequest) -> SolvedMoves:
     second = [_solve_move(line, sampled, move) for move in request.moves]
     found = tuple(each for each, _ in second)
     forces = tuple(
-        PathForces(own.drives, middle.joints)
+        PathForces(own.drives, middle.joints, middle.probes)
         for (_, own), (_, middle) in zip(second, first, strict=True)
     )
     return SolvedMoves(
@@ -302,11 +311,12 @@ def _count_steps(line: ToolLine, sampled: SampledMotion, move: SetPoint) -> int:
 
 
 def _solve_move(
-    line: ToolLine, sampled: SampledMotion, move: SetPoint, joints: Sequence[JointForces] = ()
+    line: ToolLine, sampled: SampledMotion, move: SetPoint, *, middle: bool = False
 ) -> tuple[PathDeviation, PathForces]:
-    """Deviation over one move, from the equilibrium at its beginning, and what drives take; and
-    joints, whose springs and dampers are outputs after those wanted.
+    """Deviation over one move, from the equilibrium at its beginning, and what drives take; in the
+    middle everywhere what joints take and probes see, too, which are outputs after those wanted.
     """
+    joints = line.joints if middle else ()
     samples = sample_path(line.request, move)
     parts = _count_steps(line, sampled, move)
     step = float(samples[1] - samples[0]) / parts
@@ -329,7 +339,8 @@ def _solve_move(
     if line.unit_motors is not None:
         motors = lead_motors(*line.unit_motors, line.nodes, path.travel)
     if motors is not None:
-        scales = outputs.stop + len(joint_outputs(joints))
+        scales = outputs.stop
+        scales += len(joint_outputs(joints)) + len(line.probes.channels) if middle else 0
         servo = close_way(
             motors, sampled, motion, scales=scales, friction="true", load_spacing=step
         )
@@ -358,15 +369,22 @@ def _solve_move(
         )
     )
     deviation = PathDeviation(samples, total, at_once, slow, total - at_once - slow)
+    if not middle:
+        return deviation, PathForces(drives, {})
+    acting = np.concatenate([force, given[:, 1:]], axis=1)
     return deviation, PathForces(
         drives,
-        _find_joint_forces(
-            joints,
+        _find_joint_forces(joints, motion, history, found, first=outputs.stop, acting=acting),
+        follow_probes(
+            line.probes,
             motion,
             history,
-            sampled.at(motion.nodes, "rows", "direct"),
-            first=outputs.stop,
-            acting=np.concatenate([force, given[:, 1:]], axis=1),
+            found,
+            first=outputs.stop + len(joint_outputs(joints)),
+            acting=acting,
+            channels=way.channels,
+            motors=motors,
+            shown=shown,
         ),
     )
 
@@ -477,7 +495,7 @@ def _judge_poses(
     truncation = 0.0
     if not sampled.complete:
         finer = line.sample(TWICE * up_to_hz, follows=False)
-        full = show(_solve_move(line, finer, line.request.moves[-1], joints=line.joints)[0])
+        full = show(_solve_move(line, finer, line.request.moves[-1], middle=True)[0])
         most = max(float(np.abs(full).max()), float(np.finfo(float).tiny))
         truncation = float(np.abs(show(kept[-1]) - full).max()) / most
     return FollowedPoses(

@@ -618,7 +618,7 @@ def _count_watched(scene: Scene) -> int:
     stress at probes.
     """
     if scene.mechanism is not None:
-        return 0  # one joint after the other
+        return PROBED * len(scene.machine.probes)  # one joint after the other
     springs = sum(
         bool(joint.stiffness[dof].any())
         for joint in scene.machine.joints.values()

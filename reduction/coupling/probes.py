@@ -98,9 +98,15 @@ def travel_inertia(coupled: CoupledMachine, probe: Probe, direction: FloatArray)
     """What modes left out add at a probe ``(9,)`` at rest per acceleration of its whole component in a
     direction ``(3,)``, times -1, machine axes.
     """
-    name = probe.component
-    superelement, placement = coupled.layout.superelements[name], coupled.placements[name]
-    moved = coupled.matrices.rigid[name][:, :3] @ direction
+    return moved_inertia(coupled, probe, coupled.matrices.rigid[probe.component][:, :3] @ direction)
+
+
+def moved_inertia(coupled: CoupledMachine, probe: Probe, moved: FloatArray) -> FloatArray:
+    """The same ``(9, ...)`` per acceleration of the dofs of its component ``(n_own, ...)``."""
+    superelement, placement = (
+        coupled.layout.superelements[probe.component],
+        coupled.placements[probe.component],
+    )
     own = (turn_dofs(superelement, placement) @ moved)[: superelement.boundary_size]
     seen = scipy.linalg.block_diag(placement.rotation, turn_stress(placement.rotation))
     return np.asarray(seen @ superelement.probes[probe.name].inertia @ own)

@@ -173,7 +173,7 @@ def weight_energy(coupled: CoupledMachine, first: FloatArray, second: FloatArray
     if coupled.geometric is None:
         return np.zeros(first.shape[1])
     moved = coupled.geometric @ (coupled.basis @ second)
-    return np.einsum("im,im->m", coupled.basis @ first, moved)
+    return np.asarray(np.einsum("im,im->m", coupled.basis @ first, moved))
 
 
 def _deformation(coupled: CoupledMachine, name: str, own: FloatArray) -> FloatArray:
