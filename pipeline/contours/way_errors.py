@@ -9,16 +9,18 @@ from dataclasses import dataclass
 import numpy as np
 import scipy  # whose interpolation, a third of a second, is loaded where it is used
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.geometry.machine.machine import Pose
-from headstock.geometry.mechanisms.exechon import LENGTHS
+from headstock.geometry.mechanisms.exechon import LEGS, LENGTHS
 from headstock.geometry.mechanisms.tool_mechanism import solve_pose
-from headstock.pipeline.contours.ways import RigidWay
+from headstock.pipeline.contours.ways import Feedthrough, RigidWay
 from headstock.pipeline.stages.lumped_machine import sample_leg_errors
+from headstock.pipeline.stages.machine import DAMPING
 from headstock.pipeline.stages.mechanism import LumpedPose
 from headstock.pipeline.stages.run_state import PoseModel, RunState
 from headstock.reduction.coupling.error_travel import offset_loads, offset_rate_loads, plan_travel
 from headstock.reduction.coupling.guide_errors import GUIDE_ERRORS, has_errors
+from headstock.reduction.coupling.joint_forces import SPRING
 from headstock.scene.scene import SceneMechanism
 from headstock.solvers.second_order import Channel
 
@@ -34,6 +36,7 @@ class WayErrors:
     Attributes:
         channels: One per offset, then one per rate that acts through a damper.
         loads: What a unit of each does to a machine in a pose.
+        relief: What a unit of each takes off the forces of joints there.
         offsets: ``(n, k)`` at places ``(n,)`` of the way, in units.
         rated: ``(r,)`` offsets whose rates act, too.
         ends: Of the way.
@@ -42,6 +45,7 @@ class WayErrors:
 
     channels: tuple[Channel, ...]
     loads: Callable[[PoseModel], dict[Channel, FloatArray]]
+    relief: Callable[[PoseModel], Feedthrough]
     offsets: Callable[[FloatArray], FloatArray]
     rated: tuple[int, ...]
     ends: tuple[float, float]
@@ -73,6 +77,7 @@ class WayErrors:
             loads=lambda model: way.loads(model) | self.loads(model),
             amounts=amounts,
             channels=(*way.channels, *self.channels),
+            relief=self.relief,
         )
 
 
@@ -109,9 +114,23 @@ def find_way_errors(
         passed = offset_rate_loads(springs, travel.directions)[:, rated]
         return dict(zip(channels, UNIT * np.hstack([own, passed]).T, strict=True))
 
+    def relief(model: PoseModel) -> Feedthrough:
+        springs = () if model.coupled is None else model.coupled.joint_springs
+        by_name = {spring.name: spring for spring in springs}
+        taken = [(each, by_name[each[0]].stiffness) for each in travel.directions]
+        if DAMPING in state.scene.effects:
+            passed = [travel.directions[number] for number in rated]
+            taken += [(each, by_name[each[0]].damping) for each in passed]
+        return {
+            ((f"{joint} {SPRING}", DOF_NAMES[row]), channel): -UNIT * float(matrix[row, dof])
+            for channel, ((joint, dof), matrix) in zip(channels, taken, strict=False)
+            for row in range(len(DOF_NAMES))
+        }
+
     return WayErrors(
         channels=channels,
         loads=loads,
+        relief=relief,
         offsets=lambda places: np.asarray(travel.sample(places) / UNIT),
         rated=tuple(rated),
         ends=ends,
@@ -136,6 +155,12 @@ def _leg_errors(mechanism: SceneMechanism, poses: list[Pose], nodes: FloatArray)
         pushed = UNIT * np.diag(model.placed.motions.stiffness)
         return {channel: pushed[2 * leg + 1] for channel, leg in zip(channels, legs, strict=True)}
 
+    def relief(model: PoseModel) -> Feedthrough:
+        return {
+            ((f"{LEGS[leg]} {SPRING}", "along"), channel): -float(pushed[2 * leg + 1])
+            for leg, (channel, pushed) in zip(legs, loads(model).items(), strict=True)
+        }
+
     speeds = np.abs(np.gradient(lengths, nodes, axis=0)).max(axis=0)
     periods = [
         wave.period / speed
@@ -146,6 +171,7 @@ def _leg_errors(mechanism: SceneMechanism, poses: list[Pose], nodes: FloatArray)
     return WayErrors(
         channels=channels,
         loads=loads,
+        relief=relief,
         offsets=lambda places: np.asarray(
             sample_leg_errors(mechanism.leg_errors, law(places)) / UNIT
         ),

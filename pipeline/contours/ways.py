@@ -21,7 +21,9 @@ from headstock.pipeline.stages.mechanism import LumpedPose, build_mechanism, pla
 from headstock.pipeline.stages.run_state import PoseModel, RunState
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.coupling.drives import find_scales
-from headstock.reduction.coupling.joint_forces import joint_outputs
+from headstock.reduction.coupling.error_travel import RATE
+from headstock.reduction.coupling.joint_forces import SPRING, joint_outputs
+from headstock.reduction.coupling.joint_springs import PlacedJoint
 from headstock.reduction.coupling.memo import CouplingMemo
 from headstock.reduction.coupling.path_loads import (
     TurningBody,
@@ -43,6 +45,7 @@ GRAVITY_LOAD: Channel = ("gravity", "load")
 FORCE = "force"
 LEAST_SHIFT = 1e-9  # of a natural frequency: roundoff, as of bodies that are rigid
 Amounts = Callable[[FloatArray], FloatArray]
+Feedthrough = dict[tuple[Channel, Channel], float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +61,8 @@ class RigidWay:
         axis_motion: Speed and acceleration ``(n,)`` of an axis at times; None of a mechanism.
         leg_forces: Forces ``(n, d)`` that hold up and accelerate the legs of a mechanism themselves,
             between their drives and their screws, at times; None of axes.
+        relief: Outputs of forces of joints and these channels to what a unit of the channel takes off
+            the force, since the joint's springs are at rest elsewhere, of a machine in a pose.
     """
 
     pose_at: Callable[[float], Pose]
@@ -66,6 +71,7 @@ class RigidWay:
     channels: tuple[Channel, ...]
     axis_motion: Callable[[str, FloatArray], tuple[FloatArray, FloatArray]] | None = None
     leg_forces: Amounts | None = None
+    relief: Callable[[PoseModel], Feedthrough] = lambda model: {}
 
     def given(self, times: FloatArray) -> FloatArray:
         """Values ``(n, 1 + r)`` of weight and of these channels at times ``(n,)``."""
@@ -233,14 +239,15 @@ def place_machine(
             (drive.name, SCALE): row
             for drive, row in zip(drives, _scale_rows(model, drives), strict=True)
         }
-        coupled = model.coupled
+        coupled, relief = model.coupled, way.relief(model)
         rows = {} if coupled is None else _screw_rows(coupled, screws)
+        taken = relief if coupled is None else relief | _relieve_screws(coupled, screws, relief)
         system = dataclasses.replace(
             system,
             inputs={**system.inputs, GRAVITY_LOAD: weight, **way.loads(model)},
             outputs={**system.outputs, **rows, **scales, **joint_outputs(model.joints)},
         )
-        posed = _stack(model, system)
+        posed = dataclasses.replace(_stack(model, system), feedthrough=taken)
         return posed if not turning else turn_with_bodies(posed, _turning_bodies(model, turning))
 
     return place
@@ -362,11 +369,27 @@ def _screw_rows(
 ) -> dict[Channel, FloatArray]:
     """Row ``(n,)`` of the force with which each screw pushes its nut, along the axis [N]."""
     joints = {joint.name: joint for joint in coupled.joint_springs}
-    found: dict[Channel, FloatArray] = {}
-    for name, (joint, axis) in screws.items():
-        spring = joints[joint]
-        along = (
-            1.0 if axis is None else float(np.sign(spring.frame.rotation[:, 0] @ axis.direction))
-        )
-        found[name, FORCE] = along * (spring.stiffness @ spring.rows)[0]
-    return found
+    return {
+        (name, FORCE): _screw_sign(joints[joint], axis)
+        * (joints[joint].stiffness @ joints[joint].rows)[0]
+        for name, (joint, axis) in screws.items()
+    }
+
+
+def _screw_sign(screw: PlacedJoint, axis: Axis | None) -> float:
+    """Whether a screw pushes along its axis or against it."""
+    return 1.0 if axis is None else float(np.sign(screw.frame.rotation[:, 0] @ axis.direction))
+
+
+def _relieve_screws(
+    coupled: CoupledMachine, screws: Mapping[str, tuple[str, Axis | None]], relief: Feedthrough
+) -> Feedthrough:
+    """The relief of the forces of screws, from that of the springs of their joints."""
+    joints = {joint.name: joint for joint in coupled.joint_springs}
+    return {
+        ((name, FORCE), given): _screw_sign(joints[joint], axis) * size
+        for name, (joint, axis) in screws.items()
+        for (output, given), size in relief.items()
+        # the rates act through dampers, which are no part of it
+        if output == (f"{joint} {SPRING}", DOF_NAMES[0]) and given[0] != RATE
+    }

@@ -13,7 +13,7 @@ linear parametric reduced-order models, SIAM J. Sci. Comput. 33, 2169 (consisten
 
 import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -54,12 +54,14 @@ class PosedModes:
         modes: Of the system without damping.
         motions: ``(n_all, m)`` their shapes in dofs that are the same in every pose.
         momenta: ``(n_all, m)`` mass times shape there.
+        feedthrough: Output and input to what the output has of the input at once, whatever moves.
     """
 
     system: SecondOrderSystem
     modes: ModalResult
     motions: FloatArray
     momenta: FloatArray
+    feedthrough: Mapping[tuple[Channel, Channel], float] = field(default_factory=dict)
 
 
 class PoseSample(Protocol):
@@ -205,11 +207,14 @@ class VaryingSystem[S: PoseSample]:
 
 @dataclass(frozen=True, eq=False)
 class PoseModes:
-    """What is kept of a pose: its modes as they come."""
+    """What is kept of a pose: its modes as they come, and what each output has of each input at once,
+    whatever moves ``(p, k)``.
+    """
 
     coordinates: ModalCoordinates
     motions: FloatArray
     momenta: FloatArray
+    feedthrough: FloatArray
 
 
 def sample_system(
@@ -328,7 +333,11 @@ def look_at_pose(posed: PosedModes, channels: PlantChannels) -> PoseModes:
     count = (
         int(np.count_nonzero(coordinates.omega <= 2.0 * np.pi * SEARCHED * channels.up_to_hz)) + 1
     )
-    return PoseModes(coordinates, posed.motions[:, :count], posed.momenta[:, :count])
+    at_once = np.zeros((len(channels.outputs), len(channels.inputs)))
+    for (output, given), size in posed.feedthrough.items():
+        if output in channels.outputs and given in channels.inputs:
+            at_once[channels.outputs.index(output), channels.inputs.index(given)] = size
+    return PoseModes(coordinates, posed.motions[:, :count], posed.momenta[:, :count], at_once)
 
 
 def count_kept_modes(poses: Mapping[float, PoseModes], up_to_hz: float) -> tuple[int, float]:
@@ -439,7 +448,8 @@ def turn_plant(pose: PoseModes, turn: FloatArray) -> SampledPlant:
         damping=turn.T @ damping @ turn,
         loads=turn.T @ found.inputs,
         rows=found.outputs @ turn,
-        direct=np.zeros_like(found.residual) if found.complete else found.residual,
+        direct=pose.feedthrough
+        + (np.zeros_like(found.residual) if found.complete else found.residual),
         reach=reach,
     )
 

@@ -338,6 +338,35 @@ def test_errors_of_screws_of_components_lead_a_tool_off_as_statics_say_in_every_
     assert np.abs(mine[some] - moved).max() < 1e-2 * np.abs(moved).max()
 
 
+@pytest.mark.parametrize(
+    ("variant", "errors"),
+    [
+        ("lumped", 'mechanism.errors={leg_1={polynomial=["0 um","20 um"],over="100 mm"}}'),
+        (
+            "components",
+            'joints.screw_1.errors={axial={polynomial=["0 um","20 um"],over="100 mm"}}',
+        ),
+    ],
+)
+def test_a_leg_that_is_too_long_pushes_no_more_than_before(
+    variant: str, errors: str, tmp_path: Path
+) -> None:
+    """Its spring is at rest elsewhere, and nothing resists what it moves: 200 um would else be 20 kN."""
+    before, after = (
+        solve(tmp_path, variant, FROZEN, *settings).runs[0].joints
+        for settings in ((), ("effects.guide_errors=true", errors))
+    )
+    forces = {
+        (joint, direction): (found.value, after[joint][direction].value)
+        for joint, directions in before.items()
+        for direction, found in directions.items()
+        if not direction.startswith("r")
+    }
+    largest = max(abs(own) for own, _ in forces.values())
+    assert largest > 100.0
+    assert all(abs(other - own) < 1e-2 * largest for own, other in forces.values())
+
+
 def test_a_cut_pushes_a_tool_off_its_line_as_far_as_statics_say(
     plain: PathResult, tmp_path: Path
 ) -> None:

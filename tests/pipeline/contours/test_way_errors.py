@@ -78,11 +78,14 @@ def stand(state: RunState, poses: list[Pose]) -> FloatArray:
 def test_a_contour_leads_the_tool_where_statics_of_its_poses_say(
     scene: Path, variant: str | None, errors: str, tmp_path: Path
 ) -> None:
-    gaps = []
+    gaps, forces = [], []
     for settings in ((), ("effects.guide_errors=true", errors)):
         state = build_state(tmp_path, scene, variant, *settings)
         run = run_coupled_contour(state, request_of(state), until=UNTIL)
         gaps.append(run.gap)
+        forces.append(run.drives.forces(np.arange(len(run.times) // 2, len(run.times))))
+    # a spring at rest elsewhere pushes no more: nothing resists what it moves
+    assert np.abs(forces[1] - forces[0]).max() < 2e-2 * np.ptp(forces[0])
     request = request_of(state)
     some = np.arange(len(run.times) // 2, len(run.times), len(run.times) // 8)
     way = _plan_way(state, request, plan_contour(request.contour).path)
