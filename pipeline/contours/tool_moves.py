@@ -31,11 +31,11 @@ from headstock.pipeline.contours.ways import (
     place_model,
 )
 from headstock.pipeline.planning.plan import Stage
+from headstock.pipeline.planning.planner import PATH_STEPS_PER_TURN
 from headstock.pipeline.stages.control import drive_along
 from headstock.pipeline.stages.machine import damp_system
 from headstock.pipeline.stages.motion_forces import leave_out_roundoff, record_drives
 from headstock.pipeline.stages.path import (
-    STEPS_PER_TURN,
     SolvedMoves,
     answer_path,
     choose_model,
@@ -300,7 +300,7 @@ def _count_steps(line: ToolLine, sampled: SampledMotion, move: SetPoint) -> int:
     if line.errors is not None:
         rates.append(STEPS_PER_WAVE * move.feed / line.errors.shortest)
     if line.request.cut is not None:
-        rates.append(STEPS_PER_TURN * line.request.cut.cut.spindle / (2.0 * math.pi))
+        rates.append(PATH_STEPS_PER_TURN * line.request.cut.cut.spindle / (2.0 * math.pi))
     # a leg is at most as fast as the tool
     rates += [
         STEPS_PER_WAVE * move.feed * wave.per_turn / drive.lead

@@ -104,6 +104,9 @@ CONTROLLED_COST = 1.5
 PATH_START, SECONDS_PER_PATH_DOF, LUMPED_PATH_START = 0.1, 2.2e-3, 4.6
 PATH_SAMPLES_PER_SECOND = 4.5e4
 SECONDS_PER_RUBBING_MOVE, RUBBING_SAMPLES_PER_SECOND = 1.5, 1.2e4
+# with friction and a cut per step of the teeth's forces, each of which is about ten of the stiff integrator's:
+# the three-axis machine rigid, 1 600 steps
+SECONDS_PER_RUBBING_CUT_STEP = 0.03
 # of its longest move, for one output and each further one; likewise, 4 500 to 1 200 000 samples
 PATH_MB, PATH_KB_PER_SAMPLE, PATH_KB_PER_OUTPUT, RUBBING_KB_PER_SAMPLE = 60.0, 0.82, 0.07, 2.0
 PATH_KB_PER_WATCHED = 0.009  # force, displacement or stress on the way
@@ -143,19 +146,22 @@ def contour_step_seconds(
     return moving + (SECONDS_PER_WAVY_TOOTH * count_teeth_in_cut(cut) if regenerative else 0.0)
 
 
-def path_seconds(samples: Sequence[float], *, dofs: int | None, rubbing: bool) -> float:
+def path_seconds(
+    samples: Sequence[float], *, dofs: int | None, rubbing: bool, cut_steps: float = 0.0
+) -> float:
     """Processor time of a path [s].
 
     Args:
         samples: Of each of its moves.
         dofs: Of the coupled machine; None of a lumped mechanism.
         rubbing: Guides of drives under control have friction.
+        cut_steps: Of the forces of a cut that a stiff integrator follows; none elsewhere.
     """
     start = LUMPED_PATH_START if dofs is None else PATH_START + SECONDS_PER_PATH_DOF * dofs
     if rubbing:
         start += len(samples) * SECONDS_PER_RUBBING_MOVE
     rate = RUBBING_SAMPLES_PER_SECOND if rubbing else PATH_SAMPLES_PER_SECOND
-    return start + sum(samples) / rate
+    return start + sum(samples) / rate + SECONDS_PER_RUBBING_CUT_STEP * cut_steps
 
 
 def transient_seconds(rubbing_samples: float) -> float:

@@ -68,6 +68,7 @@ from headstock.solvers.milling.tool_path import plan_contour
 # 3 times the wanted range (1.5 % at 2 times): Craig and Bampton (1968), checked by `validate
 # reduction`.
 MODE_MARGIN = 3.0
+PATH_STEPS_PER_TURN = 96  # of the spindle along a path: forces of the cut are straight between them
 # Beside a resonance a response is far more sensitive: 12 times keep it within 1 % of the whole
 # model up to 1.5 times the highest frequency, 3 times miss up to 6 % (`validate
 # frequency_response`, a column with two rigid faces, loss factor 4 %).
@@ -585,6 +586,9 @@ def _way_stages(scene: Scene, dofs: int) -> list[Stage]:
     if path is not None:
         samples = [(move.duration + path.residual_time) * path.sampling_hz for move in path.moves]
         rubbing = any(drive.friction is not None for drive in scene.drives.values())
+        turns = 0.0
+        if rubbing and path.cut is not None and scene.mechanism is None:
+            turns = sum(samples) / path.sampling_hz * path.cut.cut.spindle / (2.0 * math.pi)
         stages.append(
             Stage(
                 "path",
@@ -597,7 +601,10 @@ def _way_stages(scene: Scene, dofs: int) -> list[Stage]:
                     watched=_count_watched(scene),
                 ),
                 estimated_seconds=path_seconds(
-                    samples, dofs=None if scene.is_lumped else dofs, rubbing=rubbing
+                    samples,
+                    dofs=None if scene.is_lumped else dofs,
+                    rubbing=rubbing,
+                    cut_steps=PATH_STEPS_PER_TURN * turns,
                 ),
             )
         )

@@ -20,7 +20,7 @@ from headstock.pipeline.answers.motion_forces import PathForces
 from headstock.pipeline.answers.path import FollowedPoses, PathCurves, PathResult, PathRun
 from headstock.pipeline.answers.probe_motions import ProbeMotion
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.planning.planner import MODE_MARGIN, path_band
+from headstock.pipeline.planning.planner import MODE_MARGIN, PATH_STEPS_PER_TURN, path_band
 from headstock.pipeline.stages.control import drive_along, drive_machine
 from headstock.pipeline.stages.machine import CoupledPose, damp_system, warn_of_no_damping
 from headstock.pipeline.stages.motion_forces import (
@@ -106,7 +106,6 @@ ENERGY_LIMIT = 1e-6
 # modes up to so many times the band looked at are states of the loop, the others act at once; fewer
 # where a stiff integrator has them, or where they are interpolated along the path
 LINEAR_REACH, FRICTION_REACH, VARYING_REACH = 12.0, 3.0, 3.0
-STEPS_PER_TURN = 96  # of the spindle: forces are straight between them
 
 
 def _pushed_channels(request: PathRequest) -> tuple[Channel, ...]:
@@ -171,7 +170,7 @@ def _path_loads(
 ) -> PathLoads | None:
     if cut is None:
         return None
-    step = 2.0 * math.pi / cut.cut.spindle / STEPS_PER_TURN
+    step = 2.0 * math.pi / cut.cut.spindle / PATH_STEPS_PER_TURN
     return PathLoads(cutting_loads(cut, _tool_travel(machine, directions, cut.at)), step)
 
 

@@ -7,6 +7,7 @@ first-order lag makes exponential ramps. Source: Koren (1983), Computer Control 
 Systems, chapter 5.
 """
 
+import functools
 from dataclasses import dataclass
 from typing import Literal
 
@@ -129,13 +130,13 @@ def sample_move(move: SetPoint, times: FloatArray) -> PathMotion:
     """Position, speed and acceleration at instants [s]; at rest before and after."""
     if move.ramp.kind == "exponential":
         return _sample_lag(move, np.asarray(times, dtype=float))
-    position = _position(move)
+    position, speed, acceleration = _laws(move)
     inside = np.clip(times, 0.0, move.duration)
     moving = (np.asarray(times) >= 0.0) & (np.asarray(times) < move.duration)
     return PathMotion(
         positions=np.asarray(position(inside)),
-        speeds=np.where(moving, position.derivative(1)(inside), 0.0),
-        accelerations=np.where(moving, position.derivative(2)(inside), 0.0),
+        speeds=np.where(moving, speed(inside), 0.0),
+        accelerations=np.where(moving, acceleration(inside), 0.0),
     )
 
 
@@ -170,15 +171,18 @@ def _acceleration_pieces(move: SetPoint) -> tuple[FloatArray, FloatArray, FloatA
     return np.append(breaks[:-1][kept], breaks[-1]), first[kept], last[kept]
 
 
-def _position(move: SetPoint) -> "scipy.interpolate.PPoly":
+@functools.lru_cache(maxsize=16)  # a stiff integrator asks for one instant after the other
+def _laws(move: SetPoint) -> "tuple[scipy.interpolate.PPoly, ...]":
+    """Position, speed and acceleration over time."""
     breaks, first, last = _acceleration_pieces(move)
     spans = np.diff(breaks)
     cubic, square = (last - first) / (6.0 * spans), 0.5 * first
     speeds = np.concatenate([[0.0], np.cumsum(0.5 * (first + last) * spans)])[:-1]
     ways = speeds * spans + square * spans**2 + cubic * spans**3
-    return scipy.interpolate.PPoly(
+    position = scipy.interpolate.PPoly(
         np.array([cubic, square, speeds, np.concatenate([[0.0], np.cumsum(ways)])[:-1]]), breaks
     )
+    return position, position.derivative(1), position.derivative(2)
 
 
 def _sample_lag(move: SetPoint, times: FloatArray) -> PathMotion:
