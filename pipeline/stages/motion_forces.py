@@ -98,6 +98,27 @@ def record_drives(
     return DriveHistory({name: DriveExtremes(*both) for name, *both in largest}, torques, errors)
 
 
+def add_to_drives(
+    history: DriveHistory, drives: Collection[Drive], times: FloatArray, watched: FloatArray
+) -> DriveHistory:
+    """What drives did, with what something else makes them do.
+
+    Args:
+        history: Of ``d`` drives under control.
+        drives: These.
+        times: ``(n,)`` [s].
+        watched: ``(n, 2 d)`` forces that it adds, then what is read of it.
+    """
+    forces, read = np.split(watched, 2, axis=1)
+    added = record_drives(drives, times, forces, -read)
+    torques = history.torques + added.torques
+    errors = history.position_errors + added.position_errors
+    largest = zip(
+        history.extremes, find_largest(times, torques), find_largest(times, errors), strict=True
+    )
+    return DriveHistory({name: DriveExtremes(*both) for name, *both in largest}, torques, errors)
+
+
 def watch_joints(joints: Iterable[JointForces]) -> Watch:
     """Springs of joints, with their dampers."""
     joints = tuple(joints)

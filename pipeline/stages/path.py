@@ -24,6 +24,7 @@ from headstock.pipeline.planning.planner import MODE_MARGIN, PATH_STEPS_PER_TURN
 from headstock.pipeline.stages.control import drive_along, drive_machine
 from headstock.pipeline.stages.machine import CoupledPose, damp_system, warn_of_no_damping
 from headstock.pipeline.stages.motion_forces import (
+    add_to_drives,
     read_joints,
     record_drives,
     watch_drives,
@@ -330,10 +331,20 @@ def _solve_moves(state: RunState, request: PathRequest, middle: PosedModes) -> S
         own if errors is None else errors.follow_pose(own, move)
         for own, move in zip(disturbed, request.moves, strict=True)
     ]
+    forces = tuple(
+        own
+        if other.watched is None
+        else dataclasses.replace(
+            own,
+            drives=add_to_drives(own.drives, drives.values(), other.times, other.watched),
+        )
+        for own, other in zip(solved.forces, disturbed, strict=True)
+    )
     return dataclasses.replace(
         solved,
         found=tuple(map(add_deviations, solved.found, posed)),
         kept=tuple(map(add_deviations, solved.kept, disturbed)),
+        forces=forces,
         disturbed=True,
     )
 
@@ -379,6 +390,7 @@ def _disturb_loop(
         channels=channels,
         samples=sample_path(request, move),
         load_step=min(shortest, shortest_ripple(rippling, request)) / move.feed / STEPS_PER_WAVE,
+        watch=watch_drives(state.scene.drives.values()),
     )
 
 

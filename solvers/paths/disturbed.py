@@ -15,6 +15,7 @@ from headstock.solvers.linear.state_space import StateSpace, modal_state_space
 from headstock.solvers.linear.time_response import solve_stepped_response
 from headstock.solvers.paths.response import PathDeviation
 from headstock.solvers.second_order import Channel, SecondOrderSystem
+from headstock.solvers.watched_outputs import Watch
 
 
 def solve_disturbed_path(
@@ -80,6 +81,7 @@ def solve_disturbed_loop(
     channels: Sequence[Channel],
     samples: FloatArray,
     load_step: float,
+    watch: Watch,
 ) -> PathDeviation:
     """The same of a closed loop that holds its set points; its quasi-static part is what it holds
     under constant loads.
@@ -91,16 +93,22 @@ def solve_disturbed_loop(
         channels: Where they act.
         samples: ``(n,)`` evenly spaced, from zero [s].
         load_step: Longest time over which a load may be taken for straight [s].
+        watch: What else is wanted of it.
     """
-    columns = [loop.inputs.index(channel) for channel in channels]
-    b, c, d = loop.b[:, columns], loop.c[:outputs], loop.d[:outputs, columns]
+    columns, watched = [loop.inputs.index(channel) for channel in channels], loop.watch(watch)
+    b = loop.b[:, columns]
+    c = np.vstack([loop.c[:outputs], watched.states])
+    d = np.vstack([loop.d[:outputs, columns], watched.inputs[:, columns]])
     fine, parts = _refine(samples, load_step)
     given = loads(fine)
     steps = np.stack([given[:-1], given[1:]], axis=1)
     alone = StateSpace(loop.a, b, c, d, tuple(channels), (), loop.states)
-    total = solve_stepped_response(alone, fine, steps).outputs[::parts]
-    held = given[::parts] @ (d - c @ np.linalg.solve(loop.a, b)).T
-    return PathDeviation(samples, total, held, np.zeros_like(total), total - held)
+    found = solve_stepped_response(alone, fine, steps).outputs[::parts]
+    total = found[:, :outputs]
+    held = given[::parts] @ (d - c @ np.linalg.solve(loop.a, b))[:outputs].T
+    return PathDeviation(
+        samples, total, held, np.zeros_like(total), total - held, found[:, outputs:]
+    )
 
 
 def _refine(samples: FloatArray, load_step: float) -> tuple[FloatArray, int]:

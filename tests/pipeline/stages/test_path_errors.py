@@ -161,6 +161,35 @@ def test_torque_ripple_shakes_the_tool_as_the_closed_loop_says(tmp_path: Path) -
         assert figures.amplitude == pytest.approx(expected, rel=1e-2)
 
 
+def test_a_motor_answers_its_torque_ripple_as_its_controller_says(tmp_path: Path) -> None:
+    """Torque and position error of the same wave are apart by a controller of proportional position
+    and PI speed: ``kp (1 + 1 / (s T)) (kv + s)``, late by its dead time.
+    """
+    scene = load_scene(SCENE, overrides=RIPPLE)
+    (own,) = run(scene, tmp_path).runs
+    drive, curves = scene.drives["X"], own.curves
+    still = run(load_scene(SCENE, overrides=[*RIPPLE, "effects.torque_ripple=false"]), tmp_path)
+    rest = still.runs[0].curves
+    times, omega = curves.deviation.times, 2.0 * np.pi * 6 * 0.05 / drive.lead
+    # whole periods at constant feed, long after the ramp
+    some = (times >= 2.0) & (times < 2.0 + 40 * 2.0 * np.pi / omega)
+    wave = np.exp(-1j * omega * times[some])
+    torque, error = (
+        2.0 * abs(np.mean(wave * (shaken - calm)[some, 0]))
+        for shaken, calm in (
+            (curves.torques, rest.torques),
+            (curves.position_errors, rest.position_errors),
+        )
+    )
+    s = 1j * omega
+    control = drive.control
+    gain = control.velocity_gain * (1.0 + 1.0 / (s * control.integral_time))
+    gain *= control.position_gain + s
+    assert torque > 1e-3
+    assert torque == pytest.approx(drive.lead / (2.0 * np.pi) * abs(gain) * error, rel=1e-2)
+    assert abs(own.drives["X"].torque.value) == pytest.approx(np.abs(curves.torques).max())
+
+
 def test_drives_under_control_follow_uneven_guides_too(tmp_path: Path) -> None:
     """Across the travel, a slow path under control is as uneven as with ideal motors."""
     changes = (
