@@ -12,11 +12,15 @@ from headstock.geometry.machine.drives import Drive
 from headstock.geometry.machine.guide_errors import ErrorProfile, ProfileError
 from headstock.geometry.machine.joints import JointEnd
 from headstock.geometry.mechanisms.exechon import COMPLIANCES, LEGS, LENGTHS
+from headstock.reduction.coupling.channels import GRAVITY
 from headstock.reduction.coupling.drives import find_moved_mass, make_rigid_train
+from headstock.reduction.motions.compliance_budget import WEIGHT
+from headstock.reduction.motions.tool_deviation import GEOMETRY, ToolDeviation
 from headstock.reduction.superelement import Superelement
 from headstock.scene.scene import LegSprings, SceneMechanism
 from headstock.solvers.control.drive_trains import DriveTrain
 from headstock.solvers.errors import ModelError
+from headstock.solvers.linear.static_response import solve_static
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism, LumpedSprings, MechanismBody
 from headstock.solvers.mechanisms.modes import SmallMotions, linearise_poses, marker_motion
 from headstock.solvers.second_order import SecondOrderSystem
@@ -215,20 +219,62 @@ def spring_shares(placed: PlacedMechanism, stretch: FloatArray) -> dict[str, flo
     """
     energy = placed.motions.stiffness * stretch**2
     total = float(energy.sum())
-    found: dict[str, float] = {}
+    return {
+        part: float(value) / total if total else 0.0
+        for part, value in split_springs(placed, energy).items()
+    }
+
+
+def split_springs(placed: PlacedMechanism, energy: FloatArray) -> dict[str, FloatArray]:
+    """What springs ``(c, ...)`` across and along each leg have, by its joint, drive and screw."""
+    found: dict[str, FloatArray] = {}
     for number, leg in enumerate(LEGS):
         parts = series_parts(
             placed.springs, float(placed.state[placed.model.springs.length[2 * number]])
         )
-        shares = dict(
-            zip(SPRING_PARTS, energy[2 * number + 1] * np.array(parts) / sum(parts), strict=True)
-        )
-        shares["joint"] += energy[2 * number]
-        found |= {
-            f"{leg}.{part}": float(value) / total if total else 0.0
-            for part, value in shares.items()
-        }
+        for name, size in zip(SPRING_PARTS, parts, strict=True):
+            found[f"{leg}.{name}"] = energy[2 * number + 1] * (size / sum(parts))
+        found[f"{leg}.joint"] = found[f"{leg}.joint"] + energy[2 * number]
     return found
+
+
+def deviate(
+    placed: PlacedMechanism,
+    system: SecondOrderSystem,
+    loads: FloatArray,
+    *,
+    gravity: bool,
+    errors: Mapping[int, ErrorProfile],
+) -> ToolDeviation:
+    """Deviation of a lumped mechanism at a point by source and part, as
+    :func:`headstock.reduction.motions.tool_deviation.solve_deviation` has it of others.
+
+    Args:
+        placed: In the pose.
+        system: Its equations of motion.
+        loads: ``(c, 6)`` of unit forces and moments at the point.
+        gravity: Its weight deflects it.
+        errors: Number of a leg, 0..2, to the error of its length over its length.
+
+    Raises:
+        ModelError: A leg is longer or shorter than its table.
+    """
+    sources: dict[str, FloatArray] = {}
+    parts: dict[str, dict[str, FloatArray]] = {}
+    if errors:
+        pushed = np.diag(placed.motions.stiffness * leg_offsets(placed, errors))
+        moved = loads.T @ solve_static(system, pushed).displacements
+        sources[GEOMETRY] = moved.sum(axis=1)
+        parts[GEOMETRY] = {LEGS[leg]: moved[:, 2 * leg + 1] for leg in errors}
+    if gravity:
+        influence = solve_static(system, loads).displacements
+        sagged = solve_static(system, placed.motions.gravity).displacements
+        sources[GRAVITY] = loads.T @ sagged
+        energy = influence * (placed.motions.stiffness * sagged)[:, None]
+        parts[GRAVITY] = split_springs(placed, energy)
+        if placed.motions.geometric is not None:
+            parts[GRAVITY][WEIGHT] = influence.T @ (placed.motions.geometric @ sagged)
+    return ToolDeviation(sources, parts)
 
 
 def leg_offsets(placed: PlacedMechanism, errors: Mapping[int, ErrorProfile]) -> FloatArray:

@@ -22,6 +22,7 @@ from headstock.pipeline.results.views import PointView, PoseView, ShiftArray
 from headstock.pipeline.stages.lumped_machine import (
     PlacedMechanism,
     build_compliant_mechanism,
+    deviate,
     leg_offsets,
     place_leg_drives,
     place_mechanism,
@@ -41,6 +42,7 @@ from headstock.reduction.coupling.drives import anchor_motors, find_weight_stiff
 from headstock.reduction.coupling.guide_errors import GUIDE_ERRORS
 from headstock.reduction.coupling.joint_forces import JointForces
 from headstock.reduction.motions.mode_naming import NamedModes
+from headstock.reduction.motions.tool_deviation import ToolDeviation
 from headstock.reduction.superelement import Superelement
 from headstock.scene.scene import SceneMechanism
 from headstock.scene.schema.effects import GRAVITY_STIFFENING
@@ -230,10 +232,22 @@ class LumpedPose:
             found[GRAVITY] = loads.T @ solve_static(system, placed.motions.gravity).displacements
         mechanism = scene_mechanism(self.parts)
         if mechanism.leg_errors:
-            # nothing resists the legs: what a leg is too long by, its springs' coordinate takes
-            found[GUIDE_ERRORS] = loads.T @ leg_offsets(placed, mechanism.leg_errors)
+            # but for its weight nothing resists what a leg is too long by
+            pushed = placed.motions.stiffness * leg_offsets(placed, mechanism.leg_errors)
+            found[GUIDE_ERRORS] = loads.T @ solve_static(system, pushed).displacements
         total = np.sum(list(found.values()), axis=0) if found else None
         return Solved(PointCompliance(compliance, budget, sentence, total, displacements=found))
+
+    def deviate(self, name: str) -> ToolDeviation:
+        """Deviation at a point by source and part."""
+        loads = np.stack([self.system.inputs[name, dof] for dof in DOF_NAMES], axis=1)
+        return deviate(
+            self.placed,
+            self.system,
+            loads,
+            gravity=self.parts.plan.gravity is not None,
+            errors=scene_mechanism(self.parts).leg_errors,
+        )
 
     def view(self) -> PoseView:
         """What is drawn of the pose without motions."""

@@ -2,6 +2,7 @@
 rank 0 has anything to do.
 """
 
+from collections.abc import Callable
 from itertools import combinations
 
 import numpy as np
@@ -18,6 +19,7 @@ from headstock.geometry.machine.machine import (
 from headstock.geometry.mechanisms.tool_mechanism import TOOL_AXES, TOOL_POINT
 from headstock.pipeline.answers.volumetric import VolumetricAnswer
 from headstock.pipeline.planning.plan import Stage
+from headstock.pipeline.stages.mechanism import build_mechanism, place_pose
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.coupling.memo import CouplingMemo
@@ -40,16 +42,14 @@ def run_volumetric_stage(state: RunState, stage: Stage) -> Outcome:
     grid = np.stack(
         np.meshgrid(*(values for _, values in request.axes), indexing="ij"), axis=-1
     ).reshape(-1, len(shape))
-    machine, superelements = state.scene.machine, state.parts.superelements
-    memo = CouplingMemo(set(request.at))
+    deviate = _place_deviations(state, request)
     names = [name for name, _ in request.axes]
     found: list[dict[str, ToolDeviation] | None] = []
     faults: list[str] = []
     for row in grid:
         pose = Pose("", {**request.fixed, **dict(zip(names, map(float, row), strict=True))})
         try:
-            coupled = couple(superelements, machine, pose, gravity=state.plan.gravity, memo=memo)
-            found.append({name: solve_deviation(coupled, machine, name) for name in request.at})
+            found.append(deviate(pose))
         except POSE_ERRORS as error:
             found.append(None)
             faults.append(str(error))
@@ -62,7 +62,11 @@ def run_volumetric_stage(state: RunState, stage: Stage) -> Outcome:
         return Outcome(detail="refused: see below", failures=failures)
     answers = tuple(
         _assemble(
-            request, machine, name, shape, [None if each is None else each[name] for each in found]
+            request,
+            state.scene.machine,
+            name,
+            shape,
+            [None if each is None else each[name] for each in found],
         )
         for name in request.at
     )
@@ -72,6 +76,29 @@ def run_volumetric_stage(state: RunState, stage: Stage) -> Outcome:
         answers=answers,
         failures=failures,
     )
+
+
+def _place_deviations(
+    state: RunState, request: VolumetricRequest
+) -> Callable[[Pose], dict[str, ToolDeviation]]:
+    """What finds the errors at every point in a pose."""
+    machine, parts = state.scene.machine, state.parts
+    superelements = parts.superelements
+    if state.scene.is_lumped:
+        model = build_mechanism(parts, superelements)
+
+        def place(pose: Pose) -> dict[str, ToolDeviation]:
+            placed = place_pose(parts, pose, model, superelements)
+            return {name: placed.deviate(name) for name in request.at}
+
+        return place
+    memo = CouplingMemo(set(request.at))
+
+    def join(pose: Pose) -> dict[str, ToolDeviation]:
+        coupled = couple(superelements, machine, pose, gravity=state.plan.gravity, memo=memo)
+        return {name: solve_deviation(coupled, machine, name) for name in request.at}
+
+    return join
 
 
 def _known(values: FloatArray) -> FloatArray:
@@ -139,7 +166,7 @@ def _tool_travel(machine: Machine, request: VolumetricRequest, point: str, axis:
     """Travel ``(3,)`` of the tool against the work per travel of a linear axis in the middle of the
     map; zero for a rotary one.
     """
-    if machine.mechanism is not None and axis in TOOL_AXES:
+    if axis in TOOL_AXES and axis not in machine.axes:
         return np.eye(3)[TOOL_POINT.index(axis)] if axis in TOOL_POINT else np.zeros(3)
     if machine.axes[axis].kind != "linear":
         return np.zeros(3)

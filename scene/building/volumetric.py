@@ -46,11 +46,6 @@ def check_volumetric(draft: Draft, findings: Findings) -> None:
             key,
             'there is no point whose error is wanted; write [points] tcp = { tool = "component.interface", work = "ground" }',
         )
-    if scene.is_lumped:
-        findings.add(
-            key,
-            'a lumped mechanism has no guides; use map, or write its joints out with model = "components"',
-        )
     effects = {name for name, value in scene.effects.items() if value is not False}
     if not effects & {GUIDE_ERRORS, "gravity"} and not scene.loads:
         findings.add(

@@ -13,6 +13,8 @@ from headstock.geometry.mechanisms.closures import close_loops
 from headstock.geometry.mechanisms.exechon import LENGTHS
 from headstock.geometry.mechanisms.kinematics import place_markers
 from headstock.geometry.mechanisms.tool_mechanism import solve_pose
+from headstock.pipeline.answers.answer import find_answers
+from headstock.pipeline.answers.volumetric import VolumetricAnswer
 from headstock.pipeline.results.summary import RunSummary, summarise
 from headstock.pipeline.runner import run_scene
 from headstock.scene.building.loader import load_scene
@@ -97,3 +99,33 @@ def test_errors_of_legs_need_legs_that_have_some() -> None:
         load_scene(SCENE, overrides=COMMON)
     with pytest.raises(SceneError, match="is not a length"):
         load_scene(SCENE, overrides=[*LUMPED, "mechanism.errors.leg_2={ polynomial = ['1 urad'] }"])
+
+
+@pytest.mark.parametrize("stiffening", ["false", "true"])
+def test_a_volumetric_map_of_lumped_legs_is_that_of_components(
+    stiffening: str, tmp_path: Path
+) -> None:
+    """By source; the parts of each add up to it, with gravity stiffening too."""
+    more = [
+        f"effects={{ gravity = true, guide_errors = true, gravity_stiffening = {stiffening} }}",
+        'sweeps.volume={ axes = { X = ["-100 mm", "100 mm", 3], Y = ["-100 mm", "100 mm", 2], Z = ["200 mm", "300 mm", 2] } }',
+        "analyses={ volumetric = { sweep = 'volume', at = ['tcp'] } }",
+    ]
+    found: list[VolumetricAnswer] = []
+    for variant, errors in (("lumped", LUMPED[2:]), ("components", BY_JOINTS[2:])):
+        scene = load_scene(SCENE, variant=variant, overrides=[*errors, *more])
+        results = run_scene(scene, tmp_path / variant, comm=MPI.COMM_SELF)
+        assert results.failures == ()
+        found += find_answers(results.answers, VolumetricAnswer)
+    lumped, legs = found
+    assert set(lumped.sources) == set(legs.sources) == {"geometry", "gravity"}
+    for source, moved_by in legs.sources.items():
+        size = np.abs(moved_by[..., :3]).max()
+        assert size > 5e-6
+        np.testing.assert_allclose(
+            lumped.sources[source][..., :3], moved_by[..., :3], atol=1e-6 * size
+        )
+    for shares in lumped.budget.values():
+        assert sum(shares.values()) == pytest.approx(1.0, rel=1e-9)
+        assert sum("errors of" in part for part in shares) == 3
+        assert ("gravity on own weight" in shares) == (stiffening == "true")
