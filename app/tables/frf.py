@@ -81,9 +81,9 @@ def _name_number(row: NumberSummary) -> str:
     return f"{kind} {' '.join(row['output'])} / {' '.join(row['input'])}"
 
 
-def _share(row: NumberSummary) -> float | None:
+def _share(row: NumberSummary) -> str:
     error = row["error_um_per_kN"]
-    return None if error is None else error / row["size_um_per_kN"]
+    return "?" if error is None else show_percent(error / row["size_um_per_kN"])
 
 
 NUMBER_COLUMNS: tuple[Column[NumberSummary], ...] = (
@@ -106,7 +106,6 @@ NUMBER_COLUMNS: tuple[Column[NumberSummary], ...] = (
         _share,
         screen=">± of it",
         report="± of it",
-        show=show_percent,
     ),
 )
 

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from headstock.geometry.parts.components import Component, Load, Patch, Support
+from headstock.geometry.parts.components import Component, Load, MeshSettings, Patch, Support
 from headstock.geometry.parts.mass_properties import (
     SolidProperties,
     closed_form_properties,
@@ -307,8 +307,10 @@ def automatic_size(component: Component) -> float:
 
 
 def _without_size(component: Component) -> Component:
-    mesh = dataclasses.replace(component.mesh, size=None, growth=None, rim_size=None, sizes=None)
-    return dataclasses.replace(component, mesh=mesh)
+    """The component with a mesh of which nothing is said but its order: features that meshes leave out
+    belong to what is described.
+    """
+    return dataclasses.replace(component, mesh=MeshSettings(order=component.mesh.order))
 
 
 def _describe_shape(component: Component, groups: Groups) -> MeshData:

@@ -9,6 +9,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.reduction.estimates.response_errors import ResponseSpace, SystemChange
+from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.frequency_response import FrfModel
 from headstock.solvers.pairing.mode_pairing import ModeSet, pair_modes
 from headstock.solvers.pairing.response_peaks import (
@@ -112,7 +113,12 @@ def find_peak_errors(
     follower = _Follower(respond(None), peaks, levels)
 
     def change(by: SystemChange) -> FloatArray:
-        return np.abs(follower.measure(respond(by)) - follower.before)
+        try:
+            changed = respond(by)
+        except ModelError:
+            # a mesh so coarse that it misses more energy than the machine stores has no finer one
+            return np.full(len(hz), np.nan)
+        return np.abs(follower.measure(changed) - follower.before)
 
     errors = PeakErrors()
     hz = np.array([*(peak.hz for peak in peaks), *(level.hz for level in levels)])

@@ -133,6 +133,11 @@ def test_every_body_and_every_level_is_that_of_the_softened_system() -> None:
         )
 
 
+def test_of_a_mesh_that_misses_more_energy_than_the_machine_stores_nobody_knows() -> None:
+    _, errors = estimate(make_system(), ErrorSources(meshed={"body": meshed(missing(100.0, 2))}))
+    assert np.isnan(errors.finer["body"]).all()
+
+
 def test_beyond_what_a_mesh_tells_and_the_modes_kept_nobody_knows() -> None:
     system = make_system()
     limit = (2.0 * np.pi * 350.0) ** 2
