@@ -146,10 +146,10 @@ def _check_mass_properties(superelement: Superelement, rounding: float) -> None:
     """Compare the mass of rigid motions with mass, centre and inertia, as closely as rounding of
     the mass matrix lets them agree.
 
-    Entries ``m_ij`` are sums over the mesh of products of shapes, off by at most ``rounding *
-    sqrt(m_ii m_jj)`` times the number of terms (even meshes round equal terms alike); in a rigid
-    motion r they add up to ``(sum_i |r_i| sqrt(m_ii))^2``, which is much more than its mass where
-    shapes all but cancel. Places far from the component's origin are themselves rounded, by ``rounding`` of
+    Entries ``m_ij`` are sums over the mesh of products of shapes, off by ``rounding * sqrt(m_ii
+    m_jj)`` times the square root of the number of terms where signs are random; in a rigid motion r
+    they add up to ``(sum_i |r_i| sqrt(m_ii))^2``, which is much more than its mass where shapes all
+    but cancel. Places far from the component's origin are themselves rounded, by ``rounding`` of
     their distance.
 
     Source: Higham, Accuracy and Stability of Numerical Algorithms (2002), secs. 2.8 and 3.1.
@@ -166,7 +166,7 @@ def _check_mass_properties(superelement: Superelement, rounding: float) -> None:
     scale = max(superelement.mass_kg, np.finfo(float).tiny)
     error = np.abs(motions.T @ superelement.mass @ motions - wanted) / scale
     sizes = np.abs(motions).T @ np.sqrt(np.abs(superelement.mass.diagonal()))
-    terms = float(max(superelement.full_dofs, len(superelement.labels)))
+    terms = np.sqrt(max(superelement.full_dofs, len(superelement.labels)))
     places = np.array(
         [superelement.center_of_mass, *(frame.origin for frame in superelement.frames)]
     )

@@ -43,6 +43,16 @@ def test_labels_name_every_dof_in_order(mesh: ComponentMesh) -> None:
     assert element.full_dofs == mesh.points.size
 
 
+def test_the_mass_of_an_even_mesh_has_no_rounding_of_many_equal_terms() -> None:
+    even = make_box((4, 8, 24), (0.04, 0.1, 0.3), {"foot": "z-", "tip": "z+"})
+    component = make_component({"foot": "rigid", "tip": "average"})
+    element = reduce_elastic(
+        component, even, comm=COMM, request=ReductionRequest(ModeTarget(count=1), errors=False)
+    )
+    mass = component.material.density * 0.04 * 0.1 * 0.3
+    assert element.mass_kg == pytest.approx(mass, rel=1e-14, abs=0.0)
+
+
 @pytest.mark.parametrize("coupling", ["rigid", "average"])
 def test_a_free_component_with_one_interface_has_no_stiffness_there_at_all(
     mesh: ComponentMesh, coupling: CouplingKind
