@@ -156,7 +156,7 @@ def describe_component(component: Component) -> SolidProperties:
         return SolidProperties(whole.volume, whole.center, whole.inertia, areas, centroids)
     properties = closed_form_properties(component)
     if properties is None:
-        properties = _describe_shape(_without_size(component), groups).properties
+        properties = _describe_shape(_without_mesh_settings(component), groups).properties
     if properties is None:
         raise MeshError(f"{what}: the CAD kernel returned no properties")
     return properties
@@ -300,13 +300,13 @@ def automatic_size(component: Component) -> float:
     Raises:
         MeshError: A STEP file cannot be read.
     """
-    unsized = _without_size(component)
+    unsized = _without_mesh_settings(component)
     if isinstance(component.solid, StepFile):
         return _describe_shape(unsized, patch_groups(component, (), ())).size
     return element_size(unsized)
 
 
-def _without_size(component: Component) -> Component:
+def _without_mesh_settings(component: Component) -> Component:
     """The component with a mesh of which nothing is said but its order: features that meshes leave out
     belong to what is described.
     """

@@ -116,7 +116,7 @@ def find_peak_errors(
         try:
             changed = respond(by)
         except ModelError:
-            # a mesh so coarse that it misses more energy than the machine stores has no finer one
+            # the machine has been solved as it is: its mesh misses more energy than it stores
             return np.full(len(hz), np.nan)
         return np.abs(follower.measure(changed) - follower.before)
 
