@@ -30,19 +30,15 @@ from headstock.pipeline.contours.ways import (
     place_machine,
     place_model,
 )
+from headstock.pipeline.paths.path import answer_path, run_path_stage
+from headstock.pipeline.paths.path_cut import cutting_loads
+from headstock.pipeline.paths.path_model import choose_model, sample_path
+from headstock.pipeline.paths.solved_moves import SolvedMoves
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.planner import PATH_STEPS_PER_TURN
 from headstock.pipeline.stages.control import drive_along
 from headstock.pipeline.stages.machine import damp_system
 from headstock.pipeline.stages.motion_forces import leave_out_roundoff, record_drives
-from headstock.pipeline.stages.path import (
-    SolvedMoves,
-    answer_path,
-    choose_model,
-    cutting_loads,
-    run_path_stage,
-    sample_path,
-)
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.reduction.coupling.joint_forces import JointForces, joint_outputs
 from headstock.scene.requests import PathRequest

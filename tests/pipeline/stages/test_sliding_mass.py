@@ -11,9 +11,9 @@ from scipy.integrate import solve_ivp
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.components.meshing import describe_component
 from headstock.pipeline.answers.path import PathResult
+from headstock.pipeline.paths.path import run_path_stage
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.stages.path import run_path_stage
 from headstock.pipeline.stages.run_state import ReducedComponent, RunState
 from headstock.pipeline.storage.store import Store
 from headstock.reduction.components.rigid import reduce_rigid

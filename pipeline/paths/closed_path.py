@@ -1,0 +1,107 @@
+"""A path under control in one pose. Control loops are judged before any run in time."""
+
+import dataclasses
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.machine import travel_directions
+from headstock.pipeline.paths.path_cut import path_loads, pushed_channels
+from headstock.pipeline.paths.travels import axis_shares, travel_of_channel
+from headstock.pipeline.planning.planner import path_band
+from headstock.pipeline.stages.control import drive_machine
+from headstock.pipeline.stages.machine import CoupledPose
+from headstock.pipeline.stages.motion_forces import watch_drives, watch_joints
+from headstock.pipeline.stages.probe_motions import place_probes, probe_outputs, watch_probes
+from headstock.pipeline.stages.run_state import RunState
+from headstock.reduction.coupling.joint_forces import joint_outputs
+from headstock.scene.requests import PathRequest
+from headstock.solvers.control.drive_loops import close_loops
+from headstock.solvers.control.driven_motion import DrivenMotion
+from headstock.solvers.control.friction_loop import friction_channels
+from headstock.solvers.control.stability import require_stable
+from headstock.solvers.paths.controlled import (
+    ControlledPath,
+    solve_controlled_path,
+    solve_rubbing_path,
+)
+from headstock.solvers.paths.response import PathDeviation
+from headstock.solvers.paths.set_points import SetPoint
+
+ENERGY_LIMIT = 1e-6
+# modes up to so many times the band looked at are states of the loop, the others act at once; fewer
+# where a stiff integrator has them, or where they are interpolated along the path
+LINEAR_REACH, FRICTION_REACH = 12.0, 3.0
+
+
+def close_path(
+    state: RunState,
+    request: PathRequest,
+    posed: CoupledPose,
+    low_frequency_limit_hz: float,
+    *,
+    reach: float | None = None,
+) -> ControlledPath:
+    """The closed loop of a scene's drives in a pose of the path.
+
+    Args:
+        state: Of the run.
+        request: The path.
+        posed: The machine in the pose.
+        low_frequency_limit_hz: Below it poles are rigid-body motion [Hz].
+        reach: Modes up to so many times the band are states; None for the usual number.
+
+    Raises:
+        UnstableControlError: A pole grows.
+    """
+    driven = drive_machine(posed, state.warn)
+    require_stable(driven.system, driven.trains)
+    channels, joints = friction_channels(driven.trains), driven.released.joints
+    probes = place_probes(state.parts, driven.released.coupled, tuple(state.scene.machine.probes))
+    own = joint_outputs(joints) | probe_outputs(state.parts, probes)
+    watched = watch_joints(joints).join(watch_probes(probes))
+    cut = request.cut
+    pushed = pushed_channels(request)
+    reach = reach or (FRICTION_REACH if channels else LINEAR_REACH)
+    machine = state.scene.machine
+    directions = travel_directions(machine, request.path)
+    return ControlledPath(
+        loop=close_loops(
+            dataclasses.replace(driven.system, outputs=driven.system.outputs | own),
+            driven.trains,
+            inputs=(*pushed, *channels),
+            outputs=(*request.outputs, *own),
+            up_to_hz=reach * path_band(request),
+        ),
+        shares=axis_shares(request),
+        travel=np.array(
+            [
+                travel_of_channel(machine, directions, name=name, dof=dof)
+                for name, dof in request.outputs
+            ]
+        ),
+        low_frequency_limit_hz=low_frequency_limit_hz,
+        loads=path_loads(machine, directions, cut),
+        watched=watched.join(watch_drives(state.scene.drives.values())),
+    )
+
+
+def drive_path(
+    state: RunState, path: ControlledPath, move: SetPoint, samples: FloatArray
+) -> PathDeviation:
+    """Deviation over a move, with friction where the scene names it."""
+    if not friction_channels(path.loop.trains):
+        return solve_controlled_path(path, move, samples)
+    deviation, motion = solve_rubbing_path(path, move, samples)
+    judge_energy(state, motion, move)
+    return deviation
+
+
+def judge_energy(state: RunState, motion: DrivenMotion, move: SetPoint) -> None:
+    """Warns where the energy balance of a move with friction misses too much."""
+    if motion.energy.error > ENERGY_LIMIT:
+        state.warn(
+            f"path analysis at {6e4 * move.feed:g} mm/min: the energy balance misses {motion.energy.error:.2g} of the work, more than"
+            f" {ENERGY_LIMIT:g}; give friction a larger smoothing"
+        )
+    state.energy_errors[f"{6e4 * move.feed:g} mm/min"] = motion.energy.error

@@ -1,0 +1,216 @@
+"""The path stage: how far a machine leaves a straight line while its axes accelerate, with ideal
+motors or drives under control.
+
+The machine is taken in one pose of the path, or as it changes along it. Control loops are judged
+before any run in time. Only rank 0 has anything to do.
+"""
+
+import dataclasses
+from collections.abc import Callable
+
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.answers.motion_forces import PathForces
+from headstock.pipeline.answers.path import PathCurves, PathResult, PathRun
+from headstock.pipeline.paths.driven_moves import drive_moves
+from headstock.pipeline.paths.ideal_motors import build_plant, move_freely
+from headstock.pipeline.paths.path_disturbances import disturb_loop
+from headstock.pipeline.paths.path_model import choose_model, sample_path
+from headstock.pipeline.paths.solved_moves import SolvedMoves
+from headstock.pipeline.planning.plan import Stage
+from headstock.pipeline.stages.motion_forces import add_to_drives
+from headstock.pipeline.stages.run_state import Outcome, RunState
+from headstock.reduction.motions.path_errors import (
+    NODES,
+    add_deviations,
+    find_path_errors,
+    respond_to_errors,
+)
+from headstock.scene.requests import PathRequest
+from headstock.solvers.errors import ModelError, UnstableControlError
+from headstock.solvers.paths.response import (
+    PathDeviation,
+    filter_deviation,
+    measure_cruise,
+    measure_zones,
+    slow_modes,
+)
+from headstock.solvers.paths.set_points import SetPoint, sample_move
+from headstock.solvers.paths.varying_system import PosedModes
+
+
+def run_path_stage(state: RunState, stage: Stage) -> Outcome:
+    """Deviation at every output along the path of axes, once per feed: as the pose changes, and as if
+    it stayed that of the middle.
+    """
+    request = state.scene.analyses.path
+    if not state.is_root:
+        return Outcome()
+    if request is None:
+        raise ValueError("a path stage needs a path analysis in the scene")
+    middle = build_plant(state, request, 0.5 * request.path.length)
+    return answer_path(
+        state,
+        request,
+        frequencies_hz=middle.modes.frequencies_hz,
+        damped=middle.system.damping is not None or middle.system.hysteretic is not None,
+        solve=lambda: _solve_moves(state, request, middle),
+    )
+
+
+def _solve_moves(state: RunState, request: PathRequest, middle: PosedModes) -> SolvedMoves:
+    """Deviation of every move: with the drives of the scene under control, or with motors that
+    follow their set point.
+
+    Raises:
+        UnstableControlError: A control loop is.
+    """
+    model = choose_model(request)
+    errors = find_path_errors(
+        state.parts.superelements,
+        state.scene.machine,
+        request.path,
+        request.outputs,
+        nodes=NODES if request.follows_pose else 1,
+    )
+    drives = state.scene.drives
+    solved = (
+        drive_moves(state, request, model) if drives else move_freely(state, request, middle, model)
+    )
+    if errors is None and not any(drive.ripple for drive in drives.values()):
+        return solved
+    disturbed = [
+        disturb_loop(state, request, errors, move)
+        if drives or errors is None
+        else respond_to_errors(
+            errors,
+            middle.system,
+            move,
+            samples=sample_path(request, move),
+            low_frequency_limit_hz=model.low_frequency_limit_hz,
+        )
+        for move in request.moves
+    ]
+    posed = [
+        own if errors is None else errors.follow_pose(own, move)
+        for own, move in zip(disturbed, request.moves, strict=True)
+    ]
+    forces = tuple(
+        own
+        if other.watched is None
+        else dataclasses.replace(
+            own,
+            drives=add_to_drives(own.drives, drives.values(), other.times, other.watched),
+        )
+        for own, other in zip(solved.forces, disturbed, strict=True)
+    )
+    return dataclasses.replace(
+        solved,
+        found=tuple(map(add_deviations, solved.found, posed)),
+        kept=tuple(map(add_deviations, solved.kept, disturbed)),
+        forces=forces,
+        disturbed=True,
+    )
+
+
+def answer_path(
+    state: RunState,
+    request: PathRequest,
+    *,
+    frequencies_hz: FloatArray,
+    damped: bool,
+    solve: Callable[[], SolvedMoves],
+) -> Outcome:
+    """What is said of a path.
+
+    Args:
+        state: Of the run.
+        request: The path.
+        frequencies_hz: Of the machine in its middle [Hz].
+        damped: Any damping is on.
+        solve: Its moves.
+    """
+    if not damped:
+        state.warn(
+            'path analysis: nothing is damped, so residual vibration does not decay; write [effects] damping = { modal = "2 %" }'
+        )
+    try:
+        solved = solve()
+    except (UnstableControlError, ModelError) as error:
+        return Outcome(detail="refused: see below", failures=(f"path analysis: {error}",))
+    model, ramp = choose_model(request), request.moves[0].ramp
+    answer = PathResult(
+        start=dict(request.path.start.positions),
+        end=dict(request.path.end.positions),
+        length=request.path.length,
+        ramp=ramp.kind,
+        time_constant=ramp.time_constant,
+        sampling_hz=request.sampling_hz,
+        lowpass_hz=None if request.low_pass is None else request.low_pass.frequency_hz,
+        filter="none" if request.low_pass is None else request.low_pass.kind,
+        damped=damped,
+        low_frequency_limit_hz=model.low_frequency_limit_hz,
+        low_frequency_modes=slow_modes(frequencies_hz, model.low_frequency_limit_hz),
+        poses=solved.poses,
+        runs=tuple(
+            _run_move(request, move, raw, kept, forces, disturbed=solved.disturbed)
+            for move, raw, kept, forces in zip(
+                request.moves, solved.found, solved.kept, solved.forces, strict=True
+            )
+        ),
+        drives=tuple(state.scene.drives),
+        energy_error=dict(state.energy_errors),
+    )
+    samples = sum(len(found.times) for found in solved.found)
+    poses = "" if solved.poses is None else f", {solved.poses.sampled_poses} poses"
+    return Outcome(
+        detail=f"{len(solved.found)} feed{'s' if len(solved.found) > 1 else ''}, {samples} samples{poses}",
+        answers=(answer,),
+    )
+
+
+def _run_move(
+    request: PathRequest,
+    move: SetPoint,
+    raw: PathDeviation,
+    kept: PathDeviation,
+    forces: PathForces,
+    *,
+    disturbed: bool,
+) -> PathRun:
+    """The deviation of one move as filtered, with its figures; and as if the pose were kept. Forces
+    are not filtered.
+    """
+    found, frozen = (filter_deviation(part, request.low_pass) for part in (raw, kept))
+    motion = sample_move(move, found.times)
+    curves = PathCurves(
+        move.feed,
+        move.zones,
+        request.outputs,
+        found,
+        frozen.total,
+        motion.positions,
+        motion.accelerations,
+        drives=tuple(forces.drives.extremes),
+        torques=forces.drives.torques,
+        position_errors=forces.drives.position_errors,
+        probes=tuple(probe.trace for probe in forces.probes.values()),
+    )
+    channels = range(len(request.outputs))
+    return PathRun(
+        curves,
+        figures=tuple(
+            measure_zones(found, raw, move, channel, request.residual_time) for channel in channels
+        ),
+        frozen_figures=tuple(
+            measure_zones(frozen, kept, move, channel, request.residual_time)
+            for channel in channels
+        ),
+        cruises=tuple(
+            measure_cruise(found, move, channel, request.residual_time) for channel in channels
+        )
+        if disturbed
+        else (),
+        drives=forces.drives.extremes,
+        joints=forces.joints,
+        probes=forces.probes,
+    )

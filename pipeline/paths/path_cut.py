@@ -1,0 +1,62 @@
+"""The cut along a path as loads of the machine."""
+
+import math
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from headstock.geometry.frames import DIRECTIONS, FloatArray
+from headstock.geometry.machine.machine import Machine
+from headstock.pipeline.paths.travels import travel_of_channel
+from headstock.pipeline.planning.planner import PATH_STEPS_PER_TURN
+from headstock.scene.requests import PathCut, PathRequest
+from headstock.solvers.errors import ModelError
+from headstock.solvers.milling.forces import cutting_forces
+from headstock.solvers.paths.loads import PathLoads
+from headstock.solvers.second_order import Channel
+
+
+def pushed_channels(request: PathRequest) -> tuple[Channel, ...]:
+    """Where the cut pushes."""
+    return () if request.cut is None else tuple((request.cut.at, dof) for dof in DIRECTIONS)
+
+
+def path_loads(
+    machine: Machine, directions: Mapping[str, FloatArray], cut: PathCut | None
+) -> PathLoads | None:
+    """The cut as loads on the tool; None without one."""
+    if cut is None:
+        return None
+    step = 2.0 * math.pi / cut.cut.spindle / PATH_STEPS_PER_TURN
+    return PathLoads(cutting_loads(cut, _tool_travel(machine, directions, cut.at)), step)
+
+
+def cutting_loads(
+    request: PathCut, travel: FloatArray
+) -> Callable[[FloatArray, FloatArray], FloatArray]:
+    """Forces on the tool ``(n, 3)`` in machine axes, at instants and speeds along the path.
+
+    Args:
+        request: The cut.
+        travel: ``(3,)`` of the tool against the work per travel along the path.
+
+    Raises:
+        ModelError: The tool does not move across its axis.
+    """
+    up = np.array(request.up)
+    along = travel - (travel @ up) * up
+    size = float(np.linalg.norm(along))
+    if size < 1e-9:
+        raise ModelError(
+            f"the path does not move {request.at} across the tool, so nothing is milled; write another path or `up`"
+        )
+    along = along / size
+    # the part lies on the right of the travel, seen from above
+    turn = np.array([along, np.cross(up, along), up])
+    return lambda times, speeds: cutting_forces(request.cut, times, size * speeds) @ turn
+
+
+def _tool_travel(machine: Machine, directions: Mapping[str, FloatArray], point: str) -> FloatArray:
+    return np.array(
+        [travel_of_channel(machine, directions, name=point, dof=dof) for dof in DIRECTIONS]
+    )

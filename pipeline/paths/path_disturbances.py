@@ -1,0 +1,96 @@
+"""Errors of guides and torque ripple along a path under control."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.drives import Drive, ripple_force
+from headstock.pipeline.paths.closed_path import LINEAR_REACH
+from headstock.pipeline.paths.path_model import couple_at, sample_path
+from headstock.pipeline.paths.travels import axis_shares
+from headstock.pipeline.planning.planner import path_band
+from headstock.pipeline.stages.control import drive_machine
+from headstock.pipeline.stages.motion_forces import watch_drives
+from headstock.pipeline.stages.run_state import RunState
+from headstock.reduction.coupling.error_travel import offset_loads
+from headstock.reduction.motions.path_errors import STEPS_PER_WAVE, PathErrors
+from headstock.scene.requests import PathRequest
+from headstock.solvers.control.drive_loops import close_loops
+from headstock.solvers.control.drive_trains import FORCE
+from headstock.solvers.control.friction_loop import friction_channels
+from headstock.solvers.paths.disturbed import solve_disturbed_loop
+from headstock.solvers.paths.response import PathDeviation
+from headstock.solvers.paths.set_points import SetPoint, sample_move
+from headstock.solvers.second_order import Channel
+
+
+def disturb_loop(
+    state: RunState, request: PathRequest, errors: PathErrors | None, move: SetPoint
+) -> PathDeviation:
+    """Deviation by errors of guides and torque ripple over a move under control, in the pose of the
+    middle, from that at its beginning.
+    """
+    driven = drive_machine(couple_at(state, request, 0.5 * request.path.length), state.warn)
+    if friction_channels(driven.trains):
+        state.warn(
+            "path analysis: errors of guides and torque ripple move the machine as if nothing rubbed; what friction does is added"
+        )
+    system = driven.system
+    channels: tuple[Channel, ...] = ()
+    shortest = math.inf
+    if errors is not None:
+        shortest, channels = errors.shortest, errors.travel.channels
+        rows = offset_loads(driven.coupled.joint_springs, errors.travel.directions)
+        own = {channel: rows[:, number] for number, channel in enumerate(channels)}
+        system = dataclasses.replace(system, inputs={**system.inputs, **own})
+    rippling = [drive for drive in state.scene.drives.values() if drive.ripple]
+    channels = (*channels, *((drive.name, FORCE) for drive in rippling))
+
+    def loads(times: FloatArray) -> FloatArray:
+        way = sample_move(move, times).positions
+        parts = [] if errors is None else [errors.offsets(move, times)]
+        return np.hstack([*parts, *(_path_ripple(drive, request, way) for drive in rippling)])
+
+    loop = close_loops(
+        system,
+        driven.trains,
+        inputs=channels,
+        outputs=request.outputs,
+        up_to_hz=LINEAR_REACH * path_band(request),
+    )
+    return solve_disturbed_loop(
+        loop.space,
+        len(request.outputs),
+        loads,
+        channels=channels,
+        samples=sample_path(request, move),
+        load_step=min(shortest, shortest_ripple(rippling, request)) / move.feed / STEPS_PER_WAVE,
+        watch=watch_drives(state.scene.drives.values()),
+    )
+
+
+def _path_ripple(drive: Drive, request: PathRequest, way: FloatArray) -> FloatArray:
+    """Force ``(n, 1)`` of a drive along ``(n,)`` places of a path by the ripple of its torque, from
+    that at the beginning [N].
+    """
+    start = request.path.start.positions.get(drive.axis, 0.0)
+    share = axis_shares(request).get(drive.axis, 0.0)
+    found = ripple_force(drive, start + share * way)
+    return (found - ripple_force(drive, np.array([start])))[:, None]
+
+
+def shortest_ripple(drives: Sequence[Drive], request: PathRequest) -> float:
+    """Shortest wave of motor torques along the path [m]; infinite without any."""
+    shares = axis_shares(request)
+    return min(
+        (
+            drive.lead / wave.per_turn / abs(shares[drive.axis])
+            for drive in drives
+            if shares.get(drive.axis)
+            for wave in drive.ripple
+        ),
+        default=math.inf,
+    )
