@@ -2,7 +2,9 @@
 others.
 """
 
+import dataclasses
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -293,3 +295,15 @@ class Component:
     free: bool = False
     segments: SegmentSettings = field(default_factory=SegmentSettings)
     rayleigh: RayleighDamping = field(default_factory=RayleighDamping)
+
+
+def with_loaded_areas(component: Component, loads: Iterable[Load]) -> Component:
+    """A component with the area of each traction on it as a further interface, ``load:NAME``, so
+    that its centroid and size are known without a mesh.
+    """
+    areas = {
+        f"load:{load.name}": Interface(f"load:{load.name}", load.patches)
+        for load in loads
+        if load.component == component.name and load.kind == "traction"
+    }
+    return dataclasses.replace(component, interfaces=component.interfaces | areas)

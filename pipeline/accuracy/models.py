@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.geometry.frames import DIRECTIONS, FloatArray
-from headstock.geometry.parts.components import Component
+from headstock.geometry.parts.components import Component, with_loaded_areas
 from headstock.geometry.parts.prismatic_bars import prismatic_bar
 from headstock.pipeline.accuracy.quantities import (
     Quantity,
@@ -201,7 +201,8 @@ def _group_equals(state: RunState, ours: Sequence[str]) -> list[list[str]]:
 def _list_candidates(state: RunState, name: str) -> list[Candidate]:
     """Models of a body from the cheapest on; the last is the one of the round."""
     part = state.scene.machine.components[name]
-    properties, loads = describe_solid(part, state.store, state.warn), component_loads(state, part)
+    loads = component_loads(state, part)
+    properties = describe_solid(with_loaded_areas(part, loads), state.store, state.warn)
     found = []
     for simple, seconds in _simpler(part):
         reduce = reduce_rigid if simple.fidelity == "rigid" else reduce_segmented

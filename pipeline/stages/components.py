@@ -12,7 +12,7 @@ from typing import cast
 
 import numpy as np
 
-from headstock.geometry.parts.components import Component
+from headstock.geometry.parts.components import Component, with_loaded_areas
 from headstock.geometry.parts.skins import Skin
 from headstock.geometry.parts.solids import MeshFile, StepFile, SuperelementFile
 from headstock.meshing.component_mesh import ComponentMesh
@@ -215,10 +215,10 @@ def _run_rigid_stage(state: RunState, stage: Stage) -> Outcome:
     """Make a rigid superelement from a component's mass properties."""
     if state.is_root:
         component = _component(state, stage)
+        loads = component_loads(state, component)
+        described = with_loaded_areas(component, loads)
         superelement = reduce_rigid(
-            component,
-            describe_solid(component, state.store, state.warn),
-            component_loads(state, component),
+            component, describe_solid(described, state.store, state.warn), loads
         )
         state.reduced[component.name] = ReducedComponent(
             superelement, skin=_file_skin(state, component)

@@ -12,10 +12,11 @@ from headstock.geometry.machine.drives import Drive
 from headstock.geometry.machine.guide_errors import ErrorProfile, ProfileError
 from headstock.geometry.machine.joints import JointEnd
 from headstock.geometry.mechanisms.exechon import COMPLIANCES, LEGS, LENGTHS
-from headstock.reduction.coupling.channels import GRAVITY
+from headstock.geometry.parts.components import Load
+from headstock.reduction.coupling.channels import GRAVITY, load_factors
 from headstock.reduction.coupling.drives import find_moved_mass, make_rigid_train
 from headstock.reduction.motions.compliance_budget import WEIGHT
-from headstock.reduction.motions.tool_deviation import GEOMETRY, ToolDeviation
+from headstock.reduction.motions.tool_deviation import FORCES, GEOMETRY, ToolDeviation
 from headstock.reduction.superelement import Superelement
 from headstock.scene.scene import LegSprings, SceneMechanism
 from headstock.solvers.control.drive_trains import DriveTrain
@@ -71,6 +72,24 @@ class PlacedMechanism:
             return np.zeros(3)
         placement = self.placements[end.component]
         return np.asarray(placement.origin + placement.rotation @ self._local(end))
+
+    def load_of(self, load: Load) -> FloatArray:
+        """Generalised load ``(c,)`` of a static load: a wrench on its body, at the interface or
+        about the centre of mass; zero on what is not carried.
+        """
+        if load.kind == "force":
+            end = JointEnd(load.component, load.interface)
+            return np.asarray(self.motion_at(end).T @ np.asarray(load.vector))
+        body, placement = self.superelements[load.component], self.placements[load.component]
+        wrench = np.sum(
+            [
+                factor * body.loads[unit].vector
+                for unit, factor in load_factors(placement, load).items()
+            ],
+            axis=0,
+        )
+        motion = self.body_motions[load.component]
+        return np.asarray(motion.T @ (rotate_dofs(placement.rotation) @ wrench))
 
     def _local(self, end: JointEnd) -> FloatArray:
         return self.superelements[end.component or ""].place_of(end.interface or "")
@@ -243,7 +262,7 @@ def deviate(
     system: SecondOrderSystem,
     loads: FloatArray,
     *,
-    gravity: bool,
+    acting: Mapping[str, FloatArray],
     errors: Mapping[int, ErrorProfile],
 ) -> ToolDeviation:
     """Deviation of a lumped mechanism at a point by source and part, as
@@ -253,7 +272,7 @@ def deviate(
         placed: In the pose.
         system: Its equations of motion.
         loads: ``(c, 6)`` of unit forces and moments at the point.
-        gravity: Its weight deflects it.
+        acting: Generalised load ``(c,)`` of each static load by name, gravity among them.
         errors: Number of a leg, 0..2, to the error of its length over its length.
 
     Raises:
@@ -266,14 +285,18 @@ def deviate(
         moved = loads.T @ solve_static(system, pushed).displacements
         sources[GEOMETRY] = moved.sum(axis=1)
         parts[GEOMETRY] = {LEGS[leg]: moved[:, 2 * leg + 1] for leg in errors}
-    if gravity:
-        influence = solve_static(system, loads).displacements
-        sagged = solve_static(system, placed.motions.gravity).displacements
-        sources[GRAVITY] = loads.T @ sagged
-        energy = influence * (placed.motions.stiffness * sagged)[:, None]
-        parts[GRAVITY] = split_springs(placed, energy)
+    if not acting:
+        return ToolDeviation(sources, parts)
+    influence = solve_static(system, loads).displacements
+    forces = [load for name, load in acting.items() if name != GRAVITY]
+    deforming = {GRAVITY: [acting[GRAVITY]]} if GRAVITY in acting else {}
+    for source, found in (deforming | ({FORCES: forces} if forces else {})).items():
+        moved = solve_static(system, np.sum(found, axis=0)).displacements
+        sources[source] = loads.T @ moved
+        energy = influence * (placed.motions.stiffness * moved)[:, None]
+        parts[source] = split_springs(placed, energy)
         if placed.motions.geometric is not None:
-            parts[GRAVITY][WEIGHT] = influence.T @ (placed.motions.geometric @ sagged)
+            parts[source][WEIGHT] = influence.T @ (placed.motions.geometric @ moved)
     return ToolDeviation(sources, parts)
 
 

@@ -138,12 +138,29 @@ class LumpedPose:
 
     def expand(self, motions: FloatArray) -> FloatArray:
         """Motions of superelement dofs ``(n_all, k)`` of motions of the system ``(n, k)``."""
-        return np.concatenate([moving @ motions for moving in self.placed.body_motions.values()])
+        return np.concatenate([moving @ motions for moving in self.body_motions.values()])
 
     @property
     def loads(self) -> Mapping[str, FloatArray]:
-        """Generalised load ``(n,)`` of gravity, where it acts."""
-        return {} if self.parts.plan.gravity is None else {GRAVITY: self.placed.motions.gravity}
+        """Generalised load ``(n,)`` of every static load by name, gravity among them."""
+        placed, loads = self.placed, self.parts.scene.machine.loads.values()
+        found = {load.name: self._widen(placed.load_of(load)) for load in loads}
+        if self.parts.plan.gravity is not None:
+            found[GRAVITY] = self._widen(placed.motions.gravity)
+        return found
+
+    @functools.cached_property
+    def body_motions(self) -> dict[str, FloatArray]:
+        """Component to ``(6, n)`` motion of its centre of mass and its turning per coordinate of the
+        system, machine axes.
+        """
+        return {name: self._widen(motion) for name, motion in self.placed.body_motions.items()}
+
+    def _widen(self, rows: FloatArray) -> FloatArray:
+        """Rows ``(..., c)`` with zeros for the coordinates of motors let go, ``(..., n)``."""
+        wider = np.zeros((*rows.shape[:-1], len(self.system.mass)))
+        wider[..., : rows.shape[-1]] = rows
+        return wider
 
     @property
     def joints(self) -> tuple[JointForces, ...]:
@@ -166,12 +183,12 @@ class LumpedPose:
         total = np.zeros(len(self.system.mass))
         for name, velocity in velocities.items():
             own = self.body_masses[name][:, : len(velocity)] @ velocity
-            total += self.placed.body_motions[name].T @ own
+            total += self.body_motions[name].T @ own
         return total
 
     def body_loads(self, name: str) -> FloatArray:
         """Generalised loads ``(n, 6)`` per unit acceleration of a component as a rigid body."""
-        return np.asarray(-self.placed.body_motions[name].T @ self.body_masses[name])
+        return np.asarray(-self.body_motions[name].T @ self.body_masses[name])
 
     @functools.cached_property
     def body_masses(self) -> dict[str, FloatArray]:
@@ -187,7 +204,7 @@ class LumpedPose:
         """A system in these coordinates with its modes in the dofs of all bodies, which are the same
         in every pose of a path.
         """
-        shapes, motions = self.all_modes.shapes, self.placed.body_motions
+        shapes, motions = self.all_modes.shapes, self.body_motions
         momenta = [self.body_masses[name] @ motions[name] @ shapes for name in motions]
         return PosedModes(system, self.all_modes, self.expand(shapes), np.concatenate(momenta))
 
@@ -197,10 +214,11 @@ class LumpedPose:
 
     def name_modes(self, modes: ModalResult) -> NamedModes:
         """Names, strain energy by leg and kinetic energy by component."""
-        strain = tuple(self._leg_shares(shape) for shape in modes.shapes.T)
+        stretches = modes.shapes[: len(self.placed.motions.stiffness)]
+        strain = tuple(self._leg_shares(stretch) for stretch in stretches.T)
         kinetic = tuple(self._kinetic_shares(shape) for shape in modes.shapes.T)
         names = tuple(
-            self._name_mode(modes.shapes[:, mode], strain[mode], kinetic[mode])
+            self._name_mode(stretches[:, mode], strain[mode], kinetic[mode])
             for mode in range(len(strain))
         )
         return NamedModes(names, strain, kinetic)
@@ -227,9 +245,10 @@ class LumpedPose:
             f"{weakest} contributes {100 * share:.0f} % of the {most_compliant} compliance; doubling its stiffness changes it by"
             f" {-50 * share:+.0f} %"
         )
-        found: dict[str, FloatArray] = {}
-        if self.parts.plan.gravity is not None:
-            found[GRAVITY] = loads.T @ solve_static(system, placed.motions.gravity).displacements
+        found = {
+            load: loads.T @ solve_static(system, acting).displacements
+            for load, acting in self.loads.items()
+        }
         mechanism = scene_mechanism(self.parts)
         if mechanism.leg_errors:
             # but for its weight nothing resists what a leg is too long by
@@ -245,7 +264,7 @@ class LumpedPose:
             self.placed,
             self.system,
             loads,
-            gravity=self.parts.plan.gravity is not None,
+            acting=self.loads,
             errors=scene_mechanism(self.parts).leg_errors,
         )
 
@@ -282,7 +301,7 @@ class LumpedPose:
         found = {}
         for name, body in self.placed.superelements.items():
             motion, rotation = (
-                self.placed.body_motions[name] @ shape,
+                self.body_motions[name] @ shape,
                 self.placements[name].rotation,
             )
             spin = rotation.T @ motion[3:]

@@ -111,15 +111,15 @@ def machine_loads(
     return {name: basis.T @ vector for name, vector in stacked.items()}
 
 
-def load_factors(layout: DofLayout, load: Load) -> dict[str, float]:
-    """How much of each of its superelement's unit loads a load takes in the pose; empty for a force
-    at an interface.
+def load_factors(placement: Frame, load: Load) -> dict[str, float]:
+    """How much of each of its superelement's unit loads a load takes where its component stands in
+    the pose; empty for a force at an interface.
     """
     if load.kind == "force":
         return {}
     if load.kind == "pressure":
         return {load.name: 1.0}
-    return _by_axis(load.name, layout.placements[load.component], np.asarray(load.vector))
+    return _by_axis(load.name, placement, np.asarray(load.vector))
 
 
 def gravity_factors(placement: Frame, gravity: FloatArray) -> dict[str, float]:
@@ -146,7 +146,7 @@ def _stacked_load(layout: DofLayout, load: Load) -> FloatArray:
             @ np.asarray(load.vector, dtype=float)
         )
     stacked = np.zeros(layout.size)
-    own = _combine(layout, load.component, load_factors(layout, load))
+    own = _combine(layout, load.component, load_factors(layout.placements[load.component], load))
     if own is None:
         raise ModelError(
             f"load {load.name!r}: component {load.component!r} was reduced without it; reduce it again with its loads"

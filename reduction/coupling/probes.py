@@ -125,7 +125,7 @@ def component_factors(
     """
     known = coupled.layout.superelements[name].loads
     found = {
-        load.name: load_factors(coupled.layout, load)
+        load.name: load_factors(coupled.placements[load.component], load)
         for load in machine.loads.values()
         if load.component == name
     }

@@ -110,8 +110,14 @@ def check_loads(draft: Draft, findings: Findings) -> None:
         _check_area(("loads", name), table, draft, findings)
         if table.component is not None:
             check_name(("loads", name, "component"), table.component, "components", draft, findings)
-        owner = (table.face or table.at or "").partition(".")[0]
-        if fault := find_load_fault(table, draft.table.components.get(owner)):
+        component = draft.table.components.get(table.owner)
+        fault = find_load_fault(table, component)
+        if draft.table.is_lumped and table.kind == "pressure":
+            fault = (
+                "a pressure acts on the faces of a mesh, and the bodies of the lumped model are rigid; write a traction or a force, or"
+                ' model = "components" with an elastic component'
+            )
+        if fault:
             findings.add(("loads", name, "pressure"), fault)
 
 

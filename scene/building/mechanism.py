@@ -3,6 +3,7 @@ them.
 """
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from headstock.scene.reading.units import ANGLE, LENGTH, Quantity
 from headstock.scene.requests import MapRequest
 from headstock.scene.scene import LegSprings, SceneMechanism
 from headstock.scene.schema.effects import GRAVITY_STIFFENING
+from headstock.scene.schema.loads import LoadTable
 from headstock.scene.schema.mechanism import ExechonTable, MechanismTable
 from headstock.scene.schema.scene import SceneTable
 
@@ -136,17 +138,30 @@ def _check_carried(
                 findings.add(key, f"{name} is carried by {seen[name]} too; keep one")
             seen[name] = marker
     if scene.is_lumped:
-        for name in scene.loads:
-            findings.add(
-                ("loads", name),
-                'the lumped model takes no loads but gravity; remove it, or write model = "components"',
-            )
+        for name, load in scene.loads.items():
+            _check_lumped_load(name, load, seen, findings)
         for name, point in scene.points.items():
             if point.tool.component not in seen or point.work.component is not None:
                 findings.add(
                     ("points", name),
                     'the lumped model has motions of carried components relative to ground only; write work = "ground"',
                 )
+
+
+def _check_lumped_load(
+    name: str, load: LoadTable, carried: Mapping[str, str], findings: Findings
+) -> None:
+    """Report a displacement, which needs a joint, and a load on a body that stands still."""
+    if load.kind == "displacement":
+        findings.add(
+            ("loads", name),
+            'the lumped model has no joints that could be displaced; describe longer legs in [mechanism.errors], or write model = "components"',
+        )
+    elif load.kind != "pressure" and load.owner not in carried:
+        findings.warn(
+            ("loads", name),
+            f"{load.owner[:80]} is carried by no body of the mechanism and stands still, so the load deflects nothing",
+        )
 
 
 def _check_limits(table: MechanismTable, mechanism: Mechanism, findings: Findings) -> None:

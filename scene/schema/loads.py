@@ -108,6 +108,11 @@ class LoadTable(StrictTable):
     rotation: Annotated[list[Angle], Field(min_length=3, max_length=3)] | None = None
 
     @property
+    def owner(self) -> str:
+        """The component it acts on; empty of a displacement."""
+        return self.component or (self.face or self.at or "").partition(".")[0]
+
+    @property
     def kind(self) -> Literal["traction", "pressure", "body", "force", "displacement"]:
         """What kind of load was written."""
         if self.joint is not None:

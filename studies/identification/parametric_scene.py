@@ -14,7 +14,12 @@ from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import Frame
 from headstock.geometry.machine.joints import Joint
 from headstock.geometry.machine.machine import Machine
-from headstock.geometry.parts.components import Component, Load, ReductionSettings
+from headstock.geometry.parts.components import (
+    Component,
+    Load,
+    ReductionSettings,
+    with_loaded_areas,
+)
 from headstock.meshing.components.meshing import describe_component
 from headstock.reduction.components.polynomial import reduce_polynomial
 from headstock.reduction.components.rigid import reduce_rigid
@@ -181,7 +186,8 @@ class ParametricShape:
             settings = ReductionSettings(modes=self.superelement.modal_count)
             made = self.reduce(dataclasses.replace(component, reduction=settings))
             return component, match_modes(self.superelement, made)
-        properties, loads = describe_component(component), self._loads()
+        loads = self._loads()
+        properties = describe_component(with_loaded_areas(component, loads))
         if component.fidelity == "polynomial":
             request = ReductionRequest(modes=mode_target(component))
             return component, reduce_polynomial(component, properties, loads, request=request)

@@ -32,7 +32,6 @@ SCENE = Path(__file__).resolve().parents[3] / "machines" / "tripteor.toml"
     ('effects={ regeneration = true }', "effects.regeneration", "cutting_force = true"),
     ('mechanism.screw_lead="0 mm"', "mechanism.screw_lead", "above zero"),
     ('analyses.contouring.material="steel"', "analyses.contouring.material", "is not one of"),
-    ('loads={ push = { at = "spindle.tip", force = ["1 N", "0 N", "0 N"] } }', "loads.push", "no loads but gravity"),
 ])  # fmt: skip
 def test_a_wrong_mechanism_is_refused_by_name(override: str, key: str, message: str) -> None:
     with pytest.raises(SceneError) as caught:
