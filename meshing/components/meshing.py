@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component, Load, MeshSettings, Patch, Support
 from headstock.geometry.parts.mass_properties import (
     SolidProperties,
@@ -336,10 +337,17 @@ def count_hexes(component: Component, size: float, across: int = 4) -> int:
     Raises:
         MeshError: A patch cannot follow the grid.
     """
+    return count_grid_cells(grid_of(component, size, across))
+
+
+def grid_of(
+    component: Component, size: float, across: int = 4
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Grid lines along the patches of a box [m], see ``count_hexes``."""
     if not isinstance(component.solid, Box):
         raise ValueError("only boxes are meshed with hexes")
     patches = [patch for interface in component.interfaces.values() for patch in interface.patches]
-    return count_grid_cells(grid_lines(component.solid, patches, size, across))
+    return grid_lines(component.solid, patches, size, across)
 
 
 def patch_groups(

@@ -23,7 +23,7 @@ from headstock.geometry.parts.solids import (
     SuperelementFile,
     Tube,
 )
-from headstock.meshing.components.meshing import automatic_size, count_hexes
+from headstock.meshing.components.meshing import automatic_size, count_hexes, grid_of
 from headstock.meshing.sizing import (
     DEFAULT_CELLS,
     DETAIL_SHARE,
@@ -33,7 +33,7 @@ from headstock.meshing.sizing import (
     largest_extent,
     thinnest_feature,
 )
-from headstock.solvers.recovery.discretisation_error import STOUT, WIDE
+from headstock.solvers.recovery.discretisation_error import STOUT, UNSEEN_SHARE, WIDE
 
 # Just below the thickness: two hexes across, of which recovery sees the error of torsion (one hex
 # across: a quarter of it).
@@ -176,13 +176,8 @@ def refine_mesh(component: Component, *, ratio: float, trials: tuple[Trial, ...]
         )
     )
     finer = _shrink(component, mesh, step)
-    hexes = (
-        count_hexes(component, finer.size or 0.0, finer.across_patches)
-        if _is_rough(component)
-        else 0
-    )
-    if hexes > 2 * MOST_ROUGH_HEXES:
-        # beyond, tetrahedra graded from rims are cheaper
+    if _is_rough(component) and _outgrows_grid(component, finer):
+        # tetrahedra graded from rims are cheaper
         finer = _start_mesh(component, COARSE_ACCURACY)
     elif (
         isinstance(component.solid, Box)
@@ -356,6 +351,21 @@ def _rough_grid(component: Component, accuracy: float) -> MeshSettings | None:
     if count_hexes(component, size, ROUGH_ACROSS) > MOST_ROUGH_HEXES:
         return None
     return MeshSettings(size, cells="hex", across_patches=ROUGH_ACROSS)
+
+
+def _outgrows_grid(component: Component, mesh: MeshSettings) -> bool:
+    """Whether hexes between the edges of small patches are too many, or single ones across the wall
+    nearly as thick as long, of which estimates of the error are rough.
+    """
+    size = mesh.size or 0.0
+    if count_hexes(component, size, mesh.across_patches) > 2 * MOST_ROUGH_HEXES:
+        return True
+    lines = grid_of(component, size, mesh.across_patches)
+    sides = np.stack(np.meshgrid(*map(np.diff, lines), indexing="ij"))
+    single = [axis for axis, line in enumerate(lines) if len(line) == 2]
+    stout = (sides[single] >= STOUT * sides.max(axis=0)).any(axis=0)
+    volumes = sides.prod(axis=0)
+    return float(volumes[stout].sum()) > UNSEEN_SHARE * float(volumes.sum())
 
 
 def _is_rough(component: Component) -> bool:

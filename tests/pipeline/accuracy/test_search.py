@@ -192,6 +192,26 @@ def test_hexahedra_whose_errors_fall_slowly_become_tetrahedra_that_grow_from_the
     assert refine_mesh(column, ratio=0.3, trials=slow[1:]).mesh.cells == "hex"
 
 
+def test_grids_along_small_patches_end_where_single_hexahedra_would_be_nearly_as_thick_as_long() -> (
+    None
+):
+    pads = {
+        f"pad_{place}": Interface(
+            f"pad_{place}",
+            (Patch("x+", "rect", (0.0, place, 0.1), (0.05, 0.03)),),
+            coupling="average",
+        )
+        for place in (-0.2, 0.2)
+    }
+    wall = dataclasses.replace(COLUMN, solid=Box((0.035, 0.75, 0.25)), interfaces=FACES | pads)
+    first = start_component(wall, 0.01, None, rough_for=0.03)
+    assert first.mesh.cells == "hex" and first.mesh.across_patches == 2
+    assert refine_mesh(first, ratio=0.4, trials=()).mesh.cells == "tet"
+    # in a sheet they stay far wider than thick
+    sheet = dataclasses.replace(wall, solid=Box((0.004, 0.75, 0.25)), mesh=first.mesh)
+    assert refine_mesh(sheet, ratio=0.4, trials=()).mesh.cells == "hex"
+
+
 def test_the_rate_is_that_of_the_last_two_trials_within_bounds() -> None:
     assert observed_rate((Trial(4.0, 0.32, 0.32), Trial(2.0, 0.04, 0.04))) == pytest.approx(3.0)
     assert observed_rate((Trial(2.0, 0.04, 0.04), Trial(1.0, 0.05, 0.05))) < 1.0
