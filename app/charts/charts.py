@@ -42,6 +42,14 @@ BARS_SHOWN, MOST_TICKS = 8, 7
 OVERLAYS_ACROSS = 3
 JOINT_COLOR = "#94a3b8"
 INK, FAINT = "#1f2937", "#cbd5e1"
+# in a decade, and every how many decades
+TICK_STEPS = (
+    ((1.0, 1.5, 2.0, 3.0, 5.0, 7.0), 1),
+    ((1.0, 2.0, 5.0), 1),
+    *(((1.0,), stride) for stride in (1, 2, 3)),
+)
+# of the labels of ticks, whose figures are wider than letters are on average; of a panel beside its y labels
+TICK_INCHES, LEAST_GAP, PANEL_SHARE = 0.085, 1.5, 0.85
 LETTER_INCHES, LINE_INCHES, HANDLE_INCHES = 0.066, 0.17, 0.55  # of a legend at 8 points
 DASHES = ("-", "--", ":", "-.")
 CURVE, DIRECT = "#4f7cac", "#b5566e"
@@ -158,22 +166,47 @@ def calm_axes(axes: Axes, *, grid: Literal["x", "y", "both"] = "x") -> None:
     axes.set_axisbelow(True)
 
 
-def choose_ticks(low: float, high: float) -> list[float]:
-    """Round numbers from low to high for a logarithmic axis: every decade where those are many."""
-    decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
-    for steps in ((1.0, 1.5, 2.0, 3.0, 5.0, 7.0), (1.0, 2.0, 5.0), (1.0,)):
-        every = [step * 10.0**power for power in decades for step in steps]
+def choose_ticks(low: float, high: float, letters: float = math.inf) -> list[float]:
+    """Round numbers from low to high for a logarithmic axis: whole decades, or some of them, where more
+    would be many or touch.
+
+    Args:
+        low: End of the axis.
+        high: Its other end.
+        letters: As many as it has room for.
+    """
+    first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
+    for steps, stride in TICK_STEPS:
+        powers = range(first, last + 1, stride)
+        every = [step * 10.0**power for power in powers for step in steps]
         ticks = [tick for tick in every if low <= tick <= high]
-        if len(ticks) <= MOST_TICKS:
+        if len(ticks) <= MOST_TICKS and _have_room(ticks, letters / math.log(high / low)):
             break
     return ticks
+
+
+def _have_room(ticks: Sequence[float], letters: float) -> bool:
+    """Whether the labels of ticks stay apart, with so many letters per unit of their logarithm."""
+    return all(
+        letters * math.log(after / before)
+        >= LEAST_GAP + 0.5 * len(_show_round(before) + _show_round(after))
+        for before, after in itertools.pairwise(ticks)
+    )
+
+
+def _show_round(value: float) -> str:
+    """A round number with its thousands apart."""
+    return f"{value:,.10g}".replace(",", " ")
 
 
 def label_decades(axes: Axes) -> None:
     """Round numbers at a logarithmic x axis, some between the decades where these are few."""
     low, high = axes.get_xlim()
-    ticks = choose_ticks(low, high)
-    axes.set_xticks(ticks, [f"{tick:,.10g}".replace(",", " ") for tick in ticks])
+    figure, place = axes.get_figure(root=True), axes.get_subplotspec()
+    columns = place.get_gridspec().ncols if place is not None else 1
+    width = PANEL_SHARE * figure.get_figwidth() / columns if figure is not None else math.inf
+    ticks = choose_ticks(low, high, width / TICK_INCHES)
+    axes.set_xticks(ticks, [_show_round(tick) for tick in ticks])
     axes.set_xlim(low, high)
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.tick_params(which="minor", length=0)

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from common import sketch
 from headstock.app.charts import charts, comparison, study, sweep
-from headstock.app.charts.charts import draw_responses
+from headstock.app.charts.charts import draw_responses, label_decades, new_figure
 from headstock.app.charts.comparison import draw_comparison, spread_labels
 from headstock.app.charts.study import describe_column, draw_study
 from headstock.app.charts.sweep import draw_sweep
@@ -274,6 +274,20 @@ def test_a_logarithmic_axis_has_at_least_three_round_numbers_where_there_are_any
     low: float, high: float, ticks: list[float]
 ) -> None:
     assert round_ticks(low, high) == pytest.approx(ticks)
+
+
+@pytest.mark.parametrize("ends", [(90e3, 900e3), (130e3, 700e3), (2.0, 30.0), (40.0, 60e6)])
+def test_labels_of_a_logarithmic_axis_do_not_touch(ends: tuple[float, float]) -> None:
+    figure = new_figure(12.0, 5.0)
+    for axes in figure.subplots(1, 3):
+        axes.set_xscale("log")
+        axes.set_xlim(*ends)
+        label_decades(axes)
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        boxes = [label.get_window_extent() for label in axes.get_xticklabels()]
+        assert len(boxes) >= 2
+        assert all(before.x1 + 4.0 < after.x0 for before, after in itertools.pairwise(boxes))
 
 
 def test_the_responses_of_all_poses_are_drawn_over_each_other(figures: list[Figure]) -> None:
