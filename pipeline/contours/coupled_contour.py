@@ -58,6 +58,7 @@ from headstock.solvers.paths.sampled_motion import (
     follow_way,
     sample_motion,
 )
+from headstock.solvers.paths.set_points import PathMotion
 from headstock.solvers.paths.varying_system import PlantChannels
 
 STEPS_PER_SWING = 20  # of the highest mode that is kept: with fewer its frequency is off
@@ -110,7 +111,7 @@ def run_coupled_contour(
     errors = find_way_errors(state, rigid.pose_at, even_nodes(np.array([0.0, end]), NODE_SPACING))
     way, spacing = rigid, LOAD_SPACING
     if errors is not None:
-        way = errors.join(rigid, lambda now: (now, np.ones(len(now))))
+        way = errors.join(rigid, lambda now: PathMotion(now, np.ones(len(now)), np.zeros(len(now))))
         spacing = min(spacing, errors.shortest / STEPS_PER_WAVE)
     scales = () if motors is None else tuple((drive.name, SCALE) for drive in motors.drives)
     channels = PlantChannels(

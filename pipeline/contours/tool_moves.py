@@ -161,12 +161,8 @@ class ToolLine:
             fast = speeding.amounts(now.positions) * now.speeds[:, None] ** 2
             return np.asarray(fast + pulling.amounts(now.positions) * now.accelerations[:, None])
 
-        def motion(times: FloatArray) -> tuple[FloatArray, FloatArray]:
-            now = path.travel(times)
-            return now.positions, now.speeds
-
         way = dataclasses.replace(speeding, amounts=amounts)
-        return way if self.errors is None else self.errors.join(way, motion)
+        return way if self.errors is None else self.errors.join(way, path.travel)
 
     @functools.cached_property
     def joints(self) -> tuple[JointForces, ...]:
@@ -210,7 +206,7 @@ def solve_tool_moves(state: RunState, request: PathRequest) -> SolvedMoves:
 
     Raises:
         PoseError: It cannot follow the line.
-        ModelError: The machine is free to move, or a rigid guide has errors.
+        ModelError: The machine is free to move, or errors contradict each other.
         UnstableControlError: A control loop is unstable.
     """
     line = _lay_line(state, request)

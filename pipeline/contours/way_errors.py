@@ -1,5 +1,5 @@
-"""Errors of guides, screws and legs along a way, as preload of their springs: what a machine in a
-pose feels of a unit of each, and how large each is on the way.
+"""Errors of guides, screws and legs along a way, as preload of their springs or as motion of what
+rigid guides hold: what a machine in a pose feels of a unit of each, and how large each is on the way.
 """
 
 import dataclasses
@@ -13,15 +13,24 @@ from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.mechanisms.exechon import LEGS, LENGTHS
 from headstock.geometry.mechanisms.tool_mechanism import solve_pose
-from headstock.pipeline.contours.ways import Feedthrough, RigidWay
+from headstock.pipeline.contours.ways import Feedthrough, RigidWay, coupled_machine, place_model
 from headstock.pipeline.stages.lumped_machine import sample_leg_errors
-from headstock.pipeline.stages.machine import DAMPING
+from headstock.pipeline.stages.machine import DAMPING, damp_system
 from headstock.pipeline.stages.mechanism import LumpedPose
 from headstock.pipeline.stages.run_state import PoseModel, RunState
-from headstock.reduction.coupling.error_travel import offset_loads, offset_rate_loads, plan_travel
+from headstock.reduction.coupling.error_travel import (
+    OffsetMotions,
+    check_offsets,
+    differentiate,
+    find_offset_motions,
+    plan_travel,
+)
 from headstock.reduction.coupling.guide_errors import GUIDE_ERRORS, has_errors
 from headstock.reduction.coupling.joint_forces import SPRING
+from headstock.reduction.motions.path_errors import move_outputs
 from headstock.scene.scene import SceneMechanism
+from headstock.solvers.errors import ModelError
+from headstock.solvers.paths.set_points import PathMotion
 from headstock.solvers.second_order import Channel
 
 STEPS_PER_WAVE = 48
@@ -34,11 +43,13 @@ class WayErrors:
     """Errors along a way.
 
     Attributes:
-        channels: One per offset, then one per rate that acts through a damper.
+        channels: One per offset, then one per rate and one per acceleration that act.
         loads: What a unit of each does to a machine in a pose.
-        relief: What a unit of each takes off the forces of joints there.
+        relief: What outputs have of a unit of each at once: less force of joints whose springs do
+            not push, and motion that fixed directions make.
         offsets: ``(n, k)`` at places ``(n,)`` of the way, in units.
         rated: ``(r,)`` offsets whose rates act, too.
+        pulled: ``(a,)`` offsets whose accelerations act, too.
         ends: Of the way.
         shortest: Shortest part of the way over which a wave repeats.
     """
@@ -48,28 +59,30 @@ class WayErrors:
     relief: Callable[[PoseModel], Feedthrough]
     offsets: Callable[[FloatArray], FloatArray]
     rated: tuple[int, ...]
+    pulled: tuple[int, ...]
     ends: tuple[float, float]
     shortest: float
 
     def join(
         self,
         way: RigidWay,
-        motion: Callable[[FloatArray], tuple[FloatArray, FloatArray]],
+        motion: Callable[[FloatArray], PathMotion],
     ) -> RigidWay:
         """A way with these errors.
 
         Args:
             way: Of the rigid machine.
-            motion: Places ``(n,)`` of the way at times, and their rates.
+            motion: Along the way at times ``(n,)``.
         """
 
         def amounts(times: FloatArray) -> FloatArray:
-            places, rates = motion(times)
-            here = np.clip(places, *self.ends)
+            now = motion(times)
+            here = np.clip(now.positions, *self.ends)
             step = BESIDE * (self.ends[1] - self.ends[0])
-            low, high = np.clip(here - step, *self.ends), np.clip(here + step, *self.ends)
-            change = (self.offsets(high) - self.offsets(low)) / (high - low)[:, None]
-            own = [self.offsets(here), (change * rates[:, None])[:, list(self.rated)]]
+            first, second = differentiate(self.offsets, here, self.ends, step)
+            speeds, pulls = now.speeds[:, None], now.accelerations[:, None]
+            rates, growth = first * speeds, second * speeds**2 + first * pulls
+            own = [self.offsets(here), rates[:, list(self.rated)], growth[:, list(self.pulled)]]
             return np.concatenate([way.amounts(times), *own], axis=1)
 
         return dataclasses.replace(
@@ -104,28 +117,59 @@ def find_way_errors(
     travel = plan_travel(machine, state.parts.superelements, nodes, poses)
     if travel is None:
         return None
+    fixed = {name: joint.fixed for name, joint in machine.joints.items()}
+    numbers = range(len(travel.directions))
+    pulled = [n for n in numbers if travel.directions[n][1] in fixed[travel.directions[n][0]]]
+    if pulled:
+        _check_rigid(state)
+        check_offsets(coupled_machine(place_model(state)(poses[0])), travel)
     damped = {name for name, joint in machine.joints.items() if np.any(joint.damping)}
-    rated = [number for number, (name, _) in enumerate(travel.directions) if name in damped]
-    channels = (*travel.channels, *(travel.rates[number] for number in rated))
+    rated = [
+        number
+        for number in numbers
+        if DAMPING in state.scene.effects
+        and (number in pulled or travel.directions[number][0] in damped)
+    ]
+    channels = (
+        *travel.channels,
+        *(travel.rates[number] for number in rated),
+        *(travel.accelerations[number] for number in pulled),
+    )
+
+    def unit(model: PoseModel) -> OffsetMotions:
+        system = damp_system(state.scene, model.system, model.all_modes)
+        return find_offset_motions(coupled_machine(model), travel, system)
 
     def loads(model: PoseModel) -> dict[Channel, FloatArray]:
-        springs = () if model.coupled is None else model.coupled.joint_springs
-        own = offset_loads(springs, travel.directions)
-        passed = offset_rate_loads(springs, travel.directions)[:, rated]
-        return dict(zip(channels, UNIT * np.hstack([own, passed]).T, strict=True))
+        found = unit(model)
+        columns = [found.loads, found.rates[:, rated], found.accelerations[:, pulled]]
+        return dict(zip(channels, UNIT * np.hstack(columns).T, strict=True))
 
     def relief(model: PoseModel) -> Feedthrough:
-        springs = () if model.coupled is None else model.coupled.joint_springs
-        by_name = {spring.name: spring for spring in springs}
-        taken = [(each, by_name[each[0]].stiffness) for each in travel.directions]
-        if DAMPING in state.scene.effects:
-            passed = [travel.directions[number] for number in rated]
-            taken += [(each, by_name[each[0]].damping) for each in passed]
-        return {
-            ((f"{joint} {SPRING}", DOF_NAMES[row]), channel): -UNIT * float(matrix[row, dof])
-            for channel, ((joint, dof), matrix) in zip(channels, taken, strict=False)
+        coupled, found = coupled_machine(model), unit(model)
+        taken = {
+            ((f"{joint} {SPRING}", DOF_NAMES[row]), channel): -UNIT * float(forces[row, number])
+            for joint, forces in found.forces.items()
+            for number, channel in enumerate(travel.channels)
             for row in range(len(DOF_NAMES))
+            if forces[row, number]
         }
+        taken |= {
+            ((f"{joint} {SPRING}", DOF_NAMES[row]), travel.rates[number]): -UNIT * float(passed)
+            for joint in found.passed
+            for number in rated
+            for row, passed in enumerate(found.passed[joint][: len(DOF_NAMES), number])
+            if passed
+        }
+        if pulled:
+            outputs = [(name, dof) for name, dof in coupled.system.outputs if dof in DOF_NAMES]
+            moved = UNIT * move_outputs(coupled, machine, found, outputs)[:, pulled]
+            taken |= {
+                (output, travel.channels[number]): float(row[column])
+                for output, row in zip(outputs, moved, strict=True)
+                for column, number in enumerate(pulled)
+            }
+        return taken
 
     return WayErrors(
         channels=channels,
@@ -133,9 +177,28 @@ def find_way_errors(
         relief=relief,
         offsets=lambda places: np.asarray(travel.sample(places) / UNIT),
         rated=tuple(rated),
+        pulled=tuple(pulled),
         ends=ends,
         shortest=travel.shortest,
     )
+
+
+def _check_rigid(state: RunState) -> None:
+    """Refuse what errors of rigid guides do not reach along a way.
+
+    Raises:
+        ModelError: Drives are under control, or probes are watched.
+    """
+    if state.scene.drives:
+        raise ModelError(
+            "errors of rigid guides move what motors under control accelerate, and their loops along a contour or on a mechanism know forces only;"
+            " give these guides a stiffness, or leave effects.drive_control off"
+        )
+    if state.scene.mechanism is not None and state.scene.machine.probes:
+        raise ModelError(
+            "errors of rigid guides move probes at once, which probes along a tool's path do not show; give these guides a stiffness,"
+            " or remove the probes"
+        )
 
 
 def _leg_errors(mechanism: SceneMechanism, poses: list[Pose], nodes: FloatArray) -> WayErrors:
@@ -176,6 +239,7 @@ def _leg_errors(mechanism: SceneMechanism, poses: list[Pose], nodes: FloatArray)
             sample_leg_errors(mechanism.leg_errors, law(places)) / UNIT
         ),
         rated=(),
+        pulled=(),
         ends=(float(nodes[0]), float(nodes[-1])),
         shortest=float(min(periods, default=np.inf)),
     )

@@ -127,7 +127,8 @@ def axes_way(machine: Machine, travel: ToolTravel, path: ToolPath) -> RigidWay:
     return RigidWay(
         pose_at,
         lambda model: {
-            channel: inertia_load(_coupled(model), directions[channel[0]]) for channel in channels
+            channel: inertia_load(coupled_machine(model), directions[channel[0]])
+            for channel in channels
         },
         amounts,
         channels,
@@ -174,7 +175,7 @@ def mechanism_way(
             own = (
                 model.body_loads(name)
                 if isinstance(model, LumpedPose)
-                else body_loads(_coupled(model), name)
+                else body_loads(coupled_machine(model), name)
             )
             found |= {
                 (name, f"acceleration {dof}"): own[:, number]
@@ -320,7 +321,12 @@ def judge_turning(
     )
 
 
-def _coupled(model: PoseModel) -> CoupledMachine:
+def coupled_machine(model: PoseModel) -> CoupledMachine:
+    """The machine of superelements of a model.
+
+    Raises:
+        ValueError: It is a lumped mechanism.
+    """
     if model.coupled is None:
         raise ValueError("a lumped mechanism has no superelements")
     return model.coupled
@@ -329,7 +335,7 @@ def _coupled(model: PoseModel) -> CoupledMachine:
 def _stack(model: PoseModel, system: SecondOrderSystem) -> PosedModes:
     if isinstance(model, LumpedPose):
         return model.stack_modes(system)
-    return stack_modes(system, model.all_modes, _coupled(model))
+    return stack_modes(system, model.all_modes, coupled_machine(model))
 
 
 def _turning_bodies(model: PoseModel, names: Sequence[str]) -> list[TurningBody]:
@@ -340,7 +346,7 @@ def _turning_bodies(model: PoseModel, names: Sequence[str]) -> list[TurningBody]
         if isinstance(model, LumpedPose):
             travel, mass = np.eye(6), model.body_masses[name]
         else:
-            coupled = _coupled(model)
+            coupled = coupled_machine(model)
             travel, mass = body_travel(coupled, name), coupled.matrices.masses[name]
         found.append(
             TurningBody(
@@ -358,7 +364,7 @@ def _turning_bodies(model: PoseModel, names: Sequence[str]) -> list[TurningBody]
 def _scale_rows(model: PoseModel, drives: Sequence[Drive]) -> list[FloatArray]:
     """What the linear scale of each drive reads with locked motors ``(n,)``."""
     if not isinstance(model, LumpedPose):
-        return find_scales(_coupled(model), model.parts.scene.machine, drives)
+        return find_scales(coupled_machine(model), model.parts.scene.machine, drives)
     unit = np.eye(len(model.system.mass))
     # a scale reads the leg up to its joint at the platform, its spring along itself included
     return [unit[2 * LENGTHS.index(drive.axis) + 1] for drive in drives]

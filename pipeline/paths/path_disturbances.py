@@ -15,8 +15,15 @@ from headstock.pipeline.planning.planner import path_band
 from headstock.pipeline.stages.control import drive_machine
 from headstock.pipeline.stages.motion_forces import watch_drives
 from headstock.pipeline.stages.run_state import RunState
-from headstock.reduction.coupling.error_travel import offset_loads
-from headstock.reduction.motions.path_errors import STEPS_PER_WAVE, PathErrors
+from headstock.reduction.coupling.drives import housing_rows, scale_rows
+from headstock.reduction.coupling.error_travel import find_offset_motions
+from headstock.reduction.coupling.path_loads import housing_loads
+from headstock.reduction.motions.path_errors import (
+    STEPS_PER_WAVE,
+    PathErrors,
+    add_error_inputs,
+    move_outputs,
+)
 from headstock.scene.requests import PathRequest
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.drive_trains import FORCE
@@ -41,17 +48,27 @@ def disturb_loop(
     system = driven.system
     channels: tuple[Channel, ...] = ()
     shortest = math.inf
+    feedthrough: FloatArray = np.zeros((len(request.outputs), 0))
     if errors is not None:
-        shortest, channels = errors.shortest, errors.travel.channels
-        rows = offset_loads(driven.coupled.joint_springs, errors.travel.directions)
-        own = {channel: rows[:, number] for number, channel in enumerate(channels)}
-        system = dataclasses.replace(system, inputs={**system.inputs, **own})
+        shortest, machine = errors.shortest, state.scene.machine
+        drives = state.scene.drives.values()
+        motions = find_offset_motions(
+            driven.coupled,
+            errors.travel,
+            system,
+            unmoved=scale_rows(driven.coupled, machine, drives),
+        )
+        turned = housing_rows(driven.coupled, machine, drives) @ motions.moved
+        spun = housing_loads(driven.trains, turned, len(system.mass))
+        motions = dataclasses.replace(motions, accelerations=motions.accelerations + spun)
+        system, channels = add_error_inputs(system, errors.travel, motions)
+        feedthrough = move_outputs(driven.coupled, machine, motions, request.outputs)
     rippling = [drive for drive in state.scene.drives.values() if drive.ripple]
     channels = (*channels, *((drive.name, FORCE) for drive in rippling))
 
     def loads(times: FloatArray) -> FloatArray:
         way = sample_move(move, times).positions
-        parts = [] if errors is None else [errors.offsets(move, times)]
+        parts = [] if errors is None else [errors.amounts(move, times)]
         return np.hstack([*parts, *(_path_ripple(drive, request, way) for drive in rippling)])
 
     loop = close_loops(
@@ -66,6 +83,7 @@ def disturb_loop(
         len(request.outputs),
         loads,
         channels=channels,
+        feedthrough=feedthrough,
         samples=sample_path(request, move),
         load_step=min(shortest, shortest_ripple(rippling, request)) / move.feed / STEPS_PER_WAVE,
         watch=watch_drives(state.scene.drives.values()),

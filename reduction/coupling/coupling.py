@@ -23,6 +23,7 @@ from headstock.reduction.coupling.gravity_stiffness import find_gravity_stiffnes
 from headstock.reduction.coupling.guide_errors import (
     GUIDE_ERRORS,
     ErrorLoads,
+    FixedRows,
     find_displacements,
     find_offsets,
     find_places,
@@ -69,6 +70,7 @@ class CoupledMachine:
         floating: Groups of components that no joint or support connects to ground.
         redundant_constraints: Number of fixed motions that others already hold.
         warnings: For the user.
+        fixed: What was eliminated.
         errors: What the errors of guides and drives do, together the load ``guide_errors``; None
             without any.
         displaced: What prescribed displacements do, each a load of its name; None without any.
@@ -85,6 +87,7 @@ class CoupledMachine:
     floating: tuple[tuple[str, ...], ...]
     redundant_constraints: int
     warnings: tuple[str, ...]
+    fixed: FixedRows
     errors: ErrorLoads | None = None
     geometric: FloatArray | None = None
     displaced: ErrorLoads | None = None
@@ -163,14 +166,15 @@ def couple(
     )
     channels = machine_channels(layout, machine, basis, memo.channels)
     loads = machine_loads(layout, machine, matrices, basis, gravity)
+    fixed = FixedRows(
+        springs,
+        constraints,
+        len(constraints) - len(shapes.rows) - sum(len(spring.fixed) for spring in springs),
+    )
     displace = functools.partial(
         solve_error_loads,
-        springs=springs,
+        fixed=fixed,
         reduced=reduced,
-        constraints=constraints,
-        first_fixed=len(constraints)
-        - len(shapes.rows)
-        - sum(len(spring.fixed) for spring in springs),
         layout=layout,
         matrices=matrices,
         basis=basis,
@@ -234,6 +238,7 @@ def couple(
         errors=errors,
         displaced=displaced,
         geometric=geometric if machine.gravity_stiffening else None,
+        fixed=fixed,
     )
 
 

@@ -15,11 +15,13 @@ from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine
 from headstock.geometry.mechanisms.exechon import LENGTHS
 from headstock.geometry.mechanisms.tool_mechanism import ToolMechanism
+from headstock.reduction.coupling.channels import point_rows
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.dof_layout import motion_rows
 from headstock.reduction.coupling.joint_springs import PlacedJoint
 from headstock.solvers.control.drive_trains import (
     MOTOR,
+    SCALE,
     DriveTrain,
     count_coordinates,
     free_motors,
@@ -70,6 +72,47 @@ def find_scales(
     """
     springs = {spring.name: spring for spring in coupled.joint_springs}
     return [_find_slide(coupled, machine, drive, springs[drive.joint]).scale for drive in drives]
+
+
+def scale_rows(coupled: CoupledMachine, machine: Machine, drives: Iterable[Drive]) -> FloatArray:
+    """Rows ``(r, n_all)`` of the stacked dofs of what the linear scales read by which drives of axes
+    are controlled.
+
+    Args:
+        coupled: The machine coupled in a pose.
+        machine: The same machine as described.
+        drives: Of axes.
+    """
+    stacked = {spring.name: spring for spring in coupled.fixed.springs}
+    rows = [
+        stacked[drive.joint].rows[0]
+        if drive.scale is None
+        else machine.axes[drive.axis].direction
+        @ point_rows(coupled.layout, machine.points[drive.scale])[:3]
+        for drive in drives
+        if drive.control.encoder == SCALE
+    ]
+    return np.array(rows).reshape(len(rows), coupled.layout.size)
+
+
+def housing_rows(coupled: CoupledMachine, machine: Machine, drives: Iterable[Drive]) -> FloatArray:
+    """Rows ``(d, n_all)`` of the stacked dofs of how the housings of the motors of axes turn about
+    their screws, as travel.
+
+    Args:
+        coupled: The machine coupled in a pose.
+        machine: The same machine as described.
+        drives: ``d`` of axes.
+    """
+    stacked = {spring.name: spring for spring in coupled.fixed.springs}
+    rows = []
+    for drive in drives:
+        joint, spring = machine.joints[drive.joint], stacked[drive.joint]
+        axis, along = machine.axes[drive.axis], spring.frame.rotation[:, 0]
+        sign = _travel_sign(joint, axis.moves, float(along @ axis.direction))
+        turned = motion_rows(coupled.layout, joint.ends[1], spring.frame.origin)[3:]
+        rows.append(sign * drive.lead / (2.0 * math.pi) * (along @ turned))
+    return np.array(rows).reshape(len(rows), coupled.layout.size)
 
 
 def free_legs(coupled: CoupledMachine, machine: Machine, drives: Iterable[Drive]) -> Machine:

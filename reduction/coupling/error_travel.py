@@ -2,7 +2,7 @@
 they make.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,20 +11,25 @@ import scipy  # whose interpolation, a third of a second, is loaded where it is 
 from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.geometry.machine.guide_errors import ErrorProfile
 from headstock.geometry.machine.machine import Machine, Pose, place_components
+from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.dof_layout import lay_out_dofs
 from headstock.reduction.coupling.guide_errors import (
+    CONTRADICTION,
     GUIDE_ERRORS,
     ErrorPlaces,
+    contradiction_error,
     find_places,
+    follow_fixed,
     sample_offsets,
 )
 from headstock.reduction.coupling.joint_springs import PlacedJoint, place_joints
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.errors import ModelError
-from headstock.solvers.second_order import Channel
+from headstock.solvers.second_order import Channel, SecondOrderSystem
 
 PROBED = 401  # places of the way at which offsets are looked for
 RATE = f"{GUIDE_ERRORS} rate"
+ACCELERATION = f"{GUIDE_ERRORS} acceleration"
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +61,11 @@ class ErrorTravel:
         """The same for their rates, which act through dampers."""
         return tuple((RATE, f"{joint} {DOF_NAMES[dof]}") for joint, dof in self.directions)
 
+    @property
+    def accelerations(self) -> tuple[Channel, ...]:
+        """The same for their accelerations, which act where an offset is a motion."""
+        return tuple((ACCELERATION, f"{joint} {DOF_NAMES[dof]}") for joint, dof in self.directions)
+
     def sample(self, way: FloatArray) -> FloatArray:
         """Offsets ``(n, k)`` at places ``(n,)`` of the way [m, rad].
 
@@ -85,6 +95,28 @@ def _add_up(machine: Machine, places: ErrorPlaces) -> dict[str, FloatArray]:
     return totals
 
 
+@dataclass(frozen=True, eq=False)
+class OffsetMotions:
+    """What unit offsets of ``k`` directions of joints do to a machine in a pose.
+
+    Attributes:
+        moved: ``(n_all, k)`` motion of the stacked dofs that fixed directions make, at zero free
+            coordinates.
+        loads: ``(n, k)`` generalised load of each offset.
+        rates: ``(n, k)`` of its rate, by dampers.
+        accelerations: ``(n, k)`` of its acceleration, by the inertia of what fixed directions move.
+        forces: Joint to ``(6 + m, k)`` what its springs no longer push, joint axes.
+        passed: The same of its dampers, per rate.
+    """
+
+    moved: FloatArray
+    loads: FloatArray
+    rates: FloatArray
+    accelerations: FloatArray
+    forces: dict[str, FloatArray]
+    passed: dict[str, FloatArray]
+
+
 def plan_travel(
     machine: Machine,
     superelements: Mapping[str, Superelement],
@@ -100,28 +132,30 @@ def plan_travel(
         poses: Of the machine there.
 
     Raises:
-        ModelError: A rigid direction has an offset, or a place lies outside a table.
+        ModelError: A place lies outside a table.
     """
     placed = [_place_errors(machine, superelements, pose) for pose in poses]
     springs, places = placed[0][0], _stack_places([own for _, own in placed])
     probes: FloatArray = np.asarray(np.linspace(nodes[0], nodes[-1], PROBED), dtype=float)
     probed = _read_places(nodes, places, probes)
     totals = _add_up(machine, probed)
-    directions = []
+    directions: list[tuple[str, int]] = []
     for spring in springs:
         offsets = totals.get(spring.name)
         moved = () if offsets is None else np.flatnonzero(offsets.any(axis=0))
-        for dof in map(int, moved):
-            if dof in spring.fixed:
-                raise ModelError(
-                    f"joint {spring.name} is rigid in {DOF_NAMES[dof]}, so its errors cannot push while it travels; give it a stiffness there"
-                )
-            if spring.stiffness[:, dof].any():
-                directions.append((spring.name, dof))
+        directions += [
+            (spring.name, int(dof))
+            for dof in moved
+            if dof in spring.fixed or spring.stiffness[:, dof].any()
+        ]
     if not directions:
         return None
     return ErrorTravel(
-        machine, nodes, places, tuple(directions), _find_shortest(machine, probes, probed)
+        machine,
+        nodes,
+        places,
+        tuple(directions),
+        _find_shortest(machine, probes, probed),
     )
 
 
@@ -167,21 +201,135 @@ def _find_shortest(machine: Machine, way: FloatArray, places: ErrorPlaces) -> fl
     return float(min(found))
 
 
-def offset_loads(
-    springs: Sequence[PlacedJoint], directions: Sequence[tuple[str, int]]
-) -> FloatArray:
-    """Load ``(n, k)`` of a unit offset in each direction, by the joint's springs."""
-    by_name = {spring.name: spring for spring in springs}
-    return np.column_stack(
-        [by_name[joint].rows.T @ by_name[joint].stiffness[:, dof] for joint, dof in directions]
-    )
+def find_offset_motions(
+    coupled: CoupledMachine,
+    travel: ErrorTravel,
+    damped: SecondOrderSystem,
+    unmoved: FloatArray | None = None,
+) -> OffsetMotions:
+    """What unit offsets of joints do to a machine in a pose: the springs of their joints push, and
+    fixed directions move what they hold, ``q = B y + O e``.
+
+    Args:
+        coupled: The machine in the pose.
+        travel: With the directions.
+        damped: Its system with the damping that acts.
+        unmoved: ``(r, n_all)`` rows of what fixed directions are not to move at zero free
+            coordinates, such as what scales read; None for none.
+
+    Raises:
+        ModelError: What is not to be moved cannot but be.
+    """
+    layout, basis, fixed = coupled.layout, coupled.basis, coupled.fixed
+    count = len(travel.directions)
+    units = [{joint: np.eye(6)[dof]} for joint, dof in travel.directions]
+    wanted = np.column_stack([fixed.values(unit) for unit in units])
+    moved: FloatArray = np.zeros((layout.size, count))
+    if wanted.any():
+        moved = follow_fixed(fixed.constraints, wanted, layout)
+        if unmoved is not None:
+            moved = moved - basis @ np.linalg.lstsq(unmoved @ basis, unmoved @ moved)[0]
+            reach = np.abs(unmoved) @ np.abs(moved)
+            if (np.abs(unmoved @ moved) > CONTRADICTION * reach).any():
+                raise ModelError(
+                    "errors of rigid guides move what linear scales read, wherever motors are; give these guides a stiffness"
+                )
+    loads, rates = np.zeros((basis.shape[1], count)), np.zeros((basis.shape[1], count))
+    forces: dict[str, FloatArray] = {}
+    passed: dict[str, FloatArray] = {}
+    for spring, free in zip(fixed.springs, coupled.joint_springs, strict=True):
+        stretch = -spring.rows @ moved
+        for number, (joint, dof) in enumerate(travel.directions):
+            stretch[dof, number] += joint == spring.name
+        forces[spring.name] = free.stiffness @ stretch
+        loads += free.rows.T @ forces[spring.name]
+        passed[spring.name] = free.damping @ stretch
+        rates += free.rows.T @ passed[spring.name]
+    pulled = np.zeros_like(loads)
+    if wanted.any():
+        for name, own in layout.offsets.items():
+            loads -= basis[own].T @ (coupled.matrices.stiffnesses[name] @ moved[own])
+            pulled -= basis[own].T @ (coupled.matrices.masses[name] @ moved[own])
+            if name in coupled.matrices.dampings:
+                rates -= basis[own].T @ (coupled.matrices.dampings[name] @ moved[own])
+        if coupled.geometric is not None:
+            loads -= basis.T @ (coupled.geometric @ moved)
+        rates += _modal_rates(coupled.system, damped, pulled)
+    if damped.damping is None and damped.hysteretic is None:
+        rates = np.zeros_like(rates)
+    return OffsetMotions(moved, loads, rates, pulled, forces, passed)
 
 
-def offset_rate_loads(
-    springs: Sequence[PlacedJoint], directions: Sequence[tuple[str, int]]
+def _modal_rates(
+    system: SecondOrderSystem, damped: SecondOrderSystem, pulled: FloatArray
 ) -> FloatArray:
-    """Load ``(n, k)`` of a unit rate of an offset in each direction, by the joint's dampers."""
-    by_name = {spring.name: spring for spring in springs}
-    return np.column_stack(
-        [by_name[joint].rows.T @ by_name[joint].damping[:, dof] for joint, dof in directions]
+    """Loads ``(n, k)`` by modal damping, which resists the motion of what fixed directions move as it
+    does any other.
+    """
+    if damped.damping is None:
+        return np.zeros_like(pulled)
+    own = np.zeros_like(damped.damping) if system.damping is None else system.damping
+    modal = damped.damping - own
+    if not modal.any():
+        return np.zeros_like(pulled)
+    return np.asarray(modal @ np.linalg.lstsq(system.mass, pulled)[0])
+
+
+def check_offsets(coupled: CoupledMachine, travel: ErrorTravel) -> None:
+    """Refuse errors of fixed joints that contradict each other somewhere on a way.
+
+    Args:
+        coupled: The machine in a pose of it.
+        travel: The offsets along it.
+
+    Raises:
+        ModelError: They do; names the joints.
+    """
+    fixed = coupled.fixed
+    units = [{joint: np.eye(6)[dof]} for joint, dof in travel.directions]
+    wanted = np.column_stack([fixed.values(unit) for unit in units])
+    if not wanted.any():
+        return
+    missed = fixed.constraints @ follow_fixed(fixed.constraints, wanted, coupled.layout) - wanted
+    offsets = travel.sample(np.linspace(travel.nodes[0], travel.nodes[-1], PROBED)).T
+    largest, first = float(np.abs(wanted @ offsets).max()), fixed.first
+    names = []
+    for spring in fixed.springs:
+        last = first + len(spring.fixed)
+        if np.abs(missed[first:last] @ offsets).max(initial=0.0) > CONTRADICTION * largest:
+            names.append(spring.name)
+        first = last
+    if names:
+        raise contradiction_error(names)
+
+
+def differentiate(
+    sample: Callable[[FloatArray], FloatArray],
+    places: FloatArray,
+    ends: tuple[float, float],
+    step: float,
+) -> tuple[FloatArray, FloatArray]:
+    """First and second derivative ``(n, k)`` of values along a way, by the
+    polynomial through five places beside each other.
+
+    Args:
+        sample: Values ``(m, k)`` at places ``(m,)``.
+        places: ``(n,)`` of the way.
+        ends: Of the way; nothing is sampled beyond.
+        step: Between two of the five.
+    """
+    step = min(step, 0.25 * (ends[1] - ends[0]))
+    around = np.arange(-2.0, 3.0)
+    centers = np.clip(places, ends[0] + 2.0 * step, ends[1] - 2.0 * step)
+    # roundoff of the outermost places
+    wanted = np.clip(centers[:, None] + step * around, *ends)
+    values = sample(wanted.ravel()).reshape(len(places), 5, -1)
+    coefficients = np.einsum(
+        "pj,njk->npk", np.linalg.inv(np.vander(around, increasing=True)), values
     )
+    arms = (places - centers) / step
+    powers = np.vander(arms, 5, increasing=True)
+    first = np.einsum("np,npk->nk", powers[:, :4], coefficients[:, 1:] * np.arange(1, 5)[:, None])
+    twice = np.array([2.0, 6.0, 12.0])[:, None]
+    second = np.einsum("np,npk->nk", powers[:, :3], coefficients[:, 2:] * twice)
+    return first / step, second / step**2

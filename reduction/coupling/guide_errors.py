@@ -80,6 +80,33 @@ class ErrorLoads:
         return np.asarray(np.sum([*self.offsets.values(), np.zeros(size)], axis=0))
 
 
+@dataclass(frozen=True, eq=False)
+class FixedRows:
+    """What a machine eliminated in a pose, to give fixed directions of joints another value.
+
+    Attributes:
+        springs: Every joint with rows ``(6 + m, n_all)`` of the stacked dofs.
+        constraints: Rows ``(c, n_all)`` that were eliminated.
+        first: Where the fixed directions of the joints begin among them, in the order of
+            ``springs``.
+    """
+
+    springs: tuple[PlacedJoint, ...]
+    constraints: FloatArray
+    first: int
+
+    def values(self, by_joint: Mapping[str, FloatArray]) -> FloatArray:
+        """Values ``(c,)`` that the constraint rows must take for offsets ``(6,)`` of joints."""
+        wanted = np.zeros(len(self.constraints))
+        first = self.first
+        for spring in self.springs:
+            last = first + len(spring.fixed)
+            if spring.name in by_joint:
+                wanted[first:last] = by_joint[spring.name][list(spring.fixed)]
+            first = last
+        return wanted
+
+
 def has_errors(machine: Machine) -> bool:
     """Whether any rail, screw or axis of a machine has errors."""
     return any(joint.errors is not None for joint in machine.joints.values()) or any(
@@ -194,10 +221,8 @@ def find_displacements(
 def solve_error_loads(
     offsets: Mapping[str, Mapping[str, FloatArray]],
     *,
-    springs: Sequence[PlacedJoint],
+    fixed: FixedRows,
     reduced: Sequence[PlacedJoint],
-    constraints: FloatArray,
-    first_fixed: int,
     layout: DofLayout,
     matrices: ComponentMatrices,
     basis: FloatArray,
@@ -206,11 +231,8 @@ def solve_error_loads(
 
     Args:
         offsets: ``(6,)`` by source and joint, joint axes.
-        springs: Every joint with rows ``(6 + m, n_all)`` of the stacked dofs.
-        reduced: The same in free coordinates.
-        constraints: Rows ``(c, n_all)`` that were eliminated.
-        first_fixed: Where the fixed directions of the joints begin among them, in the order of
-            ``springs``.
+        fixed: What was eliminated.
+        reduced: Every joint with rows in free coordinates.
         layout: The stacked dofs.
         matrices: Of the components, machine axes.
         basis: ``(n_all, n)`` stacked dofs per free coordinate.
@@ -225,13 +247,13 @@ def solve_error_loads(
         for spring in reduced:
             if spring.name in by_joint:
                 load += spring.rows[:6].T @ (spring.stiffness[:6, :6] @ by_joint[spring.name])
-        wanted = _fixed_offsets(by_joint, springs, len(constraints), first_fixed)
+        wanted = fixed.values(by_joint)
         if wanted.any():
-            moved = _follow_fixed(constraints, wanted, layout)
+            moved = follow_fixed(fixed.constraints, wanted[:, None], layout)[:, 0]
             particular[source] = moved
             for name, own in layout.offsets.items():
                 load -= basis[own].T @ (matrices.stiffnesses[name] @ moved[own])
-            for spring, free in zip(springs, reduced, strict=True):
+            for spring, free in zip(fixed.springs, reduced, strict=True):
                 load -= free.rows.T @ (spring.stiffness @ (spring.rows @ moved))
         loads[source] = load
     found = ErrorLoads(loads, particular)
@@ -241,29 +263,18 @@ def solve_error_loads(
                 [by_joint[spring.name] for by_joint in offsets.values() if spring.name in by_joint],
                 axis=0,
             )
-            for spring in springs
+            for spring in fixed.springs
         }
-        _check_fixed(total, found.offset(layout.size), springs)
+        _check_fixed(total, found.offset(layout.size), fixed.springs)
     return found
 
 
-def _fixed_offsets(
-    by_joint: Mapping[str, FloatArray], springs: Sequence[PlacedJoint], count: int, first: int
-) -> FloatArray:
-    """Values ``(count,)`` that the constraint rows must take."""
-    wanted = np.zeros(count)
-    for spring in springs:
-        last = first + len(spring.fixed)
-        if spring.name in by_joint:
-            wanted[first:last] = by_joint[spring.name][list(spring.fixed)]
-        first = last
-    return wanted
-
-
-def _follow_fixed(constraints: FloatArray, wanted: FloatArray, layout: DofLayout) -> FloatArray:
-    """The smallest motion ``(n_all,)`` that gives constraint rows their values, as far as they agree."""
+def follow_fixed(constraints: FloatArray, wanted: FloatArray, layout: DofLayout) -> FloatArray:
+    """The smallest motions ``(n_all, k)`` that give constraint rows their values ``(c, k)``, as far
+    as they agree.
+    """
     scale = scale_dofs(layout)
-    return np.asarray(scale * np.linalg.lstsq(constraints * scale, wanted)[0])
+    return np.asarray(scale[:, None] * np.linalg.lstsq(constraints * scale, wanted)[0])
 
 
 def _check_fixed(
@@ -278,10 +289,15 @@ def _check_fixed(
         > CONTRADICTION * largest
     ]
     if missed:
-        raise ModelError(
-            f"the errors of rigid guides contradict each other ({', '.join(missed)}): nothing deforms to follow them all; "
-            "give these joints a stiffness"
-        )
+        raise contradiction_error(missed)
+
+
+def contradiction_error(joints: Sequence[str]) -> ModelError:
+    """Of fixed joints whose errors nothing follows."""
+    return ModelError(
+        f"the errors of rigid guides contradict each other ({', '.join(joints)}): nothing deforms to follow them all; "
+        "give these joints a stiffness"
+    )
 
 
 def _rail_place(joint: Joint, frame: Frame, layout: DofLayout) -> float:

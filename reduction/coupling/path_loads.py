@@ -278,6 +278,22 @@ def stack_driven_modes(
     )
 
 
+def housing_loads(trains: Sequence[DriveTrain], turned: FloatArray, total: int) -> FloatArray:
+    """Loads ``(total, k)`` of motors and screws per unit acceleration with which their housings are
+    turned.
+
+    Args:
+        trains: Drives of a machine with free motors.
+        turned: ``(d, k)`` turn of each housing about its screw, as travel.
+        total: Coordinates of the machine.
+    """
+    found = np.zeros((total, turned.shape[1]))
+    twice = np.repeat(turned, 2, axis=0)
+    for (row, mass), turn in zip(_turning_masses(trains, total), twice, strict=True):
+        found -= mass * np.outer(row, turn)
+    return found
+
+
 def _turning_masses(trains: Sequence[DriveTrain], total: int) -> list[tuple[FloatArray, float]]:
     """Turn in space ``(total,)`` of each motor and each screw, and its mass [kg]."""
     found = []

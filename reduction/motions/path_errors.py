@@ -12,17 +12,20 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.geometry.machine.machine import Machine, MachinePath
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.coupling.error_travel import (
     ErrorTravel,
-    offset_loads,
-    offset_rate_loads,
+    OffsetMotions,
+    check_offsets,
+    differentiate,
+    find_offset_motions,
     plan_travel,
 )
 from headstock.reduction.coupling.guide_errors import has_errors
 from headstock.reduction.motions.body_motions import solve_machine_static
+from headstock.reduction.motions.tool_deviation import channel_rows
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.paths.disturbed import solve_disturbed_path
 from headstock.solvers.paths.response import PathDeviation
@@ -30,6 +33,8 @@ from headstock.solvers.paths.set_points import SetPoint, sample_move
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 
 STEPS_PER_WAVE = 48
+PLACES_PER_WAVE = 100  # for derivatives
+MOST_STEP = 1e-3  # between these places, as a share of the path
 NODES = 7  # poses of the way between which static responses are interpolated
 
 
@@ -61,6 +66,22 @@ class PathErrors:
     def offsets(self, move: SetPoint, times: FloatArray) -> FloatArray:
         """Offsets ``(n, k)`` at instants of a move, from those at its beginning [m, rad]."""
         return self.travel.sample(self._shares(move, times)) - self.travel.sample(np.zeros(1))
+
+    def amounts(self, move: SetPoint, times: FloatArray) -> FloatArray:
+        """Offsets, their rates and their accelerations at instants of a move ``(n, 3 k)``: what the
+        channels of :func:`add_error_inputs` take.
+        """
+        motion, length = sample_move(move, times), self.path.length
+        first, second = differentiate(
+            self.travel.sample,
+            self._shares(move, times),
+            (0.0, 1.0),
+            min(MOST_STEP, self.travel.shortest / PLACES_PER_WAVE),
+        )
+        speeds, pulls = (each[:, None] / length for each in (motion.speeds, motion.accelerations))
+        return np.hstack(
+            [self.offsets(move, times), first * speeds, second * speeds**2 + first * pulls]
+        )
 
     def _shares(self, move: SetPoint, times: FloatArray) -> FloatArray:
         way = sample_move(move, times).positions / self.path.length
@@ -98,7 +119,7 @@ def find_path_errors(
         nodes: Poses between which the static response is interpolated; one keeps the middle one.
 
     Raises:
-        ModelError: A rigid guide has errors, or a profile ends on the way.
+        ModelError: Errors of rigid guides contradict each other, or a profile ends on the way.
     """
     if not has_errors(machine):
         return None
@@ -110,6 +131,7 @@ def find_path_errors(
     posed = [
         couple(superelements, machine, path.pose_at(float(place) * path.length)) for place in places
     ]
+    check_offsets(posed[nodes // 2], travel)
     return PathErrors(
         path=path,
         outputs=tuple(outputs),
@@ -124,9 +146,40 @@ def _static_gain(
     coupled: CoupledMachine, travel: ErrorTravel, outputs: Sequence[Channel]
 ) -> FloatArray:
     """Motion ``(n_outputs, k)`` per unit offset in a pose."""
-    loads = offset_loads(coupled.joint_springs, travel.directions)
-    moved = solve_machine_static(coupled, loads).displacements
-    return np.array([coupled.system.outputs[channel] @ moved for channel in outputs])
+    motions = find_offset_motions(coupled, travel, coupled.system)
+    moved = solve_machine_static(coupled, motions.loads).displacements
+    rows = np.array([coupled.system.outputs[channel] for channel in outputs])
+    return np.asarray(rows @ moved + move_outputs(coupled, travel.machine, motions, outputs))
+
+
+def move_outputs(
+    coupled: CoupledMachine, machine: Machine, motions: OffsetMotions, outputs: Sequence[Channel]
+) -> FloatArray:
+    """What fixed directions move of outputs at zero free coordinates ``(n_outputs, k)``.
+
+    Args:
+        coupled: The machine in a pose.
+        machine: With its points.
+        motions: Of unit offsets.
+        outputs: Points or interfaces, with a direction.
+    """
+    if not motions.moved.any():
+        return np.zeros((len(outputs), motions.moved.shape[1]))
+    moved = {
+        name: channel_rows(coupled, machine, name) @ motions.moved
+        for name in dict.fromkeys(name for name, _ in outputs)
+    }
+    return np.array([moved[name][DOF_NAMES.index(dof)] for name, dof in outputs])
+
+
+def add_error_inputs(
+    system: SecondOrderSystem, travel: ErrorTravel, motions: OffsetMotions
+) -> tuple[SecondOrderSystem, tuple[Channel, ...]]:
+    """The system with offsets, their rates and their accelerations as inputs, and these."""
+    channels = (*travel.channels, *travel.rates, *travel.accelerations)
+    columns = np.hstack([motions.loads, motions.rates, motions.accelerations])
+    own = dict(zip(channels, columns.T, strict=True))
+    return dataclasses.replace(system, inputs={**system.inputs, **own}), channels
 
 
 def respond_to_errors(
@@ -147,25 +200,15 @@ def respond_to_errors(
         samples: ``(n,)`` evenly spaced, from zero [s].
         low_frequency_limit_hz: Modes below count as low-frequency response [Hz].
     """
-    travel, springs = errors.travel, errors.middle.joint_springs
-    loads, channels = offset_loads(springs, travel.directions), travel.channels
-    rated = system.damping is not None
-    if rated:
-        loads = np.hstack([loads, offset_rate_loads(springs, travel.directions)])
-        channels = (*channels, *travel.rates)
-    disturbed = dataclasses.replace(
-        system, inputs={**system.inputs, **dict(zip(channels, loads.T, strict=True))}
-    )
-
-    def push(times: FloatArray) -> FloatArray:
-        own = errors.offsets(move, times)
-        return np.hstack([own, np.gradient(own, times, axis=0)]) if rated else own
-
+    travel, middle = errors.travel, errors.middle
+    motions = find_offset_motions(middle, travel, system)
+    disturbed, channels = add_error_inputs(system, travel, motions)
     return solve_disturbed_path(
         disturbed,
         errors.outputs,
-        push,
+        lambda times: errors.amounts(move, times),
         channels=channels,
+        feedthrough=move_outputs(middle, travel.machine, motions, errors.outputs),
         samples=samples,
         load_step=errors.shortest / move.feed / STEPS_PER_WAVE,
         low_frequency_limit_hz=low_frequency_limit_hz,

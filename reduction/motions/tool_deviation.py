@@ -61,11 +61,12 @@ def fixed_offsets(coupled: CoupledMachine, machine: Machine, name: str) -> dict[
         offsets |= coupled.displaced.offsets
     if not offsets:
         return {}
-    rows = _channel_rows(coupled, machine, name)
+    rows = channel_rows(coupled, machine, name)
     return {load: np.asarray(rows @ moved) for load, moved in offsets.items()}
 
 
-def _channel_rows(coupled: CoupledMachine, machine: Machine, name: str) -> FloatArray:
+def channel_rows(coupled: CoupledMachine, machine: Machine, name: str) -> FloatArray:
+    """Rows ``(6, n_all)`` of the motion at a point or an interface in stacked dofs."""
     if name in machine.points:
         return point_rows(coupled.layout, machine.points[name])
     component, _, interface = name.partition(".")
@@ -103,7 +104,7 @@ def solve_deviation(coupled: CoupledMachine, machine: Machine, point: str) -> To
     sources: dict[str, FloatArray] = {}
     parts: dict[str, dict[str, FloatArray]] = {}
     if coupled.errors is not None:
-        carried = _channel_rows(coupled, machine, point)
+        carried = channel_rows(coupled, machine, point)
         parts[GEOMETRY] = {
             name: influence.T @ load + carried @ coupled.errors.offsets[name]
             if name in coupled.errors.offsets

@@ -24,6 +24,7 @@ def solve_disturbed_path(
     loads: Callable[[FloatArray], FloatArray],
     *,
     channels: Sequence[Channel],
+    feedthrough: FloatArray,
     samples: FloatArray,
     load_step: float,
     low_frequency_limit_hz: float,
@@ -36,6 +37,7 @@ def solve_disturbed_path(
         outputs: Where the deviation is wanted.
         loads: ``(n, k)`` at instants ``(n,)``.
         channels: Where they act.
+        feedthrough: ``(n_outputs, j)`` what the outputs have of the first loads at once, whatever moves.
         samples: ``(n,)`` evenly spaced, from zero [s].
         load_step: Longest time over which a load may be taken for straight [s].
         low_frequency_limit_hz: Modes below count as low-frequency response [Hz].
@@ -66,8 +68,9 @@ def solve_disturbed_path(
     ]
     if not coordinates.complete:
         share = share + coordinates.residual
-    total, low_frequency = moved[:, :count], moved[:, count:]
-    quasi_static = given[::parts] @ share.T
+    at_once = given[::parts, : feedthrough.shape[1]] @ feedthrough.T
+    total, low_frequency = moved[:, :count] + at_once, moved[:, count:]
+    quasi_static = given[::parts] @ share.T + at_once
     return PathDeviation(
         samples, total, quasi_static, low_frequency, total - quasi_static - low_frequency
     )
@@ -79,6 +82,7 @@ def solve_disturbed_loop(
     loads: Callable[[FloatArray], FloatArray],
     *,
     channels: Sequence[Channel],
+    feedthrough: FloatArray,
     samples: FloatArray,
     load_step: float,
     watch: Watch,
@@ -91,6 +95,7 @@ def solve_disturbed_loop(
         outputs: How many of its first outputs are wanted.
         loads: ``(n, k)`` at instants ``(n,)``.
         channels: Where they act.
+        feedthrough: ``(n_outputs, j)`` what the outputs have of the first loads at once, whatever moves.
         samples: ``(n,)`` evenly spaced, from zero [s].
         load_step: Longest time over which a load may be taken for straight [s].
         watch: What else is wanted of it.
@@ -104,8 +109,9 @@ def solve_disturbed_loop(
     steps = np.stack([given[:-1], given[1:]], axis=1)
     alone = StateSpace(loop.a, b, c, d, tuple(channels), (), loop.states)
     found = solve_stepped_response(alone, fine, steps).outputs[::parts]
-    total = found[:, :outputs]
-    held = given[::parts] @ (d - c @ np.linalg.solve(loop.a, b))[:outputs].T
+    at_once = given[::parts, : feedthrough.shape[1]] @ feedthrough.T
+    total = found[:, :outputs] + at_once
+    held = given[::parts] @ (d - c @ np.linalg.solve(loop.a, b))[:outputs].T + at_once
     return PathDeviation(
         samples, total, held, np.zeros_like(total), total - held, found[:, outputs:]
     )

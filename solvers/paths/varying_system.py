@@ -11,15 +11,17 @@ linear parametric reduced-order models, SIAM J. Sci. Comput. 33, 2169 (consisten
 (1950), On the adiabatic theorem (parallel transport).
 """
 
+import dataclasses
 import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.solvers.errors import AccuracyError, ModelError
 from headstock.solvers.linear.damping import equivalent_viscous
 from headstock.solvers.linear.modal_analysis import ModalResult
@@ -43,6 +45,7 @@ SEARCHED = (
     1.5  # the highest mode kept lies below the widest gap up to so many times the highest frequency
 )
 LEAST_HZ = 1.0
+HELD = 1e-9  # of the largest motion at a place, in m or rad: less is roundoff
 
 
 @dataclass(frozen=True, eq=False)
@@ -330,14 +333,43 @@ def look_at_pose(posed: PosedModes, channels: PlantChannels) -> PoseModes:
         raise ModelError(
             "a damper acts on a dof without mass, or a matrix is not symmetric; give every body a mass"
         )
+    held = find_held_outputs(posed, channels.outputs)
+    coordinates = dataclasses.replace(
+        coordinates,
+        outputs=np.where(held[:, None], 0.0, coordinates.outputs),
+        residual=np.where(held[:, None], 0.0, coordinates.residual),
+    )
     count = (
         int(np.count_nonzero(coordinates.omega <= 2.0 * np.pi * SEARCHED * channels.up_to_hz)) + 1
     )
-    at_once = np.zeros((len(channels.outputs), len(channels.inputs)))
-    for (output, given), size in posed.feedthrough.items():
-        if output in channels.outputs and given in channels.inputs:
-            at_once[channels.outputs.index(output), channels.inputs.index(given)] = size
+    at_once = np.array(
+        [
+            [posed.feedthrough.get((output, given), 0.0) for given in channels.inputs]
+            for output in channels.outputs
+        ]
+    ).reshape(len(channels.outputs), len(channels.inputs))
     return PoseModes(coordinates, posed.motions[:, :count], posed.momenta[:, :count], at_once)
+
+
+def find_held_outputs(posed: PosedModes, outputs: Sequence[Channel]) -> NDArray[np.bool_]:
+    """Which outputs ``(p,)`` the machine holds rigidly in a pose: beside its other motions at the same
+    place nothing but roundoff is left of them, which no spline could follow.
+    """
+    rows = {
+        channel: float(np.abs(posed.system.outputs[channel] @ posed.modes.shapes).max(initial=0.0))
+        for channel in {(name, dof) for name, _ in outputs for dof in DOF_NAMES} | {*outputs}
+        if channel in posed.system.outputs
+    }
+    largest: dict[str, float] = {}
+    for (name, dof), size in rows.items():
+        if dof in DOF_NAMES:
+            largest[name] = max(largest.get(name, 0.0), size)
+    return np.array(
+        [
+            dof in DOF_NAMES and rows.get((name, dof), 0.0) <= HELD * largest.get(name, 0.0)
+            for name, dof in outputs
+        ]
+    )
 
 
 def count_kept_modes(poses: Mapping[float, PoseModes], up_to_hz: float) -> tuple[int, float]:

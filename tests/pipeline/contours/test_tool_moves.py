@@ -338,6 +338,23 @@ def test_errors_of_screws_of_components_lead_a_tool_off_as_statics_say_in_every_
     assert np.abs(mine[some] - moved).max() < 1e-2 * np.abs(moved).max()
 
 
+def test_errors_of_a_rigid_screw_are_those_of_a_very_stiff_one(tmp_path: Path) -> None:
+    moved = []
+    for stiffness in ("rigid", "1.6e6 N/um"):
+        screw = (
+            "joints.screw_1={between=['beam_1.tip','platform.joint_1'],kind='ball_screw',axis='z',at=['0 mm','0 mm','0 mm'],"
+            f"stiffness={{axial='{stiffness}'}},errors={{axial={{waves=[{{period='2 mm',amplitude='5 um'}}]}}}}}}"
+        )
+        off, on = (
+            total(solve(tmp_path, "components", FROZEN, screw, f"effects.guide_errors={effect}"))
+            for effect in ("false", "true")
+        )
+        moved.append(on - off)
+    size = np.abs(moved[1]).max()
+    assert size > 1e-6
+    assert np.abs(moved[0] - moved[1]).max() < 1e-5 * size
+
+
 @pytest.mark.parametrize(
     ("variant", "errors"),
     [

@@ -23,6 +23,7 @@ from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import Scene, keep_analyses
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.drive_trains import FORCE
+from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.damping import add_modal_damping
 from headstock.solvers.linear.modal_analysis import solve_modal
 
@@ -122,11 +123,117 @@ def test_passing_balls_shake_the_tool_as_the_frequency_response_says(tmp_path: P
             assert figures.amplitude == pytest.approx(value, rel=5e-3)
 
 
-def test_a_rigid_guide_cannot_push_while_it_travels(tmp_path: Path) -> None:
-    stiff = ["joints.x_guide.stiffness={ lateral = 'rigid', normal = '500 N/um' }"]
-    scene = load_scene(SCENE, overrides=[*SLOW, *stiff])
-    results = run_scene(keep_analyses(scene, ("path",)), tmp_path, comm=MPI.COMM_SELF)
-    assert any("rigid in y" in failure for failure in results.failures)
+WAVY = (
+    "axes.X.errors.EB={ waves = [{ period = '60 mm', amplitude = '20 urad', phase = '80 deg' }] }",
+    "axes.Y.errors.EZ={ waves = [{ period = '30 mm', amplitude = '2 um', phase = '80 deg' }] }",
+)
+BRISK = (
+    "analyses.path={ from = { X = '-150 mm', Y = '50 mm' }, to = { X = '150 mm', Y = '-50 mm' }, feeds = ['30 m/min'], "
+    "time_constant = '50 ms', sampling = '1 kHz', pose_model = 'MODEL', "
+    "outputs = [['tcp', 'x'], ['tcp', 'y'], ['tcp', 'z'], ['tcp', 'rx']] }"
+)
+DRIVEN = [
+    "effects.drive_control=true",
+    *(
+        f"drives.{axis}={{ axis = '{axis}', inertia = '2e-3 kg m^2', lead = '10 mm', kv = '40 1/s',"
+        " velocity_gain = '1e5 N s/m', integral_time = '15 ms' }"
+        for axis in "XYZ"
+    ),
+]
+SCALED = ["drives.X.encoder='scale'", "drives.X.scale='table_top'"]
+DAMPERS = [f"joints.{axis}_drive.damping={{ axial = '60 kN s/m' }}" for axis in "xyz"]
+MODAL = ["effects.damping={ modal = 0.05 }"]
+
+
+def guides(stiffness: float | None) -> list[str]:
+    """All guides so many times as stiff as in the scene; None for rigid ones."""
+
+    def write(size: float) -> str:
+        return "rigid" if stiffness is None else f"{size * stiffness:g} N/um"
+
+    return [
+        f"joints.{axis}_guide.stiffness={{ lateral = '{write(400)}', normal = '{write(500)}' }}"
+        for axis in "xyz"
+    ]
+
+
+def moved_by_errors(folder: Path, *overrides: str) -> FloatArray:
+    """What errors add to the deviation along a brisk path ``(n, 4)``."""
+    moved = []
+    for effect in ("true", "false"):
+        scene = load_scene(SCENE, overrides=[*WAVY, *overrides, f"effects.guide_errors={effect}"])
+        moved.append(run(scene, folder / effect).runs[0].curves.deviation.total)
+    return np.asarray(moved[0] - moved[1])
+
+
+@pytest.mark.parametrize("model", ["frozen", "pose_dependent"])
+@pytest.mark.parametrize(
+    ("settings", "near"),
+    [
+        (MODAL, 2e-5),
+        (["effects.damping=true", *DAMPERS], 5e-5),
+        # beside it modes that stiff guides have and a loop leaves out
+        ([*MODAL, *DRIVEN], 3e-4),
+        ([*MODAL, *DRIVEN, *SCALED], 3e-4),
+    ],
+    ids=["modal damping", "dampers", "controlled", "scale"],
+)
+def test_errors_of_rigid_guides_are_those_of_very_stiff_ones(
+    settings: list[str], near: float, model: str, tmp_path: Path
+) -> None:
+    given = [*settings, BRISK.replace("MODEL", model)]
+    if DRIVEN[0] in given:
+        given = [text.replace(", ['tcp', 'rx']", "") for text in given]
+    rigid = moved_by_errors(tmp_path / "rigid", *guides(None), *given)
+    stiff = moved_by_errors(tmp_path / "stiff", *guides(1e4), *given)
+    sizes = np.abs(rigid).max(axis=0)
+    assert (sizes > 1e-5).all()
+    assert (np.abs(stiff - rigid).max(axis=0) < near * sizes).all()
+
+
+def test_stiffer_guides_come_nearer_to_rigid_ones(tmp_path: Path) -> None:
+    given = [*MODAL, BRISK.replace("MODEL", "frozen")]
+    rigid = moved_by_errors(tmp_path / "rigid", *guides(None), *given)
+    off = [
+        np.abs(moved_by_errors(tmp_path / str(size), *guides(size), *given) - rigid).max()
+        for size in (1.0, 1e2, 1e4)
+    ]
+    # by the square root: modal damping goes with the speed of the stiff modes
+    assert off[0] > 8.0 * off[1] > 64.0 * off[2]
+
+
+def test_rigid_axes_go_where_their_errors_lead(tmp_path: Path) -> None:
+    """All but a screw is rigid: the deviation is the motion of rigid bodies in each pose."""
+    screw = "joints.z_drive.stiffness={ axial = '150 N/um' }"
+    scene = load_scene(SCENE, variant="rigid_guides", overrides=[*SLOW, screw])
+    own = run(scene, tmp_path).runs[0].curves
+    request, machine = scene.analyses.path, scene.machine
+    assert request is not None
+
+    def static(position: float) -> FloatArray:
+        pose = request.path.pose_at(position)
+        return solve_deviation(couple_rigid(machine, pose), machine, "tcp").sources[GEOMETRY]
+
+    first = static(0.0)
+    size = np.abs(own.deviation.total).max()
+    assert size > 2e-5
+    for number in range(0, len(own.positions), len(own.positions) // 12):
+        expected = static(float(own.positions[number])) - first
+        moved = own.deviation.total[number]
+        assert np.abs(moved[:2] - expected[:2]).max() < 1e-6 * size
+        # the screw gives way to the inertia of slow waves
+        assert abs(moved[2] - expected[2]) < 1e-4 * size
+
+
+def test_errors_of_rigid_guides_that_nothing_follows_are_refused(tmp_path: Path) -> None:
+    passing = [
+        "axes.X.errors={ EZ = { polynomial = ['0 um'] } }",
+        "joints.x_guide.errors={ ball_passing = { period = '2 mm', normal = '1 um' } }",
+        "joints.x_guide.each={ 2 = { 'errors.ball_passing.phase' = '90 deg' } }",
+    ]
+    scene = load_scene(SCENE, overrides=[*SLOW, *guides(None), *passing])
+    with pytest.raises(ModelError, match="contradict each other"):
+        run_scene(keep_analyses(scene, ("path",)), tmp_path, comm=MPI.COMM_SELF)
 
 
 RIPPLE = (
