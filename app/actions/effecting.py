@@ -11,8 +11,9 @@ from pathlib import Path
 import click
 from mpi4py import MPI
 
+from headstock.app.actions.choosing import load_chosen
 from headstock.app.actions.publishing import EFFECTS_FILE, is_same_scene, renew_report
-from headstock.app.actions.running import require_ranks, select_analyses
+from headstock.app.actions.running import require_ranks
 from headstock.app.charts.effects import draw_worth
 from headstock.app.report.pages import render_effects
 from headstock.app.report.report import Worth
@@ -178,8 +179,7 @@ def _load(request: EffectsRequest) -> Scene:
         raise click.UsageError("-o FILE and --force go with --write")
     if request.write:
         _check_target(chosen, request.output, force=request.force)
-    scene = load_scene(chosen.path, variant=chosen.variant, overrides=chosen.overrides)
-    return select_analyses(scene, chosen.analyses)
+    return load_chosen(chosen)
 
 
 def _check_results(folder: Path, origin: Provenance | None) -> None:

@@ -1,7 +1,6 @@
 """``headstock run``: from a scene file to results, a printed summary and a report."""
 
 import contextlib
-import dataclasses
 import os
 import time
 from collections.abc import Iterable, Iterator
@@ -11,6 +10,7 @@ from pathlib import Path
 import click
 from mpi4py import MPI
 
+from headstock.app.actions.choosing import load_chosen
 from headstock.app.actions.publishing import PARTS, publish_run
 from headstock.app.terminal.console import counted, print_remarks
 from headstock.app.terminal.guard import DONE, FAILED
@@ -33,9 +33,7 @@ from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import claim_output, write_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
-from headstock.scene.building.loader import load_scene
-from headstock.scene.reading.findings import SceneError
-from headstock.scene.scene import Scene, deforming_parts, keep_analyses, list_analyses
+from headstock.scene.scene import Scene
 from headstock.solvers.ranks import find_node, make_on_root, share_from_root
 from headstock.solvers.shared_work import NAMED_THREADS, free_cores
 
@@ -73,7 +71,7 @@ def run_request(request: RunRequest, comm: MPI.Comm, origin: Provenance | None =
     require_ranks(request.ranks, comm)
     if request.json_file is not None and not request.json_file.absolute().parent.is_dir():
         raise click.UsageError(f"there is no folder {request.json_file.parent} for --json")
-    scene = make_on_root(comm, lambda: _load(request))
+    scene = make_on_root(comm, lambda: load_chosen(request.scene, request.accuracy))
     parts = filter(None, [scene.path.stem, request.scene.variant, request.fidelity])
     output = request.output or Path("results") / "-".join(parts)
     files = (RESULTS_FILE, SUMMARY_FILE, REPORT_FILE)
@@ -108,54 +106,6 @@ def run_request(request: RunRequest, comm: MPI.Comm, origin: Provenance | None =
             print_remarks(remarks)
             print_summary(summary, seconds=time.perf_counter() - start, folder=output, said=said)
     return int(share_from_root(comm, FAILED if results.failures else DONE))
-
-
-def choose_fidelity(chosen: SceneChoice, fidelity: Fidelity) -> tuple[SceneChoice, list[str]]:
-    """A scene with every part that deforms at one fidelity, and a remark on each part that cannot
-    have it and keeps its own.
-
-    Args:
-        chosen: Scene, variant and settings; rigid and imported parts stay as they are there.
-        fidelity: Wanted.
-
-    Raises:
-        SceneError: The scene has problems, or no part can have this fidelity.
-        click.UsageError: No part deforms.
-    """
-    scene = load_scene(chosen.path, variant=chosen.variant, overrides=chosen.overrides)
-    wanted = deforming_parts(scene)
-    if not wanted:
-        raise click.UsageError(
-            f"--fidelity {fidelity} changes nothing in {chosen.path}: all components are rigid or imported superelements; "
-            'write fidelity = "elastic" in [components.NAME] of those that deform, or --set components.NAME.fidelity=elastic'
-        )
-    made, remarks = _set_fidelity(chosen, wanted, fidelity), list[str]()
-    try:
-        load_scene(made.path, variant=made.variant, overrides=made.overrides)
-    except SceneError as error:
-        # the scene as chosen is sound, so every problem comes of the fidelity of some part
-        refused = {
-            name: problem.message
-            for problem in error.problems
-            for name in wanted
-            if f"{problem.key}.".startswith(f"components.{name}.")
-        }
-        able = [name for name in wanted if name not in refused]
-        if not refused or not able:
-            raise
-        made = _set_fidelity(chosen, able, fidelity)
-        load_scene(made.path, variant=made.variant, overrides=made.overrides)
-        remarks = [
-            f"components.{name} keeps fidelity = "
-            f'"{scene.machine.components[name].fidelity}": {message}'
-            for name, message in refused.items()
-        ]
-    return made, remarks
-
-
-def _set_fidelity(chosen: SceneChoice, names: list[str], fidelity: Fidelity) -> SceneChoice:
-    settings = (f"components.{name}.fidelity={fidelity}" for name in names)
-    return dataclasses.replace(chosen, overrides=(*chosen.overrides, *settings))
 
 
 @contextlib.contextmanager
@@ -210,21 +160,6 @@ def describe_crowd(ranks: int, threads: int, cores: int) -> str:
     )
 
 
-def select_analyses(scene: Scene, names: tuple[str, ...]) -> Scene:
-    """The scene with only the named analyses.
-
-    Raises:
-        click.UsageError: A name is none of the scene's analyses.
-    """
-    present = list_analyses(scene)
-    for name in names:
-        if name not in present:
-            raise click.UsageError(
-                f"{scene.path} has no [analyses.{name}]; it has: {', '.join(present) or 'none'}"
-            )
-    return keep_analyses(scene, names) if names else scene
-
-
 def _run_with_progress(
     scene: Scene, output: Path, comm: MPI.Comm, *, volume: bool, origin: Provenance | None
 ) -> Results:
@@ -261,17 +196,3 @@ def _run_with_progress(
             volume=volume,
             provenance=origin,
         )
-
-
-def _load(request: RunRequest) -> Scene:
-    chosen = request.scene
-    scene = load_scene(chosen.path, variant=chosen.variant, overrides=chosen.overrides)
-    if request.accuracy is not None:
-        # what the scene allows beside the number stays as it is
-        key = "accuracy" if scene.accuracy is None else "accuracy.to"
-        scene = load_scene(
-            chosen.path,
-            variant=chosen.variant,
-            overrides=(*chosen.overrides, f"{key}={request.accuracy}"),
-        )
-    return select_analyses(scene, chosen.analyses)

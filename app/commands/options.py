@@ -4,7 +4,7 @@ import functools
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import click
 import typer
@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
     from headstock.pipeline.storage.provenance import Provenance, SceneChoice
-    from headstock.scene.scene import Scene
 
 
 def _check_file(path: Path | None) -> Path | None:
@@ -62,6 +61,22 @@ Names = Annotated[
 ]
 
 
+Accuracy = Annotated[
+    str | None,
+    typer.Option(
+        "--accuracy",
+        metavar="SHARE",
+        help="Choose meshes and modes for this largest relative error, such as 1%.",
+    ),
+]
+Fidelities = Annotated[
+    Literal["rigid", "segmented", "polynomial", "elastic"] | None,
+    typer.Option(
+        "--fidelity",
+        click_type=click.Choice(["rigid", "segmented", "polynomial", "elastic"]),
+        help="Fidelity of all parts that are not rigid in the scene.",
+    ),
+]
 On = Annotated[
     str | None,
     typer.Option("--on", metavar="slurm", help="Compute in a job of this cluster."),
@@ -147,19 +162,6 @@ def on_cluster(command: Callable[..., int]) -> Callable[..., int]:
         parameters=[*signature.parameters.values(), *added]
     )
     return with_cluster
-
-
-def load_checked(scene: Path, variant: str | None, overrides: list[str] | None) -> "Scene":
-    """The scene; raises SceneError with every problem.
-
-    Args:
-        scene: Scene file.
-        variant: To apply.
-        overrides: ``KEY=VALUE`` of each ``--set``.
-    """
-    from headstock.scene.building.loader import load_scene
-
-    return load_scene(scene, variant=variant, overrides=overrides or [])
 
 
 def write_json_file(

@@ -3,13 +3,15 @@ command that needs them.
 """
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import click
 import typer
 
 from headstock.app.commands.options import (
+    Accuracy,
     Debug,
+    Fidelities,
     JsonFile,
     Names,
     NoHost,
@@ -18,7 +20,6 @@ from headstock.app.commands.options import (
     SceneFile,
     Variant,
     choose_scene,
-    load_checked,
     on_cluster,
     split_list,
     trace_command,
@@ -50,7 +51,10 @@ def check(
 def plan(
     scene: SceneFile,
     variant: Variant = None,
+    analysis: Names = None,
     set_: Overrides = None,
+    accuracy: Accuracy = None,
+    fidelity: Fidelities = None,
     json: JsonFile = None,
     debug: Debug = False,
 ) -> int:
@@ -58,13 +62,19 @@ def plan(
 
     def action() -> int:
         from headstock.app.actions.checking import plan_rows
+        from headstock.app.actions.choosing import choose_fidelity, load_chosen
+        from headstock.app.terminal.console import print_remarks
         from headstock.app.terminal.progress import show_progress
         from headstock.app.terminal.summary import print_plan
         from headstock.pipeline.planning.kernels import add_compiling
         from headstock.pipeline.planning.planner import plan_scene
         from headstock.scene.building.lobes import require_feed_of_run
 
-        loaded = load_checked(scene, variant, set_)
+        chosen = choose_scene(scene, variant, set_, analysis)
+        if fidelity is not None:
+            chosen, kept = choose_fidelity(chosen, fidelity)
+            print_remarks(kept)
+        loaded = load_chosen(chosen, accuracy)
         require_feed_of_run(loaded)
         if loaded.accuracy is None:
             with show_progress() as progress:
@@ -108,22 +118,8 @@ def run(
             help="Write volume meshes with modes, static responses and stresses, too (volume/*.vtu).",
         ),
     ] = False,
-    accuracy: Annotated[
-        str | None,
-        typer.Option(
-            "--accuracy",
-            metavar="SHARE",
-            help="Choose meshes and modes for this largest relative error, such as 1%.",
-        ),
-    ] = None,
-    fidelity: Annotated[
-        Literal["rigid", "segmented", "polynomial", "elastic"] | None,
-        typer.Option(
-            "--fidelity",
-            click_type=click.Choice(["rigid", "segmented", "polynomial", "elastic"]),
-            help="Fidelity of all parts that are not rigid in the scene.",
-        ),
-    ] = None,
+    accuracy: Accuracy = None,
+    fidelity: Fidelities = None,
     no_host: NoHost = False,
     json: JsonFile = None,
     debug: Debug = False,
@@ -131,7 +127,8 @@ def run(
     """Run a scene: static compliance with its budget, natural modes, frequency responses."""
 
     def action(comm: "MPI.Comm") -> int:
-        from headstock.app.actions.running import RunRequest, choose_fidelity, run_request
+        from headstock.app.actions.choosing import choose_fidelity
+        from headstock.app.actions.running import RunRequest, run_request
         from headstock.app.terminal.console import print_remarks
         from headstock.solvers.ranks import make_on_root
 

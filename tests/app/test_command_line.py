@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from headstock.app.actions.running import choose_fidelity
+from headstock.app.actions.choosing import choose_fidelity
 from headstock.app.command_line import main
 from headstock.app.terminal import guard
 from headstock.geometry.errors import HeadstockError
@@ -192,14 +192,16 @@ def test_a_machine_that_no_force_leaves_in_place_ends_with_1_names_what_is_free_
     assert summary["modal"][0]["rigid_count"] == 3
 
 
-def test_plan_says_what_run_then_does(scene_file: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("options", [[], ["--analysis", "modal"]])
+def test_plan_says_what_run_then_does(options: list[str], scene_file: Path, tmp_path: Path) -> None:
     planned, ran = tmp_path / "plan.json", tmp_path / "run.json"
-    assert main(["plan", str(scene_file), "--json", str(planned)]) == 0
+    assert main(["plan", str(scene_file), *options, "--json", str(planned)]) == 0
     assert (
         main(
             [
                 "run",
                 str(scene_file),
+                *options,
                 "-o",
                 str(tmp_path / "out"),
                 "--no-figures",

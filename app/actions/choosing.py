@@ -1,0 +1,93 @@
+"""Which scene a command line asks for: its variant and settings, analyses, accuracy and fidelity."""
+
+import dataclasses
+
+import click
+
+from headstock.geometry.parts.components import Fidelity
+from headstock.pipeline.storage.provenance import SceneChoice
+from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.findings import SceneError
+from headstock.scene.scene import Scene, deforming_parts, keep_analyses, list_analyses
+
+
+def load_chosen(chosen: SceneChoice, accuracy: str | None = None) -> Scene:
+    """The scene that was chosen, with its analyses.
+
+    Args:
+        chosen: Scene, variant, settings and analyses.
+        accuracy: Asked for, as written; None for that of the scene.
+
+    Raises:
+        SceneError: The scene has problems.
+        click.UsageError: An analysis is none of the scene's.
+    """
+    scene = load_scene(chosen.path, variant=chosen.variant, overrides=chosen.overrides)
+    if accuracy is not None:
+        # what the scene allows beside the number stays as it is
+        key = "accuracy" if scene.accuracy is None else "accuracy.to"
+        scene = load_scene(
+            chosen.path,
+            variant=chosen.variant,
+            overrides=(*chosen.overrides, f"{key}={accuracy}"),
+        )
+    return _select_analyses(scene, chosen.analyses)
+
+
+def choose_fidelity(chosen: SceneChoice, fidelity: Fidelity) -> tuple[SceneChoice, list[str]]:
+    """A scene with every part that deforms at one fidelity, and a remark on each part that cannot
+    have it and keeps its own.
+
+    Args:
+        chosen: Scene, variant and settings; rigid and imported parts stay as they are there.
+        fidelity: Wanted.
+
+    Raises:
+        SceneError: The scene has problems, or no part can have this fidelity.
+        click.UsageError: No part deforms.
+    """
+    scene = load_scene(chosen.path, variant=chosen.variant, overrides=chosen.overrides)
+    wanted = deforming_parts(scene)
+    if not wanted:
+        raise click.UsageError(
+            f"--fidelity {fidelity} changes nothing in {chosen.path}: all components are rigid or imported superelements; "
+            'write fidelity = "elastic" in [components.NAME] of those that deform, or --set components.NAME.fidelity=elastic'
+        )
+    made, remarks = _set_fidelity(chosen, wanted, fidelity), list[str]()
+    try:
+        load_scene(made.path, variant=made.variant, overrides=made.overrides)
+    except SceneError as error:
+        # the scene as chosen is sound, so every problem comes of the fidelity of some part
+        refused = {
+            name: problem.message
+            for problem in error.problems
+            for name in wanted
+            if f"{problem.key}.".startswith(f"components.{name}.")
+        }
+        able = [name for name in wanted if name not in refused]
+        if not refused or not able:
+            raise
+        made = _set_fidelity(chosen, able, fidelity)
+        load_scene(made.path, variant=made.variant, overrides=made.overrides)
+        remarks = [
+            f"components.{name} keeps fidelity = "
+            f'"{scene.machine.components[name].fidelity}": {message}'
+            for name, message in refused.items()
+        ]
+    return made, remarks
+
+
+def _set_fidelity(chosen: SceneChoice, names: list[str], fidelity: Fidelity) -> SceneChoice:
+    settings = (f"components.{name}.fidelity={fidelity}" for name in names)
+    return dataclasses.replace(chosen, overrides=(*chosen.overrides, *settings))
+
+
+def _select_analyses(scene: Scene, names: tuple[str, ...]) -> Scene:
+    """The scene with only the named analyses."""
+    present = list_analyses(scene)
+    for name in names:
+        if name not in present:
+            raise click.UsageError(
+                f"{scene.path} has no [analyses.{name}]; it has: {', '.join(present) or 'none'}"
+            )
+    return keep_analyses(scene, names) if names else scene
