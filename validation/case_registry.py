@@ -22,6 +22,12 @@ from headstock.validation.machines.accuracy_cases import (
     check_machine_accuracy,
     check_mesh_estimates,
 )
+from headstock.validation.machines.axes_estimate_cases import FRESH as FRESH_AXES
+from headstock.validation.machines.axes_estimate_cases import (
+    check_axes_estimates,
+    check_axes_smoke,
+    compare_new_axes,
+)
 from headstock.validation.machines.axis_kit_cases import check_axis_kit
 from headstock.validation.machines.drive_cases import (
     check_friction,
@@ -354,6 +360,22 @@ CASES: tuple[Case, ...] = (
         on_request=True,
     ),
     Case("peaks-smoke", "estimates", "± alone, on one machine", on_root(check_peaks_smoke)),
+    Case(
+        "axes-estimates",
+        "estimates",
+        "± of volumetric maps and of paths against fine meshes, on three machines",
+        on_root(check_axes_estimates),
+        on_request=True,
+        draw=compare_new_axes,
+        fresh=FRESH_AXES,
+    ),
+    Case(
+        "axes-estimates-smoke",
+        "estimates",
+        "the same on one machine",
+        on_root(check_axes_smoke),
+        on_request=True,
+    ),
     Case(
         "model-choice",
         "estimates",

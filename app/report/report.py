@@ -56,6 +56,7 @@ from headstock.app.tables.path import (
     ZONE_COLUMNS,
     list_cruises,
     list_zones,
+    path_error_words,
     path_stem,
 )
 from headstock.app.tables.probes import (
@@ -574,6 +575,7 @@ def report_environment() -> jinja2.Environment:
         "list_numbers": list_numbers,
         "list_displacements": list_displacements,
         "list_zones": list_zones,
+        "path_error_words": path_error_words,
         "draw_lobes": draw_lobes,
         "list_lobes": list_lobes,
         "list_lowest_lobes": list_lowest_lobes,

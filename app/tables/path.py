@@ -1,12 +1,15 @@
 """Rows of a path analysis."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from headstock.app.tables.probes import list_trace_columns
 from headstock.app.tables.table import Column, PlainTable, show_deviation
+from headstock.app.texts.bounded_values import NO_BOUND
+from headstock.pipeline.answers.estimates import show_share
 from headstock.pipeline.answers.path import (
     CruiseSummary,
     FeedSummary,
@@ -32,6 +35,12 @@ class ZoneRow(NamedTuple):
     channel: list[str]
     zone: str
     found: ZoneSummary
+    errors: ZoneSummary
+
+    def error(self, name: str) -> float | None:
+        """How far one of its sizes may be off; None where nobody says, or it is zero."""
+        key = f"{name}_{deviation_unit((self.channel[0], self.channel[1]))[0]}"
+        return known_error(self.found[key], self.errors, key)
 
     def size(self, name: str) -> float | None:
         """One of its sizes, by its name without the unit."""
@@ -41,7 +50,7 @@ class ZoneRow(NamedTuple):
 def list_zones(path: PathSummary, output: int | None = None) -> list[ZoneRow]:
     """Every feed, output and ramp of a path analysis; of one output where its number is given."""
     return [
-        ZoneRow(run, shown["dof"], zone, found)
+        ZoneRow(run, shown["dof"], zone, found, shown["errors"][zone])
         for run in path["feeds"]
         for number, shown in enumerate(run["outputs"])
         if output in (None, number)
@@ -52,21 +61,47 @@ def list_zones(path: PathSummary, output: int | None = None) -> list[ZoneRow]:
     ]
 
 
+def known_error(value: float | None, errors: Mapping[str, float | None], name: str) -> float | None:
+    """How far a number may be off, NaN for ``± ?``; None where nothing is known of any, or the number
+    is roundoff.
+    """
+    if value is None or show_deviation(value) == "0" or all(e is None for e in errors.values()):
+        return None
+    error = errors.get(name)
+    return math.nan if error is None else error
+
+
 ZONE_COLUMNS: tuple[Column[ZoneRow], ...] = (
     Column(lambda row: row.run["name"], screen="feed", report="Feed"),
     Column(lambda row: " ".join(row.channel), screen="<at"),
     Column(lambda row: row.zone, screen="<zone", report="Zone"),
     Column(lambda row: row.run["acceleration"], report="Acceleration [m/s²]", digits=3),
-    Column(lambda row: row.size("peak"), screen=">peak", report="Peak"),
+    Column(
+        lambda row: row.size("peak"),
+        screen=">peak",
+        report="Peak",
+        error=lambda row: row.error("peak"),
+    ),
     Column(lambda row: row.found["peak_s"], screen=">at s", report="at [s]"),
-    Column(lambda row: row.size("span"), screen=">span", report="Peak to peak"),
-    Column(lambda row: row.size("quasi_static"), screen=">static", report="Quasi-static"),
+    Column(
+        lambda row: row.size("span"),
+        screen=">span",
+        report="Peak to peak",
+        error=lambda row: row.error("span"),
+    ),
+    Column(
+        lambda row: row.size("quasi_static"),
+        screen=">static",
+        report="Quasi-static",
+        error=lambda row: row.error("quasi_static"),
+    ),
     Column(
         lambda row: row.size("dynamic"),
         screen=">vibration",
         report=PART_NAMES["dynamic"].capitalize(),
+        error=lambda row: row.error("dynamic"),
     ),
-    Column(lambda row: row.size("rms"), report="rms"),
+    Column(lambda row: row.size("rms"), report="rms", error=lambda row: row.error("rms")),
     Column(
         lambda row: row.found["settling_s"],
         screen=">settles",
@@ -84,6 +119,11 @@ class CruiseRow(NamedTuple):
     run: FeedSummary
     channel: Sequence[str]
     found: CruiseSummary
+    errors: ZoneSummary
+
+    def error(self, name: str, value: float) -> float | None:
+        """How far one of its sizes may be off."""
+        return known_error(value, self.errors, name)
 
 
 def list_cruises(path: PathSummary, output: int | None = None) -> list[CruiseRow]:
@@ -91,7 +131,7 @@ def list_cruises(path: PathSummary, output: int | None = None) -> list[CruiseRow
     is given.
     """
     return [
-        CruiseRow(run, shown["dof"], shown["cruising"])
+        CruiseRow(run, shown["dof"], shown["cruising"], shown["errors"]["cruising"])
         for run in path["feeds"]
         for number, shown in enumerate(run["outputs"])
         if output in (None, number) and "cruising" in shown
@@ -106,22 +146,51 @@ CRUISE_COLUMNS: tuple[Column[CruiseRow], ...] = (
         screen=">variation",
         report="Variation",
         show=show_deviation,
+        error=lambda row: row.error("variation_um", row.found["variation_um"]),
     ),
     Column(
         lambda row: row.found["straightness_um"],
         screen=">straightness",
         report="Straightness",
         show=show_deviation,
+        error=lambda row: row.error("straightness_um", row.found["straightness_um"]),
     ),
     Column(
         lambda row: row.found["amplitude_um"],
         screen=">wave of",
         report="Strongest wave",
         show=show_deviation,
+        error=lambda row: row.error("amplitude_um", row.found["amplitude_um"]),
     ),
     Column(lambda row: row.found["period_s"], screen=">period s", report="Period [s]", digits=3),
     Column(lambda row: row.found["period_mm"], screen=">mm", report="Period [mm]", digits=3),
 )
+
+
+def path_error_words(path: PathSummary) -> list[str]:
+    """Where the errors of a path come from, and what is not in them."""
+    largest: dict[str, float] = {}
+    for run in path["feeds"]:
+        for output in run["outputs"]:
+            for zone, found in (
+                ("accelerating", output["accelerating"]),
+                ("decelerating", output["decelerating"]),
+            ):
+                unit = deviation_unit((output["dof"][0], output["dof"][1]))[0]
+                peak = abs(found[f"peak_{unit}"] or 0.0)
+                for source, size in output["error_share"][zone].items():
+                    share = (size or 0.0) / peak if peak else 0.0
+                    largest[source] = max(largest.get(source, 0.0), share)
+    words = []
+    if largest:
+        parts = ", ".join(
+            f"{source} up to {show_share(share)}" for source, share in largest.items()
+        )
+        words.append(f"± of a peak, from {parts}; in the pose of the middle")
+    if path["error_left_out"]:
+        begin = "not in ±" if largest else f"{NO_BOUND} : nothing is known of"
+        words.append(f"{begin}{':' if largest else ''} {'; '.join(path['error_left_out'])}")
+    return words
 
 
 def path_stem(feed: float) -> str:

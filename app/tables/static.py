@@ -14,11 +14,12 @@ from headstock.reduction.motions.body_motions import name_families
 @dataclass(frozen=True)
 class DeviationRow:
     """Displacement of a tool against the work: from what, and ``(6,)`` along and about the machine
-    axes [m, rad].
+    axes [m, rad]; how far it may be off, NaN for ``± ?``, empty where nobody says.
     """
 
     source: str
     motion: Sequence[float | None]
+    errors: Sequence[float] = ()
 
 
 def _moved_by(dof: int) -> Column[DeviationRow]:
@@ -29,8 +30,22 @@ def _moved_by(dof: int) -> Column[DeviationRow]:
         moved = row.motion[dof]
         return None if moved is None else 1e6 * moved
 
+    def error(row: DeviationRow) -> float | None:
+        moved = row.motion[dof]
+        # a deviation that is written as zero has no digits that an error could end
+        still = moved is None or show_deviation(1e6 * moved) == "0"
+        return None if still or not row.errors else 1e6 * row.errors[dof]
+
     shown = f"{name} [{'µm' if dof < 3 else 'µrad'}]"
-    return Column(value, f"{name} [{unit}]", f">{shown}", shown, show=show_deviation, missing="-")
+    return Column(
+        value,
+        f"{name} [{unit}]",
+        f">{shown}",
+        shown,
+        show=show_deviation,
+        missing="-",
+        error=error,
+    )
 
 
 DEVIATION_COLUMNS: tuple[Column[DeviationRow], ...] = (

@@ -1,9 +1,12 @@
 """Rows of a volumetric map."""
 
+import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 from headstock.app.tables.static import DeviationRow
 from headstock.app.tables.table import Column, show_deviation
+from headstock.app.texts.bounded_values import NO_BOUND, show_bound, show_bounded
 from headstock.geometry.machine.machine import show_position
 from headstock.pipeline.answers.volumetric import (
     SYMBOLS,
@@ -20,11 +23,19 @@ def list_ranges(found: VolumetricSummary) -> list[DeviationRow]:
         DeviationRow(
             "all together" if source == TOTAL else source,
             [1e-6 * ranges[symbol] for symbol in SYMBOLS],
+            _list_errors(found["range_errors"][source]),
         )
         for source, ranges in found["ranges"].items()
     ]
     # one source alone is all there is
     return rows[1:] + rows[:1] if len(rows) > 2 else rows[1:]
+
+
+def _list_errors(errors: Mapping[str, float | None]) -> list[float]:
+    """How far numbers may be off, in the order of the symbols; empty where nothing is known."""
+    if all(error is None for error in errors.values()):
+        return []
+    return [math.nan if error is None else 1e-6 * error for error in errors.values()]
 
 
 class LineRow(NamedTuple):
@@ -43,18 +54,33 @@ def _line_column(dof: int) -> Column[LineRow]:
     symbol = SYMBOLS[dof]
     unit = "um" if dof < 3 else "urad"
     shown = f"{symbol} [{'µm' if dof < 3 else 'µrad'}]"
+
+    def error(row: LineRow) -> float | None:
+        errors = _list_errors(row.line["errors"])
+        still = show_deviation(row.line["deviations"][symbol]) == "0"
+        return None if still or not errors else 1e6 * errors[dof]
+
     return Column(
         lambda row: row.line["deviations"][symbol],
         f"{symbol} [{unit}]",
         f">{shown}",
         shown,
         show=show_deviation,
+        error=error,
+    )
+
+
+def _line_error(dof: int) -> Column[LineRow]:
+    symbol = SYMBOLS[dof]
+    return Column(
+        lambda row: row.line["errors"][symbol], f"± {symbol} [{'um' if dof < 3 else 'urad'}]"
     )
 
 
 LINE_COLUMNS: tuple[Column[LineRow], ...] = (
     Column(lambda row: row.axis, "axis", "axis", "Axis"),
     *(_line_column(dof) for dof in range(6)),
+    *(_line_error(dof) for dof in range(6)),
 )
 
 SQUARENESS_COLUMNS: tuple[Column[SquarenessSummary], ...] = (
@@ -71,14 +97,36 @@ SQUARENESS_COLUMNS: tuple[Column[SquarenessSummary], ...] = (
         ">angle [µrad]",
         "Angle [µrad]",
         show=show_deviation,
+        error=lambda row: row["error_urad"] if show_deviation(row["angle_urad"]) != "0" else None,
     ),
 )
 
 
-def volumetric_words(found: VolumetricSummary) -> str:
-    """The largest error of a volume and where it is."""
+def volumetric_words(found: VolumetricSummary) -> list[str]:
+    """The largest error of a volume and where it is; where its ± comes from, and what is not in it."""
     place = ", ".join(
         f"{axis} = {show_position(position, found['units'][axis])}"
         for axis, position in found["largest_at"].items()
     )
-    return f"largest position error {found['largest_um']:.4g} µm at {place}"
+    size, error = found["largest_um"], found["largest_error_um"]
+    left_out = "; ".join(found["error_left_out"])
+    if error is None:
+        words = f"largest position error {size:.4g} µm {NO_BOUND} at {place}"
+        return [words, *([f"{NO_BOUND} : nothing is known of {left_out}"] if left_out else [])]
+    shown = f"{show_bounded(size, error)} {show_bound(size, error)}"
+    largest = {
+        symbol: max(
+            ((own, name, source) for source, parts in each.items() for name, own in parts.items()),
+            default=(0.0, "", ""),
+        )
+        for symbol, each in found["error_parts"].items()
+    }
+    most = max(largest, key=lambda symbol: largest[symbol][0])
+    own, name, source = largest[most]
+    told = [f"largest position error {shown} µm at {place}"]
+    if own > 0.0:
+        unit = "µm" if SYMBOLS.index(most) < 3 else "µrad"
+        told.append(
+            f"± covers 95 % of errors by meshes; most by {name}: {source}, {own:.2g} {unit} of the range of {most}"
+        )
+    return told + ([f"not in ±: {left_out}"] if left_out else [])

@@ -19,7 +19,13 @@ from headstock.app.tables.frf import (
 from headstock.app.tables.lobes import LOWEST_LOBE_COLUMNS, list_lowest_lobes
 from headstock.app.tables.modes import list_modes
 from headstock.app.tables.motion_forces import JOINT_FORCE_COLUMNS, MOTOR_COLUMNS
-from headstock.app.tables.path import CRUISE_COLUMNS, ZONE_COLUMNS, list_cruises, list_zones
+from headstock.app.tables.path import (
+    CRUISE_COLUMNS,
+    ZONE_COLUMNS,
+    list_cruises,
+    list_zones,
+    path_error_words,
+)
 from headstock.app.tables.probes import (
     PROBE_COLUMNS,
     PROBE_MOTION_PEAKS,
@@ -197,6 +203,9 @@ def print_summary(
                 "At constant feed, with errors of guides [µm or µrad]",
                 tell_rows(CRUISE_COLUMNS, cruises),
             )
+        for words in path_error_words(summary["path"]):
+            console.print(f"  {words}", markup=False)
+        console.print()
         for feed in summary["path"]["feeds"]:
             if feed["probes"]:
                 title = f"Largest stress at probes at {feed['name']}"
@@ -354,7 +363,8 @@ def _print_volume(console: Console, point: str, volume: VolumetricSummary) -> No
         f"Position error of {point} over {' × '.join(volume['axes'])}: range by source",
         tell_rows(DEVIATION_COLUMNS, list_ranges(volume)),
     )
-    console.print(f"  {volumetric_words(volume)}", markup=False)
+    for words in volumetric_words(volume):
+        console.print(f"  {words}", markup=False)
     console.print()
     print_table(
         console,

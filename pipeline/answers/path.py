@@ -2,7 +2,9 @@
 ``results.h5``.
 """
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import ClassVar, NotRequired, TypedDict
 
 import h5py
@@ -10,6 +12,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import Answer
+from headstock.pipeline.answers.estimates import DISCRETISATION, Estimate, scale_shares
 from headstock.pipeline.answers.frf import split_channel
 from headstock.pipeline.answers.motion_forces import (
     DriveExtremes,
@@ -29,6 +32,8 @@ from headstock.solvers.second_order import Channel, name_channel
 from headstock.solvers.watched_outputs import Extreme
 
 _PARTS = ("total", "quasi_static", "low_frequency", "dynamic")
+SIZES = ("peak", "span", "ramp_peak", "ramp_span", "quasi_static", "dynamic", "rms")
+ZONES = ("accelerating", "decelerating")
 # ``peak_um`` or ``peak_urad`` and so on, ``settling_s`` without a value where it never settles
 type ZoneSummary = dict[str, float | None]
 
@@ -46,12 +51,16 @@ class CruiseSummary(TypedDict):
 
 
 class OutputSummary(TypedDict):
-    """The entry of an output at one feed."""
+    """The entry of an output at one feed. ``errors``: how far the sizes may be off, by their names,
+    of each zone; ``error_share``: that of its peak by source of error.
+    """
 
     dof: list[str]
     accelerating: ZoneSummary
     decelerating: ZoneSummary
     cruising: NotRequired[CruiseSummary]
+    errors: dict[str, ZoneSummary]
+    error_share: dict[str, dict[str, float | None]]
 
 
 class FeedSummary(TypedDict):
@@ -97,6 +106,7 @@ class PathSummary(TypedDict):
     energy_error: dict[str, float]
     poses: FollowedSummary | None
     feeds: list[FeedSummary]
+    error_left_out: list[str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,6 +166,47 @@ class PathRun:
     joints: dict[str, dict[str, Extreme]]
     probes: dict[str, ProbeMotion]
     cruises: tuple[CruiseFigures | None, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class PathWorth:
+    """What a path is worth: the same runs of machines without a source of error, all in the pose of
+    the middle.
+
+    Attributes:
+        base: Runs of the machine, one per feed.
+        better: Source of error to runs without it.
+        unknown: Components with a mesh whose errors nothing shows.
+        left_out: What is not looked at.
+    """
+
+    base: tuple[PathRun, ...]
+    better: Mapping[str, tuple[PathRun, ...]]
+    unknown: tuple[str, ...]
+    left_out: tuple[str, ...]
+
+    def judge(
+        self, number: int, read: Callable[[PathRun], Mapping[str, float | None]]
+    ) -> dict[str, Estimate]:
+        """How far numbers of a run may be off, by their names.
+
+        Args:
+            number: Of the run.
+            read: What a run says of them; None for what has no number.
+        """
+        found = {}
+        others = {source: read(runs[number]) for source, runs in self.better.items()}
+        for name, own in read(self.base[number]).items():
+            sizes: dict[str, float | None] = {
+                source: None
+                if own is None or (changed := other[name]) is None
+                else abs(abs(changed) - abs(own))
+                for source, other in others.items()
+            }
+            if self.unknown:
+                sizes[DISCRETISATION] = None
+            found[name] = Estimate(sizes, self.left_out)
+        return found
 
 
 @dataclass(frozen=True)
@@ -220,6 +271,7 @@ class PathResult(Answer):
         drives: Drives under control; empty where motors follow their set points.
         energy_error: By feed, error of the energy balance relative to its largest part; where
             friction acts.
+        worth: How far the numbers may be off.
     """
 
     start: dict[str, float]
@@ -235,6 +287,7 @@ class PathResult(Answer):
     low_frequency_modes: int
     poses: FollowedPoses | None
     runs: tuple[PathRun, ...]
+    worth: PathWorth
     drives: tuple[str, ...] = ()
     energy_error: dict[str, float] = field(default_factory=dict)
     units: ClassVar[dict[str, str]] = {
@@ -266,7 +319,13 @@ class PathResult(Answer):
             "drives": list(self.drives),
             "energy_error": self.energy_error,
             "poses": None if self.poses is None else self.poses.summarise(),
-            "feeds": [_summarise_run(run) for run in self.runs],
+            "feeds": [
+                _summarise_run(run, self.worth, place) for place, run in enumerate(self.runs)
+            ],
+            "error_left_out": [
+                *self.worth.left_out,
+                *(f"the mesh of {name}, which shows no error" for name in self.worth.unknown),
+            ],
         }
 
     def fill(self, file: h5py.File) -> None:
@@ -276,28 +335,59 @@ class PathResult(Answer):
             fill_path(feeds.create_group(run.curves.name.replace("/", " per ")), run.curves)
 
 
-def _summarise_run(run: PathRun) -> FeedSummary:
+def _summarise_run(run: PathRun, worth: PathWorth, place: int) -> FeedSummary:
+    torques = worth.judge(
+        place, lambda each: {name: own.torque.value for name, own in each.drives.items()}
+    )
+    followed = worth.judge(
+        place, lambda each: {name: own.position_error.value for name, own in each.drives.items()}
+    )
     return {
         "name": run.curves.name,
         "feed_mm_per_min": 6e4 * run.curves.feed,
         "acceleration": float(np.abs(run.curves.accelerations).max()),
-        "outputs": [_summarise_output(run, number) for number in range(len(run.figures))],
-        "drives": summarise_drives(run.drives),
-        "joints": summarise_joints(run.joints),
+        "outputs": [
+            _summarise_output(run, number, worth, place) for number in range(len(run.figures))
+        ],
+        "drives": summarise_drives(run.drives, torques, followed),
+        "joints": summarise_joints(
+            run.joints,
+            {joint: worth.judge(place, partial(_read_forces, joint=joint)) for joint in run.joints},
+        ),
         "probes": {name: probe.summarise() for name, probe in run.probes.items()},
     }
 
 
-def _summarise_output(run: PathRun, number: int) -> OutputSummary:
+def _read_forces(run: PathRun, joint: str) -> dict[str, float | None]:
+    return {direction: force.value for direction, force in run.joints[joint].items()}
+
+
+def _read_sizes(run: PathRun, output: int, zone: int) -> dict[str, float | None]:
+    return {size: getattr(run.figures[output][zone], size) for size in SIZES}
+
+
+def _summarise_output(run: PathRun, number: int, worth: PathWorth, place: int) -> OutputSummary:
     channel, zones, frozen = (
         run.curves.outputs[number],
         run.figures[number],
         run.frozen_figures[number],
     )
+    unit, factor = deviation_unit(channel)
+    judged = {
+        name: worth.judge(place, partial(_read_sizes, output=number, zone=zone))
+        for zone, name in enumerate(ZONES)
+    }
     summary: OutputSummary = {
         "dof": list(channel),
         "accelerating": _summarise_zone(channel, zones[0], frozen[0]),
         "decelerating": _summarise_zone(channel, zones[1], frozen[1]),
+        "errors": {
+            zone: {f"{size}_{unit}": _scale(error, factor) for size, error in errors.items()}
+            for zone, errors in judged.items()
+        },
+        "error_share": {
+            zone: scale_shares(errors["peak"], factor) for zone, errors in judged.items()
+        },
     }
     cruise = run.cruises[number] if run.cruises else None
     if cruise is not None:
@@ -310,7 +400,23 @@ def _summarise_output(run: PathRun, number: int) -> OutputSummary:
             "period_mm": 1e3 * cruise.distance,
             "amplitude_um": 1e6 * cruise.amplitude,
         }
+        found = worth.judge(place, lambda each: _read_cruise(each, number))
+        summary["errors"]["cruising"] = {
+            f"{name}_um": _scale(error, 1e6) for name, error in found.items()
+        }
     return summary
+
+
+def _read_cruise(run: PathRun, number: int) -> dict[str, float | None]:
+    cruise = run.cruises[number] if run.cruises else None
+    return {
+        name: None if cruise is None else getattr(cruise, name)
+        for name in ("variation", "straightness", "amplitude")
+    }
+
+
+def _scale(error: Estimate, factor: float) -> float | None:
+    return None if error.total is None else factor * error.total
 
 
 def deviation_unit(channel: Channel) -> tuple[str, float]:
@@ -326,10 +432,9 @@ def _summarise_zone(channel: Channel, zone: ZoneFigures, frozen: ZoneFigures) ->
         "end_s": zone.end,
         "peak_s": zone.peak_time,
     }
-    sizes = ("peak", "span", "ramp_peak", "ramp_span", "quasi_static", "dynamic", "rms")
     found = (
         times
-        | {f"{name}_{unit}": factor * getattr(zone, name) for name in sizes}
+        | {f"{name}_{unit}": factor * getattr(zone, name) for name in SIZES}
         | {"settling_s": zone.settling}
     )
     return found | {f"frozen_peak_{unit}": factor * frozen.peak}

@@ -209,8 +209,8 @@ class TransientAnswer(Answer):
             },
             "energy": None if self.energy is None else _summarise_energy(self.energy),
             "error_left_out": sorted({words for error in self.errors for words in error.left_out}),
-            "drives": summarise_drives(self.drives),
-            "joints": summarise_joints(self.joints),
+            "drives": summarise_drives(self.drives, {}, {}),
+            "joints": summarise_joints(self.joints, {}),
             "probes": {name: probe.summarise() for name, probe in self.probes.items()},
         }
 

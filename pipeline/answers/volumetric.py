@@ -8,9 +8,10 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import Answer
+from headstock.pipeline.answers.estimates import Estimate, scale_parts, scale_shares
 from headstock.pipeline.answers.map import GridSummary, nest_grid
 from headstock.pipeline.storage.json_texts import check_finite
-from headstock.solvers.linear.volumetric import AxisMotions, Squareness
+from headstock.solvers.linear.volumetric import AxisMotions, Squareness, measure_range
 
 SYMBOLS = ("EX", "EY", "EZ", "EA", "EB", "EC")
 TOTAL = "total"
@@ -19,13 +20,15 @@ MICRO = 1e6
 
 class AxisMotionsSummary(TypedDict):
     """Error motions along one axis; values by symbol without the axis' name. ``along``: where the
-    tool travels against the work, ``-x`` where the axis moves the work along x.
+    tool travels against the work, ``-x`` where the axis moves the work along x; ``errors``: how far
+    the deviations may be off.
     """
 
     unit: str
     positions: list[float]
     motions: dict[str, list[float]]
     deviations: dict[str, float]
+    errors: dict[str, float | None]
     along: str | None
 
 
@@ -36,13 +39,22 @@ class SquarenessSummary(TypedDict):
     second: str
     symbol: str
     angle_urad: float
+    error_urad: float | None
 
 
 class VolumetricSummary(GridSummary):
-    """The entry of a point in ``volumetric``; micrometres and microradians but for positions."""
+    """The entry of a point in ``volumetric``; micrometres and microradians but for positions.
+    ``range_errors``: how far ranges may be off, of all sources together by source of error in
+    ``error_share`` and by component in ``error_parts``.
+    """
 
     ranges: dict[str, dict[str, float]]
+    range_errors: dict[str, dict[str, float | None]]
+    error_share: dict[str, dict[str, float | None]]
+    error_parts: dict[str, dict[str, dict[str, float]]]
+    error_left_out: list[str]
     largest_um: float
+    largest_error_um: float | None
     largest_at: dict[str, float]
     budget: dict[str, dict[str, float]]
     lines: dict[str, AxisMotionsSummary]
@@ -65,6 +77,12 @@ class VolumetricAnswer(Answer):
         budget: Direction x, y, z to the share of each part in the variation over the volume.
         lines: Error motions along each axis through the middle of the grid.
         squareness: Of each pair of linear axes.
+        errors: ``(n0, n1, ..., 6)`` how far the error of each pose may be off; NaN where nobody knows.
+        range_errors: Source to how far its range may be off, in the order of the symbols.
+        total_errors: The same of all sources together.
+        largest_error: How far the largest error may be off.
+        line_errors: How far the deviations of each line may be off.
+        squareness_errors: How far each squareness may be off.
         failed: Poses without an answer.
     """
 
@@ -77,6 +95,12 @@ class VolumetricAnswer(Answer):
     budget: dict[str, dict[str, float]]
     lines: tuple[AxisMotions, ...]
     squareness: tuple[Squareness, ...]
+    errors: FloatArray
+    range_errors: dict[str, list[Estimate]]
+    total_errors: list[Estimate]
+    largest_error: Estimate
+    line_errors: tuple[list[Estimate], ...]
+    squareness_errors: tuple[Estimate, ...]
     failed: int = 0
     units: ClassVar[dict[str, str]] = {
         r"volumetric/.*/positions/.*": "m or rad",
@@ -94,6 +118,7 @@ class VolumetricAnswer(Answer):
         sizes = np.linalg.norm(total[..., :3], axis=-1)
         worst = np.unravel_index(int(np.nanargmax(sizes)), sizes.shape)
         every = {TOTAL: total, **self.sources}
+        grids = every | ({"error": self.errors} if np.isfinite(self.errors).any() else {})
         return {
             "axes": list(self.axes),
             "units": self.axis_units,
@@ -103,37 +128,50 @@ class VolumetricAnswer(Answer):
             "fixed": self.fixed,
             "quantities": {
                 f"{source}_{symbol}": nest_grid(MICRO * values[..., dof])
-                for source, values in every.items()
+                for source, values in grids.items()
                 for dof, symbol in enumerate(SYMBOLS)
             },
             "ranges": {
-                source: {
-                    symbol: MICRO * float(np.nanmax(values[..., dof]) - np.nanmin(values[..., dof]))
-                    for dof, symbol in enumerate(SYMBOLS)
-                }
-                for source, values in every.items()
+                source: _by_symbol(measure_range(values)) for source, values in every.items()
             },
+            "range_errors": {
+                source: _errors_by_symbol(errors)
+                for source, errors in {TOTAL: self.total_errors, **self.range_errors}.items()
+            },
+            "error_share": {
+                symbol: scale_shares(error, MICRO)
+                for symbol, error in zip(SYMBOLS, self.total_errors, strict=True)
+            },
+            "error_parts": {
+                symbol: scale_parts(error, MICRO)
+                for symbol, error in zip(SYMBOLS, self.total_errors, strict=True)
+            },
+            "error_left_out": list(self.largest_error.left_out),
             "largest_um": MICRO * float(sizes[worst]),
+            "largest_error_um": _scale(self.largest_error),
             "largest_at": {
                 axis: float(values[place])
                 for axis, values, place in zip(self.axes, self.positions, worst, strict=True)
             },
             "budget": self.budget,
-            "lines": {line.axis: self._summarise_line(line) for line in self.lines},
+            "lines": {
+                line.axis: self._summarise_line(line, errors)
+                for line, errors in zip(self.lines, self.line_errors, strict=True)
+            },
             "squareness": [
                 {
                     "first": each.first,
                     "second": each.second,
                     "symbol": each.symbol,
                     "angle_urad": MICRO * each.angle,
+                    "error_urad": _scale(error),
                 }
-                for each in self.squareness
+                for each, error in zip(self.squareness, self.squareness_errors, strict=True)
             ],
             "failed": self.failed,
         }
 
-    def _summarise_line(self, line: AxisMotions) -> AxisMotionsSummary:
-        deviations = line.deviations
+    def _summarise_line(self, line: AxisMotions, errors: list[Estimate]) -> AxisMotionsSummary:
         return {
             "unit": self.axis_units[line.axis],
             "positions": [float(value) for value in line.positions],
@@ -141,9 +179,8 @@ class VolumetricAnswer(Answer):
                 symbol: [MICRO * float(value) for value in line.motions[:, dof]]
                 for dof, symbol in enumerate(SYMBOLS)
             },
-            "deviations": {
-                symbol: MICRO * float(deviations[dof]) for dof, symbol in enumerate(SYMBOLS)
-            },
+            "deviations": _by_symbol(line.deviations),
+            "errors": _errors_by_symbol(errors),
             "along": None
             if line.along is None
             else f"{'-' if line.travel[line.along] < 0.0 else ''}{'xyz'[line.along]}",
@@ -156,3 +193,16 @@ class VolumetricAnswer(Answer):
             group[f"positions/{axis}"] = values
         for source, values in self.sources.items():
             group[source.replace(" ", "_")] = values
+        group["error"] = self.errors
+
+
+def _scale(error: Estimate) -> float | None:
+    return None if error.total is None else MICRO * error.total
+
+
+def _by_symbol(values: FloatArray) -> dict[str, float]:
+    return {symbol: MICRO * float(value) for symbol, value in zip(SYMBOLS, values, strict=True)}
+
+
+def _errors_by_symbol(errors: list[Estimate]) -> dict[str, float | None]:
+    return {symbol: _scale(error) for symbol, error in zip(SYMBOLS, errors, strict=True)}

@@ -250,7 +250,7 @@ def run_any_path_stage(state: RunState, stage: Stage) -> Outcome:
         request,
         frequencies_hz=model.all_modes.frequencies_hz,
         damped=system.damping is not None or system.hysteretic is not None,
-        solve=lambda: solve_tool_moves(state, request),
+        solve=solve_tool_moves,
     )
 
 

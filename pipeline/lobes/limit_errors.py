@@ -45,7 +45,7 @@ def judge_limits(
     request, coupled, parts = point.request, machine.coupled, machine.parts
     if coupled is None:
         return found
-    left_out = name_what_is_left_out(parts, coupled).left_out
+    left_out = name_what_is_left_out(parts).left_out
     models = _find_finer_models(machine, request, find_error_sources(parts, coupled))
     if models is None:
         nothing = LimitErrors(Estimate({}, left_out), Estimate({}, left_out))

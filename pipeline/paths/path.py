@@ -10,13 +10,16 @@ from collections.abc import Callable
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.motion_forces import PathForces
-from headstock.pipeline.answers.path import PathCurves, PathResult, PathRun
+from headstock.pipeline.answers.path import PathCurves, PathResult, PathRun, PathWorth
 from headstock.pipeline.paths.driven_moves import drive_moves
 from headstock.pipeline.paths.ideal_motors import build_plant, move_freely
 from headstock.pipeline.paths.path_disturbances import disturb_loop
 from headstock.pipeline.paths.path_model import choose_model, sample_path
 from headstock.pipeline.paths.solved_moves import SolvedMoves
 from headstock.pipeline.planning.plan import Stage
+from headstock.pipeline.stages.better_machines import list_better_machines, silence
+from headstock.pipeline.stages.estimates import name_what_is_left_out
+from headstock.pipeline.stages.mechanism import LUMPED
 from headstock.pipeline.stages.motion_forces import add_to_drives
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.reduction.motions.path_errors import (
@@ -53,7 +56,11 @@ def run_path_stage(state: RunState, stage: Stage) -> Outcome:
         request,
         frequencies_hz=middle.modes.frequencies_hz,
         damped=middle.system.damping is not None or middle.system.hysteretic is not None,
-        solve=lambda: _solve_moves(state, request, middle),
+        solve=lambda own, asked: _solve_moves(
+            own,
+            asked,
+            middle if own is state else build_plant(own, asked, 0.5 * asked.path.length),
+        ),
     )
 
 
@@ -118,7 +125,7 @@ def answer_path(
     *,
     frequencies_hz: FloatArray,
     damped: bool,
-    solve: Callable[[], SolvedMoves],
+    solve: Callable[[RunState, PathRequest], SolvedMoves],
 ) -> Outcome:
     """What is said of a path.
 
@@ -127,14 +134,14 @@ def answer_path(
         request: The path.
         frequencies_hz: Of the machine in its middle [Hz].
         damped: Any damping is on.
-        solve: Its moves.
+        solve: Its moves, of a run and of what is asked.
     """
     if not damped:
         state.warn(
             'path analysis: nothing is damped, so residual vibration does not decay; write [effects] damping = { modal = "2 %" }'
         )
     try:
-        solved = solve()
+        solved = solve(state, request)
     except (UnstableControlError, ModelError) as error:
         return Outcome(detail="refused: see below", failures=(f"path analysis: {error}",))
     model, ramp = choose_model(request), request.moves[0].ramp
@@ -151,12 +158,8 @@ def answer_path(
         low_frequency_limit_hz=model.low_frequency_limit_hz,
         low_frequency_modes=slow_modes(frequencies_hz, model.low_frequency_limit_hz),
         poses=solved.poses,
-        runs=tuple(
-            _run_move(request, move, raw, kept, forces, disturbed=solved.disturbed)
-            for move, raw, kept, forces in zip(
-                request.moves, solved.found, solved.kept, solved.forces, strict=True
-            )
-        ),
+        runs=_run_moves(request, solved),
+        worth=_judge_path(state, request, solved, solve),
         drives=tuple(state.scene.drives),
         energy_error=dict(state.energy_errors),
     )
@@ -165,6 +168,44 @@ def answer_path(
     return Outcome(
         detail=f"{len(solved.found)} feed{'s' if len(solved.found) > 1 else ''}, {samples} samples{poses}",
         answers=(answer,),
+    )
+
+
+def _judge_path(
+    state: RunState,
+    request: PathRequest,
+    solved: SolvedMoves,
+    solve: Callable[[RunState, PathRequest], SolvedMoves],
+) -> PathWorth:
+    """The moves once more, in the pose of the middle, of the machine without each source of error."""
+    if state.scene.is_lumped:
+        return PathWorth(_run_moves(request, solved), {}, (), LUMPED.left_out)
+    frozen = dataclasses.replace(request, follows_pose=False)
+    left_out = list(name_what_is_left_out(state.parts).left_out)
+    better: dict[str, tuple[PathRun, ...]] = {}
+    machines = list_better_machines(state)
+    base = solved
+    if machines and request.follows_pose:
+        base = solve(silence(state), frozen)
+    for source, machine in machines.items():
+        try:
+            better[source] = _run_moves(frozen, solve(machine, frozen))
+        except (UnstableControlError, ModelError) as error:
+            left_out.append(f"{source}: {error}")
+    unknown = tuple(
+        name
+        for name, part in state.parts.superelements.items()
+        if part.errors.missing_energy is not None and not part.errors.missing_energy.any()
+    )
+    return PathWorth(_run_moves(frozen, base), better, unknown, tuple(left_out))
+
+
+def _run_moves(request: PathRequest, solved: SolvedMoves) -> tuple[PathRun, ...]:
+    return tuple(
+        _run_move(request, move, raw, kept, forces, disturbed=solved.disturbed)
+        for move, raw, kept, forces in zip(
+            request.moves, solved.found, solved.kept, solved.forces, strict=True
+        )
     )
 
 

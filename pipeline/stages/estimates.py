@@ -2,7 +2,7 @@
 source there is.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -58,7 +58,7 @@ def estimate_mode_errors(
     count = len(modes.frequencies_hz)
     effects = doubt_frequencies(parts, coupled, modes)
     kinds = Estimate({}, _name_kinds(parts, effects, modes.frequencies_hz, unit="Hz", factor=1.0))
-    unknown = [combine_estimates([name_what_is_left_out(parts, coupled), kinds])] * count
+    unknown = [combine_estimates([name_what_is_left_out(parts), kinds])] * count
     meshes, faces = frequency_mesh_errors(coupled, modes), frequency_shape_errors(coupled, modes)
     if not meshes:
         return tuple(unknown)
@@ -94,7 +94,7 @@ def estimate_compliance_errors(
         "im,ij,jm->m", displacements[:, :3], coupled.system.stiffness, displacements[:, :3]
     )
     kinds = Estimate({}, _name_kinds(parts, doubts, soft, unit="µm/kN", factor=UM_PER_KN))
-    unknown = combine_estimates([name_what_is_left_out(parts, coupled), kinds])
+    unknown = combine_estimates([name_what_is_left_out(parts), kinds])
     return {
         direction: combine_estimates([meshes[i], faces[i], features[i], unknown])
         for i, direction in enumerate(DIRECTIONS)
@@ -151,6 +151,42 @@ def estimate_parts(source: str, found: Mapping[str, FloatArray], count: int) -> 
         else:
             estimates.append(Estimate({source: total}, (), {source: parts}))
     return estimates
+
+
+type Changes = Mapping[str, Mapping[str, FloatArray]]
+
+
+def estimate_measures(
+    measure: Callable[[FloatArray], FloatArray],
+    values: FloatArray,
+    changes: Changes,
+    left_out: tuple[str, ...],
+) -> list[Estimate]:
+    """An estimate of each number that is measured of values, from what the values change by.
+
+    Args:
+        measure: Values ``(...)`` to numbers ``(m,)``.
+        values: As found; NaN where there is none.
+        changes: Source of error to component to the change of the values, NaN where nobody knows.
+        left_out: What is not in it.
+    """
+    found = measure(values)
+    known = np.isfinite(values)
+    sources = [
+        estimate_parts(
+            source,
+            {
+                name: np.abs(measure(values + change) - found)
+                if np.isfinite(change[known]).all()
+                else np.full(len(found), np.nan)
+                for name, change in parts.items()
+            },
+            len(found),
+        )
+        for source, parts in changes.items()
+    ]
+    unknown = [Estimate({}, left_out)] * len(found)
+    return [combine_estimates(each) for each in zip(*sources, unknown, strict=True)]
 
 
 def _estimate_reduction(coupled: CoupledMachine, modes: ModalResult) -> list[Estimate]:
@@ -225,13 +261,13 @@ def _name_kinds(
     return (f"rigid or averaging interfaces {named}, about {size:g} {unit} at most{remedy}",)
 
 
-def name_what_is_left_out(parts: MachineParts, coupled: CoupledMachine) -> Estimate:
+def name_what_is_left_out(parts: MachineParts) -> Estimate:
     """What no estimate is made of: meshes of imported parts, and bodies that are no finite element
     model.
     """
     kinds: dict[str, list[str]] = {}
     surfaces = []
-    for name, part in coupled.layout.superelements.items():
+    for name, part in parts.superelements.items():
         fidelity = parts.plan.components[name].fidelity
         if part.errors.missing_energy is None:
             kinds.setdefault(

@@ -151,7 +151,7 @@ def estimate_response_errors(
         None if trains is None else control_forces(system, trains),
     )
     errors = bound_response_errors(space, response.frequencies_hz)
-    left_out = name_what_is_left_out(parts, coupled).left_out
+    left_out = name_what_is_left_out(parts).left_out
     return ResponseEstimate(errors, space, (*left_out, *_name_direct_loads(parts, response)))
 
 

@@ -102,7 +102,7 @@ def respond_at_rest(
     seen = probe.values @ moved + probe.offset
     seen = seen + np.sum([np.zeros(SEEN), *(load.values for load in probe.loads.values())], axis=0)
     found = estimate_at_rest(coupled, probe, moved, inside)
-    left_out = name_what_is_left_out(parts, coupled)
+    left_out = name_what_is_left_out(parts)
     changes = {name: change for name, change in found.faces.items() if change.any()}
     errors = tuple(
         combine_estimates([mesh, face, left_out])

@@ -2,7 +2,9 @@
 rank 0 has anything to do.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -17,18 +19,51 @@ from headstock.geometry.machine.machine import (
     travel_directions,
 )
 from headstock.geometry.mechanisms.tool_mechanism import TOOL_AXES, TOOL_POINT
+from headstock.pipeline.answers.estimates import (
+    CURVED_FACES,
+    DISCRETISATION,
+    LEFT_OUT,
+)
 from headstock.pipeline.answers.volumetric import VolumetricAnswer
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.stages.mechanism import build_mechanism, place_pose
+from headstock.pipeline.stages.estimates import (
+    Changes,
+    estimate_measures,
+    name_what_is_left_out,
+)
+from headstock.pipeline.stages.mechanism import LUMPED, build_mechanism, place_pose
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.coupling.memo import CouplingMemo
+from headstock.reduction.estimates.deviation_errors import DeviationChanges, estimate_deviation
 from headstock.reduction.motions.tool_deviation import GEOMETRY, ToolDeviation, solve_deviation
 from headstock.scene.requests import VolumetricRequest
-from headstock.solvers.linear.volumetric import axis_motions, find_squareness, variance_shares
+from headstock.solvers.linear.volumetric import (
+    AxisMotions,
+    Squareness,
+    axis_motions,
+    find_squareness,
+    measure_range,
+    variance_shares,
+)
 
 # an error in one pose is that pose's result
 POSE_ERRORS = (HeadstockError, ValueError, np.linalg.LinAlgError)
+
+
+@dataclass(frozen=True, eq=False)
+class _Judged:
+    """Deviation of a point in a pose, and what is known of its errors.
+
+    Attributes:
+        deviation: By source and part.
+        changes: Source to what meshes change in it; empty where no component has a mesh.
+        left_out: What no estimate is made of.
+    """
+
+    deviation: ToolDeviation
+    changes: dict[str, DeviationChanges] = field(default_factory=dict)
+    left_out: tuple[str, ...] = ()
 
 
 def run_volumetric_stage(state: RunState, stage: Stage) -> Outcome:
@@ -44,7 +79,7 @@ def run_volumetric_stage(state: RunState, stage: Stage) -> Outcome:
     ).reshape(-1, len(shape))
     deviate = _place_deviations(state, request)
     names = [name for name, _ in request.axes]
-    found: list[dict[str, ToolDeviation] | None] = []
+    found: list[dict[str, _Judged] | None] = []
     faults: list[str] = []
     for row in grid:
         pose = Pose("", {**request.fixed, **dict(zip(names, map(float, row), strict=True))})
@@ -80,23 +115,31 @@ def run_volumetric_stage(state: RunState, stage: Stage) -> Outcome:
 
 def _place_deviations(
     state: RunState, request: VolumetricRequest
-) -> Callable[[Pose], dict[str, ToolDeviation]]:
+) -> Callable[[Pose], dict[str, _Judged]]:
     """What finds the errors at every point in a pose."""
     machine, parts = state.scene.machine, state.parts
     superelements = parts.superelements
     if state.scene.is_lumped:
         model = build_mechanism(parts, superelements)
 
-        def place(pose: Pose) -> dict[str, ToolDeviation]:
+        def place(pose: Pose) -> dict[str, _Judged]:
             placed = place_pose(parts, pose, model, superelements)
-            return {name: placed.deviate(name) for name in request.at}
+            return {
+                name: _Judged(placed.deviate(name), left_out=LUMPED.left_out) for name in request.at
+            }
 
         return place
     memo = CouplingMemo(set(request.at))
 
-    def join(pose: Pose) -> dict[str, ToolDeviation]:
-        coupled = couple(superelements, machine, pose, gravity=state.plan.gravity, memo=memo)
-        return {name: solve_deviation(coupled, machine, name) for name in request.at}
+    def join(pose: Pose) -> dict[str, _Judged]:
+        gravity = state.plan.gravity
+        coupled = couple(superelements, machine, pose, gravity=gravity, memo=memo)
+        left_out, judged = name_what_is_left_out(parts).left_out, {}
+        for name in request.at:
+            own = solve_deviation(coupled, machine, name)
+            changes = estimate_deviation(coupled, machine, gravity, own)
+            judged[name] = _Judged(ToolDeviation(own.sources, own.parts), changes, left_out)
+        return judged
 
     return join
 
@@ -111,28 +154,38 @@ def _assemble(
     machine: Machine,
     point: str,
     shape: tuple[int, ...],
-    found: list[ToolDeviation | None],
+    found: list[_Judged | None],
 ) -> VolumetricAnswer:
+    deviations = [None if each is None else each.deviation for each in found]
     first = next(each for each in found if each is not None)
-    nothing = np.full(6, np.nan)
     sources = {
-        source: np.array(
-            [nothing if each is None else each.sources[source] for each in found]
-        ).reshape(*shape, 6)
-        for source in first.sources
+        source: _stack(
+            shape, [None if each is None else each.sources[source] for each in deviations]
+        )
+        for source in first.deviation.sources
     }
     total = np.asarray(np.sum(list(sources.values()), axis=0))
-    lines = []
-    for number, (name, positions) in enumerate(request.axes):
-        middle: list[int | slice] = [size // 2 for size in shape]
-        middle[number] = slice(None)
-        lines.append(
-            axis_motions(
-                name, positions, total[tuple(middle)], _tool_travel(machine, request, point, name)
-            )
-        )
-    pairs = [find_squareness(one, other) for one, other in combinations(lines, 2)]
-    units = position_units(machine)
+    travels = [_tool_travel(machine, request, point, name) for name, _ in request.axes]
+
+    def read_lines(values: FloatArray) -> list[AxisMotions]:
+        lines = []
+        for number, (name, positions) in enumerate(request.axes):
+            middle: list[int | slice] = [size // 2 for size in shape]
+            middle[number] = slice(None)
+            lines.append(axis_motions(name, positions, values[tuple(middle)], travels[number]))
+        return lines
+
+    def measure_line(values: FloatArray, number: int) -> FloatArray:
+        return read_lines(values)[number].deviations
+
+    def read_squareness(values: FloatArray) -> list[Squareness]:
+        pairs = [find_squareness(one, other) for one, other in combinations(read_lines(values), 2)]
+        return [pair for pair in pairs if pair is not None]
+
+    changes = {source: _stack_changes(shape, found, source) for source in sources}
+    every = _add_changes(changes.values())
+    judge = partial(estimate_measures, values=total, changes=every, left_out=first.left_out)
+    units, lines = position_units(machine), read_lines(total)
     return VolumetricAnswer(
         point=point,
         axes=tuple(name for name, _ in request.axes),
@@ -141,13 +194,74 @@ def _assemble(
         fixed=request.fixed,
         sources=sources,
         budget={
-            direction: variance_shares(_list_parts(found, dof))
+            direction: variance_shares(_list_parts(deviations, dof))
             for dof, direction in enumerate(DIRECTIONS)
         },
         lines=tuple(lines),
-        squareness=tuple(pair for pair in pairs if pair is not None),
+        squareness=tuple(read_squareness(total)),
+        errors=_size(every, total),
+        range_errors={
+            source: estimate_measures(
+                measure_range, sources[source], changes[source], first.left_out
+            )
+            for source in sources
+        },
+        total_errors=judge(measure_range),
+        largest_error=judge(_measure_largest)[0],
+        line_errors=tuple(
+            judge(partial(measure_line, number=number)) for number in range(len(lines))
+        ),
+        squareness_errors=tuple(
+            judge(lambda values: np.array([pair.angle for pair in read_squareness(values)]))
+        ),
         failed=sum(each is None for each in found),
     )
+
+
+def _stack(shape: tuple[int, ...], values: Sequence[FloatArray | None]) -> FloatArray:
+    """Values ``(6,)`` of every pose as a grid; NaN where there is none."""
+    nothing = np.full(6, np.nan)
+    return np.array([nothing if each is None else each for each in values]).reshape(*shape, 6)
+
+
+def _stack_changes(
+    shape: tuple[int, ...], found: Sequence[_Judged | None], source: str
+) -> dict[str, dict[str, FloatArray]]:
+    """Source of error to component to the change of a source of deviation over the grid."""
+    changes = [None if each is None else each.changes.get(source) for each in found]
+    known: dict[str, list[Mapping[str, FloatArray] | None]] = {
+        DISCRETISATION: [None if each is None else each.meshes for each in changes],
+        CURVED_FACES: [None if each is None else each.faces for each in changes],
+        LEFT_OUT: [None if each is None else each.left_out for each in changes],
+    }
+    stacked: dict[str, dict[str, FloatArray]] = {}
+    for error, rows in known.items():
+        for name in dict.fromkeys(name for row in rows for name in row or ()):
+            stacked.setdefault(error, {})[name] = _stack(
+                shape, [None if row is None else row[name] for row in rows]
+            )
+    return stacked
+
+
+def _add_changes(changes: Iterable[Changes]) -> Changes:
+    """Those of all sources of deviation together."""
+    total: dict[str, dict[str, FloatArray]] = {}
+    for own in changes:
+        for error, parts in own.items():
+            known = total.setdefault(error, {})
+            for name, change in parts.items():
+                known[name] = known.get(name, 0.0) + change
+    return total
+
+
+def _size(changes: Changes, values: FloatArray) -> FloatArray:
+    """How far each value may be off, of all components together; NaN where nobody knows."""
+    sizes = [np.abs(change) for parts in changes.values() for change in parts.values()]
+    return np.asarray(np.sum(sizes, axis=0)) if sizes else np.full(values.shape, np.nan)
+
+
+def _measure_largest(values: FloatArray) -> FloatArray:
+    return np.array([np.nanmax(np.linalg.norm(values[..., :3], axis=-1))])
 
 
 def _list_parts(found: list[ToolDeviation | None], dof: int) -> dict[str, FloatArray]:

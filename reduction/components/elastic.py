@@ -201,9 +201,7 @@ def reduce_operators(
     recovery, beside, smoothing = None, None, None
     size = len(result.stiffness)
     if request.recovery:
-        # errors of loads and of unit responses count where something is seen inside
-        further = [particular, watched.moved] if places else []
-        fields = _order_fields(operators, np.hstack([psi, modes.shapes, *further]))
+        fields = _order_fields(operators, np.hstack([psi, modes.shapes, particular, watched.moved]))
         seen = request.errors and make_of_mesh(comm, mesh, sees_errors)
         if request.errors:
             errors, beside = _estimate_errors(
@@ -239,7 +237,7 @@ def reduce_operators(
             name: StaticLoad(
                 reduced[:, column],
                 _gather_field(_order_fields(operators, particular[:, [column]])),
-                beside[column, :size] if beside is not None and places else None,
+                None if beside is None else beside[column, :size],
             )
             for column, name in enumerate(vectors)
         },

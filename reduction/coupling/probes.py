@@ -2,7 +2,7 @@
 coordinates and of its loads.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -157,23 +157,27 @@ def _combine(rows: ProbeRows, factors: Mapping[str, float], seen: FloatArray) ->
 
 
 def missing_of_loads(
-    coupled: CoupledMachine, machine: Machine, gravity: FloatArray | None
+    coupled: CoupledMachine,
+    machine: Machine,
+    gravity: FloatArray | None,
+    wanted: Collection[str] | None = None,
 ) -> dict[str, FloatArray]:
-    """Energy products ``(n,)`` of the discretisation errors of all static responses to loads inside
+    """Energy products ``(n,)`` of the discretisation errors of static responses to loads inside
     bodies with those of the coordinates, together; by component with such loads, as far as known.
 
     Args:
         coupled: The machine in a pose.
         machine: With its loads.
         gravity: ``(3,)`` acceleration in machine axes [m/s^2]; None without.
+        wanted: Names of loads; None for all.
     """
     found = {}
     for name, element in coupled.layout.superelements.items():
         total: FloatArray = np.zeros(len(element.labels))
-        for factors in component_factors(coupled, machine, name, gravity).values():
+        for load, factors in component_factors(coupled, machine, name, gravity).items():
             for key, factor in factors.items():
                 missing = element.loads[key].missing
-                if missing is not None:
+                if missing is not None and (wanted is None or load in wanted):
                     total = total + factor * missing
         if total.any():
             turn = turn_dofs(element, coupled.placements[name])

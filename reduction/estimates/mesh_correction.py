@@ -31,10 +31,24 @@ def correct_mesh(element: Superelement) -> Superelement:
     if errors.corrected or errors.missing_energy is None or not errors.missing_energy.any():
         return element
     share, left = errors.mesh_truth
-    stiffness, modal = (
-        _soften(element.stiffness, share * errors.missing_energy),
-        element.boundary_size,
+    return dataclasses.replace(
+        soften_element(element, share),
+        errors=dataclasses.replace(errors, mesh_safety=left, corrected=True),
     )
+
+
+def soften_element(element: Superelement, share: float) -> Superelement:
+    """The superelement with a share of the energy that its mesh misses taken out of its stiffness;
+    itself where nothing is known of that.
+
+    Args:
+        element: Of finite elements, with the estimate of its mesh.
+        share: Of its ``missing_energy``; ``mesh_safety`` leaves it as soft as ± allows.
+    """
+    missing = element.errors.missing_energy
+    if missing is None or not missing.any():
+        return element
+    stiffness, modal = _soften(element.stiffness, share * missing), element.boundary_size
     squares = eigh(stiffness[modal:, modal:], element.mass[modal:, modal:], eigvals_only=True)
     return dataclasses.replace(
         element,
@@ -42,7 +56,6 @@ def correct_mesh(element: Superelement) -> Superelement:
         modal_frequencies_hz=np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi),
         loads={name: _correct_load(load, share) for name, load in element.loads.items()},
         probes={name: _correct_probe(probe, share) for name, probe in element.probes.items()},
-        errors=dataclasses.replace(errors, mesh_safety=left, corrected=True),
     )
 
 

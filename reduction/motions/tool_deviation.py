@@ -2,7 +2,7 @@
 and which part contributes how much.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -26,6 +26,20 @@ SOURCES = (GEOMETRY, GRAVITY, FORCES)
 
 
 @dataclass(frozen=True, eq=False)
+class SourceResponse:
+    """What a source of deviation does to the machine.
+
+    Attributes:
+        moved: ``(n,)`` free coordinates.
+        offset: ``(n_all,)`` motion of the stacked dofs by fixed directions that it displaces, at zero
+            free coordinates.
+    """
+
+    moved: FloatArray
+    offset: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class ToolDeviation:
     """Deviation of the tool against the work at a point; contributions add up to it.
 
@@ -34,10 +48,14 @@ class ToolDeviation:
             deviation, machine axes [m, rad].
         parts: The same to the contribution ``(6,)`` of each part: of ``geometry`` a joint or an
             axis with errors, of the others a component or joint that deforms.
+        influence: ``(n, 6)`` responses to unit loads at the point; none of a lumped mechanism.
+        responses: Response of the machine to each source; empty likewise.
     """
 
     sources: dict[str, FloatArray]
     parts: dict[str, dict[str, FloatArray]]
+    influence: FloatArray = field(default_factory=lambda: np.zeros((0, 6)))
+    responses: dict[str, SourceResponse] = field(default_factory=dict)
 
     @property
     def total(self) -> FloatArray:
@@ -96,15 +114,22 @@ def solve_deviation(coupled: CoupledMachine, machine: Machine, point: str) -> To
         ],
     }
     deforming = {source: np.sum(found, axis=0) for source, found in loads.items() if found}
+    pushed = {} if coupled.errors is None else {GEOMETRY: coupled.loads[GUIDE_ERRORS]}
+    pushed |= deforming
     unit = point_loads(coupled, point)
-    columns = np.column_stack([*deforming.values(), unit])
-    moved = solve_machine_static(coupled, columns).displacements
-    influence = moved[:, len(deforming) :]
+    moved = solve_machine_static(coupled, np.column_stack([*pushed.values(), unit])).displacements
+    influence = moved[:, len(pushed) :]
+    carried = channel_rows(coupled, machine, point)
     rows = np.array([coupled.system.outputs[point, dof] for dof in DOF_NAMES])
+    size = coupled.layout.size
+    offsets: dict[str, FloatArray] = {source: np.zeros(size) for source in pushed}
+    if coupled.errors is not None:
+        offsets[GEOMETRY] = coupled.errors.offset(size)
+    if coupled.displaced is not None and FORCES in offsets:
+        offsets[FORCES] = coupled.displaced.offset(size)
     sources: dict[str, FloatArray] = {}
     parts: dict[str, dict[str, FloatArray]] = {}
     if coupled.errors is not None:
-        carried = channel_rows(coupled, machine, point)
         parts[GEOMETRY] = {
             name: influence.T @ load + carried @ coupled.errors.offsets[name]
             if name in coupled.errors.offsets
@@ -112,10 +137,19 @@ def solve_deviation(coupled: CoupledMachine, machine: Machine, point: str) -> To
             for name, load in coupled.errors.loads.items()
         }
         sources[GEOMETRY] = np.sum(list(parts[GEOMETRY].values()), axis=0)
-    for number, source in enumerate(deforming):
-        sources[source] = rows @ moved[:, number]
-        same = moved[:, [number] * 6]
+    responses = {
+        source: SourceResponse(moved[:, number], offsets[source])
+        for number, source in enumerate(pushed)
+    }
+    for source in deforming:
+        own = responses[source].moved
+        sources[source] = rows @ own
+        same = np.tile(own[:, None], 6)
         parts[source] = mutual_energies(coupled, influence, same)
         if coupled.geometric is not None:
             parts[source][WEIGHT] = weight_energy(coupled, influence, same)
-    return ToolDeviation(sources, parts)
+    if coupled.displaced is not None and FORCES in sources:
+        for name, offset in coupled.displaced.offsets.items():
+            parts[FORCES][name] = carried @ offset
+            sources[FORCES] = sources[FORCES] + parts[FORCES][name]
+    return ToolDeviation(sources, parts, influence, responses)

@@ -73,6 +73,12 @@ class Squareness:
     angle: float
 
 
+def measure_range(values: FloatArray) -> FloatArray:
+    """Range ``(6,)`` over a grid ``(..., 6)``; poses without a number are left out."""
+    flat = values.reshape(-1, values.shape[-1])
+    return np.asarray(np.nanmax(flat, axis=0) - np.nanmin(flat, axis=0))
+
+
 def axis_motions(
     axis: str, positions: FloatArray, motions: FloatArray, travel: FloatArray
 ) -> AxisMotions:

@@ -1,0 +1,48 @@
+"""The machine of a run without one source of error, as far as its estimates say: an analysis that is
+repeated with it tells how far its numbers may be off.
+"""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+
+from headstock.pipeline.answers.estimates import (
+    CURVED_FACES,
+    DISCRETISATION,
+    REDUCTION,
+)
+from headstock.pipeline.stages.run_state import RunState
+from headstock.reduction.estimates.better_elements import (
+    with_finer_mesh,
+    with_modes_left_out,
+    with_true_faces,
+)
+from headstock.reduction.superelement import Superelement
+
+BETTER: Mapping[str, Callable[[Superelement], Superelement]] = {
+    DISCRETISATION: with_finer_mesh,
+    CURVED_FACES: with_true_faces,
+    REDUCTION: with_modes_left_out,
+}
+
+
+def list_better_machines(state: RunState) -> dict[str, RunState]:
+    """By source of error, the run with superelements without it; no entry of a source that changes
+    nothing.
+    """
+    found = {}
+    for source, improve in BETTER.items():
+        better = {
+            name: dataclasses.replace(part, superelement=improve(part.superelement))
+            for name, part in state.reduced.items()
+        }
+        if any(
+            part.superelement is not state.reduced[name].superelement
+            for name, part in better.items()
+        ):
+            found[source] = silence(dataclasses.replace(state, reduced=better))
+    return found
+
+
+def silence(state: RunState) -> RunState:
+    """The run for a solution beside its own, whose warnings are not told."""
+    return dataclasses.replace(state, warnings=[], failures=[], energy_errors={})

@@ -1,0 +1,219 @@
+"""Whether ± of volumetric maps and paths covers the truth: machines of three axes drawn by seed,
+beside the same machines of fine meshes with more modes.
+"""
+
+import dataclasses
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.accuracy.rounds import replace_components
+from headstock.pipeline.answers.answer import Answer, find_answers
+from headstock.pipeline.answers.estimates import Estimate
+from headstock.pipeline.answers.path import SIZES, PathResult, PathRun
+from headstock.pipeline.answers.volumetric import VolumetricAnswer
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.storage.store import Store
+from headstock.scene.building.loader import load_scene
+from headstock.scene.scene import Scene, keep_analyses
+from headstock.solvers.linear.volumetric import measure_range
+from headstock.validation.machines.drawn_axes import draw_axes
+from headstock.validation.references.rows import ValidationRow, judge_bound
+
+CASE, SMOKE = "axes-estimates", "axes-estimates-smoke"
+SEEDS, SMOKE_SEED = range(3), 2
+FRESH = 3  # first seed of no machine above
+FINE_MODES = 40
+FINER, FINE_ACROSS = 2.0, 5  # meshes of the true machine: so much smaller, elements across a patch
+# the true error is known within this share of the ± of the fine mesh, and this share of a ± is sure
+# enough to judge it (see coverage/cases.py)
+UNSURE, SURE = 0.5, 0.3
+COVERED, LARGEST_MEDIAN = 0.95, 5.0
+CLEAR = 1e-3  # of a number: true errors above which a ratio means something
+LEAST = 1e-9  # [m, rad]: what varies less is no number of a map
+
+
+@dataclass(frozen=True, eq=False)
+class JudgedNumbers:
+    """Numbers of an analysis beside those of fine meshes, SI.
+
+    Attributes:
+        values: ``(n,)``.
+        errors: ``(n,)`` what stands behind their ±; inf for ``± ?``.
+        truth: ``(n,)`` of fine meshes.
+        doubt: ``(n,)`` how well these are known.
+    """
+
+    values: FloatArray
+    errors: FloatArray
+    truth: FloatArray
+    doubt: FloatArray
+
+
+def check_axes_estimates() -> list[ValidationRow]:
+    """± of the maps and paths of three machines."""
+    return _judge_machines(CASE, list(SEEDS))
+
+
+def check_axes_smoke() -> list[ValidationRow]:
+    """The same of one machine."""
+    return _judge_machines(SMOKE, [SMOKE_SEED])
+
+
+def compare_new_axes(first: int) -> list[ValidationRow]:
+    """The same of machines that nothing was chosen on or judged with before.
+
+    Args:
+        first: Seed of the first of them, ``FRESH`` at least.
+    """
+    return _judge_machines(CASE, list(range(first, first + len(SEEDS))))
+
+
+def _judge_machines(case: str, seeds: list[int]) -> list[ValidationRow]:
+    found = [compare_axes(seed) for seed in seeds]
+    machines = f"machines {seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else f"machine {seeds[0]}"
+    return [
+        row
+        for kind in found[0]
+        for row in _judge(case, f"{machines}, {kind}", [each[kind] for each in found])
+    ]
+
+
+def compare_axes(seed: int) -> dict[str, JudgedNumbers]:
+    """Numbers of a machine by what they are, beside those of fine meshes with more modes: measures of
+    its map, errors in single poses, paths with motors that follow and with drives under control.
+
+    Args:
+        seed: Of the machine.
+    """
+    with tempfile.TemporaryDirectory(prefix="headstock-axes-") as name:
+        folder = Path(name)
+        path = folder / "machine.toml"
+        path.write_text(draw_axes(seed))
+        store = Store(folder / "store")
+
+        def run[Found: Answer](
+            variant: str | None, analysis: str, kind: type[Found]
+        ) -> tuple[Found, Found]:
+            scene = keep_analyses(load_scene(path, variant=variant), (analysis,))
+            both = []
+            for one in (scene, _refine(scene)):
+                results = run_scene(one, folder / "results", comm=MPI.COMM_SELF, store=store)
+                (answer,) = find_answers(results.answers, kind)
+                both.append(answer)
+            return both[0], both[1]
+
+        coarse, fine = run(None, "volumetric", VolumetricAnswer)
+        paths = [run(variant, "path", PathResult) for variant in (None, "controlled")]
+    measures = _pair(*map(_list_measures, (coarse, fine)), least=LEAST)
+    poses = JudgedNumbers(
+        *(each.ravel() for each in (coarse.total, coarse.errors, fine.total, fine.errors))
+    )
+    free, driven = (_pair(*map(_list_path, both), least=0.0) for both in paths)
+    return {
+        "ranges, motions along axes and squareness": measures,
+        "errors in single poses": poses,
+        "deviations and joint forces of a path": free,
+        "the same under control, torques and position errors": driven,
+    }
+
+
+def _pair(
+    coarse: tuple[FloatArray, FloatArray], fine: tuple[FloatArray, FloatArray], *, least: float
+) -> JudgedNumbers:
+    (values, errors), (truth, doubt) = coarse, fine
+    kept = values > least
+    return JudgedNumbers(values[kept], errors[kept], truth[kept], doubt[kept])
+
+
+def _refine(scene: Scene) -> Scene:
+    fine = dict(scene.machine.components)
+    for name, part in fine.items():
+        size = part.mesh.size
+        if part.fidelity == "elastic" and size is not None:
+            mesh = dataclasses.replace(part.mesh, size=size / FINER, across_patches=FINE_ACROSS)
+            reduction = dataclasses.replace(part.reduction, correct_mesh=True, modes=FINE_MODES)
+            fine[name] = dataclasses.replace(part, mesh=mesh, reduction=reduction)
+    return replace_components(scene, fine)
+
+
+def _list_measures(answer: VolumetricAnswer) -> tuple[FloatArray, FloatArray]:
+    """Sizes ``(n,)`` of all that is measured of a map, and what stands behind their ±."""
+    values = [measure_range(answer.total)]
+    errors: list[Estimate] = [*answer.total_errors]
+    for source, own in answer.range_errors.items():
+        values.append(measure_range(answer.sources[source]))
+        errors += own
+    for line, known in zip(answer.lines, answer.line_errors, strict=True):
+        values.append(line.deviations)
+        errors += known
+    values.append(np.array([abs(pair.angle) for pair in answer.squareness]))
+    errors += answer.squareness_errors
+    totals = [error.total for error in errors]
+    return np.concatenate(values), np.array(
+        [np.inf if total is None else total for total in totals]
+    )
+
+
+def _list_path(answer: PathResult) -> tuple[FloatArray, FloatArray]:
+    """Sizes ``(n,)`` of deviations, torques, position errors and forces of a path, and what stands
+    behind their ±.
+    """
+    values: list[float] = []
+    errors: list[float] = []
+    for place, run in enumerate(answer.runs):
+        judged = answer.worth.judge(place, _list_run)
+        for name, value in _list_run(run).items():
+            total = judged[name].total
+            values.append(abs(value or 0.0))
+            errors.append(np.inf if total is None else total)
+    return np.array(values), np.array(errors)
+
+
+def _list_run(run: PathRun) -> dict[str, float | None]:
+    found: dict[str, float | None] = {
+        f"{output} {zone} {size}": getattr(figures, size)
+        for output, zones in enumerate(run.figures)
+        for zone, figures in enumerate(zones)
+        for size in SIZES
+    }
+    for name, drive in run.drives.items():
+        found[f"torque {name}"] = drive.torque.value
+        found[f"position error {name}"] = drive.position_error.value
+    for name, joint in run.joints.items():
+        found |= {f"force {name} {direction}": own.value for direction, own in joint.items()}
+    return found
+
+
+def _judge(case: str, what: str, machines: list[JudgedNumbers]) -> list[ValidationRow]:
+    values, errors, truth, doubt = (
+        np.concatenate([np.abs(getattr(machine, field)) for machine in machines])
+        for field in ("values", "errors", "truth", "doubt")
+    )
+    signed, right = (
+        np.concatenate([getattr(machine, field) for machine in machines])
+        for field in ("values", "truth")
+    )
+    missed = np.abs(signed - right)
+    sure = np.isfinite(errors) & (UNSURE * doubt <= SURE * errors)
+    clear = sure & (missed > CLEAR * values)
+    ratios = errors[clear] / missed[clear]
+    low, middle, high = np.quantile(ratios, [0.1, 0.5, 0.9])
+    shares = missed[clear] / np.maximum(values, truth)[clear]
+    note = (
+        f"10 .. 90 %: {low:.2f} .. {high:.2f}; {clear.sum()} of {len(sure)} numbers, {len(sure) - sure.sum()} not judged;"
+        f" true errors up to {100.0 * shares.max():.2g} %, {100.0 * np.median(shares):.2g} % in the median"
+    )
+    return [
+        judge_bound(
+            case,
+            f"{what}: share of true errors beyond ±",
+            1.0 - float((missed[sure] <= errors[sure]).mean()),
+            1.0 - COVERED,
+        ),
+        judge_bound(case, f"{what}: ± over true error, median", middle, LARGEST_MEDIAN, note),
+    ]
