@@ -34,7 +34,12 @@ from headstock.app.report.transient import draw_path_drives, draw_transient
 from headstock.app.report.viewer_data import Caption, EncodedMachine, Kind, encode_machine
 from headstock.app.report.volumetric import draw_motions, draw_volume, list_maps
 from headstock.app.tables.components import COMPONENT_COLUMNS, JOINT_COLUMNS, MODEL_COLUMNS
-from headstock.app.tables.contouring import FACE_COLUMNS, contour_words, list_faces
+from headstock.app.tables.contouring import (
+    FACE_COLUMNS,
+    contour_error_words,
+    contour_words,
+    list_faces,
+)
 from headstock.app.tables.control import DRIVE_COLUMNS, POLE_COLUMNS
 from headstock.app.tables.frf import (
     DRIVE_POINT_COLUMNS,
@@ -562,6 +567,7 @@ def report_environment() -> jinja2.Environment:
         "draw_milled_faces": draw_milled_faces,
         "list_faces": list_faces,
         "contour_words": contour_words,
+        "contour_error_words": contour_error_words,
         "draw_poles": draw_poles,
         "draw_path": draw_path,
         "draw_transient": draw_transient,

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 from headstock.app.tables.table import Column, PlainTable
+from headstock.app.texts.bounded_values import NO_BOUND, show_bound, show_bounded
 from headstock.geometry.frames import DIRECTIONS
 from headstock.pipeline.answers.contouring import (
     LOCKED_MOTORS,
@@ -48,6 +49,10 @@ def _of_milled(key: MilledKey) -> Callable[[FaceRow], float | None]:
     return lambda row: None if row.milled is None else row.milled[key]
 
 
+def _profile_error(key: MilledKey) -> Callable[[FaceRow], float | None]:
+    return lambda row: None if row.milled is None else row.milled["errors"][key]
+
+
 def _tell_wave(row: FaceRow) -> str | None:
     if row.milled is None or row.milled["strongest_wave"]["amplitude_um"] < LEAST_WAVE_UM:
         return None
@@ -63,6 +68,7 @@ FACE_COLUMNS: tuple[Column[FaceRow], ...] = (
         "mean gap outward [um]",
         screen=">gap",
         report="Mean gap [µm]",
+        error=lambda row: None if row.gap is None else row.gap["errors"]["outward_um"],
     ),
     Column(
         lambda row: None if row.gap is None else row.gap["outward_peak_to_peak_um"],
@@ -70,23 +76,61 @@ FACE_COLUMNS: tuple[Column[FaceRow], ...] = (
         screen=">ripple",
         report="peak to peak [µm]",
         digits=3,
+        error=lambda row: None if row.gap is None else row.gap["errors"]["outward_peak_to_peak_um"],
     ),
+    Column(
+        lambda row: None if row.gap is None else row.gap["errors"]["outward_um"],
+        "± mean gap [um]",
+    ),
+    Column(
+        lambda row: None if row.gap is None else row.gap["errors"]["outward_peak_to_peak_um"],
+        "± gap peak to peak [um]",
+    ),
+    Column(_profile_error("location_error_um"), "± location error [um]"),
+    Column(_profile_error("ra_um"), "± Ra [um]"),
+    Column(_profile_error("rz_um"), "± Rz [um]"),
+    Column(_profile_error("wt_um"), "± Wt [um]"),
     Column(
         _of_milled("location_error_um"),
         "location error [um]",
         screen=">location",
         report="Location error [µm]",
+        error=_profile_error("location_error_um"),
     ),
-    Column(_of_milled("ra_um"), "Ra [um]", screen=">Ra", report="Ra [µm]", digits=3),
-    Column(_of_milled("rz_um"), "Rz [um]", screen=">Rz", report="Rz [µm]", digits=3),
-    Column(_of_milled("wt_um"), "Wt [um]", screen=">Wt", report="Wt [µm]", digits=3),
-    Column(_of_milled("pt_um"), "Pt [um]", report="Pt [µm]", digits=3),
+    Column(
+        _of_milled("ra_um"),
+        "Ra [um]",
+        screen=">Ra",
+        report="Ra [µm]",
+        digits=3,
+        error=_profile_error("ra_um"),
+    ),
+    Column(
+        _of_milled("rz_um"),
+        "Rz [um]",
+        screen=">Rz",
+        report="Rz [µm]",
+        digits=3,
+        error=_profile_error("rz_um"),
+    ),
+    Column(
+        _of_milled("wt_um"),
+        "Wt [um]",
+        screen=">Wt",
+        report="Wt [µm]",
+        digits=3,
+        error=_profile_error("wt_um"),
+    ),
+    Column(
+        _of_milled("pt_um"), "Pt [um]", report="Pt [µm]", digits=3, error=_profile_error("pt_um")
+    ),
     Column(
         _of_milled("mark_at_start_um"),
         "mark at the start [um]",
         screen=">at start",
         report="Mark at start [µm]",
         digits=3,
+        error=_profile_error("mark_at_start_um"),
     ),
     Column(
         _of_milled("mark_at_end_um"),
@@ -94,6 +138,7 @@ FACE_COLUMNS: tuple[Column[FaceRow], ...] = (
         screen=">at end",
         report="at end [µm]",
         digits=3,
+        error=_profile_error("mark_at_end_um"),
     ),
     Column(_tell_wave, "strongest wave", report="Strongest wave"),
     Column(
@@ -118,12 +163,24 @@ def contour_words(found: ContourSummary) -> str | None:
     )
 
 
+def contour_error_words(found: ContourSummary) -> str | None:
+    """Where the errors of a contour come from, and what is not in them; None where nothing is said."""
+    sources, left_out = found["error_sources"], "; ".join(found["error_left_out"])
+    if not sources:
+        return f"{NO_BOUND} : nothing is known of {left_out}." if left_out else None
+    rest = f" Not in ±: {left_out}." if left_out else ""
+    return f"± of gaps, forces, torques and profiles: the contour once more without {' and without '.join(sources)}.{rest}"
+
+
 def limit_words(found: ContourSummary) -> str | None:
     """At which depth of cut chatter starts on each face; None where nobody asked."""
     faces = found.get("stability", [])
     if not faces:
         return None
-    depths = ", ".join(f"{face['limit_depth_mm']:.3g} mm on face {face['face']}" for face in faces)
+    depths = ", ".join(
+        f"{show_bounded(face['limit_depth_mm'], face['error_mm'])} {show_bound(face['limit_depth_mm'], face['error_mm'])} mm on face {face['face']}"
+        for face in faces
+    )
     return f"Chatter starts at a depth of cut of {depths}; {LOCKED_MOTORS}."
 
 

@@ -8,7 +8,13 @@ from rich.console import Console
 from rich.table import Table
 
 from headstock.app.tables.components import COMPONENT_COLUMNS, JOINT_COLUMNS, MODEL_COLUMNS
-from headstock.app.tables.contouring import FACE_COLUMNS, contour_words, limit_words, list_faces
+from headstock.app.tables.contouring import (
+    FACE_COLUMNS,
+    contour_error_words,
+    contour_words,
+    limit_words,
+    list_faces,
+)
 from headstock.app.tables.control import DRIVE_COLUMNS, POLE_COLUMNS
 from headstock.app.tables.frf import (
     DRIVE_POINT_COLUMNS,
@@ -217,7 +223,8 @@ def print_summary(
         print_table(
             console, "Faces along the contour [µm]", tell_rows(FACE_COLUMNS, list_faces(contour))
         )
-        for words in filter(None, (contour_words(contour), limit_words(contour))):
+        told = (contour_words(contour), contour_error_words(contour), limit_words(contour))
+        for words in filter(None, told):
             console.print(f"  {words}", markup=False)
             console.print()
     for pose, control in summary.get("control", {}).items():

@@ -2,17 +2,34 @@
 thinned series.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import NotRequired, TypedDict
+
+import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import Answer
+from headstock.pipeline.answers.estimates import DISCRETISATION, Estimate
 from headstock.pipeline.answers.milled_faces import MilledFace, MilledFaceSummary
 from headstock.pipeline.storage.json_texts import check_finite
 from headstock.solvers.milling.tool_path import TraceFit
 
 UM = 1e6
 LOCKED_MOTORS = "limits of stability on faces are those of the machine with locked motors"
+
+
+class FaceErrors(TypedDict):
+    """How far the numbers of a face may be off; null where nobody knows."""
+
+    outward_um: float | None
+    outward_peak_to_peak_um: float | None
+    mean_um: list[float | None]
+    peak_to_peak_um: list[float | None]
+    drive_force_mean_n: list[float | None]
+    drive_force_peak_to_peak_n: list[float | None]
+    motor_torque_mean_nm: NotRequired[list[float | None]]
+    motor_torque_peak_to_peak_nm: NotRequired[list[float | None]]
 
 
 class FaceSummary(TypedDict):
@@ -29,6 +46,7 @@ class FaceSummary(TypedDict):
     drive_force_peak_to_peak_n: list[float]
     motor_torque_mean_nm: NotRequired[list[float]]
     motor_torque_peak_to_peak_nm: NotRequired[list[float]]
+    errors: FaceErrors
 
 
 class StabilitySummary(TypedDict):
@@ -39,6 +57,7 @@ class StabilitySummary(TypedDict):
     multiplier: float
     stable: bool
     limit_depth_mm: float
+    error_mm: float | None
 
 
 class RangeSummary(TypedDict):
@@ -86,6 +105,8 @@ class ContourSummary(TypedDict):
     milled_faces: NotRequired[list[MilledFaceSummary]]
     force_share_faster_than_steps: NotRequired[float]
     traces: NotRequired[TraceSummary]
+    error_sources: list[str]
+    error_left_out: list[str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,14 +139,45 @@ class ContourFace:
     torque_mean: FloatArray | None = None
     torque_span: FloatArray | None = None
 
-    def summarise(self) -> FaceSummary:
+    @property
+    def sizes(self) -> dict[str, FloatArray]:
+        """Numbers that are judged, by their names."""
+        known = {
+            "outward": np.array([self.outward]),
+            "outward_span": np.array([self.outward_span]),
+            "gap_mean": self.gap_mean,
+            "gap_span": self.gap_span,
+            "drive_mean": self.drive_mean,
+            "drive_span": self.drive_span,
+        }
+        if self.torque_mean is not None and self.torque_span is not None:
+            known |= {"torque_mean": self.torque_mean, "torque_span": self.torque_span}
+        return known
+
+    def summarise(self, errors: Mapping[str, list[Estimate]]) -> FaceSummary:
         """As it stands in ``summary.json``, with torques where they are known.
+
+        Args:
+            errors: How far its sizes may be off.
 
         Raises:
             AccuracyError: A result is not a finite number.
         """
         what = f"contour on face {self.number}"
+        off = {name: [error.total for error in own] for name, own in errors.items()}
+        found: FaceErrors = {
+            "outward_um": _scale(off["outward"])[0],
+            "outward_peak_to_peak_um": _scale(off["outward_span"])[0],
+            "mean_um": _scale(off["gap_mean"]),
+            "peak_to_peak_um": _scale(off["gap_span"]),
+            "drive_force_mean_n": off["drive_mean"],
+            "drive_force_peak_to_peak_n": off["drive_span"],
+        }
+        if "torque_mean" in off:
+            found["motor_torque_mean_nm"] = off["torque_mean"]
+            found["motor_torque_peak_to_peak_nm"] = off["torque_span"]
         summary: FaceSummary = {
+            "errors": found,
             "face": self.number,
             "at": self.at,
             "times_s": list(self.times),
@@ -140,6 +192,10 @@ class ContourFace:
             summary["motor_torque_mean_nm"] = check_finite(what, self.torque_mean)
             summary["motor_torque_peak_to_peak_nm"] = check_finite(what, self.torque_span)
         return summary
+
+
+def _scale(errors: list[float | None]) -> list[float | None]:
+    return [None if error is None else UM * error for error in errors]
 
 
 @dataclass(frozen=True)
@@ -163,15 +219,97 @@ class FaceStability:
         """The cut does not chatter."""
         return self.multiplier < 1.0
 
-    def summarise(self) -> StabilitySummary:
-        """As it stands in ``summary.json``."""
+    def summarise(self, error: Estimate) -> StabilitySummary:
+        """As it stands in ``summary.json``, with how far the limit may be off [m]."""
         return {
             "face": self.number,
             "at": self.at,
             "multiplier": self.multiplier,
             "stable": self.stable,
             "limit_depth_mm": 1e3 * self.limit_depth,
+            "error_mm": None if error.total is None else 1e3 * error.total,
         }
+
+
+@dataclass(frozen=True, eq=False)
+class ContourWorth:
+    """What a contour is worth: the same contour of machines without a source of error.
+
+    Attributes:
+        better: Sources of error to the contour without them.
+        unknown: Components with a mesh whose errors nothing shows.
+        left_out: What is not looked at.
+    """
+
+    better: Mapping[str, "ContourAnswer"] = field(default_factory=dict)
+    unknown: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
+
+    def judge(self, own: FloatArray, others: Mapping[str, FloatArray | None]) -> list[Estimate]:
+        """How far numbers ``(n,)`` may be off.
+
+        Args:
+            own: The numbers.
+            others: Source of error to the same without it; None where it has none.
+        """
+        estimates = []
+        for place, value in enumerate(own):
+            sizes: dict[str, float | None] = {
+                source: None if other is None else abs(float(other[place] - value))
+                for source, other in others.items()
+            }
+            if self.unknown:
+                sizes[DISCRETISATION] = None
+            estimates.append(Estimate(sizes, self.left_out))
+        return estimates
+
+    def judge_face(self, face: ContourFace) -> dict[str, list[Estimate]]:
+        """How far the sizes of a face may be off."""
+        others = {
+            source: next((own for own in each.faces if own.number == face.number), None)
+            for source, each in self.better.items()
+        }
+        return {
+            name: self.judge(
+                size,
+                {
+                    source: None if other is None else other.sizes.get(name)
+                    for source, other in others.items()
+                },
+            )
+            for name, size in face.sizes.items()
+        }
+
+    def judge_profile(self, face: MilledFace) -> dict[str, Estimate]:
+        """How far the parameters of a profile may be off."""
+        others = {
+            source: next((own for own in each.milled if own.number == face.number), None)
+            for source, each in self.better.items()
+        }
+        return {
+            name: self.judge(
+                np.array([size]),
+                {
+                    source: None if other is None else np.array([other.sizes[name]])
+                    for source, other in others.items()
+                },
+            )[0]
+            for name, size in face.sizes.items()
+        }
+
+    def judge_limit(self, face: FaceStability) -> Estimate:
+        """How far a limit of stability may be off."""
+        others = {
+            source: next((own for own in each.stability if own.number == face.number), None)
+            for source, each in self.better.items()
+        }
+        return self.judge(
+            np.array([face.limit_depth]),
+            {
+                source: None if other is None else np.array([other.limit_depth])
+                for source, other in others.items()
+            },
+        )[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,6 +340,7 @@ class ContourAnswer(Answer):
         fit: How measured positions were followed; None for the computed path.
         milled: Profiles of the faces that were milled from end to end.
         force_loss: Share of measured forces that is faster than the steps; None without them.
+        worth: How far the numbers may be off.
     """
 
     model: str
@@ -227,6 +366,7 @@ class ContourAnswer(Answer):
     force_loss: float | None = None
     compares_faces: bool = True
     fit: TraceFit | None = None
+    worth: ContourWorth = field(default_factory=ContourWorth)
 
     def summarise(self) -> ContourSummary:
         """As it stands in ``summary.json``.
@@ -249,7 +389,7 @@ class ContourAnswer(Answer):
             "regeneration": self.regeneration,
             "coriolis": self.coriolis,
             "drives": list(self.drives),
-            "faces": [face.summarise() for face in self.faces],
+            "faces": [face.summarise(self.worth.judge_face(face)) for face in self.faces],
             "face_3_over_face_1": self._face_ratio(),
             "gravity_deflection_um": {
                 "minimum": check_finite(what, UM * self.least_gravity_deflection),
@@ -261,11 +401,20 @@ class ContourAnswer(Answer):
             "face_times_s": check_finite(what, self.face_times),
             "assumptions": [*self.assumed, *([LOCKED_MOTORS] if self.stability else [])],
             "series": series,
+            "error_sources": list(self.worth.better),
+            "error_left_out": [
+                *self.worth.left_out,
+                *(f"the mesh of {name}, which shows no error" for name in self.worth.unknown),
+            ],
         }
         if self.stability:
-            summary["stability"] = [face.summarise() for face in self.stability]
+            summary["stability"] = [
+                face.summarise(self.worth.judge_limit(face)) for face in self.stability
+            ]
         if self.milled:
-            summary["milled_faces"] = [face.summarise() for face in self.milled]
+            summary["milled_faces"] = [
+                face.summarise(self.worth.judge_profile(face)) for face in self.milled
+            ]
         if self.fit is not None:
             summary["traces"] = {
                 "residual_rms_um": UM * self.fit.residual,

@@ -2,12 +2,14 @@
 thinned.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TypedDict
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.pipeline.answers.estimates import Estimate
 from headstock.pipeline.storage.json_texts import check_finite
 from headstock.solvers.milling.milled_faces import ProfileParameters
 
@@ -45,7 +47,7 @@ class DetailSummary(TypedDict):
 
 
 class MilledFaceSummary(TypedDict):
-    """The entry of a milled face."""
+    """The entry of a milled face; ``errors``: how far its parameters may be off, by their names."""
 
     face: int
     at: str
@@ -66,6 +68,7 @@ class MilledFaceSummary(TypedDict):
     rigid_cusp_um: float
     profile: ProfileSummary
     detail: DetailSummary
+    errors: dict[str, float | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,8 +115,25 @@ class MilledFace:
     detail_places: FloatArray
     detail: FloatArray
 
-    def summarise(self) -> MilledFaceSummary:
+    @property
+    def sizes(self) -> dict[str, float]:
+        """Parameters that are judged, by their names [m]."""
+        found = self.parameters
+        return {
+            "location_error": found.location,
+            "ra": found.ra,
+            "rz": found.rz,
+            "wt": found.wt,
+            "pt": found.pt,
+            "mark_at_start": self.marks[0],
+            "mark_at_end": self.marks[1],
+        }
+
+    def summarise(self, errors: Mapping[str, Estimate]) -> MilledFaceSummary:
         """As it stands in ``summary.json``.
+
+        Args:
+            errors: How far its sizes may be off [m].
 
         Raises:
             AccuracyError: A result is not a finite number.
@@ -153,5 +173,9 @@ class MilledFace:
             "detail": {
                 "at_mm": check_finite(what, MM * self.detail_places),
                 "height_um": check_finite(what, UM * self.detail),
+            },
+            "errors": {
+                f"{name}_um": None if error.total is None else UM * error.total
+                for name, error in errors.items()
             },
         }

@@ -9,7 +9,12 @@ import dataclasses
 
 import numpy as np
 
-from headstock.pipeline.answers.contouring import ContourAnswer, ContourFace, FaceStability
+from headstock.pipeline.answers.contouring import (
+    ContourAnswer,
+    ContourFace,
+    ContourWorth,
+    FaceStability,
+)
 from headstock.pipeline.answers.milled_faces import MilledFace
 from headstock.pipeline.contours.contour_run import CORIOLIS, ContourRun, face_instants, high_share
 from headstock.pipeline.contours.coupled_contour import (
@@ -20,10 +25,17 @@ from headstock.pipeline.contours.coupled_contour import (
 from headstock.pipeline.contours.lumped_contour import lumped_face_dynamics, run_lumped_contour
 from headstock.pipeline.contours.milled_faces import mill_faces
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.stages.mechanism import placed_mechanism
+from headstock.pipeline.stages.better_machines import (
+    ONCE,
+    find_silent_meshes,
+    list_better_machines,
+)
+from headstock.pipeline.stages.estimates import name_what_is_left_out
+from headstock.pipeline.stages.mechanism import LUMPED, placed_mechanism
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.scene.reading.forces import ForceRecord, read_forces, resampling_loss
 from headstock.scene.requests import ContouringRequest
+from headstock.solvers.errors import ConvergenceError, ModelError, UnstableControlError
 from headstock.solvers.milling.stability import (
     TipDynamics,
     count_steps,
@@ -87,6 +99,7 @@ def evaluate_contour(
     stability: tuple[FaceStability, ...] = (),
     milled: tuple[MilledFace, ...] = (),
     force_loss: float | None = None,
+    worth: ContourWorth | None = None,
 ) -> ContourAnswer:
     """What is kept of a contour that was run.
 
@@ -96,6 +109,7 @@ def evaluate_contour(
         stability: Of each face, where it was requested.
         milled: Profiles of its faces.
         force_loss: Share of measured forces that is faster than the steps.
+        worth: How far its numbers may be off; None where nobody says.
     """
     some = np.unique(
         np.linspace(0, len(run.times) - 1, min(SERIES_POINTS, len(run.times))).astype(np.intp)
@@ -127,6 +141,38 @@ def evaluate_contour(
         stability=stability,
         milled=milled,
         force_loss=force_loss,
+        worth=worth or ContourWorth(),
+    )
+
+
+def _judge_contour(
+    state: RunState, request: ContouringRequest, record: ForceRecord | None
+) -> ContourWorth:
+    """The contour once more, on the machine with finer meshes and more modes, and with the true
+    curved faces.
+    """
+    if state.scene.is_lumped:
+        return ContourWorth(left_out=LUMPED.left_out)
+    left_out = list(name_what_is_left_out(state.parts).left_out)
+    better: dict[str, ContourAnswer] = {}
+    for source, machine in list_better_machines(state, ONCE).items():
+        try:
+            run, tips = _run_machine(machine, request, record)
+        except (ModelError, UnstableControlError, ConvergenceError) as error:
+            left_out.append(f"{source}: {error}")
+            continue
+        milled, _ = mill_faces(request, run) if request.cutting else ((), ())
+        better[source] = evaluate_contour(
+            request, run, stability=_list_stability(run, request, tips), milled=milled
+        )
+    return ContourWorth(better, find_silent_meshes(state), tuple(left_out))
+
+
+def _list_stability(
+    run: ContourRun, request: ContouringRequest, tips: tuple[TipDynamics, ...]
+) -> tuple[FaceStability, ...]:
+    return tuple(
+        face_stability(tip, request, face, run.plan.cuts[face].at) for face, tip in enumerate(tips)
     )
 
 
@@ -185,12 +231,10 @@ def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
     found = evaluate_contour(
         request,
         run,
-        stability=tuple(
-            face_stability(tip, request, face, run.plan.cuts[face].at)
-            for face, tip in enumerate(tips)
-        ),
+        stability=_list_stability(run, request, tips),
         milled=milled,
         force_loss=loss,
+        worth=_judge_contour(state, request, record),
     )
     reported = ", ".join(
         f"face {face.number} {1e6 * face.gap_mean[0]:+.1f} µm"

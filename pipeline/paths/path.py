@@ -17,7 +17,11 @@ from headstock.pipeline.paths.path_disturbances import disturb_loop
 from headstock.pipeline.paths.path_model import choose_model, sample_path
 from headstock.pipeline.paths.solved_moves import SolvedMoves
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.stages.better_machines import list_better_machines, silence
+from headstock.pipeline.stages.better_machines import (
+    find_silent_meshes,
+    list_better_machines,
+    silence,
+)
 from headstock.pipeline.stages.estimates import name_what_is_left_out
 from headstock.pipeline.stages.mechanism import LUMPED
 from headstock.pipeline.stages.motion_forces import add_to_drives
@@ -60,13 +64,22 @@ def run_path_stage(state: RunState, stage: Stage) -> Outcome:
             own,
             asked,
             middle if own is state else build_plant(own, asked, 0.5 * asked.path.length),
+            nodes=NODES if request.follows_pose else 1,
         ),
     )
 
 
-def _solve_moves(state: RunState, request: PathRequest, middle: PosedModes) -> SolvedMoves:
+def _solve_moves(
+    state: RunState, request: PathRequest, middle: PosedModes, *, nodes: int
+) -> SolvedMoves:
     """Deviation of every move: with the drives of the scene under control, or with motors that
     follow their set point.
+
+    Args:
+        state: Of the run.
+        request: The path.
+        middle: The machine in the middle of it.
+        nodes: Poses between which what errors of guides do at rest is interpolated.
 
     Raises:
         UnstableControlError: A control loop is.
@@ -77,7 +90,7 @@ def _solve_moves(state: RunState, request: PathRequest, middle: PosedModes) -> S
         state.scene.machine,
         request.path,
         request.outputs,
-        nodes=NODES if request.follows_pose else 1,
+        nodes=nodes,
     )
     drives = state.scene.drives
     solved = (
@@ -192,11 +205,7 @@ def _judge_path(
             better[source] = _run_moves(frozen, solve(machine, frozen))
         except (UnstableControlError, ModelError) as error:
             left_out.append(f"{source}: {error}")
-    unknown = tuple(
-        name
-        for name, part in state.parts.superelements.items()
-        if part.errors.missing_energy is not None and not part.errors.missing_energy.any()
-    )
+    unknown = find_silent_meshes(state)
     return PathWorth(_run_moves(frozen, base), better, unknown, tuple(left_out))
 
 

@@ -18,19 +18,30 @@ from headstock.reduction.estimates.better_elements import (
 )
 from headstock.reduction.superelement import Superelement
 
-BETTER: Mapping[str, Callable[[Superelement], Superelement]] = {
+Sources = Mapping[str, Callable[[Superelement], Superelement]]
+# by source of error, what a superelement is without it
+EACH: Sources = {
     DISCRETISATION: with_finer_mesh,
     CURVED_FACES: with_true_faces,
     REDUCTION: with_modes_left_out,
 }
+# of long analyses: meshes and reductions both make a machine too stiff
+ONCE: Sources = {
+    f"{DISCRETISATION} and {REDUCTION}": lambda part: with_modes_left_out(with_finer_mesh(part)),
+    CURVED_FACES: with_true_faces,
+}
 
 
-def list_better_machines(state: RunState) -> dict[str, RunState]:
+def list_better_machines(state: RunState, sources: Sources = EACH) -> dict[str, RunState]:
     """By source of error, the run with superelements without it; no entry of a source that changes
     nothing.
+
+    Args:
+        state: Of the run.
+        sources: What is looked at.
     """
     found = {}
-    for source, improve in BETTER.items():
+    for source, improve in sources.items():
         better = {
             name: dataclasses.replace(part, superelement=improve(part.superelement))
             for name, part in state.reduced.items()
@@ -41,6 +52,15 @@ def list_better_machines(state: RunState) -> dict[str, RunState]:
         ):
             found[source] = silence(dataclasses.replace(state, reduced=better))
     return found
+
+
+def find_silent_meshes(state: RunState) -> tuple[str, ...]:
+    """Components whose mesh shows nothing of its error."""
+    return tuple(
+        name
+        for name, part in state.parts.superelements.items()
+        if part.errors.missing_energy is not None and not part.errors.missing_energy.any()
+    )
 
 
 def silence(state: RunState) -> RunState:

@@ -33,6 +33,12 @@ FINER, FINE_ACROSS = 2.0, 5  # meshes of the true machine: so much smaller, elem
 # enough to judge it (see coverage/cases.py)
 UNSURE, SURE = 0.5, 0.3
 COVERED, LARGEST_MEDIAN = 0.95, 5.0
+# resonances that a ramp excites more or less as they shift move peaks of vibrations either way
+PATHS_COVERED = 0.85
+PATHS = (
+    "deviations and joint forces of a path",
+    "the same under control, torques and position errors",
+)
 CLEAR = 1e-3  # of a number: true errors above which a ratio means something
 LEAST = 1e-9  # [m, rad]: what varies less is no number of a map
 
@@ -79,7 +85,12 @@ def _judge_machines(case: str, seeds: list[int]) -> list[ValidationRow]:
     return [
         row
         for kind in found[0]
-        for row in _judge(case, f"{machines}, {kind}", [each[kind] for each in found])
+        for row in _judge(
+            case,
+            f"{machines}, {kind}",
+            [each[kind] for each in found],
+            PATHS_COVERED if kind in PATHS else COVERED,
+        )
     ]
 
 
@@ -117,8 +128,8 @@ def compare_axes(seed: int) -> dict[str, JudgedNumbers]:
     return {
         "ranges, motions along axes and squareness": measures,
         "errors in single poses": poses,
-        "deviations and joint forces of a path": free,
-        "the same under control, torques and position errors": driven,
+        PATHS[0]: free,
+        PATHS[1]: driven,
     }
 
 
@@ -189,7 +200,9 @@ def _list_run(run: PathRun) -> dict[str, float | None]:
     return found
 
 
-def _judge(case: str, what: str, machines: list[JudgedNumbers]) -> list[ValidationRow]:
+def _judge(
+    case: str, what: str, machines: list[JudgedNumbers], covered: float
+) -> list[ValidationRow]:
     values, errors, truth, doubt = (
         np.concatenate([np.abs(getattr(machine, field)) for machine in machines])
         for field in ("values", "errors", "truth", "doubt")
@@ -213,7 +226,7 @@ def _judge(case: str, what: str, machines: list[JudgedNumbers]) -> list[Validati
             case,
             f"{what}: share of true errors beyond ±",
             1.0 - float((missed[sure] <= errors[sure]).mean()),
-            1.0 - COVERED,
+            1.0 - covered,
         ),
         judge_bound(case, f"{what}: ± over true error, median", middle, LARGEST_MEDIAN, note),
     ]
