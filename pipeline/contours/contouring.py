@@ -16,7 +16,13 @@ from headstock.pipeline.answers.contouring import (
     FaceStability,
 )
 from headstock.pipeline.answers.milled_faces import MilledFace
-from headstock.pipeline.contours.contour_run import CORIOLIS, ContourRun, face_instants, high_share
+from headstock.pipeline.contours.contour_run import (
+    CORIOLIS,
+    SETTLING,
+    ContourRun,
+    face_instants,
+    high_share,
+)
 from headstock.pipeline.contours.coupled_contour import (
     STEPS_PER_SWING,
     coupled_face_dynamics,
@@ -176,6 +182,16 @@ def _list_stability(
     )
 
 
+def _explain_gaps(run: ContourRun) -> list[str]:
+    """Why faces that were reached have no gap."""
+    return [
+        f"face {number} has no gap: its cut lasts {1e3 * (cut.ends - cut.begins):.3g} ms, and {1e3 * SETTLING:g} ms at each end are left out;"
+        " write a lower feed or a longer side in [analyses.contouring]"
+        for number, cut in enumerate(run.plan.cuts, 1)
+        if run.times[-1] >= cut.ends and not face_instants(run, number - 1).any()
+    ]
+
+
 def _face(run: ContourRun, face: int) -> ContourFace:
     on, cut = face_instants(run, face), run.plan.cuts[face]
     gap, places = run.gap[on], np.flatnonzero(on)
@@ -226,7 +242,7 @@ def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
                 " [analyses.contouring]"
             )
     milled, reasons = mill_faces(request, run) if request.cutting else ((), ())
-    for reason in reasons:
+    for reason in (*_explain_gaps(run), *reasons):
         state.warn(reason)
     found = evaluate_contour(
         request,

@@ -29,6 +29,7 @@ from headstock.reduction.coupling.guide_errors import (
     find_places,
     has_errors,
     solve_error_loads,
+    warn_of_held_displacements,
 )
 from headstock.reduction.coupling.joint_springs import (
     PlacedJoint,
@@ -180,6 +181,7 @@ def couple(
         basis=basis,
     )
     errors = displaced = None
+    unmoved: tuple[str, ...] = ()
     if has_errors(machine):
         places = find_places(machine, pose.positions, layout, springs)
         errors = displace(find_offsets(machine, places))
@@ -187,6 +189,7 @@ def couple(
     if machine.displacements:
         displaced = displace(find_displacements(machine, springs))
         loads |= displaced.loads
+        unmoved = warn_of_held_displacements(machine, reduced)
     system = SecondOrderSystem(
         mass=sum_mass(layout, matrices, elimination, memo),
         damping=sum_damping(layout, matrices, elimination, reduced),
@@ -234,6 +237,7 @@ def couple(
         + shapes.warnings
         + _redundancy_warnings(elimination, sources)
         + _floating_warnings(floating, machine)
+        + unmoved
         + (warn_of_stress(machine, layout) if machine.gravity_stiffening else ()),
         errors=errors,
         displaced=displaced,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray, Frame, rigid_transfer, rotate_dofs
+from headstock.geometry.frames import DOF_NAMES, FloatArray, Frame, rigid_transfer, rotate_dofs
 from headstock.geometry.machine.guide_errors import ProfileError
 from headstock.geometry.machine.joints import Axis, Joint, JointEnd
 from headstock.geometry.machine.machine import Machine
@@ -27,6 +27,8 @@ from headstock.solvers.errors import ModelError
 
 GUIDE_ERRORS = "guide_errors"
 CONTRADICTION = 1e-6  # of the largest offset: what fixed joints may contradict each other by
+
+HELD = 1e-9  # of the largest row of a joint: what moves no more is held
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +136,7 @@ def find_places(
         name: np.array([_rail_place(joint, frames[name], layout)])
         for name, joint in sliding.items()
     }
-    signs = {name: _rail_sign(joint, layout) for name, joint in sliding.items()}
+    signs = {name: _rail_sign(joint, frames[name], layout) for name, joint in sliding.items()}
     levers: dict[tuple[str, str], FloatArray] = {}
     known = {}
     for axis in machine.axes.values():
@@ -218,6 +220,37 @@ def find_displacements(
     return found
 
 
+def warn_of_held_displacements(machine: Machine, reduced: Sequence[PlacedJoint]) -> tuple[str, ...]:
+    """What to say of prescribed displacements along which a joint's ends cannot move, since their
+    points are held by supports.
+
+    Args:
+        machine: With its displacements.
+        reduced: Every joint with rows in free coordinates.
+    """
+    by_name, warnings = {spring.name: spring for spring in reduced}, []
+    for name, by_joint in find_displacements(machine, reduced).items():
+        for joint, wanted in by_joint.items():
+            rows = by_name[joint].rows[:6]
+            sizes = np.abs(rows).max(axis=1, initial=0.0)
+            held = (np.abs(wanted) > 0.0) & (sizes <= HELD * sizes.max(initial=1.0))
+            held[list(by_name[joint].fixed)] = False
+            ends = {end.component for end in machine.joints[joint].ends}
+            supports = [
+                support.name for support in machine.supports.values() if support.component in ends
+            ]
+            if held.any() and supports:
+                along = ", ".join(
+                    direction for direction, own in zip(DOF_NAMES, held, strict=True) if own
+                )
+                warnings.append(
+                    f"load {name!r} displaces joint {joint!r} along {along} of its axes, where its face shares points with support"
+                    f" {', '.join(map(repr, supports))}, which holds them: nothing moves there; take that direction off the support, or"
+                    " support another face"
+                )
+    return tuple(warnings)
+
+
 def solve_error_loads(
     offsets: Mapping[str, Mapping[str, FloatArray]],
     *,
@@ -295,7 +328,7 @@ def _check_fixed(
 def contradiction_error(joints: Sequence[str]) -> ModelError:
     """Of fixed joints whose errors nothing follows."""
     return ModelError(
-        f"the errors of rigid guides contradict each other ({', '.join(joints)}): nothing deforms to follow them all; "
+        f"errors of rigid guides or prescribed displacements contradict each other ({', '.join(joints)}): nothing deforms to follow them all; "
         "give these joints a stiffness"
     )
 
@@ -320,8 +353,16 @@ def _rail_side(joint: Joint, layout: DofLayout) -> JointEnd:
     return first if first.component is None or is_rail(layout, first) else second
 
 
-def _rail_sign(joint: Joint, layout: DofLayout) -> float:
-    """Of an offset, second end relative to first, per motion of the carriage against its rail."""
+def _rail_sign(joint: Joint, frame: Frame, layout: DofLayout) -> float:
+    """Of an offset, second end relative to first along the joint's axis, per error: the way that the
+    position of the carriage or the nut is counted. That of a nut on a shaft is its distance from the
+    bearing; where the shaft ends elsewhere, at what it carries, a longer one moves that on.
+    """
+    if joint.screw is not None:
+        bearing = joint.screw.floating_end or joint.ends[1]
+        beyond = frame.rotation[:, 0] @ (frame.origin - locate_interface(layout, bearing))
+        away = 1.0 if beyond >= 0.0 else -1.0
+        return away if joint.screw.floating_end else -away
     return 1.0 if _rail_side(joint, layout) is joint.ends[0] else -1.0
 
 

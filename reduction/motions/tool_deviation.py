@@ -125,8 +125,6 @@ def solve_deviation(coupled: CoupledMachine, machine: Machine, point: str) -> To
     offsets: dict[str, FloatArray] = {source: np.zeros(size) for source in pushed}
     if coupled.errors is not None:
         offsets[GEOMETRY] = coupled.errors.offset(size)
-    if coupled.displaced is not None and FORCES in offsets:
-        offsets[FORCES] = coupled.displaced.offset(size)
     sources: dict[str, FloatArray] = {}
     parts: dict[str, dict[str, FloatArray]] = {}
     if coupled.errors is not None:
@@ -148,8 +146,4 @@ def solve_deviation(coupled: CoupledMachine, machine: Machine, point: str) -> To
         parts[source] = mutual_energies(coupled, influence, same)
         if coupled.geometric is not None:
             parts[source][WEIGHT] = weight_energy(coupled, influence, same)
-    if coupled.displaced is not None and FORCES in sources:
-        for name, offset in coupled.displaced.offsets.items():
-            parts[FORCES][name] = carried @ offset
-            sources[FORCES] = sources[FORCES] + parts[FORCES][name]
     return ToolDeviation(sources, parts, influence, responses)

@@ -159,6 +159,8 @@ def check_contouring(draft: Draft, findings: Findings) -> None:
                 "needs no switch here: linear axes do not turn what they carry, and what a guide that tilts does to a body that slides along it"
                 " is part of every way that follows its poses"
                 if name == "coriolis"
+                else "acts in [analyses.contouring] and along [analyses.path], and this scene has neither"
+                if name == "cutting_force"
                 else "acts in [analyses.contouring] only, and this scene has none"
             )
             findings.add(

@@ -25,20 +25,20 @@ SCENE = Path(__file__).parents[3] / "machines" / "tripteor.toml"
 WAVES = {1: (0.3, 20e-6), 2: (0.4, -15e-6), 3: (0.5, 10e-6)}
 
 
-def profiles(sign: float) -> dict[int, str]:
+def profiles() -> dict[int, str]:
     """Profile of each leg as scenes write it."""
     return {
-        leg: f"{{ waves = [{{ period = '{1e3 * period} mm', amplitude = '{1e6 * sign * size} um' }}] }}"
+        leg: f"{{ waves = [{{ period = '{1e3 * period} mm', amplitude = '{1e6 * size} um' }}] }}"
         for leg, (period, size) in WAVES.items()
     }
 
 
 COMMON = ["effects={ guide_errors = true }", "analyses={ static = { at = ['tcp'] } }"]
-LUMPED = [*COMMON, *(f"mechanism.errors.leg_{leg}={text}" for leg, text in profiles(1.0).items())]
-# of the nut, which is the first end, against the platform: a longer leg moves it back
+LUMPED = [*COMMON, *(f"mechanism.errors.leg_{leg}={text}" for leg, text in profiles().items())]
+# positive is longer in both
 BY_JOINTS = [
     *COMMON,
-    *(f"joints.screw_{leg}.errors={{ axial = {text} }}" for leg, text in profiles(-1.0).items()),
+    *(f"joints.screw_{leg}.errors={{ axial = {text} }}" for leg, text in profiles().items()),
 ]
 
 

@@ -152,3 +152,35 @@ def test_what_cannot_be_displaced_is_refused(tmp_path: Path, setting: str, words
     path.write_text(BEAM)
     with pytest.raises(SceneError, match=words):
         load_scene(path, overrides=(setting,))
+
+
+def test_a_displacement_that_a_support_holds_is_named_with_it(tmp_path: Path) -> None:
+    text = """
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.beam]
+solid = { box = ["40 mm", "40 mm", "100 mm"] }
+material = "steel"
+mesh = { size = "40 mm", cells = "hex" }
+interfaces = { foot = { face = "z-" }, tip = { face = "z+" } }
+[supports.floor]
+face = "beam.z-"
+fix = ["z"]
+[joints.wall]
+between = ["beam.foot", "ground"]
+kind = "spring"
+stiffness = { x = "100 N/um", y = "100 N/um", z = "100 N/um", rz = "1 kN m/mrad" }
+[points]
+tip = { tool = "beam.tip", work = "ground" }
+[loads.lift]
+joint = "wall"
+displacement = ["0 um", "7 um", "20 um"]
+[analyses.static]
+"""
+    results = compute(tmp_path, text)
+    (warning,) = [each for each in results.warnings if "moves nothing" in each or "'lift'" in each]
+    assert "joint 'wall' along z" in warning and "support 'floor'" in warning
+    moved = displaced(results)["all"]
+    assert moved[:3] == pytest.approx([0.0, 7e-6, 0.0], abs=1e-9)
