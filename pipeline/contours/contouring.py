@@ -182,7 +182,7 @@ def _list_stability(
     )
 
 
-def _explain_gaps(run: ContourRun) -> list[str]:
+def explain_gaps(run: ContourRun) -> list[str]:
     """Why faces that were reached have no gap."""
     return [
         f"face {number} has no gap: its cut lasts {1e3 * (cut.ends - cut.begins):.3g} ms, and {1e3 * SETTLING:g} ms at each end are left out;"
@@ -242,7 +242,7 @@ def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
                 " [analyses.contouring]"
             )
     milled, reasons = mill_faces(request, run) if request.cutting else ((), ())
-    for reason in (*_explain_gaps(run), *reasons):
+    for reason in (*explain_gaps(run), *reasons):
         state.warn(reason)
     found = evaluate_contour(
         request,

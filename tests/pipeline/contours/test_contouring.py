@@ -21,7 +21,8 @@ from headstock.app.tables.contouring import (
 from headstock.geometry.errors import PoseError
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.lobes import DirectionLobes, PoseLobes
-from headstock.pipeline.contours.contouring import evaluate_contour
+from headstock.pipeline.contours.contour_run import SETTLING
+from headstock.pipeline.contours.contouring import evaluate_contour, explain_gaps
 from headstock.pipeline.contours.lumped_contour import run_lumped_contour
 from headstock.pipeline.contours.milled_faces import mill_faces
 from headstock.pipeline.runner import run_scene
@@ -274,3 +275,18 @@ def test_waves_decay_below_the_lobes_of_a_lumped_mechanism_and_grow_above_in_tim
     # the border lies where the logarithm passes zero
     border = 0.9 + 0.2 * growth[0.9] / (growth[0.9] - growth[1.1])
     assert border == pytest.approx(1.0, abs=0.04)
+
+
+def test_a_face_that_is_passed_too_fast_has_no_gap_and_a_reason(machine: Tripteor) -> None:
+    request = contour_request("al7075-t6")
+    run = run_lumped_contour(machine.scene, machine.model, request, until=SHORT)
+    cut = run.plan.cuts[0]
+    assert run.times[-1] >= 0.5 * cut.ends
+    hasty = dataclasses.replace(cut, ends=cut.begins + 1.5 * SETTLING)
+    plan = dataclasses.replace(run.plan, cuts=(hasty,))
+    (reason,) = explain_gaps(dataclasses.replace(run, plan=plan))
+    assert reason.startswith("face 1 has no gap") and "write a lower feed" in reason
+    assert explain_gaps(run) == []
+    assert (
+        list_faces(evaluate_contour(request, dataclasses.replace(run, plan=plan)).summarise()) == []
+    )
