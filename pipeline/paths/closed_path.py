@@ -30,7 +30,7 @@ from headstock.solvers.paths.set_points import SetPoint
 
 ENERGY_LIMIT = 1e-6
 # modes up to so many times the band looked at are states of the loop, the others act at once; fewer
-# where a stiff integrator has them, or where they are interpolated along the path
+# with friction, whose steps take all states together, or where they are interpolated along the path
 LINEAR_REACH, FRICTION_REACH = 12.0, 3.0
 
 

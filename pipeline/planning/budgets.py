@@ -98,15 +98,15 @@ BOTH_STEPS_PER_SECOND = 420.0
 # a lumped contour whose drives are under control takes so many times as long (1.2 to 1.5, as above)
 CONTROLLED_COST = 1.5
 # of a path: at no dofs of the coupled machine and per dof, for the poses on the way; per sample in its
-# modes; with friction per move, whose ramps stick and slip, and per sample. The three-axis machine
-# rigid (42), of finite elements (97) and segmented (426), 4 500 to 600 000 samples, and the lumped
-# Tripteor, on a core of a virtual AMD EPYC: within a third
+# modes. The three-axis machine rigid (42), of finite elements (97) and segmented (426), 4 500 to
+# 600 000 samples, and the lumped Tripteor, on a core of a virtual AMD EPYC: within a third
 PATH_START, SECONDS_PER_PATH_DOF, LUMPED_PATH_START = 0.1, 2.2e-3, 4.6
 PATH_SAMPLES_PER_SECOND = 4.5e4
-SECONDS_PER_RUBBING_MOVE, RUBBING_SAMPLES_PER_SECOND = 1.5, 1.2e4
-# with friction and a cut per step of the teeth's forces, each of which is about ten of the stiff integrator's:
-# the three-axis machine rigid, 1 600 steps
-SECONDS_PER_RUBBING_CUT_STEP = 0.03
+# with friction per sample, or with a cut per step of the teeth's forces, where guides that turn back make
+# steps shorter; along the poses of the way once more, and that many times as long. The three-axis machine
+# rigid, 4 800 to 120 000 samples and 6 700 steps of a cut
+SECONDS_PER_RUBBING_PATH_SAMPLE, SECONDS_PER_RUBBING_CUT_STEP = 1.3e-4, 2e-3
+RUBBING_ALONG = 2.2
 # of its longest move, for one output and each further one; likewise, 4 500 to 1 200 000 samples
 PATH_MB, PATH_KB_PER_SAMPLE, PATH_KB_PER_OUTPUT, RUBBING_KB_PER_SAMPLE = 60.0, 0.82, 0.07, 2.0
 PATH_KB_PER_WATCHED = 0.009  # force, displacement or stress on the way
@@ -147,7 +147,12 @@ def contour_step_seconds(
 
 
 def path_seconds(
-    samples: Sequence[float], *, dofs: int | None, rubbing: bool, cut_steps: float = 0.0
+    samples: Sequence[float],
+    *,
+    dofs: int | None,
+    rubbing: bool,
+    cut_steps: float = 0.0,
+    follows_pose: bool = False,
 ) -> float:
     """Processor time of a path [s].
 
@@ -155,13 +160,15 @@ def path_seconds(
         samples: Of each of its moves.
         dofs: Of the coupled machine; None of a lumped mechanism.
         rubbing: Guides of drives under control have friction.
-        cut_steps: Of the forces of a cut that a stiff integrator follows; none elsewhere.
+        cut_steps: Of the forces of a cut with friction; none elsewhere.
+        follows_pose: Friction acts along the poses of the way, too.
     """
     start = LUMPED_PATH_START if dofs is None else PATH_START + SECONDS_PER_PATH_DOF * dofs
-    if rubbing:
-        start += len(samples) * SECONDS_PER_RUBBING_MOVE
-    rate = RUBBING_SAMPLES_PER_SECOND if rubbing else PATH_SAMPLES_PER_SECOND
-    return start + sum(samples) / rate + SECONDS_PER_RUBBING_CUT_STEP * cut_steps
+    if not rubbing:
+        return start + sum(samples) / PATH_SAMPLES_PER_SECOND
+    once = sum(samples) * SECONDS_PER_RUBBING_PATH_SAMPLE
+    once += SECONDS_PER_RUBBING_CUT_STEP * cut_steps
+    return start + once * (1.0 + RUBBING_ALONG * follows_pose)
 
 
 def transient_seconds(rubbing_samples: float) -> float:

@@ -605,6 +605,7 @@ def _way_stages(scene: Scene, dofs: int) -> list[Stage]:
                     dofs=None if scene.is_lumped else dofs,
                     rubbing=rubbing,
                     cut_steps=PATH_STEPS_PER_TURN * turns,
+                    follows_pose=path.follows_pose,
                 ),
             )
         )

@@ -1,8 +1,9 @@
 """A closed loop with friction in its guides (Coulomb, Stribeck, viscous; smooth through zero
-velocity); the work of each force is a state.
+velocity).
 """
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -13,9 +14,6 @@ from headstock.geometry.machine.drives import GuideFriction
 from headstock.solvers.control.drive_loops import ClosedLoop, set_channels
 from headstock.solvers.control.drive_trains import SLIDE, DriveTrain
 from headstock.solvers.second_order import Channel
-
-WORKS = 5  # of the drives, of the loads, lost in dampers, lost in friction, of the change of pose
-LOADS = 1  # which of them is that of the loads
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,40 +37,38 @@ type FrictionLaw = GuideFriction | StackedFriction
 
 
 def friction_force(law: FrictionLaw, velocity: FloatArray) -> FloatArray:
-    """Force against the motion [N]; of several guides at speeds ``(..., d)``.
+    """Force against the motion [N]; of several guides at speeds ``(..., d)``."""
+    return rub(law, velocity)[0]
+
+
+def friction_slope(law: FrictionLaw, velocity: FloatArray) -> FloatArray:
+    """Derivative of the force by the velocity [N s/m]; negative where friction falls with speed."""
+    return rub(law, velocity)[1]
+
+
+def rub(law: FrictionLaw, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Force against the motion [N] and its derivative by the velocity [N s/m], likewise.
 
     Source: Armstrong-Helouvry, Dupont and Canudas de Wit (1994), A survey of models, section 2.1
     (Stribeck curve with a Gaussian);
         the sign of the velocity is smoothed to a tanh.
     """
-    return np.asarray(
-        _level(law, velocity) * np.tanh(velocity / law.smoothing) + law.viscous * velocity
-    )
-
-
-def friction_slope(law: FrictionLaw, velocity: FloatArray) -> FloatArray:
-    """Derivative of the force by the velocity [N s/m]; negative where friction falls with speed."""
-    bend = np.tanh(velocity / law.smoothing)
-    falling = -2.0 * velocity / law.stribeck_speed**2 * (_level(law, velocity) - law.coulomb)
-    return np.asarray(
-        falling * bend + _level(law, velocity) * (1.0 - bend**2) / law.smoothing + law.viscous
-    )
-
-
-def _level(law: FrictionLaw, velocity: FloatArray) -> FloatArray:
-    """Size of the dry part [N]."""
-    return np.asarray(
-        law.coulomb
-        + (law.breakaway - law.coulomb) * np.exp(-((velocity / law.stribeck_speed) ** 2))
+    bend, fast = np.tanh(velocity / law.smoothing), velocity / law.stribeck_speed
+    more = (law.breakaway - law.coulomb) * np.exp(-(fast**2))
+    level = law.coulomb + more
+    falling = (-2.0 / law.stribeck_speed) * fast * more * bend
+    return (
+        np.asarray(level * bend + law.viscous * velocity),
+        np.asarray(falling + level * (1.0 - bend**2) / law.smoothing + law.viscous),
     )
 
 
 @dataclass(frozen=True, eq=False)
 class RubbingLoop:
-    """``x' = A x + B u - G f(V x + w)``, and five works.
+    """``x' = A x + B S u - G f(V x + W u)``.
 
     The machine's states are ``(s p, p')`` of each mode, so that a load enters as its work per
-    velocity. Where they are deviations from a motion, ``w`` is the speed of that motion, and works
+    velocity. Where they are deviations from a motion, ``W u`` is the speed of that motion, and works
     are those done on the deviations.
 
     Attributes:
@@ -84,8 +80,8 @@ class RubbingLoop:
         sets: How many of these are set points.
         weights: ``(m, m)`` of the machine's states in twice the energy.
         dampers: ``(m, m)`` power lost in dampers.
-        guides: w ``(k,)`` [m/s].
-        weight_rates: ``(m, m)`` how fast the weights change along the path [1/s].
+        spread: S ``(given, q)``: these inputs of what is given over time.
+        guides: W ``(k, q)``.
     """
 
     loop: ClosedLoop
@@ -96,81 +92,27 @@ class RubbingLoop:
     sets: int
     weights: FloatArray
     dampers: FloatArray
+    spread: FloatArray
     guides: FloatArray
-    weight_rates: FloatArray
 
     @property
     def size(self) -> int:
-        """Number of states without the works."""
+        """Number of states."""
         return len(self.loop.space.a)
+
+    @functools.cached_property
+    def stacked(self) -> StackedFriction:
+        """The laws of all guides."""
+        return stack_laws(self.laws)
 
     def friction(self, speeds: FloatArray) -> FloatArray:
         """Forces ``(..., k)`` against the motion [N]."""
-        forces = np.zeros_like(speeds)
-        for number, law in enumerate(self.laws):
-            forces[..., number] = friction_force(law, speeds[..., number])
-        return forces
-
-    def drive_forces(self, states: FloatArray, given: FloatArray, rubbed: FloatArray) -> FloatArray:
-        """``(..., n_drives)``, with friction ``(..., k)``, which moves what controllers see at once by
-        the modes that are left out [N].
-        """
-        count, space = len(self.loop.trains), self.loop.space
-        acting = np.concatenate([given, -rubbed], axis=-1)
-        return np.asarray(states @ space.c[-count:].T + acting @ space.d[-count:].T)
+        return friction_force(self.stacked, speeds)
 
     def stored_energy(self, states: FloatArray) -> FloatArray:
         """Kinetic and strain energy ``(...)`` [J]."""
         machine = states[..., : self.loop.plant_size]
         return np.asarray(0.5 * np.einsum("...i,...i", machine @ self.weights, machine))
-
-    def rate(self, full: FloatArray, given: FloatArray) -> FloatArray:
-        """Derivative of states and works ``(n + 5,)``."""
-        state, space = full[: self.size], self.loop.space
-        speeds = self.slides @ state
-        rubbed = self.friction(speeds + self.guides)
-        machine = state[: self.loop.plant_size]
-        works = (
-            self.drive_forces(state, given, rubbed) @ (self.loop.rates @ state),
-            machine @ self._load_column(given),
-            machine @ self.dampers @ machine,
-            rubbed @ speeds,
-            0.5 * (machine @ self.weight_rates @ machine),
-        )
-        return np.concatenate(
-            [space.a @ state + space.b[:, : self.given] @ given - self.drag @ rubbed, works]
-        )
-
-    def jacobian(self, full: FloatArray, given: FloatArray) -> FloatArray:
-        """``(n + 5, n + 5)``."""
-        state, space, count = full[: self.size], self.loop.space, len(self.loop.trains)
-        machine = slice(0, self.loop.plant_size)
-        speeds = self.slides @ state
-        rubbing = speeds + self.guides
-        slopes = np.array(
-            [float(friction_slope(law, rubbing[i])) for i, law in enumerate(self.laws)]
-        )
-        found = np.zeros((len(full), len(full)))
-        # works appear in no rate, so their columns are zero. Their rates are products of states:
-        # force times speed by the product rule, damper power as a quadratic form, friction as its
-        # law times speed
-        inner, works = found[: self.size, : self.size], found[self.size :, : self.size]
-        inner[:] = space.a - (self.drag * slopes) @ self.slides
-        rates, rubbed = self.loop.rates, self.friction(rubbing)
-        pushes = space.c[-count:] - (space.d[-count:, self.given :] * slopes) @ self.slides
-        works[0] = self.drive_forces(state, given, rubbed) @ rates + (rates @ state) @ pushes
-        works[1, machine] = self._load_column(given)
-        works[2, machine] = 2.0 * self.dampers @ state[machine]
-        works[3] = (rubbed + slopes * speeds) @ self.slides
-        works[4, machine] = self.weight_rates @ state[machine]
-        return found
-
-    def _load_column(self, given: FloatArray) -> FloatArray:
-        """What the loads do to the machine's states ``(m,)``."""
-        count = len(self.loop.trains)
-        return np.asarray(
-            self.loop.plant.b[:, count : count + self.given - self.sets] @ given[self.sets :]
-        )
 
 
 def friction_channels(trains: tuple[DriveTrain, ...]) -> tuple[Channel, ...]:
@@ -178,11 +120,15 @@ def friction_channels(trains: tuple[DriveTrain, ...]) -> tuple[Channel, ...]:
     return tuple((train.name, SLIDE) for train in trains if train.friction is not None)
 
 
-def make_rubbing_loop(loop: ClosedLoop) -> RubbingLoop:
+def make_rubbing_loop(
+    loop: ClosedLoop, spread: FloatArray | None = None, guides: FloatArray | None = None
+) -> RubbingLoop:
     """Take a closed loop apart.
 
     Args:
         loop: Its last inputs are ``friction_channels`` of its drives.
+        spread: ``(m, q)`` its other inputs of what is given over time; None for these themselves.
+        guides: ``(k, q)`` speed of each guide that what is given says; None for guides at rest.
 
     Raises:
         ValueError: They are not.
@@ -201,6 +147,7 @@ def make_rubbing_loop(loop: ClosedLoop) -> RubbingLoop:
     weights[np.ix_(first, first)] = (
         -plant.a[np.ix_(second, first)] / plant.a[first, second][:, None]
     )
+    spread = np.eye(given) if spread is None else spread
     dampers = np.zeros((loop.plant_size, loop.plant_size))
     dampers[np.ix_(second, second)] = -plant.a[np.ix_(second, second)]
     slides = np.zeros((len(channels), len(space.a)))
@@ -216,6 +163,6 @@ def make_rubbing_loop(loop: ClosedLoop) -> RubbingLoop:
         sets=len(set_channels(loop.trains)),
         weights=weights,
         dampers=dampers,
-        guides=np.zeros(len(channels)),
-        weight_rates=np.zeros_like(weights),
+        spread=spread,
+        guides=np.zeros((len(channels), spread.shape[1])) if guides is None else guides,
     )

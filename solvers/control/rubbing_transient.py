@@ -1,5 +1,5 @@
-"""Loads over time on a machine under control whose guides rub: the stiff integrator of driven
-motions on the steps of a transient analysis.
+"""Loads over time on a machine under control whose guides rub: a driven motion on the steps of a
+transient analysis.
 """
 
 import dataclasses
@@ -8,20 +8,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.control.drive_loops import ClosedLoop
-from headstock.solvers.control.driven_motion import DrivenMotion, Given, Outset, integrate_motion
+from headstock.solvers.control.drive_loops import ClosedLoop, set_channels
+from headstock.solvers.control.driven_motion import (
+    DrivenMotion,
+    Given,
+    Outset,
+    integrate_motion,
+    still_track,
+)
 from headstock.solvers.control.friction_loop import (
     RubbingLoop,
     friction_slope,
     make_rubbing_loop,
-    stack_laws,
 )
 from headstock.solvers.linear.load_history import SteppedLoads
 from headstock.solvers.linear.transient import EnergyBalance, Motion, Response
-
-JUMP = 1e-9  # of the largest load: what changes less from one step to the next one does not jump
-# a pulse is not stepped over: integrators look into a step at least three times
-LONGEST = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,19 +77,18 @@ def solve_rubbing_transient(
         count: Outputs wanted.
 
     Raises:
-        ConvergenceError: The integrator gave up.
+        ConvergenceError: Friction does not settle.
     """
-    model = make_rubbing_loop(loop)
-    sets = model.sets
+    pushing = loads.linear.shape[2]
+    sets = len(set_channels(loop.trains))
+    model = make_rubbing_loop(loop, np.vstack([np.zeros((sets, pushing)), np.eye(pushing)]))
     found = integrate_motion(
-        lambda instant: model,
-        _follow_loads(loads, sets),
+        still_track(model),
+        _follow_loads(loads),
         loads.times,
-        breaks=_find_jumps(loads),
         outset=Outset(
             free.left[0], loads.impulses @ loop.space.b[:, sets : model.given].T, free.right
         ),
-        longest=LONGEST * float(np.median(loads.steps)),
     )
     rubbed = (
         model.friction(found.right[:-1] @ model.slides.T),
@@ -102,30 +102,22 @@ def solve_rubbing_transient(
     )
 
 
-def _follow_loads(loads: SteppedLoads, sets: int) -> Given:
-    """Set points at rest and loads at an instant; where a load jumps, that after it."""
-    last = len(loads.times) - 2
+def _follow_loads(loads: SteppedLoads) -> Given:
+    """Loads ``(n, k)`` at times; where one jumps, that after it."""
 
-    def given(instant: float) -> FloatArray:
-        number = int(np.searchsorted(loads.times, instant, side="right")) - 1
-        number = min(max(number, 0), last)
-        since = instant - loads.times[number]
-        share = since / (loads.times[number + 1] - loads.times[number])
-        now = (1.0 - share) * loads.linear[number, 0] + share * loads.linear[number, 1]
+    def given(times: FloatArray) -> FloatArray:
+        numbers = np.searchsorted(loads.times, times, side="right") - 1
+        numbers = np.clip(numbers, 0, len(loads.times) - 2)
+        since = (times - loads.times[numbers])[:, None]
+        share = since / loads.steps[numbers][:, None]
+        begins, ends = loads.linear[numbers, 0], loads.linear[numbers, 1]
+        now = (1.0 - share) * begins + share * ends
         for sine in loads.sines:
             s, c = np.sin(sine.omega * since), np.cos(sine.omega * since)
-            now = now + sine.forward[number] * s + sine.quadrature[number] * c
-        return np.concatenate([np.zeros(sets), now])
+            now = now + sine.forward[numbers] * s + sine.quadrature[numbers] * c
+        return np.asarray(now)
 
     return given
-
-
-def _find_jumps(loads: SteppedLoads) -> FloatArray:
-    """Times at which a load jumps."""
-    values, _ = loads.evaluate()
-    change = np.abs(values[1:, 0] - values[:-1, 1])
-    sizes = np.abs(values).max(axis=(0, 1))
-    return np.asarray(loads.times[1:-1][(change > JUMP * sizes).any(axis=1)])
 
 
 def _read_outputs(
@@ -139,14 +131,13 @@ def _read_outputs(
     space, given, sets = model.loop.space, model.given, model.sets
     rows, direct = space.c[:count], space.d[:count]
     values, rates = loads.evaluate()
-    stacked = stack_laws(model.laws)
     moved, speeds = [], []
     for end, states in enumerate((motion.right[:-1], motion.left[1:])):
         sliding, rubbed = states @ model.slides.T, friction[end]
         changes = (
             states @ space.a.T + values[:, end] @ space.b[:, sets:given].T - rubbed @ model.drag.T
         )
-        slopes = friction_slope(stacked, sliding)
+        slopes = friction_slope(model.stacked, sliding)
         moved.append(
             states @ rows.T
             + values[:, end] @ direct[:, sets:given].T

@@ -11,12 +11,12 @@ import scipy.linalg
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.control.drive_loops import ClosedLoop, set_channels
-from headstock.solvers.control.driven_motion import DrivenMotion, Given, solve_motion
+from headstock.solvers.control.driven_motion import DrivenMotion, solve_motion
 from headstock.solvers.control.stability import has_free_motions
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.state_space import StateSpace
 from headstock.solvers.linear.time_response import solve_stepped_response
-from headstock.solvers.paths.loads import PathLoads, cut_times, loads_at, step_loads
+from headstock.solvers.paths.loads import PathLoads, cut_times, loads_at, longest_step, step_loads
 from headstock.solvers.paths.response import PathDeviation, step_times
 from headstock.solvers.paths.set_points import (
     SetPoint,
@@ -154,8 +154,7 @@ def solve_controlled_path(
 def solve_rubbing_path(
     path: ControlledPath, move: SetPoint, samples: FloatArray
 ) -> tuple[PathDeviation, DrivenMotion]:
-    """The same with friction in the guides, by a stiff integrator; what friction does counts as
-    dynamic.
+    """The same with friction in the guides; what friction does counts as dynamic.
 
     Args:
         path: Its loop is closed with its loads, then ``friction_channels``, as inputs.
@@ -163,7 +162,7 @@ def solve_rubbing_path(
         samples: ``(n,)`` from zero [s].
 
     Raises:
-        ConvergenceError: The integrator gave up.
+        ConvergenceError: Friction does not settle.
     """
     linear = solve_controlled_path(path, move, samples)
     cosines = [
@@ -172,15 +171,21 @@ def solve_rubbing_path(
         if kind == "position"
     ]
 
-    def given(instant: float) -> FloatArray:
-        now = sample_move(move, np.array([instant]))
-        own = np.array([now.positions[0], now.speeds[0], now.accelerations[0]])
-        loads = (
-            np.zeros(0) if path.loads is None else path.loads.at(np.array([instant]), now.speeds)[0]
-        )
-        return np.concatenate([*(share * own for share in cosines), loads])
+    def given(times: FloatArray) -> FloatArray:
+        now = sample_move(move, times)
+        own = [now.positions, now.speeds, now.accelerations]
+        return np.column_stack([*own, loads_at(path.loads, times, now.speeds)])
 
-    found = solve_motion(path.loop, given, samples, breaks=list_breaks(move))
+    pushing = np.eye(loads_at(path.loads, np.zeros(1), np.zeros(1)).shape[1])
+    spread = scipy.linalg.block_diag(np.kron(np.array(cosines)[:, None], np.eye(3)), pushing)
+    found = solve_motion(
+        path.loop,
+        given,
+        samples,
+        spread=spread,
+        breaks=list_breaks(move),
+        longest=longest_step(path.loads),
+    )
     way = sample_move(move, samples).positions
     total = found.outputs[:, : len(path.travel)] - np.outer(way, path.travel)
     return PathDeviation(
@@ -189,17 +194,10 @@ def solve_rubbing_path(
         linear.quasi_static,
         linear.low_frequency,
         total - linear.quasi_static - linear.low_frequency,
-        _watch_rubbing(path, found, given) if path.watched.channels else None,
+        path.others.evaluate(found.right, np.hstack([given(samples) @ spread.T, -found.friction]))
+        if path.watched.channels
+        else None,
     ), found
-
-
-def _watch_rubbing(path: ControlledPath, found: DrivenMotion, given: Given) -> FloatArray:
-    """What is watched of a motion with friction ``(n, w)``."""
-    watched = np.empty((len(found.times), len(path.watched.channels)))
-    for number, instant in enumerate(found.times):
-        acting = np.concatenate([given(float(instant)), -found.friction[number]])
-        watched[number] = path.others.evaluate(found.right[number], acting)
-    return watched
 
 
 def _split(path: ControlledPath) -> _Motion:

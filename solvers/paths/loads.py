@@ -30,10 +30,14 @@ def cut_times(samples: FloatArray, loads: PathLoads | None) -> tuple[FloatArray,
         samples: ``(n,)`` evenly spaced [s].
         loads: None where there are none.
     """
-    step = np.inf if loads is None else loads.step
-    parts = max(1, math.ceil((samples[1] - samples[0]) / step))
+    parts = max(1, math.ceil((samples[1] - samples[0]) / longest_step(loads)))
     fine = np.linspace(samples[0], samples[-1], parts * (len(samples) - 1) + 1)
     return np.asarray(fine, dtype=float), parts
+
+
+def longest_step(loads: PathLoads | None) -> float:
+    """Longest time over which loads may be taken for straight [s]."""
+    return math.inf if loads is None else loads.step
 
 
 def loads_at(loads: PathLoads | None, times: FloatArray, speeds: FloatArray) -> FloatArray:

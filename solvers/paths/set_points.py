@@ -171,7 +171,7 @@ def _acceleration_pieces(move: SetPoint) -> tuple[FloatArray, FloatArray, FloatA
     return np.append(breaks[:-1][kept], breaks[-1]), first[kept], last[kept]
 
 
-@functools.lru_cache(maxsize=16)  # a stiff integrator asks for one instant after the other
+@functools.lru_cache(maxsize=16)
 def _laws(move: SetPoint) -> "tuple[scipy.interpolate.PPoly, ...]":
     """Position, speed and acceleration over time."""
     breaks, first, last = _acceleration_pieces(move)

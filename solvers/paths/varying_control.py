@@ -9,8 +9,7 @@ set point asks of a motor less that of the rigid travel.
 
 import dataclasses
 import functools
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +19,7 @@ from scipy.interpolate import CubicSpline
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.control.drive_loops import ClosedLoop, close_plant, set_channels
 from headstock.solvers.control.drive_trains import FORCE, MOTOR, SLIDE, DriveTrain, measured_channel
-from headstock.solvers.control.driven_motion import DrivenMotion, integrate_motion
+from headstock.solvers.control.driven_motion import DrivenMotion, LoopTrack, integrate_motion
 from headstock.solvers.control.friction_loop import (
     RubbingLoop,
     friction_channels,
@@ -31,7 +30,7 @@ from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.modal_coordinates import ModalCoordinates
 from headstock.solvers.linear.state_space import StateSpace, modal_state_space
 from headstock.solvers.paths.controlled import project_slow
-from headstock.solvers.paths.loads import PathLoads, cut_times, loads_at
+from headstock.solvers.paths.loads import PathLoads, cut_times, loads_at, longest_step
 from headstock.solvers.paths.response import PathDeviation, step_times
 from headstock.solvers.paths.set_points import (
     SetPoint,
@@ -49,7 +48,6 @@ from headstock.solvers.paths.varying_system import PlantChannels, SampledPlant, 
 from headstock.solvers.second_order import Channel
 
 LEAST = 1e-9  # size of a pole [rad/s]: below it one does not move
-REMEMBERED = 32  # loops of instants that an implicit integrator asks for again
 
 
 @dataclass(frozen=True)
@@ -263,99 +261,54 @@ def solve_varying_control(
 def solve_varying_rubbing(
     loop: VaryingLoop, move: SetPoint, samples: FloatArray, table: LoopTable | None = None
 ) -> tuple[PathDeviation, DrivenMotion]:
-    """The same with friction in the guides, by a stiff integrator; what friction does counts as
-    dynamic.
+    """The same with friction in the guides; what friction does counts as dynamic.
 
     Raises:
-        ConvergenceError: The integrator gave up.
+        ConvergenceError: Friction does not settle.
     """
     table = table or make_loop_table(loop, float(cut_times(samples, loop.loads)[0][1]))
     linear = solve_varying_control(loop, move, samples, table)
-    along = _rubbing_along(loop, move, table.steps.spline.x)
-    sets = _set_matrix(loop)
 
-    def given(instant: float) -> FloatArray:
-        now = sample_move(move, np.array([instant]))
-        own = np.array([now.positions[0], now.speeds[0], now.accelerations[0]])
-        loads = loads_at(loop.loads, np.array([instant]), now.speeds)[0]
-        return np.concatenate([sets @ own, loads, own[2:]])
+    def given(times: FloatArray) -> FloatArray:
+        now = sample_move(move, times)
+        own = [now.positions, now.speeds, now.accelerations]
+        return np.column_stack([*own, loads_at(loop.loads, times, now.speeds)])
 
-    found = integrate_motion(along, given, samples, breaks=list_breaks(move))
-    total = found.outputs[:, loop.rows(along(0.0).loop.space)]
-    shown = total[:, : loop.count]
+    track = LoopTrack(
+        table.steps.spline.x,
+        functools.partial(_rubbing_at, loop),
+        lambda times: sample_move(move, times).positions,
+        loop.rows(close_along(loop, 0.0).space),
+    )
+    found = integrate_motion(
+        track, given, samples, breaks=list_breaks(move), longest=longest_step(loop.loads)
+    )
+    shown = found.outputs[:, : loop.count]
     return dataclasses.replace(
         linear,
         total=shown,
         dynamic=shown - linear.quasi_static - linear.low_frequency,
-        watched=total[:, loop.count :] if loop.watched else None,
+        watched=found.outputs[:, loop.count :] if loop.watched else None,
     ), found
 
 
-def _rubbing_along(
-    loop: VaryingLoop, move: SetPoint, places: FloatArray
-) -> Callable[[float], RubbingLoop]:
-    """The loop with its friction at an instant; its matrices are interpolated between places."""
-    models = [make_rubbing_loop(close_along(loop, float(place))) for place in places]
-    typical = models[0]
-    shapes = [part.shape for part in _rubbing_parts(typical)]
-    ends = np.cumsum([0, *(math.prod(shape) for shape in shapes)])
-    # one spline of everything: an integrator asks tens of thousands of times
-    packed = CubicSpline(
-        places,
-        np.array([np.concatenate([part.ravel() for part in _rubbing_parts(m)]) for m in models]),
-    )
-    stiffening = CubicSpline(places, np.array([model.weights for model in models])).derivative()
-    slides = np.array(
-        [
-            travel.slide
-            for train, travel in zip(loop.trains, loop.travels, strict=True)
-            if train.friction is not None
-        ]
-    )
-
-    @functools.lru_cache(maxsize=REMEMBERED)
-    def at(instant: float) -> RubbingLoop:
-        now = sample_move(move, np.array([instant]))
-        position, speed = float(now.positions[0]), float(now.speeds[0])
-        values = packed(position)
-        a, b, c, d, plant_b, rates, slide_rows, drag, weights, dampers = (
-            values[first:last].reshape(shape)
-            for first, last, shape in zip(ends[:-1], ends[1:], shapes, strict=True)
-        )
-        return dataclasses.replace(
-            typical,
-            loop=dataclasses.replace(
-                typical.loop,
-                space=dataclasses.replace(typical.loop.space, a=a, b=b, c=c, d=d),
-                plant=dataclasses.replace(typical.loop.plant, b=plant_b),
-                rates=rates,
-            ),
-            slides=slide_rows,
-            drag=drag,
-            weights=weights,
-            dampers=dampers,
-            guides=speed * slides,
-            weight_rates=speed * stiffening(position),
-        )
-
-    return at
-
-
-def _rubbing_parts(model: RubbingLoop) -> tuple[FloatArray, ...]:
-    """What of it changes along the path."""
-    space = model.loop.space
-    return (
-        space.a,
-        space.b,
-        space.c,
-        space.d,
-        model.loop.plant.b,
-        model.loop.rates,
-        model.slides,
-        model.drag,
-        model.weights,
-        model.dampers,
-    )
+def _rubbing_at(loop: VaryingLoop, position: float) -> RubbingLoop:
+    """The loop with its friction at a position: position, speed and acceleration along the path, and
+    the loads, are given.
+    """
+    closed = close_along(loop, position)
+    sets = _set_matrix(loop)
+    pushing = len(closed.space.inputs) - len(friction_channels(loop.trains)) - len(sets) - 1
+    spread = scipy.linalg.block_diag(sets, np.eye(pushing), np.zeros((1, 0)))
+    spread[-1, 2] = 1.0
+    slides = [
+        travel.slide
+        for train, travel in zip(loop.trains, loop.travels, strict=True)
+        if train.friction is not None
+    ]
+    guides = np.zeros((len(slides), spread.shape[1]))
+    guides[:, 1] = slides
+    return make_rubbing_loop(closed, spread, guides)
 
 
 def _plant_at(sample: SampledPlant, scales: FloatArray, channels: PlantChannels) -> StateSpace:

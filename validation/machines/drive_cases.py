@@ -409,10 +409,11 @@ def _pull(loop: ClosedLoop, speed: float, times: FloatArray) -> DrivenMotion:
     """A constant speed after a ramp of 0.1 s."""
     ramp = 0.1
 
-    def given(instant: float) -> FloatArray:
-        inside = min(instant, ramp)
-        way = 0.5 * speed / ramp * inside**2 + speed * max(instant - ramp, 0.0)
-        return np.array([way, speed * inside / ramp, speed / ramp if instant < ramp else 0.0])
+    def given(instants: FloatArray) -> FloatArray:
+        inside = np.minimum(instants, ramp)
+        way = 0.5 * speed / ramp * inside**2 + speed * np.maximum(instants - ramp, 0.0)
+        pull = np.where(instants < ramp, speed / ramp, 0.0)
+        return np.column_stack([way, speed * inside / ramp, pull])
 
     return solve_motion(loop, given, times, breaks=np.array([ramp]))
 

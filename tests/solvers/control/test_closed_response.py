@@ -180,9 +180,9 @@ def test_a_leg_that_rubs_balances_its_energy() -> None:
     times: FloatArray = np.asarray(np.linspace(0.0, 0.25, 251), dtype=float)
     rate = 2.0 * math.pi * 8.0
 
-    def given(instant: float) -> FloatArray:
-        sine, cosine = math.sin(rate * instant), math.cos(rate * instant)
-        return 1e-3 * np.array([1.0 - cosine, rate * sine, rate**2 * cosine])
+    def given(instants: FloatArray) -> FloatArray:
+        sine, cosine = np.sin(rate * instants), np.cos(rate * instants)
+        return 1e-3 * np.column_stack([1.0 - cosine, rate * sine, rate**2 * cosine])
 
     found = solve_motion(loop, given, times)
     assert found.energy.error < 1e-6

@@ -1,5 +1,5 @@
-"""Deviation from a path under control: lag, linearity, the limit of fixed motors, and a second
-integrator.
+"""Deviation from a path under control: lag, linearity, the limit of fixed motors, and the
+steps of motions with friction.
 """
 
 import dataclasses
@@ -74,7 +74,7 @@ def test_a_motor_that_follows_perfectly_leaves_the_deviation_of_a_fixed_one() ->
     )
 
 
-def test_without_friction_the_stiff_integrator_gives_the_exact_discretisation() -> None:
+def test_steps_with_friction_that_is_none_give_the_exact_discretisation() -> None:
     short = plan_move(0.01, 0.05, Ramp("linear", 0.1))
     samples = SAMPLES[:600:10]
     exact = solve_controlled_path(path_with(), short, SAMPLES[:600])
