@@ -205,6 +205,7 @@ class PathRequest:
         sampling_hz: Samples a second.
         low_pass: What the deviation is filtered by; None for nothing.
         residual_time: How long after a ramp its residual vibration is looked at, and recorded after the end [s].
+        band_hz: How high it looks [Hz].
         cut: What is milled on the way; None for a move in air.
         follows_pose: The machine's matrices change along the way; else those of its middle hold.
     """
@@ -215,6 +216,7 @@ class PathRequest:
     sampling_hz: float
     low_pass: LowPass | None
     residual_time: float
+    band_hz: float
     cut: PathCut | None = None
     follows_pose: bool = True
 

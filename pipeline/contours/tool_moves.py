@@ -34,8 +34,8 @@ from headstock.pipeline.paths.path import answer_path, run_path_stage
 from headstock.pipeline.paths.path_cut import cutting_loads
 from headstock.pipeline.paths.path_model import choose_model, sample_path
 from headstock.pipeline.paths.solved_moves import SolvedMoves
+from headstock.pipeline.planning.budgets import PATH_STEPS_PER_TURN
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.planning.planner import PATH_STEPS_PER_TURN
 from headstock.pipeline.stages.control import drive_along
 from headstock.pipeline.stages.machine import damp_system
 from headstock.pipeline.stages.motion_forces import leave_out_roundoff, record_drives

@@ -6,7 +6,6 @@ from headstock.pipeline.paths.closed_path import judge_energy
 from headstock.pipeline.paths.path_cut import path_loads, pushed_channels
 from headstock.pipeline.paths.path_model import couple_at
 from headstock.pipeline.paths.travels import axis_shares
-from headstock.pipeline.planning.planner import path_band
 from headstock.pipeline.stages.control import drive_along
 from headstock.pipeline.stages.machine import CoupledPose
 from headstock.pipeline.stages.motion_forces import watch_drives
@@ -51,7 +50,7 @@ def close_along(
         path=PATH_INPUT,
         loads=pushed_channels(request),
         outputs=request.outputs,
-        up_to_hz=VARYING_REACH * path_band(request),
+        up_to_hz=VARYING_REACH * request.band_hz,
     )
 
     def place(position: float) -> PosedModes:

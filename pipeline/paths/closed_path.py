@@ -8,7 +8,6 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import travel_directions
 from headstock.pipeline.paths.path_cut import path_loads, pushed_channels
 from headstock.pipeline.paths.travels import axis_shares, travel_of_channel
-from headstock.pipeline.planning.planner import path_band
 from headstock.pipeline.stages.control import drive_machine
 from headstock.pipeline.stages.machine import CoupledPose
 from headstock.pipeline.stages.motion_forces import watch_drives, watch_joints
@@ -71,7 +70,7 @@ def close_path(
             driven.trains,
             inputs=(*pushed, *channels),
             outputs=(*request.outputs, *own),
-            up_to_hz=reach * path_band(request),
+            up_to_hz=reach * request.band_hz,
         ),
         shares=axis_shares(request),
         travel=np.array(

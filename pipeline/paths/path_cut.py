@@ -8,7 +8,7 @@ import numpy as np
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.machine.machine import Machine
 from headstock.pipeline.paths.travels import travel_of_channel
-from headstock.pipeline.planning.planner import PATH_STEPS_PER_TURN
+from headstock.pipeline.planning.budgets import PATH_STEPS_PER_TURN
 from headstock.scene.requests import PathCut, PathRequest
 from headstock.solvers.errors import ModelError
 from headstock.solvers.milling.forces import cutting_forces

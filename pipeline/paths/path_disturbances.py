@@ -11,7 +11,6 @@ from headstock.geometry.machine.drives import Drive, ripple_force
 from headstock.pipeline.paths.closed_path import LINEAR_REACH
 from headstock.pipeline.paths.path_model import couple_at, sample_path
 from headstock.pipeline.paths.travels import axis_shares
-from headstock.pipeline.planning.planner import path_band
 from headstock.pipeline.stages.control import drive_machine
 from headstock.pipeline.stages.motion_forces import watch_drives
 from headstock.pipeline.stages.run_state import RunState
@@ -76,7 +75,7 @@ def disturb_loop(
         driven.trains,
         inputs=channels,
         outputs=request.outputs,
-        up_to_hz=LINEAR_REACH * path_band(request),
+        up_to_hz=LINEAR_REACH * request.band_hz,
     )
     return solve_disturbed_loop(
         loop.space,

@@ -1,7 +1,7 @@
 """A path as its solvers take it: poses of the machine, its model and the instants looked at."""
 
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.planning.planner import MODE_MARGIN, path_band
+from headstock.pipeline.planning.planner import MODE_MARGIN
 from headstock.pipeline.stages.machine import CoupledPose
 from headstock.pipeline.stages.run_state import RunState
 from headstock.reduction.coupling.coupling import couple
@@ -17,7 +17,7 @@ def choose_model(request: PathRequest) -> PathModel:
         PATH_INPUT,
         request.outputs,
         1.0 / request.moves[0].ramp.time_constant,
-        MODE_MARGIN * path_band(request),
+        MODE_MARGIN * request.band_hz,
     )
 
 

@@ -4,12 +4,14 @@ scene and the machine.
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.parts.components import Component, MeshSettings, weigh_modes
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.sizing import CELL_BUDGET
 from headstock.pipeline.planning.plan import Stage
+from headstock.scene.requests import PathRequest
 from headstock.solvers.milling.forces import MillingCut
 
 # Nodes per cell of an endless mesh, and how much its surface adds: 1 + share / cells^(1/3);
@@ -99,21 +101,29 @@ BOTH_STEPS_PER_SECOND = 420.0
 CONTROLLED_COST = 1.5
 # of a path: at no dofs of the coupled machine and per dof, for the poses on the way; per sample in its
 # modes. The three-axis machine rigid (42), of finite elements (97) and segmented (426), 4 500 to
-# 600 000 samples, and the lumped Tripteor, on a core of a virtual AMD EPYC: within a third
-PATH_START, SECONDS_PER_PATH_DOF, LUMPED_PATH_START = 0.1, 2.2e-3, 4.6
+# 600 000 samples, on a core of a virtual AMD EPYC: within a third
+PATH_START, SECONDS_PER_PATH_DOF = 0.1, 2.2e-3
 PATH_SAMPLES_PER_SECOND = 4.5e4
-# with friction per sample, or with a cut per step of the teeth's forces, where guides that turn back make
+# with friction per move and per sample, or with a cut per step of the teeth's forces, where guides that turn back make
 # steps shorter; along the poses of the way once more, and that many times as long. The three-axis machine
 # rigid, 4 800 to 120 000 samples and 6 700 steps of a cut
-SECONDS_PER_RUBBING_PATH_SAMPLE, SECONDS_PER_RUBBING_CUT_STEP = 1.3e-4, 2e-3
+SECONDS_PER_RUBBING_MOVE, SECONDS_PER_RUBBING_PATH_SAMPLE = 0.2, 1e-4
+SECONDS_PER_RUBBING_CUT_STEP = 1.6e-3
 RUBBING_ALONG = 2.2
+# of the tool of a mechanism per swing of the highest mode, which lies somewhat above the frequency up to
+# which modes are kept, and as many modes as dofs per so much of it. The Tripteor, lumped, of rigid legs and of
+# finite elements (363 dofs, 45 modes up to 960 Hz), with and without control, 20 000 to 150 000 steps
+TOOL_STEPS_PER_SWING, HZ_PER_MODE_AND_DOF = 29.0, 8e3
+SECONDS_PER_TOOL_STEP, SECONDS_PER_TOOL_STEP_AND_MODE = 2e-5, 1.5e-6
+TOOL_KB_PER_STEP_AND_MODE = 0.075
+PATH_STEPS_PER_TURN = 96  # of the spindle along a path: forces of the cut are straight between them
 # of its longest move, for one output and each further one; likewise, 4 500 to 1 200 000 samples
 PATH_MB, PATH_KB_PER_SAMPLE, PATH_KB_PER_OUTPUT, RUBBING_KB_PER_SAMPLE = 60.0, 0.82, 0.07, 2.0
 PATH_KB_PER_WATCHED = 0.009  # force, displacement or stress on the way
 # of a transient analysis with friction, five to six times for ±, in a pose and per sample: the three-axis
 # machine and the lumped Tripteor, 2 000 samples, and a slide on a bed of finite elements, 801 samples that
 # stick and slip, within half and twice
-RUBBING_START, SECONDS_PER_RUBBING_SAMPLE = 1.0, 7e-4
+RUBBING_START, SECONDS_PER_RUBBING_SAMPLE = 0.4, 2.2e-4
 POSES_PER_SECOND = 7e3  # of a map
 COUPLINGS_PER_SECOND = 60.0  # of a volumetric map
 MOST_GUESSED_MODES = 300
@@ -149,26 +159,86 @@ def contour_step_seconds(
 def path_seconds(
     samples: Sequence[float],
     *,
-    dofs: int | None,
+    dofs: int,
     rubbing: bool,
     cut_steps: float = 0.0,
     follows_pose: bool = False,
 ) -> float:
-    """Processor time of a path [s].
+    """Processor time of a path of axes [s].
 
     Args:
         samples: Of each of its moves.
-        dofs: Of the coupled machine; None of a lumped mechanism.
+        dofs: Of the coupled machine.
         rubbing: Guides of drives under control have friction.
         cut_steps: Of the forces of a cut with friction; none elsewhere.
         follows_pose: Friction acts along the poses of the way, too.
     """
-    start = LUMPED_PATH_START if dofs is None else PATH_START + SECONDS_PER_PATH_DOF * dofs
+    start = PATH_START + SECONDS_PER_PATH_DOF * dofs
     if not rubbing:
         return start + sum(samples) / PATH_SAMPLES_PER_SECOND
-    once = sum(samples) * SECONDS_PER_RUBBING_PATH_SAMPLE
+    once = len(samples) * SECONDS_PER_RUBBING_MOVE
+    once += sum(samples) * SECONDS_PER_RUBBING_PATH_SAMPLE
     once += SECONDS_PER_RUBBING_CUT_STEP * cut_steps
     return start + once * (1.0 + RUBBING_ALONG * follows_pose)
+
+
+@dataclass(frozen=True)
+class ToolMarch:
+    """Steps in time of a path of a mechanism's tool: in a frozen pose, in those of the way, and in a
+    frozen one with modes up to twice the frequency.
+
+    Attributes:
+        steps: Of all moves.
+        modes: That are kept.
+        follows_pose: It goes through the poses of the way, too.
+        judged: Modes are left out, which is judged.
+        controlled: Its legs are under control.
+    """
+
+    steps: float
+    modes: float
+    follows_pose: bool
+    judged: bool
+    controlled: bool
+
+    @property
+    def seconds(self) -> float:
+        """Processor time [s]."""
+        found = (1.0 + self.follows_pose) * self.steps * _tool_step_seconds(self.modes)
+        if self.follows_pose and self.judged:
+            found += 2.0 * self.steps * _tool_step_seconds(2.0 * self.modes)
+        return PATH_START + found
+
+    @property
+    def memory_mb(self) -> float:
+        """Peak memory, beside that of a path of axes [MB]."""
+        times = 4.0 if self.follows_pose and self.judged else 1.0
+        states = TOOL_KB_PER_STEP_AND_MODE * (1.0 + self.controlled)
+        return 1e-3 * times * states * self.steps * self.modes
+
+
+def plan_tool_march(
+    request: PathRequest, *, dofs: int, deforms: bool, controlled: bool, up_to_hz: float
+) -> ToolMarch:
+    """How far a path of a mechanism's tool goes in time.
+
+    Args:
+        request: The path.
+        dofs: Of the machine.
+        deforms: Bodies deform, so that more modes are there than are kept.
+        controlled: Its legs are under control.
+        up_to_hz: Modes kept [Hz].
+    """
+    rate = TOOL_STEPS_PER_SWING * up_to_hz
+    if request.cut is not None:
+        rate = max(rate, PATH_STEPS_PER_TURN * request.cut.cut.spindle / (2.0 * math.pi))
+    seconds = sum(move.duration + request.residual_time for move in request.moves)
+    modes = min(float(dofs), dofs * up_to_hz / HZ_PER_MODE_AND_DOF)
+    return ToolMarch(rate * seconds, modes, request.follows_pose, deforms, controlled)
+
+
+def _tool_step_seconds(modes: float) -> float:
+    return SECONDS_PER_TOOL_STEP + SECONDS_PER_TOOL_STEP_AND_MODE * modes
 
 
 def transient_seconds(rubbing_samples: float) -> float:

@@ -21,7 +21,9 @@ from headstock.meshing.components.meshing import MeshEstimate, estimate_mesh
 from headstock.pipeline.planning.budgets import (
     CONTROLLED_COST,
     COUPLINGS_PER_SECOND,
+    DOFS_OF_A_BODY,
     MANY_DOFS,
+    PATH_STEPS_PER_TURN,
     POSES_PER_SECOND,
     STAGE_SECONDS,
     check_cells,
@@ -34,6 +36,7 @@ from headstock.pipeline.planning.budgets import (
     mesh_seconds,
     path_memory_mb,
     path_seconds,
+    plan_tool_march,
     pose_seconds,
     reduced_dofs,
     reduction_memory_mb,
@@ -68,7 +71,6 @@ from headstock.solvers.milling.tool_path import plan_contour
 # 3 times the wanted range (1.5 % at 2 times): Craig and Bampton (1968), checked by `validate
 # reduction`.
 MODE_MARGIN = 3.0
-PATH_STEPS_PER_TURN = 96  # of the spindle along a path: forces of the cut are straight between them
 # Beside a resonance a response is far more sensitive: 12 times keep it within 1 % of the whole
 # model up to 1.5 times the highest frequency, 3 times miss up to 6 % (`validate
 # frequency_response`, a column with two rigid faces, loss factor 4 %).
@@ -319,13 +321,6 @@ def choose_reduction(component: Component, analyses: Analyses) -> tuple[Reductio
     ), f"modal analysis of {wanted} frequencies: {count} fixed-interface modes"
 
 
-def path_band(request: PathRequest) -> float:
-    """How high a path analysis looks [Hz]: to its low-pass, or as far as its samples tell
-    frequencies apart.
-    """
-    return 0.5 * request.sampling_hz if request.low_pass is None else request.low_pass.frequency_hz
-
-
 def is_dynamic(analyses: Analyses) -> bool:
     """Whether an analysis needs mass and fixed-interface modes."""
     return any(
@@ -352,7 +347,7 @@ def _reaches(analyses: Analyses) -> dict[str, tuple[float, float]]:
     if analyses.frf is not None:
         found["frequency response"] = (analyses.frf.to_hz, FRF_MARGIN)
     if analyses.path is not None:
-        found["path analysis"] = (path_band(analyses.path), MODE_MARGIN)
+        found["path analysis"] = (analyses.path.band_hz, MODE_MARGIN)
     if analyses.contouring is not None:
         found["contour"] = (analyses.contouring.modes_to_hz, MODE_MARGIN)
     if analyses.control is not None:
@@ -584,32 +579,45 @@ def _way_stages(scene: Scene, dofs: int) -> list[Stage]:
         what = contour.describe() + _name_acting(scene)
         stages.append(Stage("contour", None, what, estimated_seconds=steps * per_step))
     if path is not None:
-        samples = [(move.duration + path.residual_time) * path.sampling_hz for move in path.moves]
-        rubbing = any(drive.friction is not None for drive in scene.drives.values())
-        turns = 0.0
-        if rubbing and path.cut is not None and scene.mechanism is None:
-            turns = sum(samples) / path.sampling_hz * path.cut.cut.spindle / (2.0 * math.pi)
-        stages.append(
-            Stage(
-                "path",
-                None,
-                path.describe() + _name_acting(scene),
-                estimated_memory_mb=path_memory_mb(
-                    max(samples),
-                    len(path.outputs),
-                    rubbing=rubbing,
-                    watched=_count_watched(scene),
-                ),
-                estimated_seconds=path_seconds(
-                    samples,
-                    dofs=None if scene.is_lumped else dofs,
-                    rubbing=rubbing,
-                    cut_steps=PATH_STEPS_PER_TURN * turns,
-                    follows_pose=path.follows_pose,
-                ),
-            )
-        )
+        stages.append(_path_stage(scene, path, dofs))
     return stages
+
+
+def _path_stage(scene: Scene, path: PathRequest, dofs: int) -> Stage:
+    """The path of a machine of so many dofs."""
+    samples = [(move.duration + path.residual_time) * path.sampling_hz for move in path.moves]
+    rubbing = any(drive.friction is not None for drive in scene.drives.values())
+    memory = path_memory_mb(
+        max(samples), len(path.outputs), rubbing=rubbing, watched=_count_watched(scene)
+    )
+    if scene.mechanism is None:
+        turns = 0.0
+        if rubbing and path.cut is not None:
+            turns = sum(samples) / path.sampling_hz * path.cut.cut.spindle / (2.0 * math.pi)
+        seconds = path_seconds(
+            samples,
+            dofs=dofs,
+            rubbing=rubbing,
+            cut_steps=PATH_STEPS_PER_TURN * turns,
+            follows_pose=path.follows_pose,
+        )
+    else:
+        bodies = len(scene.machine.components)
+        march = plan_tool_march(
+            path,
+            dofs=DOFS_OF_A_BODY * bodies if scene.is_lumped else dofs,
+            deforms=not scene.is_lumped and dofs > DOFS_OF_A_BODY * bodies,
+            controlled=bool(scene.drives),
+            up_to_hz=MODE_MARGIN * path.band_hz,
+        )
+        seconds, memory = march.seconds, memory + march.memory_mb
+    return Stage(
+        "path",
+        None,
+        path.describe() + _name_acting(scene),
+        estimated_memory_mb=memory,
+        estimated_seconds=seconds,
+    )
 
 
 def _count_rubbing_samples(scene: Scene) -> float:

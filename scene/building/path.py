@@ -2,6 +2,8 @@
 feeds and carriages.
 """
 
+import math
+
 from headstock.geometry.errors import PoseError
 from headstock.geometry.machine.carriages import find_overhangs
 from headstock.geometry.machine.machine import MachinePath, Pose, place_components
@@ -15,12 +17,17 @@ from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import LENGTH
 from headstock.scene.requests import PathRequest
 from headstock.scene.scene import Scene
+from headstock.scene.schema.effects import GUIDE_ERRORS
 from headstock.scene.schema.path import PathTable
 from headstock.scene.schema.scene import SceneTable
 from headstock.solvers.paths.response import LowPass
 from headstock.solvers.paths.set_points import Ramp, SetPoint, find_move_fault
 
 KEY: KeyPath = ("analyses", "path")
+# times the inverse of the time constant: beyond it a ramp has less than 2 % of its spectrum, 1/(pi f T)
+RAMP_BAND = 16.0
+WAVES = (GUIDE_ERRORS, "torque_ripple")  # effects with frequencies of their own
+TOOTH_HARMONICS = 10  # of the passing of teeth
 
 
 def build_path(scene: SceneTable, table: PathTable) -> MachinePath:
@@ -47,6 +54,7 @@ def build_path_request(scene: SceneTable) -> PathRequest | None:
         sampling_hz=path.sampling,
         low_pass=None if path.lowpass is None else LowPass(path.lowpass, path.filter),
         residual_time=path.residual_time,
+        band_hz=_find_band(scene, path),
         cut=build_path_cut(scene),
         follows_pose=_follows_pose(scene, path),
     )
@@ -132,6 +140,21 @@ def _check_moves(scene: SceneTable, table: PathTable, findings: Findings) -> Non
         )
         if fault := find_move_fault(move):
             findings.add((*KEY, "feeds", index), fault)
+
+
+def _find_band(scene: SceneTable, table: PathTable) -> float:
+    """How high a path looks [Hz]: to its low-pass, or as far as samples tell frequencies apart. A
+    mechanism, whose steps in time follow its highest mode, only as far as ramps and teeth excite it,
+    unless waves of errors or of torques do that at frequencies of their own.
+    """
+    if table.lowpass is not None:
+        return table.lowpass
+    told = 0.5 * table.sampling
+    if scene.mechanism is None or any(scene.effects.get(name, False) for name in WAVES):
+        return told
+    cut = build_path_cut(scene)
+    teeth = 0.0 if cut is None else cut.cut.mill.teeth * cut.cut.spindle / (2.0 * math.pi)
+    return min(told, max(RAMP_BAND / table.time_constant, TOOTH_HARMONICS * teeth))
 
 
 def _follows_pose(scene: SceneTable, table: PathTable) -> bool:

@@ -41,7 +41,7 @@ SETTLED = 0.02  # share of the tolerance that Newton's method may leave
 ANGLE = 8.0  # of the fastest natural mode in a step [rad]: works are integrated inside it
 PROBES = 2000
 ABOUT = 4  # places about a position, between which a cubic is laid
-REMEMBERED = 64  # steps of one size in a pose
+REMEMBERED = 128  # steps of one size in a pose
 CHUNK = 512  # steps whose works are found together
 SAME_STEP = 1e-9
 BENT = 1e-4  # what a polynomial through what is given may miss of it, for a step of full length
@@ -173,20 +173,10 @@ class LoopTrack:
         return self._steps[key]
 
     def near(self, positions: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Places about positions ``(n,)``: the first of each, and the share ``(n, p)`` that it and the
-        next ones have in a cubic through them.
-        """
+        """Places about positions, see :func:`near_places`."""
         if self.still:
             return np.zeros(len(positions), dtype=np.intp), np.ones((len(positions), 1))
-        left = np.searchsorted(self.places, positions, side="right") - 1
-        firsts = np.clip(left - 1, 0, len(self.places) - ABOUT)
-        known = self.places[firsts[:, None] + np.arange(ABOUT)]
-        shares = np.ones((len(positions), ABOUT))
-        for own in range(ABOUT):
-            for other in set(range(ABOUT)) - {own}:
-                to_other = positions - known[:, other]
-                shares[:, own] *= to_other / (known[:, own] - known[:, other])
-        return firsts, shares
+        return near_places(self.places, positions)
 
     def blend(
         self, positions: FloatArray, find: Callable[[RubbingLoop, slice | IntArray], FloatArray]
@@ -207,6 +197,21 @@ class LoopTrack:
             parts.append(np.einsum("np,pn...->n...", shares[which], np.array(own)))
             places.append(which)
         return np.asarray(np.concatenate(parts)[np.argsort(np.concatenate(places))])
+
+
+def near_places(places: FloatArray, positions: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Places about positions ``(n,)``: the first of each, and the share ``(n, 4)`` that it and the next
+    ones have in a cubic through them.
+    """
+    left = np.searchsorted(places, positions, side="right") - 1
+    firsts = np.clip(left - 1, 0, len(places) - ABOUT)
+    known = places[firsts[:, None] + np.arange(ABOUT)]
+    shares = np.ones((len(positions), ABOUT))
+    for own in range(ABOUT):
+        for other in set(range(ABOUT)) - {own}:
+            to_other = positions - known[:, other]
+            shares[:, own] *= to_other / (known[:, own] - known[:, other])
+    return firsts, shares
 
 
 def forget[K, V](known: dict[K, V]) -> None:
@@ -286,7 +291,8 @@ def integrate_motion(
     grid = _cut_steps(times, breaks, given, min(longest, ANGLE / _fastest_mode(typical)))
     wanted = np.searchsorted(grid, times)
     kept = {int(place): number for number, place in enumerate(wanted)}
-    left, right = (np.empty((len(times), typical.size)) for _ in range(2))
+    left = np.empty((len(times), typical.size))
+    right = np.empty_like(left) if outset.jumps.any() else left
     works, posed = np.zeros((len(grid), len(WORKS))), np.zeros(len(grid))
     steps, march = np.diff(grid), _March(track, typical, allowed)
     few = _rare_sizes(steps) & (not track.still)

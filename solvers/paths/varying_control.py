@@ -19,7 +19,13 @@ from scipy.interpolate import CubicSpline
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.control.drive_loops import ClosedLoop, close_plant, set_channels
 from headstock.solvers.control.drive_trains import FORCE, MOTOR, SLIDE, DriveTrain, measured_channel
-from headstock.solvers.control.driven_motion import DrivenMotion, LoopTrack, integrate_motion
+from headstock.solvers.control.driven_motion import (
+    ABOUT,
+    DrivenMotion,
+    LoopTrack,
+    integrate_motion,
+    near_places,
+)
 from headstock.solvers.control.friction_loop import (
     RubbingLoop,
     friction_channels,
@@ -39,6 +45,7 @@ from headstock.solvers.paths.set_points import (
     step_accelerations,
 )
 from headstock.solvers.paths.varying_response import (
+    STEP_TOLERANCE,
     StepTable,
     march_steps,
     observe_along,
@@ -47,6 +54,7 @@ from headstock.solvers.paths.varying_response import (
 from headstock.solvers.paths.varying_system import PlantChannels, SampledPlant, VaryingSystem
 from headstock.solvers.second_order import Channel
 
+THINNED = (16, 8, 4, 2)
 LEAST = 1e-9  # size of a pole [rad/s]: below it one does not move
 
 
@@ -275,7 +283,7 @@ def solve_varying_rubbing(
         return np.column_stack([*own, loads_at(loop.loads, times, now.speeds)])
 
     track = LoopTrack(
-        table.steps.spline.x,
+        _thin_places(table.steps.spline),
         functools.partial(_rubbing_at, loop),
         lambda times: sample_move(move, times).positions,
         loop.rows(close_along(loop, 0.0).space),
@@ -290,6 +298,21 @@ def solve_varying_rubbing(
         dynamic=shown - linear.quasi_static - linear.low_frequency,
         watched=found.outputs[:, loop.count :] if loop.watched else None,
     ), found
+
+
+def _thin_places(steps: CubicSpline) -> FloatArray:
+    """Every so many of the places of a table between which cubics still are its steps."""
+    values = steps(steps.x)
+    for stride in THINNED:
+        places = steps.x[::stride]
+        if len(places) < ABOUT or places[-1] != steps.x[-1]:
+            continue
+        firsts, shares = near_places(places, steps.x)
+        known = values[::stride][firsts[:, None] + np.arange(ABOUT)]
+        missed = np.einsum("np,np...->n...", shares, known) - values
+        if np.abs(missed).max() <= STEP_TOLERANCE * np.abs(values).max():
+            return np.asarray(places)
+    return np.asarray(steps.x)
 
 
 def _rubbing_at(loop: VaryingLoop, position: float) -> RubbingLoop:

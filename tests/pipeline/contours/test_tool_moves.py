@@ -441,6 +441,47 @@ def test_legs_of_finite_elements_leave_a_line_and_yield_to_a_cut_as_legs_of_segm
     assert np.abs(pushed - expected).max() < 5e-3 * np.abs(expected).max()
 
 
+@pytest.mark.parametrize(
+    ("settings", "band"),
+    [
+        ((), 320.0),  # 16 over the time constant
+        (('analyses.path.lowpass="150 Hz"',), 150.0),
+        ((CUT,), 1000.0),  # ten times 200 teeth a second, and 2000 samples
+        ((CUT, 'analyses.path.cut.spindle="900 rpm"'), 600.0),
+    ],
+)
+def test_a_line_looks_as_high_as_ramps_and_teeth_excite_it(
+    settings: tuple[str, ...], band: float
+) -> None:
+    effects = "effects.cutting_force=true" if CUT in settings else "effects.friction=false"
+    scene = load_scene(TRIPTEOR, variant="components", overrides=[PATH, effects, *settings])
+    request = scene.analyses.path
+    assert request is not None
+    assert request.band_hz == pytest.approx(band)
+
+
+def test_modes_above_what_ramps_excite_change_a_line_by_next_to_nothing(tmp_path: Path) -> None:
+    """Legs of segments, with modes up to 960 Hz and up to 3 kHz."""
+    scene = keep_analyses(
+        load_scene(TRIPTEOR, variant="elastic_legs+segmented", overrides=[PATH, FROZEN]), ["path"]
+    )
+    request, found = scene.analyses.path, []
+    assert request is not None
+    for band in (request.band_hz, 0.5 * request.sampling_hz):
+        path = dataclasses.replace(request, band_hz=band)
+        results = run_scene(
+            dataclasses.replace(scene, analyses=dataclasses.replace(scene.analyses, path=path)),
+            tmp_path / f"{band:g}",
+            comm=MPI.COMM_SELF,
+            store=Store(tmp_path / "store"),
+        )
+        (answer,) = find_answers(results.answers, PathResult)
+        found.append(total(answer))
+    some, more = found
+    missed = np.abs(some - more).max() / np.abs(more).max()
+    assert 0.0 < missed < 2e-3
+
+
 def test_torque_ripple_shakes_a_tool_as_the_closed_loop_at_its_frequency_does(
     tmp_path: Path,
 ) -> None:
