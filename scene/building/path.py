@@ -2,6 +2,7 @@
 feeds and carriages.
 """
 
+import itertools
 import math
 
 from headstock.geometry.errors import PoseError
@@ -26,7 +27,6 @@ from headstock.solvers.paths.set_points import Ramp, SetPoint, find_move_fault
 KEY: KeyPath = ("analyses", "path")
 # times the inverse of the time constant: beyond it a ramp has less than 2 % of its spectrum, 1/(pi f T)
 RAMP_BAND = 16.0
-WAVES = (GUIDE_ERRORS, "torque_ripple")  # effects with frequencies of their own
 TOOTH_HARMONICS = 10  # of the passing of teeth
 
 
@@ -144,17 +144,45 @@ def _check_moves(scene: SceneTable, table: PathTable, findings: Findings) -> Non
 
 def _find_band(scene: SceneTable, table: PathTable) -> float:
     """How high a path looks [Hz]: to its low-pass, or as far as samples tell frequencies apart. A
-    mechanism, whose steps in time follow its highest mode, only as far as ramps and teeth excite it,
-    unless waves of errors or of torques do that at frequencies of their own.
+    mechanism, whose steps in time follow its highest mode, only as far as ramps, teeth, and waves of
+    errors and of torques excite it.
     """
     if table.lowpass is not None:
         return table.lowpass
     told = 0.5 * table.sampling
-    if scene.mechanism is None or any(scene.effects.get(name, False) for name in WAVES):
+    if scene.mechanism is None:
         return told
     cut = build_path_cut(scene)
     teeth = 0.0 if cut is None else cut.cut.mill.teeth * cut.cut.spindle / (2.0 * math.pi)
-    return min(told, max(RAMP_BAND / table.time_constant, TOOTH_HARMONICS * teeth))
+    passed = max(table.feeds) / min(_list_waves(scene), default=math.inf)
+    return min(told, max(RAMP_BAND / table.time_constant, TOOTH_HARMONICS * teeth, passed))
+
+
+def _list_waves(scene: SceneTable) -> list[float]:
+    """Lengths of the waves of errors and of motor torques of a mechanism, along its legs, which are at
+    most as fast as its tool [m].
+    """
+    # with the effect torque_ripple
+    found = [
+        drive.lead / wave.per_turn
+        for drive in build_drives(scene).values()
+        for wave in drive.ripple
+    ]
+    if scene.mechanism is None or scene.effects.get(GUIDE_ERRORS, False) is False:
+        return found
+    legs = scene.mechanism.errors
+    profiles = [] if legs is None else [*legs.profiles().values()]
+    for joint in scene.joints.values():
+        if joint.errors is not None:
+            profiles += joint.errors.profiles().values()
+            if joint.errors.ball_passing is not None:
+                found.append(joint.errors.ball_passing.period)
+    for profile in profiles:
+        found += [wave.period.value for wave in profile.waves or ()]
+        if profile.points is not None:
+            places = [place.value for place in profile.points.at]
+            found += [later - earlier for earlier, later in itertools.pairwise(places)]
+    return found
 
 
 def _follows_pose(scene: SceneTable, table: PathTable) -> bool:

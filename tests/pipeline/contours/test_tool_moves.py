@@ -442,19 +442,26 @@ def test_legs_of_finite_elements_leave_a_line_and_yield_to_a_cut_as_legs_of_segm
 
 
 @pytest.mark.parametrize(
-    ("settings", "band"),
+    ("effect", "settings", "band"),
     [
-        ((), 320.0),  # 16 over the time constant
-        (('analyses.path.lowpass="150 Hz"',), 150.0),
-        ((CUT,), 1000.0),  # ten times 200 teeth a second, and 2000 samples
-        ((CUT, 'analyses.path.cut.spindle="900 rpm"'), 600.0),
+        ("coriolis", (), 320.0),  # 16 over the time constant
+        ("coriolis", ('analyses.path.lowpass="150 Hz"',), 150.0),
+        ("cutting_force", (CUT,), 1000.0),  # ten times 200 teeth a second, and 2000 samples
+        ("cutting_force", (CUT, 'analyses.path.cut.spindle="900 rpm"'), 600.0),
+        # at 50 mm/s, over screws of 10 mm a turn
+        (
+            "guide_errors",
+            ('mechanism.errors={leg_2={waves=[{period="0.1 mm",amplitude="1 um"}]}}',),
+            500.0,
+        ),
+        ("torque_ripple", ('drives.leg_1.torque_ripple=[{torque="1 N m",per_turn=80}]',), 400.0),
     ],
 )
-def test_a_line_looks_as_high_as_ramps_and_teeth_excite_it(
-    settings: tuple[str, ...], band: float
+def test_a_line_looks_as_high_as_ramps_teeth_and_waves_excite_it(
+    effect: str, settings: tuple[str, ...], band: float
 ) -> None:
-    effects = "effects.cutting_force=true" if CUT in settings else "effects.friction=false"
-    scene = load_scene(TRIPTEOR, variant="components", overrides=[PATH, effects, *settings])
+    settings = (PATH, f"effects.{effect}=true", *settings)
+    scene = load_scene(TRIPTEOR, variant="lumped+controlled", overrides=settings)
     request = scene.analyses.path
     assert request is not None
     assert request.band_hz == pytest.approx(band)
