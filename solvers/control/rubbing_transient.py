@@ -9,18 +9,13 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.control.drive_loops import ClosedLoop, set_channels
-from headstock.solvers.control.driven_motion import (
-    DrivenMotion,
-    Given,
-    Outset,
-    integrate_motion,
-    still_track,
-)
+from headstock.solvers.control.driven_motion import DrivenMotion, Outset, integrate_motion
 from headstock.solvers.control.friction_loop import (
     RubbingLoop,
     friction_slope,
     make_rubbing_loop,
 )
+from headstock.solvers.control.loop_track import Given, still_track
 from headstock.solvers.linear.load_history import SteppedLoads
 from headstock.solvers.linear.transient import EnergyBalance, Motion, Response
 

@@ -19,18 +19,13 @@ from scipy.interpolate import CubicSpline
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.control.drive_loops import ClosedLoop, close_plant, set_channels
 from headstock.solvers.control.drive_trains import FORCE, MOTOR, SLIDE, DriveTrain, measured_channel
-from headstock.solvers.control.driven_motion import (
-    ABOUT,
-    DrivenMotion,
-    LoopTrack,
-    integrate_motion,
-    near_places,
-)
+from headstock.solvers.control.driven_motion import DrivenMotion, integrate_motion
 from headstock.solvers.control.friction_loop import (
     RubbingLoop,
     friction_channels,
     make_rubbing_loop,
 )
+from headstock.solvers.control.loop_track import ABOUT, LoopTrack, near_places
 from headstock.solvers.control.stability import has_free_motions
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.modal_coordinates import ModalCoordinates
