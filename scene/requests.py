@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.machine.machine import MachinePath
+from headstock.geometry.machine.machine import MachinePath, show_position
 from headstock.solvers.linear.load_history import LoadHistory
 from headstock.solvers.mechanisms.modes import PoseDamping
 from headstock.solvers.milling.forces import CuttingCoefficients, EndMill, MillingCut
@@ -196,7 +196,7 @@ class PathCut:
 
 @dataclass(frozen=True)
 class PathRequest:
-    """A straight move of axes, once per feed.
+    """A move of axes, straight in their positions, once per feed.
 
     Attributes:
         path: From where to where.
@@ -222,9 +222,11 @@ class PathRequest:
 
     def describe(self) -> str:
         """In a few words: what is computed, and how far."""
-        feeds = " and ".join(f"{6e4 * move.feed:g}" for move in self.moves)
+        feeds = " and ".join(move.name.partition(" ")[0] for move in self.moves)
+        unit = self.moves[0].name.partition(" ")[2]
+        length = show_position(self.path.length, self.path.unit)
         cut = "" if self.cut is None else f", cutting forces in {self.cut.cut.coefficients.source}"
-        return f"{', '.join(self.path.axes)} moves {1e3 * self.path.length:g} mm at {feeds} mm/min, sampled at {self.sampling_hz:g} Hz{cut}"
+        return f"{', '.join(self.path.axes)} moves {length} at {feeds} {unit}, sampled at {self.sampling_hz:g} Hz{cut}"
 
 
 @dataclass(frozen=True)

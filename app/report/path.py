@@ -18,6 +18,7 @@ from headstock.app.report.panels import (
     show_range,
 )
 from headstock.geometry.frames import DIRECTIONS
+from headstock.geometry.machine.machine import SCENE_UNITS
 from headstock.pipeline.answers.contouring import ContourSummary
 from headstock.pipeline.answers.path import PathCurves, deviation_unit
 from headstock.solvers.second_order import name_channel
@@ -56,19 +57,22 @@ def _draw_line(curves: Sequence[PathCurves], output: int) -> Markup:
     """The path as travelled: deviation over the place along it, one line per feed."""
     unit, factor = deviation_unit(curves[0].outputs[output])
     values = [factor * run.deviation.total[:, output] for run in curves]
-    length = 1e3 * float(curves[0].positions[-1])
+    scale, shown = SCENE_UNITS[curves[0].unit]
+    length = scale * float(curves[0].positions[-1])
     panel = Panel(LEFT, TITLE, WIDTH - LEFT - RIGHT, LINE_HEIGHT, (0.0, length), show_range(values))
     steepness = (panel.height / (panel.up[1] - panel.up[0])) / (panel.width / length) * 1e3
-    title = f"The line as travelled, deviation of {name_channel(curves[0].outputs[output])} magnified {round_label(steepness)} times"
+    title = f"The line as travelled, deviation of {name_channel(curves[0].outputs[output])}"
+    if curves[0].unit == "m":
+        title += f" magnified {round_label(steepness)} times"
     parts = [svg.heading(panel.x, panel.y - 10, title)]
     fastest = max(curves, key=lambda run: run.feed)
     for begin, end in fastest.zones:
-        places = 1e3 * np.interp([begin, end], fastest.deviation.times, fastest.positions)
+        places = scale * np.interp([begin, end], fastest.deviation.times, fastest.positions)
         parts.append(draw_shade(panel, float(places[0]), float(places[1])))
-    parts.append(draw_axes(panel, "mm", UNITS[unit]))
+    parts.append(draw_axes(panel, shown, UNITS[unit]))
     for number, (run, value) in enumerate(zip(curves, values, strict=True)):
         color = FEED_COLORS[number % len(FEED_COLORS)]
-        parts.append(draw_curve(panel, 1e3 * run.positions, value, color, 1.3))
+        parts.append(draw_curve(panel, scale * run.positions, value, color, 1.3))
         parts.append(
             svg.text(
                 WIDTH - RIGHT - 120 * (len(curves) - number - 1),

@@ -228,7 +228,7 @@ def render_report(
                 table.name: base64.b64encode(encode_csv(table)).decode() for table in tables
             },
             paths=list(paths),
-            path_stems=[path_stem(6e4 * run.feed) for run in paths],
+            path_stems=[path_stem(run.name) for run in paths],
             histories={history.pose: history for history in histories},
             worth=None if worth is None else worth.summary,
             chart=None if worth is None else worth.chart,

@@ -9,6 +9,7 @@ import numpy as np
 from headstock.app.tables.probes import list_trace_columns
 from headstock.app.tables.table import Column, PlainTable, show_deviation
 from headstock.app.texts.bounded_values import NO_BOUND
+from headstock.geometry.machine.machine import SCENE_UNITS
 from headstock.pipeline.answers.estimates import show_share
 from headstock.pipeline.answers.path import (
     CruiseSummary,
@@ -75,7 +76,7 @@ ZONE_COLUMNS: tuple[Column[ZoneRow], ...] = (
     Column(lambda row: row.run["name"], screen="feed", report="Feed"),
     Column(lambda row: " ".join(row.channel), screen="<at"),
     Column(lambda row: row.zone, screen="<zone", report="Zone"),
-    Column(lambda row: row.run["acceleration"], report="Acceleration [m/s²]", digits=3),
+    Column(lambda row: row.run["acceleration"], report="Acceleration [m/s², rad/s²]", digits=3),
     Column(
         lambda row: row.size("peak"),
         screen=">peak",
@@ -163,7 +164,12 @@ CRUISE_COLUMNS: tuple[Column[CruiseRow], ...] = (
         error=lambda row: row.error("amplitude_um", row.found["amplitude_um"]),
     ),
     Column(lambda row: row.found["period_s"], screen=">period s", report="Period [s]", digits=3),
-    Column(lambda row: row.found["period_mm"], screen=">mm", report="Period [mm]", digits=3),
+    Column(
+        lambda row: row.found.get("period_mm", row.found.get("period_deg")),
+        screen=">mm, deg",
+        report="Period [mm, deg]",
+        digits=3,
+    ),
 )
 
 
@@ -193,9 +199,9 @@ def path_error_words(path: PathSummary) -> list[str]:
     return words
 
 
-def path_stem(feed: float) -> str:
-    """Name of the files of a feed [mm/min]: ``path_3000``."""
-    return f"path_{feed:g}".replace(".", "_").replace("+", "")
+def path_stem(feed: str) -> str:
+    """Name of the files of a feed such as ``3000 mm/min``: ``path_3000``."""
+    return f"path_{feed.partition(' ')[0]}".replace(".", "_").replace("+", "")
 
 
 def tabulate_path(curves: PathCurves) -> PlainTable:
@@ -203,8 +209,9 @@ def tabulate_path(curves: PathCurves) -> PlainTable:
     under control do.
     """
     found = curves.deviation
-    headings = ["time [s]", "position [mm]", "acceleration [m/s^2]"]
-    columns = [found.times, 1e3 * curves.positions, curves.accelerations]
+    factor, shown = SCENE_UNITS[curves.unit]
+    headings = ["time [s]", f"position [{shown}]", f"acceleration [{curves.unit}/s^2]"]
+    columns = [found.times, factor * curves.positions, curves.accelerations]
     for number, channel in enumerate(curves.outputs):
         unit, factor = deviation_unit(channel)
         for part, words in PART_NAMES.items():
@@ -220,7 +227,7 @@ def tabulate_path(curves: PathCurves) -> PlainTable:
         headings += [f"torque of {name} [N m]", f"position error of {name} [um]"]
         columns += [curves.torques[:, number], 1e6 * curves.position_errors[:, number]]
     return PlainTable(
-        path_stem(6e4 * curves.feed),
+        path_stem(curves.name),
         tuple(headings),
         tuple(tuple(float(value) for value in row) for row in np.column_stack(columns)),
     )

@@ -72,7 +72,7 @@ def list_tables(summary: RunSummary) -> list[PlainTable]:
             table for face in contour.get("milled_faces", []) for table in tabulate_profiles(face)
         ]
     for feed in summary["path"]["feeds"] if "path" in summary else ():
-        stem = path_stem(feed["feed_mm_per_min"])
+        stem = path_stem(feed["name"])
         if feed["drives"]:
             tables.append(tabulate(f"motors_{stem}", MOTOR_COLUMNS, feed["drives"].items()))
         if feed["probes"]:

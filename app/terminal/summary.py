@@ -471,4 +471,4 @@ def _path_title(path: PathSummary) -> str:
         axis for axis, place in path["end"].items() if place != path["start"].get(axis, 0.0)
     )
     low_pass = "" if path["lowpass_hz"] is None else f", below {path['lowpass_hz']:g} Hz"
-    return f"Deviation while {moved} moves {1e3 * path['length']:g} mm{low_pass} [µm or µrad, s]"
+    return f"Deviation while {moved} moves {show_position(path['length'], path['unit'])}{low_pass} [µm or µrad, s]"

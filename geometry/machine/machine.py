@@ -207,6 +207,15 @@ def axis_motion(axis: Axis, position: float) -> Frame:
     return Frame(axis.center - rotation @ axis.center, rotation)
 
 
+def free_axes(machine: Machine) -> Machine:
+    """The same machine with axes that have no limits."""
+    axes = {
+        name: dataclasses.replace(axis, limits=(-math.inf, math.inf))
+        for name, axis in machine.axes.items()
+    }
+    return dataclasses.replace(machine, axes=axes)
+
+
 def orient_machine(machine: Machine, frame: Frame) -> Machine:
     """The same machine set up in another orientation and place: every frame, axis and joint is
     carried along; gravity is not.
@@ -282,15 +291,18 @@ def _orient_errors(errors: AxisErrors, frame: Frame) -> AxisErrors:
 
 @dataclass(frozen=True)
 class MachinePath:
-    """Axis positions [m] at both ends of a straight move; axes not named stand at zero.
+    """Axis positions at both ends of a move in which every axis has a constant share; axes not named
+    stand at zero.
 
     Attributes:
         start: Where it begins.
         end: Where it ends.
+        rotary: Axes whose positions are angles.
     """
 
     start: Pose
     end: Pose
+    rotary: frozenset[str] = frozenset()
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -303,11 +315,27 @@ class MachinePath:
         )
 
     @property
+    def turning(self) -> tuple[str, ...]:
+        """Names of the rotary axes that move."""
+        return tuple(name for name in self.axes if name in self.rotary)
+
+    @property
+    def unit(self) -> str:
+        """Of places along it: ``m`` where a linear axis moves, else ``rad``."""
+        return "rad" if self.turning and len(self.turning) == len(self.axes) else "m"
+
+    @property
     def length(self) -> float:
-        """Length of the way in the space of the axes [m]."""
+        """Length of the way in the space of the linear axes [m], or of the rotary ones where no
+        linear axis moves [rad].
+
+        Source: Kramer, Proctor and Messina (2000), The NIST RS274/NGC interpreter, section 2.1.2.5,
+        for the feed rate along it.
+        """
         steps = [
             self.end.positions.get(name, 0.0) - self.start.positions.get(name, 0.0)
             for name in self.axes
+            if self.unit == "rad" or name not in self.rotary
         ]
         return float(np.linalg.norm(steps))
 
@@ -320,7 +348,7 @@ class MachinePath:
             first, last = self.start.positions.get(name, 0.0), self.end.positions.get(name, 0.0)
             # the ends exactly, so that roundoff never leaves an axis' range
             places[name] = last if share >= 1.0 else (1.0 - share) * first + share * last
-        return Pose(f"{1e3 * position:g} mm along the path", places)
+        return Pose(f"{show_position(position, self.unit)} along the path", places)
 
 
 def travel_directions(machine: Machine, path: MachinePath) -> dict[str, FloatArray]:
@@ -335,7 +363,7 @@ def travel_directions(machine: Machine, path: MachinePath) -> dict[str, FloatArr
     for name, frame in after.items():
         if np.abs(frame.rotation - before[name].rotation).max() > TURN_TOLERANCE:
             raise ValueError(
-                f"component {name!r} turns between both ends of the path; a path moves linear axes only"
+                f"component {name!r} turns between both ends of the path, so it has no one direction"
             )
         step = frame.origin - before[name].origin
         if step.any():

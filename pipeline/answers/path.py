@@ -2,6 +2,7 @@
 ``results.h5``.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -28,6 +29,7 @@ from headstock.pipeline.answers.probe_motions import (
     parse_probe_trace,
 )
 from headstock.solvers.paths.response import CruiseFigures, PathDeviation, ZoneFigures
+from headstock.solvers.paths.set_points import show_feed
 from headstock.solvers.second_order import Channel, name_channel
 from headstock.solvers.watched_outputs import Extreme
 
@@ -46,7 +48,8 @@ class CruiseSummary(TypedDict):
     variation_um: float
     straightness_um: float
     period_s: float
-    period_mm: float
+    period_mm: NotRequired[float]  # as the feed
+    period_deg: NotRequired[float]
     amplitude_um: float
 
 
@@ -67,7 +70,8 @@ class FeedSummary(TypedDict):
     """The entry of a feed."""
 
     name: str
-    feed_mm_per_min: float
+    feed_mm_per_min: NotRequired[float]  # where a linear axis moves
+    feed_deg_per_min: NotRequired[float]  # where only rotary axes do
     acceleration: float
     outputs: list[OutputSummary]
     drives: dict[str, DriveForceSummary]
@@ -94,6 +98,7 @@ class PathSummary(TypedDict):
     start: dict[str, float]
     end: dict[str, float]
     length: float
+    unit: str
     ramp: str
     time_constant: float
     sampling_hz: float
@@ -114,17 +119,18 @@ class PathCurves:
     """What is tabled and drawn of a move at one feed.
 
     Attributes:
-        feed: [m/s].
+        feed: [m/s, rad/s].
         zones: Beginning and end of both ramps [s].
         outputs: Where the deviation is.
         deviation: Sampled, as filtered.
         frozen: ``(n, n_outputs)`` deviation if the pose stayed that of the middle, as filtered.
-        positions: ``(n,)`` set point along the path [m].
-        accelerations: ``(n,)`` of the set point [m/s^2].
+        positions: ``(n,)`` set point along the path [m, rad].
+        accelerations: ``(n,)`` of the set point [m/s^2, rad/s^2].
         drives: Names of the drives under control.
         torques: ``(n, d)`` of their motors, not filtered [N m].
         position_errors: ``(n, d)`` set less measured position, not filtered [m].
         probes: Displacement and stress at probes, not filtered, in the pose of the middle.
+        unit: Of positions, ``m`` or ``rad``.
     """
 
     feed: float
@@ -138,11 +144,12 @@ class PathCurves:
     torques: FloatArray
     position_errors: FloatArray
     probes: tuple[ProbeTrace, ...] = ()
+    unit: str = "m"
 
     @property
     def name(self) -> str:
-        """``3000 mm/min``."""
-        return f"{6e4 * self.feed:g} mm/min"
+        """``3000 mm/min`` or ``90 deg/min``."""
+        return show_feed(self.feed, self.unit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,7 +264,7 @@ class PathResult(Answer):
     Attributes:
         start: Axis positions where it begins [m].
         end: Axis positions where it ends [m].
-        length: Of the way [m].
+        length: Of the way [m, rad].
         ramp: How the feed is reached.
         time_constant: [s].
         sampling_hz: Samples a second.
@@ -268,6 +275,7 @@ class PathResult(Answer):
         low_frequency_modes: How many these are.
         poses: How the poses were followed; None where that of the middle was enough.
         runs: One per feed.
+        unit: Of the way, ``m``, or ``rad`` where only rotary axes move.
         drives: Drives under control; empty where motors follow their set points.
         energy_error: By feed, error of the energy balance relative to its largest part; where
             friction acts.
@@ -288,6 +296,7 @@ class PathResult(Answer):
     poses: FollowedPoses | None
     runs: tuple[PathRun, ...]
     worth: PathWorth
+    unit: str = "m"
     drives: tuple[str, ...] = ()
     energy_error: dict[str, float] = field(default_factory=dict)
     units: ClassVar[dict[str, str]] = {
@@ -308,6 +317,7 @@ class PathResult(Answer):
             "start": self.start,
             "end": self.end,
             "length": self.length,
+            "unit": self.unit,
             "ramp": self.ramp,
             "time_constant": self.time_constant,
             "sampling_hz": self.sampling_hz,
@@ -342,9 +352,8 @@ def _summarise_run(run: PathRun, worth: PathWorth, place: int) -> FeedSummary:
     followed = worth.judge(
         place, lambda each: {name: own.position_error.value for name, own in each.drives.items()}
     )
-    return {
+    summary: FeedSummary = {
         "name": run.curves.name,
-        "feed_mm_per_min": 6e4 * run.curves.feed,
         "acceleration": float(np.abs(run.curves.accelerations).max()),
         "outputs": [
             _summarise_output(run, number, worth, place) for number in range(len(run.figures))
@@ -356,6 +365,11 @@ def _summarise_run(run: PathRun, worth: PathWorth, place: int) -> FeedSummary:
         ),
         "probes": {name: probe.summarise() for name, probe in run.probes.items()},
     }
+    if run.curves.unit == "m":
+        summary["feed_mm_per_min"] = 6e4 * run.curves.feed
+    else:
+        summary["feed_deg_per_min"] = 60.0 * math.degrees(run.curves.feed)
+    return summary
 
 
 def _read_forces(run: PathRun, joint: str) -> dict[str, float | None]:
@@ -397,9 +411,12 @@ def _summarise_output(run: PathRun, number: int, worth: PathWorth, place: int) -
             "variation_um": 1e6 * cruise.variation,
             "straightness_um": 1e6 * cruise.straightness,
             "period_s": cruise.period,
-            "period_mm": 1e3 * cruise.distance,
             "amplitude_um": 1e6 * cruise.amplitude,
         }
+        if run.curves.unit == "m":
+            summary["cruising"]["period_mm"] = 1e3 * cruise.distance
+        else:
+            summary["cruising"]["period_deg"] = math.degrees(cruise.distance)
         found = worth.judge(place, lambda each: _read_cruise(each, number))
         summary["errors"]["cruising"] = {
             f"{name}_um": _scale(error, 1e6) for name, error in found.items()
@@ -443,6 +460,7 @@ def _summarise_zone(channel: Channel, zone: ZoneFigures, frozen: ZoneFigures) ->
 def fill_path(group: h5py.Group, curves: PathCurves) -> None:
     """Write the curves of one feed, in SI."""
     group.attrs["feed"], group.attrs["zones"] = curves.feed, np.array(curves.zones)
+    group.attrs["unit"] = curves.unit
     group["outputs"] = np.char.encode(
         np.array([name_channel(channel) for channel in curves.outputs]), "utf-8"
     )
@@ -472,6 +490,7 @@ def parse_path(group: h5py.Group) -> PathCurves:
     deviation = PathDeviation(times=group["times"][:], **{name: group[name][:] for name in _PARTS})
     return PathCurves(
         feed=float(group.attrs["feed"]),
+        unit=str(group.attrs["unit"]),
         zones=(first, second),
         outputs=tuple(split_channel(text.decode()) for text in group["outputs"][:]),
         deviation=deviation,

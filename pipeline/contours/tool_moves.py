@@ -1,11 +1,11 @@
-"""Straight moves of the tool of a mechanism, lumped or of components: its deviation with drives,
+"""Straight moves of the tool of a mechanism, lumped or of components, and moves of axes that turn: the deviation with drives,
 errors, the cut and the forces of its speeds, by the steps in time of contours.
 """
 
 import dataclasses
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,7 @@ from headstock.pipeline.answers.motion_forces import PathForces
 from headstock.pipeline.answers.path import FollowedPoses
 from headstock.pipeline.contours.carried_bodies import move_bodies
 from headstock.pipeline.contours.line_probes import LineProbes, find_probes, follow_probes
+from headstock.pipeline.contours.turning_axes import turning_speeds, turning_way
 from headstock.pipeline.contours.way_errors import STEPS_PER_WAVE, WayErrors, find_way_errors
 from headstock.pipeline.contours.way_motors import WayMotors, close_way, lead_motors, plan_motors
 from headstock.pipeline.contours.ways import (
@@ -29,6 +30,7 @@ from headstock.pipeline.contours.ways import (
     mechanism_way,
     place_machine,
     place_model,
+    warn_of_turning,
 )
 from headstock.pipeline.paths.path import answer_path, run_path_stage
 from headstock.pipeline.paths.path_cut import cutting_loads
@@ -39,7 +41,7 @@ from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.control import drive_along
 from headstock.pipeline.stages.machine import damp_system
 from headstock.pipeline.stages.motion_forces import leave_out_roundoff, record_drives
-from headstock.pipeline.stages.run_state import Outcome, RunState
+from headstock.pipeline.stages.run_state import Outcome, PoseModel, RunState
 from headstock.reduction.coupling.joint_forces import JointForces, joint_outputs
 from headstock.scene.requests import PathRequest
 from headstock.scene.scene import SceneMechanism
@@ -66,8 +68,13 @@ from headstock.solvers.second_order import Channel
 from headstock.solvers.watched_outputs import Extreme, find_largest
 
 STEPS_PER_SWING = 24  # of the highest mode that is kept
+NODE_TURN = 0.05  # of bodies on turning axes between two of them [rad]
 NODES = 65  # positions of the line between which the rigid motion is interpolated
 NODE_SPACING = 5e-3  # of its matrices in time: on ramps the place is no line in time [s]
+# what bodies turn between them: a stiff direction that is taken for straight there is mixed with a
+# compliant one by an eighth of the square of it
+NODE_ANGLE = 4e-3  # [rad]
+TINY = 1e-30
 BEFORE = 2  # steps before the move begins: the first one is at rest
 MATTERS = 1e-3  # of a natural frequency: what moves it less is no warning
 TOOL_FORCES = 3  # of the inputs are forces on the tool
@@ -76,27 +83,31 @@ TWICE = 2.0  # as high as modes are kept, to judge what is left out
 
 @dataclass(frozen=True, eq=False)
 class ToolLine:
-    """The straight line of a mechanism's tool.
+    """A line that the tool of a mechanism follows, or a path on which axes turn.
 
     Attributes:
         state: Of the run.
         request: The moves along it.
-        mechanism: Of the scene.
-        start: ``(3,)`` where it begins, machine frame [m].
-        along: ``(3,)`` direction of the travel.
-        direction: ``(3,)`` of the tool.
-        drives: Of legs under control.
+        start: ``(3,)`` where the tool of a mechanism begins, machine frame [m].
+        along: ``(3,)`` direction of its travel.
+        nodes: ``(k,)`` positions between which the rigid motion is interpolated [m, rad].
+        bodies: How bodies move at a constant speed and acceleration along it, over positions.
+        motors: Motors under control at a speed and an acceleration; None for none.
+        drives: Of these motors.
         errors: Along it; None for none.
+        turning: How fast bodies turn at most, per speed along it [1/m, -]; zero where they turn little.
     """
 
     state: RunState
     request: PathRequest
-    mechanism: SceneMechanism
     start: FloatArray
     along: FloatArray
-    direction: FloatArray
+    nodes: FloatArray
+    bodies: Callable[[float, float], RigidWay]
+    motors: Callable[[float, float, RigidWay, tuple[Channel, ...]], WayMotors | None]
     drives: tuple[Drive, ...]
     errors: WayErrors | None
+    turning: float = 0.0
 
     @property
     def tool(self) -> tuple[Channel, ...]:
@@ -106,48 +117,25 @@ class ToolLine:
         return tuple((at, dof) for dof in DIRECTIONS)
 
     @functools.cached_property
-    def nodes(self) -> FloatArray:
-        """Positions ``(k,)`` between which the rigid motion is interpolated [m]."""
-        return np.asarray(np.linspace(0.0, self.request.path.length, NODES), dtype=float)
-
-    def unit_travel(self, speed: float, acceleration: float) -> UnitTravel:
-        """The line at a constant speed and acceleration [m/s, m/s^2]."""
-        return UnitTravel(
-            self.start, self.along, speed, acceleration, (0.0, self.request.path.length)
-        )
-
-    @functools.cached_property
     def unit_ways(self) -> tuple[RigidWay, RigidWay]:
         """Ways of the bodies at unit speed, and at unit acceleration, over positions."""
         return (self._unit_way(1.0, 0.0), self._unit_way(0.0, 1.0))
 
     def _unit_way(self, speed: float, acceleration: float) -> RigidWay:
-        way = mechanism_way(
-            self.state,
-            self.mechanism,
-            self.unit_travel(speed, acceleration),
-            pose_at=self.request.path.pose_at,
-            direction=self.direction,
-        )
+        way = self.bodies(speed, acceleration)
         law = scipy.interpolate.make_interp_spline(self.nodes, way.amounts(self.nodes), k=3)
         return dataclasses.replace(way, amounts=lambda positions: np.asarray(law(positions)))
 
     @functools.cached_property
     def unit_motors(self) -> tuple[WayMotors, WayMotors] | None:
         """Motors at unit speed, and at unit acceleration, over positions; None without control."""
-        found = [
-            plan_motors(
-                self.state,
-                self.unit_travel(speed, acceleration),
-                (*self.tool, *self.request.outputs),
-                amounts=way.amounts,
-                direction=self.direction,
-            )
+        wanted = (*self.tool, *self.request.outputs)
+        speeding, pulling = (
+            self.motors(speed, acceleration, way, wanted)
             for (speed, acceleration), way in zip(
                 ((1.0, 0.0), (0.0, 1.0)), self.unit_ways, strict=True
             )
-        ]
-        speeding, pulling = found
+        )
         return None if speeding is None or pulling is None else (speeding, pulling)
 
     def way(self, path: StraightPath) -> RigidWay:
@@ -201,15 +189,15 @@ class ToolLine:
         return sample_motion(lambda where: held, [0.0, length], channels)
 
 
-def solve_tool_moves(state: RunState, request: PathRequest) -> SolvedMoves:
-    """Deviation of the tool of a mechanism over every move.
+def solve_line_moves(line: ToolLine) -> SolvedMoves:
+    """Deviation over every move along a line.
 
     Raises:
-        PoseError: It cannot follow the line.
+        PoseError: The tool of a mechanism cannot follow it.
         ModelError: The machine is free to move, or errors contradict each other.
         UnstableControlError: A control loop is unstable.
     """
-    line = _lay_line(state, request)
+    request = line.request
     if line.drives:
         _require_stable(line)
     up_to_hz = choose_model(request).up_to_hz or 0.0
@@ -232,25 +220,80 @@ def solve_tool_moves(state: RunState, request: PathRequest) -> SolvedMoves:
 
 
 def run_any_path_stage(state: RunState, stage: Stage) -> Outcome:
-    """Deviation at every output along the path, of axes or of the tool of a mechanism."""
+    """Deviation at every output along the path: of linear axes, of axes that turn, or of the tool of a
+    mechanism.
+    """
     request = state.scene.analyses.path
-    if state.scene.mechanism is None or request is None or not state.is_root:
+    if request is None or not state.is_root:
         return run_path_stage(state, stage)
+    if state.scene.mechanism is None:
+        turns = bool(request.path.turning)
+        return _run_turning_path(state, request) if turns else run_path_stage(state, stage)
     _judge_speeds(state, state.scene.mechanism, request)
     model = place_model(state)(request.path.pose_at(0.5 * request.path.length))
-    line, move = _lay_line(state, request), request.moves[-1]
-    middle = line.unit_travel(move.feed, 0.0).at(np.array([0.5 * request.path.length]))
+    line, feed = _lay_line(state, request), request.moves[-1].feed
+    middle = PathPoints(
+        (line.start + 0.5 * request.path.length * line.along)[None],
+        feed * line.along[None],
+        np.zeros((1, 3)),
+    )
+    direction = tool_pose(state.scene.mechanism, request.path.start.positions)[1]
     for message in judge_turning(
-        state, lambda: model, np.zeros(1), middle, line.direction, least=MATTERS
+        state, lambda: model, np.zeros(1), middle, direction, least=MATTERS
     ):
         state.warn(f"path analysis: {message}")
+    return _answer(state, request, model, _lay_line)
+
+
+def _run_turning_path(state: RunState, request: PathRequest) -> Outcome:
+    """Deviation at every output along a path on which axes turn."""
+    path, machine = request.path, state.scene.machine
+    model = place_model(state)(path.pose_at(0.5 * path.length))
+    speeds = turning_speeds(machine, path)
+    fastest = max(move.feed for move in request.moves)
+    turned = {name: fastest * speed for name, speed in speeds.items()}
+    for message in warn_of_turning(model, turned, least=MATTERS):
+        state.warn(f"path analysis: {message}")
+
+    def lay_line(state: RunState, request: PathRequest) -> ToolLine:
+        # a path of linear and rotary axes is a straight line of positions: so many poses of it that
+        # a body turns little from one to the next
+        count = math.ceil(path.length * max(speeds.values()) / NODE_TURN) + 1
+        nodes: FloatArray = np.asarray(
+            np.linspace(0.0, path.length, max(NODES, count)), dtype=float
+        )
+        return ToolLine(
+            state=state,
+            request=request,
+            start=np.zeros(3),
+            along=np.zeros(3),
+            nodes=nodes,
+            bodies=lambda speed, acceleration: turning_way(
+                machine, state.parts.superelements, path, speed, acceleration
+            ),
+            motors=lambda speed, acceleration, way, outputs: None,
+            drives=(),
+            errors=find_way_errors(state, path.pose_at, nodes),
+            turning=max(speeds.values()),
+        )
+
+    return _answer(state, request, model, lay_line)
+
+
+def _answer(
+    state: RunState,
+    request: PathRequest,
+    model: PoseModel,
+    lay_line: Callable[[RunState, PathRequest], ToolLine],
+) -> Outcome:
+    """What is said of a path whose middle is a machine in a pose."""
     system = damp_system(state.scene, model.system, model.all_modes)
     return answer_path(
         state,
         request,
         frequencies_hz=model.all_modes.frequencies_hz,
         damped=system.damping is not None or system.hysteretic is not None,
-        solve=solve_tool_moves,
+        solve=lambda own, asked: solve_line_moves(lay_line(own, asked)),
     )
 
 
@@ -262,13 +305,32 @@ def _lay_line(state: RunState, request: PathRequest) -> ToolLine:
         tool_pose(mechanism, pose.positions)[0] for pose in (request.path.start, request.path.end)
     ]
     nodes: FloatArray = np.asarray(np.linspace(0.0, request.path.length, NODES), dtype=float)
+    start, along = ends[0], np.asarray((ends[1] - ends[0]) / request.path.length)
+    direction = tool_pose(mechanism, request.path.start.positions)[1]
+
+    def travel(speed: float, acceleration: float) -> UnitTravel:
+        return UnitTravel(start, along, speed, acceleration, (0.0, request.path.length))
+
     return ToolLine(
         state=state,
         request=request,
-        mechanism=mechanism,
-        start=ends[0],
-        along=np.asarray((ends[1] - ends[0]) / request.path.length),
-        direction=tool_pose(mechanism, request.path.start.positions)[1],
+        start=start,
+        along=along,
+        nodes=nodes,
+        bodies=lambda speed, acceleration: mechanism_way(
+            state,
+            mechanism,
+            travel(speed, acceleration),
+            pose_at=request.path.pose_at,
+            direction=direction,
+        ),
+        motors=lambda speed, acceleration, way, outputs: plan_motors(
+            state,
+            travel(speed, acceleration),
+            outputs,
+            amounts=way.amounts,
+            direction=direction,
+        ),
         drives=tuple(drive for drive in state.scene.drives.values() if drive.axis in LENGTHS),
         errors=find_way_errors(state, request.path.pose_at, nodes),
     )
@@ -321,7 +383,7 @@ def _solve_move(
         sampled,
         times,
         lambda now: interpolate_nodes(now, times, given),
-        node_spacing=NODE_SPACING,
+        node_spacing=min(NODE_SPACING, NODE_ANGLE / max(line.turning * move.feed, TINY)),
         load_spacing=step,
     )
     outputs = slice(len(line.tool), len(line.tool) + len(line.request.outputs))
@@ -519,11 +581,11 @@ def _judge_speeds(state: RunState, mechanism: SceneMechanism, request: PathReque
             state.parts,
             np.zeros(1),
             PathPoints(point[None], speed * line.along[None], acceleration * line.along[None]),
-            line.direction,
+            tool_pose(mechanism, request.path.start.positions)[1],
             velocity_terms=speed > 0.0,
         )
         sizes.append(max(float(np.abs(motion[0, :3]).max()) for motion in moved.values()))
     state.warn(
-        f"path analysis: Coriolis and centrifugal forces are left out; at {6e4 * move.feed:g} mm/min speeds accelerate bodies by"
+        f"path analysis: Coriolis and centrifugal forces are left out; at {move.name} speeds accelerate bodies by"
         f" {100.0 * sizes[0] / sizes[1]:.2g} % of what ramps do; write [effects] coriolis = true"
     )

@@ -3,7 +3,7 @@ poses with what acts on it there. Contours and straight moves of a tool go along
 """
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,6 +61,7 @@ class RigidWay:
         axis_motion: Speed and acceleration ``(n,)`` of an axis at times; None of a mechanism.
         leg_forces: Forces ``(n, d)`` that hold up and accelerate the legs of a mechanism themselves,
             between their drives and their screws, at times; None of axes.
+        turning: Bodies that turn on the way, whose speeds act.
         relief: Outputs of forces of joints and these channels to what a unit of the channel takes off
             the force, since the joint's springs are at rest elsewhere, of a machine in a pose.
     """
@@ -71,6 +72,7 @@ class RigidWay:
     channels: tuple[Channel, ...]
     axis_motion: Callable[[str, FloatArray], tuple[FloatArray, FloatArray]] | None = None
     leg_forces: Amounts | None = None
+    turning: tuple[str, ...] = ()
     relief: Callable[[PoseModel], Feedthrough] = lambda model: {}
 
     def given(self, times: FloatArray) -> FloatArray:
@@ -155,7 +157,7 @@ def mechanism_way(
     """
     parts, mounted = state.parts, mechanism.mounted
     carried = {name: marker for name, marker in mechanism.carries.items() if name in parts.reduced}
-    channels = tuple((name, f"acceleration {dof}") for name in carried for dof in DOF_NAMES)
+    channels = body_channels(carried)
     screws = find_screws(state.scene.machine)
 
     def amounts(times: FloatArray) -> FloatArray:
@@ -168,20 +170,6 @@ def mechanism_way(
             velocity_terms=has_coriolis(state),
         )
         return np.concatenate(list(moved.values()), axis=1)
-
-    def loads(model: PoseModel) -> dict[Channel, FloatArray]:
-        found: dict[Channel, FloatArray] = {}
-        for name in carried:
-            own = (
-                model.body_loads(name)
-                if isinstance(model, LumpedPose)
-                else body_loads(coupled_machine(model), name)
-            )
-            found |= {
-                (name, f"acceleration {dof}"): own[:, number]
-                for number, dof in enumerate(DOF_NAMES)
-            }
-        return found
 
     def leg_forces(times: FloatArray) -> FloatArray:
         moved, pulled = move_markers(mounted, times, path.at(times), direction), amounts(times)
@@ -199,7 +187,32 @@ def mechanism_way(
             found[:, number] = weight * ((center - gravity) * along).sum(axis=1)
         return found
 
-    return RigidWay(pose_at, loads, amounts, channels, leg_forces=leg_forces)
+    return RigidWay(
+        pose_at,
+        lambda model: load_bodies(model, tuple(carried)),
+        amounts,
+        channels,
+        leg_forces=leg_forces,
+        turning=tuple(carried) if has_coriolis(state) else (),
+    )
+
+
+def body_channels(names: Iterable[str]) -> tuple[Channel, ...]:
+    """Accelerations of bodies along and about the machine's axes."""
+    return tuple((name, f"acceleration {dof}") for name in names for dof in DOF_NAMES)
+
+
+def load_bodies(model: PoseModel, names: Iterable[str]) -> dict[Channel, FloatArray]:
+    """Loads ``(n,)`` per unit acceleration in each of these channels, of a machine in a pose."""
+    found: dict[Channel, FloatArray] = {}
+    for name in names:
+        own = (
+            model.body_loads(name)
+            if isinstance(model, LumpedPose)
+            else body_loads(coupled_machine(model), name)
+        )
+        found |= dict(zip(body_channels([name]), own.T, strict=True))
+    return found
 
 
 def place_machine(
@@ -217,12 +230,6 @@ def place_machine(
         drives: What whose linear scales read is an output.
     """
     model_at, undamped = place_model(state), False
-    mechanism = state.scene.mechanism
-    turning = (
-        ()
-        if mechanism is None or not has_coriolis(state)
-        else tuple(name for name in mechanism.carries if name in state.parts.reduced)
-    )
 
     def place(where: float) -> PosedModes:
         nonlocal undamped
@@ -249,7 +256,9 @@ def place_machine(
             outputs={**system.outputs, **rows, **scales, **joint_outputs(model.joints)},
         )
         posed = dataclasses.replace(_stack(model, system), feedthrough=taken)
-        return posed if not turning else turn_with_bodies(posed, _turning_bodies(model, turning))
+        if not way.turning:
+            return posed
+        return turn_with_bodies(posed, _turning_bodies(model, way.turning))
 
     return place
 
@@ -310,6 +319,15 @@ def judge_turning(
         if name in state.parts.reduced
         for place in [mounted.mechanism.markers.index(marker)]
     }
+    return warn_of_turning(model, turned, least=least)
+
+
+def warn_of_turning(
+    model: PoseModel, turned: Mapping[str, float], *, least: float
+) -> tuple[str, ...]:
+    """What is said of gyroscopic forces on the deformation of bodies that turn at some speeds
+    [rad/s]; nothing where they move natural frequencies by less than a share.
+    """
     share = bound_gyroscopic_shift(
         _stack(model, model.system), _turning_bodies(model, tuple(turned)), tuple(turned.values())
     )

@@ -7,7 +7,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.feed import NO_FEED
-from headstock.geometry.machine.machine import Pose
+from headstock.geometry.machine.machine import Pose, free_axes
 from headstock.pipeline.answers.lobes import DirectionLobes, PoseLobes
 from headstock.pipeline.lobes.chatter_sources import group_lobes
 from headstock.pipeline.lobes.cutting_point import (
@@ -27,6 +27,7 @@ from headstock.solvers.errors import ModelError
 from headstock.solvers.milling.stability import TipDynamics, TipPoles, turn_tip
 from headstock.solvers.milling.tool_dynamics import MeasuredAssembly
 
+BESIDE = 1e-4  # of a path on which axes turn: how far beside a pose its direction is looked at
 RIGID_TOOL = "rigid: lobes above the machine's modes mean little without modes of spindle and tool"
 
 
@@ -59,14 +60,22 @@ def _feed_of_path(model: PoseModel, request: LobesRequest) -> FloatArray:
     if path is None or not request.asks_for_feed:
         return NO_FEED
     ends = [
-        Pose(
-            pose.name,
-            {**pose.positions, **{axis: end.positions.get(axis, 0.0) for axis in path.axes}},
-        )
-        for end in (path.start, path.end)
+        {axis: end.positions.get(axis, 0.0) for axis in path.axes} for end in (path.start, path.end)
     ]
+    if path.turning:
+        # what turns goes another way in every pose: from one place beside it to another
+        here = pose.positions
+        ends = [
+            {
+                axis: here.get(axis, 0.0) + side * (ends[1][axis] - ends[0][axis])
+                for axis in path.axes
+            }
+            for side in (-BESIDE, BESIDE)
+        ]
+    poses = [Pose(pose.name, {**pose.positions, **end}) for end in ends]
     parts = model.parts
-    feed = trace_feed(parts.scene.machine, parts.superelements, request.at, ends).directions[0]
+    free = free_axes(parts.scene.machine)
+    feed = trace_feed(free, parts.superelements, request.at, poses).directions[0]
     if len(request.travels(feed)) < len(request.directions):
         raise ModelError(
             f"along [analyses.path] the tool at {request.at} does not move across its axis in this pose, so there is no feed"

@@ -100,7 +100,7 @@ def judge_energy(state: RunState, motion: DrivenMotion, move: SetPoint) -> None:
     """Warns where the energy balance of a move with friction misses too much."""
     if motion.energy.error > ENERGY_LIMIT:
         state.warn(
-            f"path analysis at {6e4 * move.feed:g} mm/min: the energy balance misses {motion.energy.error:.2g} of the work, more than"
+            f"path analysis at {move.name}: the energy balance misses {motion.energy.error:.2g} of the work, more than"
             f" {ENERGY_LIMIT:g}; give friction a larger smoothing"
         )
-    state.energy_errors[f"{6e4 * move.feed:g} mm/min"] = motion.energy.error
+    state.energy_errors[move.name] = motion.energy.error

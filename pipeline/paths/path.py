@@ -162,6 +162,7 @@ def answer_path(
         start=dict(request.path.start.positions),
         end=dict(request.path.end.positions),
         length=request.path.length,
+        unit=request.path.unit,
         ramp=ramp.kind,
         time_constant=ramp.time_constant,
         sampling_hz=request.sampling_hz,
@@ -244,6 +245,7 @@ def _run_move(
         torques=forces.drives.torques,
         position_errors=forces.drives.position_errors,
         probes=tuple(probe.trace for probe in forces.probes.values()),
+        unit=move.unit,
     )
     channels = range(len(request.outputs))
     return PathRun(

@@ -161,7 +161,8 @@ def turn_with_bodies(posed: PosedModes, bodies: Sequence[TurningBody]) -> PosedM
     for body in bodies:
         own, travel = posed.momenta[body.rows], body.travel
         rigid: FloatArray = np.asarray(
-            np.linalg.solve(travel.T @ body.mass @ travel, travel.T @ own)
+            # of a point mass without inertia the turn is open
+            np.linalg.lstsq(travel.T @ body.mass @ travel, travel.T @ own)[0]
         )
         # the rigid part as it stands is taken off, and put back as a field of the body's points
         motions.append(travel @ rigid)
@@ -199,7 +200,7 @@ def bound_gyroscopic_shift(
     for body, rate in zip(bodies, rates, strict=True):
         own, travel = posed.momenta[body.rows], body.travel
         pulled = travel.T @ own
-        rigid = (pulled * np.linalg.solve(travel.T @ body.mass @ travel, pulled)).sum(axis=0)
+        rigid = (pulled * np.linalg.lstsq(travel.T @ body.mass @ travel, pulled)[0]).sum(axis=0)
         whole = (posed.motions[body.rows] * own).sum(axis=0)
         deforming = np.maximum(whole - rigid, 0.0)
         shifts += rate * (2.0 * np.sqrt(rigid * deforming) + deforming)

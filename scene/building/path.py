@@ -12,10 +12,10 @@ from headstock.geometry.mechanisms.tool_mechanism import TOOL_POINT
 from headstock.scene.building.analyses import build_channels
 from headstock.scene.building.axes import find_position_fault
 from headstock.scene.building.draft import Draft, check_channel, check_name
-from headstock.scene.building.drives import build_drives, build_path_cut
+from headstock.scene.building.drives import DRIVE_CONTROL, build_drives, build_path_cut
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.reading.units import LENGTH
+from headstock.scene.reading.units import ANGULAR_SPEED, LENGTH, SPEED, Dimension
 from headstock.scene.requests import PathRequest
 from headstock.scene.scene import Scene
 from headstock.scene.schema.effects import GUIDE_ERRORS
@@ -37,6 +37,7 @@ def build_path(scene: SceneTable, table: PathTable) -> MachinePath:
     return MachinePath(
         Pose("from", first),
         Pose("to", first | {axis: value.value for axis, value in table.to.items()}),
+        frozenset(axis for axis, own in scene.axes.items() if own.kind == "rotary"),
     )
 
 
@@ -49,7 +50,7 @@ def build_path_request(scene: SceneTable) -> PathRequest | None:
     ramp = Ramp(path.ramp, path.time_constant, path.jerk_time or 0.0)
     return PathRequest(
         path=line,
-        moves=tuple(SetPoint(line.length, feed, ramp) for feed in path.feeds),
+        moves=tuple(SetPoint(line.length, feed.value, ramp, line.unit) for feed in path.feeds),
         outputs=build_channels(path.outputs or [(name, "") for name in scene.points]),
         sampling_hz=path.sampling,
         low_pass=None if path.lowpass is None else LowPass(path.lowpass, path.filter),
@@ -79,10 +80,7 @@ def check_path(draft: Draft, findings: Findings) -> None:
         for axis, value in stops.items():
             if axis not in scene.axes:
                 continue
-            fault = find_position_fault(axis, value, scene)
-            if scene.axes[axis].kind != "linear":
-                fault = "a path moves linear axes only; name another axis, and set the position of this one by pose"
-            if fault:
+            if fault := find_position_fault(axis, value, scene):
                 findings.add((*KEY, end, axis), fault)
     if table.outputs is None and not scene.points:
         findings.add(
@@ -111,7 +109,7 @@ def _check_tool_path(scene: SceneTable, table: PathTable, findings: Findings) ->
 
 def check_path_carriages(scene: Scene, findings: Findings) -> None:
     """Report where the tool of a mechanism cannot get, and every carriage that hangs over the end of
-    its rail on the way; the way is straight, so its ends tell.
+    its rail on the way; axes have constant shares of it, so its ends tell.
     """
     request = scene.analyses.path or scene.on_request.path
     if request is None:
@@ -134,12 +132,41 @@ def _check_moves(scene: SceneTable, table: PathTable, findings: Findings) -> Non
             (*KEY, "to"), "the path ends where it begins; write another position of an axis"
         )
         return
+    ramp = Ramp(table.ramp, table.time_constant, table.jerk_time or 0.0)
+    wanted = SPEED if line.unit == "m" else ANGULAR_SPEED
     for index, feed in enumerate(table.feeds):
-        move = SetPoint(
-            line.length, feed, Ramp(table.ramp, table.time_constant, table.jerk_time or 0.0)
+        key = (*KEY, "feeds", index)
+        if feed.dimension != wanted:
+            findings.add(key, _name_feed(line, feed.dimension))
+        elif fault := find_move_fault(SetPoint(line.length, feed.value, ramp, line.unit)):
+            findings.add(key, fault)
+    if line.turning:
+        _check_turning(scene, table, line, findings)
+
+
+def _name_feed(line: MachinePath, given: Dimension) -> str:
+    """What is wrong with a feed of another kind than its path."""
+    if line.unit == "m":
+        linear = ", ".join(axis for axis in line.axes if axis not in line.turning)
+        return f'is a {given.name}, and the feed is that of the linear travel where {linear} moves; write for example "{SPEED.example}"'
+    return f'is a {given.name}, and {", ".join(line.turning)} turns alone; write an angular speed, for example "3600 deg/min"'
+
+
+def _check_turning(
+    scene: SceneTable, table: PathTable, line: MachinePath, findings: Findings
+) -> None:
+    """Report what a path on which rotary axes move cannot have."""
+    turning = ", ".join(line.turning)
+    if table.cut is not None:
+        findings.add(
+            (*KEY, "cut"),
+            f"{turning} turns on the path, so the direction of travel changes in the part; remove the cut, or set the position of {turning} by pose",
         )
-        if fault := find_move_fault(move):
-            findings.add((*KEY, "feeds", index), fault)
+    if scene.effects.get(DRIVE_CONTROL, False) is not False:
+        findings.add(
+            (*KEY, "to", line.turning[0]),
+            f"{turning} turns on the path, whose inertia couples to motors under control from pose to pose; leave effects.drive_control off here",
+        )
 
 
 def _find_band(scene: SceneTable, table: PathTable) -> float:

@@ -345,9 +345,10 @@ NOTES = {
     "Volumetric.sweep": "a sweep of `axes` in which two or three have several positions, at most 20 000 poses",
     "Volumetric.on_request": "run only when named: `--analysis volumetric`",
     "Path.from": 'start position of the axes: `{ X = "-40 mm" }`',
-    "Path.to": "end position, reached in a straight line",
+    "Path.to": "end position; every axis, linear or rotary, has a constant share of the way",
     "Path.pose": "pose that gives the position of all other axes; default: zero",
-    "Path.feeds": "feed rates; the path is computed once for each",
+    "Path.feeds": "feed rates; the path is computed once for each; of the linear travel where a linear axis moves, else an angular "
+    'speed such as `"3600 deg/min"`',
     "Path.time_constant": "feed divided by acceleration; for exponential ramps the time constant of the lag",
     "Path.ramp": "`linear`: constant acceleration; `s_curve`: its jerk limited too; `exponential`: a first-order lag",
     "Path.jerk_time": "acceleration divided by jerk; required by an S-curve, and at most `time_constant`",

@@ -11,10 +11,10 @@ from headstock.scene.schema.mechanism import MillTable
 from headstock.scene.schema.types import (
     ChannelName,
     Direction,
+    PathFeed,
     PositiveAngularSpeed,
     PositiveFrequency,
     PositiveLength,
-    PositiveSpeed,
     PositiveTime,
     RequestTable,
     StrictTable,
@@ -23,7 +23,7 @@ from headstock.scene.schema.types import (
 )
 
 Channels = Annotated[list[ChannelName], Field(min_length=1, max_length=30)]
-Feeds = Annotated[list[PositiveSpeed], Field(min_length=1, max_length=20)]
+Feeds = Annotated[list[PathFeed], Field(min_length=1, max_length=20)]
 
 
 class PathCutTable(StrictTable):

@@ -201,6 +201,16 @@ def _require(test: Callable[[float], bool], rule: str) -> AfterValidator:
 
 MOST_LOSS = 1e3  # a loss factor above is a slip
 LEAST = 1e-30  # what is smaller is a slip of units, and its powers would vanish [SI]
+
+
+def _require_positive(quantity: Quantity) -> Quantity:
+    if not quantity.value >= LEAST:
+        raise problem(
+            f"is {quantity.value:g} in SI units but must be above zero ({LEAST:g} at least)"
+        )
+    return quantity
+
+
 _POSITIVE = _require(lambda value: value >= LEAST, f"must be above zero ({LEAST:g} at least)")
 _NOT_NEGATIVE = _require(lambda value: value >= 0.0, "must not be negative")
 
@@ -361,6 +371,12 @@ TimedLoadSize = Annotated[
     Quantity,
     BeforeValidator(read_quantity(units.FORCE, units.MOMENT, units.IMPULSE, units.ANGULAR_IMPULSE)),
     describe_quantity(units.FORCE, units.MOMENT, units.IMPULSE, units.ANGULAR_IMPULSE),
+]
+PathFeed = Annotated[
+    Quantity,
+    BeforeValidator(read_quantity(units.SPEED, units.ANGULAR_SPEED)),
+    AfterValidator(_require_positive),
+    describe_quantity(units.SPEED, units.ANGULAR_SPEED, sign="positive"),
 ]
 AxisPosition = Annotated[
     Quantity,

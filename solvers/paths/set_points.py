@@ -8,6 +8,7 @@ Systems, chapter 5.
 """
 
 import functools
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -50,14 +51,21 @@ class SetPoint:
     """A move.
 
     Attributes:
-        distance: Length of the way [m].
-        feed: Speed along it [m/s].
+        distance: Length of the way [m]; [rad] where only rotary axes move.
+        feed: Speed along it [m/s, rad/s].
         ramp: At both ends.
+        unit: Of the distance, ``m`` or ``rad``.
     """
 
     distance: float
     feed: float
     ramp: Ramp
+    unit: str = "m"
+
+    @property
+    def name(self) -> str:
+        """``3000 mm/min`` or ``90 deg/min``."""
+        return show_feed(self.feed, self.unit)
 
     @property
     def braking(self) -> float:
@@ -73,6 +81,13 @@ class SetPoint:
     def zones(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Beginning and end of both ramps [s]."""
         return (0.0, self.ramp.duration), (self.braking, self.duration)
+
+
+def show_feed(feed: float, unit: str) -> str:
+    """A feed rate as controls have it: ``3000 mm/min``, or ``90 deg/min`` where its way is measured in
+    ``rad``.
+    """
+    return f"{6e4 * feed:g} mm/min" if unit == "m" else f"{60.0 * math.degrees(feed):g} deg/min"
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,9 +128,10 @@ def find_move_fault(move: SetPoint) -> str:
     if move.braking >= move.ramp.duration * (1.0 - 1e-12):
         return ""
     least, fastest = move.feed * move.ramp.duration, move.distance / move.ramp.duration
+    factor, word = (1e3, "mm") if move.unit == "m" else (math.degrees(1.0), "deg")
     return (
-        f"a move of {1e3 * move.distance:g} mm never reaches {6e4 * move.feed:g} mm/min: its ramp takes "
-        f"{1e3 * move.ramp.duration:g} ms; make it at least {1e3 * least:g} mm long, or the feed at most {6e4 * fastest:g} mm/min"
+        f"a move of {factor * move.distance:g} {word} never reaches {move.name}: its ramp takes "
+        f"{1e3 * move.ramp.duration:g} ms; make it at least {factor * least:g} {word} long, or the feed at most {show_feed(fastest, move.unit)}"
     )
 
 

@@ -77,7 +77,7 @@ def test_the_drawing_shades_both_ramps_and_shows_every_feed() -> None:
 
 
 def test_stems_of_odd_feeds_are_file_names() -> None:
-    assert [path_stem(feed) for feed in (600.0, 1234.5)] == [
+    assert [path_stem(feed) for feed in ("600 mm/min", "1234.5 deg/min")] == [
         "path_600",
         "path_1234_5",
     ]

@@ -207,14 +207,6 @@ def test_a_path_that_leaves_the_rail_is_named(tmp_path: Path) -> None:
     )
 
 
-def test_a_rotary_axis_is_no_path(tmp_path: Path) -> None:
-    text = SCENE.replace(
-        'direction = "x"\nlimits = ["-100 mm", "100 mm"]', 'kind = "rotary"\ndirection = "z"'
-    )
-    with pytest.raises(SceneError, match="linear axes only"):
-        load(tmp_path, text)
-
-
 def test_poses_are_followed_unless_the_scene_keeps_that_of_the_middle(tmp_path: Path) -> None:
     followed = run_path(tmp_path)
     assert followed.poses is not None

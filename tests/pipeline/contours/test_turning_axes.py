@@ -1,0 +1,276 @@
+"""Axes that turn along a path: an arm beside its nonlinear equations of motion, a beam beside the
+closed form of its bending, and how bodies move beside hand calculations.
+"""
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.integrate
+from mpi4py import MPI
+
+from common import present
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.machine import MachinePath, Pose
+from headstock.meshing.components.meshing import describe_component
+from headstock.pipeline.answers.answer import find_answers
+from headstock.pipeline.answers.path import PathResult
+from headstock.pipeline.contours.turning_axes import turning_way
+from headstock.pipeline.runner import run_scene
+from headstock.reduction.components.rigid import reduce_rigid
+from headstock.reduction.superelement import Superelement
+from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.findings import SceneError
+from headstock.scene.scene import Scene
+from headstock.solvers.paths.set_points import SetPoint, sample_move
+
+ARM = Path(__file__).parents[2] / "data" / "turning_arm.toml"
+WEIGHT, RADIUS, ZETA = 5.0, 0.4, 0.05
+TABLE = 7800.0 * 0.1 * 0.1 * 0.05 * (0.1**2 + 0.1**2) / 12.0  # about its axis [kg m^2]
+
+
+def run(scene: Scene, folder: Path) -> PathResult:
+    results = run_scene(scene, folder, comm=MPI.COMM_SELF)
+    assert not results.failures
+    return find_answers(results.answers, PathResult)[0]
+
+
+def turn_arm(move: SetPoint, times: FloatArray, radial: float, torsional: float) -> FloatArray:
+    """Deviation ``(n, 2)`` of the weight from its place on the rigid arm, by all its equations of
+    motion: its radius and the turn of the table, with Coriolis and centrifugal terms.
+    """
+    ramp, top = move.ramp.time_constant, move.feed / move.ramp.time_constant
+
+    def rate(time: float, state: FloatArray) -> list[float]:
+        starts, stops = 0.0 <= time < ramp, move.braking <= time < move.duration
+        pull = top * (int(starts) - int(stops))
+        speed = top * (min(time, ramp) - min(max(time - move.braking, 0.0), ramp))
+        stretch, turn, out, spin = state
+        radius, omega = RADIUS + stretch, speed + spin
+        inertia = TABLE + WEIGHT * RADIUS**2
+        along = radius * omega**2 - radial * stretch / WEIGHT
+        along -= 2.0 * ZETA * np.sqrt(radial / WEIGHT) * out
+        moment = -torsional * turn - 2.0 * ZETA * np.sqrt(torsional * inertia) * spin
+        moment -= 2.0 * WEIGHT * radius * out * omega
+        return [out, spin, along, moment / (TABLE + WEIGHT * radius**2) - pull]
+
+    state, found = np.zeros(4), np.zeros((4, len(times)))
+    breaks = sorted({0.0, *np.ravel(move.zones).tolist(), float(times[-1])})
+    for begin, end in itertools.pairwise(breaks):
+        part = (times >= begin) & (times <= end)
+        solved = scipy.integrate.solve_ivp(
+            rate,
+            (begin, end),
+            state,
+            rtol=1e-8,
+            atol=1e-12,
+            t_eval=np.append(times[part][times[part] < end], end),
+        )
+        count = int((times[part] < end).sum())
+        found[:, np.flatnonzero(part)[:count]] = solved.y[:, :count]
+        state = solved.y[:, -1]
+    found[:, times == breaks[-1]] = state[:, None]
+    stretch, turn = found[:2]
+    place = sample_move(move, times).positions
+    return np.column_stack(
+        [
+            (RADIUS + stretch) * wave(place + turn) - RADIUS * wave(place)
+            for wave in (np.cos, np.sin)
+        ]
+    )
+
+
+@pytest.mark.parametrize(
+    ("feed", "end", "torsional"),
+    [
+        ("3600 deg/min", "30 deg", 1e6),  # Euler: the table gives way
+        ("100 rpm", "180 deg", 1e6),
+        ("36000 deg/min", "180 deg", 1e8),  # centripetal: the arm is stretched
+    ],
+)
+def test_an_arm_that_turns_deviates_as_its_equations_of_motion_say(
+    feed: str, end: str, torsional: float, tmp_path: Path
+) -> None:
+    scene = load_scene(
+        ARM,
+        overrides=[
+            f"analyses.path.feeds=['{feed}']",
+            f"analyses.path.to={{ C = '{end}' }}",
+            f"joints.bearing.stiffness.rz='{torsional} N m/rad'",
+        ],
+    )
+    curves = run(scene, tmp_path).runs[0].curves
+    request = present(scene.analyses.path)
+    expected = turn_arm(request.moves[0], curves.deviation.times, 5e6, torsional)
+    size = np.abs(expected).max()
+    assert size > 2e-6
+    assert np.abs(curves.deviation.total - expected).max() < 4e-3 * size
+    if torsional > 1e7:
+        # at constant speed the spring takes m w^2 r, to what it is stretched itself
+        held = WEIGHT * request.moves[0].feed ** 2 * RADIUS / 5e6
+        late = np.argmin(np.abs(curves.deviation.times - request.moves[0].braking))
+        stretch = float(np.linalg.norm(curves.deviation.total[late]))
+        assert stretch == pytest.approx(held, rel=1e-2)
+
+
+def test_a_frozen_pose_turns_loads_but_not_the_machine(tmp_path: Path) -> None:
+    """In the pose of the middle the arm lies along x; 1 degree of way turns nothing else."""
+    small = [
+        "analyses.path={ from = { C = '-1 deg' }, to = { C = '1 deg' }, feeds = ['600 deg/min'], time_constant = '50 ms',"
+        " sampling = '16 kHz', residual_time = '50 ms', outputs = [['tip', 'y']] }",
+    ]
+    answer = run(load_scene(ARM, overrides=small), tmp_path)
+    curves = answer.runs[0].curves
+    size = np.abs(curves.frozen).max()
+    assert np.abs(curves.deviation.total - curves.frozen).max() < 1e-3 * size
+    # Euler: r M / k with M = (I + m r^2) alpha
+    alpha = np.abs(curves.accelerations).max()
+    bent = RADIUS * (TABLE + WEIGHT * RADIUS**2) * alpha / 1e6
+    assert np.abs(curves.deviation.quasi_static).max() == pytest.approx(bent, rel=1e-3)
+    assert (answer.unit, curves.name) == ("rad", "600 deg/min")
+    assert answer.length == pytest.approx(np.radians(2.0))
+
+
+BEAM = """
+name = "Turning beam"
+[materials]
+steel = { E = "210 GPa", nu = 0.0, rho = "7800 kg/m^3" }
+[components.beam]
+solid = { box = ["600 mm", "20 mm", "20 mm"] }
+material = "steel"
+at = ["350 mm", "0 mm", "-10 mm"]
+fidelity = "segmented"
+segments = { count = 40, along = "x" }
+interfaces = { root = { face = "x-" }, tip = { face = "x+" } }
+[joints.hub]
+between = ["beam.root", "ground"]
+kind = "rigid"
+at = ["0 mm", "0 mm", "0 mm"]
+[axes.C]
+kind = "rotary"
+joint = "hub"
+direction = "z"
+center = ["0 mm", "0 mm", "0 mm"]
+[points]
+tip = { tool = "beam.tip", work = "ground" }
+[analyses.path]
+from = { C = "-1 deg" }
+to = { C = "1 deg" }
+feeds = ["600 deg/min"]
+time_constant = "95 ms"
+pose_model = "frozen"
+sampling = "20 kHz"
+residual_time = "80 ms"
+outputs = [["tip", "y"]]
+"""
+
+
+def test_a_beam_that_is_turned_bends_at_its_root_as_beam_theory_says(tmp_path: Path) -> None:
+    """Clamped at the distance a from the axis: the load rho A alpha (a + x) bends the tip by
+    rho A alpha (a L^4 / 8 + 11 L^5 / 120) / (E I), and it vibrates at its first frequency.
+    """
+    path = tmp_path / "beam.toml"
+    path.write_text(BEAM)
+    curves = run(load_scene(path), tmp_path / "out").runs[0].curves
+    length, root, section = 0.6, 0.05, 0.02**2
+    bending = 210e9 * 0.02**4 / 12.0
+    alpha = np.abs(curves.accelerations).max()
+    load = 7800.0 * section * alpha
+    bent = load * (root * length**4 / 8.0 + 11.0 * length**5 / 120.0) / bending
+    # shear gives way by half a percent
+    assert np.abs(curves.deviation.quasi_static).max() == pytest.approx(bent, rel=1e-2)
+    times = curves.deviation.times
+    late = (times > curves.zones[0][1]) & (times < curves.zones[1][0])
+    wave = curves.deviation.dynamic[late, 0]
+    crossings = np.flatnonzero(np.diff(np.sign(wave)) > 0)
+    weights = wave[crossings] / (wave[crossings] - wave[crossings + 1])
+    places = times[late][crossings] + weights * (times[1] - times[0])
+    expected = 1.87510407**2 / (2.0 * np.pi) * np.sqrt(bending / (7800.0 * section * length**4))
+    assert len(places) > 3
+    assert 1.0 / np.diff(places).mean() == pytest.approx(expected, rel=1e-2)
+
+
+def rigid_parts(scene: Scene) -> dict[str, Superelement]:
+    return {
+        name: reduce_rigid(part, describe_component(part))
+        for name, part in scene.machine.components.items()
+    }
+
+
+def test_a_weight_that_slides_along_an_arm_that_turns_feels_coriolis_forces() -> None:
+    scene = load_scene(ARM)
+    parts = rigid_parts(scene)
+    path = MachinePath(
+        Pose("from", {"C": 0.0, "R": 0.0}), Pose("to", {"C": 1.2, "R": 0.1}), frozenset({"C"})
+    )
+    # the feed is that of the linear axis (NIST RS274/NGC)
+    assert path.unit == "m"
+    assert path.length == pytest.approx(0.1)
+    speed, pull, share = 0.3, 2.0, 12.0
+    places = np.array([0.0, 0.05, 0.1])
+    way = turning_way(scene.machine, parts, path, speed, pull)
+    found = way.amounts(places)[
+        :, [way.channels.index(("weight", f"acceleration {dof}")) for dof in ("x", "y")]
+    ]
+    omega, alpha = share * speed, share * pull
+    for place, acceleration in zip(places, found, strict=True):
+        radius, angle = RADIUS + place, share * place
+        outwards = np.array([np.cos(angle), np.sin(angle)])
+        across = np.array([-np.sin(angle), np.cos(angle)])
+        expected = (pull - radius * omega**2) * outwards
+        expected += (radius * alpha + 2.0 * speed * omega) * across
+        np.testing.assert_allclose(
+            acceleration, expected, rtol=0.0, atol=1e-7 * np.abs(expected).max()
+        )
+
+
+def test_a_table_that_spins_while_it_is_tilted_feels_its_gyroscopic_moment() -> None:
+    scene = load_scene(
+        ARM,
+        overrides=[
+            "axes.A={ kind = 'rotary', joint = 'feet', direction = 'x', center = ['0 mm', '0 mm', '0 mm'] }"
+        ],
+    )
+    parts = rigid_parts(scene)
+    path = MachinePath(
+        Pose("from", {"A": 0.0, "C": 0.0}), Pose("to", {"A": 0.3, "C": 0.9}), frozenset("AC")
+    )
+    assert path.unit == "rad"
+    way = turning_way(scene.machine, parts, path, 2.0, 0.0)
+    first = way.channels.index(("table", "acceleration rx"))
+    (spin,) = way.amounts(np.array([0.0]))[:, first : first + 3]
+    tilt, turn = (2.0 * angle / path.length for angle in (0.3, 0.9))
+    inertia = parts["table"].inertia
+    # about x and about the axis that x tilts: w = (tilt, 0, turn), w' = tilt x turn about -y
+    omega, alpha = np.array([tilt, 0.0, turn]), np.array([0.0, -tilt * turn, 0.0])
+    moment = inertia @ alpha + np.cross(omega, inertia @ omega)
+    np.testing.assert_allclose(inertia @ spin, moment, rtol=1e-7, atol=1e-9 * np.abs(moment).max())
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (["analyses.path.feeds=['3000 mm/min']"], "C turns alone; write an angular speed"),
+        (
+            ["analyses.path.to={ C = '90 deg', R = '50 mm' }"],
+            "the feed is that of the linear travel where R moves",
+        ),
+        (["analyses.path.feeds=['0 rpm']"], "must be above zero"),
+        (
+            ["analyses.path.feeds=['36000 deg/min']", "analyses.path.to={ C = '1 deg' }"],
+            "a move of 1 deg never reaches 36000 deg/min",
+        ),
+        (
+            [
+                "analyses.path.cut={ mill = { diameter = '10 mm', teeth = 2, helix = '30 deg' }, spindle = '9000 rpm', "
+                "axial_depth = '1 mm', radial_depth = '1 mm', material = 'al7075-t6' }",
+                "effects.cutting_force=true",
+            ],
+            "the direction of travel changes in the part",
+        ),
+    ],
+)
+def test_what_a_path_that_turns_cannot_have_is_named(overrides: list[str], words: str) -> None:
+    with pytest.raises(SceneError, match=words):
+        load_scene(ARM, overrides=overrides)
