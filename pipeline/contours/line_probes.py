@@ -61,11 +61,16 @@ class LineProbes:
 def find_probes(parts: MachineParts, model: PoseModel) -> LineProbes:
     """Probes of a machine in a pose; none of a lumped mechanism."""
     machine, mechanism, coupled = parts.scene.machine, parts.scene.mechanism, model.coupled
+    carried = (
+        {name for axis in machine.axes.values() for name in axis.moves}
+        if mechanism is None
+        else {*mechanism.carries}
+    )
     placed = place_probes(parts, coupled, tuple(machine.probes))
     late, arms = {}, {}
     for name, probe in placed.items():
         body, own = parts.superelements[probe.component], machine.probes[name]
-        if coupled is not None and mechanism is not None and probe.component in mechanism.carries:
+        if coupled is not None and probe.component in carried:
             travel = body_travel(coupled, probe.component)
             late[name] = -moved_inertia(coupled, own, travel)
         placement = model.placements[probe.component]

@@ -191,6 +191,29 @@ def test_a_beam_that_is_turned_bends_at_its_root_as_beam_theory_says(tmp_path: P
     assert 1.0 / np.diff(places).mean() == pytest.approx(expected, rel=1e-2)
 
 
+def test_a_path_on_which_hardly_anything_turns_is_that_of_linear_axes(tmp_path: Path) -> None:
+    """Which other equations solve, with steps in time that are exact."""
+    found = []
+    for turn in ("0", "1e-5"):
+        scene = load_scene(
+            ARM,
+            overrides=[
+                "analyses.path.from={ C = '30 deg', R = '-50 mm' }",
+                f"analyses.path.to={{ C = '{30.0 + float(turn)!r} deg', R = '50 mm' }}",
+                "analyses.path.feeds=['12 m/min']",
+            ],
+        )
+        found.append(run(scene, tmp_path / turn).runs[0].curves)
+    straight, turning = (curves.deviation for curves in found)
+    off = np.abs(turning.total - straight.total).max()
+    assert off < 5e-3 * np.abs(straight.total).max()
+    # where the acceleration jumps, steps in time take the mean
+    held = np.abs(turning.quasi_static - straight.quasi_static).max(axis=1)
+    size = np.abs(straight.quasi_static).max()
+    assert size > 1e-6
+    assert np.quantile(held, 0.99) < 1e-5 * size
+
+
 def rigid_parts(scene: Scene) -> dict[str, Superelement]:
     return {
         name: reduce_rigid(part, describe_component(part))
