@@ -181,7 +181,7 @@ def _find_band(scene: SceneTable, table: PathTable) -> float:
         return told
     cut = build_path_cut(scene)
     teeth = 0.0 if cut is None else cut.cut.mill.teeth * cut.cut.spindle / (2.0 * math.pi)
-    passed = max(table.feeds) / min(_list_waves(scene), default=math.inf)
+    passed = max(feed.value for feed in table.feeds) / min(_list_waves(scene), default=math.inf)
     return min(told, max(RAMP_BAND / table.time_constant, TOOTH_HARMONICS * teeth, passed))
 
 
