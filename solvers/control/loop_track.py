@@ -54,10 +54,20 @@ class LoopTrack:
         return self._steps[key]
 
     def near(self, positions: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Places about positions, see :func:`near_places`."""
+        """Places about positions ``(n,)``: the first of each, and the share ``(n, 4)`` that it and the
+        next ones have in a cubic through them.
+        """
         if self.still:
             return np.zeros(len(positions), dtype=np.intp), np.ones((len(positions), 1))
-        return near_places(self.places, positions)
+        left = np.searchsorted(self.places, positions, side="right") - 1
+        firsts = np.clip(left - 1, 0, len(self.places) - ABOUT)
+        known = self.places[firsts[:, None] + np.arange(ABOUT)]
+        shares = np.ones((len(positions), ABOUT))
+        for own in range(ABOUT):
+            for other in set(range(ABOUT)) - {own}:
+                to_other = positions - known[:, other]
+                shares[:, own] *= to_other / (known[:, own] - known[:, other])
+        return firsts, shares
 
     def blend(
         self, positions: FloatArray, find: Callable[[RubbingLoop, slice | IntArray], FloatArray]
@@ -78,21 +88,6 @@ class LoopTrack:
             parts.append(np.einsum("np,pn...->n...", shares[which], np.array(own)))
             places.append(which)
         return np.asarray(np.concatenate(parts)[np.argsort(np.concatenate(places))])
-
-
-def near_places(places: FloatArray, positions: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Places about positions ``(n,)``: the first of each, and the share ``(n, 4)`` that it and the next
-    ones have in a cubic through them.
-    """
-    left = np.searchsorted(places, positions, side="right") - 1
-    firsts = np.clip(left - 1, 0, len(places) - ABOUT)
-    known = places[firsts[:, None] + np.arange(ABOUT)]
-    shares = np.ones((len(positions), ABOUT))
-    for own in range(ABOUT):
-        for other in set(range(ABOUT)) - {own}:
-            to_other = positions - known[:, other]
-            shares[:, own] *= to_other / (known[:, own] - known[:, other])
-    return firsts, shares
 
 
 def forget[K, V](known: dict[K, V]) -> None:

@@ -25,7 +25,7 @@ from headstock.solvers.control.friction_loop import (
     friction_channels,
     make_rubbing_loop,
 )
-from headstock.solvers.control.loop_track import ABOUT, LoopTrack, near_places
+from headstock.solvers.control.loop_track import LoopTrack
 from headstock.solvers.control.stability import has_free_motions
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.modal_coordinates import ModalCoordinates
@@ -40,7 +40,6 @@ from headstock.solvers.paths.set_points import (
     step_accelerations,
 )
 from headstock.solvers.paths.varying_response import (
-    STEP_TOLERANCE,
     StepTable,
     march_steps,
     observe_along,
@@ -49,7 +48,6 @@ from headstock.solvers.paths.varying_response import (
 from headstock.solvers.paths.varying_system import PlantChannels, SampledPlant, VaryingSystem
 from headstock.solvers.second_order import Channel
 
-THINNED = (16, 8, 4, 2)
 LEAST = 1e-9  # size of a pole [rad/s]: below it one does not move
 
 
@@ -278,7 +276,7 @@ def solve_varying_rubbing(
         return np.column_stack([*own, loads_at(loop.loads, times, now.speeds)])
 
     track = LoopTrack(
-        _thin_places(table.steps.spline),
+        table.steps.spline.x,
         functools.partial(_rubbing_at, loop),
         lambda times: sample_move(move, times).positions,
         loop.rows(close_along(loop, 0.0).space),
@@ -293,21 +291,6 @@ def solve_varying_rubbing(
         dynamic=shown - linear.quasi_static - linear.low_frequency,
         watched=found.outputs[:, loop.count :] if loop.watched else None,
     ), found
-
-
-def _thin_places(steps: CubicSpline) -> FloatArray:
-    """Every so many of the places of a table between which cubics still are its steps."""
-    values = steps(steps.x)
-    for stride in THINNED:
-        places = steps.x[::stride]
-        if len(places) < ABOUT or places[-1] != steps.x[-1]:
-            continue
-        firsts, shares = near_places(places, steps.x)
-        known = values[::stride][firsts[:, None] + np.arange(ABOUT)]
-        missed = np.einsum("np,np...->n...", shares, known) - values
-        if np.abs(missed).max() <= STEP_TOLERANCE * np.abs(values).max():
-            return np.asarray(places)
-    return np.asarray(steps.x)
 
 
 def _rubbing_at(loop: VaryingLoop, position: float) -> RubbingLoop:

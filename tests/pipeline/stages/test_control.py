@@ -23,7 +23,7 @@ from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.coupling.drives import place_drives, release_motors
 from headstock.scene.building.loader import load_scene
-from headstock.scene.scene import Scene
+from headstock.scene.scene import Scene, keep_analyses
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.stability import find_loop_poles
 from headstock.solvers.linear.damping import add_modal_damping
@@ -299,10 +299,12 @@ def test_a_path_under_control_lags_and_says_whose_drives_it_used(tmp_path: Path)
     assert fast == pytest.approx(5.0 * low_frequency, rel=1e-2)
 
 
-def test_a_path_with_friction_balances_its_energy(tmp_path: Path) -> None:
+@pytest.mark.parametrize("pose_model", ["frozen", "pose_dependent"])
+def test_a_path_with_friction_balances_its_energy(pose_model: str, tmp_path: Path) -> None:
+    along = PATH.replace('"600 mm/min", ', "") + f'pose_model = "{pose_model}"\n'
     path = write_scene(
         tmp_path,
-        ("[analyses.control]", PATH.replace('"600 mm/min", ', "")),
+        ("[analyses.control]", along),
         ("drive_control = true", "drive_control = true\nfriction = true"),
         (
             'integral_time = "20 ms"',
@@ -311,6 +313,29 @@ def test_a_path_with_friction_balances_its_energy(tmp_path: Path) -> None:
     )
     summary = summary_of(path, tmp_path)
     assert summary["path"]["energy_error"]["3000 mm/min"] < 1e-6
+
+
+@pytest.mark.slow
+def test_friction_of_three_axes_balances_its_energy_as_the_pose_changes(tmp_path: Path) -> None:
+    """With an eighth of the places along the path it would miss 4e-8, with a sixteenth 5e-7."""
+    settings = (
+        "effects.friction=true",
+        'analyses.path.pose_model="pose_dependent"',
+        'analyses.path.feeds=["6 m/min"]',
+        'analyses.path.to={X="-10 mm"}',
+        'analyses.path.residual_time="50 ms"',
+        "analyses.path.on_request=false",
+    )
+    scene = Path(__file__).parents[3] / "machines" / "three_axis.toml"
+    loaded = load_scene(scene, variant="calibrated+BE+controlled", overrides=settings)
+    results = run_scene(
+        keep_analyses(loaded, ["path"]),
+        tmp_path / "out",
+        comm=MPI.COMM_SELF,
+        store=Store(tmp_path / "store"),
+    )
+    (found,) = find_answers(results.answers, PathResult)
+    assert found.energy_error["6000 mm/min"] < 5e-9
 
 
 def test_an_unstable_drive_stops_a_path_before_it_is_run(tmp_path: Path) -> None:
