@@ -19,7 +19,7 @@ from headstock.pipeline.answers.motion_forces import PathForces
 from headstock.pipeline.answers.path import FollowedPoses
 from headstock.pipeline.contours.carried_bodies import move_bodies
 from headstock.pipeline.contours.line_probes import LineProbes, find_probes, follow_probes
-from headstock.pipeline.contours.turning_axes import turning_speeds, turning_way
+from headstock.pipeline.contours.turning_axes import turning_motors, turning_speeds, turning_way
 from headstock.pipeline.contours.way_errors import STEPS_PER_WAVE, WayErrors, find_way_errors
 from headstock.pipeline.contours.way_motors import WayMotors, close_way, lead_motors, plan_motors
 from headstock.pipeline.contours.ways import (
@@ -271,8 +271,10 @@ def _run_turning_path(state: RunState, request: PathRequest) -> Outcome:
             bodies=lambda speed, acceleration: turning_way(
                 machine, state.parts.superelements, path, speed, acceleration
             ),
-            motors=lambda speed, acceleration, way, outputs: None,
-            drives=(),
+            motors=lambda speed, acceleration, way, outputs: turning_motors(
+                state.parts, path, way, outputs, speed=speed, acceleration=acceleration
+            ),
+            drives=tuple(state.scene.drives.values()),
             errors=find_way_errors(state, path.pose_at, nodes),
             turning=max(speeds.values()),
         )

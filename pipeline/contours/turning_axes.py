@@ -1,10 +1,11 @@
 """Bodies on axes that turn along a path: how each moves as a rigid one."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray, Frame
+from headstock.geometry.frames import DOF_NAMES, FloatArray, Frame
 from headstock.geometry.machine.machine import (
     Machine,
     MachinePath,
@@ -12,8 +13,11 @@ from headstock.geometry.machine.machine import (
     free_axes,
     place_components,
 )
+from headstock.pipeline.contours.way_motors import MovedMachine, WayMotors
 from headstock.pipeline.contours.ways import RigidWay, body_channels, load_bodies
+from headstock.pipeline.stages.run_state import MachineParts
 from headstock.reduction.superelement import Superelement
+from headstock.solvers.second_order import Channel
 
 STEP = 0.01  # of the fastest body, between frames from which its motion is differenced [rad]
 # central differences of fourth order
@@ -57,18 +61,8 @@ def turning_way(
     """
     speeds = turning_speeds(machine, path)
     step = STEP / max(speeds.values())
-    moved = {name for axis in path.axes for name in machine.axes[axis].moves}
-    names = tuple(name for name in superelements if name in moved)
-    free = free_axes(machine)
-
-    def place(position: float) -> dict[str, Frame]:
-        first, share = path.start.positions, position / path.length
-        places = {
-            axis: first.get(axis, 0.0)
-            + share * (path.end.positions.get(axis, 0.0) - first.get(axis, 0.0))
-            for axis in {**first, **path.end.positions}
-        }
-        return place_components(free, Pose("on the path", places))
+    names = moving_bodies(machine, superelements)
+    place = _place_along(machine, path)
 
     def amounts(positions: FloatArray) -> FloatArray:
         found = []
@@ -97,6 +91,105 @@ def turning_way(
         body_channels(names),
         turning=tuple(name for name in names if name in speeds),
     )
+
+
+def moving_bodies(machine: Machine, names: Iterable[str]) -> tuple[str, ...]:
+    """Those of the bodies that any axis moves."""
+    moved = {name for axis in machine.axes.values() for name in axis.moves}
+    return tuple(name for name in names if name in moved)
+
+
+def turning_motors(
+    parts: MachineParts,
+    path: MachinePath,
+    way: RigidWay,
+    outputs: Sequence[Channel],
+    *,
+    speed: float,
+    acceleration: float,
+) -> WayMotors | None:
+    """Motors of the linear axes on a path on which others turn, over its positions; those of rotary axes
+    are ideal. None without control.
+
+    Args:
+        parts: Of the machine.
+        path: Of the axes.
+        way: Of its bodies at the same speed and acceleration.
+        outputs: Where motion is wanted, points or interfaces.
+        speed: Along it [m/s, rad/s].
+        acceleration: Along it [m/s^2, rad/s^2].
+    """
+    machine, drives = parts.scene.machine, tuple(parts.scene.drives.values())
+    if not drives:
+        return None
+    names, place = moving_bodies(machine, parts.superelements), _place_along(machine, path)
+    masses = np.array([parts.superelements[name].mass_kg for name in names])
+    gravity = np.zeros(3) if parts.plan.gravity is None else np.asarray(parts.plan.gravity)
+    first, last = (
+        np.array([end.positions.get(drive.axis, 0.0) for drive in drives])
+        for end in (path.start, path.end)
+    )
+    shares = (last - first) / path.length
+
+    def travel(position: float) -> dict[str, FloatArray]:
+        """Motion ``(3, d)`` of every component per travel of each motor."""
+        here = place(position)
+        ahead = [place(position, {drive.axis: 1.0}) for drive in drives]
+        return {
+            name: np.column_stack([frames[name].origin - frame.origin for frames in ahead])
+            for name, frame in here.items()
+        }
+
+    def read(moved: Mapping[str, FloatArray], channel: Channel) -> FloatArray:
+        point, dof = machine.points.get(channel[0]), DOF_NAMES.index(channel[1])
+        ends = [(channel[0].partition(".")[0], 1.0)]
+        if point is not None:
+            ends = [(point.tool.component or "", 1.0), (point.work.component or "", -1.0)]
+        still = np.zeros((3, len(drives)))
+        total = np.sum([sign * moved.get(name, still) for name, sign in ends], axis=0)
+        return np.asarray(total[dof] if dof < 3 else still[0])
+
+    def at(positions: FloatArray) -> MovedMachine:
+        steps = [travel(float(position)) for position in positions]
+        # (n, b, 3, d)
+        bodies = np.array([[step[name] for name in names] for step in steps])
+        pulled = way.amounts(positions).reshape(len(positions), len(names), 6)[..., :3]
+        weighed = masses[:, None, None] * bodies
+        return MovedMachine(
+            positions=first + positions[:, None] * shares,
+            speeds=np.broadcast_to(speed * shares, (len(positions), len(drives))),
+            accelerations=np.broadcast_to(acceleration * shares, (len(positions), len(drives))),
+            channels=np.concatenate([bodies, np.zeros_like(bodies)], axis=2).reshape(
+                len(positions), -1, len(drives)
+            ),
+            mass=np.einsum("nbkd,nbke->nde", weighed, bodies),
+            outputs=np.array([[read(step, channel) for channel in outputs] for step in steps]),
+            weight=np.einsum("nbkd,k->nd", weighed, gravity),
+            inertia=np.einsum("nbkd,nbk->nd", weighed, pulled),
+        )
+
+    return WayMotors(drives, at)
+
+
+def _place_along(machine: Machine, path: MachinePath) -> Callable[..., dict[str, Frame]]:
+    """Frames of all components at a position of a path, its ends no limits; with axes further on by
+    some travel.
+    """
+    free = free_axes(machine)
+
+    def place(
+        position: float, further: Mapping[str, float] = MappingProxyType({})
+    ) -> dict[str, Frame]:
+        first, share = path.start.positions, position / path.length
+        places = {
+            axis: first.get(axis, 0.0)
+            + share * (path.end.positions.get(axis, 0.0) - first.get(axis, 0.0))
+            + further.get(axis, 0.0)
+            for axis in {**first, **path.end.positions, **further}
+        }
+        return place_components(free, Pose("on the path", places))
+
+    return place
 
 
 def _move_body(

@@ -227,7 +227,7 @@ def _check_effects(scene: SceneTable, findings: Findings) -> None:
 
 
 def _check_path(scene: SceneTable, findings: Findings) -> None:
-    """Under control every axis that a path moves needs a drive."""
+    """Under control every linear axis that a path moves needs a drive."""
     path = scene.analyses.path
     if path is None:
         transient = scene.analyses.transient
@@ -253,6 +253,7 @@ def _check_path(scene: SceneTable, findings: Findings) -> None:
         start = path.start.get(axis)
         if (
             axis in scene.axes
+            and scene.axes[axis].kind == "linear"
             and axis not in driven
             and (start is None or start.value != end.value)
         ):

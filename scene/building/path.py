@@ -12,7 +12,7 @@ from headstock.geometry.mechanisms.tool_mechanism import TOOL_POINT
 from headstock.scene.building.analyses import build_channels
 from headstock.scene.building.axes import find_position_fault
 from headstock.scene.building.draft import Draft, check_channel, check_name
-from headstock.scene.building.drives import DRIVE_CONTROL, build_drives, build_path_cut
+from headstock.scene.building.drives import build_drives, build_path_cut
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import ANGULAR_SPEED, LENGTH, SPEED, Dimension
@@ -162,11 +162,6 @@ def _check_turning(
             (*KEY, "cut"),
             f"{turning} turns on the path, so the direction of travel changes in the part; remove the cut, or set the position of {turning} by pose",
         )
-    if scene.effects.get(DRIVE_CONTROL, False) is not False:
-        findings.add(
-            (*KEY, "to", line.turning[0]),
-            f"{turning} turns on the path, whose inertia couples to motors under control from pose to pose; leave effects.drive_control off here",
-        )
 
 
 def _find_band(scene: SceneTable, table: PathTable) -> float:
@@ -213,11 +208,13 @@ def _list_waves(scene: SceneTable) -> list[float]:
 
 
 def _follows_pose(scene: SceneTable, table: PathTable) -> bool:
-    """A loop of axes under control is closed in the pose of the middle, unless something else is
-    written.
+    """A loop of linear axes under control is closed in the pose of the middle, unless something else
+    is written.
     """
     return (
-        scene.mechanism is not None or not build_drives(scene)
+        scene.mechanism is not None
+        or bool(build_path(scene, table).turning)
+        or not build_drives(scene)
         if table.pose_model is None
         else table.pose_model == "pose_dependent"
     )
