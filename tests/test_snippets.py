@@ -95,7 +95,11 @@ BASES = {
     ],
     "docs/guideways.md": [Base(DATA), Base(DATA, without=("joints.x_guide",))],
     "docs/lobes.md": [Base(THREE_AXIS)],
-    "docs/path_analysis.md": [Base(THREE_AXIS), Base(TRIPTEOR)],
+    "docs/path_analysis.md": [
+        Base(THREE_AXIS),
+        Base(TRIPTEOR),
+        Base("tests/data/turning_arm.toml", without=("analyses.path",)),
+    ],
     "docs/short_scenes.md": [Base(DATA), WITHOUT_Y],
     "docs/studies.md": [Base(CANTILEVER), Base(CANTILEVER, without=("studies.h",))],
     "docs/sweeps.md": [Base(THREE_AXIS, "rails")],
