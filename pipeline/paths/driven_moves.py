@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import travel_directions
 from headstock.pipeline.answers.motion_forces import PathForces
 from headstock.pipeline.answers.probe_motions import ProbeMotion
@@ -11,7 +12,7 @@ from headstock.pipeline.paths.closed_along import VARYING_REACH, close_along, mo
 from headstock.pipeline.paths.closed_path import LINEAR_REACH, close_path, drive_path
 from headstock.pipeline.paths.followed_poses import judge_poses
 from headstock.pipeline.paths.path_model import couple_at, sample_path
-from headstock.pipeline.paths.solved_moves import SolvedMoves, read_path_probes
+from headstock.pipeline.paths.solved_moves import SolvedMoves, add_watched, read_path_probes
 from headstock.pipeline.stages.motion_forces import read_joints, record_drives
 from headstock.pipeline.stages.probe_motions import place_probes
 from headstock.pipeline.stages.run_state import RunState
@@ -25,8 +26,21 @@ from headstock.solvers.paths.varying_control import make_loop_table
 from headstock.solvers.watched_outputs import Extreme
 
 
-def drive_moves(state: RunState, request: PathRequest, model: PathModel) -> SolvedMoves:
-    """Deviation of every move with the drives of the scene under control."""
+def drive_moves(
+    state: RunState,
+    request: PathRequest,
+    model: PathModel,
+    beside: Sequence[FloatArray | None],
+) -> SolvedMoves:
+    """Deviation of every move with the drives of the scene under control.
+
+    Args:
+        state: Of the run.
+        request: The path.
+        model: What is asked.
+        beside: Of every move what errors of guides and torque ripple add to joints and probes; None
+            for nothing.
+    """
     middle = couple_at(state, request, 0.5 * request.path.length)
     loop = close_path(state, request, middle, model.low_frequency_limit_hz)
     kept = tuple(
@@ -53,7 +67,7 @@ def drive_moves(state: RunState, request: PathRequest, model: PathModel) -> Solv
                 probes, joints, each, -np.outer(sample_move(move, each.times).positions, travel)
             ),
         )
-        for move, each in zip(request.moves, kept, strict=True)
+        for move, each in zip(request.moves, map(add_watched, kept, beside), strict=True)
     ]
     if not request.follows_pose:
         return SolvedMoves(kept, kept, _read_forces(state, request, kept, shares, taken))

@@ -1,15 +1,17 @@
 """A path with motors that follow their set point."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
+from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import travel_directions
 from headstock.pipeline.answers.motion_forces import PathForces
 from headstock.pipeline.paths.followed_poses import judge_poses
 from headstock.pipeline.paths.path_cut import path_loads, pushed_channels
 from headstock.pipeline.paths.path_model import couple_at, sample_path
-from headstock.pipeline.paths.solved_moves import SolvedMoves, read_path_probes
+from headstock.pipeline.paths.solved_moves import SolvedMoves, add_watched, read_path_probes
 from headstock.pipeline.stages.machine import damp_system, warn_of_no_damping
 from headstock.pipeline.stages.motion_forces import read_joints, record_drives, watch_joints
 from headstock.pipeline.stages.probe_motions import place_probes, probe_outputs, watch_probes
@@ -43,10 +45,21 @@ def build_plant(state: RunState, request: PathRequest, position: float) -> Posed
 
 
 def move_freely(
-    state: RunState, request: PathRequest, middle: PosedModes, model: PathModel
+    state: RunState,
+    request: PathRequest,
+    middle: PosedModes,
+    model: PathModel,
+    beside: Sequence[FloatArray | None],
 ) -> SolvedMoves:
     """Deviation of every move by its acceleration and the cut, with motors that follow their set
     point.
+
+    Args:
+        state: Of the run.
+        request: The path.
+        middle: The machine in the middle of it.
+        model: What is asked.
+        beside: Of every move what errors of guides add to joints and probes; None for nothing.
     """
     machine = state.scene.machine
     directions = travel_directions(machine, request.path)
@@ -85,7 +98,7 @@ def move_freely(
                 -np.outer(sample_move(move, each.times).accelerations, carried),
             ),
         )
-        for move, each in zip(request.moves, kept, strict=True)
+        for move, each in zip(request.moves, map(add_watched, kept, beside), strict=True)
         for none in (np.zeros((len(each.times), 0)),)
     )
     if not request.follows_pose:

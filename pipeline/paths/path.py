@@ -13,8 +13,8 @@ from headstock.pipeline.answers.motion_forces import PathForces
 from headstock.pipeline.answers.path import PathCurves, PathResult, PathRun, PathWorth
 from headstock.pipeline.paths.driven_moves import drive_moves
 from headstock.pipeline.paths.ideal_motors import build_plant, move_freely
-from headstock.pipeline.paths.path_disturbances import disturb_loop
-from headstock.pipeline.paths.path_model import choose_model, sample_path
+from headstock.pipeline.paths.path_disturbances import disturb_freely, disturb_loop
+from headstock.pipeline.paths.path_model import choose_model
 from headstock.pipeline.paths.solved_moves import SolvedMoves
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.better_machines import (
@@ -30,7 +30,6 @@ from headstock.reduction.motions.path_errors import (
     NODES,
     add_deviations,
     find_path_errors,
-    respond_to_errors,
 )
 from headstock.scene.requests import PathRequest
 from headstock.solvers.errors import ModelError, UnstableControlError
@@ -93,33 +92,39 @@ def _solve_moves(
         nodes=nodes,
     )
     drives = state.scene.drives
-    solved = (
-        drive_moves(state, request, model) if drives else move_freely(state, request, middle, model)
-    )
+    nothing: list[FloatArray | None] = [None] * len(request.moves)
     if errors is None and not any(drive.ripple for drive in drives.values()):
-        return solved
+        if drives:
+            return drive_moves(state, request, model, nothing)
+        return move_freely(state, request, middle, model, nothing)
     disturbed = [
         disturb_loop(state, request, errors, move)
         if drives or errors is None
-        else respond_to_errors(
-            errors,
-            middle.system,
-            move,
-            samples=sample_path(request, move),
-            low_frequency_limit_hz=model.low_frequency_limit_hz,
-        )
+        else disturb_freely(state, request, errors, move, middle)
         for move in request.moves
     ]
+    # watched of each are joints and probes, then drives
+    beside = [
+        None if own.watched is None else own.watched[:, : own.watched.shape[1] - 2 * len(drives)]
+        for own in disturbed
+    ]
+    solved = (
+        drive_moves(state, request, model, beside)
+        if drives
+        else move_freely(state, request, middle, model, beside)
+    )
     posed = [
         own if errors is None else errors.follow_pose(own, move)
         for own, move in zip(disturbed, request.moves, strict=True)
     ]
     forces = tuple(
         own
-        if other.watched is None
+        if other.watched is None or not drives
         else dataclasses.replace(
             own,
-            drives=add_to_drives(own.drives, drives.values(), other.times, other.watched),
+            drives=add_to_drives(
+                own.drives, drives.values(), other.times, other.watched[:, -2 * len(drives) :]
+            ),
         )
         for own, other in zip(solved.forces, disturbed, strict=True)
     )

@@ -9,19 +9,22 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import Drive, ripple_force
 from headstock.pipeline.paths.closed_path import LINEAR_REACH
-from headstock.pipeline.paths.path_model import couple_at, sample_path
+from headstock.pipeline.paths.path_model import choose_model, couple_at, sample_path
 from headstock.pipeline.paths.travels import axis_shares
 from headstock.pipeline.stages.control import drive_machine
-from headstock.pipeline.stages.motion_forces import watch_drives
+from headstock.pipeline.stages.motion_forces import watch_drives, watch_joints
+from headstock.pipeline.stages.probe_motions import place_probes, probe_outputs, watch_probes
 from headstock.pipeline.stages.run_state import RunState
 from headstock.reduction.coupling.drives import housing_rows, scale_rows
 from headstock.reduction.coupling.error_travel import find_offset_motions
+from headstock.reduction.coupling.joint_forces import joint_outputs
 from headstock.reduction.coupling.path_loads import housing_loads
 from headstock.reduction.motions.path_errors import (
     STEPS_PER_WAVE,
     PathErrors,
     add_error_inputs,
-    move_outputs,
+    pass_offsets,
+    respond_to_errors,
 )
 from headstock.scene.requests import PathRequest
 from headstock.solvers.control.drive_loops import close_loops
@@ -30,6 +33,7 @@ from headstock.solvers.control.friction_loop import friction_channels
 from headstock.solvers.paths.disturbed import solve_disturbed_loop
 from headstock.solvers.paths.response import PathDeviation
 from headstock.solvers.paths.set_points import SetPoint, sample_move
+from headstock.solvers.paths.varying_system import PosedModes
 from headstock.solvers.second_order import Channel
 
 
@@ -44,12 +48,15 @@ def disturb_loop(
         state.warn(
             "path analysis: errors of guides and torque ripple move the machine as if nothing rubbed; what friction does is added"
         )
-    system = driven.system
+    joints, machine = driven.released.joints, state.scene.machine
+    probes = place_probes(state.parts, driven.released.coupled, tuple(machine.probes))
+    seen = joint_outputs(joints) | probe_outputs(state.parts, probes)
+    system = dataclasses.replace(driven.system, outputs=driven.system.outputs | seen)
     channels: tuple[Channel, ...] = ()
     shortest = math.inf
     feedthrough: FloatArray = np.zeros((len(request.outputs), 0))
     if errors is not None:
-        shortest, machine = errors.shortest, state.scene.machine
+        shortest = errors.shortest
         drives = state.scene.drives.values()
         motions = find_offset_motions(
             driven.coupled,
@@ -61,7 +68,9 @@ def disturb_loop(
         spun = housing_loads(driven.trains, turned, len(system.mass))
         motions = dataclasses.replace(motions, accelerations=motions.accelerations + spun)
         system, channels = add_error_inputs(system, errors.travel, motions)
-        feedthrough = move_outputs(driven.coupled, machine, motions, request.outputs)
+        feedthrough = pass_offsets(
+            driven.coupled, machine, motions, request.outputs, joints, probes
+        )
     rippling = [drive for drive in state.scene.drives.values() if drive.ripple]
     channels = (*channels, *((drive.name, FORCE) for drive in rippling))
 
@@ -74,7 +83,7 @@ def disturb_loop(
         system,
         driven.trains,
         inputs=channels,
-        outputs=request.outputs,
+        outputs=(*request.outputs, *seen),
         up_to_hz=LINEAR_REACH * request.band_hz,
     )
     return solve_disturbed_loop(
@@ -85,7 +94,41 @@ def disturb_loop(
         feedthrough=feedthrough,
         samples=sample_path(request, move),
         load_step=min(shortest, shortest_ripple(rippling, request)) / move.feed / STEPS_PER_WAVE,
-        watch=watch_drives(state.scene.drives.values()),
+        watch=watch_joints(joints)
+        .join(watch_probes(probes))
+        .join(watch_drives(state.scene.drives.values())),
+    )
+
+
+def disturb_freely(
+    state: RunState,
+    request: PathRequest,
+    errors: PathErrors,
+    move: SetPoint,
+    middle: PosedModes,
+) -> PathDeviation:
+    """The same with motors that follow their set point.
+
+    Args:
+        state: Of the run.
+        request: The path.
+        errors: Along it.
+        move: Along it.
+        middle: The machine in the middle.
+    """
+    posed = couple_at(state, request, 0.5 * request.path.length)
+    joints = posed.joints
+    probes = place_probes(state.parts, posed.coupled, tuple(state.scene.machine.probes))
+    seen = joint_outputs(joints) | probe_outputs(state.parts, probes)
+    return respond_to_errors(
+        errors,
+        dataclasses.replace(middle.system, outputs=middle.system.outputs | seen),
+        move,
+        samples=sample_path(request, move),
+        low_frequency_limit_hz=choose_model(request).low_frequency_limit_hz,
+        joints=joints,
+        probes=probes,
+        watch=watch_joints(joints).join(watch_probes(probes)),
     )
 
 

@@ -1,5 +1,6 @@
 """Moves of a path as solved, before any filter."""
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -30,6 +31,20 @@ class SolvedMoves:
     forces: tuple[PathForces, ...]
     poses: FollowedPoses | None = None
     disturbed: bool = False
+
+
+def add_watched(found: PathDeviation, beside: FloatArray | None) -> PathDeviation:
+    """A move with what something else adds to the first of what it watches.
+
+    Args:
+        found: The move.
+        beside: ``(n, w)``; None for nothing.
+    """
+    if beside is None or found.watched is None:
+        return found
+    watched = found.watched.copy()
+    watched[:, : beside.shape[1]] += beside
+    return dataclasses.replace(found, watched=watched)
 
 
 def read_path_probes(

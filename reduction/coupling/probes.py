@@ -94,6 +94,17 @@ def place_probe(
     )
 
 
+def carry_probe(coupled: CoupledMachine, probe: Probe, moved: FloatArray) -> FloatArray:
+    """What a probe sees ``(9, ...)`` of motions of the stacked dofs ``(n_all, ...)``, machine axes."""
+    superelement, placement = (
+        coupled.layout.superelements[probe.component],
+        coupled.placements[probe.component],
+    )
+    own = turn_dofs(superelement, placement) @ moved[coupled.offsets[probe.component]]
+    seen = scipy.linalg.block_diag(placement.rotation, turn_stress(placement.rotation))
+    return np.asarray(seen @ superelement.probes[probe.name].values @ own)
+
+
 def travel_inertia(coupled: CoupledMachine, probe: Probe, direction: FloatArray) -> FloatArray:
     """What modes left out add at a probe ``(9,)`` at rest per acceleration of its whole component in a
     direction ``(3,)``, times -1, machine axes.

@@ -28,6 +28,7 @@ def solve_disturbed_path(
     samples: FloatArray,
     load_step: float,
     low_frequency_limit_hz: float,
+    watch: Watch,
 ) -> PathDeviation:
     """Deviation of a system at rest under loads that begin at zero, exact for loads that are
     straight between fine steps.
@@ -37,43 +38,57 @@ def solve_disturbed_path(
         outputs: Where the deviation is wanted.
         loads: ``(n, k)`` at instants ``(n,)``.
         channels: Where they act.
-        feedthrough: ``(n_outputs, j)`` what the outputs have of the first loads at once, whatever moves.
+        feedthrough: ``(n_outputs + r, j)`` what the outputs, and the first of what is watched, have of
+            the first loads at once, whatever moves.
         samples: ``(n,)`` evenly spaced, from zero [s].
         load_step: Longest time over which a load may be taken for straight [s].
         low_frequency_limit_hz: Modes below count as low-frequency response [Hz].
+        watch: What else is wanted of it.
 
     Raises:
         ModelError: A channel is unknown, or a damper acts on a dof without mass.
     """
-    coordinates = to_modal_coordinates(equivalent_viscous(system), channels, outputs)
+    wanted = (*outputs, *watch.outputs)
+    coordinates = to_modal_coordinates(equivalent_viscous(system), channels, wanted)
     if coordinates is None:
         raise ModelError(
             "a damper acts on a dof without mass, or a matrix is not symmetric; give every body a mass"
         )
     fine, parts = _refine(samples, load_step)
     given = loads(fine)
-    space = modal_state_space(coordinates, tuple(channels), tuple(outputs))
+    space = modal_state_space(coordinates, tuple(channels), wanted)
+    count, watched = len(outputs), space.watch(watch)
     below = np.repeat(coordinates.omega < 2.0 * np.pi * low_frequency_limit_hz, 2)
-    rows = np.vstack([space.c, np.where(below, space.c, 0.0)])
-    direct = np.vstack([space.d, np.zeros_like(space.d)])
+    shown, passed = space.c[:count], space.d[:count]
+    rows = np.vstack([shown, np.where(below, shown, 0.0), watched.states])
+    direct = np.vstack([passed, np.zeros_like(passed), watched.inputs])
     stretched = StateSpace(
         space.a, space.b, rows, direct, space.inputs, (), space.states, space.pairs
     )
     steps = np.stack([given[:-1], given[1:]], axis=1)
     moved = solve_stepped_response(stretched, fine, steps).outputs[::parts]
-    count = len(outputs)
     fast = coordinates.omega >= 2.0 * np.pi * low_frequency_limit_hz
-    share = (coordinates.outputs[:, fast] / coordinates.eigenvalues[fast]) @ coordinates.inputs[
-        fast
-    ]
+    share = (
+        coordinates.outputs[:count, fast] / coordinates.eigenvalues[fast]
+    ) @ coordinates.inputs[fast]
     if not coordinates.complete:
-        share = share + coordinates.residual
-    at_once = given[::parts, : feedthrough.shape[1]] @ feedthrough.T
-    total, low_frequency = moved[:, :count] + at_once, moved[:, count:]
+        share = share + coordinates.residual[:count]
+    at_once, beside = _pass_through(given[::parts], feedthrough, count)
+    total, low_frequency = moved[:, :count] + at_once, moved[:, count : 2 * count]
+    seen = moved[:, 2 * count :]
+    seen[:, : beside.shape[1]] += beside
     quasi_static = given[::parts] @ share.T + at_once
     return PathDeviation(
-        samples, total, quasi_static, low_frequency, total - quasi_static - low_frequency
+        samples, total, quasi_static, low_frequency, total - quasi_static - low_frequency, seen
     )
+
+
+def _pass_through(
+    given: FloatArray, feedthrough: FloatArray, outputs: int
+) -> tuple[FloatArray, FloatArray]:
+    """What loads ``(n, k)`` do at once to outputs ``(n, n_outputs)`` and to what is watched ``(n, r)``."""
+    found = given[:, : feedthrough.shape[1]] @ feedthrough.T
+    return found[:, :outputs], found[:, outputs:]
 
 
 def solve_disturbed_loop(
@@ -95,7 +110,8 @@ def solve_disturbed_loop(
         outputs: How many of its first outputs are wanted.
         loads: ``(n, k)`` at instants ``(n,)``.
         channels: Where they act.
-        feedthrough: ``(n_outputs, j)`` what the outputs have of the first loads at once, whatever moves.
+        feedthrough: ``(n_outputs + r, j)`` what the outputs, and the first of what is watched, have of
+            the first loads at once, whatever moves.
         samples: ``(n,)`` evenly spaced, from zero [s].
         load_step: Longest time over which a load may be taken for straight [s].
         watch: What else is wanted of it.
@@ -109,12 +125,11 @@ def solve_disturbed_loop(
     steps = np.stack([given[:-1], given[1:]], axis=1)
     alone = StateSpace(loop.a, b, c, d, tuple(channels), (), loop.states)
     found = solve_stepped_response(alone, fine, steps).outputs[::parts]
-    at_once = given[::parts, : feedthrough.shape[1]] @ feedthrough.T
-    total = found[:, :outputs] + at_once
+    at_once, beside = _pass_through(given[::parts], feedthrough, outputs)
+    total, seen = found[:, :outputs] + at_once, found[:, outputs:]
+    seen[:, : beside.shape[1]] += beside
     held = given[::parts] @ (d - c @ np.linalg.solve(loop.a, b))[:outputs].T + at_once
-    return PathDeviation(
-        samples, total, held, np.zeros_like(total), total - held, found[:, outputs:]
-    )
+    return PathDeviation(samples, total, held, np.zeros_like(total), total - held, seen)
 
 
 def _refine(samples: FloatArray, load_step: float) -> tuple[FloatArray, int]:

@@ -553,5 +553,6 @@ def compare_transports(
     # both as if they began in the same pose
     back = coarse[middle].T @ turns[middle]
     return max(
-        float(np.abs(turn @ back - turns[position]).max()) for position, turn in coarse.items()
+        float(np.abs(turn @ back - turns[position]).max(initial=0.0))
+        for position, turn in coarse.items()
     )

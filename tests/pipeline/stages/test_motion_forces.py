@@ -69,6 +69,7 @@ X = "0 mm"
 
 
 def run(text: str, folder: Path) -> Results:
+    folder.mkdir(exist_ok=True)
     path = folder / "scene.toml"
     path.write_text(text)
     return run_scene(
@@ -186,6 +187,74 @@ def test_a_motor_moves_its_axis_along_a_path(
     # the screw moves the slide, in the pose of the middle
     moved = np.gradient(speed, times) * MASS + coulomb * np.sign(speed) + viscous * speed
     assert own.joints["screw"]["x"].value == pytest.approx(np.abs(moved[1:-1]).max(), rel=2e-2)
+
+
+def test_a_motor_answers_to_the_error_of_its_screw(tmp_path: Path) -> None:
+    """Beside an integrator of a library: motor and slide with the screw between them, whose lead is
+    uneven.
+    """
+    feed, constant, screw, wave, size = 0.05, 0.1, 2e7, 0.004, 1e-4
+    request = (
+        '[analyses.path]\nfrom = { X = "-20 mm" }\nto = { X = "20 mm" }\nfeeds = ["3000 mm/min"]\n'
+        'time_constant = "100 ms"\nsampling = "2 kHz"\nresidual_time = "50 ms"\n'
+        'outputs = [["tcp", "x"]]'
+    )
+    text = AXIS.replace("friction = true", "guide_errors = true")
+    text = text.replace('stiffness = { axial = "1e6 N/um" }', 'stiffness = { axial = "20 N/um" }')
+    text = text.replace(
+        "[axes.X]",
+        f'[joints.screw.errors]\naxial.waves = [{{ period = "{1e3 * wave} mm", amplitude = "{1e6 * size} um" }}]\n[axes.X]',
+    )
+    found, plain = (
+        next(iter(find_answers(run(f"{each}\n{request}", tmp_path / name).answers, PathResult)))
+        for name, each in (
+            ("with", text),
+            ("without", text.replace("guide_errors = true", "guide_errors = false")),
+        )
+    )
+    times = found.runs[0].curves.deviation.times
+    rotor = INERTIA * (2.0 * np.pi / LEAD) ** 2
+    ends = (0.0, constant, 0.04 / feed, 0.04 / feed + constant, float(times[-1]))
+    pulls = (feed / constant, 0.0, -feed / constant, 0.0)
+
+    def error(position: float) -> float:
+        # from that at the beginning; the slide is as far beyond its motor
+        now, first = (np.sin(2.0 * np.pi * each / wave) for each in (position - 0.02, -0.02))
+        return float(size * (now - first))
+
+    def rate(pull: float, state: FloatArray, share: float) -> FloatArray:
+        wanted, wished, motor, turned, slide, speed = state
+        force = KP * (KV * (wanted - motor) - turned)
+        pushed = screw * (motor + share * error(wanted) - slide)
+        return np.array([wished, pull, turned, (force - pushed) / rotor, speed, pushed / MASS])
+
+    torques, forces = [], []
+    for share in (1.0, 0.0):
+        state, solved = np.zeros(6), np.zeros((len(times), 6))
+        for begin, end, pull in zip(ends[:-1], ends[1:], pulls, strict=True):
+            here = (times >= begin) & (times <= end)
+            piece = solve_ivp(
+                lambda t, x, pull=pull, share=share: rate(pull, x, share),
+                (begin, end),
+                state,
+                "DOP853",
+                np.append(np.minimum(times[here], np.nextafter(end, begin)), end),
+                rtol=1e-9,
+                atol=1e-13,
+            )
+            solved[here], state = piece.y[:, :-1].T, piece.y[:, -1]
+        wanted, _, motor, turned, slide, _ = solved.T
+        torques.append(LEAD / (2.0 * np.pi) * KP * (KV * (wanted - motor) - turned))
+        along = np.array([share * error(float(each)) for each in wanted])
+        forces.append(screw * (motor + along - slide))
+    added = found.runs[0].curves.torques[:, 0] - plain.runs[0].curves.torques[:, 0]
+    expected = torques[0] - torques[1]
+    assert np.abs(expected).max() > 0.02 * np.abs(torques[1]).max()
+    np.testing.assert_allclose(added, expected, atol=2e-2 * np.abs(expected).max())
+    for answer, torque, force in zip((found, plain), torques, forces, strict=True):
+        (own,) = answer.runs
+        assert abs(own.drives["X"].torque.value) == pytest.approx(np.abs(torque).max(), rel=1e-2)
+        assert abs(own.joints["screw"]["x"].value) == pytest.approx(np.abs(force).max(), rel=2e-2)
 
 
 def test_joints_carry_a_load_that_comes_slowly(tmp_path: Path) -> None:

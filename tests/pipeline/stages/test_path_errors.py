@@ -18,6 +18,9 @@ from headstock.pipeline.runner import run_scene
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.coupling.drives import place_drives, release_motors
+from headstock.reduction.coupling.guide_errors import find_places, sample_offsets
+from headstock.reduction.coupling.joint_springs import place_joints
+from headstock.reduction.motions.body_motions import solve_machine_static
 from headstock.reduction.motions.tool_deviation import GEOMETRY, solve_deviation
 from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import Scene, keep_analyses
@@ -90,6 +93,67 @@ def test_slow_travel_takes_the_static_deviation_of_each_pose(tmp_path: Path) -> 
         expected = static(float(own.positions[number])) - first
         # 100 mm/s over waves of 250 mm and more: 0.4 Hz against some 30 Hz of the machine
         assert np.abs(moved[number] - expected[:3]).max() < 1e-3 * size
+
+
+RAILS = (
+    "effects.damping={ modal = 0.05 }",
+    "analyses.path={ from = { X = '-60 mm' }, to = { X = '60 mm' }, feeds = ['600 mm/min'], "
+    "time_constant = '1 s', sampling = '50 Hz', pose_model = 'frozen', outputs = [['tcp', 'z']] }",
+)
+
+
+@pytest.mark.parametrize("driven", [False, True], ids=["ideal motors", "controlled"])
+def test_joints_take_on_a_slow_path_what_statics_say(driven: bool, tmp_path: Path) -> None:
+    """Springs of carriages rest where the rails are uneven: K (stretch - offset), beside the
+    beginning.
+    """
+    given = [*RAILS, *(DRIVEN if driven else [])]
+    scene = load_scene(SCENE, variant="profiles", overrides=given)
+    ideal = load_scene(SCENE, variant="profiles", overrides=[*given, "effects.guide_errors=false"])
+    found, plain = (
+        run(each, tmp_path / name).runs[0].joints
+        for name, each in (("with", scene), ("without", ideal))
+    )
+    request, machine = scene.analyses.path, scene.machine
+    assert request is not None
+    middle = couple_rigid(machine, request.path.pose_at(0.5 * request.path.length))
+    springs = {spring.name: spring for spring in middle.joint_springs}
+
+    def offsets(position: float) -> dict[str, FloatArray]:
+        positions = request.path.pose_at(position).positions
+        pose = Pose("", positions)
+        coupled = couple_rigid(machine, pose)
+        placed = find_places(
+            machine, positions, coupled.layout, place_joints(machine, coupled.layout)
+        )
+        totals: dict[str, FloatArray] = {}
+        for by_joint in sample_offsets(machine, placed).values():
+            for joint, offset in by_joint.items():
+                totals[joint] = totals.get(joint, np.zeros(6)) + offset[0]
+        return totals
+
+    first, forces = offsets(0.0), []
+    names = [name for name in first if name.startswith("x_guide")]
+    for position in np.linspace(0.0, request.path.length, 121):
+        change = {name: own - first[name] for name, own in offsets(float(position)).items()}
+        load = sum(
+            springs[name].rows[:6].T @ springs[name].stiffness[:6, :6] @ own
+            for name, own in change.items()
+        )
+        moved = solve_machine_static(middle, np.asarray(load)).displacements
+        forces.append(
+            [
+                (springs[name].stiffness[:6, :6] @ (springs[name].rows[:6] @ moved - own))[2]
+                for name, own in ((name, change[name]) for name in names)
+            ]
+        )
+    assert len(names) == 4
+    largest = np.array(forces)[np.abs(forces).argmax(axis=0), range(4)]
+    size = np.abs(largest).max()
+    assert size > 100.0
+    for name, value in zip(names, largest, strict=True):
+        assert abs(plain[name]["z"].value) < 0.02 * size  # of the acceleration
+        assert found[name]["z"].value == pytest.approx(value, abs=0.02 * size)
 
 
 def test_passing_balls_shake_the_tool_as_the_frequency_response_says(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.answers.probe_motions import ProbeMotion
+from headstock.pipeline.answers.probes import ProbeAnswer
 from headstock.pipeline.answers.transient import TransientAnswer
 from headstock.pipeline.results.files import read_histories
 from headstock.pipeline.results.results import Results
@@ -283,3 +284,32 @@ def test_a_bar_that_is_pushed_along_a_path_carries_its_inertia(
         1e-6 * np.abs(trace.stress[:, 0]).max(), rel=1e-2
     )
     assert peak["peak_von_mises_error_mpa"] is None
+
+
+def test_a_probe_in_a_bed_sees_on_a_slow_path_what_an_uneven_rail_does(tmp_path: Path) -> None:
+    """Beside statics of the pose at its end: one carriage of four climbs by 5 um."""
+    path = Path(__file__).parents[3] / "machines" / "guideway.toml"
+    scene = load_scene(
+        path,
+        overrides=[
+            "components.bed.reduction.modes_to='2 kHz'",
+            "joints.carriage_1.errors={ ball_passing = { period = '10 mm', normal = '5 um' } }",
+            "effects={ guide_errors = true, damping = { modal = 0.05 } }",
+            "probes.spot={ component = 'bed', at = ['60 mm', '60 mm', '80 mm'] }",
+            "poses.end={ X = '2.5 mm' }",
+            "analyses={ static = { at = 'tcp', poses = ['end'] }, path = { from = { X = '0 mm' }, to = { X = '2.5 mm' }, "
+            "pose_model = 'frozen', feeds = ['60 mm/min'], time_constant = '500 ms', sampling = '50 Hz', outputs = [['tcp', 'z']] } }",
+        ],
+    )
+    results = run_scene(
+        scene, tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store")
+    )
+    (rest,) = find_answers(results.answers, ProbeAnswer)
+    (answer,) = find_answers(results.answers, PathResult)
+    seen, still = answer.runs[0].probes["spot"].trace, rest.probes["spot"]
+    size = np.linalg.norm(still.displacement)
+    assert size > 1e-7
+    assert seen.displacement[-1] == pytest.approx(still.displacement, abs=0.03 * size)
+    largest = np.abs(still.stress).max()
+    assert largest > 1e3
+    assert seen.stress[-1] == pytest.approx(still.stress, abs=0.03 * largest)
