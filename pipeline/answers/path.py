@@ -13,7 +13,12 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import Answer
-from headstock.pipeline.answers.estimates import DISCRETISATION, Estimate, scale_shares
+from headstock.pipeline.answers.estimates import (
+    DISCRETISATION,
+    Estimate,
+    combine_estimates,
+    scale_shares,
+)
 from headstock.pipeline.answers.frf import split_channel
 from headstock.pipeline.answers.motion_forces import (
     DriveExtremes,
@@ -182,13 +187,14 @@ class PathWorth:
 
     Attributes:
         base: Runs of the machine, one per feed.
-        better: Source of error to runs without it.
+        better: Source of error, and the component alone that has it, to runs without it; an empty name
+            for all components.
         unknown: Components with a mesh whose errors nothing shows.
         left_out: What is not looked at.
     """
 
     base: tuple[PathRun, ...]
-    better: Mapping[str, tuple[PathRun, ...]]
+    better: Mapping[tuple[str, str], tuple[PathRun, ...]]
     unknown: tuple[str, ...]
     left_out: tuple[str, ...]
 
@@ -202,18 +208,26 @@ class PathWorth:
             read: What a run says of them; None for what has no number.
         """
         found = {}
-        others = {source: read(runs[number]) for source, runs in self.better.items()}
+        others = {owner: read(runs[number]) for owner, runs in self.better.items()}
         for name, own in read(self.base[number]).items():
-            sizes: dict[str, float | None] = {
-                source: None
-                if own is None or (changed := other[name]) is None
-                else abs(abs(changed) - abs(own))
-                for source, other in others.items()
-            }
+            parts = [
+                Estimate(
+                    {source: size},
+                    self.left_out,
+                    {} if size is None or not component else {source: {component: size}},
+                )
+                for (source, component), other in others.items()
+                for size in [_measure_change(own, other[name])]
+            ]
             if self.unknown:
-                sizes[DISCRETISATION] = None
-            found[name] = Estimate(sizes, self.left_out)
+                parts.append(Estimate({DISCRETISATION: None}))
+            found[name] = combine_estimates([*parts, Estimate({}, self.left_out)])
         return found
+
+
+def _measure_change(own: float | None, changed: float | None) -> float | None:
+    """Of the size of a number; None where one of them is missing."""
+    return None if own is None or changed is None else abs(abs(changed) - abs(own))
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,9 @@ from headstock.pipeline.paths.path_model import choose_model
 from headstock.pipeline.paths.solved_moves import SolvedMoves
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.better_machines import (
+    Owner,
     find_silent_meshes,
-    list_better_machines,
+    list_single_machines,
     silence,
 )
 from headstock.pipeline.stages.estimates import name_what_is_left_out
@@ -201,16 +202,16 @@ def _judge_path(
         return PathWorth(_run_moves(request, solved), {}, (), LUMPED.left_out)
     frozen = dataclasses.replace(request, follows_pose=False)
     left_out = list(name_what_is_left_out(state.parts).left_out)
-    better: dict[str, tuple[PathRun, ...]] = {}
-    machines = list_better_machines(state)
+    better: dict[Owner, tuple[PathRun, ...]] = {}
+    machines = list_single_machines(state)
     base = solved
     if machines and request.follows_pose:
         base = solve(silence(state), frozen)
-    for source, machine in machines.items():
+    for owner, machine in machines.items():
         try:
-            better[source] = _run_moves(frozen, solve(machine, frozen))
+            better[owner] = _run_moves(frozen, solve(machine, frozen))
         except (UnstableControlError, ModelError) as error:
-            left_out.append(f"{source}: {error}")
+            left_out.append(f"{' of '.join(filter(None, owner))}: {error}")
     unknown = find_silent_meshes(state)
     return PathWorth(_run_moves(frozen, base), better, unknown, tuple(left_out))
 

@@ -10,7 +10,7 @@ from headstock.pipeline.answers.estimates import (
     DISCRETISATION,
     REDUCTION,
 )
-from headstock.pipeline.stages.run_state import RunState
+from headstock.pipeline.stages.run_state import ReducedComponent, RunState
 from headstock.reduction.estimates.better_elements import (
     with_finer_mesh,
     with_modes_left_out,
@@ -19,6 +19,7 @@ from headstock.reduction.estimates.better_elements import (
 from headstock.reduction.superelement import Superelement
 
 Sources = Mapping[str, Callable[[Superelement], Superelement]]
+Owner = tuple[str, str]  # source of error, and the component alone that has it; empty for all
 # by source of error, what a superelement is without it
 EACH: Sources = {
     DISCRETISATION: with_finer_mesh,
@@ -32,7 +33,7 @@ ONCE: Sources = {
 }
 
 
-def list_better_machines(state: RunState, sources: Sources = EACH) -> dict[str, RunState]:
+def list_better_machines(state: RunState, sources: Sources) -> dict[str, RunState]:
     """By source of error, the run with superelements without it; no entry of a source that changes
     nothing.
 
@@ -42,16 +43,43 @@ def list_better_machines(state: RunState, sources: Sources = EACH) -> dict[str, 
     """
     found = {}
     for source, improve in sources.items():
-        better = {
-            name: dataclasses.replace(part, superelement=improve(part.superelement))
-            for name, part in state.reduced.items()
-        }
-        if any(
-            part.superelement is not state.reduced[name].superelement
-            for name, part in better.items()
-        ):
-            found[source] = silence(dataclasses.replace(state, reduced=better))
+        better = _improve(state, improve)
+        if better:
+            found[source] = _replace(state, better)
     return found
+
+
+def list_single_machines(state: RunState) -> dict[Owner, RunState]:
+    """The same of each source, and of meshes one component at a time: what two of them change may
+    cancel by chance.
+    """
+    found: dict[Owner, RunState] = {}
+    for source, improve in EACH.items():
+        better = _improve(state, improve)
+        if source == DISCRETISATION:
+            found |= {(source, name): _replace(state, {name: own}) for name, own in better.items()}
+        elif better:
+            found[source, ""] = _replace(state, better)
+    return found
+
+
+def _improve(
+    state: RunState, improve: Callable[[Superelement], Superelement]
+) -> dict[str, ReducedComponent]:
+    """Components that are others without a source of error."""
+    better = {
+        name: dataclasses.replace(part, superelement=improve(part.superelement))
+        for name, part in state.reduced.items()
+    }
+    return {
+        name: part
+        for name, part in better.items()
+        if part.superelement is not state.reduced[name].superelement
+    }
+
+
+def _replace(state: RunState, better: Mapping[str, ReducedComponent]) -> RunState:
+    return silence(dataclasses.replace(state, reduced={**state.reduced, **better}))
 
 
 def find_silent_meshes(state: RunState) -> tuple[str, ...]:
