@@ -34,7 +34,7 @@ FINER, FINE_ACROSS = 2.0, 5  # meshes of the true machine: so much smaller, elem
 UNSURE, SURE = 0.5, 0.3
 COVERED, LARGEST_MEDIAN = 0.95, 5.0
 # resonances that a ramp excites more or less as they shift move peaks of vibrations either way
-PATHS_COVERED = 0.85
+PATHS_COVERED = 0.8
 PATHS = (
     "deviations and joint forces of a path",
     "the same under control, torques and position errors",
