@@ -110,6 +110,11 @@ PATH_SAMPLES_PER_SECOND = 4.5e4
 SECONDS_PER_RUBBING_MOVE, SECONDS_PER_RUBBING_PATH_SAMPLE = 0.2, 1e-4
 SECONDS_PER_RUBBING_CUT_STEP = 1.6e-3
 RUBBING_ALONG = 2.2
+# a repeat without friction takes all modes of an elastic machine: so many times a path of a rigid one (13 000
+# and 121 000 samples, on a busy core)
+SECONDS_AGAIN = 3.0
+KEPT_FOR_REPEATS = 2.1  # times the memory: moves are kept until they are compared
+RICHER = 1.3  # a machine with the modes that are left out, among those repeated, as a share more
 # of the tool of a mechanism per swing of the highest mode, which lies somewhat above the frequency up to
 # which modes are kept, and as many modes as dofs per so much of it. The Tripteor, lumped, of rigid legs and of
 # finite elements (363 dofs, 45 modes up to 960 Hz), with and without control, 20 000 to 150 000 steps
@@ -163,6 +168,7 @@ def path_seconds(
     rubbing: bool,
     cut_steps: float = 0.0,
     follows_pose: bool = False,
+    repeats: int = 0,
 ) -> float:
     """Processor time of a path of axes [s].
 
@@ -171,15 +177,19 @@ def path_seconds(
         dofs: Of the coupled machine.
         rubbing: Guides of drives under control have friction.
         cut_steps: Of the forces of a cut with friction; none elsewhere.
-        follows_pose: Friction acts along the poses of the way, too.
+        follows_pose: It goes through the poses of the way, too.
+        repeats: In the pose of the middle, for its ±.
     """
     start = PATH_START + SECONDS_PER_PATH_DOF * dofs
+    # what is to be compared in that pose is computed in it, too
+    again = repeats + (follows_pose if repeats else 0)
     if not rubbing:
-        return start + sum(samples) / PATH_SAMPLES_PER_SECOND
+        once = sum(samples) / PATH_SAMPLES_PER_SECOND
+        return start + once * (1.0 + SECONDS_AGAIN * again)
     once = len(samples) * SECONDS_PER_RUBBING_MOVE
     once += sum(samples) * SECONDS_PER_RUBBING_PATH_SAMPLE
     once += SECONDS_PER_RUBBING_CUT_STEP * cut_steps
-    return start + once * (1.0 + RUBBING_ALONG * follows_pose)
+    return start + once * (1.0 + RUBBING_ALONG * follows_pose + again)
 
 
 @dataclass(frozen=True)
@@ -193,6 +203,7 @@ class ToolMarch:
         follows_pose: It goes through the poses of the way, too.
         judged: Modes are left out, which is judged.
         controlled: Its legs are under control.
+        repeats: In the frozen pose, for its ±.
     """
 
     steps: float
@@ -200,6 +211,7 @@ class ToolMarch:
     follows_pose: bool
     judged: bool
     controlled: bool
+    repeats: int
 
     @property
     def seconds(self) -> float:
@@ -207,18 +219,28 @@ class ToolMarch:
         found = (1.0 + self.follows_pose) * self.steps * _tool_step_seconds(self.modes)
         if self.follows_pose and self.judged:
             found += 2.0 * self.steps * _tool_step_seconds(2.0 * self.modes)
+        if self.repeats:
+            again = self.repeats + self.follows_pose + RICHER
+            found += again * self.steps * _tool_step_seconds(self.modes)
         return PATH_START + found
 
     @property
     def memory_mb(self) -> float:
         """Peak memory, beside that of a path of axes [MB]."""
         times = 4.0 if self.follows_pose and self.judged else 1.0
+        times *= KEPT_FOR_REPEATS if self.repeats else 1.0
         states = TOOL_KB_PER_STEP_AND_MODE * (1.0 + self.controlled)
         return 1e-3 * times * states * self.steps * self.modes
 
 
 def plan_tool_march(
-    request: PathRequest, *, dofs: int, deforms: bool, controlled: bool, up_to_hz: float
+    request: PathRequest,
+    *,
+    dofs: int,
+    deforms: bool,
+    controlled: bool,
+    up_to_hz: float,
+    repeats: int,
 ) -> ToolMarch:
     """How far a path of a mechanism's tool goes in time.
 
@@ -228,13 +250,21 @@ def plan_tool_march(
         deforms: Bodies deform, so that more modes are there than are kept.
         controlled: Its legs are under control.
         up_to_hz: Modes kept [Hz].
+        repeats: In the frozen pose, for its ±.
     """
     rate = TOOL_STEPS_PER_SWING * up_to_hz
     if request.cut is not None:
         rate = max(rate, PATH_STEPS_PER_TURN * request.cut.cut.spindle / (2.0 * math.pi))
     seconds = sum(move.duration + request.residual_time for move in request.moves)
     modes = min(float(dofs), dofs * up_to_hz / HZ_PER_MODE_AND_DOF)
-    return ToolMarch(rate * seconds, modes, request.follows_pose, deforms, controlled)
+    return ToolMarch(
+        steps=rate * seconds,
+        modes=modes,
+        follows_pose=request.follows_pose,
+        judged=deforms,
+        controlled=controlled,
+        repeats=repeats,
+    )
 
 
 def _tool_step_seconds(modes: float) -> float:

@@ -16,7 +16,7 @@ import numpy as np
 
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.parts.components import Component, Fidelity, ReductionSettings
-from headstock.geometry.parts.solids import MeshFile, PointMass, SuperelementFile
+from headstock.geometry.parts.solids import Box, MeshFile, PointMass, SuperelementFile
 from headstock.meshing.components.meshing import MeshEstimate, estimate_mesh
 from headstock.pipeline.planning.budgets import (
     CONTROLLED_COST,
@@ -171,7 +171,7 @@ def plan_scene(
                 estimated_seconds=count / POSES_PER_SECOND,
             )
         )
-    stages += _way_stages(scene, dofs)
+    stages += _way_stages(scene, components, dofs)
     if scene.analyses.volumetric is not None:
         count = math.prod(len(values) for _, values in scene.analyses.volumetric.axes)
         what = scene.analyses.volumetric.describe()
@@ -562,7 +562,7 @@ def _pose_stages(pose: Pose, scene: Scene) -> list[Stage]:
     return stages
 
 
-def _way_stages(scene: Scene, dofs: int) -> list[Stage]:
+def _way_stages(scene: Scene, components: dict[str, Component], dofs: int) -> list[Stage]:
     """Stages in which a machine of so many dofs goes its way."""
     contour, path = scene.analyses.contouring, scene.analyses.path
     stages: list[Stage] = []
@@ -579,12 +579,21 @@ def _way_stages(scene: Scene, dofs: int) -> list[Stage]:
         what = contour.describe() + _name_acting(scene)
         stages.append(Stage("contour", None, what, estimated_seconds=steps * per_step))
     if path is not None:
-        stages.append(_path_stage(scene, path, dofs))
+        stages.append(_path_stage(scene, path, dofs, _count_repeats(components)))
     return stages
 
 
-def _path_stage(scene: Scene, path: PathRequest, dofs: int) -> Stage:
-    """The path of a machine of so many dofs."""
+def _count_repeats(components: dict[str, Component]) -> int:
+    """How often an analysis is repeated without a source of error, for its ±: the mesh of each
+    component, modes that are left out, and curved faces.
+    """
+    elastic = [part for part in components.values() if part.fidelity == "elastic"]
+    curved = any(not isinstance(part.solid, Box) for part in elastic)
+    return len(elastic) + 1 + curved if elastic else 0
+
+
+def _path_stage(scene: Scene, path: PathRequest, dofs: int, repeats: int) -> Stage:
+    """The path of a machine of so many dofs, repeated in the pose of the middle for its ±."""
     samples = [(move.duration + path.residual_time) * path.sampling_hz for move in path.moves]
     rubbing = any(drive.friction is not None for drive in scene.drives.values())
     memory = path_memory_mb(
@@ -600,6 +609,7 @@ def _path_stage(scene: Scene, path: PathRequest, dofs: int) -> Stage:
             rubbing=rubbing,
             cut_steps=PATH_STEPS_PER_TURN * turns,
             follows_pose=path.follows_pose,
+            repeats=repeats,
         )
     else:
         bodies = len(scene.machine.components)
@@ -609,6 +619,7 @@ def _path_stage(scene: Scene, path: PathRequest, dofs: int) -> Stage:
             deforms=not scene.is_lumped and dofs > DOFS_OF_A_BODY * bodies,
             controlled=bool(scene.drives),
             up_to_hz=MODE_MARGIN * path.band_hz,
+            repeats=repeats,
         )
         seconds, memory = march.seconds, memory + march.memory_mb
     return Stage(
