@@ -142,6 +142,7 @@ class ContouringRequest:
         traces_knots: Distance of the knots of the spline through them [s].
         tool_modes: Lumped modes of spindle and tool, from the machine to the tip.
         cut_off: Wavelength between roughness and waviness of milled faces [m].
+        estimate: Its numbers get a ±.
     """
 
     contour: SquareContour | PolylineContour
@@ -160,6 +161,7 @@ class ContouringRequest:
     traces_knots: float = 0.01
     tool_modes: tuple[ToolMode, ...] = ()
     cut_off: float = 0.8e-3
+    estimate: bool = True
 
     def describe(self) -> str:
         """In a few words: what is computed, and how far."""
@@ -208,6 +210,7 @@ class PathRequest:
         band_hz: How high it looks [Hz].
         cut: What is milled on the way; None for a move in air.
         follows_pose: The machine's matrices change along the way; else those of its middle hold.
+        estimate: Its numbers get a ±.
     """
 
     path: MachinePath
@@ -219,6 +222,7 @@ class PathRequest:
     band_hz: float
     cut: PathCut | None = None
     follows_pose: bool = True
+    estimate: bool = True
 
     def describe(self) -> str:
         """In a few words: what is computed, and how far."""

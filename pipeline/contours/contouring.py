@@ -32,6 +32,7 @@ from headstock.pipeline.contours.lumped_contour import lumped_face_dynamics, run
 from headstock.pipeline.contours.milled_faces import mill_faces
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.better_machines import (
+    NOT_ASKED,
     ONCE,
     find_silent_meshes,
     list_better_machines,
@@ -159,6 +160,8 @@ def _judge_contour(
     """
     if state.scene.is_lumped:
         return ContourWorth(left_out=LUMPED.left_out)
+    if not request.estimate:
+        return ContourWorth(left_out=(NOT_ASKED,))
     left_out = list(name_what_is_left_out(state.parts).left_out)
     better: dict[str, ContourAnswer] = {}
     for source, machine in list_better_machines(state, ONCE).items():

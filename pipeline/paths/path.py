@@ -18,6 +18,7 @@ from headstock.pipeline.paths.path_model import choose_model
 from headstock.pipeline.paths.solved_moves import SolvedMoves
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.better_machines import (
+    NOT_ASKED,
     Owner,
     find_silent_meshes,
     list_single_machines,
@@ -200,6 +201,8 @@ def _judge_path(
     """The moves once more, in the pose of the middle, of the machine without each source of error."""
     if state.scene.is_lumped:
         return PathWorth(_run_moves(request, solved), {}, (), LUMPED.left_out)
+    if not request.estimate:
+        return PathWorth(_run_moves(request, solved), {}, (), (NOT_ASKED,))
     frozen = dataclasses.replace(request, follows_pose=False)
     left_out = list(name_what_is_left_out(state.parts).left_out)
     better: dict[Owner, tuple[PathRun, ...]] = {}

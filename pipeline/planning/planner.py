@@ -577,19 +577,26 @@ def _way_stages(scene: Scene, components: dict[str, Component], dofs: int) -> li
             regenerative=contour.regeneration and contour.cutting,
         )
         what = contour.describe() + _name_acting(scene)
-        stages.append(Stage("contour", None, what, estimated_seconds=steps * per_step))
+        # all meshes and modes left out are tried at once
+        times = 1 + (_count_repeats(components, meshes=0) if contour.estimate else 0)
+        stages.append(Stage("contour", None, what, estimated_seconds=times * steps * per_step))
     if path is not None:
-        stages.append(_path_stage(scene, path, dofs, _count_repeats(components)))
+        repeats = _count_repeats(components) if path.estimate else 0
+        stages.append(_path_stage(scene, path, dofs, repeats))
     return stages
 
 
-def _count_repeats(components: dict[str, Component]) -> int:
-    """How often an analysis is repeated without a source of error, for its ±: the mesh of each
-    component, modes that are left out, and curved faces.
+def _count_repeats(components: dict[str, Component], meshes: int | None = None) -> int:
+    """How often an analysis is repeated without a source of error, for its ±: meshes, modes that are
+    left out, and curved faces.
+
+    Args:
+        components: Those of the machine.
+        meshes: How often for meshes alone; None for once per component.
     """
     elastic = [part for part in components.values() if part.fidelity == "elastic"]
     curved = any(not isinstance(part.solid, Box) for part in elastic)
-    return len(elastic) + 1 + curved if elastic else 0
+    return (len(elastic) if meshes is None else meshes) + 1 + curved if elastic else 0
 
 
 def _path_stage(scene: Scene, path: PathRequest, dofs: int, repeats: int) -> Stage:

@@ -18,6 +18,7 @@ from headstock.reduction.estimates.better_elements import (
 )
 from headstock.reduction.superelement import Superelement
 
+NOT_ASKED = "any error, as the scene says estimate = false"
 Sources = Mapping[str, Callable[[Superelement], Superelement]]
 Owner = tuple[str, str]  # source of error, and the component alone that has it; empty for all
 # by source of error, what a superelement is without it

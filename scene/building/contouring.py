@@ -78,6 +78,7 @@ def build_contouring(
         modes_to_hz=table.modes_to or PASSINGS * table.spindle / (2.0 * math.pi) * mill.teeth,
         follows_pose=table.pose_model == "pose_dependent",
         cut_off=table.cut_off,
+        estimate=table.estimate,
     )
 
 

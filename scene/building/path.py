@@ -58,6 +58,7 @@ def build_path_request(scene: SceneTable) -> PathRequest | None:
         band_hz=_find_band(scene, path),
         cut=build_path_cut(scene),
         follows_pose=_follows_pose(scene, path),
+        estimate=path.estimate,
     )
 
 

@@ -256,6 +256,7 @@ NOTES = {
     "teeth pass",
     "Contouring.pose_model": "`pose_dependent`: matrices of a machine of components change along the way; `frozen`: those of the middle of face 1",
     "Contouring.tool_modes": "lumped modes of spindle and tool as those of `[analyses.lobes]`, across the z axis unless they have a direction",
+    "Contouring.estimate": "± of its numbers, for which machines of components go the contour once or twice more",
     "Contouring.cut_off": "wavelength between roughness and waviness of the milled faces (Gaussian filter of ISO 16610-21)",
     "Mill.helix": "helix angle; a positive one pulls the tool down",
     "Mill.runout": "distance of the tool axis from the spindle axis",
@@ -364,6 +365,7 @@ NOTES = {
     "Contouring.on_request": "run only when named: `--analysis contouring`",
     "Path.pose_model": "`pose_dependent`: the machine's matrices change along the path; `frozen`: those at mid-path are used throughout; "
     "default: `pose_dependent`, but `frozen` for axes under control",
+    "Path.estimate": "± of its numbers, for which machines of components make the moves once more per mesh and for modes left out",
     "Path.on_request": "run only when named: `--analysis path`",
     "Limits.elements": "maximum number of elements of a component; default: 3 million, which no limit exceeds",
     "Limits.memory": "maximum estimated memory of a stage; default: what the computer, its batch system or control group allows",

@@ -19,6 +19,7 @@ from headstock.scene.schema.types import (
     Count,
     DampingShare,
     Direction,
+    Flag,
     JsonForm,
     Length,
     Name,
@@ -159,6 +160,7 @@ class ContouringTable(RequestTable):
     pose_model: Literal["pose_dependent", "frozen"] = "pose_dependent"
     tool_modes: Annotated[list[ToolModeTable], Field(max_length=12)] = []
     cut_off: PositiveLength = 0.8e-3
+    estimate: Flag = True
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -11,6 +11,7 @@ from headstock.scene.schema.mechanism import MillTable
 from headstock.scene.schema.types import (
     ChannelName,
     Direction,
+    Flag,
     PathFeed,
     PositiveAngularSpeed,
     PositiveFrequency,
@@ -57,6 +58,7 @@ class PathTable(RequestTable):
     residual_time: PositiveTime = 0.3
     cut: PathCutTable | None = None
     pose_model: Literal["pose_dependent", "frozen"] | None = None
+    estimate: Flag = True
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -400,6 +400,31 @@ def test_loads_over_time_are_planned_for_their_friction() -> None:
         assert 0.5 * seconds < (stages[0].estimated_seconds or 0.0) < 2.0 * seconds
 
 
+@pytest.mark.parametrize(
+    ("kind", "section", "variant", "more"),
+    [
+        ("path", "path", None, True),
+        ("path", "path", "segmented", False),
+        ("contour", "contouring", "milling", True),
+        ("contour", "contouring", "segmented+milling", False),
+    ],
+)
+def test_ways_of_bodies_that_deform_are_planned_for_longer_with_their_error(
+    kind: str, section: str, variant: str | None, more: bool
+) -> None:
+    scene = Path(__file__).parents[3] / "machines" / "three_axis.toml"
+    seconds = []
+    for estimate in ("true", "false"):
+        settings = (
+            f"analyses.{section}.on_request=false",
+            f"analyses.{section}.estimate={estimate}",
+        )
+        stages = plan_scene(load_scene(scene, variant=variant, overrides=settings)).stages
+        seconds += [stage.estimated_seconds or 0.0 for stage in stages if stage.kind == kind]
+    with_error, once = seconds
+    assert with_error > 1.9 * once if more else with_error == once
+
+
 def test_a_path_that_is_too_long_for_the_memory_is_refused_with_its_remedy() -> None:
     scene = Path(__file__).parents[3] / "machines" / "three_axis.toml"
     settings = (

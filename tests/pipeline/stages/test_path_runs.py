@@ -7,12 +7,15 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import present
 from headstock.pipeline.answers.answer import find_answers
+from headstock.pipeline.answers.estimates import DISCRETISATION
 from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.results.files import read_paths
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
+from headstock.pipeline.stages.better_machines import NOT_ASKED
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
@@ -184,6 +187,29 @@ def test_a_cut_without_control_pushes_the_tool_away_by_its_mean_force_times_the_
     force = cutting_forces(path.cut.cut, fine, np.full(len(fine), 0.05)).mean(axis=0)
     (compliance,) = (points["tcp"].compliance[:3, :3] for points in found.static.values())
     np.testing.assert_allclose(mean, compliance @ force, rtol=2e-3)
+
+
+@pytest.mark.fem
+def test_a_path_has_an_error_unless_the_scene_wants_none(tmp_path: Path) -> None:
+    start = SCENE.index("[components.slider]")
+    deforming = SCENE[:start] + SCENE[start:].replace(
+        'fidelity = "rigid"', 'fidelity = "elastic"\nmesh = { size = "60 mm" }', 1
+    )
+    found, bare = (
+        run_path(tmp_path, deforming.replace("on_request", f"estimate = {estimate}\non_request"))
+        for estimate in ("true", "false")
+    )
+    assert (DISCRETISATION, "slider") in found.worth.better and not bare.worth.better
+    np.testing.assert_array_equal(
+        bare.runs[0].curves.deviation.total, found.runs[0].curves.deviation.total
+    )
+    told, silent = found.summarise(), bare.summarise()
+    assert told["error_left_out"] == ["rigid model of bed"]
+    assert silent["error_left_out"] == [NOT_ASKED]
+    errors, none = (
+        each["feeds"][0]["outputs"][0]["errors"]["accelerating"] for each in (told, silent)
+    )
+    assert present(errors["peak_um"]) > 0.0 and none["peak_um"] is None
 
 
 def test_an_undamped_path_is_warned_of(tmp_path: Path) -> None:
