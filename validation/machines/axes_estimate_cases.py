@@ -33,8 +33,6 @@ FINER, FINE_ACROSS = 2.0, 5  # meshes of the true machine: so much smaller, elem
 # enough to judge it (see coverage/cases.py)
 UNSURE, SURE = 0.5, 0.3
 COVERED, LARGEST_MEDIAN = 0.95, 5.0
-# resonances that a ramp excites more or less as they shift move peaks of vibrations either way
-PATHS_COVERED = 0.8
 PATHS = (
     "deviations and joint forces of a path",
     "the same under control, torques and position errors",
@@ -89,7 +87,6 @@ def _judge_machines(case: str, seeds: list[int]) -> list[ValidationRow]:
             case,
             f"{machines}, {kind}",
             [each[kind] for each in found],
-            PATHS_COVERED if kind in PATHS else COVERED,
         )
     ]
 
@@ -200,9 +197,7 @@ def _list_run(run: PathRun) -> dict[str, float | None]:
     return found
 
 
-def _judge(
-    case: str, what: str, machines: list[JudgedNumbers], covered: float
-) -> list[ValidationRow]:
+def _judge(case: str, what: str, machines: list[JudgedNumbers]) -> list[ValidationRow]:
     values, errors, truth, doubt = (
         np.concatenate([np.abs(getattr(machine, field)) for machine in machines])
         for field in ("values", "errors", "truth", "doubt")
@@ -226,7 +221,7 @@ def _judge(
             case,
             f"{what}: share of true errors beyond ±",
             1.0 - float((missed[sure] <= errors[sure]).mean()),
-            1.0 - covered,
+            1.0 - COVERED,
         ),
         judge_bound(case, f"{what}: ± over true error, median", middle, LARGEST_MEDIAN, note),
     ]
