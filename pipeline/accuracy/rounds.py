@@ -46,6 +46,29 @@ LEAST_SECONDS = 0.05  # of a component
 LEAST_RATIO = 1e-3  # of an error, over all rounds to come
 
 
+@dataclass(frozen=True)
+class MeshScale:
+    """How fine a mesh is.
+
+    Attributes:
+        size: Its size, or the mean where sizes follow the error [m].
+        mean: Side of the cube per dof [m].
+        graded: Its sizes follow the error.
+    """
+
+    size: float
+    mean: float
+    graded: bool
+
+    def step_from(self, before: "MeshScale") -> float:
+        """Its size over that of a mesh before; their means where only one of them follows the error, as
+        sizes then tell nothing of each other.
+        """
+        if self.graded == before.graded:
+            return self.size / before.size
+        return self.mean / before.mean
+
+
 @dataclass(frozen=True, eq=False)
 class History:
     """What the rounds so far have taught.
@@ -53,13 +76,13 @@ class History:
     Attributes:
         trials: Of each component, its meshes so far and the largest error they owned.
         quantities: Numbers of the last round, with errors as estimated.
-        sizes: Mesh sizes of the last round [m].
+        scales: How fine meshes of the last round were.
         factors: By how much estimates are to be multiplied.
     """
 
     trials: Mapping[str, tuple[Trial, ...]] = field(default_factory=dict)
     quantities: Sequence[Quantity] = ()
-    sizes: Mapping[str, float] = field(default_factory=dict)
+    scales: Mapping[str, MeshScale] = field(default_factory=dict)
     factors: Factors = field(default_factory=dict)
 
 
@@ -93,10 +116,14 @@ def judge_round(
         for name, part in parts.items()
         if (size := _find_size(part, state)) is not None and is_chosen(part)
     }
-    steps = {
-        name: size / history.sizes[name]
+    scales = {
+        name: MeshScale(size, mean_size(state.reduced[name]), follows_errors(parts[name]))
         for name, size in sizes.items()
-        if size < history.sizes.get(name, 0.0)
+    }
+    steps = {
+        name: step
+        for name, scale in scales.items()
+        if name in history.scales and (step := scale.step_from(history.scales[name])) < 1.0
     }
     factors = weigh_estimates(history.quantities, estimated, steps, history.factors)
     quantities = count_safely(estimated, factors)
@@ -111,7 +138,7 @@ def judge_round(
         worst.name, worst.error if np.isfinite(worst.error) else None, reason, worst.owner
     )
     trials = _remember(history.trials, parts, sizes, estimated, quantities)
-    learnt = History(trials, estimated, sizes, factors)
+    learnt = History(trials, estimated, scales, factors)
     if worst.error <= goal.to or state.failures:
         return Verdict(True, scene, found), learnt
     seconds = {

@@ -8,7 +8,7 @@ import pytest
 from headstock.geometry.parts.components import Component, Material
 from headstock.geometry.parts.solids import Box
 from headstock.pipeline.accuracy.quantities import Owner, Quantity
-from headstock.pipeline.accuracy.rounds import AIM, _wanted_ratios
+from headstock.pipeline.accuracy.rounds import AIM, MeshScale, _wanted_ratios
 from headstock.pipeline.answers.estimates import DISCRETISATION, REDUCTION
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
@@ -33,6 +33,14 @@ def test_numbers_that_just_miss_refine_the_body_at_fault_alone_and_no_further_th
     ratios = _wanted_ratios([just, number(0.001, 0.001, key="f2")], 0.03, PARTS, EQUAL)
     assert set(ratios) == {MESH["base"]}
     assert 0.8 * AIM * 0.03 < left_over(just, ratios) <= AIM * 0.03
+
+
+def test_an_even_mesh_and_a_graded_one_are_compared_by_their_dofs() -> None:
+    hexes = MeshScale(0.094, 0.0097, graded=False)
+    tets = MeshScale(0.0058, 0.0058, graded=True)
+    # sizes would say a sixteenth, after which nothing would be left of the error
+    assert tets.step_from(hexes) == pytest.approx(0.6, abs=0.01)
+    assert MeshScale(0.056, 0.008, graded=False).step_from(hexes) == pytest.approx(0.6, abs=0.01)
 
 
 def test_every_number_is_expected_to_be_right() -> None:
