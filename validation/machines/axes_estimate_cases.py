@@ -25,7 +25,7 @@ from headstock.validation.machines.drawn_axes import draw_axes
 from headstock.validation.references.rows import ValidationRow, judge_bound
 
 CASE, SMOKE = "axes-estimates", "axes-estimates-smoke"
-SEEDS, SMOKE_SEED = range(3), 2
+SEEDS, SMOKE_SEED = range(3), 0
 FRESH = 3  # first seed of no machine above
 FINE_MODES = 40
 FINER, FINE_ACROSS = 2.0, 5  # meshes of the true machine: so much smaller, elements across a patch
