@@ -15,6 +15,7 @@ from headstock.validation.case_registry import (
     select_cases,
 )
 from headstock.validation.coverage.cases import CALIBRATION, HOLD_OUT
+from headstock.validation.machines.axes_estimate_cases import SEEDS
 from headstock.validation.machines.model_choice_cases import MACHINES
 from headstock.validation.references.rows import ValidationRow, judge_bound
 
@@ -98,6 +99,10 @@ def test_a_seed_draws_what_no_factor_was_fitted_on(monkeypatch: pytest.MonkeyPat
 
 def test_seeds_used_by_coverage_and_model_estimates_are_not_drawn_again() -> None:
     fresh = {case.name: case.fresh for case in CASES if case.draw is not None}
-    used = {"coverage": max(*CALIBRATION, *HOLD_OUT), "model-estimates": max(MACHINES)}
+    used = {
+        "coverage": max(*CALIBRATION, *HOLD_OUT),
+        "model-estimates": max(MACHINES),
+        "axes-estimates": max(SEEDS),
+    }
     assert fresh.keys() == used.keys()
     assert all(fresh[name] > used[name] for name in used)
