@@ -363,7 +363,7 @@ CASES: tuple[Case, ...] = (
     Case(
         "axes-estimates",
         "estimates",
-        "± of volumetric maps and of paths against fine meshes, on three machines",
+        "± of volumetric maps and of paths against fine meshes, on five machines",
         on_root(check_axes_estimates),
         on_request=True,
         draw=compare_new_axes,
