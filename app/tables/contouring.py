@@ -60,6 +60,18 @@ def _tell_wave(row: FaceRow) -> str | None:
     return f"{wave['length_mm']:.3g} mm, {wave['amplitude_um']:.2g} µm"
 
 
+def _parameter(name: str, key: MilledKey) -> Column[FaceRow]:
+    """Of the profile of a face, by its name in ISO 21920."""
+    return Column(
+        _of_milled(key),
+        f"{name} [um]",
+        screen=f">{name}",
+        report=f"{name} [µm]",
+        digits=3,
+        error=_profile_error(key),
+    )
+
+
 FACE_COLUMNS: tuple[Column[FaceRow], ...] = (
     Column(lambda row: row.face, "face", screen=">face", report="Face"),
     Column(lambda row: row.at, "at", screen="<at", report="At"),
@@ -97,30 +109,9 @@ FACE_COLUMNS: tuple[Column[FaceRow], ...] = (
         report="Location error [µm]",
         error=_profile_error("location_error_um"),
     ),
-    Column(
-        _of_milled("ra_um"),
-        "Ra [um]",
-        screen=">Ra",
-        report="Ra [µm]",
-        digits=3,
-        error=_profile_error("ra_um"),
-    ),
-    Column(
-        _of_milled("rz_um"),
-        "Rz [um]",
-        screen=">Rz",
-        report="Rz [µm]",
-        digits=3,
-        error=_profile_error("rz_um"),
-    ),
-    Column(
-        _of_milled("wt_um"),
-        "Wt [um]",
-        screen=">Wt",
-        report="Wt [µm]",
-        digits=3,
-        error=_profile_error("wt_um"),
-    ),
+    _parameter("Ra", "ra_um"),
+    _parameter("Rz", "rz_um"),
+    _parameter("Wt", "wt_um"),
     Column(
         _of_milled("pt_um"), "Pt [um]", report="Pt [µm]", digits=3, error=_profile_error("pt_um")
     ),
