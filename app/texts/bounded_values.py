@@ -351,10 +351,7 @@ def accuracy_words(
     settings = "; ".join(f"{name}: {words}" for name, words in accuracy["settings"].items())
     state = "met" if accuracy["met"] else "not met"
     count = f"{len(rounds)} round{'s' if len(rounds) != 1 else ''}"
-    words = (
-        f"accuracy {100.0 * accuracy['requested']:g} % {state} in {count}: {last} within {known}, the others closer"
-        " (± of meshes counted up to 1.8 times)"
-    )
+    words = f"accuracy {100.0 * accuracy['requested']:g} % {state} in {count}: {last} within {known}, the others closer"
     if (own := accuracy.get("responses")) is not None:
         size = "an unknown amount" if own["error"] is None else f"{100.0 * own['error']:.2g} %"
         words += (

@@ -21,9 +21,9 @@ EDGE_OVER_SIZE = 1.2
 SMOOTH_RATE, SINGULAR_RATE = 4.0, 1.5
 SHARP_COSINE = float(np.cos(np.radians(50.0)))  # of facets that meet at an inner edge
 FINEST_STEP = 0.2  # from one mesh to the next an estimate can be trusted for this much
-# times as many cells: as a new mesh is computed from the start, few more cost little; where the old one
-# was very coarse, the next tells what is needed
-LEAST_TIMES, MOST_TIMES = 1.25, 12.0
+# times as many cells: as a new mesh is computed from the start, few more cost little; what a coarse
+# mesh misses is known so roughly that the next had better tell what is needed than be far too fine
+LEAST_TIMES, MOST_TIMES = 1.25, 4.0
 HALVINGS = 60
 NEIGHBOURS = 4
 
@@ -65,7 +65,7 @@ def spread_error(
     mesh: ComponentMesh, energies: FloatArray, share: float, before: SizeField | None = None
 ) -> SizeField:
     """The sizes with which the fewest cells miss so much of what a mesh misses, a quarter more of them
-    at least and twelve times as many at most; none is larger than those of the mesh.
+    at least and four times as many at most; none is larger than those of the mesh.
 
     A cell misses ``e s^p`` when its size becomes ``s`` times what it is, with a power ``p`` that is
     smaller where stresses are singular. The fewest cells are needed where ``p e s^(p + 3)`` is equal

@@ -21,8 +21,7 @@ from headstock.pipeline.stages.run_state import RunState
 # share of them and more than ± takes (LEAST_FACTOR, MOST_FACTOR).
 MESH_SAFETY = 1.55
 Owner = tuple[str, str]  # component, source of error
-# key of a number and owner to what the estimate is multiplied by
-Factors = Mapping[tuple[str, Owner], float]
+Factors = Mapping[str, float]  # component to what the estimates of its mesh are multiplied by
 # errors are taken to fall with this power of the mesh size, or with that of their estimates where
 # these fall faster, and what that leaves counts half as much again
 LEVEL_RATE, FASTEST_LEVEL_RATE = 1.5, 4.0
@@ -31,9 +30,7 @@ LEVEL_SAFETY = 1.5
 # true error; no less than this share of them counts.
 LEAST_FACTOR = 0.4
 MOST_FACTOR = 1.8  # the smallest estimates are little more than half of the true error
-# One that moved little by chance counts as much as this share of the largest factor among numbers
-# with at least half of the component's largest error.
-SHARED, DECISIVE = 0.7, 0.5
+DECISIVE = 0.5  # numbers with at least this share of a component's largest error tell its factor
 CLOSE = 0.7  # sizes so near to each other tell less than rounds further apart have told before
 
 
@@ -111,31 +108,19 @@ def count_safely(quantities: Sequence[Quantity], factors: Factors) -> list[Quant
 
     Args:
         quantities: With errors as estimated.
-        factors: For numbers of which two rounds tell.
+        factors: Of components of which two rounds tell.
     """
 
-    def factor(key: str, owner: Owner) -> float:
-        return factors.get((key, owner), MESH_SAFETY if owner[1] == DISCRETISATION else 1.0)
+    def factor(owner: Owner) -> float:
+        return factors.get(owner[0], MESH_SAFETY) if owner[1] == DISCRETISATION else 1.0
 
     return [
         dataclasses.replace(
             quantity,
-            parts={
-                owner: factor(quantity.key, owner) * part for owner, part in quantity.parts.items()
-            },
+            parts={owner: factor(owner) * part for owner, part in quantity.parts.items()},
         )
         for quantity in quantities
     ]
-
-
-def learnt_factors(factors: Factors) -> dict[str, float]:
-    """Component to what its estimates of mesh errors, which cover what is usual, are multiplied by
-    after rounds have told more.
-    """
-    largest: dict[str, float] = {}
-    for (_, (name, _)), factor in factors.items():
-        largest[name] = max(largest.get(name, 0.0), factor / MESH_SAFETY)
-    return {name: factor for name, factor in largest.items() if factor != 1.0}
 
 
 def worst_quantity(quantities: list[Quantity]) -> Quantity | None:
@@ -246,13 +231,14 @@ def weigh_estimates(
     after: Sequence[Quantity],
     steps: Mapping[str, float],
     known: Factors,
-) -> dict[tuple[str, Owner], float]:
+) -> dict[str, float]:
     """Factors by which the estimates of meshes are to be counted, from how far numbers moved
     between two rounds.
 
     A number that moved by ``d`` while the size fell to the share ``s`` has ``d s^p / (1 - s^p)``
-    still to go, where errors fall with the power ``p``. Components that were not refined keep their
-    factor.
+    still to go, where errors fall with the power ``p``. Of the numbers that decide about a component
+    the one with the most to go counts: some stand still by chance. Components that were not refined
+    keep their factor.
 
     Args:
         before: Numbers of a round, with estimates as they are.
@@ -282,15 +268,12 @@ def weigh_estimates(
         ratios[quantity.key] = moved, LEVEL_SAFETY * left / total
     factors = dict(known)
     for owner in {owner for moved, _ in ratios.values() for owner in moved}:
-        own = {
-            key: (moved[owner], ratio) for key, (moved, ratio) in ratios.items() if owner in moved
-        }
-        decisive = DECISIVE * max(part for part, _ in own.values())
-        least = SHARED * max(ratio for part, ratio in own.values() if part >= decisive)
-        for key, (_, ratio) in own.items():
-            found = float(np.clip(max(ratio, least), LEAST_FACTOR, MOST_FACTOR))
-            close = steps[owner[0]] > CLOSE
-            factors[key, owner] = min(found, known.get((key, owner), found)) if close else found
+        own = [(moved[owner], ratio) for moved, ratio in ratios.values() if owner in moved]
+        decisive = DECISIVE * max(part for part, _ in own)
+        largest = max(ratio for part, ratio in own if part >= decisive)
+        found = float(np.clip(largest, LEAST_FACTOR, MOST_FACTOR))
+        name = owner[0]
+        factors[name] = min(found, known.get(name, found)) if steps[name] > CLOSE else found
     return factors
 
 

@@ -20,9 +20,9 @@ from headstock.pipeline.accuracy.interface_choice import ShapeChoice, choose_sha
 from headstock.pipeline.accuracy.model_errors import BetterBodies
 from headstock.pipeline.accuracy.models import ModelChoice, choose_models
 from headstock.pipeline.accuracy.quantities import (
+    MESH_SAFETY,
     Quantity,
     count_safely,
-    learnt_factors,
 )
 from headstock.pipeline.accuracy.remembered import (
     Judged,
@@ -270,7 +270,8 @@ def _refine_in_rounds(scene: Scene, run_round: RunRound, note: Note) -> _Refined
                 note(Stage("refine", name, verdict.round.reason), change, Cost())
         current, state = verdict.scene, run_round(verdict.scene, plan)
     counted = count_safely(history.quantities, history.factors)
-    factors = learnt_factors(history.factors)
+    # ± of meshes counts what is usual
+    factors = {name: factor / MESH_SAFETY for name, factor in history.factors.items()}
     return _Refined(current, state, tuple(rounds), counted, factors, failure)
 
 

@@ -6,10 +6,8 @@ from headstock.pipeline.accuracy.quantities import (
     LEAST_FACTOR,
     MESH_SAFETY,
     MOST_FACTOR,
-    SHARED,
     Quantity,
     count_safely,
-    learnt_factors,
     weigh_estimates,
 )
 from headstock.pipeline.answers.estimates import DISCRETISATION, REDUCTION
@@ -50,32 +48,33 @@ def test_estimates_that_are_too_large_count_less_and_never_nothing() -> None:
     assert counted < MESH_SAFETY * 2.0 * true
     same = number(100.0, 0.04)
     factors = weigh_estimates([same], [same], {"column": 0.6}, {})
-    assert factors["f1", COLUMN] == LEAST_FACTOR
+    assert factors["column"] == LEAST_FACTOR
 
 
-def test_a_number_that_stood_still_by_chance_counts_with_what_the_others_teach() -> None:
-    before = [number(105.0, 0.05), number(50.0, 0.05, key="f2")]
-    after = [number(101.5, 0.02), number(50.0, 0.02, key="f2")]
+def test_numbers_that_decide_tell_the_factor_of_a_component() -> None:
+    before = [number(105.0, 0.05), number(50.0, 0.05, key="f2"), number(9.9, 0.01, key="f3")]
+    # the second stood still by chance; the third hardly depends on the mesh
+    after = [number(101.5, 0.02), number(50.0, 0.02, key="f2"), number(9.5, 0.004, key="f3")]
     factors = weigh_estimates(before, after, {"column": 0.6}, {})
-    assert factors["f1", COLUMN] > 1.0
-    assert factors["f2", COLUMN] == pytest.approx(SHARED * factors["f1", COLUMN])
-    # behind every ± stands the largest of them
-    assert learnt_factors(factors) == {"column": factors["f1", COLUMN] / MESH_SAFETY}
+    assert factors == weigh_estimates(before[:1], after[:1], {"column": 0.6}, {})
+    assert 1.0 < factors["column"] < MOST_FACTOR
+    counted = count_safely(after, factors)
+    assert counted[1].parts[COLUMN] == pytest.approx(0.02 * factors["column"], abs=0.0)
 
 
 def test_a_step_too_small_to_tell_much_does_not_undo_what_was_learnt() -> None:
     before, after = number(101.0, 0.02), number(100.0, 0.015)
-    alone = weigh_estimates([before], [after], {"column": 0.8}, {})["f1", COLUMN]
-    known = {("f1", COLUMN): 0.9}
+    alone = weigh_estimates([before], [after], {"column": 0.8}, {})["column"]
+    known = {"column": 0.9}
     assert alone > 0.9
     assert weigh_estimates([before], [after], {"column": 0.8}, known) == known
 
 
 def test_parts_that_were_not_refined_keep_their_factor() -> None:
     before, after = number(100.0, 0.04, 0.02), number(99.0, 0.02, 0.02)
-    known = {("f1", BASE): 0.9}
+    known = {"base": 0.9}
     factors = weigh_estimates([before], [after], {"column": 0.7}, known)
-    assert factors["f1", BASE] == 0.9
+    assert factors["base"] == 0.9
     counted = count_safely([after], factors)[0].parts
     assert counted[BASE] == pytest.approx(0.9 * 0.02, abs=0.0)
     assert counted["column", REDUCTION] == pytest.approx(0.001, abs=0.0)
@@ -84,4 +83,4 @@ def test_parts_that_were_not_refined_keep_their_factor() -> None:
     assert count_safely([after], fresh)[0].parts[COLUMN] == pytest.approx(
         MESH_SAFETY * 0.02, abs=0.0
     )
-    assert learnt_factors(fresh) == {}
+    assert fresh == {}

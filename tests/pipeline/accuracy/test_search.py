@@ -23,7 +23,6 @@ from headstock.geometry.parts.components import (
 )
 from headstock.geometry.parts.solids import Box, HollowColumn
 from headstock.meshing.components.meshing import count_hexes
-from headstock.pipeline.accuracy.quantities import SHARED
 from headstock.pipeline.accuracy.search import plan_first_round
 from headstock.pipeline.accuracy.settings import Trial, observed_rate, refine_mesh, start_component
 from headstock.pipeline.answers.accuracy import AccuracyAnswer, AccuracySummary, RoundSummary
@@ -122,7 +121,7 @@ def test_every_number_is_within_the_accuracy_and_only_what_owns_the_error_was_re
     # what rounds taught stands behind every ±, too
     modes = results.modal[0]
     for hz, error, exact in zip(modes.frequencies_hz, modes.errors, converged, strict=False):
-        assert abs(hz - exact) <= present(error.total) <= 0.002 / SHARED * hz
+        assert abs(hz - exact) <= present(error.total) <= 0.002 * hz
     refined = [record.stage.component for record in results.stages if record.stage.kind == "refine"]
     assert "column" in refined
     # what did not change comes from the store
