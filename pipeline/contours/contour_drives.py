@@ -36,6 +36,7 @@ def close_drives(
     gravity: FloatArray,
     scales: FloatArray,
     friction: FrictionSpeeds,
+    beside: FloatArray | None = None,
 ) -> ServoMotion:
     """Add motors to a machine on its way and close their loops.
 
@@ -50,6 +51,7 @@ def close_drives(
         scales: ``(k, d, c + d)`` what linear scales read per coordinate.
         friction: At which speeds it acts: those of the set points, which leaves the motion linear,
             or those of the motors.
+        beside: ``(n, d)`` what scales read beside that; None for nothing.
     """
     size, count = free.mass.shape[-1], len(drives)
     motors = np.arange(size - count, size)
@@ -84,6 +86,7 @@ def close_drives(
         accelerations=accelerations,
         gravity=gravity,
         scales=scales,
+        beside=beside,
     )
 
 

@@ -26,12 +26,13 @@ from headstock.pipeline.contours.contour_drives import (
 from headstock.pipeline.contours.contour_run import ContourDrives, ContourRun
 from headstock.pipeline.contours.traced_path import plan_request
 from headstock.pipeline.contours.way_errors import STEPS_PER_WAVE, find_way_errors
-from headstock.pipeline.contours.way_motors import close_way, plan_motors
+from headstock.pipeline.contours.way_motors import close_way, lead_bodies, plan_motors
 from headstock.pipeline.contours.ways import (
     FORCE,
     GRAVITY_LOAD,
     RigidWay,
     axes_way,
+    drive_outputs,
     find_screws,
     has_coriolis,
     judge_turning,
@@ -42,7 +43,6 @@ from headstock.pipeline.contours.ways import (
 from headstock.pipeline.stages.run_state import RunState
 from headstock.scene.reading.forces import ForceRecord
 from headstock.scene.requests import ContouringRequest
-from headstock.solvers.control.drive_trains import SCALE
 from headstock.solvers.control.friction_loop import friction_force
 from headstock.solvers.milling.path_drives import find_tool_positions
 from headstock.solvers.milling.stability import TipDynamics, tip_dynamics
@@ -113,13 +113,13 @@ def run_coupled_contour(
     if errors is not None:
         way = errors.join(rigid, lambda now: PathMotion(now, np.ones(len(now)), np.zeros(len(now))))
         spacing = min(spacing, errors.shortest / STEPS_PER_WAVE)
-    scales = () if motors is None else tuple((drive.name, SCALE) for drive in motors.drives)
+    drives = () if motors is None else motors.drives
     channels = PlantChannels(
         inputs=(*tool, GRAVITY_LOAD, *way.channels),
-        outputs=(*tool, *((name, FORCE) for name in screws), *scales),
+        outputs=(*tool, *((name, FORCE) for name in screws), *drive_outputs(drives)),
         up_to_hz=request.modes_to_hz,
     )
-    place = place_machine(state, way, screws, () if motors is None else motors.drives)
+    place = place_machine(state, way, screws, drives, led=lead_bodies(motors))
     if request.follows_pose:
         bends = (*plan.bends, path.span[1] - AVERAGES * request.contour.window)
         breaks = [0.0, *sorted(float(time) for time in bends if time < end), end]
@@ -140,6 +140,8 @@ def run_coupled_contour(
             sampled,
             motion,
             scales=len(tool) + len(screws),
+            way=way,
+            given=way.given,
             friction=friction,
             load_spacing=spacing,
         )
@@ -165,9 +167,9 @@ def run_coupled_contour(
 
     if servo is None or motors is None:
         torques, assumed = _motor_torques(state, tuple(screws), way, times)
-        drives, assumed = ContourDrives(tuple(screws), drive_forces, torques), (IDEAL, *assumed)
+        driven, assumed = ContourDrives(tuple(screws), drive_forces, torques), (IDEAL, *assumed)
     else:
-        drives = controlled_drives(servo, motors.drives, history)
+        driven = controlled_drives(servo, motors.drives, history)
         assumed = drive_assumptions(motors.drives, friction)
     nodes: FloatArray = np.asarray(np.linspace(0.0, end, TURNING_NODES), dtype=float)
     turning = judge_turning(
@@ -186,7 +188,7 @@ def run_coupled_contour(
         fit=fit,
         motion=motion,
         history=history,
-        drives=drives,
+        drives=driven,
         highest_hz=sampled.highest_hz,
         coriolis=has_coriolis(state),
         assumed=(*assumed, *turning),

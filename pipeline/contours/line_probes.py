@@ -90,7 +90,7 @@ def follow_probes(
     motors: WayMotors | None,
     shown: slice,
 ) -> dict[str, ProbeMotion]:
-    """What probes see beside what they see of the weight.
+    """What probes see beside what they see of the weight, from the beginning.
 
     Args:
         probes: Whose channels are outputs.
@@ -134,4 +134,4 @@ def follow_probes(
             ridden = motion.apply(travels[:, body], moved[:, own][:, led])
             part[:, :3] += ridden[:, :3] - ridden[:, 3:] @ skew_matrices(probes.arms[probe]).T
         part += pulled @ probes.late[probe].T
-    return read_probes(probes.placed, motion.times[shown], seen[shown])
+    return read_probes(probes.placed, motion.times[shown], (seen - seen[0])[shown])

@@ -21,10 +21,17 @@ from headstock.pipeline.contours.carried_bodies import move_bodies
 from headstock.pipeline.contours.line_probes import LineProbes, find_probes, follow_probes
 from headstock.pipeline.contours.turning_axes import turning_motors, turning_speeds, turning_way
 from headstock.pipeline.contours.way_errors import STEPS_PER_WAVE, WayErrors, find_way_errors
-from headstock.pipeline.contours.way_motors import WayMotors, close_way, lead_motors, plan_motors
+from headstock.pipeline.contours.way_motors import (
+    WayMotors,
+    close_way,
+    lead_bodies,
+    lead_motors,
+    plan_motors,
+)
 from headstock.pipeline.contours.ways import (
     GRAVITY_LOAD,
     RigidWay,
+    drive_outputs,
     has_coriolis,
     judge_turning,
     mechanism_way,
@@ -45,7 +52,6 @@ from headstock.pipeline.stages.run_state import Outcome, PoseModel, RunState
 from headstock.reduction.coupling.joint_forces import JointForces, joint_outputs
 from headstock.scene.requests import PathRequest
 from headstock.scene.scene import SceneMechanism
-from headstock.solvers.control.drive_trains import SCALE
 from headstock.solvers.milling.straight_path import StraightPath, UnitTravel
 from headstock.solvers.milling.tool_path import PathPoints
 from headstock.solvers.paths.linear_motion import (
@@ -175,14 +181,14 @@ class ToolLine:
             self.start, self.along, self.request.moves[0], 1.0 / self.request.sampling_hz
         )
         way = self.way(first)
-        scales = ((drive.name, SCALE) for drive in self.drives)
         watched = () if follows else (*joint_outputs(self.joints), *self.probes.channels)
         channels = PlantChannels(
             inputs=(*self.tool, GRAVITY_LOAD, *way.channels),
-            outputs=(*self.tool, *self.request.outputs, *watched, *scales),
+            outputs=(*self.tool, *self.request.outputs, *watched, *drive_outputs(self.drives)),
             up_to_hz=up_to_hz,
         )
-        place = place_machine(self.state, way, {}, self.drives)
+        speeding = None if self.unit_motors is None else self.unit_motors[0]
+        place = place_machine(self.state, way, {}, self.drives, led=lead_bodies(speeding))
         if follows:
             return sample_motion(place, [0.0, length], channels)
         held = self.probes.join(place(0.5 * length))
@@ -381,10 +387,14 @@ def _solve_move(
     way = line.way(path)
     given = np.concatenate([way.given(times[part]) for part in chunk_slices(len(times))])
     sampled = dataclasses.replace(sampled, along=lambda now: sample_move(move, now).positions)
+
+    def values(now: FloatArray) -> FloatArray:
+        return interpolate_nodes(now, times, given)
+
     motion = follow_motion(
         sampled,
         times,
-        lambda now: interpolate_nodes(now, times, given),
+        values,
         node_spacing=min(NODE_SPACING, NODE_ANGLE / max(line.turning * move.feed, TINY)),
         load_spacing=step,
     )
@@ -398,7 +408,14 @@ def _solve_move(
         scales = outputs.stop
         scales += len(joint_outputs(joints)) + len(line.probes.channels) if middle else 0
         servo = close_way(
-            motors, sampled, motion, scales=scales, friction="true", load_spacing=step
+            motors,
+            sampled,
+            motion,
+            scales=scales,
+            way=way,
+            given=values,
+            friction="true",
+            load_spacing=step,
         )
         motion = servo.motion
         moved = motors.at(motion.nodes).outputs[:, outputs]

@@ -14,7 +14,7 @@ from headstock.geometry.machine.machine import (
     place_components,
 )
 from headstock.pipeline.contours.way_motors import MovedMachine, WayMotors
-from headstock.pipeline.contours.ways import RigidWay, body_channels, load_bodies
+from headstock.pipeline.contours.ways import RigidWay, body_channels, load_bodies, travel_bodies
 from headstock.pipeline.stages.run_state import MachineParts
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.second_order import Channel
@@ -90,6 +90,7 @@ def turning_way(
         amounts,
         body_channels(names),
         turning=tuple(name for name in names if name in speeds),
+        travels=lambda coupled: travel_bodies(coupled, names),
     )
 
 

@@ -13,13 +13,14 @@ from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.mechanisms.exechon import LEGS, LENGTHS
 from headstock.geometry.mechanisms.tool_mechanism import solve_pose
-from headstock.pipeline.contours.ways import Feedthrough, RigidWay, coupled_machine, place_model
+from headstock.pipeline.contours.ways import PlacedErrors, RigidWay, coupled_machine, place_model
 from headstock.pipeline.stages.lumped_machine import sample_leg_errors
 from headstock.pipeline.stages.machine import DAMPING, damp_system
 from headstock.pipeline.stages.mechanism import LumpedPose
+from headstock.pipeline.stages.probe_motions import watch_probes
 from headstock.pipeline.stages.run_state import PoseModel, RunState
 from headstock.reduction.coupling.error_travel import (
-    OffsetMotions,
+    ACCELERATION,
     check_offsets,
     differentiate,
     find_offset_motions,
@@ -27,9 +28,9 @@ from headstock.reduction.coupling.error_travel import (
 )
 from headstock.reduction.coupling.guide_errors import GUIDE_ERRORS, has_errors
 from headstock.reduction.coupling.joint_forces import SPRING
+from headstock.reduction.coupling.probes import carry_probe
 from headstock.reduction.motions.path_errors import move_outputs
 from headstock.scene.scene import SceneMechanism
-from headstock.solvers.errors import ModelError
 from headstock.solvers.paths.set_points import PathMotion
 from headstock.solvers.second_order import Channel
 
@@ -44,9 +45,7 @@ class WayErrors:
 
     Attributes:
         channels: One per offset, then one per rate and one per acceleration that act.
-        loads: What a unit of each does to a machine in a pose.
-        relief: What outputs have of a unit of each at once: less force of joints whose springs do
-            not push, and motion that fixed directions make.
+        place: What a unit of each does to a machine in a pose.
         offsets: ``(n, k)`` at places ``(n,)`` of the way, in units.
         rated: ``(r,)`` offsets whose rates act, too.
         pulled: ``(a,)`` offsets whose accelerations act, too.
@@ -55,8 +54,7 @@ class WayErrors:
     """
 
     channels: tuple[Channel, ...]
-    loads: Callable[[PoseModel], dict[Channel, FloatArray]]
-    relief: Callable[[PoseModel], Feedthrough]
+    place: Callable[[PoseModel], PlacedErrors]
     offsets: Callable[[FloatArray], FloatArray]
     rated: tuple[int, ...]
     pulled: tuple[int, ...]
@@ -85,12 +83,16 @@ class WayErrors:
             own = [self.offsets(here), rates[:, list(self.rated)], growth[:, list(self.pulled)]]
             return np.concatenate([way.amounts(times), *own], axis=1)
 
+        pulling = self.channels[len(self.channels) - len(self.pulled) :]
         return dataclasses.replace(
             way,
-            loads=lambda model: way.loads(model) | self.loads(model),
             amounts=amounts,
             channels=(*way.channels, *self.channels),
-            relief=self.relief,
+            errors=self.place,
+            offsets=tuple(
+                (self.channels[number], channel)
+                for number, channel in zip(self.pulled, pulling, strict=True)
+            ),
         )
 
 
@@ -111,7 +113,9 @@ def find_way_errors(
     poses = [pose_at(float(node)) for node in nodes]
     ends = (float(nodes[0]), float(nodes[-1]))
     if state.scene.is_lumped and mechanism is not None:
-        return _leg_errors(mechanism, poses, nodes) if mechanism.leg_errors else None
+        if not mechanism.leg_errors:
+            return None
+        return _leg_errors(mechanism, poses, nodes, driven=bool(state.scene.drives))
     if not has_errors(machine):
         return None
     travel = plan_travel(machine, state.parts.superelements, nodes, poses)
@@ -119,16 +123,17 @@ def find_way_errors(
         return None
     fixed = {name: joint.fixed for name, joint in machine.joints.items()}
     numbers = range(len(travel.directions))
-    pulled = [n for n in numbers if travel.directions[n][1] in fixed[travel.directions[n][0]]]
-    if pulled:
-        _check_rigid(state)
+    rigid = [n for n in numbers if travel.directions[n][1] in fixed[travel.directions[n][0]]]
+    if rigid:
         check_offsets(coupled_machine(place_model(state)(poses[0])), travel)
+    # motors under control feel the inertia of all that follows at once, springs that are stiff, too
+    pulled = list(numbers) if state.scene.drives else rigid
     damped = {name for name, joint in machine.joints.items() if np.any(joint.damping)}
     rated = [
         number
         for number in numbers
         if DAMPING in state.scene.effects
-        and (number in pulled or travel.directions[number][0] in damped)
+        and (number in rigid or travel.directions[number][0] in damped)
     ]
     channels = (
         *travel.channels,
@@ -136,17 +141,11 @@ def find_way_errors(
         *(travel.accelerations[number] for number in pulled),
     )
 
-    def unit(model: PoseModel) -> OffsetMotions:
+    def place(model: PoseModel) -> PlacedErrors:
+        coupled = coupled_machine(model)
         system = damp_system(state.scene, model.system, model.all_modes)
-        return find_offset_motions(coupled_machine(model), travel, system)
-
-    def loads(model: PoseModel) -> dict[Channel, FloatArray]:
-        found = unit(model)
+        found = find_offset_motions(coupled, travel, system)
         columns = [found.loads, found.rates[:, rated], found.accelerations[:, pulled]]
-        return dict(zip(channels, UNIT * np.hstack(columns).T, strict=True))
-
-    def relief(model: PoseModel) -> Feedthrough:
-        coupled, found = coupled_machine(model), unit(model)
         taken = {
             ((f"{joint} {SPRING}", DOF_NAMES[row]), channel): -UNIT * float(forces[row, number])
             for joint, forces in found.forces.items()
@@ -161,20 +160,26 @@ def find_way_errors(
             for row, passed in enumerate(found.passed[joint][: len(DOF_NAMES), number])
             if passed
         }
-        if pulled:
+        if rigid:
             outputs = [(name, dof) for name, dof in coupled.system.outputs if dof in DOF_NAMES]
-            moved = UNIT * move_outputs(coupled, machine, found, outputs)[:, pulled]
+            rows = [*move_outputs(coupled, machine, found, outputs)]
+            for name, probe in machine.probes.items():
+                outputs += watch_probes([name]).channels
+                rows += [*carry_probe(coupled, probe, found.moved)]
             taken |= {
-                (output, travel.channels[number]): float(row[column])
-                for output, row in zip(outputs, moved, strict=True)
-                for column, number in enumerate(pulled)
+                (output, travel.channels[number]): UNIT * float(row[number])
+                for output, row in zip(outputs, rows, strict=True)
+                for number in rigid
             }
-        return taken
+        return PlacedErrors(
+            loads=dict(zip(channels, UNIT * np.hstack(columns).T, strict=True)),
+            relief=taken,
+            moved=UNIT * found.moved[:, pulled] if rigid else None,
+        )
 
     return WayErrors(
         channels=channels,
-        loads=loads,
-        relief=relief,
+        place=place,
         offsets=lambda places: np.asarray(travel.sample(places) / UNIT),
         rated=tuple(rated),
         pulled=tuple(pulled),
@@ -183,27 +188,11 @@ def find_way_errors(
     )
 
 
-def _check_rigid(state: RunState) -> None:
-    """Refuse what errors of rigid guides do not reach along a way.
-
-    Raises:
-        ModelError: Drives are under control, or probes are watched.
-    """
-    if state.scene.drives:
-        raise ModelError(
-            "errors of rigid guides move what motors under control accelerate, and their loops along a contour or on a mechanism know forces only;"
-            " give these guides a stiffness, or leave effects.drive_control off"
-        )
-    if state.scene.mechanism is not None and state.scene.machine.probes:
-        raise ModelError(
-            "errors of rigid guides move probes at once, which probes along a tool's path do not show; give these guides a stiffness,"
-            " or remove the probes"
-        )
-
-
-def _leg_errors(mechanism: SceneMechanism, poses: list[Pose], nodes: FloatArray) -> WayErrors:
+def _leg_errors(
+    mechanism: SceneMechanism, poses: list[Pose], nodes: FloatArray, *, driven: bool
+) -> WayErrors:
     """Legs of a lumped mechanism that are longer than commanded: nothing but their springs along
-    themselves resists.
+    themselves resists. Driven ones feel the inertia of what follows at once.
     """
     states = np.array([solve_pose(mechanism, pose.positions) for pose in poses])
     legs = tuple(mechanism.leg_errors)
@@ -211,18 +200,21 @@ def _leg_errors(mechanism: SceneMechanism, poses: list[Pose], nodes: FloatArray)
     lengths = states[:, columns]
     law = scipy.interpolate.make_interp_spline(nodes, lengths, k=min(3, len(nodes) - 1))
     channels = tuple((GUIDE_ERRORS, LENGTHS[leg]) for leg in legs)
+    pulled = tuple(range(len(legs))) if driven else ()
+    pulling = tuple((ACCELERATION, LENGTHS[legs[number]]) for number in pulled)
 
-    def loads(model: PoseModel) -> dict[Channel, FloatArray]:
+    def place(model: PoseModel) -> PlacedErrors:
         if not isinstance(model, LumpedPose):
             raise ValueError("errors of legs are those of a lumped mechanism")
         pushed = UNIT * np.diag(model.placed.motions.stiffness)
-        return {channel: pushed[2 * leg + 1] for channel, leg in zip(channels, legs, strict=True)}
-
-    def relief(model: PoseModel) -> Feedthrough:
-        return {
-            ((f"{LEGS[leg]} {SPRING}", "along"), channel): -float(pushed[2 * leg + 1])
-            for leg, (channel, pushed) in zip(legs, loads(model).items(), strict=True)
-        }
+        loads = {channel: pushed[2 * leg + 1] for channel, leg in zip(channels, legs, strict=True)}
+        return PlacedErrors(
+            loads=loads | dict.fromkeys(pulling, np.zeros(len(pushed))),
+            relief={
+                ((f"{LEGS[leg]} {SPRING}", "along"), channel): -float(loads[channel][2 * leg + 1])
+                for channel, leg in zip(channels, legs, strict=True)
+            },
+        )
 
     speeds = np.abs(np.gradient(lengths, nodes, axis=0)).max(axis=0)
     periods = [
@@ -232,14 +224,13 @@ def _leg_errors(mechanism: SceneMechanism, poses: list[Pose], nodes: FloatArray)
         if speed > 0.0
     ]
     return WayErrors(
-        channels=channels,
-        loads=loads,
-        relief=relief,
+        channels=(*channels, *pulling),
+        place=place,
         offsets=lambda places: np.asarray(
             sample_leg_errors(mechanism.leg_errors, law(places)) / UNIT
         ),
         rated=(),
-        pulled=(),
+        pulled=pulled,
         ends=(float(nodes[0]), float(nodes[-1])),
         shortest=float(min(periods, default=np.inf)),
     )

@@ -22,6 +22,7 @@ from headstock.geometry.mechanisms.closures import evaluate_kinematics
 from headstock.geometry.mechanisms.exechon import LENGTHS
 from headstock.geometry.mechanisms.kinematics import skew_matrices
 from headstock.pipeline.contours.contour_drives import FrictionSpeeds, close_drives
+from headstock.pipeline.contours.ways import RigidWay
 from headstock.pipeline.stages.run_state import MachineParts, RunState
 from headstock.scene.scene import SceneMechanism
 from headstock.solvers.mechanisms.partitioning import velocity_maps
@@ -144,12 +145,21 @@ def lead_motors(
     return WayMotors(speeding.drives, at)
 
 
+def lead_bodies(motors: WayMotors | None) -> Callable[[float], FloatArray]:
+    """Travel ``(r, d)`` in each channel of a way per travel of each motor, at a place of it."""
+    if motors is None:
+        return lambda where: np.zeros((0, 0))
+    return lambda where: motors.at(np.array([where])).channels[0]
+
+
 def close_way(
     motors: WayMotors,
     sampled: SampledMotion,
     motion: LinearMotion,
     scales: int,
     *,
+    way: RigidWay,
+    given: Callable[[FloatArray], FloatArray],
     friction: FrictionSpeeds,
     load_spacing: float = LOAD_SPACING,
 ) -> ServoMotion:
@@ -157,15 +167,17 @@ def close_way(
 
     Args:
         motors: Of the machine.
-        sampled: The machine with locked motors; its last outputs are what linear scales read, its
-            inputs after gravity the channels of the way.
+        sampled: The machine with locked motors; its last outputs are what linear scales read, then
+            momenta, its inputs after gravity the channels of the way.
         motion: The same between its nodes.
         scales: The first of these outputs.
+        way: Of the machine.
+        given: Values ``(n, 1 + r)`` of weight and of its channels at times.
         friction: At which speeds it acts.
         load_spacing: Time between which loads of the rigid motion are linear [s].
     """
     now = motors.at(motion.nodes)
-    found = sampled.at(motion.nodes, "loads", "rows")
+    found = sampled.at(motion.nodes, "loads", "rows", "direct")
     modes, count = sampled.modes, len(motors.drives)
     kept, own = slice(0, modes), slice(modes, modes + count)
     # the load of an acceleration is what the travel's inertia takes of the modes
@@ -181,7 +193,17 @@ def close_way(
     def between(values: Sequence[FloatArray]) -> FloatArray:
         return interpolate_nodes(motion.times, load_nodes, np.concatenate(values))
 
+    # offsets of joints that modes follow at once move what scales read and what motors accelerate
+    reads, momenta = slice(scales, scales + count), slice(scales + count, scales + 2 * count)
+    placed = {channel: 1 + number for number, channel in enumerate(way.channels)}
+    offsets, pulling = ([placed[pair[end]] for pair in way.offsets] for end in (0, 1))
+    moved, moving = (
+        between([given(load_nodes[part])[:, columns] for part in chunk_slices(len(load_nodes))])
+        for columns in (offsets, pulling)
+    )
+    beyond = found.direct[:, :, [GIVEN.start + column for column in offsets]]
     pulled = between([each.weight - each.inertia for each in finer])
+    pulled -= motion.apply(beyond[:, momenta], moving)
     weight = np.concatenate([found.loads[:, :, GIVEN.start], now.weight], axis=1)
     unit = np.broadcast_to(np.eye(count), (len(motion.nodes), count, count))
     return close_drives(
@@ -198,7 +220,8 @@ def close_way(
         speeds=between([each.speeds for each in finer]),
         accelerations=between([each.accelerations for each in finer]),
         gravity=weight,
-        scales=np.concatenate([found.rows[:, scales:], unit], axis=2),
+        scales=np.concatenate([found.rows[:, reads], unit], axis=2),
+        beside=motion.apply(beyond[:, reads], moved),
         friction=friction,
     )
 

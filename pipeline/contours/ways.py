@@ -4,7 +4,7 @@ poses with what acts on it there. Contours and straight moves of a tool go along
 
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -20,8 +20,8 @@ from headstock.pipeline.stages.machine import CoupledPose, damp_system, warn_of_
 from headstock.pipeline.stages.mechanism import LumpedPose, build_mechanism, place_pose
 from headstock.pipeline.stages.run_state import PoseModel, RunState
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
-from headstock.reduction.coupling.drives import find_scales
-from headstock.reduction.coupling.error_travel import RATE
+from headstock.reduction.coupling.drives import find_scales, scale_rows
+from headstock.reduction.coupling.error_travel import RATE, move_rows
 from headstock.reduction.coupling.joint_forces import SPRING, joint_outputs
 from headstock.reduction.coupling.joint_springs import PlacedJoint
 from headstock.reduction.coupling.memo import CouplingMemo
@@ -31,6 +31,8 @@ from headstock.reduction.coupling.path_loads import (
     body_travel,
     bound_gyroscopic_shift,
     inertia_load,
+    momentum_rows,
+    rigid_travel,
     stack_modes,
     turn_with_bodies,
 )
@@ -43,9 +45,27 @@ from headstock.solvers.second_order import Channel, SecondOrderSystem
 
 GRAVITY_LOAD: Channel = ("gravity", "load")
 FORCE = "force"
+MOMENTUM = "momentum"  # along the travel that a motor brings about, as an output per speed
 LEAST_SHIFT = 1e-9  # of a natural frequency: roundoff, as of bodies that are rigid
 Amounts = Callable[[FloatArray], FloatArray]
 Feedthrough = dict[tuple[Channel, Channel], float]
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedErrors:
+    """What a unit of each error does to a machine in a pose.
+
+    Attributes:
+        loads: Channel to its load ``(n,)``.
+        relief: Outputs and channels to what a unit of the channel adds to the output at once: less
+            force of joints whose springs do not push, and motion that fixed directions make.
+        moved: ``(n_all, k)`` that motion of the stacked dofs, of a unit of each offset; None where
+            only springs push.
+    """
+
+    loads: Mapping[Channel, FloatArray] = field(default_factory=dict)
+    relief: Feedthrough = field(default_factory=dict)
+    moved: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +82,12 @@ class RigidWay:
         leg_forces: Forces ``(n, d)`` that hold up and accelerate the legs of a mechanism themselves,
             between their drives and their screws, at times; None of axes.
         turning: Bodies that turn on the way, whose speeds act.
-        relief: Outputs of forces of joints and these channels to what a unit of the channel takes off
-            the force, since the joint's springs are at rest elsewhere, of a machine in a pose.
+        travels: Motion ``(n_all, r)`` of the stacked dofs per travel in each of the ``r`` channels of
+            the rigid motion, of a machine of components in a pose.
+        errors: What errors do, of a machine in a pose; their channels follow those of the rigid
+            motion.
+        offsets: Of the errors that motors under control feel at once, channels of the offset and of
+            its acceleration.
     """
 
     pose_at: Callable[[float], Pose]
@@ -73,7 +97,9 @@ class RigidWay:
     axis_motion: Callable[[str, FloatArray], tuple[FloatArray, FloatArray]] | None = None
     leg_forces: Amounts | None = None
     turning: tuple[str, ...] = ()
-    relief: Callable[[PoseModel], Feedthrough] = lambda model: {}
+    travels: Callable[[CoupledMachine], FloatArray] = lambda coupled: np.zeros((0, 0))
+    errors: Callable[[PoseModel], PlacedErrors] = lambda model: PlacedErrors()
+    offsets: tuple[tuple[Channel, Channel], ...] = ()
 
     def given(self, times: FloatArray) -> FloatArray:
         """Values ``(n, 1 + r)`` of weight and of these channels at times ``(n,)``."""
@@ -135,6 +161,9 @@ def axes_way(machine: Machine, travel: ToolTravel, path: ToolPath) -> RigidWay:
         amounts,
         channels,
         axis_motion,
+        travels=lambda coupled: np.column_stack(
+            [rigid_travel(coupled, directions[name]) for name, _ in channels]
+        ),
     )
 
 
@@ -194,6 +223,7 @@ def mechanism_way(
         channels,
         leg_forces=leg_forces,
         turning=tuple(carried) if has_coriolis(state) else (),
+        travels=lambda coupled: travel_bodies(coupled, tuple(carried)),
     )
 
 
@@ -215,11 +245,27 @@ def load_bodies(model: PoseModel, names: Iterable[str]) -> dict[Channel, FloatAr
     return found
 
 
+def drive_outputs(drives: Sequence[Drive]) -> tuple[Channel, ...]:
+    """What scales read, then momenta along what motors move."""
+    return tuple((drive.name, kind) for kind in (SCALE, MOMENTUM) for drive in drives)
+
+
+def travel_bodies(coupled: CoupledMachine, names: Iterable[str]) -> FloatArray:
+    """Motion ``(n_all, r)`` of the stacked dofs per travel in each of these channels."""
+    columns = []
+    for name in names:
+        moved = np.zeros((coupled.layout.size, len(DOF_NAMES)))
+        moved[coupled.offsets[name]] = body_travel(coupled, name)
+        columns.append(moved)
+    return np.hstack(columns)
+
+
 def place_machine(
     state: RunState,
     way: RigidWay,
     screws: Mapping[str, tuple[str, Axis | None]],
     drives: Sequence[Drive],
+    led: Callable[[float], FloatArray],
 ) -> Callable[[float], PosedModes]:
     """The machine at a place of the way: damped as the scene says, with every channel.
 
@@ -227,7 +273,10 @@ def place_machine(
         state: Of the run.
         way: Of the rigid machine.
         screws: Whose forces are outputs.
-        drives: What whose linear scales read is an output.
+        drives: What whose linear scales read is an output, and the momentum along the travel that
+            their motors bring about.
+        led: Travel ``(r, d)`` in each channel of the rigid motion per travel of each of these motors,
+            at a place.
     """
     model_at, undamped = place_model(state), False
 
@@ -243,17 +292,29 @@ def place_machine(
                 'the way is followed without damping: write [effects] damping = { modal = "2 %" }'
             )
         weight = model.loads.get("gravity", np.zeros(len(system.mass)))
-        scales = {
-            (drive.name, SCALE): row
-            for drive, row in zip(drives, _scale_rows(model, drives), strict=True)
-        }
-        coupled, relief = model.coupled, way.relief(model)
+        coupled, errors, loads = model.coupled, way.errors(model), way.loads(model)
         rows = {} if coupled is None else _screw_rows(coupled, screws)
-        taken = relief if coupled is None else relief | _relieve_screws(coupled, screws, relief)
+        taken = dict(errors.relief)
+        if coupled is not None:
+            taken |= _relieve_screws(coupled, screws, errors.relief)
+        if drives:
+            travels = led(where)
+            pulled = np.array([loads[channel] for channel in way.channels[: len(travels)]])
+            rows |= _drive_rows(drives, SCALE, _scale_rows(model, drives))
+            rows |= _drive_rows(drives, MOMENTUM, list(-travels.T @ pulled))
+            if coupled is not None and errors.moved is not None:
+                read = scale_rows(coupled, state.scene.machine, drives)
+                carried = momentum_rows(coupled, way.travels(coupled) @ travels)
+                for kind, stacked in ((SCALE, read), (MOMENTUM, carried)):
+                    taken |= {
+                        ((drive.name, kind), offset): float(value)
+                        for drive, own in zip(drives, move_rows(stacked, errors.moved), strict=True)
+                        for (offset, _), value in zip(way.offsets, own, strict=True)
+                    }
         system = dataclasses.replace(
             system,
-            inputs={**system.inputs, GRAVITY_LOAD: weight, **way.loads(model)},
-            outputs={**system.outputs, **rows, **scales, **joint_outputs(model.joints)},
+            inputs={**system.inputs, GRAVITY_LOAD: weight, **loads, **errors.loads},
+            outputs={**system.outputs, **rows, **joint_outputs(model.joints)},
         )
         posed = dataclasses.replace(_stack(model, system), feedthrough=taken)
         if not way.turning:
@@ -377,6 +438,12 @@ def _turning_bodies(model: PoseModel, names: Sequence[str]) -> list[TurningBody]
             )
         )
     return found
+
+
+def _drive_rows(
+    drives: Sequence[Drive], kind: str, rows: Sequence[FloatArray]
+) -> dict[Channel, FloatArray]:
+    return {(drive.name, kind): row for drive, row in zip(drives, rows, strict=True)}
 
 
 def _scale_rows(model: PoseModel, drives: Sequence[Drive]) -> list[FloatArray]:

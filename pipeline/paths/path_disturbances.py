@@ -28,7 +28,7 @@ from headstock.reduction.motions.path_errors import (
 )
 from headstock.scene.requests import PathRequest
 from headstock.solvers.control.drive_loops import close_loops
-from headstock.solvers.control.drive_trains import FORCE
+from headstock.solvers.control.drive_trains import FORCE, SCALE
 from headstock.solvers.control.friction_loop import friction_channels
 from headstock.solvers.paths.disturbed import solve_disturbed_loop
 from headstock.solvers.paths.response import PathDeviation
@@ -57,12 +57,13 @@ def disturb_loop(
     feedthrough: FloatArray = np.zeros((len(request.outputs), 0))
     if errors is not None:
         shortest = errors.shortest
-        drives = state.scene.drives.values()
+        drives = tuple(state.scene.drives.values())
+        read = [drive for drive in drives if drive.control.encoder == SCALE]
         motions = find_offset_motions(
             driven.coupled,
             errors.travel,
             system,
-            unmoved=scale_rows(driven.coupled, machine, drives),
+            unmoved=scale_rows(driven.coupled, machine, read),
         )
         turned = housing_rows(driven.coupled, machine, drives) @ motions.moved
         spun = housing_loads(driven.trains, turned, len(system.mass))

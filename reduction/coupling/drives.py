@@ -21,7 +21,6 @@ from headstock.reduction.coupling.dof_layout import motion_rows
 from headstock.reduction.coupling.joint_springs import PlacedJoint
 from headstock.solvers.control.drive_trains import (
     MOTOR,
-    SCALE,
     DriveTrain,
     count_coordinates,
     free_motors,
@@ -52,7 +51,13 @@ def place_drives(
     """
     springs = {spring.name: spring for spring in coupled.joint_springs}
     drives = tuple(drives)
-    slides = [_find_slide(coupled, machine, drive, springs[drive.joint]) for drive in drives]
+    stacked = [_find_slide(coupled, machine, drive) for drive in drives]
+    slides = [
+        dataclasses.replace(
+            slide, motion=slide.motion @ coupled.basis, scale=slide.scale @ coupled.basis
+        )
+        for slide in stacked
+    ]
     masses = _moved_masses(coupled, machine, drives, slides)
     return tuple(
         _place_drive(coupled, machine, drive, springs[drive.joint], slide=slide, moved_mass=mass)
@@ -70,28 +75,12 @@ def find_scales(
         machine: The same machine as described.
         drives: Each names its joint.
     """
-    springs = {spring.name: spring for spring in coupled.joint_springs}
-    return [_find_slide(coupled, machine, drive, springs[drive.joint]).scale for drive in drives]
+    return list(scale_rows(coupled, machine, drives) @ coupled.basis)
 
 
 def scale_rows(coupled: CoupledMachine, machine: Machine, drives: Iterable[Drive]) -> FloatArray:
-    """Rows ``(r, n_all)`` of the stacked dofs of what the linear scales read by which drives of axes
-    are controlled.
-
-    Args:
-        coupled: The machine coupled in a pose.
-        machine: The same machine as described.
-        drives: Of axes.
-    """
-    stacked = {spring.name: spring for spring in coupled.fixed.springs}
-    rows = [
-        stacked[drive.joint].rows[0]
-        if drive.scale is None
-        else machine.axes[drive.axis].direction
-        @ point_rows(coupled.layout, machine.points[drive.scale])[:3]
-        for drive in drives
-        if drive.control.encoder == SCALE
-    ]
+    """The same as rows ``(d, n_all)`` of the stacked dofs."""
+    rows = [_find_slide(coupled, machine, drive).scale for drive in drives]
     return np.array(rows).reshape(len(rows), coupled.layout.size)
 
 
@@ -126,13 +115,12 @@ def free_legs(coupled: CoupledMachine, machine: Machine, drives: Iterable[Drive]
     Raises:
         ModelError: A joint neither holds its leg along itself nor is a ball screw.
     """
-    springs = {spring.name: spring for spring in coupled.joint_springs}
     joints = dict(machine.joints)
     for drive in drives:
         joint = joints[drive.joint]
         if drive.axis in machine.axes or joint.kind == "ball_screw":
             continue
-        slide = _find_slide(coupled, machine, drive, springs[drive.joint])
+        slide = _find_slide(coupled, machine, drive)
         if slide.row not in joint.fixed:
             raise ModelError(
                 f"drive {drive.name}: its joint {drive.joint} neither holds the leg along itself nor is a ball screw; "
@@ -274,7 +262,8 @@ def find_moved_mass(system: SecondOrderSystem, slides: FloatArray) -> FloatArray
 
 @dataclass(frozen=True, eq=False)
 class _Slide:
-    """What a drive moves across its joint.
+    """What a drive moves across its joint, in the stacked dofs of the components or the machine's own
+    coordinates.
 
     Attributes:
         row: Dof of the joint along the travel.
@@ -367,10 +356,10 @@ def _place_drive(
     )
 
 
-def _find_slide(
-    coupled: CoupledMachine, machine: Machine, drive: Drive, spring: PlacedJoint
-) -> _Slide:
+def _find_slide(coupled: CoupledMachine, machine: Machine, drive: Drive) -> _Slide:
+    """What a drive moves, in the stacked dofs."""
     joint = machine.joints[drive.joint]
+    spring = next(each for each in coupled.fixed.springs if each.name == drive.joint)
     if machine.mechanism is not None and drive.axis not in machine.axes:
         return _find_leg_slide(coupled, machine, machine.mechanism, drive, spring)
     axis = machine.axes[drive.axis]
@@ -433,7 +422,7 @@ def _length_row(
     standing: JointEnd,
     base: FloatArray,
 ) -> FloatArray:
-    """Motion ``(n, 3)`` of a leg's joint at the platform against the leg's base."""
+    """Motion ``(n_all, 3)`` of a leg's joint at the platform against the leg's base."""
     frames = {spring.name: spring.frame for spring in coupled.joint_springs}
     for joint in machine.joints.values():
         carried = {mechanism.carries.get(end.component or ""): end for end in joint.ends}
@@ -441,7 +430,7 @@ def _length_row(
             tip = frames[joint.name].origin
             rows = motion_rows(coupled.layout, carried["platform"], tip)[:3]
             rows = rows - motion_rows(coupled.layout, standing, base)[:3]
-            return np.asarray((rows @ coupled.basis).T)
+            return np.asarray(rows.T)
     raise ModelError(
         f"leg {leg}: no joint between its tip and the platform, so a scale has no length to read; join them"
     )
@@ -475,12 +464,9 @@ def _scale_row(coupled: CoupledMachine, machine: Machine, point: str, axis: str)
     """Motion along an axis at a point; where the axis carries the work, its travel is that of work
     against tool.
     """
-    direction = machine.axes[axis].direction
-    row = sum(
-        (float(direction[i]) * coupled.system.outputs[point, name] for i, name in enumerate("xyz")),
-        np.zeros(1),
-    )
-    carries_tool = machine.points[point].tool.component in machine.axes[axis].moves
+    carrier = machine.axes[axis]
+    row = carrier.direction @ point_rows(coupled.layout, machine.points[point])[:3]
+    carries_tool = machine.points[point].tool.component in carrier.moves
     return np.asarray(row if carries_tool else -row)
 
 

@@ -16,6 +16,7 @@ from headstock.reduction.coupling.dof_layout import lay_out_dofs
 from headstock.reduction.coupling.guide_errors import (
     CONTRADICTION,
     GUIDE_ERRORS,
+    ROUNDOFF,
     ErrorPlaces,
     contradiction_error,
     find_places,
@@ -258,6 +259,14 @@ def find_offset_motions(
     if damped.damping is None and damped.hysteretic is None:
         rates = np.zeros_like(rates)
     return OffsetMotions(moved, loads, rates, pulled, forces, passed)
+
+
+def move_rows(rows: FloatArray, moved: FloatArray) -> FloatArray:
+    """Products of rows ``(p, n)`` with motions ``(n, k)``, none where terms cancel to roundoff, which no
+    spline along a way could follow.
+    """
+    found = rows @ moved
+    return np.asarray(np.where(np.abs(found) > ROUNDOFF * np.abs(rows) @ np.abs(moved), found, 0.0))
 
 
 def _modal_rates(

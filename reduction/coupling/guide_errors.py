@@ -27,7 +27,7 @@ from headstock.solvers.errors import ModelError
 
 GUIDE_ERRORS = "guide_errors"
 CONTRADICTION = 1e-6  # of the largest offset: what fixed joints may contradict each other by
-
+ROUNDOFF = 1e-12  # of the largest motion, or of the terms of a sum
 HELD = 1e-9  # of the largest row of a joint: what moves no more is held
 
 
@@ -307,7 +307,10 @@ def follow_fixed(constraints: FloatArray, wanted: FloatArray, layout: DofLayout)
     as they agree.
     """
     scale = scale_dofs(layout)
-    return np.asarray(scale[:, None] * np.linalg.lstsq(constraints * scale, wanted)[0])
+    found = np.linalg.lstsq(constraints * scale, wanted)[0]
+    # no spline along a way could follow roundoff
+    found[np.abs(found) < ROUNDOFF * np.abs(found).max(axis=0, initial=0.0)] = 0.0
+    return np.asarray(scale[:, None] * found)
 
 
 def _check_fixed(

@@ -104,6 +104,14 @@ def body_loads(coupled: CoupledMachine, name: str) -> FloatArray:
     )
 
 
+def momentum_rows(coupled: CoupledMachine, travels: FloatArray) -> FloatArray:
+    """Rows ``(r, n_all)`` of the stacked dofs of their momenta along travels ``(n_all, r)``."""
+    rows = np.zeros(travels.T.shape)
+    for name, own in coupled.offsets.items():
+        rows[:, own] = travels[own].T @ coupled.matrices.masses[name]
+    return rows
+
+
 def stack_modes(
     system: SecondOrderSystem, modes: ModalResult, coupled: CoupledMachine
 ) -> PosedModes:

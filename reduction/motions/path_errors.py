@@ -21,6 +21,7 @@ from headstock.reduction.coupling.error_travel import (
     check_offsets,
     differentiate,
     find_offset_motions,
+    move_rows,
     plan_travel,
 )
 from headstock.reduction.coupling.guide_errors import has_errors
@@ -169,7 +170,7 @@ def move_outputs(
     if not motions.moved.any():
         return np.zeros((len(outputs), motions.moved.shape[1]))
     moved = {
-        name: channel_rows(coupled, machine, name) @ motions.moved
+        name: move_rows(channel_rows(coupled, machine, name), motions.moved)
         for name in dict.fromkeys(name for name, _ in outputs)
     }
     return np.array([moved[name][DOF_NAMES.index(dof)] for name, dof in outputs])

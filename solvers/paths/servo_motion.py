@@ -33,6 +33,7 @@ class ServoMotion:
         speeds: ``(n, d)`` set speeds [m/s].
         accelerations: ``(n, d)`` set accelerations [m/s^2].
         reads: ``(k, d, c + d)`` at the nodes: what the position controllers read per coordinate.
+        beside: ``(n, d)`` what they read beside that.
     """
 
     motion: LinearMotion
@@ -41,12 +42,13 @@ class ServoMotion:
     speeds: FloatArray
     accelerations: FloatArray
     reads: FloatArray
+    beside: FloatArray
 
     def read(self, history: CompliantHistory) -> FloatArray:
         """What the position controllers read beside their set points ``(n, d)`` [m]."""
         states = history.compliant[:, : self.first + self.speeds.shape[1]]
         reads = self.motion.between(self.reads, slice(None))
-        return np.asarray((reads @ states[..., None])[..., 0])
+        return np.asarray((reads @ states[..., None])[..., 0] + self.beside)
 
     def forces(self, history: CompliantHistory) -> FloatArray:
         """Forces of the drives ``(n, d)`` [N].
@@ -73,6 +75,7 @@ def close_motors(
     accelerations: FloatArray,
     gravity: FloatArray,
     scales: FloatArray,
+    beside: FloatArray | None = None,
 ) -> ServoMotion:
     """Close the loops of drives along a path.
 
@@ -84,6 +87,7 @@ def close_motors(
         accelerations: ``(n, d)`` set accelerations [m/s^2].
         gravity: ``(k, c + d)`` generalised weight at the nodes [N].
         scales: ``(k, d, c + d)`` what a linear scale reads per coordinate.
+        beside: ``(n, d)`` what it reads beside that; None for nothing.
     """
     count, size = len(controls), free.mass.shape[-1]
     block = stack_blocks([make_controller(control) for control in controls])
@@ -107,9 +111,12 @@ def close_motors(
     stiffness[:, motors, states] = -block.c
     stiffness[:, states, :size] = -block.b[:, seen] @ reads
     stiffness[:, states, states] = -block.a
+    read: FloatArray = np.zeros((len(free.times), count))
+    if beside is not None:
+        read = np.asarray(np.where(on_scale, beside, read))
     given = np.zeros((len(free.times), count, INPUTS))
     given[:, :, SPEED], given[:, :, MOTOR_SPEED] = speeds, speeds
-    given[:, :, ACCELERATION] = accelerations
+    given[:, :, ACCELERATION], given[:, :, POSITION] = accelerations, read
     flat = given.reshape(len(free.times), -1)
     load = np.zeros((len(free.times), whole))
     load[:, :size] = free.load
@@ -126,4 +133,4 @@ def close_motors(
         gravity_deflection=np.asarray(np.linalg.solve(stiffness, weight[..., None])[..., 0]),
         load=load,
     )
-    return ServoMotion(motion, size - count, block, speeds, accelerations, reads)
+    return ServoMotion(motion, size - count, block, speeds, accelerations, reads, read)

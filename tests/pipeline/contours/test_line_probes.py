@@ -41,10 +41,10 @@ def probe_settings() -> list[str]:
     ]
 
 
-def run(folder: Path, variant: str) -> PathRun:
+def run(folder: Path, variant: str, *settings: str) -> PathRun:
     """The move."""
     rigid = [f'components.beam_{leg}.fidelity="rigid"' for leg in (1, 2)]
-    overrides = [PATH, 'components.beam_3.mesh.size="80 mm"', *rigid, *probe_settings()]
+    overrides = [PATH, 'components.beam_3.mesh.size="80 mm"', *rigid, *probe_settings(), *settings]
     scene = keep_analyses(
         load_scene(TRIPTEOR, variant=f"elastic_legs{variant}", overrides=overrides), ["path"]
     )
@@ -75,3 +75,20 @@ def test_a_leg_carries_at_its_probes_what_its_screw_pushes(control: str, tmp_pat
     size = np.abs(tip).max()
     # the deviation is filtered, and the places are 10 mm before the end
     assert np.abs(np.mean(ends, axis=0) - tip).max() < 5e-2 * size
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("control", ["", "+controlled"])
+def test_a_probe_goes_with_its_leg_where_an_uneven_rigid_screw_leads_it(
+    control: str, tmp_path: Path
+) -> None:
+    screw = (
+        "joints.screw_3={between=['beam_3.tip','platform.joint_3'],kind='ball_screw',axis='z',at=['0 mm','0 mm','0 mm'],"
+        "stiffness={axial='rigid'},errors={axial={waves=[{period='2 mm',amplitude='50 um'}]}}}"
+    )
+    own = run(tmp_path, control, screw, "effects.guide_errors=true")
+    ends = [own.probes[f"beside_{n}"].trace.displacement for n in range(2)]
+    tip = own.curves.deviation.total[:, :3]
+    size = np.abs(tip).max()
+    assert size > 5e-5
+    assert np.abs(np.mean(ends, axis=0) - tip).max() < 2e-2 * size

@@ -233,6 +233,35 @@ def test_a_path_on_which_hardly_anything_turns_is_that_of_linear_axes(
     assert np.quantile(held, 0.99) < 1e-5 * size
 
 
+def test_a_slide_that_hardly_turns_follows_its_uneven_guide_under_control_as_on_a_linear_path(
+    tmp_path: Path,
+) -> None:
+    """Across it the guide is rigid, on a table that gives way; the linear path has other equations."""
+    found = []
+    for turn in ("0", "1e-5"):
+        curves = []
+        for effect in ("false", "true"):
+            scene = load_scene(
+                ARM,
+                overrides=[
+                    "analyses.path.from={ C = '30 deg', R = '-50 mm' }",
+                    f"analyses.path.to={{ C = '{30.0 + float(turn)!r} deg', R = '50 mm' }}",
+                    "analyses.path.feeds=['12 m/min']",
+                    *DRIVEN,
+                    f"effects.guide_errors={effect}",
+                    "axes.R.errors={ EY = { waves = [{ period = '20 mm', amplitude = '20 um' }] },"
+                    " EX = { waves = [{ period = '30 mm', amplitude = '5 um' }] } }",
+                    "joints.bearing.stiffness.rz='1e5 N m/rad'",
+                ],
+            )
+            curves.append(run(scene, tmp_path / turn / effect).runs[0].curves.deviation.total)
+        found.append(curves[1] - curves[0])
+    straight, turning = found
+    size = np.abs(straight).max()
+    assert size > 2e-5
+    assert np.abs(turning - straight).max() < 2e-4 * size
+
+
 DAMPED = [
     *DRIVEN[:4],
     "effects={ damping = true, drive_control = true }",

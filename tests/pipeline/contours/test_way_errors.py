@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy
 from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
@@ -22,7 +23,6 @@ from headstock.reduction.coupling.guide_errors import GUIDE_ERRORS
 from headstock.scene.building.loader import load_scene
 from headstock.scene.requests import ContouringRequest
 from headstock.scene.scene import keep_analyses
-from headstock.solvers.errors import ModelError
 from headstock.solvers.milling.tool_path import plan_contour
 from headstock.validation.mechanisms.tripteor_machine import SCENE as TRIPTEOR
 from headstock.validation.mechanisms.tripteor_machine import load_tripteor
@@ -126,22 +126,112 @@ def test_errors_of_rigid_guides_lead_a_contour_as_those_of_very_stiff_ones(
     assert np.abs(moved[0] - moved[1]).max() < 2e-4 * size
 
 
-def test_errors_of_rigid_guides_are_refused_where_loops_know_forces_only(tmp_path: Path) -> None:
-    drive = "{axis='Y',inertia='1e-3 kg m^2',lead='10 mm',kv='20 1/s',velocity_gain='1e4 N s/m'}"
-    state = build_state(
-        tmp_path,
-        MILL,
-        None,
-        *WAVY,
-        f"joints.y_guide.stiffness={RIGID}",
-        "effects.drive_control=true",
-        f"drives.Y={drive}",
-        f"drives.X={drive.replace('Y', 'X')}",
+def drive_of(axis: str, scale: str) -> str:
+    return (
+        f"drives.{axis}={{axis='{axis}',inertia='1e-3 kg m^2',lead='10 mm',kv='40 1/s',velocity_gain='5e4 N s/m',"
+        f"integral_time='20 ms',feed_forward={{velocity='100 %'}}{scale}}}"
     )
-    with pytest.raises(
-        ModelError, match="loops along a contour or on a mechanism know forces only"
-    ):
-        run_coupled_contour(state, request_of(state), until=UNTIL)
+
+
+SCALES = ["", ",encoder='scale'", ",encoder='scale',scale='tcp'"]
+
+
+@pytest.mark.parametrize("scale", SCALES, ids=["motor", "scale", "scale at the tool"])
+def test_errors_of_rigid_guides_lead_a_contour_under_control_as_those_of_very_stiff_ones(
+    scale: str, tmp_path: Path
+) -> None:
+    moved = []
+    for stiffness in (RIGID, STIFF):
+        gaps = []
+        for errors in ((), WAVY):
+            settings = [f"joints.{name}.stiffness={stiffness}" for name in ("x_guide", "y_guide")]
+            settings += ["effects.drive_control=true", *(drive_of(axis, scale) for axis in "XY")]
+            state = build_state(tmp_path, MILL, None, *settings, *errors)
+            gaps.append(run_coupled_contour(state, request_of(state), until=0.8).gap)
+        moved.append((gaps[1] - gaps[0])[len(gaps[0]) * 3 // 4 :])
+    size = np.abs(moved[1]).max()
+    assert size > 4e-6
+    assert np.abs(moved[0] - moved[1]).max() < 1e-5 * size
+
+
+@pytest.mark.parametrize("scale", SCALES, ids=["motor", "scale", "scale at the tool"])
+def test_errors_of_rigid_guides_enter_closed_loops_as_their_inertia_does_by_hand(
+    scale: str, tmp_path: Path
+) -> None:
+    """Saddle, ram, two motors and their controllers by hand: Y pushes the ram across X and turns it
+    about a place beside it.
+    """
+    settings = [
+        'axes.Y.errors={at=["60 mm","50 mm","0 mm"],EC={waves=[{period="20 mm",amplitude="40 urad"}]},'
+        'EX={waves=[{period="10 mm",amplitude="2 um"}]}}',
+        *(f"joints.{name}.stiffness={RIGID}" for name in ("x_guide", "y_guide")),
+        *(f"joints.{name}.damping={{axial='1e5 N s/m'}}" for name in ("x_screw", "y_screw")),
+        *(drive_of(axis, scale) for axis in "XY"),
+    ]
+    gaps, until = [], 0.6
+    for effect in ("false", "true"):
+        effects = f"effects={{damping=true,guide_errors={effect},drive_control=true}}"
+        state = build_state(tmp_path, MILL, None, effects, *settings)
+        run = run_coupled_contour(state, request_of(state), until=until)
+        gaps.append(run.gap[:, :2])
+    path = plan_contour(request_of(state).contour).path
+    grid: FloatArray = np.asarray(np.linspace(0.0, until, 60001), dtype=float)
+    points = path.at(grid)
+    laws = [
+        scipy.interpolate.make_interp_spline(grid, values[:, :2])
+        for values in (points.position, points.velocity, points.acceleration)
+    ]
+    ram, saddle = (state.parts.superelements[name].mass_kg for name in ("ram", "saddle"))
+    motor, stiffness = 1e-3 * (2.0 * np.pi / 0.01) ** 2, np.array([150e6, 120e6])
+    across, along, bodies = (
+        np.array([1.0, 0.0]),
+        np.array([0.0, 1.0]),
+        np.array([saddle + ram, ram]),
+    )
+
+    def wave(place: float, period: float, size: float) -> FloatArray:
+        turn = 2.0 * np.pi / period
+        sine, cosine = np.sin(turn * place), np.cos(turn * place)
+        return size * np.array([sine, turn * cosine, -(turn**2) * sine])
+
+    def offset(time: float) -> FloatArray:
+        """``(3, 2)`` where the ram is across X and along Y, its rate and its acceleration."""
+        (_, place), (_, speed), (_, pull) = (law(time) for law in laws)
+        straight, turned = wave(place, 10e-3, 2e-6), wave(place, 20e-3, 40e-6)
+        own = np.column_stack([straight + 0.05 * turned, -0.06 * turned])
+        return np.array([own[0], own[1] * speed, own[2] * speed**2 + own[1] * pull])
+
+    def rate(time: float, state: FloatArray) -> FloatArray:
+        """All is linear: what errors alone do."""
+        at, speed, motors, turning, held = state.reshape(5, 2)
+        moved, sliding, pulled = offset(time)
+        # of X the error is inertia beside its spring, of Y the place where that is at rest
+        spring = stiffness * (at - motors - along * moved)
+        spring += 1e5 * (speed - turning - along * sliding)
+        read = motors if not scale else at + ("tcp" in scale) * across * moved
+        lag = -40.0 * read - turning
+        pushed = (-spring - ram * across * pulled) / bodies
+        force = 5e4 * lag + held
+        return np.concatenate([speed, pushed, turning, (spring + force) / motor, 5e4 / 0.02 * lag])
+
+    solved = scipy.integrate.solve_ivp(
+        rate,
+        (0.0, until),
+        np.zeros(10),
+        "LSODA",
+        rtol=1e-8,
+        atol=1e-14,
+        max_step=1e-3,
+        t_eval=run.times,
+    )
+    beside = np.array([offset(float(time))[0] for time in run.times]) * across
+    expected = solved.y[:2].T + beside
+    # a contour sets off at its feed: what that shakes has died away in the last third
+    later = slice(len(run.times) * 2 // 3, None)
+    off, sizes = (gaps[1] - gaps[0] - expected)[later], np.ptp(expected[later], axis=0)
+    assert np.ptp(solved.y[0][later]) > 3e-7  # by inertia, or what the controller answers
+    assert sizes[1] > 1e-6
+    assert (np.abs(off).max(axis=0) < 3e-4 * sizes).all()
 
 
 @pytest.mark.parametrize("model", ["linear", "nonlinear"])
