@@ -147,27 +147,37 @@ def _check_way(table: ContouringTable, folder: Path, findings: Findings) -> None
         )
 
 
+def _explain_effect(name: str, *, on_path: bool) -> str:
+    """What to say of an effect that does not act."""
+    if name == "coriolis":
+        return (
+            "needs no switch here: linear axes do not turn what they carry, and what a guide that tilts does to a body that slides along it"
+            " is part of every way that follows its poses; remove it"
+        )
+    if name == "cutting_force":
+        return "acts in [analyses.contouring] and along [analyses.path], and this scene has neither; remove it"
+    if not on_path:
+        return "acts in [analyses.contouring] only, and this scene has none; remove it"
+    return (
+        "acts along contours, where teeth meet the waves of those before them; give the line of this path as polyline in [analyses.contouring],"
+        " or its corners in a CSV file as polyline_file, or remove the effect"
+    )
+
+
 def check_contouring(draft: Draft, findings: Findings) -> None:
     """Report what is wrong with a contour, apart from places that it cannot reach."""
     scene, table = draft.table, draft.table.analyses.contouring
-    if scene.mechanism is None:
-        acting = {"cutting_force"} if scene.analyses.path is not None else set()
-        acting |= {"cutting_force", "regeneration"} if table is not None else set()
-        for name in (set(CONTOUR_EFFECTS) - acting) & {
-            name for name, value in scene.effects.items() if value
-        }:
-            why = (
-                "needs no switch here: linear axes do not turn what they carry, and what a guide that tilts does to a body that slides along it"
-                " is part of every way that follows its poses"
-                if name == "coriolis"
-                else "acts in [analyses.contouring] and along [analyses.path], and this scene has neither"
-                if name == "cutting_force"
-                else "acts in [analyses.contouring] only, and this scene has none"
-            )
-            findings.add(
-                ("effects", name),
-                f"{why}; remove it",
-            )
+    acting = {"cutting_force"} if scene.analyses.path is not None else set()
+    acting |= {"cutting_force", "regeneration"} if table is not None else set()
+    if scene.mechanism is not None:
+        # its variants may name effects for contours that they leave out
+        acting = {*CONTOUR_EFFECTS} - ({"regeneration"} if scene.analyses.path else set()) | acting
+    for name in (set(CONTOUR_EFFECTS) - acting) & {
+        name for name, value in scene.effects.items() if value
+    }:
+        findings.add(
+            ("effects", name), _explain_effect(name, on_path=scene.analyses.path is not None)
+        )
     if table is None:
         return
     _check_regeneration(scene, table, findings)

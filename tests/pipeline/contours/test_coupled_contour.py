@@ -400,3 +400,19 @@ def test_a_motor_turns_itself_and_its_screw() -> None:
 def test_what_cannot_be_followed_is_refused_with_its_remedy(settings: str, expected: str) -> None:
     with pytest.raises(SceneError, match=expected):
         load_scene(MILL, overrides=[settings])
+
+
+@pytest.mark.parametrize(
+    ("scene", "variant", "path"),
+    [
+        (MILL, None, 'from={X="-10 mm"},to={X="10 mm"},outputs=[["tcp","x"]]'),
+        (TRIPTEOR, "lumped", 'from={X="-4 mm",Y="48 mm",Z="208 mm"},to={X="4 mm"}'),
+    ],
+    ids=["axes", "mechanism"],
+)
+def test_waves_on_a_path_name_the_contour_that_has_them(
+    scene: Path, variant: str | None, path: str
+) -> None:
+    only = f'analyses={{path={{{path},feeds=["3 m/min"],time_constant="50 ms"}}}}'
+    with pytest.raises(SceneError, match=r"as polyline in \[analyses.contouring\]"):
+        load_scene(scene, variant=variant, overrides=[only, "effects.regeneration=true"])
