@@ -143,20 +143,27 @@ def _draw_run(run: PathCurves, output: int, top: float) -> Markup:
 
 CONTOUR_WIDTH, CONTOUR_HEIGHT, CONTOUR_LEFT, CONTOUR_RIGHT, TOP, BOTTOM = 1040, 240, 56, 12, 20, 30
 CONTOUR_COLORS = ("#4f7cac", "#d08a4a", "#6a9a5b", "#9a6fb0", "#8a7a3a", "#4a9a9a")
-GAP_TITLE, FORCES_TITLE = (
+GAP_TITLE, FORCES_TITLE, STRESS_TITLE = (
     "Gap of the tool point, deflection under gravity subtracted [µm]",
     "Force of each drive [N]",
+    "Equivalent stress at probes, beside that under gravity [MPa]",
 )
 
 
-def draw_contour(found: ContourSummary, picture: Literal["gap", "drives"]) -> Markup:
-    """One picture of a contour, ``gap`` or ``drives``: a line per column over time."""
+def draw_contour(found: ContourSummary, picture: Literal["gap", "drives", "probes"]) -> Markup:
+    """One picture of a contour: a line per column over time."""
     series = found["series"]
-    names, title, values = (
-        (list(DIRECTIONS), GAP_TITLE, series["gap_um"])
-        if picture == "gap"
-        else (found["drives"], FORCES_TITLE, series["drive_force_n"])
-    )
+    stresses = [probe["von_mises_mpa"] for probe in series["probes"].values()]
+    pictures: dict[str, tuple[list[str], str, list[list[float]]]] = {
+        "gap": (list(DIRECTIONS), GAP_TITLE, series["gap_um"]),
+        "drives": (found["drives"], FORCES_TITLE, series["drive_force_n"]),
+        "probes": (
+            list(series["probes"]),
+            STRESS_TITLE,
+            [list(row) for row in zip(*stresses, strict=True)],
+        ),
+    }
+    names, title, values = pictures[picture]
     times = series["time_s"]
     low, high = min(min(row) for row in values), max(max(row) for row in values)
     room = 0.05 * ((high - low) or 1.0)

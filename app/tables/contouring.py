@@ -201,7 +201,7 @@ def tabulate_profiles(face: MilledFaceSummary) -> list[PlainTable]:
 
 
 def tabulate_contour(found: ContourSummary) -> PlainTable:
-    """Gap, speeds, forces and torques over time."""
+    """Gap, forces, torques and what probes see over time."""
     series, drives = found["series"], found["drives"]
     headings = [
         "time [s]",
@@ -218,5 +218,19 @@ def tabulate_contour(found: ContourSummary) -> PlainTable:
         headings += [f"torque of the motor of {name} [Nm]" for name in drives]
         rows = [
             (*row, *torques) for row, torques in zip(rows, series["motor_torque_nm"], strict=True)
+        ]
+    for name, probe in series["probes"].items():
+        headings.append(f"von Mises {name} [MPa]")
+        headings += [f"stress {pair} {name} [MPa]" for pair in probe["stress_mpa"]]
+        headings += [f"displacement {along} {name} [um]" for along in DIRECTIONS]
+        rows = [
+            (*row, *own)
+            for row, *own in zip(
+                rows,
+                probe["von_mises_mpa"],
+                *probe["stress_mpa"].values(),
+                *zip(*probe["displacement_um"], strict=True),
+                strict=True,
+            )
         ]
     return PlainTable("contour", tuple(headings), tuple(rows))

@@ -68,6 +68,8 @@ def list_tables(summary: RunSummary) -> list[PlainTable]:
             tabulate_contour(contour),
             tabulate("contour_faces", FACE_COLUMNS, list_faces(contour)),
         ]
+        if contour["probes"]:
+            tables.append(tabulate("probes_contour", PROBE_MOTION_PEAKS, contour["probes"].items()))
         tables += [
             table for face in contour.get("milled_faces", []) for table in tabulate_profiles(face)
         ]

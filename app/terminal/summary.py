@@ -227,6 +227,9 @@ def print_summary(
         for words in filter(None, told):
             console.print(f"  {words}", markup=False)
             console.print()
+        if contour["probes"]:
+            rows = tell_rows(PROBE_MOTION_PEAKS, contour["probes"].items())
+            print_table(console, "Largest stress at probes along the contour", rows)
     for pose, control in summary.get("control", {}).items():
         up_to, speed = control["up_to_hz"], 60e3 * control["speed_m_per_s"]
         print_table(

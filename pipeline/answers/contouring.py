@@ -12,8 +12,15 @@ from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.estimates import DISCRETISATION, Estimate
 from headstock.pipeline.answers.milled_faces import MilledFace, MilledFaceSummary
+from headstock.pipeline.answers.probe_motions import (
+    ProbeMotion,
+    ProbeMotionSummary,
+    ProbeTrace,
+)
+from headstock.pipeline.answers.probes import MEGA
 from headstock.pipeline.storage.json_texts import check_finite
 from headstock.solvers.milling.tool_path import TraceFit
+from headstock.solvers.stresses import STRESS_NAMES
 
 UM = 1e6
 LOCKED_MOTORS = "limits of stability on faces are those of the machine with locked motors"
@@ -67,6 +74,14 @@ class RangeSummary(TypedDict):
     maximum: list[float]
 
 
+class ProbeSeriesSummary(TypedDict):
+    """What a probe saw, thinned out: stress by ``xx``, ``xy`` and so on."""
+
+    displacement_um: list[list[float]]
+    von_mises_mpa: list[float]
+    stress_mpa: dict[str, list[float]]
+
+
 class SeriesSummary(TypedDict):
     """The contour over time, thinned out."""
 
@@ -74,6 +89,7 @@ class SeriesSummary(TypedDict):
     gap_um: list[list[float]]
     drive_force_n: list[list[float]]
     motor_torque_nm: NotRequired[list[list[float]]]
+    probes: dict[str, ProbeSeriesSummary]
 
 
 class TraceSummary(TypedDict):
@@ -101,6 +117,7 @@ class ContourSummary(TypedDict):
     face_times_s: list[float]
     assumptions: list[str]
     series: SeriesSummary
+    probes: dict[str, ProbeMotionSummary]
     stability: NotRequired[list[StabilitySummary]]
     milled_faces: NotRequired[list[MilledFaceSummary]]
     force_share_faster_than_steps: NotRequired[float]
@@ -192,6 +209,18 @@ class ContourFace:
             summary["motor_torque_mean_nm"] = check_finite(what, self.torque_mean)
             summary["motor_torque_peak_to_peak_nm"] = check_finite(what, self.torque_span)
         return summary
+
+
+def _show_trace(trace: ProbeTrace) -> ProbeSeriesSummary:
+    what = f"contour at probe {trace.name}"
+    return {
+        "displacement_um": [check_finite(what, row) for row in UM * trace.displacement],
+        "von_mises_mpa": check_finite(what, MEGA * trace.von_mises),
+        "stress_mpa": {
+            pair: check_finite(what, MEGA * own)
+            for pair, own in zip(STRESS_NAMES, trace.stress.T, strict=True)
+        },
+    }
 
 
 def _scale(errors: list[float | None]) -> list[float | None]:
@@ -335,6 +364,7 @@ class ContourAnswer(Answer):
         drives: Names of the ``d`` drives.
         drive_forces: ``(k, d)`` then [N].
         torques: ``(k, d)`` of the motors then [N m]; None where they are not known.
+        probes: What each saw beside what it sees of the weight; at these times, and at most.
         stability: Of each face, where it was requested.
         compares_faces: Faces 1 and 3 are opposite ones of a block.
         fit: How measured positions were followed; None for the computed path.
@@ -361,6 +391,7 @@ class ContourAnswer(Answer):
     drives: tuple[str, ...]
     drive_forces: FloatArray
     torques: FloatArray | None
+    probes: Mapping[str, ProbeMotion] = field(default_factory=dict)
     stability: tuple[FaceStability, ...] = ()
     milled: tuple[MilledFace, ...] = ()
     force_loss: float | None = None
@@ -379,6 +410,7 @@ class ContourAnswer(Answer):
             "time_s": check_finite(what, self.times),
             "gap_um": [check_finite(what, row) for row in UM * self.gap],
             "drive_force_n": [check_finite(what, row) for row in self.drive_forces],
+            "probes": {name: _show_trace(probe.trace) for name, probe in self.probes.items()},
         }
         if self.torques is not None:
             series["motor_torque_nm"] = [check_finite(what, row) for row in self.torques]
@@ -401,6 +433,7 @@ class ContourAnswer(Answer):
             "face_times_s": check_finite(what, self.face_times),
             "assumptions": [*self.assumed, *([LOCKED_MOTORS] if self.stability else [])],
             "series": series,
+            "probes": {name: probe.summarise() for name, probe in self.probes.items()},
             "error_sources": list(self.worth.better),
             "error_left_out": [
                 *self.worth.left_out,

@@ -2,10 +2,13 @@
 ``summary.json`` and ``results.h5``.
 """
 
+import dataclasses
 from dataclasses import dataclass
 from typing import TypedDict
 
 import h5py
+import numpy as np
+from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.estimates import Estimate, scale_shares
@@ -79,6 +82,12 @@ class ProbeMotion:
     von_mises_error: Estimate
     displacement_error: Estimate
     singular: str = ""
+
+    def thin(self, some: NDArray[np.intp]) -> "ProbeMotion":
+        """With some of the samples."""
+        own = self.trace
+        trace = ProbeTrace(own.name, own.displacement[some], own.stress[some])
+        return dataclasses.replace(self, trace=trace)
 
     def summarise(self) -> ProbeMotionSummary:
         """As it stands in ``summary.json``."""

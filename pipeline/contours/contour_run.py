@@ -1,12 +1,13 @@
 """A contour that has been run, by any machine, and what is measured on it."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
+from headstock.pipeline.answers.probe_motions import ProbeMotion
 from headstock.solvers.milling.tool_path import ContourPlan, TraceFit
 from headstock.solvers.paths.linear_motion import CompliantHistory, LinearMotion
 
@@ -48,6 +49,7 @@ class ContourRun:
         highest_hz: Highest natural frequency on the way.
         coriolis: Velocity terms are in the equations of motion.
         assumed: In plain words.
+        probes: What each saw beside what it sees of the weight; none of a lumped mechanism.
     """
 
     times: FloatArray
@@ -62,6 +64,7 @@ class ContourRun:
     highest_hz: float
     coriolis: bool
     assumed: tuple[str, ...]
+    probes: Mapping[str, ProbeMotion] = field(default_factory=dict, kw_only=True)
 
 
 def face_instants(run: ContourRun, face: int) -> FloatArray:

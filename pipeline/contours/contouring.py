@@ -145,6 +145,7 @@ def evaluate_contour(
         drives=run.drives.names,
         drive_forces=forces,
         torques=None if run.drives.torques is None else run.drives.torques(some, forces),
+        probes={name: probe.thin(some) for name, probe in run.probes.items()},
         stability=stability,
         milled=milled,
         force_loss=force_loss,

@@ -27,6 +27,12 @@ from headstock.pipeline.contours.contour_run import ContourDrives, ContourRun
 from headstock.pipeline.contours.traced_path import plan_request
 from headstock.pipeline.contours.way_errors import STEPS_PER_WAVE, find_way_errors
 from headstock.pipeline.contours.way_motors import close_way, lead_bodies, plan_motors
+from headstock.pipeline.contours.way_probes import (
+    alike_channels,
+    follow_probes,
+    join_probes,
+    probe_channels,
+)
 from headstock.pipeline.contours.ways import (
     FORCE,
     GRAVITY_LOAD,
@@ -40,6 +46,7 @@ from headstock.pipeline.contours.ways import (
     place_machine,
     place_model,
 )
+from headstock.pipeline.stages.probe_motions import place_probes, read_probes
 from headstock.pipeline.stages.run_state import RunState
 from headstock.scene.reading.forces import ForceRecord
 from headstock.scene.requests import ContouringRequest
@@ -114,12 +121,27 @@ def run_coupled_contour(
         way = errors.join(rigid, lambda now: PathMotion(now, np.ones(len(now)), np.zeros(len(now))))
         spacing = min(spacing, errors.shortest / STEPS_PER_WAVE)
     drives = () if motors is None else motors.drives
+    probes = tuple(state.scene.machine.probes)
+    outputs = (
+        *tool,
+        *((name, FORCE) for name in screws),
+        *drive_outputs(drives),
+        *probe_channels(probes),
+    )
     channels = PlantChannels(
         inputs=(*tool, GRAVITY_LOAD, *way.channels),
-        outputs=(*tool, *((name, FORCE) for name in screws), *drive_outputs(drives)),
+        outputs=outputs,
         up_to_hz=request.modes_to_hz,
+        alike=alike_channels(outputs, probes),
     )
-    place = place_machine(state, way, screws, drives, led=lead_bodies(motors))
+    place = place_machine(
+        state,
+        way,
+        screws,
+        drives,
+        led=lead_bodies(motors),
+        join=lambda model, posed: join_probes(state.parts, model, way, posed),
+    )
     if request.follows_pose:
         bends = (*plan.bends, path.span[1] - AVERAGES * request.contour.window)
         breaks = [0.0, *sorted(float(time) for time in bends if time < end), end]
@@ -152,6 +174,10 @@ def run_coupled_contour(
         interpolate_nodes(times, motion.nodes, motion.gravity_deflection)
     )
 
+    def acting(part: slice) -> FloatArray:
+        given = follow_way(way.given, times[part], spacing)[:, 1:]
+        return np.concatenate([cut.carried[part], given], axis=1)
+
     def drive_forces(some: NDArray[np.intp]) -> FloatArray:
         pushed = follow_drives(
             sampled,
@@ -159,6 +185,7 @@ def run_coupled_contour(
             coordinates=history.compliant[some],
             force=cut.carried[some],
             given=follow_way(way.given, times[some]),
+            count=len(screws),
         )
         if way.leg_forces is None:
             return pushed
@@ -172,12 +199,23 @@ def run_coupled_contour(
         driven = controlled_drives(servo, motors.drives, history)
         assumed = drive_assumptions(motors.drives, friction)
     nodes: FloatArray = np.asarray(np.linspace(0.0, end, TURNING_NODES), dtype=float)
+    middle = place_model(state)(rigid.pose_at(plan.cuts[0].middle))
     turning = judge_turning(
         state,
-        lambda: place_model(state)(rigid.pose_at(plan.cuts[0].middle)),
+        lambda: middle,
         nodes,
         path.at(nodes),
         _tool_direction(state),
+    )
+    placed = place_probes(state.parts, middle.coupled, probes)
+    seen = follow_probes(
+        placed,
+        motion=motion,
+        history=history,
+        found=sampled.at(motion.nodes, "rows", "direct"),
+        first=len(outputs) - len(probe_channels(probes)),
+        acting=acting,
+        led=None if motors is None else motors.at(motion.nodes).channels,
     )
     return CoupledRun(
         times=times,
@@ -193,6 +231,7 @@ def run_coupled_contour(
         coriolis=has_coriolis(state),
         assumed=(*assumed, *turning),
         sampled=sampled,
+        probes=read_probes(placed, times, seen),
     )
 
 

@@ -18,7 +18,6 @@ from headstock.geometry.mechanisms.tool_mechanism import tool_pose
 from headstock.pipeline.answers.motion_forces import PathForces
 from headstock.pipeline.answers.path import FollowedPoses
 from headstock.pipeline.contours.carried_bodies import move_bodies
-from headstock.pipeline.contours.line_probes import LineProbes, find_probes, follow_probes
 from headstock.pipeline.contours.turning_axes import turning_motors, turning_speeds, turning_way
 from headstock.pipeline.contours.way_errors import STEPS_PER_WAVE, WayErrors, find_way_errors
 from headstock.pipeline.contours.way_motors import (
@@ -28,6 +27,7 @@ from headstock.pipeline.contours.way_motors import (
     lead_motors,
     plan_motors,
 )
+from headstock.pipeline.contours.way_probes import follow_probes, join_probes, probe_channels
 from headstock.pipeline.contours.ways import (
     GRAVITY_LOAD,
     RigidWay,
@@ -48,8 +48,10 @@ from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.control import drive_along
 from headstock.pipeline.stages.machine import damp_system
 from headstock.pipeline.stages.motion_forces import leave_out_roundoff, record_drives
+from headstock.pipeline.stages.probe_motions import place_probes, read_probes
 from headstock.pipeline.stages.run_state import Outcome, PoseModel, RunState
 from headstock.reduction.coupling.joint_forces import JointForces, joint_outputs
+from headstock.reduction.coupling.probes import PlacedProbe
 from headstock.scene.requests import PathRequest
 from headstock.scene.scene import SceneMechanism
 from headstock.solvers.milling.straight_path import StraightPath, UnitTravel
@@ -165,12 +167,11 @@ class ToolLine:
         return place_model(self.state)(path.pose_at(0.5 * path.length)).joints
 
     @functools.cached_property
-    def probes(self) -> LineProbes:
+    def probes(self) -> dict[str, PlacedProbe]:
         """Probes in the middle of the line."""
-        path = self.request.path
-        return find_probes(
-            self.state.parts, place_model(self.state)(path.pose_at(0.5 * path.length))
-        )
+        path, parts = self.request.path, self.state.parts
+        middle = place_model(self.state)(path.pose_at(0.5 * path.length))
+        return place_probes(parts, middle.coupled, tuple(parts.scene.machine.probes))
 
     def sample(self, up_to_hz: float, *, follows: bool) -> SampledMotion:
         """The machine at positions of the line, or in its middle everywhere; there with its joints
@@ -181,17 +182,25 @@ class ToolLine:
             self.start, self.along, self.request.moves[0], 1.0 / self.request.sampling_hz
         )
         way = self.way(first)
-        watched = () if follows else (*joint_outputs(self.joints), *self.probes.channels)
+        watched = () if follows else (*joint_outputs(self.joints), *probe_channels(self.probes))
         channels = PlantChannels(
             inputs=(*self.tool, GRAVITY_LOAD, *way.channels),
             outputs=(*self.tool, *self.request.outputs, *watched, *drive_outputs(self.drives)),
             up_to_hz=up_to_hz,
         )
         speeding = None if self.unit_motors is None else self.unit_motors[0]
-        place = place_machine(self.state, way, {}, self.drives, led=lead_bodies(speeding))
+        led = lead_bodies(speeding)
         if follows:
+            place = place_machine(self.state, way, {}, self.drives, led=led)
             return sample_motion(place, [0.0, length], channels)
-        held = self.probes.join(place(0.5 * length))
+        held = place_machine(
+            self.state,
+            way,
+            {},
+            self.drives,
+            led=led,
+            join=lambda model, posed: join_probes(self.state.parts, model, way, posed),
+        )(0.5 * length)
         return sample_motion(lambda where: held, [0.0, length], channels)
 
 
@@ -406,7 +415,7 @@ def _solve_move(
         motors = lead_motors(*line.unit_motors, line.nodes, path.travel)
     if motors is not None:
         scales = outputs.stop
-        scales += len(joint_outputs(joints)) + len(line.probes.channels) if middle else 0
+        scales += len(joint_outputs(joints)) + len(probe_channels(line.probes)) if middle else 0
         servo = close_way(
             motors,
             sampled,
@@ -445,20 +454,19 @@ def _solve_move(
     if not middle:
         return deviation, PathForces(drives, {})
     acting = np.concatenate([force, given[:, 1:]], axis=1)
+    seen = follow_probes(
+        line.probes,
+        motion=motion,
+        history=history,
+        found=found,
+        first=outputs.stop + len(joint_outputs(joints)),
+        acting=lambda part: acting[part].copy(),
+        led=None if motors is None else motors.at(motion.nodes).channels,
+    )
     return deviation, PathForces(
         drives,
         _find_joint_forces(joints, motion, history, found, first=outputs.stop, acting=acting),
-        follow_probes(
-            line.probes,
-            motion,
-            history,
-            found,
-            first=outputs.stop + len(joint_outputs(joints)),
-            acting=acting,
-            channels=way.channels,
-            motors=motors,
-            shown=shown,
-        ),
+        read_probes(line.probes, samples, (seen - seen[0])[shown]),
     )
 
 

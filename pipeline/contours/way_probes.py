@@ -1,137 +1,140 @@
-"""Probes while the tool of a mechanism goes along a line: displacement and stress in the pose of the
-middle, of modes, motors and the accelerations of the rigid motion.
+"""Probes while a machine goes along a way: displacement beside the rigid travel and stress, of modes,
+motors, forces on the tool and the accelerations of the rigid motion.
 """
 
 import dataclasses
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray
-from headstock.geometry.mechanisms.kinematics import skew_matrices
-from headstock.pipeline.answers.probe_motions import ProbeMotion
-from headstock.pipeline.contours.way_motors import WayMotors
+from headstock.geometry.frames import DIRECTIONS, FloatArray
+from headstock.pipeline.contours.ways import RigidWay
 from headstock.pipeline.stages.probe_motions import (
     place_probes,
     probe_outputs,
-    read_probes,
     watch_probes,
 )
 from headstock.pipeline.stages.run_state import MachineParts, PoseModel
-from headstock.reduction.coupling.path_loads import body_travel
-from headstock.reduction.coupling.probes import PlacedProbe, moved_inertia
-from headstock.solvers.paths.linear_motion import CompliantHistory, LinearMotion, interpolate_nodes
+from headstock.reduction.coupling.probes import PlacedProbe, carry_probe, moved_inertia
+from headstock.reduction.estimates.probe_errors import MOVED, SEEN
+from headstock.solvers.paths.linear_motion import CompliantHistory, LinearMotion, chunk_slices
 from headstock.solvers.paths.sampled_motion import TOOL
 from headstock.solvers.paths.varying_system import PosedModes, SampledPlant
 from headstock.solvers.second_order import Channel
 
-KINDS = ("values", "viscous", "late")
+RIDE = "travel"
 
 
-@dataclass(frozen=True, eq=False)
-class LineProbes:
-    """Probes of a machine in a pose.
-
-    Attributes:
-        placed: By name.
-        rows: Channel to its output row ``(n,)`` in the coordinates of the machine.
-        late: Of each probe in a body that is carried, what the modes left out add ``(9, 6)`` per acceleration of its component as
-            a rigid body, along and about machine axes.
-        arms: ``(3,)`` of each, from its component's centre of mass, machine axes [m].
+def probe_channels(names: Collection[str]) -> tuple[Channel, ...]:
+    """Outputs of probes: all values, then what rates and accelerations add, then where the rigid travel
+    takes them.
     """
-
-    placed: Mapping[str, PlacedProbe]
-    rows: Mapping[Channel, FloatArray]
-    late: Mapping[str, FloatArray]
-    arms: Mapping[str, FloatArray]
-
-    @property
-    def channels(self) -> tuple[Channel, ...]:
-        """Outputs: all values, then what rates and accelerations add."""
-        watch = watch_probes(self.placed)
-        return (*watch.channels, *watch.rates.values(), *watch.accelerations.values())
-
-    def join(self, posed: PosedModes) -> PosedModes:
-        """A machine with these outputs."""
-        outputs = {**posed.system.outputs, **self.rows}
-        return dataclasses.replace(posed, system=dataclasses.replace(posed.system, outputs=outputs))
+    watch = watch_probes(names)
+    rides = ((name, f"{RIDE} {along}") for name in names for along in DIRECTIONS)
+    return (*watch.channels, *watch.rates.values(), *watch.accelerations.values(), *rides)
 
 
-def find_probes(parts: MachineParts, model: PoseModel) -> LineProbes:
-    """Probes of a machine in a pose; none of a lumped mechanism."""
-    machine, mechanism, coupled = parts.scene.machine, parts.scene.mechanism, model.coupled
-    carried = (
-        {name for axis in machine.axes.values() for name in axis.moves}
-        if mechanism is None
-        else {*mechanism.carries}
-    )
+def alike_channels(channels: Sequence[Channel], names: Collection[str]) -> tuple[int, ...]:
+    """Numbers of outputs, the same for those of a probe that are of one kind: what splines along a way
+    miss of them is a share of the largest.
+    """
+    known: dict[tuple[str, str], int] = {}
+    numbers = []
+    for name, kind in channels:
+        if name in names:
+            words, place = kind.split()
+            still = place in DIRECTIONS or int(place) < MOVED
+            kind = f"{words} {'displacement' if still else 'stress'}"
+        numbers.append(known.setdefault((name, kind), len(known)))
+    return tuple(numbers)
+
+
+def join_probes(
+    parts: MachineParts, model: PoseModel, way: RigidWay, posed: PosedModes
+) -> PosedModes:
+    """A machine in a pose of a way with the outputs of its probes; as it is where it has none."""
+    machine, coupled = parts.scene.machine, model.coupled
+    if coupled is None or not machine.probes:
+        return posed
     placed = place_probes(parts, coupled, tuple(machine.probes))
-    late, arms = {}, {}
+    travels, none = way.travels(coupled), np.zeros(len(posed.system.mass))
+    rows, taken = probe_outputs(parts, placed), dict[tuple[Channel, Channel], float]()
     for name, probe in placed.items():
-        body, own = parts.superelements[probe.component], machine.probes[name]
-        if coupled is not None and probe.component in carried:
-            travel = body_travel(coupled, probe.component)
-            late[name] = -moved_inertia(coupled, own, travel)
-        placement = model.placements[probe.component]
-        arms[name] = placement.rotation @ (np.array(own.position) - body.center_of_mass)
-    return LineProbes(placed, probe_outputs(parts, placed), late, arms)
+        own = machine.probes[name]
+        # what modes that the component leaves out add follows its acceleration at once
+        late = -moved_inertia(coupled, own, travels[coupled.offsets[probe.component]])
+        ridden = carry_probe(coupled, own, travels)[:MOVED]
+        kinds = [f"values {number}" for number in range(SEEN)]
+        kinds += [f"{RIDE} {along}" for along in DIRECTIONS]
+        rows |= {(name, kind): none for kind in kinds[SEEN:]}
+        taken |= {
+            ((name, kind), channel): float(value)
+            for kind, values in zip(kinds, np.vstack([late, ridden]), strict=True)
+            for channel, value in zip(way.channels, values, strict=False)
+            if value
+        }
+    return dataclasses.replace(
+        posed,
+        system=dataclasses.replace(posed.system, outputs={**posed.system.outputs, **rows}),
+        feedthrough={**posed.feedthrough, **taken},
+    )
 
 
 def follow_probes(
-    probes: LineProbes,
+    placed: Mapping[str, PlacedProbe],
+    *,
     motion: LinearMotion,
     history: CompliantHistory,
     found: SampledPlant,
-    *,
     first: int,
-    acting: FloatArray,
-    channels: Sequence[Channel],
-    motors: WayMotors | None,
-    shown: slice,
-) -> dict[str, ProbeMotion]:
-    """What probes see beside what they see of the weight, from the beginning.
+    acting: Callable[[slice], FloatArray],
+    led: FloatArray | None,
+) -> FloatArray:
+    """What ``p`` probes see ``(n, 9 p)`` beside what they see of the weight.
 
     Args:
-        probes: Whose channels are outputs.
+        placed: Probes of the machine, anywhere on the way.
         motion: The machine.
         history: Of its coordinates: modes, then motors.
         found: Matrices at the nodes of the motion.
-        first: The first of these outputs.
-        acting: ``(n, 3 + r)`` forces on the tool, and what the way gives after gravity.
-        channels: ``r`` of the way.
-        motors: Under control; None where they follow their set points.
-        shown: Which instants.
+        first: The first of ``probe_channels`` among the outputs.
+        acting: Of some instants ``(n, 3 + r)`` forces on the tool, and what the way gives after gravity.
+        led: ``(k, b, d)`` travel in the first channels of the way per travel of each motor, at the
+            nodes; None where motors follow their set points.
     """
-    if not probes.placed:
-        return {}
-    values, rates, accelerations = (
-        slice(first + kind * size, first + (kind + 1) * size)
-        for size in [len(probes.channels) // len(KINDS)]
-        for kind in range(len(KINDS))
-    )
-    weight = interpolate_nodes(motion.times, motion.nodes, motion.gravity_deflection)
-    modes = found.rows.shape[2]
-    kept, own = slice(0, modes), slice(modes, None)
-    moved = history.compliant - weight
+    size, modes = SEEN * len(placed), found.rows.shape[2]
+    if not placed:
+        return np.zeros((len(motion.times), 0))
+    whole = slice(first, first + len(probe_channels(placed)))
+    values, rates, accelerations = (slice(kind * size, (kind + 1) * size) for kind in range(3))
+    rides = slice(accelerations.stop, None)
     # of what acts, gravity stands between the tool and the way
-    beyond = np.delete(found.direct[:, values], TOOL.stop, axis=2)
-    seen = motion.apply(found.rows[:, values], moved[:, kept])
-    seen += motion.apply(found.rows[:, rates], history.rate[:, kept])
-    seen += motion.apply(found.rows[:, accelerations], history.acceleration[:, kept])
-    seen += motion.apply(beyond, acting)
-    travels = None if motors is None else motors.at(motion.nodes).channels
-    for probe, part in zip(probes.placed, np.split(seen, len(probes.placed), axis=1), strict=True):
-        start = (probes.placed[probe].component, "acceleration x")
-        if probe not in probes.late or start not in channels:
-            continue  # its component stands still
-        place = channels.index(start)
-        body = slice(place, place + 6)
-        pulled = acting[:, TOOL.stop :][:, body]
-        if travels is not None:
-            led = slice(0, travels.shape[2])
-            pulled = pulled + motion.apply(travels[:, body], history.acceleration[:, own][:, led])
-            ridden = motion.apply(travels[:, body], moved[:, own][:, led])
-            part[:, :3] += ridden[:, :3] - ridden[:, 3:] @ skew_matrices(probes.arms[probe]).T
-        part += pulled @ probes.late[probe].T
-    return read_probes(probes.placed, motion.times[shown], (seen - seen[0])[shown])
+    beyond = np.delete(found.direct[:, whole], TOOL.stop, axis=2)
+    leads = np.zeros((len(motion.nodes), 0, 0)) if led is None else led
+    bodies, motors = (
+        slice(TOOL.stop, TOOL.stop + leads.shape[1]),
+        slice(modes, modes + leads.shape[2]),
+    )
+    seen = np.empty((len(motion.times), size))
+    for part in chunk_slices(len(motion.times)):
+        rows, direct, travels = (
+            motion.between(each, part) for each in (found.rows[:, whole], beyond, leads)
+        )
+        moved = history.compliant[part] - motion.between(motion.gravity_deflection, part)
+        pulled = acting(part)
+        pulled[:, bodies] += _apply(travels, history.acceleration[part, motors])
+        own = _apply(rows[:, values], moved[:, :modes])
+        own += _apply(rows[:, rates], history.rate[part, :modes])
+        own += _apply(rows[:, accelerations], history.acceleration[part, :modes])
+        own += _apply(direct[:, values], pulled)
+        ridden = _apply(direct[:, rides, bodies], _apply(travels, moved[:, motors]))
+        seen[part] = own
+        seen[part].reshape(-1, len(placed), SEEN)[:, :, :MOVED] += ridden.reshape(
+            -1, len(placed), MOVED
+        )
+    return seen
+
+
+def _apply(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
+    """``(n, p)`` products of matrices ``(n, p, c)`` with vectors ``(n, c)``."""
+    return np.asarray((matrices @ vectors[..., None])[..., 0])

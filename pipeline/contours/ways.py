@@ -266,6 +266,7 @@ def place_machine(
     screws: Mapping[str, tuple[str, Axis | None]],
     drives: Sequence[Drive],
     led: Callable[[float], FloatArray],
+    join: Callable[[PoseModel, PosedModes], PosedModes] = lambda model, posed: posed,
 ) -> Callable[[float], PosedModes]:
     """The machine at a place of the way: damped as the scene says, with every channel.
 
@@ -277,6 +278,7 @@ def place_machine(
             their motors bring about.
         led: Travel ``(r, d)`` in each channel of the rigid motion per travel of each of these motors,
             at a place.
+        join: What gives the machine in a pose further outputs.
     """
     model_at, undamped = place_model(state), False
 
@@ -316,7 +318,7 @@ def place_machine(
             inputs={**system.inputs, GRAVITY_LOAD: weight, **loads, **errors.loads},
             outputs={**system.outputs, **rows, **joint_outputs(model.joints)},
         )
-        posed = dataclasses.replace(_stack(model, system), feedthrough=taken)
+        posed = join(model, dataclasses.replace(_stack(model, system), feedthrough=taken))
         if not way.turning:
             return posed
         return turn_with_bodies(posed, _turning_bodies(model, way.turning))

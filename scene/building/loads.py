@@ -169,14 +169,19 @@ def check_probes(draft: Draft, findings: Findings) -> None:
                 f"lies outside {probe.component}, which reaches over x, y, z from {ends} in its own frame",
             )
     static = scene.analyses.static
-    moving = (scene.analyses.frf, scene.analyses.transient, scene.analyses.path)
+    moving = (
+        scene.analyses.frf,
+        scene.analyses.transient,
+        scene.analyses.path,
+        scene.analyses.contouring,
+    )
     if not scene.probes or any(each is not None for each in moving):
         return
     if static is None:
         findings.add(
             ("probes",),
-            "probes show the response to static or harmonic loads, to loads over time and along paths; add [analyses.static],"
-            " [analyses.frf], [analyses.transient] or [analyses.path]",
+            "probes show the response to static or harmonic loads, to loads over time and along paths and contours; add [analyses.static],"
+            " [analyses.frf], [analyses.transient], [analyses.path] or [analyses.contouring]",
         )
     if not scene.loads and not scene.effects.get("gravity"):
         findings.add(

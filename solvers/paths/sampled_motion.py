@@ -170,7 +170,9 @@ def sample_motion(
         kept, highest_hz = count_fading_modes(poses.values(), channels.up_to_hz)
         turns = transport_modes(poses, kept)
         carried = {time: _carry(pose, turns[time], channels) for time, pose in poses.items()}
-        misses = [_miss(grid, fine, carried) for grid, fine in zip(grids, finer, strict=True)]
+        misses = [
+            _miss(grid, fine, carried, channels) for grid, fine in zip(grids, finer, strict=True)
+        ]
         swings = [_swing(fine, carried) for fine in finer]
         wide = {
             piece
@@ -253,13 +255,20 @@ def _join(grid: Sequence[float], carried: Mapping[float, CarriedPose]) -> dict[s
 
 
 def _miss(
-    grid: Sequence[float], finer: Sequence[float], carried: Mapping[float, CarriedPose]
+    grid: Sequence[float],
+    finer: Sequence[float],
+    carried: Mapping[float, CarriedPose],
+    channels: PlantChannels,
 ) -> float:
     """How far splines through poses of a grid miss those half-way, each field by its own size, and
     no more than its mode is kept.
     """
     splines = _join(grid, carried)
     largest = 0.0
+
+    def size(values: FloatArray) -> FloatArray:
+        return channels.share_sizes(largest_entries(values))
+
     for time in finer[1::2]:
         here = carried[time]
         plant, turn, shares = here.plant, here.turn, here.shares
@@ -277,8 +286,8 @@ def _miss(
             by_size @ off["stiffness"] @ by_size.T,
             by_speed @ off["damping"] @ by_speed.T,
             shares[:, None] * (turn @ off["loads"]) / sizes,
-            (off["rows"] @ turn.T) * shares * invert_sizes(largest_entries(plant.rows)),
-            off["direct"] * invert_sizes(largest_entries(whole)),
+            (off["rows"] @ turn.T) * shares * invert_sizes(size(plant.rows)),
+            off["direct"] * invert_sizes(size(whole)),
         )
         largest = max(largest, *(float(np.abs(each).max(initial=0.0)) for each in changes))
     return largest
@@ -345,11 +354,13 @@ def follow_motion(
     )
 
 
-def follow_way(given: Callable[[FloatArray], FloatArray], times: FloatArray) -> FloatArray:
+def follow_way(
+    given: Callable[[FloatArray], FloatArray], times: FloatArray, spacing: float = LOAD_SPACING
+) -> FloatArray:
     """Values ``(n, r)`` at times ``(n,)`` of what is as smooth as the rigid motion: linear between
-    the nodes of its loads, where these are fewer [s].
+    nodes so far apart, where these are fewer [s].
     """
-    nodes = even_nodes(times, LOAD_SPACING)
+    nodes = even_nodes(times, spacing)
     return (
         given(times) if len(nodes) >= len(times) else interpolate_nodes(times, nodes, given(nodes))
     )
@@ -362,6 +373,7 @@ def follow_drives(
     coordinates: FloatArray,
     force: FloatArray,
     given: FloatArray,
+    count: int,
 ) -> FloatArray:
     """Forces of the drives ``(n, d)``: the outputs after those of the tool.
 
@@ -371,13 +383,14 @@ def follow_drives(
         coordinates: ``(n, m)`` then.
         force: ``(n, 3)`` on the tool [N].
         given: ``(n, r)`` the other inputs.
+        count: Of the ``d`` drives.
     """
-    parts = []
+    parts, drives = [], slice(TOOL.stop, TOOL.stop + count)
     for part in chunk_slices(len(times)):
         found = sampled.at(times[part], "rows", "direct")
         loads = np.concatenate([force[part], given[part]], axis=1)
         parts.append(
-            (found.rows[:, GIVEN] @ coordinates[part][..., None])[..., 0]
-            + (found.direct[:, GIVEN] @ loads[..., None])[..., 0]
+            (found.rows[:, drives] @ coordinates[part][..., None])[..., 0]
+            + (found.direct[:, drives] @ loads[..., None])[..., 0]
         )
     return np.concatenate(parts)

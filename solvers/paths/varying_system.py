@@ -169,11 +169,22 @@ class PlantChannels:
         inputs: Where loads act.
         outputs: Where motion is wanted.
         up_to_hz: Modes kept [Hz]; those above follow at once.
+        alike: Numbers of outputs, the same for those of one kind, whose misfit is a share of the
+            largest of them; none where each stands for itself.
     """
 
     inputs: tuple[Channel, ...]
     outputs: tuple[Channel, ...]
     up_to_hz: float
+    alike: tuple[int, ...] = ()
+
+    def share_sizes(self, sizes: FloatArray) -> FloatArray:
+        """Sizes ``(p, 1)`` of the outputs, of those of one kind the largest."""
+        if not self.alike:
+            return sizes
+        largest = np.zeros((max(self.alike) + 1, 1))
+        np.maximum.at(largest, np.array(self.alike), sizes)
+        return np.asarray(largest[np.array(self.alike)])
 
 
 @dataclass(frozen=True, eq=False)

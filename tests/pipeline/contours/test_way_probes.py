@@ -2,6 +2,7 @@
 the section, and a place beside its end goes with that end.
 """
 
+import json
 import math
 from pathlib import Path
 
@@ -9,13 +10,17 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from headstock.app.report.report import render_report
+from headstock.app.tables.run import list_tables
 from headstock.geometry.frames import DOF_NAMES
 from headstock.pipeline.answers.answer import find_answers
+from headstock.pipeline.answers.contouring import ContourAnswer
 from headstock.pipeline.answers.path import PathResult, PathRun
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import keep_analyses
+from headstock.solvers.milling.tool_path import plan_contour
 from headstock.validation.mechanisms.tripteor_machine import SCENE as TRIPTEOR
 
 RADII = 0.08475, 0.09275  # of the tube of leg 3 [m]
@@ -92,3 +97,143 @@ def test_a_probe_goes_with_its_leg_where_an_uneven_rigid_screw_leads_it(
     size = np.abs(tip).max()
     assert size > 5e-5
     assert np.abs(np.mean(ends, axis=0) - tip).max() < 2e-2 * size
+
+
+BAR = """
+[materials.steel]
+E = "210 GPa"
+nu = 0.0
+rho = "7850 kg/m^3"
+[components.table]
+solid = { box = ["200 mm", "200 mm", "50 mm"] }
+material = "steel"
+at = ["0 mm", "0 mm", "-50 mm"]
+fidelity = "rigid"
+[components.table.interfaces]
+bottom = { face = "z-" }
+top = { face = "z+" }
+[components.carrier]
+solid = { box = ["100 mm", "100 mm", "50 mm"] }
+material = "steel"
+fidelity = "rigid"
+[components.carrier.interfaces]
+bottom = { face = "z-" }
+front = { face = "x+" }
+[components.bar]
+solid = { box = ["200 mm", "20 mm", "20 mm"] }
+material = "steel"
+at = ["150 mm", "0 mm", "0 mm"]
+mesh = { size = "10 mm", cells = "hex" }
+reduction = { modes = 6 }
+[components.bar.interfaces]
+foot = { face = "x-", coupling = "average" }
+tip = { face = "x+", coupling = "average" }
+[joints.glue]
+between = ["carrier.front", "bar.foot"]
+kind = "rigid"
+[joints.y_guide]
+between = ["table.bottom", "ground"]
+kind = "linear_guide"
+axis = "y"
+stiffness = { lateral = "rigid", normal = "rigid", roll = "rigid", pitch = "rigid", yaw = "rigid" }
+[joints.y_screw]
+between = ["table.bottom", "ground"]
+kind = "ball_screw"
+axis = "y"
+stiffness = { axial = "200 N/um" }
+[joints.x_guide]
+between = ["carrier.bottom", "table.top"]
+kind = "linear_guide"
+axis = "x"
+stiffness = { lateral = "rigid", normal = "rigid", roll = "rigid", pitch = "rigid", yaw = "rigid" }
+[joints.x_screw]
+between = ["carrier.bottom", "table.top"]
+kind = "ball_screw"
+axis = "x"
+stiffness = { axial = "200 N/um" }
+[axes.Y]
+joints = ["y_guide", "y_screw"]
+direction = "y"
+limits = ["-100 mm", "100 mm"]
+[axes.X]
+joints = ["x_guide", "x_screw"]
+direction = "x"
+limits = ["-100 mm", "100 mm"]
+[points]
+tip = { tool = "bar.tip", work = "ground" }
+[probes.inside]
+component = "bar"
+at = ["-37 mm", "3 mm", "5 mm"]
+[drives.X]
+inertia = "1e-3 kg m^2"
+lead = "10 mm"
+kv = "60 1/s"
+velocity_gain = "3e4 N s/m"
+feed_forward = { velocity = "100 %", acceleration = "100 %" }
+[drives.Y]
+inertia = "1e-3 kg m^2"
+lead = "10 mm"
+kv = "60 1/s"
+velocity_gain = "3e4 N s/m"
+feed_forward = { velocity = "100 %", acceleration = "100 %" }
+[effects]
+damping = { modal = 0.2 }
+cutting_force = true
+[analyses.contouring]
+polyline = [["0 mm", "-30 mm", "0 mm"], ["0 mm", "30 mm", "0 mm"], ["50 mm", "30 mm", "0 mm"]]
+averaging = "40 ms"
+feed = "6 m/min"
+spindle = "3000 rpm"
+mill = { diameter = "20 mm", teeth = 4, helix = "30 deg" }
+axial_depth = "2 mm"
+radial_depth = "2 mm"
+forces = "steady.csv"
+modes_to = "1 kHz"
+"""
+PULL, PUSH = 100.0, 20.0  # on the end of the bar, along and across it [N]
+LENGTH, SIDE, DENSITY, MODULUS = 0.2, 0.02, 7850.0, 210e9
+PLACE, OFF_AXIS = 0.063, 0.003  # of the probe, from the foot and off the axis [m]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("control", ["", "drive_control = true\n"])
+def test_a_bar_along_a_contour_carries_its_inertia_and_the_cut(
+    control: str, tmp_path: Path
+) -> None:
+    """As a rod and as a beam: accelerated along itself and across in a corner, under a steady force."""
+    (tmp_path / "steady.csv").write_text(f"time,fx,fy,fz\n-1,{PULL},{PUSH},0\n9,{PULL},{PUSH},0\n")
+    path = tmp_path / "scene.toml"
+    path.write_text(BAR.replace("cutting_force", f"{control}cutting_force"))
+    results = run_scene(
+        load_scene(path), tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store")
+    )
+    (found,) = find_answers(results.answers, ContourAnswer)
+    request = load_scene(path).analyses.contouring
+    assert request is not None
+    now = plan_contour(request.contour).path.at(found.times)
+    along, across = now.acceleration[:, 0], now.acceleration[:, 1]
+    beyond, area = LENGTH - PLACE, SIDE**2
+    rod = PULL / area - DENSITY * along * beyond
+    moment = PUSH * beyond - DENSITY * area * across * beyond**2 / 2.0
+    expected = rod - moment * OFF_AXIS / (SIDE**4 / 12.0)
+    trace = found.probes["inside"].trace
+    off = trace.stress[:, 0] - expected
+    assert abs(off[0]) < 1e-3 * abs(expected[0])
+    assert np.abs(off - off[0]).max() < 6e-3 * np.ptp(expected)
+    assert np.ptp(expected) > 2e4
+    # beside what screws and controllers leave, the bar is longer between the probe and its end
+    longer = (PULL / area * beyond - DENSITY * along * beyond**2 / 2.0) / MODULUS
+    # the section of the probe turns, and it stands off the axis
+    bent = PUSH * (LENGTH**2 - beyond**2) / 2.0
+    turned = bent - DENSITY * area * across * (LENGTH**3 - beyond**3) / 6.0
+    tilted = turned / (MODULUS * SIDE**4 / 12.0) * OFF_AXIS
+    off = found.gap[:, 0] - trace.displacement[:, 0] - longer - tilted
+    assert np.abs(off).max() < 2e-3 * np.abs(longer + tilted).max()
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    peak = summary["contouring"]["probes"]["inside"]
+    assert peak["peak_displacement_um"] >= 1e6 * np.abs(trace.displacement[:, 0]).max()
+    tables = {table.name: table for table in list_tables(summary)}
+    assert "stress xx inside [MPa]" in tables["contour"].headings
+    assert tables["probes_contour"].rows[0][0] == "inside"
+    page = render_report(summary)
+    assert "Equivalent stress at probes, beside that under gravity [MPa]" in page
