@@ -346,14 +346,17 @@ class PathResult(Answer):
             "drives": list(self.drives),
             "energy_error": self.energy_error,
             "poses": None if self.poses is None else self.poses.summarise(),
-            "feeds": [
-                _summarise_run(run, self.worth, place) for place, run in enumerate(self.runs)
-            ],
+            "feeds": [_summarise_run(self, place) for place in range(len(self.runs))],
             "error_left_out": [
                 *self.worth.left_out,
                 *(f"the mesh of {name}, which shows no error" for name in self.worth.unknown),
             ],
         }
+
+    def judge_probe(self, place: int, name: str) -> ProbeMotion:
+        """What a probe saw on a run, with its errors."""
+        changes = self.worth.judge(place, partial(_read_probe, name=name))
+        return self.runs[place].probes[name].judge(changes)
 
     def fill(self, file: h5py.File) -> None:
         """Write the curves of every feed, in the order of the scene."""
@@ -362,7 +365,8 @@ class PathResult(Answer):
             fill_path(feeds.create_group(run.curves.name.replace("/", " per ")), run.curves)
 
 
-def _summarise_run(run: PathRun, worth: PathWorth, place: int) -> FeedSummary:
+def _summarise_run(answer: PathResult, place: int) -> FeedSummary:
+    run, worth = answer.runs[place], answer.worth
     torques = worth.judge(
         place, lambda each: {name: own.torque.value for name, own in each.drives.items()}
     )
@@ -380,7 +384,7 @@ def _summarise_run(run: PathRun, worth: PathWorth, place: int) -> FeedSummary:
             run.joints,
             {joint: worth.judge(place, partial(_read_forces, joint=joint)) for joint in run.joints},
         ),
-        "probes": {name: probe.summarise() for name, probe in run.probes.items()},
+        "probes": {name: answer.judge_probe(place, name).summarise() for name in run.probes},
     }
     if run.curves.unit == "m":
         summary["feed_mm_per_min"] = 6e4 * run.curves.feed
@@ -391,6 +395,10 @@ def _summarise_run(run: PathRun, worth: PathWorth, place: int) -> FeedSummary:
 
 def _read_forces(run: PathRun, joint: str) -> dict[str, float | None]:
     return {direction: force.value for direction, force in run.joints[joint].items()}
+
+
+def _read_probe(run: PathRun, name: str) -> dict[str, float | None]:
+    return run.probes[name].sizes
 
 
 def _read_sizes(run: PathRun, output: int, zone: int) -> dict[str, float | None]:

@@ -3,6 +3,7 @@
 """
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TypedDict
 
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.answers.estimates import Estimate, scale_shares
+from headstock.pipeline.answers.estimates import Estimate, combine_estimates, scale_shares
 from headstock.pipeline.answers.probes import MEGA, MICRO
 from headstock.solvers.stresses import STRESS_NAMES, largest_von_mises
 from headstock.solvers.watched_outputs import Extreme
@@ -69,8 +70,8 @@ class ProbeMotion:
         von_mises: The largest equivalent stress [Pa].
         stress: ``(6,)`` then [Pa].
         displacement: The largest size of the displacement [m].
-        von_mises_error: Of the largest equivalent stress [Pa].
-        displacement_error: Of the largest displacement [m].
+        von_mises_error: Of the largest equivalent stress; until judged of the mesh around it alone [Pa].
+        displacement_error: The same of the largest displacement [m].
         singular: What makes the stress there grow with every finer mesh; empty for nothing.
     """
 
@@ -82,6 +83,23 @@ class ProbeMotion:
     von_mises_error: Estimate
     displacement_error: Estimate
     singular: str = ""
+
+    @property
+    def sizes(self) -> dict[str, float | None]:
+        """Numbers that are judged, by their names."""
+        return {"von_mises": self.von_mises.value, "displacement": self.displacement.value}
+
+    def judge(self, changes: Mapping[str, Estimate]) -> "ProbeMotion":
+        """With what sources of error change in its sizes, beside what the mesh around it does; nothing
+        where they are not known.
+        """
+        mises, moved = (
+            combine_estimates([changes[name], local]) if changes[name].shares else changes[name]
+            for name, local in zip(
+                self.sizes, (self.von_mises_error, self.displacement_error), strict=True
+            )
+        )
+        return dataclasses.replace(self, von_mises_error=mises, displacement_error=moved)
 
     def thin(self, some: NDArray[np.intp]) -> "ProbeMotion":
         """With some of the samples."""

@@ -48,10 +48,15 @@ from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.control import drive_along
 from headstock.pipeline.stages.machine import damp_system
 from headstock.pipeline.stages.motion_forces import leave_out_roundoff, record_drives
-from headstock.pipeline.stages.probe_motions import place_probes, read_probes
+from headstock.pipeline.stages.probe_motions import (
+    place_probes,
+    read_probes,
+    smoothing_channels,
+)
 from headstock.pipeline.stages.run_state import Outcome, PoseModel, RunState
 from headstock.reduction.coupling.joint_forces import JointForces, joint_outputs
 from headstock.reduction.coupling.probes import PlacedProbe
+from headstock.reduction.estimates.probe_errors import SEEN
 from headstock.scene.requests import PathRequest
 from headstock.scene.scene import SceneMechanism
 from headstock.solvers.milling.straight_path import StraightPath, UnitTravel
@@ -166,6 +171,12 @@ class ToolLine:
         path = self.request.path
         return place_model(self.state)(path.pose_at(0.5 * path.length)).joints
 
+    @property
+    def watched(self) -> tuple[Channel, ...]:
+        """Outputs of joints and probes in the middle of the line."""
+        probes = (*probe_channels(self.probes), *smoothing_channels(self.probes))
+        return (*joint_outputs(self.joints), *probes)
+
     @functools.cached_property
     def probes(self) -> dict[str, PlacedProbe]:
         """Probes in the middle of the line."""
@@ -182,7 +193,7 @@ class ToolLine:
             self.start, self.along, self.request.moves[0], 1.0 / self.request.sampling_hz
         )
         way = self.way(first)
-        watched = () if follows else (*joint_outputs(self.joints), *probe_channels(self.probes))
+        watched = () if follows else self.watched
         channels = PlantChannels(
             inputs=(*self.tool, GRAVITY_LOAD, *way.channels),
             outputs=(*self.tool, *self.request.outputs, *watched, *drive_outputs(self.drives)),
@@ -414,8 +425,7 @@ def _solve_move(
     if line.unit_motors is not None:
         motors = lead_motors(*line.unit_motors, line.nodes, path.travel)
     if motors is not None:
-        scales = outputs.stop
-        scales += len(joint_outputs(joints)) + len(probe_channels(line.probes)) if middle else 0
+        scales = outputs.stop + (len(line.watched) if middle else 0)
         servo = close_way(
             motors,
             sampled,
@@ -462,11 +472,13 @@ def _solve_move(
         first=outputs.stop + len(joint_outputs(joints)),
         acting=lambda part: acting[part].copy(),
         led=None if motors is None else motors.at(motion.nodes).channels,
+        further=len(smoothing_channels(line.probes)),
     )
+    seen, smoothed = np.split((seen - seen[0])[shown], [SEEN * len(line.probes)], axis=1)
     return deviation, PathForces(
         drives,
         _find_joint_forces(joints, motion, history, found, first=outputs.stop, acting=acting),
-        read_probes(line.probes, samples, (seen - seen[0])[shown]),
+        read_probes(line.probes, samples, seen, smoothed),
     )
 
 

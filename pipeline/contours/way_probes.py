@@ -89,8 +89,9 @@ def follow_probes(
     first: int,
     acting: Callable[[slice], FloatArray],
     led: FloatArray | None,
+    further: int = 0,
 ) -> FloatArray:
-    """What ``p`` probes see ``(n, 9 p)`` beside what they see of the weight.
+    """What ``p`` probes see ``(n, 9 p)`` beside what they see of the weight, and further outputs.
 
     Args:
         placed: Probes of the machine, anywhere on the way.
@@ -101,13 +102,15 @@ def follow_probes(
         acting: Of some instants ``(n, 3 + r)`` forces on the tool, and what the way gives after gravity.
         led: ``(k, b, d)`` travel in the first channels of the way per travel of each motor, at the
             nodes; None where motors follow their set points.
+        further: How many outputs after those of the probes are wanted, too, of modes and what acts.
     """
     size, modes = SEEN * len(placed), found.rows.shape[2]
     if not placed:
         return np.zeros((len(motion.times), 0))
-    whole = slice(first, first + len(probe_channels(placed)))
+    count = len(probe_channels(placed))
+    whole = slice(first, first + count + further)
     values, rates, accelerations = (slice(kind * size, (kind + 1) * size) for kind in range(3))
-    rides = slice(accelerations.stop, None)
+    rides, others = slice(accelerations.stop, count), slice(count, None)
     # of what acts, gravity stands between the tool and the way
     beyond = np.delete(found.direct[:, whole], TOOL.stop, axis=2)
     leads = np.zeros((len(motion.nodes), 0, 0)) if led is None else led
@@ -115,7 +118,7 @@ def follow_probes(
         slice(TOOL.stop, TOOL.stop + leads.shape[1]),
         slice(modes, modes + leads.shape[2]),
     )
-    seen = np.empty((len(motion.times), size))
+    seen = np.empty((len(motion.times), size + further))
     for part in chunk_slices(len(motion.times)):
         rows, direct, travels = (
             motion.between(each, part) for each in (found.rows[:, whole], beyond, leads)
@@ -128,10 +131,9 @@ def follow_probes(
         own += _apply(rows[:, accelerations], history.acceleration[part, :modes])
         own += _apply(direct[:, values], pulled)
         ridden = _apply(direct[:, rides, bodies], _apply(travels, moved[:, motors]))
-        seen[part] = own
-        seen[part].reshape(-1, len(placed), SEEN)[:, :, :MOVED] += ridden.reshape(
-            -1, len(placed), MOVED
-        )
+        own.reshape(-1, len(placed), SEEN)[:, :, :MOVED] += ridden.reshape(-1, len(placed), MOVED)
+        beside = _apply(rows[:, others], moved[:, :modes]) + _apply(direct[:, others], pulled)
+        seen[part] = np.concatenate([own, beside], axis=1)
     return seen
 
 

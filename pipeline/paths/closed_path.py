@@ -11,7 +11,7 @@ from headstock.pipeline.paths.travels import axis_shares, travel_of_channel
 from headstock.pipeline.stages.control import drive_machine
 from headstock.pipeline.stages.machine import CoupledPose
 from headstock.pipeline.stages.motion_forces import watch_drives, watch_joints
-from headstock.pipeline.stages.probe_motions import place_probes, probe_outputs, watch_probes
+from headstock.pipeline.stages.probe_motions import place_probes, probe_outputs, watch_path_probes
 from headstock.pipeline.stages.run_state import RunState
 from headstock.reduction.coupling.joint_forces import joint_outputs
 from headstock.scene.requests import PathRequest
@@ -58,7 +58,7 @@ def close_path(
     channels, joints = friction_channels(driven.trains), driven.released.joints
     probes = place_probes(state.parts, driven.released.coupled, tuple(state.scene.machine.probes))
     own = joint_outputs(joints) | probe_outputs(state.parts, probes)
-    watched = watch_joints(joints).join(watch_probes(probes))
+    watched = watch_joints(joints).join(watch_path_probes(probes))
     cut = request.cut
     pushed = pushed_channels(request)
     reach = reach or (FRICTION_REACH if channels else LINEAR_REACH)

@@ -14,7 +14,7 @@ from headstock.pipeline.paths.path_model import couple_at, sample_path
 from headstock.pipeline.paths.solved_moves import SolvedMoves, add_watched, read_path_probes
 from headstock.pipeline.stages.machine import damp_system, warn_of_no_damping
 from headstock.pipeline.stages.motion_forces import read_joints, record_drives, watch_joints
-from headstock.pipeline.stages.probe_motions import place_probes, probe_outputs, watch_probes
+from headstock.pipeline.stages.probe_motions import place_probes, probe_outputs, watch_path_probes
 from headstock.pipeline.stages.run_state import RunState
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.coupling.joint_forces import joint_outputs
@@ -69,7 +69,7 @@ def move_freely(
     joints = posed.joints
     probes = place_probes(state.parts, posed.coupled, tuple(machine.probes))
     own = joint_outputs(joints) | probe_outputs(state.parts, probes)
-    watched = watch_joints(joints).join(watch_probes(probes))
+    watched = watch_joints(joints).join(watch_path_probes(probes))
     whole = dataclasses.replace(model, up_to_hz=None, watched=watched)
     system = dataclasses.replace(middle.system, outputs=middle.system.outputs | own)
     kept = tuple(

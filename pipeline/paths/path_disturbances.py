@@ -13,7 +13,7 @@ from headstock.pipeline.paths.path_model import choose_model, couple_at, sample_
 from headstock.pipeline.paths.travels import axis_shares
 from headstock.pipeline.stages.control import drive_machine
 from headstock.pipeline.stages.motion_forces import watch_drives, watch_joints
-from headstock.pipeline.stages.probe_motions import place_probes, probe_outputs, watch_probes
+from headstock.pipeline.stages.probe_motions import place_probes, probe_outputs, watch_path_probes
 from headstock.pipeline.stages.run_state import RunState
 from headstock.reduction.coupling.drives import housing_rows, scale_rows
 from headstock.reduction.coupling.error_travel import find_offset_motions
@@ -96,7 +96,7 @@ def disturb_loop(
         samples=sample_path(request, move),
         load_step=min(shortest, shortest_ripple(rippling, request)) / move.feed / STEPS_PER_WAVE,
         watch=watch_joints(joints)
-        .join(watch_probes(probes))
+        .join(watch_path_probes(probes))
         .join(watch_drives(state.scene.drives.values())),
     )
 
@@ -129,7 +129,7 @@ def disturb_freely(
         low_frequency_limit_hz=choose_model(request).low_frequency_limit_hz,
         joints=joints,
         probes=probes,
-        watch=watch_joints(joints).join(watch_probes(probes)),
+        watch=watch_joints(joints).join(watch_path_probes(probes)),
     )
 
 

@@ -8,7 +8,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.motion_forces import PathForces
 from headstock.pipeline.answers.path import FollowedPoses
 from headstock.pipeline.answers.probe_motions import ProbeMotion
-from headstock.pipeline.stages.probe_motions import read_probes
+from headstock.pipeline.stages.probe_motions import read_probes, smoothing_channels
 from headstock.reduction.coupling.joint_forces import JointForces
 from headstock.reduction.coupling.probes import PlacedProbe
 from headstock.solvers.paths.response import PathDeviation
@@ -64,5 +64,6 @@ def read_path_probes(
     if found.watched is None or not probes:
         return {}
     first = sum(len(joint.directions) for joint in joints)
-    seen = found.watched[:, first : first + added.shape[1]]
-    return read_probes(probes, found.times, seen + added)
+    seen, last = found.watched[:, first:], added.shape[1]
+    count = len(smoothing_channels(probes))
+    return read_probes(probes, found.times, seen[:, :last] + added, seen[:, last : last + count])

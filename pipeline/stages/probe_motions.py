@@ -181,32 +181,81 @@ def watch_probes(names: Iterable[str]) -> Watch:
     )
 
 
+def watch_path_probes(probes: Mapping[str, PlacedProbe]) -> Watch:
+    """The same, then what recovery changes in the stresses of all of them."""
+    return watch_probes(probes).join(Watch(smoothing_channels(probes)))
+
+
+def smoothing_channels(probes: Mapping[str, PlacedProbe]) -> tuple[Channel, ...]:
+    """What recovery changes in the stresses at probes and around, where that is known."""
+    return tuple(
+        (name, f"smoothing {number}")
+        for name, probe in probes.items()
+        if probe.smoothing is not None
+        for number in range(STRESSED * len(probe.smoothing))
+    )
+
+
 def read_probes(
-    probes: Mapping[str, PlacedProbe], times: FloatArray, seen: FloatArray
+    probes: Mapping[str, PlacedProbe],
+    times: FloatArray,
+    seen: FloatArray,
+    smoothed: FloatArray | None = None,
 ) -> dict[str, ProbeMotion]:
-    """What probes saw at times, without errors.
+    """What probes saw at times; of their errors what recovery changes when they saw most, where that is
+    given.
 
     Args:
         probes: ``p`` of them.
         times: ``(n,)`` [s].
         seen: ``(n, 9 p)`` displacement and stress of each.
+        smoothed: ``(n, s)`` values of ``smoothing_channels``; None for nothing.
     """
-    found = {}
+    found, first = {}, 0
     for (name, probe), own in zip(
         probes.items(), np.split(seen, max(len(probes), 1), axis=1), strict=False
     ):
         mises, moved = find_largest(times, _size(own).T)
+        stress, errors = own[int(np.searchsorted(times, mises.time)), MOVED:], [Estimate()] * 2
+        if smoothed is not None:
+            last = first + STRESSED * (0 if probe.smoothing is None else len(probe.smoothing))
+            changes = [
+                smoothed[int(np.searchsorted(times, peak.time)), first:last].reshape(-1, STRESSED)
+                for peak in (mises, moved)
+            ]
+            sizes = (
+                (None, None)
+                if probe.smoothing is None
+                else _change_locally(probe, stress, *changes)
+            )
+            errors, first = [Estimate({DISCRETISATION: size}) for size in sizes], last
         found[name] = ProbeMotion(
             component=probe.component,
             trace=ProbeTrace(name, own[:, :MOVED], own[:, MOVED:]),
             von_mises=mises,
-            stress=own[int(np.searchsorted(times, mises.time)), MOVED:],
+            stress=stress,
             displacement=moved,
-            von_mises_error=Estimate(),
-            displacement_error=Estimate(),
+            von_mises_error=errors[0],
+            displacement_error=errors[1],
             singular=probe.singular,
         )
     return found
+
+
+def _change_locally(
+    probe: PlacedProbe, stress: FloatArray, stressed: FloatArray, moved: FloatArray
+) -> tuple[float | None, float]:
+    """What the mesh around a probe may change beside what it changes in the motion of the machine: in
+    the equivalent stress and in the displacement, when they are largest.
+
+    Args:
+        probe: In its machine.
+        stress: ``(6,)`` when it is largest.
+        stressed: ``(s, 6)`` what recovery changes then.
+        moved: ``(s, 6)`` the same when the displacement is largest.
+    """
+    changed = float(np.linalg.norm(von_mises_change(stress, CYCLE_SAFETY * stressed)))
+    return None if probe.singular else changed, float(moved_locally(probe.strain_reach, moved))
 
 
 def _see(name: str, probe: PlacedProbe, space: StateSpace, loads: Sequence[str]) -> _Seen:
@@ -314,13 +363,8 @@ def _judge(
             for peak in peaks
         )
         missing = _read_rows(own, name, "missing", probe, peaks[1], loads)[:MOVED]
-        local = [
-            None
-            if probe.singular
-            else float(np.linalg.norm(von_mises_change(motion.stress, CYCLE_SAFETY * stressed))),
-            probe.mesh_safety * float(np.linalg.norm(missing))
-            + float(moved_locally(probe.strain_reach, moved)),
-        ]
+        local[0], within = _change_locally(probe, motion.stress, stressed, moved)
+        local[1] = probe.mesh_safety * float(np.linalg.norm(missing)) + within
     for kind in (0, 1):
         for source, size in (
             (DISCRETISATION, local[kind]),

@@ -37,6 +37,7 @@ PATHS = (
     "deviations and joint forces of a path",
     "the same under control, torques and position errors",
 )
+PROBES = "stress and displacement at probes along both"
 CLEAR = 1e-3  # of a number: true errors above which a ratio means something
 LEAST = 1e-9  # [m, rad]: what varies less is no number of a map
 
@@ -122,11 +123,13 @@ def compare_axes(seed: int) -> dict[str, JudgedNumbers]:
         *(each.ravel() for each in (coarse.total, coarse.errors, fine.total, fine.errors))
     )
     free, driven = (_pair(*map(_list_path, both), least=0.0) for both in paths)
+    seen = [_list_probes([answers[place] for answers in paths]) for place in (0, 1)]
     return {
         "ranges, motions along axes and squareness": measures,
         "errors in single poses": poses,
         PATHS[0]: free,
         PATHS[1]: driven,
+        PROBES: _pair(*seen, least=0.0),
     }
 
 
@@ -179,6 +182,20 @@ def _list_path(answer: PathResult) -> tuple[FloatArray, FloatArray]:
             total = judged[name].total
             values.append(abs(value or 0.0))
             errors.append(np.inf if total is None else total)
+    return np.array(values), np.array(errors)
+
+
+def _list_probes(answers: list[PathResult]) -> tuple[FloatArray, FloatArray]:
+    """Largest equivalent stresses and displacements ``(n,)`` at probes, and what stands behind their ±."""
+    values: list[float] = []
+    errors: list[float] = []
+    for answer in answers:
+        for place, run in enumerate(answer.runs):
+            for name in run.probes:
+                judged = answer.judge_probe(place, name)
+                values += [judged.von_mises.value, judged.displacement.value]
+                totals = (judged.von_mises_error.total, judged.displacement_error.total)
+                errors += [np.inf if total is None else total for total in totals]
     return np.array(values), np.array(errors)
 
 

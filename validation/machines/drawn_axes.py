@@ -143,6 +143,10 @@ Y = {{ joints = ["y_guide", "y_drive"], direction = "y", limits = ["-70 mm", "70
 Z = {{ joints = ["z_guide", "z_drive"], direction = "z", limits = ["-50 mm", "50 mm"] }}
 [points]
 tcp = {{ tool = "head.tool", work = "table.top" }}
+[probes]
+bed = {{ component = "bed", at = ["150 mm", "{half_rail} mm", "{half_bed} mm"] }}
+bridge = {{ component = "bridge", at = ["{quarter_wall} mm", "30 mm", "{low_bridge} mm"] }}
+saddle = {{ component = "saddle", at = ["{quarter_saddle} mm", "35 mm", "120 mm"] }}
 [loads.process]
 at = "head.tool"
 force = ["{force} N", "{across} N", "200 N"]
@@ -218,6 +222,11 @@ def draw_axes(seed: int) -> str:
         "foot_y": 0.5 * bed_y - 60,
         "foot_off": draw(-80, 80),
         "post_x": post_x,
+        "half_rail": 0.5 * rail_y,
+        "half_bed": 0.5 * bed_z,
+        "quarter_wall": 0.25 * wall,
+        "low_bridge": 0.3 * bridge_z,
+        "quarter_saddle": 0.25 * saddle_x,
         "table_y": 2 * rail_y + 80,
         "high": middle + 70,
         "low": middle - 70,
