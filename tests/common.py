@@ -4,6 +4,7 @@ matrices.
 
 import contextlib
 import dataclasses
+import importlib
 import io
 import os
 import shutil
@@ -11,7 +12,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import cast
+from typing import BinaryIO, cast
 
 import numpy as np
 import pytest
@@ -30,6 +31,8 @@ from headstock.geometry.parts.components import (
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.component_mesh import CellKind, ComponentMesh, IntArray
 from headstock.meshing.elements.surface import extract_surface
+from headstock.meshing.process.isolation import WorkerEnd, WorkerLimits, run_isolated
+from headstock.meshing.process.worker import serve_job
 from headstock.validation.parts.structured_meshes import (
     integrate_over_cells,
     lattice_mesh,
@@ -213,3 +216,29 @@ class Dense:
     def frequencies(self, stiffness: FloatArray, mass: FloatArray) -> FloatArray:
         """All natural frequencies [Hz] of a dense pencil."""
         return np.asarray(np.sqrt(np.abs(scipy.linalg.eigvalsh(stiffness, mass))) / (2.0 * np.pi))
+
+
+def work_here(
+    module: str,
+    words: Sequence[str],
+    *,
+    limits: WorkerLimits,
+    stdin: str,
+    result: BinaryIO,
+    readable: Sequence[Path] = (),
+) -> WorkerEnd:
+    """A job of meshing in this process, as `run_isolated` has it done in one of its own: loading gmsh
+    there takes longer than what most tests mesh.
+    """
+    gmsh = sys.modules.get("gmsh")
+    if gmsh is not None and gmsh.isInitialized():  # the test has a model of its own there
+        return run_isolated(
+            module, words, limits=limits, readable=readable, stdin=stdin, result=result
+        )
+    worker = importlib.import_module(module)
+    said = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stderr(said):
+        patch.setattr("headstock.meshing.process.worker.accept_limits", lambda words: words)
+        patch.setattr(sys, "stdin", io.StringIO(stdin))
+        code = serve_job([*words, str(os.dup(result.fileno()))], worker.perform_job)
+    return WorkerEnd(code, said.getvalue(), limits, limits)

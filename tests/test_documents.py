@@ -19,10 +19,9 @@ from headstock.scene.schema.key_notes import NOTES
 ROOT = Path(__file__).resolve().parent.parent
 DOCUMENTS = (
     "README.md",
-    "docs/hpc.md",
     *(
         pytest.param(f"docs/{name}.md", marks=pytest.mark.trials)
-        for name in ("tutorial", "comparing", "show", "mesh_files")
+        for name in ("hpc", "tutorial", "comparing", "show", "mesh_files")
     ),
 )
 BLOCK = re.compile(r"^```(\w+)[^\n]*\n(.*?)^```$", re.DOTALL | re.MULTILINE)

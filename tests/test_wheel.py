@@ -2,6 +2,7 @@
 and its program sets what the launcher of a checkout sets.
 """
 
+import functools
 import json
 import os
 import re
@@ -101,8 +102,8 @@ def test_a_scene_runs_from_the_wheel_with_the_numbers_of_the_checkout(
     built: Built, tmp_path: Path
 ) -> None:
     (tmp_path / "scene.toml").write_text(COLUMN.read_text() + "[analyses.modal]\ncount = 3\n")
-    call(built, tmp_path, "run", "scene.toml", "-o", "wheel")
-    launch(tmp_path, "run", "scene.toml", "-o", "checkout")
+    for program, name in ((functools.partial(call, built), "wheel"), (launch, "checkout")):
+        program(tmp_path, "run", "scene.toml", "--no-figures", "-o", name)
     frequencies = []
     for name in ("wheel", "checkout"):
         (pose,) = json.loads((tmp_path / name / "summary.json").read_text())["modal"]
@@ -173,7 +174,7 @@ def test_a_job_of_the_installed_package_is_started_by_the_python_it_is_installed
     }
     scene = ROOT / "tests" / "data" / "slide.toml"
     for words in (
-        ["sweep", str(scene), "line", "-o", "swept", "--on", "slurm", "--tasks", "2"],
+        ["sweep", str(scene), "line", "-o", "swept", "--on", "slurm", "--tasks", "1"],
         ["run", str(scene), "--no-figures", "-o", "run", "--on", "slurm"],
     ):
         done = subprocess.run(

@@ -99,6 +99,7 @@ def test_the_first_notebook_runs_from_its_folder(
     assert "mode 01 shape [m/sqrt(kg)]" in arrays
 
 
+@pytest.mark.trials
 def test_the_notebook_of_the_workspace_reaches_every_pose(
     run_notebook: Callable[[str], list[object]],
 ) -> None:

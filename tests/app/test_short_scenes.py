@@ -191,7 +191,7 @@ COMMANDS = (
     "show {scene} -o {out}.png --json {json}",
     "converge {scene} --set components.x_slider.fidelity=elastic --accuracy 20% --most-dofs 6000 -o {out} --json {json}",
 )
-LONG_COMMANDS = ("effects", "show", "converge")
+LONG_COMMANDS = ("effects", "show", "converge", "compare")
 # what differs from one run to the next, and names of files
 NOT_FOUND = (
     "second",

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from common import rank_words
+from common import rank_words, run_alone
 from headstock.scene.building.loader import load_scene
 from headstock.studies.sweeps.files import SWEEP_FILE
 from headstock.studies.sweeps.journals import FOLDER
@@ -38,6 +38,10 @@ FAULTS = {
 }
 
 
+def sweep_words(folder: Path) -> list[str]:
+    return ["sweep", str(SCENE), "line", "-o", str(folder / "out")]
+
+
 def sweep_on_two_ranks(folder: Path, program: str) -> subprocess.CompletedProcess[str]:
     variables = {**os.environ, "HEADSTOCK_STORE": str(folder / "store"), "OMP_NUM_THREADS": "1"}
     command = [
@@ -46,9 +50,8 @@ def sweep_on_two_ranks(folder: Path, program: str) -> subprocess.CompletedProces
         "-c",
         program,
     ]
-    arguments = ["sweep", str(SCENE), "line", "-o", str(folder / "out")]
     return subprocess.run(
-        [*command, *arguments], env=variables, capture_output=True, text=True, timeout=60
+        [*command, *sweep_words(folder)], env=variables, capture_output=True, text=True, timeout=60
     )
 
 
@@ -66,7 +69,7 @@ def test_a_rank_that_fails_ends_the_job_without_a_half_file_and_keeps_finished_p
         assert "rank 1" in ended.stderr and "cosmic ray" in ended.stderr
     out = tmp_path / "out"
     assert [path.name for path in out.iterdir()] == [FOLDER]
-    again = sweep_on_two_ranks(tmp_path, PROGRAM.format(fault="pass"))
+    again = run_alone(tmp_path, *sweep_words(tmp_path))
     assert again.returncode == 0, again.stderr
     assert (out / SWEEP_FILE).is_file()
     total = len(load_scene(SCENE).sweeps["line"].positions)

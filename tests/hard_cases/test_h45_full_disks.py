@@ -13,9 +13,10 @@ from mpi4py import MPI
 
 from faults.disk import OLD, ResumeTrials, fill_disks
 from faults.resume import SCENE
-from faults.runs import VARIANTS, FaultError, finish_run, make_places, read_numbers
+from faults.runs import VARIANTS, FaultError, Places, make_places, read_numbers
 from headstock.app.actions.studying import StudyRequest, study_request
 from headstock.app.actions.sweeping import SweepRequest, sweep_request
+from headstock.app.command_line import main
 from headstock.app.terminal.guard import run_guarded
 from headstock.pipeline.storage.provenance import SceneChoice
 
@@ -112,10 +113,20 @@ def test_a_trial_tells_what_a_full_disk_must_not_do(
     assert "ended with 2" in attempt("code", write("points.jsonl", whole, 2))
 
 
+def run_here(places: Places) -> tuple[int, str]:
+    """A run in this process; its exit code and what it said on standard error."""
+    words = ("run", str(places.scene), "-o", str(places.results), "--variant", VARIANTS[0])
+    said = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stderr(said):
+        patch.setenv("HEADSTOCK_STORE", str(places.store))
+        code = main([*words, "--no-figures"])
+    return code, said.getvalue()
+
+
 def test_a_read_only_output_folder_is_refused_before_anything_is_computed(tmp_path: Path) -> None:
     places = make_places(tmp_path)
     places.results.symlink_to("/sys/kernel")  # refuses new files to everybody
-    code, said = finish_run(places, VARIANTS[0])
+    code, said = run_here(places)
     assert code == 2
     assert "cannot be written" in said and "-o DIR" in said
     assert "Traceback" not in said
@@ -126,7 +137,7 @@ def test_a_store_that_cannot_be_written_is_a_warning(tmp_path: Path) -> None:
     places = make_places(tmp_path)
     places.store.rmdir()
     places.store.symlink_to("/sys/kernel")
-    code, said = finish_run(places, VARIANTS[0])
+    code, said = run_here(places)
     assert code == 0, said
     assert "cannot be written" in (places.results / "summary.json").read_text()
     assert read_numbers(places.results).frequencies_hz[0] > 0.0

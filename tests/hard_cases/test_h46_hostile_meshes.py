@@ -55,7 +55,7 @@ def test_a_file_that_is_cut_short_is_refused(write: Callable[[str], Path], name:
     path = write(name)
     content = path.read_bytes()
     read_file(path)
-    for share in (0.0, 0.1, 0.5, 0.9):
+    for share in (0.0, 0.9):
         path.write_bytes(content[: int(share * len(content))])
         start = time.monotonic()
         with pytest.raises(PartFileError, match=name):

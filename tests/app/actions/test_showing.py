@@ -41,12 +41,13 @@ def is_png(path: Path) -> bool:
     return path.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
 
-def test_a_part_is_drawn_and_listed_with_a_table_that_can_be_pasted(
+def test_a_part_is_drawn_into_a_new_folder_and_listed_with_a_table_that_can_be_pasted(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["show", str(SUPPORT), "-o", "faces.png", "--json", "faces.json", "--all"]) == 0
+    words = ["show", str(SUPPORT), "-o", "pictures/faces.png", "--json", "faces.json", "--all"]
+    assert main(words) == 0
     printed = capsys.readouterr().out
-    assert is_png(folder / "faces.png")
+    assert is_png(folder / "pictures" / "faces.png")
     listed = json.loads((folder / "faces.json").read_text())
     assert len(listed["faces"]) == 83
     assert (listed["unit"], listed["warnings"]) == ("mm", [])
@@ -320,11 +321,6 @@ def test_a_part_that_cannot_be_meshed_is_not_called_ready(
     assert "part: face 7 crosses face 9" in said.err
     assert "ready" not in said.out
     assert (folder / "mine" / "mine.toml").is_file()
-
-
-def test_a_picture_makes_its_folder(folder: Path) -> None:
-    assert main(["show", str(SUPPORT), "-o", "pictures/part.png"]) == 0
-    assert is_png(folder / "pictures" / "part.png")
 
 
 def test_nothing_is_overwritten_by_a_new_scene(

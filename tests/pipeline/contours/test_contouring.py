@@ -21,7 +21,7 @@ from headstock.app.tables.contouring import (
 from headstock.geometry.errors import PoseError
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.lobes import DirectionLobes, PoseLobes
-from headstock.pipeline.contours.contour_run import SETTLING
+from headstock.pipeline.contours.contour_run import SETTLING, ContourRun
 from headstock.pipeline.contours.contouring import evaluate_contour, explain_gaps
 from headstock.pipeline.contours.lumped_contour import run_lumped_contour
 from headstock.pipeline.contours.milled_faces import mill_faces
@@ -48,6 +48,13 @@ def machine() -> Tripteor:
     return load_tripteor()
 
 
+@pytest.fixture(scope="module")
+def short_run(machine: Tripteor) -> ContourRun:
+    """The first face and the ramp before it."""
+    request = contour_request("al7075-t6")
+    return run_lumped_contour(machine.scene, machine.model, request, until=SHORT)
+
+
 def changed_block(request: ContouringRequest, **changes: Any) -> SquareContour:
     assert isinstance(request.contour, SquareContour)
     return dataclasses.replace(request.contour, **changes)
@@ -64,9 +71,8 @@ def test_measured_forces_that_are_the_computed_ones_give_the_same_motion(machine
         run_lumped_contour(machine.scene, machine.model, request, record=record, until=0.6)
 
 
-def test_the_summary_tells_faces_assumptions_and_drive_forces(machine: Tripteor) -> None:
-    request = contour_request("al7075-t6")
-    run = run_lumped_contour(machine.scene, machine.model, request, until=SHORT)
+def test_the_summary_tells_faces_assumptions_and_drive_forces(short_run: ContourRun) -> None:
+    request, run = contour_request("al7075-t6"), short_run
     found = evaluate_contour(request, run).summarise()
     assert [face["face"] for face in found["faces"]] == [1]
     assert -20.0 < found["faces"][0]["mean_um"][0] < -5.0
@@ -277,9 +283,8 @@ def test_waves_decay_below_the_lobes_of_a_lumped_mechanism_and_grow_above_in_tim
     assert border == pytest.approx(1.0, abs=0.04)
 
 
-def test_a_face_that_is_passed_too_fast_has_no_gap_and_a_reason(machine: Tripteor) -> None:
-    request = contour_request("al7075-t6")
-    run = run_lumped_contour(machine.scene, machine.model, request, until=SHORT)
+def test_a_face_that_is_passed_too_fast_has_no_gap_and_a_reason(short_run: ContourRun) -> None:
+    request, run = contour_request("al7075-t6"), short_run
     assert explain_gaps(run) == []
     cut = run.plan.cuts[0]
     hasty = dataclasses.replace(cut, ends=cut.begins + 1.5 * SETTLING)

@@ -141,7 +141,7 @@ solid = { box = ["600 mm", "20 mm", "20 mm"] }
 material = "steel"
 at = ["350 mm", "0 mm", "-10 mm"]
 fidelity = "segmented"
-segments = { count = 40, along = "x" }
+segments = { count = 16, along = "x" }
 interfaces = { root = { face = "x-" }, tip = { face = "x+" } }
 [joints.hub]
 between = ["beam.root", "ground"]
@@ -160,7 +160,7 @@ to = { C = "1 deg" }
 feeds = ["600 deg/min"]
 time_constant = "95 ms"
 pose_model = "frozen"
-sampling = "20 kHz"
+sampling = "5 kHz"
 residual_time = "80 ms"
 outputs = [["tip", "y"]]
 """

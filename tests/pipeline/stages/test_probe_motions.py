@@ -334,7 +334,8 @@ def test_a_probe_in_a_bed_sees_on_a_slow_path_what_an_uneven_rail_does(tmp_path:
             "probes.spot={ component = 'bed', at = ['60 mm', '60 mm', '80 mm'] }",
             "poses.end={ X = '2.5 mm' }",
             "analyses={ static = { at = 'tcp', poses = ['end'] }, path = { from = { X = '0 mm' }, to = { X = '2.5 mm' }, "
-            "pose_model = 'frozen', feeds = ['60 mm/min'], time_constant = '500 ms', sampling = '50 Hz', outputs = [['tcp', 'z']] } }",
+            "estimate = false, pose_model = 'frozen', feeds = ['60 mm/min'], time_constant = '500 ms', sampling = '50 Hz', "
+            "outputs = [['tcp', 'z']] } }",
         ],
     )
     results = run_scene(

@@ -9,7 +9,7 @@ from headstock.solvers.linear.quadratic_pencils import state_eigenpairs
 from headstock.solvers.linear.quadratic_poles import SMALL, find_poles_within
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 
-SIZE, INSIDE = 320, 30
+SIZE, INSIDE = 240, 24
 
 
 def _modal(strength: float, kind: str) -> tuple[FloatArray, FloatArray]:
@@ -134,7 +134,9 @@ def test_defective_poles_of_critical_dampers_and_poles_that_nearly_meet_are_all_
     assert len({int(np.argmin(np.abs(np.array(rest) - pole))) for pole in apart}) == len(apart)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize(
+    "seed", [*range(4), *(pytest.param(seed, marks=pytest.mark.trials) for seed in range(4, 12))]
+)
 def test_poles_of_lattices_with_equal_springs_and_dampers_of_any_strength(seed: int) -> None:
     random = np.random.default_rng(seed)
     line = np.diag(np.full(7, 2e6)) - np.diag(np.full(6, 1e6), 1) - np.diag(np.full(6, 1e6), -1)

@@ -21,14 +21,16 @@ from headstock.validation.parts.order_cases import cube_error, rod_frequencies
 from headstock.validation.references.rows import rows_as_json
 
 QUICK = (
-    "block", "rod", "rod-orders", "all-modes", "static-exactness", "rigid-body-content",
+    "block", "rod", "rod-orders", "static-exactness", "rigid-body-content",
     "beam-truncation", "rod-step", "two-mass-drive", "sampled-control", "drive-friction",
     "nafems-5h", "column-response", "kono-cantilever-static", "square-column", "straight-cantilever", "fv5",
-    "eigensolvers",
 )  # fmt: skip
+LONG = ("all-modes", "eigensolvers")
 
 
-@pytest.mark.parametrize("name", QUICK)
+@pytest.mark.parametrize(
+    "name", [*QUICK, *(pytest.param(name, marks=pytest.mark.trials) for name in LONG)]
+)
 def test_every_row_of_the_case_passes(name: str) -> None:
     rows = run_validation([name], comm=MPI.COMM_SELF)
     assert len(rows) >= 3
