@@ -106,12 +106,6 @@ def test_a_run_finds_what_the_command_line_finds(scene: Path, tmp_path: Path) ->
     assert [mine[key] for key in shared] == [summary["provenance"][key] for key in shared]
 
 
-def test_a_report_is_made_of_what_a_run_wrote(scene: Path, tmp_path: Path) -> None:
-    hs.run(scene, output=tmp_path / "out")
-    assert main(["report", str(tmp_path / "out")]) == 0
-    assert "Hz" in (tmp_path / "out" / "report.html").read_text()
-
-
 def test_a_run_leaves_no_page_of_an_earlier_one_and_keeps_what_the_user_put_there(
     scene: Path, tmp_path: Path
 ) -> None:

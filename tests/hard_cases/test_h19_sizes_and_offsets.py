@@ -30,7 +30,7 @@ from headstock.validation.parts.component_models import full_model, full_modes
 COMM = MPI.COMM_SELF
 STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
 SIZE = np.array([0.4, 0.7, 1.0])
-SIZES = [1e-6, 1e-3, 1e4]
+SIZES = [1e-6, pytest.param(1e-3, marks=pytest.mark.trials), 1e4]
 WANTED = ReductionRequest(ModeTarget(count=8), recovery=False)
 # a body of any length, and that of 1 m
 ReduceAt = tuple[Callable[[float], Superelement], Superelement]

@@ -36,7 +36,16 @@ def test_sixteen_damaged_files_are_read_or_refused_by_name(tmp_path: Path) -> No
     assert sum(count for ending, count in outcome.happened.items() if "refused" in ending) > 8
 
 
-@pytest.mark.parametrize("count", ["1000000000000", "-1", "99999999999999999999", "nan", "0", "46"])
+@pytest.mark.parametrize(
+    "count",
+    [
+        *("1000000000000", "-1", "46"),
+        *(
+            pytest.param(count, marks=pytest.mark.trials)
+            for count in ("99999999999999999999", "nan", "0")
+        ),
+    ],
+)
 @pytest.mark.parametrize("section", ["$Nodes", "$Elements"])
 def test_a_gmsh_file_that_lies_about_its_counts_is_refused(
     tmp_path: Path, section: str, count: str

@@ -39,7 +39,7 @@ def reduce_by(
         (COLUMN, "tet10", ("rigid", "rigid")),
         pytest.param(BLOCK, "tet10", ("rigid", "average"), marks=pytest.mark.trials),
         pytest.param(COLUMN, "tet10", ("average", "average"), marks=pytest.mark.trials),
-        (BLOCK, "tet10", ("average",)),
+        pytest.param(BLOCK, "tet10", ("average",), marks=pytest.mark.trials),
         (COLUMN, "tet10", ()),
         (COLUMN, "hex27", ("rigid", "average")),
     ],
