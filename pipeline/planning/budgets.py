@@ -64,7 +64,6 @@ STAGE_SECONDS = {
     "expand": 0.3,
     "place": 0.005,
     "recover": 0.5,
-    "spread": 0.2,
     "models": 0.3,
     "joints": 0.3,
     "frf": 0.08,

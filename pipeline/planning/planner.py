@@ -1,9 +1,7 @@
 """From a scene to the stages it calls for, each with its reason; no other stage is ever run.
 
-Rules: a rigid component is never meshed; a static analysis needs constraint modes and no
-eigenpairs; mass is assembled only when a dynamic analysis or gravity asks for it; fixed-interface
-modes are kept as far as the scene says, else up to ``MODE_MARGIN`` times the highest wanted
-frequency (``FRF_MARGIN`` times that of a frequency response), else ``default_mode_count`` of them.
+A rigid component is never meshed; mass is assembled only when a dynamic analysis or gravity asks for
+it.
 """
 
 import dataclasses
@@ -15,7 +13,7 @@ from typing import assert_never
 import numpy as np
 
 from headstock.geometry.machine.machine import Pose
-from headstock.geometry.parts.components import Component, Fidelity, ReductionSettings
+from headstock.geometry.parts.components import Component, Fidelity
 from headstock.geometry.parts.solids import Box, MeshFile, PointMass, SuperelementFile
 from headstock.meshing.components.meshing import MeshEstimate, estimate_mesh
 from headstock.pipeline.planning.budgets import (
@@ -48,37 +46,26 @@ from headstock.pipeline.planning.interfaces import find_glued_joints, has_choice
 from headstock.pipeline.planning.node_memory import (
     RanksOnNodes,
     check_memory,
-    node_memory_bytes,
 )
-from headstock.pipeline.planning.plan import Plan, Stage
+from headstock.pipeline.planning.plan import Plan, Stage, StageKind
+from headstock.pipeline.planning.reductions import (
+    MODE_MARGIN,
+    choose_reduction,
+    choose_solver,
+    is_dynamic,
+)
 from headstock.pipeline.storage.content_keys import superelement_key
 from headstock.reduction.components.solver_choice import (
     SolverChoice,
-    choose_method,
-    predict_factor_entries,
 )
 from headstock.scene.building.components import bounding_box
 from headstock.scene.requests import (
-    Analyses,
     ContouringRequest,
-    ModalRequest,
     PathRequest,
 )
 from headstock.scene.scene import Scene
 from headstock.solvers.milling.tool_path import plan_contour
 
-# Craig-Bampton frequencies of a column with two rigid faces are right within 0.6 % when modes reach
-# 3 times the wanted range (1.5 % at 2 times): Craig and Bampton (1968), checked by `validate
-# reduction`.
-MODE_MARGIN = 3.0
-# Beside a resonance a response is far more sensitive: 12 times keep it within 1 % of the whole
-# model up to 1.5 times the highest frequency, 3 times miss up to 6 % (`validate
-# frequency_response`, a column with two rigid faces, loss factor 4 %).
-FRF_MARGIN = 12.0
-EXACT_MARGIN = 1.5
-FEWEST_DEFAULT_MODES = 20
-# limit of the default: what these modes leave out of a response is in its ±
-MOST_DEFAULT_MODES = 200
 GRAVITY = "gravity"
 PROBED = 9  # numbers at a probe
 ALONG_WAYS = {
@@ -87,13 +74,6 @@ ALONG_WAYS = {
     "guide_errors": "errors of guides and drives",
     "coriolis": "forces of speeds (Coriolis)",
 }
-
-
-def default_mode_count(wanted: int) -> int:
-    """Fixed-interface modes kept per component when so many machine frequencies are wanted and no
-    frequency is named.
-    """
-    return max(FEWEST_DEFAULT_MODES, 2 * wanted + 8)
 
 
 def plan_scene(
@@ -158,9 +138,8 @@ def plan_scene(
             )
             for stage in _pose_stages(pose, scene)
         ]
-    stages += _spread_stages(components, scene.analyses.modal)
-    stages += _model_stages(components, scene)
-    stages += _interface_stages(components, scene)
+    comparisons, nothing_to_compare = _plan_comparisons(components, scene)
+    stages += comparisons
     if scene.analyses.map is not None:
         count = math.prod(len(values) for _, values in scene.analyses.map.axes)
         stages.append(
@@ -196,12 +175,7 @@ def plan_scene(
         poses=poses,
         with_modes=is_dynamic(scene.analyses),
         gravity=gravity,
-        warnings=(
-            *_plan_warnings(components),
-            *_spread_warnings(components, scene.analyses.modal),
-            *_model_warnings(components, scene),
-            *_interface_warnings(components, scene),
-        ),
+        warnings=(*_plan_warnings(components), *nothing_to_compare),
     )
 
 
@@ -214,19 +188,6 @@ def _name_acting(scene: Scene) -> str:
     return "".join(f", {text}" for text in (*controlled, *acting))
 
 
-def _spread_stages(components: Mapping[str, Component], modal: ModalRequest | None) -> list[Stage]:
-    chosen = [name for name, component in components.items() if has_choice(component)]
-    if modal is None or not modal.spread or not chosen:
-        return []
-    return [
-        Stage(
-            "spread",
-            None,
-            f"frequencies with rigid and with averaging interfaces on {', '.join(chosen)}",
-        )
-    ]
-
-
 def is_simple(component: Component) -> bool:
     """Whether a body is rigid or segmented, so that finite elements would show more of it."""
     return component.fidelity in ("rigid", "segmented") and not isinstance(
@@ -234,129 +195,50 @@ def is_simple(component: Component) -> bool:
     )
 
 
-def _model_stages(components: Mapping[str, Component], scene: Scene) -> list[Stage]:
-    simple = [name for name, component in components.items() if is_simple(component)]
-    if not scene.model_errors or scene.is_lumped or not simple:
-        return []
-    return [
-        Stage(
+def _plan_comparisons(
+    components: Mapping[str, Component], scene: Scene
+) -> tuple[list[Stage], list[str]]:
+    """Stages that try other interfaces, bodies and joints, and warnings where there is none to try."""
+    modal, lumped = scene.analyses.modal, scene.is_lumped
+    chosen = [name for name, part in components.items() if has_choice(part)]
+    simple = [name for name, part in components.items() if is_simple(part)]
+    glued = [joint.name for joint in find_glued_joints(scene.machine, components)]
+    why = "no component is rigid or segmented"
+    if lumped:
+        simple, glued = [], []
+        why = "the springs of a lumped mechanism are not compared with finite elements"
+    stages: list[Stage] = []
+    warnings: list[str] = []
+    tried: tuple[tuple[bool, StageKind, list[str], str, str], ...] = (
+        (
+            modal is not None and modal.spread,
+            "spread",
+            chosen,
+            "frequencies with rigid and with averaging interfaces on",
+            "modal.spread has nothing to vary: no elastic component has an interface other than a rail",
+        ),
+        (
+            scene.model_errors,
             "models",
-            None,
-            f"what rigid and segmented bodies leave out: coarse finite elements for {', '.join(simple)}",
-            estimated_seconds=STAGE_SECONDS["models"],
-        )
-    ]
-
-
-def _model_warnings(components: Mapping[str, Component], scene: Scene) -> list[str]:
-    if not scene.model_errors or _model_stages(components, scene):
-        return []
-    why = (
-        "the springs of a lumped mechanism are not compared with finite elements"
-        if scene.is_lumped
-        else "no component is rigid or segmented"
-    )
-    return [f"model_errors has nothing to compare: {why}"]
-
-
-def _interface_stages(components: Mapping[str, Component], scene: Scene) -> list[Stage]:
-    joints = find_glued_joints(scene.machine, components)
-    if not scene.interface_errors or scene.is_lumped or not joints:
-        return []
-    return [
-        Stage(
+            simple,
+            "what rigid and segmented bodies leave out: coarse finite elements for",
+            f"model_errors has nothing to compare: {why}",
+        ),
+        (
+            scene.interface_errors,
             "joints",
-            None,
-            f"what rigid joints leave out: deformation shapes at {', '.join(joint.name for joint in joints)}",
-            estimated_seconds=STAGE_SECONDS["joints"],
-        )
-    ]
-
-
-def _interface_warnings(components: Mapping[str, Component], scene: Scene) -> list[str]:
-    if not scene.interface_errors or _interface_stages(components, scene):
-        return []
-    return [
-        "interface_errors has nothing to compare: no rigid joint holds two elastic components by one flat patch each"
-    ]
-
-
-def _spread_warnings(components: Mapping[str, Component], modal: ModalRequest | None) -> list[str]:
-    if (
-        modal is None
-        or not modal.spread
-        or any(has_choice(component) for component in components.values())
-    ):
-        return []
-    return [
-        "modal.spread has nothing to vary: no elastic component has an interface other than a rail"
-    ]
-
-
-def choose_reduction(component: Component, analyses: Analyses) -> tuple[ReductionSettings, str]:
-    """Which fixed-interface modes of a component are kept, and why."""
-    written, modal = component.reduction, analyses.modal
-    if not is_dynamic(analyses):
-        return ReductionSettings(
-            modes=0, solver=written.solver
-        ), "static only: constraint modes, no eigenpairs"
-    if written.modes is not None:
-        return written, f"{written.modes} fixed-interface modes, as the scene says"
-    if written.modes_to_hz is not None:
-        return written, f"fixed-interface modes up to {written.modes_to_hz:g} Hz, as the scene says"
-    reaches = _reaches(analyses)
-    if reaches:
-        what = max(reaches, key=lambda name: math.prod(reaches[name]))
-        reach, margin = reaches[what]
-        # without interfaces modes are those of the component itself, and a margin only serves the
-        # estimate of their errors
-        limit = reach * (margin if component.interfaces else EXACT_MARGIN)
-        settings = dataclasses.replace(written, modes_to_hz=limit, modes=MOST_DEFAULT_MODES)
-        text = f"fixed-interface modes up to {limit:g} Hz, {MOST_DEFAULT_MODES} at most"
-        return settings, f"{what} up to {reach:g} Hz: {text}"
-    wanted = (modal.count if modal is not None else None) or 0
-    count = default_mode_count(wanted)
-    return dataclasses.replace(
-        written, modes=count
-    ), f"modal analysis of {wanted} frequencies: {count} fixed-interface modes"
-
-
-def is_dynamic(analyses: Analyses) -> bool:
-    """Whether an analysis needs mass and fixed-interface modes."""
-    return any(
-        request is not None
-        for request in (
-            analyses.modal,
-            analyses.frf,
-            analyses.path,
-            analyses.control,
-            analyses.contouring,
-            analyses.lobes,
-            analyses.transient,
-        )
+            glued,
+            "what rigid joints leave out: deformation shapes at",
+            "interface_errors has nothing to compare: no rigid joint holds two elastic components by one flat patch each",
+        ),
     )
-
-
-def _reaches(analyses: Analyses) -> dict[str, tuple[float, float]]:
-    """How high each analysis looks [Hz], and how many times that the modes must reach; a count of
-    frequencies says nothing.
-    """
-    found = {}
-    if analyses.modal is not None and analyses.modal.up_to_hz is not None:
-        found["modal analysis"] = (analyses.modal.up_to_hz, MODE_MARGIN)
-    if analyses.frf is not None:
-        found["frequency response"] = (analyses.frf.to_hz, FRF_MARGIN)
-    if analyses.path is not None:
-        found["path analysis"] = (analyses.path.band_hz, MODE_MARGIN)
-    if analyses.contouring is not None:
-        found["contour"] = (analyses.contouring.modes_to_hz, MODE_MARGIN)
-    if analyses.control is not None:
-        found["control"] = (analyses.control.up_to_hz, MODE_MARGIN)
-    if analyses.lobes is not None:
-        found["lobes"] = (analyses.lobes.up_to_hz, MODE_MARGIN)
-    if analyses.transient is not None:
-        found["transient analysis"] = (analyses.transient.up_to_hz, MODE_MARGIN)
-    return found
+    for asked, kind, names, reason, nothing in tried:
+        if asked and names:
+            reason = f"{reason} {', '.join(names)}"
+            stages.append(Stage(kind, None, reason, estimated_seconds=STAGE_SECONDS.get(kind)))
+        elif asked:
+            warnings.append(nothing)
+    return stages, warnings
 
 
 def choose_poses(scene: Scene) -> dict[str, Pose]:
@@ -495,26 +377,6 @@ def _choose_solver(component: Component, scene: Scene, estimate: MeshEstimate) -
     box = bounding_box(component.solid)
     extents = None if box is None else [high - low for low, high in box]
     return choose_solver(component, scene, _estimated_dofs(component, estimate), extents)
-
-
-def choose_solver(
-    component: Component, scene: Scene, dofs: int, extents: Sequence[float] | None
-) -> SolverChoice:
-    """By factors where they fit this machine, or what the scene allows of it.
-
-    Args:
-        component: Elastic.
-        scene: It stands in, with its limits.
-        dofs: Displacement dofs.
-        extents: Sides of the box around it [m]; None where unknown.
-    """
-    limit = scene.limits.memory_bytes
-    return choose_method(
-        component.reduction,
-        predict_factor_entries(dofs, extents),
-        direct_mb=reduction_memory_mb(dofs, component),
-        memory_mb=(node_memory_bytes() if limit is None else limit) / 1e6,
-    )
 
 
 def _pose_stages(pose: Pose, scene: Scene) -> list[Stage]:

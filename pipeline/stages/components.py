@@ -20,7 +20,7 @@ from headstock.meshing.components.meshing import mesh_component
 from headstock.meshing.components.skins import mesh_skin, unmeshed_skin
 from headstock.meshing.errors import MeshError
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.planning.planner import choose_solver
+from headstock.pipeline.planning.reductions import choose_solver
 from headstock.pipeline.stages.run_state import (
     Outcome,
     ReducedComponent,

@@ -16,7 +16,7 @@ from headstock.geometry.mechanisms.kinematics import place_markers
 from headstock.geometry.mechanisms.tool_mechanism import solve_pose
 from headstock.geometry.parts.components import Component
 from headstock.meshing.components.meshing import describe_component, mesh_component
-from headstock.pipeline.planning.planner import choose_reduction
+from headstock.pipeline.planning.reductions import choose_reduction
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.components.segmented import reduce_segmented
