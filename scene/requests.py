@@ -99,6 +99,12 @@ class FrfRequest:
         return f"{self.motion}, {entries} from {self.from_hz:g} to {self.to_hz:g} Hz{under}{inside}"
 
 
+def _describe_grid(axes: tuple[tuple[str, FloatArray], ...]) -> str:
+    poses = " × ".join(str(len(values)) for _, values in axes)
+    *others, last = (name for name, _ in axes)
+    return f"{poses} poses of {', '.join(others)} and {last}"
+
+
 @dataclass(frozen=True, eq=False)
 class MapRequest:
     """A map over two or three axes.
@@ -115,9 +121,7 @@ class MapRequest:
 
     def describe(self) -> str:
         """In a few words: what is computed, and how far."""
-        poses = " × ".join(str(len(values)) for _, values in self.axes)
-        names = [name for name, _ in self.axes]
-        return f"modes, stiffness and condition number in {poses} poses of {', '.join(names[:-1])} and {names[-1]}"
+        return f"modes, stiffness and condition number in {_describe_grid(self.axes)}"
 
 
 @dataclass(frozen=True)
@@ -264,9 +268,7 @@ class VolumetricRequest:
 
     def describe(self) -> str:
         """In a few words: what is computed, and how far."""
-        poses = " × ".join(str(len(values)) for _, values in self.axes)
-        names = [name for name, _ in self.axes]
-        return f"position error of {', '.join(self.at)} in {poses} poses of {', '.join(names[:-1])} and {names[-1]}"
+        return f"position error of {', '.join(self.at)} in {_describe_grid(self.axes)}"
 
 
 @dataclass(frozen=True)

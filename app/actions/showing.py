@@ -1,15 +1,17 @@
 """``headstock show``: a part with numbered faces, or a machine with named components."""
 
 import dataclasses
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
 import click
 import numpy as np
 
-from headstock.app.actions.sketching import show_machine, write_picture
-from headstock.app.pictures.numbered import LabelledSurface
+from headstock.app.pictures.machine_sketch import label_machine
+from headstock.app.pictures.numbered import LabelledSurface, draw_numbered, show_numbered
 from headstock.app.terminal.console import add_row, make_console, make_table, print_table
+from headstock.app.terminal.machine import list_machine, print_machine
 from headstock.geometry.parts.cad_faces import (
     CadFace,
     Vector,
@@ -22,10 +24,12 @@ from headstock.meshing.components.cad_survey import CadSurvey, survey_step
 from headstock.meshing.components.mesh_survey import suggest_sets, survey_mesh
 from headstock.meshing.formats import MESH_SUFFIXES, files_beside
 from headstock.meshing.step_units import doubt_size
+from headstock.pipeline.preview.rigid_view import view_rigid
 from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import check_output, prepare_output, write_output
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.units import LENGTH, UnitError, parse_quantity
+from headstock.scene.scene import Scene
 
 STEP_SUFFIXES = (".step", ".stp")
 PART_SUFFIXES = (*STEP_SUFFIXES, *MESH_SUFFIXES)
@@ -71,7 +75,7 @@ def show_file(request: ShowRequest) -> int:
         return _show_part(solid, survey, request.path.stem, request)
     scene = load_scene(request.path, variant=request.variant, overrides=request.overrides)
     if request.component is None:
-        return show_machine(
+        return _show_machine(
             scene,
             pose=request.pose,
             picture=request.picture,
@@ -95,6 +99,60 @@ def show_file(request: ShowRequest) -> int:
         survey_mesh(part, f"{part.unit:g} m") if isinstance(part, MeshFile) else survey_step(part)
     )
     return _show_part(part, survey, component.name, request)
+
+
+def _show_machine(
+    scene: Scene, *, pose: str | None, picture: Path | None, window: bool, json_file: Path | None
+) -> int:
+    """List and draw components, joints, supports and points of a scene in a pose.
+
+    Args:
+        scene: The scene.
+        pose: Its name; None for the first.
+        picture: File to write; None for ``SCENE_machine.png``.
+        window: Open a window in place of writing a picture.
+        json_file: Write what is printed there, too.
+
+    Raises:
+        click.UsageError: There is no such pose, or no display for a window.
+        DrawingError: pyvista is missing, or finds no OpenGL.
+        HeadstockError: A part cannot be read or placed.
+    """
+    if pose is not None and pose not in scene.poses:
+        raise click.UsageError(f"no pose {pose!r}; poses: {', '.join(scene.poses)}")
+    if window and not os.environ.get("DISPLAY"):
+        raise click.UsageError(
+            "--window needs a display, and DISPLAY is not set (over ssh: ssh -X); "
+            "without --window a picture is written"
+        )
+    chosen = scene.poses[pose or next(iter(scene.poses))]
+    view, supports = view_rigid(scene, chosen)
+    placed = view.poses[chosen.name]
+    print_machine(scene, chosen, view, supports)
+    if json_file is not None:
+        write_output(json_file, dump_summary(list_machine(scene, placed, supports)).encode())
+    if not view.skins:
+        return 0
+    surface = label_machine(f"{scene.name}, pose {chosen.name}", view, placed, supports)
+    if window:
+        show_numbered(surface)
+    else:
+        write_picture(surface, picture or Path(f"{scene.path.stem}_machine.png"))
+    return 0
+
+
+def write_picture(surface: LabelledSurface, path: Path) -> None:
+    """Draw a surface with labels from four sides to a PNG file.
+
+    Raises:
+        DrawingError: pyvista is missing, or finds no OpenGL.
+        OutputError: The file cannot be written.
+    """
+    image, labelled = draw_numbered(surface)
+    write_output(path, image)
+    hidden = len(surface.labels) - len(labelled)
+    remark = f" ({hidden} too small or hidden for a label)" if hidden else ""
+    make_console().print(f"\npicture: {path}{remark}", markup=False)
 
 
 def survey_part(

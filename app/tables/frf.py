@@ -1,12 +1,11 @@
 """Rows of frequency responses."""
 
-import math
-
 import numpy as np
 
-from headstock.app.tables.table import Column, PlainTable, show_percent
+from headstock.app.tables.table import Column, PlainTable, show_percent, tabulate_curves
 from headstock.app.texts.bounded_values import show_digits
 from headstock.app.texts.curves import name_entry, response_unit_si
+from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.frf import (
     DrivePointSummary,
     NumberSummary,
@@ -115,23 +114,18 @@ def tabulate_response(curves: ResponseCurves) -> PlainTable:
     each source; empty where there is none.
     """
     values, errors, shares = curves.values, curves.value_errors, curves.value_error_share
-    headings, columns = ["frequency [Hz]"], [curves.frequencies_hz]
+    columns: list[tuple[str, FloatArray]] = [("frequency [Hz]", curves.frequencies_hz)]
     for row, output in enumerate(curves.outputs):
         for column, given in enumerate(curves.inputs):
-            unit = response_unit_si(curves.motion, output, given)
-            headings += [f"{part} {name_entry(output, given)} [{unit}]" for part in ("Re", "Im")]
-            columns += [
-                np.array(part, dtype=float)
-                for part in (values[:, row, column].real, values[:, row, column].imag)
-            ]
+            entry = (
+                f"{name_entry(output, given)} [{response_unit_si(curves.motion, output, given)}]"
+            )
+            value = values[:, row, column]
+            for part, size in (("Re", value.real), ("Im", value.imag)):
+                columns.append((f"{part} {entry}", np.asarray(size, dtype=float)))
             if errors is not None:
-                headings.append(f"± {name_entry(output, given)} [{unit}]")
-                columns.append(np.array(errors[:, row, column], dtype=float))
-            for source, share in shares.items():
-                headings.append(f"± {source} {name_entry(output, given)} [{unit}]")
-                columns.append(np.array(share[:, row, column], dtype=float))
-    cells = tuple(
-        tuple(None if math.isnan(value) else float(value) for value in row)
-        for row in np.column_stack(columns)
-    )
-    return PlainTable(f"frf_{file_stem(curves.pose)}", tuple(headings), cells)
+                columns.append((f"± {entry}", errors[:, row, column]))
+            columns += [
+                (f"± {source} {entry}", share[:, row, column]) for source, share in shares.items()
+            ]
+    return tabulate_curves(f"frf_{file_stem(curves.pose)}", columns)

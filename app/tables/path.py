@@ -4,10 +4,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-import numpy as np
-
-from headstock.app.tables.probes import list_trace_columns
-from headstock.app.tables.table import Column, PlainTable, show_deviation
+from headstock.app.tables.probes import list_motion_columns
+from headstock.app.tables.table import Column, PlainTable, show_deviation, tabulate_curves
 from headstock.app.texts.bounded_values import NO_BOUND
 from headstock.geometry.machine.machine import SCENE_UNITS
 from headstock.pipeline.answers.estimates import show_share
@@ -210,24 +208,16 @@ def tabulate_path(curves: PathCurves) -> PlainTable:
     """
     found = curves.deviation
     factor, shown = SCENE_UNITS[curves.unit]
-    headings = ["time [s]", f"position [{shown}]", f"acceleration [{curves.unit}/s^2]"]
-    columns = [found.times, factor * curves.positions, curves.accelerations]
+    columns = [
+        ("time [s]", found.times),
+        (f"position [{shown}]", factor * curves.positions),
+        (f"acceleration [{curves.unit}/s^2]", curves.accelerations),
+    ]
     for number, channel in enumerate(curves.outputs):
         unit, factor = deviation_unit(channel)
+        where = f"{name_channel(channel)} [{unit}]"
         for part, words in PART_NAMES.items():
-            headings.append(f"{words} {name_channel(channel)} [{unit}]")
-            columns.append(factor * getattr(found, part)[:, number])
-        headings.append(f"deviation in the pose of the middle {name_channel(channel)} [{unit}]")
-        columns.append(factor * curves.frozen[:, number])
-    for probe in curves.probes:
-        for heading, values in list_trace_columns(probe):
-            headings.append(heading)
-            columns.append(values)
-    for number, name in enumerate(curves.drives):
-        headings += [f"torque of {name} [N m]", f"position error of {name} [um]"]
-        columns += [curves.torques[:, number], 1e6 * curves.position_errors[:, number]]
-    return PlainTable(
-        path_stem(curves.name),
-        tuple(headings),
-        tuple(tuple(float(value) for value in row) for row in np.column_stack(columns)),
-    )
+            columns.append((f"{words} {where}", factor * getattr(found, part)[:, number]))
+        frozen = factor * curves.frozen[:, number]
+        columns.append((f"deviation in the pose of the middle {where}", frozen))
+    return tabulate_curves(path_stem(curves.name), [*columns, *list_motion_columns(curves)])

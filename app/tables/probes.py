@@ -1,14 +1,16 @@
 """Rows of displacement and stress at probes, under static loads and over frequency."""
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from headstock.app.tables.table import Column, PlainTable
+from headstock.app.tables.table import Column, PlainTable, tabulate_curves
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.pipeline.answers.frf import ResponseCurves, ResponseSummary
+from headstock.pipeline.answers.path import PathCurves
 from headstock.pipeline.answers.probe_motions import ProbeMotionSummary, ProbeTrace
 from headstock.pipeline.answers.probes import (
     MEGA,
@@ -18,6 +20,7 @@ from headstock.pipeline.answers.probes import (
     ProbeSummary,
     probe_units,
 )
+from headstock.pipeline.answers.transient import TransientCurves
 from headstock.pipeline.results.mode_files import file_stem
 from headstock.solvers.second_order import ComplexArray, name_channel
 from headstock.solvers.stresses import STRESS_NAMES
@@ -161,8 +164,18 @@ PROBE_MOTION_PEAKS: tuple[Column[ProbeMotionRow], ...] = (
 )
 
 
-def list_trace_columns(probe: ProbeTrace) -> list[tuple[str, FloatArray]]:
-    """Headings and values ``(n,)`` of a probe over time."""
+def list_motion_columns(curves: PathCurves | TransientCurves) -> list[tuple[str, FloatArray]]:
+    """Headings and values ``(n,)`` of probes over time, and of what drives under control do."""
+    columns = [column for probe in curves.probes for column in _list_trace_columns(probe)]
+    for number, name in enumerate(curves.drives):
+        columns += [
+            (f"torque of {name} [N m]", curves.torques[:, number]),
+            (f"position error of {name} [um]", MICRO * curves.position_errors[:, number]),
+        ]
+    return columns
+
+
+def _list_trace_columns(probe: ProbeTrace) -> list[tuple[str, FloatArray]]:
     return [
         (f"von Mises {probe.name} [MPa]", MEGA * probe.von_mises),
         *(
@@ -180,16 +193,9 @@ def tabulate_probes(curves: ResponseCurves) -> PlainTable:
     """A row per frequency: largest equivalent stress over a cycle with its error, and real and
     imaginary part of displacement and stress, at every probe under every input; SI.
     """
-    headings, columns = ["frequency [Hz]"], [curves.frequencies_hz]
-    for probe in curves.probes:
-        for heading, values in _list_columns(probe):
-            headings.append(heading)
-            columns.append(values)
-    cells = tuple(
-        tuple(None if math.isnan(value) else float(value) for value in row)
-        for row in np.column_stack(columns)
-    )
-    return PlainTable(f"probes_frf_{file_stem(curves.pose)}", tuple(headings), cells)
+    columns = itertools.chain.from_iterable(map(_list_columns, curves.probes))
+    first = ("frequency [Hz]", curves.frequencies_hz)
+    return tabulate_curves(f"probes_frf_{file_stem(curves.pose)}", [first, *columns])
 
 
 def _list_columns(probe: ProbeCurves) -> Iterator[tuple[str, FloatArray]]:

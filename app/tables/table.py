@@ -2,8 +2,13 @@
 
 import csv
 import io
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
 
 type Cell = str | float | None
 
@@ -59,6 +64,21 @@ def tabulate[Row](name: str, columns: Sequence[Column[Row]], rows: Iterable[Row]
     return PlainTable(
         name, headings, tuple(tuple(column.value(row) for column in kept) for row in rows)
     )
+
+
+def tabulate_curves(name: str, columns: Iterable[tuple[str, FloatArray]]) -> PlainTable:
+    """A row per sample of curves.
+
+    Args:
+        name: Stem of the file.
+        columns: Heading and values ``(n,)`` of each; NaN where there is none.
+    """
+    headings, values = zip(*columns, strict=True)
+    cells = tuple(
+        tuple(None if math.isnan(value) else float(value) for value in row)
+        for row in np.column_stack(values).astype(float)
+    )
+    return PlainTable(name, headings, cells)
 
 
 def find_scales[Row](columns: Sequence[Column[Row]], rows: Sequence[Row]) -> dict[str, float]:

@@ -1,9 +1,7 @@
 """Rows of loads over time."""
 
-import numpy as np
-
-from headstock.app.tables.probes import list_trace_columns
-from headstock.app.tables.table import Cell, Column, PlainTable, show_percent
+from headstock.app.tables.probes import list_motion_columns
+from headstock.app.tables.table import Cell, Column, PlainTable, show_percent, tabulate_curves
 from headstock.pipeline.answers.path import (
     deviation_unit,
 )
@@ -62,24 +60,12 @@ def tabulate_transient(curves: TransientCurves) -> PlainTable:
     """A row per sample: time, every load, the displacement of every output, stress and displacement at probes, and what
     drives under control do.
     """
-    headings, columns = ["time [s]"], [curves.times]
+    columns = [("time [s]", curves.times)]
     for number, (name, unit) in enumerate(zip(curves.loads, curves.units, strict=True)):
         if not unit.endswith(" s"):  # an impulse has no value at a time
-            headings.append(f"{name} [{unit}]")
-            columns.append(curves.load_values[:, number])
+            columns.append((f"{name} [{unit}]", curves.load_values[:, number]))
     for number, channel in enumerate(curves.outputs):
         unit, factor = deviation_unit(channel)
-        headings.append(f"{name_channel(channel)} [{unit}]")
-        columns.append(factor * curves.displacements[:, number])
-    for probe in curves.probes:
-        for heading, values in list_trace_columns(probe):
-            headings.append(heading)
-            columns.append(values)
-    for number, name in enumerate(curves.drives):
-        headings += [f"torque of {name} [N m]", f"position error of {name} [um]"]
-        columns += [curves.torques[:, number], 1e6 * curves.position_errors[:, number]]
-    return PlainTable(
-        transient_stem(curves),
-        tuple(headings),
-        tuple(tuple(float(value) for value in row) for row in np.column_stack(columns)),
-    )
+        moved = factor * curves.displacements[:, number]
+        columns.append((f"{name_channel(channel)} [{unit}]", moved))
+    return tabulate_curves(transient_stem(curves), [*columns, *list_motion_columns(curves)])

@@ -83,11 +83,13 @@ from headstock.app.texts.bounded_values import (
     transient_words,
 )
 from headstock.geometry.machine.machine import show_position
+from headstock.pipeline.answers.frf import ResponseSummary
 from headstock.pipeline.answers.lobes import LobesSummary
 from headstock.pipeline.answers.modal import ModesSummary
 from headstock.pipeline.answers.motion_forces import DriveForceSummary, JointForceSummary
 from headstock.pipeline.answers.path import PathSummary
 from headstock.pipeline.answers.static import PointSummary
+from headstock.pipeline.answers.transient import TransientSummary
 from headstock.pipeline.answers.volumetric import VolumetricSummary
 from headstock.pipeline.planning.plan import Plan, StageRecord
 from headstock.pipeline.results.summary import RunSummary
@@ -163,66 +165,19 @@ def print_summary(
         for name, point in points.items():
             _print_point(console, f"{name} in pose {pose}" if several else name, point)
     for pose, probes in summary.get("probes", {}).items():
-        print_table(
-            console,
-            f"Under the static loads in pose {pose}",
-            tell_rows(PROBE_COLUMNS, probes.items()),
-        )
+        title = f"Under the static loads in pose {pose}"
+        print_table(console, title, tell_rows(PROBE_COLUMNS, probes.items()))
     for modes in summary["modal"]:
         print_table(console, f"Natural modes in pose {_describe_pose(modes)}", _mode_table(modes))
         _print_error_shares(console, modes)
     for pose, response in summary.get("frf", {}).items():
-        driven = list_channels(response)
-        if driven:
-            print_table(
-                console,
-                f"Frequency response in pose {pose}",
-                tell_rows(DRIVE_POINT_COLUMNS, driven),
-            )
-        else:
-            console.print(
-                f"Frequency response in pose {pose}: curves in tables/ and the report", markup=False
-            )
-        if numbers := list_numbers(response):
-            print_table(
-                console,
-                f"Peaks and static compliances of responses in pose {pose}",
-                tell_rows(NUMBER_COLUMNS, numbers),
-            )
-        for words in response_error_words(response):
-            console.print(f"  {words}", markup=False)
-        if peaks := list_probe_peaks(response):
-            print_table(
-                console,
-                f"Largest stress over frequency at probes in pose {pose}",
-                tell_rows(PROBE_PEAK_COLUMNS, peaks),
-            )
+        _print_response(console, pose, response)
     if "path" in summary:
-        print_table(
-            console,
-            _path_title(summary["path"]),
-            tell_rows(ZONE_COLUMNS, list_zones(summary["path"])),
-        )
-        if cruises := list_cruises(summary["path"]):
-            print_table(
-                console,
-                "At constant feed, with errors of guides [µm or µrad]",
-                tell_rows(CRUISE_COLUMNS, cruises),
-            )
-        for words in path_error_words(summary["path"]):
-            console.print(f"  {words}", markup=False)
-        console.print()
-        for feed in summary["path"]["feeds"]:
-            if feed["probes"]:
-                title = f"Largest stress at probes at {feed['name']}"
-                rows = tell_rows(PROBE_MOTION_PEAKS, feed["probes"].items())
-                print_table(console, title, rows)
-            _print_forces(console, f"at {feed['name']}", feed["drives"], feed["joints"])
+        _print_path(console, summary["path"])
     if "contouring" in summary:
         contour = summary["contouring"]
-        print_table(
-            console, "Faces along the contour [µm]", tell_rows(FACE_COLUMNS, list_faces(contour))
-        )
+        faces = tell_rows(FACE_COLUMNS, list_faces(contour))
+        print_table(console, "Faces along the contour [µm]", faces)
         told = (contour_words(contour), contour_error_words(contour), limit_words(contour))
         for words in filter(None, told):
             console.print(f"  {words}", markup=False)
@@ -232,58 +187,29 @@ def print_summary(
             print_table(console, "Largest stress at probes along the contour", rows)
     for pose, control in summary.get("control", {}).items():
         up_to, speed = control["up_to_hz"], 60e3 * control["speed_m_per_s"]
-        print_table(
-            console,
-            f"Closed-loop poles in pose {pose} up to {up_to:g} Hz",
-            tell_rows(POLE_COLUMNS, enumerate(control["poles"], start=1)),
-        )
-        print_table(
-            console,
-            f"Drives in pose {pose}, lag at {speed:g} mm/min",
-            tell_rows(DRIVE_COLUMNS, control["drives"].items()),
-        )
+        poles = tell_rows(POLE_COLUMNS, enumerate(control["poles"], start=1))
+        print_table(console, f"Closed-loop poles in pose {pose} up to {up_to:g} Hz", poles)
+        drives = tell_rows(DRIVE_COLUMNS, control["drives"].items())
+        print_table(console, f"Drives in pose {pose}, lag at {speed:g} mm/min", drives)
     for place, volume in summary.get("volumetric", {}).items():
         _print_volume(console, place, volume)
     if "lobes" in summary:
-        print_table(
-            console,
-            _lobes_title(summary["lobes"]),
-            tell_rows(LOWEST_LOBE_COLUMNS, list_lowest_lobes(summary["lobes"])),
-        )
-        for words in limit_error_words(summary["lobes"]):
-            console.print(f"  {words}", markup=False)
+        lobes = tell_rows(LOWEST_LOBE_COLUMNS, list_lowest_lobes(summary["lobes"]))
+        print_table(console, _lobes_title(summary["lobes"]), lobes)
+        _print_indented(console, limit_error_words(summary["lobes"]))
     for pose, transient in summary.get("transient", {}).items():
-        print_table(
-            console,
-            f"Motion in {1e3 * transient['duration_s']:g} ms in pose {pose}, {transient['modes']} modes up to {transient['up_to_hz']:g} Hz"
-            f"{', drives under control' if transient['motors'] == 'controlled' else ''}",
-            tell_rows(MOVED_COLUMNS, list_moved(transient)),
-        )
-        for words in transient_words(transient):
-            console.print(f"  {words}", markup=False)
-        if transient["probes"]:
-            title = f"Largest stress over time at probes in pose {pose}"
-            rows = tell_rows(PROBE_MOTION_PEAKS, transient["probes"].items())
-            print_table(console, title, rows)
-        _print_forces(console, f"in pose {pose}", transient["drives"], transient["joints"])
+        _print_transient(console, pose, transient)
     if "model_errors" in summary:
-        print_table(
-            console,
-            "Rigid and segmented bodies compared with elastic ones",
-            tell_rows(MODEL_COLUMNS, summary["model_errors"]["bodies"].items()),
-        )
+        bodies = tell_rows(MODEL_COLUMNS, summary["model_errors"]["bodies"].items())
+        print_table(console, "Rigid and segmented bodies compared with elastic ones", bodies)
         console.print(f"  {model_words(summary['model_errors'])}", markup=False)
         console.print()
     if "interface_errors" in summary:
-        print_table(
-            console,
-            "Rigid joints compared with deformation shapes",
-            tell_rows(JOINT_COLUMNS, summary["interface_errors"]["joints"].items()),
-        )
-    for words in (
-        accuracy_words(summary["accuracy"], summary.get("frf")) if "accuracy" in summary else ()
-    ):
-        console.print(words, markup=False)
+        joints = tell_rows(JOINT_COLUMNS, summary["interface_errors"]["joints"].items())
+        print_table(console, "Rigid joints compared with deformation shapes", joints)
+    if "accuracy" in summary:
+        for words in accuracy_words(summary["accuracy"], summary.get("frf")):
+            console.print(words, markup=False)
     print_assumptions(summary.get("assumptions", ()))
     print_remarks([warning for warning in summary["warnings"] if warning not in said])
     for failure in summary["failures"]:
@@ -291,6 +217,61 @@ def print_summary(
     console.print(
         f"{summary['status']} in {seconds:.2f} s, results in {folder}", style="bold", markup=False
     )
+
+
+def _print_indented(console: Console, lines: Iterable[str]) -> None:
+    for line in lines:
+        console.print(f"  {line}", markup=False)
+
+
+def _print_response(console: Console, pose: str, response: ResponseSummary) -> None:
+    """Drive points, numbers and probes of the frequency response in a pose."""
+    if driven := list_channels(response):
+        rows = tell_rows(DRIVE_POINT_COLUMNS, driven)
+        print_table(console, f"Frequency response in pose {pose}", rows)
+    else:
+        console.print(
+            f"Frequency response in pose {pose}: curves in tables/ and the report", markup=False
+        )
+    if numbers := list_numbers(response):
+        title = f"Peaks and static compliances of responses in pose {pose}"
+        print_table(console, title, tell_rows(NUMBER_COLUMNS, numbers))
+    _print_indented(console, response_error_words(response))
+    if peaks := list_probe_peaks(response):
+        title = f"Largest stress over frequency at probes in pose {pose}"
+        print_table(console, title, tell_rows(PROBE_PEAK_COLUMNS, peaks))
+
+
+def _print_path(console: Console, path: PathSummary) -> None:
+    """Zones of every feed, what errors of guides do at constant feed, and what drives, joints and probes
+    took.
+    """
+    print_table(console, _path_title(path), tell_rows(ZONE_COLUMNS, list_zones(path)))
+    if cruises := list_cruises(path):
+        title = "At constant feed, with errors of guides [µm or µrad]"
+        print_table(console, title, tell_rows(CRUISE_COLUMNS, cruises))
+    _print_indented(console, path_error_words(path))
+    console.print()
+    for feed in path["feeds"]:
+        if feed["probes"]:
+            title = f"Largest stress at probes at {feed['name']}"
+            print_table(console, title, tell_rows(PROBE_MOTION_PEAKS, feed["probes"].items()))
+        _print_forces(console, f"at {feed['name']}", feed["drives"], feed["joints"])
+
+
+def _print_transient(console: Console, pose: str, transient: TransientSummary) -> None:
+    """Motion under loads over time in a pose, and what drives, joints and probes took."""
+    print_table(
+        console,
+        f"Motion in {1e3 * transient['duration_s']:g} ms in pose {pose}, {transient['modes']} modes up to {transient['up_to_hz']:g} Hz"
+        f"{', drives under control' if transient['motors'] == 'controlled' else ''}",
+        tell_rows(MOVED_COLUMNS, list_moved(transient)),
+    )
+    _print_indented(console, transient_words(transient))
+    if transient["probes"]:
+        title = f"Largest stress over time at probes in pose {pose}"
+        print_table(console, title, tell_rows(PROBE_MOTION_PEAKS, transient["probes"].items()))
+    _print_forces(console, f"in pose {pose}", transient["drives"], transient["joints"])
 
 
 def _print_forces(
@@ -373,14 +354,10 @@ def _print_volume(console: Console, point: str, volume: VolumetricSummary) -> No
         f"Position error of {point} over {' × '.join(volume['axes'])}: range by source",
         tell_rows(DEVIATION_COLUMNS, list_ranges(volume)),
     )
-    for words in volumetric_words(volume):
-        console.print(f"  {words}", markup=False)
+    _print_indented(console, volumetric_words(volume))
     console.print()
-    print_table(
-        console,
-        "Error motions along each axis: straightness, positioning, angles",
-        tell_rows(LINE_COLUMNS, list_lines(volume)),
-    )
+    title = "Error motions along each axis: straightness, positioning, angles"
+    print_table(console, title, tell_rows(LINE_COLUMNS, list_lines(volume)))
     if volume["squareness"]:
         print_table(console, "Squareness", tell_rows(SQUARENESS_COLUMNS, volume["squareness"]))
     for direction, shares in volume["budget"].items():

@@ -128,21 +128,11 @@ def hexapod(base: FloatArray, platform: FloatArray) -> Mechanism:
         base: ``(6, 3)`` universal joints on the ground [m].
         platform: ``(6, 3)`` spherical joints on the platform, in its own frame [m].
     """
-    carried = [
-        item
-        for number in range(len(platform))
-        for item in _joint_there_and_back(number + 1, platform[number])
-    ]
     free: tuple[ChainItem, ...] = (
         prismatic("x", "x"), prismatic("y", "y"), prismatic("z", "z"),
         revolute("x", "rx"), revolute("y", "ry"), revolute("z", "rz"), Marker("platform"),
-        *carried,
     )  # fmt: skip
-    legs = [_telescopic_leg(number + 1, base[number]) for number in range(len(base))]
-    closures = tuple(PointConstraint(f"foot_{number}", f"tip_{number}") for number in range(1, 7))
-    return Mechanism(
-        "hexapod", (free, *legs), closures, tuple(f"q{number}" for number in range(1, 7))
-    )
+    return _on_telescopic_legs("hexapod", free, base, platform)
 
 
 def tricept(base: FloatArray, platform: FloatArray) -> Mechanism:
@@ -153,21 +143,31 @@ def tricept(base: FloatArray, platform: FloatArray) -> Mechanism:
         base: ``(3, 3)`` universal joints on the ground [m].
         platform: ``(3, 3)`` spherical joints on the platform, in its own frame [m].
     """
-    carried = [
-        item
-        for number in range(len(platform))
-        for item in _joint_there_and_back(number + 1, platform[number])
-    ]
     center: tuple[ChainItem, ...] = (
         revolute("x", "rx"),
         revolute("y", "ry"),
         prismatic("z", "z"),
         Marker("platform"),
-        *carried,
     )
-    legs = [_telescopic_leg(number + 1, base[number]) for number in range(len(base))]
-    closures = tuple(PointConstraint(f"foot_{number}", f"tip_{number}") for number in range(1, 4))
-    return Mechanism("Tricept", (center, *legs), closures, ("q1", "q2", "q3"))
+    return _on_telescopic_legs("Tricept", center, base, platform)
+
+
+def _on_telescopic_legs(
+    name: str, center: tuple[ChainItem, ...], base: FloatArray, platform: FloatArray
+) -> Mechanism:
+    """A platform at the end of a chain, moved by legs with their joints ``(n, 3)`` on the ground and on
+    the platform [m].
+    """
+    numbers = range(1, len(base) + 1)
+    carried = [
+        item
+        for number, joint in zip(numbers, platform, strict=True)
+        for item in _joint_there_and_back(number, joint)
+    ]
+    legs = [_telescopic_leg(number, joint) for number, joint in zip(numbers, base, strict=True)]
+    closures = tuple(PointConstraint(f"foot_{number}", f"tip_{number}") for number in numbers)
+    lengths = tuple(f"q{number}" for number in numbers)
+    return Mechanism(name, ((*center, *carried), *legs), closures, lengths)
 
 
 def _joint_there_and_back(number: int, joint: FloatArray) -> tuple[ChainItem, ...]:

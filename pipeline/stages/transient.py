@@ -238,12 +238,7 @@ def respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[Transi
     left_out: tuple[str, ...] = ()
     others: dict[str, _Ready] = {}
     if judged and has_symmetric_terms(loaded.system):
-        softer, left_out = loaded.soften()
-        others = {TRUNCATION: loaded.widen(model)} | softer
-        if model.rubbing is not None:
-            others[SMOOTHING] = dataclasses.replace(
-                model, rubbing=sharpen_friction(model.rubbing, SHARPER)
-            )
+        others, left_out = _list_others(loaded, model)
         solved = {
             source: _solve(other, request, histories, stepped) for source, other in others.items()
         }
@@ -252,17 +247,9 @@ def respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[Transi
     sampled = stepped.sampled
     loads = np.concatenate([values[:, 0], values[-1:, 1]])[sampled][:, : len(request.loads)]
     warnings += [warn_of_singular(name, probe.singular) for name, probe in loaded.probes.items()]
-    rubbed = solution.rubbed
-    if rubbed is not None and rubbed.motion.energy.error > UNBALANCED_RUBBING:
-        warnings.append(
-            f"transient analysis in pose {machine.pose.name}: the energy balance misses {rubbed.motion.energy.error:.2g} of the work, more than"
-            f" {UNBALANCED_RUBBING:g}; give friction a larger smoothing"
-        )
-    if rubbed is None and energy is not None and energy.error > UNBALANCED_ENERGY:
-        warnings.append(
-            f"transient analysis in pose {machine.pose.name}: {100.0 * energy.error:.2g} % of the energy are missing between samples at"
-            f" {request.sampling_hz:g} Hz: the loads set off modes that are too fast for them; raise sampling or lower up_to"
-        )
+    unbalanced = _explain_imbalance(solution.rubbed, energy, request.sampling_hz)
+    if unbalanced is not None:
+        warnings.append(f"transient analysis in pose {machine.pose.name}: {unbalanced}")
     controlled = loaded.trains is not None
     moved = _step_states(solution)
     probes = trace_motion(
@@ -312,6 +299,34 @@ def respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[Transi
         probes=probes,
     )
     return Solved(answer, tuple(warnings))
+
+
+def _list_others(
+    loaded: _LoadedMachine, model: _Ready
+) -> tuple[dict[str, _Ready], tuple[str, ...]]:
+    """By source of error, a model without it, and what is not looked at."""
+    softer, left_out = loaded.soften()
+    others = {TRUNCATION: loaded.widen(model)} | softer
+    if model.rubbing is not None:
+        sharper = sharpen_friction(model.rubbing, SHARPER)
+        others[SMOOTHING] = dataclasses.replace(model, rubbing=sharper)
+    return others, left_out
+
+
+def _explain_imbalance(
+    rubbed: RubbingTransient | None, energy: EnergyBalance | None, sampling_hz: float
+) -> str | None:
+    """What is wrong where energy is missing, with its remedy; None where it balances."""
+    if rubbed is not None:
+        error = rubbed.motion.energy.error
+        if error > UNBALANCED_RUBBING:
+            return f"the energy balance misses {error:.2g} of the work, more than {UNBALANCED_RUBBING:g}; give friction a larger smoothing"
+    elif energy is not None and energy.error > UNBALANCED_ENERGY:
+        return (
+            f"{100.0 * energy.error:.2g} % of the energy are missing between samples at {sampling_hz:g} Hz:"
+            " the loads set off modes that are too fast for them; raise sampling or lower up_to"
+        )
+    return None
 
 
 def _load_machine(

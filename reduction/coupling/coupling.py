@@ -181,7 +181,6 @@ def couple(
         basis=basis,
     )
     errors = displaced = None
-    unmoved: tuple[str, ...] = ()
     if has_errors(machine):
         places = find_places(machine, pose.positions, layout, springs)
         errors = displace(find_offsets(machine, places))
@@ -189,7 +188,6 @@ def couple(
     if machine.displacements:
         displaced = displace(find_displacements(machine, springs))
         loads |= displaced.loads
-        unmoved = warn_of_held_displacements(machine, reduced)
     system = SecondOrderSystem(
         mass=sum_mass(layout, matrices, elimination, memo),
         damping=sum_damping(layout, matrices, elimination, reduced),
@@ -237,7 +235,7 @@ def couple(
         + shapes.warnings
         + _redundancy_warnings(elimination, sources)
         + _floating_warnings(floating, machine)
-        + unmoved
+        + warn_of_held_displacements(machine, reduced)
         + (warn_of_stress(machine, layout) if machine.gravity_stiffening else ()),
         errors=errors,
         displaced=displaced,

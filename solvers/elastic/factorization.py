@@ -348,17 +348,31 @@ def _factorize(matrix: PETSc.Mat, comm: MPI.Comm, *, ordered: bool) -> PETSc.KSP
     return solver
 
 
-def _factorize_with(
-    package: str, matrix: PETSc.Mat, settings: Mapping[str, int], *, given: bool = False
-) -> PETSc.KSP:
+def apply_once(
+    matrix: PETSc.Mat, prefix: str, settings: Mapping[str, object]
+) -> tuple[PETSc.KSP, PETSc.PC]:
+    """A solver of one application of a preconditioner, which is still to be chosen, and that.
+
+    Args:
+        matrix: Its operator.
+        prefix: Of PETSc's options.
+        settings: Options of the preconditioner.
+    """
     solver = PETSc.KSP().create(matrix.getComm())
     solver.setType(PETSc.KSP.Type.PREONLY)
     solver.setOperators(matrix)
     pc = solver.getPC()
-    pc.setOptionsPrefix("headstock_")
-    options = PETSc.Options("headstock_")
+    pc.setOptionsPrefix(prefix)
+    options = PETSc.Options(prefix)
     for name, value in settings.items():
         options[name] = value
+    return solver, pc
+
+
+def _factorize_with(
+    package: str, matrix: PETSc.Mat, settings: Mapping[str, int], *, given: bool = False
+) -> PETSc.KSP:
+    solver, pc = apply_once(matrix, "headstock_", settings)
     pc.setType(PETSc.PC.Type.CHOLESKY)
     pc.setFactorSolverType(package)
     if given:

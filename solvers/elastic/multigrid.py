@@ -9,6 +9,7 @@ from petsc4py import PETSc
 from headstock.geometry.frames import BoolArray, FloatArray, rigid_map
 from headstock.solvers.elastic.corner_level import CornerLevel
 from headstock.solvers.elastic.elasticity import ElasticOperators
+from headstock.solvers.elastic.factorization import apply_once
 from headstock.solvers.errors import AccuracyError
 from headstock.solvers.ranks import sum_over_ranks
 
@@ -213,14 +214,7 @@ def _corner_matrix(level: CornerLevel, fixed: BoolArray) -> PETSc.Mat:
 
 def _aggregate(matrix: PETSc.Mat) -> PETSc.KSP:
     """A solver that is one cycle of smoothed aggregation."""
-    solver = PETSc.KSP().create(matrix.getComm())
-    solver.setType(PETSc.KSP.Type.PREONLY)
-    solver.setOperators(matrix)
-    pc = solver.getPC()
-    pc.setOptionsPrefix("headstock_corners_")
-    options = PETSc.Options("headstock_corners_")
-    for name, value in GAMG_OPTIONS.items():
-        options[name] = value
+    solver, pc = apply_once(matrix, "headstock_corners_", GAMG_OPTIONS)
     pc.setType(PETSc.PC.Type.GAMG)
     pc.setFromOptions()
     solver.setUp()

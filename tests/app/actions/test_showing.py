@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import pyvista
 
-from headstock.app.actions import sketching
+from headstock.app.actions import showing
 from headstock.app.command_line import main
 from headstock.app.pictures import numbered, renderer
 from headstock.app.pictures.numbered import LabelledSurface, draw_numbered
@@ -84,7 +84,7 @@ def test_a_machine_is_drawn_before_anything_is_computed(
         drawn.append(surface)
         return picture()
 
-    monkeypatch.setattr(sketching, "draw_numbered", draw)
+    monkeypatch.setattr(showing, "draw_numbered", draw)
     scene, at_x = str(MACHINES / "three_axis.toml"), ["--set", 'poses.measured.X="40 mm"']
     assert main(["show", scene, "--json", "machine.json"]) == 0
     printed = capsys.readouterr().out
@@ -147,7 +147,7 @@ def test_supports_are_drawn_where_they_are_with_a_cone_per_fixed_direction(
         drawn.append(surface)
         return b"", set()
 
-    monkeypatch.setattr(sketching, "draw_numbered", draw)
+    monkeypatch.setattr(showing, "draw_numbered", draw)
     shutil.copy(SUPPORT, folder / "support.step")
     (folder / "supported.toml").write_text(SUPPORTED)
     assert main(["show", "supported.toml", "--json", "m.json"]) == 0

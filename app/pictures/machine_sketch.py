@@ -1,0 +1,115 @@
+"""A machine with its joints, supports and points as a surface with labels."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from headstock.app.pictures.numbered import Color, LabelledSurface
+from headstock.app.pictures.picture import Marks, Note
+from headstock.app.pictures.scenes import TOOL_COLOR, TOOL_SHARE, join_skins_in_pose
+from headstock.pipeline.preview.rigid_view import SupportView
+from headstock.pipeline.results.views import JointView, MachineView, PoseView
+
+# kinds that move or hold along an axis: the columns of their frame that it is
+AXIS_COLUMNS = {
+    "linear_guide": (0,),
+    "ball_screw": (0,),
+    "bearing": (0,),
+    "mount": (2,),
+    "revolute": (0,),
+    "universal": (0, 2),
+    "prismatic": (0,),
+}
+RIGID, SPRING, FREE = (0.39, 0.45, 0.55), (0.85, 0.47, 0.02), (0.49, 0.23, 0.93)
+MOUNT, WORK, SUPPORT = (0.10, 0.55, 0.27), (0.10, 0.35, 0.80), (0.20, 0.20, 0.20)
+FREE_KINDS = ("revolute", "universal", "spherical", "prismatic")
+BALL_SHARE, ARROW_SHARE, CONE_SHARE = 0.007, 0.06, 0.03
+
+
+def label_machine(
+    title: str, view: MachineView, placed: PoseView, supports: Mapping[str, SupportView]
+) -> LabelledSurface:
+    """The skins of a machine in a pose with marks and names at joints, supports and points.
+
+    Args:
+        title: Of the picture.
+        view: Skins of the components.
+        placed: Where they are.
+        supports: By name.
+    """
+    joined = join_skins_in_pose(view, placed)
+    groups: dict[str, list[tuple[str, JointView]]] = {}
+    for name, joint in placed.joints.items():
+        groups.setdefault(_group(joint), []).append((name, joint))
+    marks: list[Marks] = []
+    notes: list[Note] = []
+    legend: list[tuple[str, Color]] = []
+    for group, members in groups.items():
+        color = GROUPS[group]
+        places = np.array([joint.frame.origin for _, joint in members])
+        if group == "mount":
+            into = np.array([-joint.frame.rotation[:, 2] for _, joint in members])
+            marks.append(Marks(places, color, CONE_SHARE, True, "cone", into))
+        else:
+            marks.append(Marks(places, color, BALL_SHARE, True))
+            marks += _axis_arrows([joint for _, joint in members], color)
+        notes += [Note(name, joint.frame.origin, color) for name, joint in members]
+        legend.append((f"{group}: {len(members)}", color))
+    for name, support in supports.items():
+        places = np.repeat(support.places, len(support.directions), axis=0)
+        along = np.tile(support.directions, (len(support.places), 1))
+        marks.append(Marks(places, SUPPORT, CONE_SHARE, True, "cone", along))
+        notes += [Note(name, place, SUPPORT) for place in support.places]
+    if supports:
+        legend.append((f"support, a cone per fixed direction: {len(supports)}", SUPPORT))
+    points = placed.points.items()
+    tools = np.array([point.tool_place for _, point in points]).reshape(-1, 3)
+    works = [point.work_place for _, point in points if point.work_place is not None]
+    marks.append(Marks(tools, TOOL_COLOR, TOOL_SHARE, True))
+    marks.append(Marks(np.array(works).reshape(-1, 3), WORK, TOOL_SHARE, True))
+    # first, where there is most room
+    notes = [Note(name, point.tool_place, TOOL_COLOR) for name, point in points] + notes
+    if points:
+        legend += [(f"tool of a point: {len(points)}", TOOL_COLOR)]
+    if works:
+        legend += [(f"work of a point: {len(works)}", WORK)]
+    return LabelledSurface(
+        joined.points,
+        joined.triangles,
+        joined.owners,
+        dict(enumerate(view.skins, 1)),
+        title,
+        palette=joined.palette,
+        marks=tuple(marks),
+        notes=tuple(notes),
+        legend=tuple(legend),
+    )
+
+
+GROUPS: dict[str, Color] = {
+    "mount": MOUNT,
+    "rigid or bolted joint": RIGID,
+    "spring, guide, screw or bearing": SPRING,
+    "free joint": FREE,
+}
+
+
+def _group(joint: JointView) -> str:
+    if joint.kind == "mount":
+        return "mount"
+    if joint.kind in ("rigid", "bolted"):
+        return "rigid or bolted joint"
+    return "free joint" if joint.kind in FREE_KINDS else "spring, guide, screw or bearing"
+
+
+def _axis_arrows(joints: list[JointView], color: Color) -> list[Marks]:
+    """An arrow along each axis of joints."""
+    arrows = [
+        (joint.frame.origin, joint.frame.rotation[:, column])
+        for joint in joints
+        for column in AXIS_COLUMNS.get(joint.kind, ())
+    ]
+    if not arrows:
+        return []
+    tails, along = (np.array(part) for part in zip(*arrows, strict=True))
+    return [Marks(tails, color, ARROW_SHARE, True, "arrow", along)]
