@@ -23,11 +23,12 @@ from headstock.scene.scene import keep_analyses
 from headstock.solvers.milling.tool_path import plan_contour
 from headstock.validation.mechanisms.tripteor_machine import SCENE as TRIPTEOR
 
-RADII = 0.08475, 0.09275  # of the tube of leg 3 [m]
+# of the tube of leg 3 [m]; of a thick wall, for which a coarse mesh is fine
+RADII = 0.05975, 0.09275
 SECTION, BESIDE_TIP = 1.75, 1.89  # along the tube, whose end is at 1.9 m
 PATH = (
     'analyses.path={from={X="-4 mm",Y="48 mm",Z="208 mm"},to={X="4 mm",Y="52 mm",Z="212 mm"},feeds=["3 m/min"],'
-    'time_constant="50 ms",ramp="s_curve",jerk_time="20 ms",residual_time="50 ms",sampling="2 kHz",pose_model="frozen",lowpass="200 Hz",'
+    'time_constant="50 ms",ramp="s_curve",jerk_time="20 ms",residual_time="50 ms",sampling="2 kHz",pose_model="frozen",lowpass="200 Hz",estimate=false,'
     f"outputs=[{','.join(f'''["beam_3.tip","{dof}"]''' for dof in DOF_NAMES)}]}}"
 )
 
@@ -49,7 +50,9 @@ def probe_settings() -> list[str]:
 def run(folder: Path, variant: str, *settings: str) -> PathRun:
     """The move."""
     rigid = [f'components.beam_{leg}.fidelity="rigid"' for leg in (1, 2)]
-    overrides = [PATH, 'components.beam_3.mesh.size="80 mm"', *rigid, *probe_settings(), *settings]
+    leg = [f'components.beam_3.solid.tube.inner="{2e3 * RADII[0]} mm"']
+    leg += ['components.beam_3.mesh.size="120 mm"']
+    overrides = [PATH, *leg, *rigid, *probe_settings(), *settings]
     scene = keep_analyses(
         load_scene(TRIPTEOR, variant=f"elastic_legs{variant}", overrides=overrides), ["path"]
     )
