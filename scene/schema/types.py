@@ -22,7 +22,10 @@ from pydantic import (
 )
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError
-from pydantic_core.core_schema import no_info_after_validator_function
+from pydantic_core.core_schema import (
+    no_info_after_validator_function,
+    no_info_before_validator_function,
+)
 
 from headstock.geometry.frames import DOF_NAMES
 from headstock.geometry.machine.joints import GROUND, JointEnd
@@ -82,11 +85,6 @@ def read_quantity(*dimensions: Dimension) -> Callable[[object], Quantity]:
             raise problem(str(error)) from error
 
     return read
-
-
-def _read_float(dimension: Dimension) -> Callable[[object], float]:
-    read = read_quantity(dimension)
-    return lambda value: read(value).value
 
 
 @dataclass(frozen=True)
@@ -190,13 +188,13 @@ def describe_quantity(*dimensions: Dimension, sign: Sign = "any") -> JsonForm:
     )
 
 
-def _require(test: Callable[[float], bool], rule: str) -> AfterValidator:
+def _require(test: Callable[[float], bool], rule: str) -> Callable[[float], float]:
     def check(value: float) -> float:
         if not test(value):
             raise problem(f"is {value:g} in SI units but {rule}")
         return value
 
-    return AfterValidator(check)
+    return check
 
 
 MOST_LOSS = 1e3  # a loss factor above is a slip
@@ -213,160 +211,66 @@ def _require_positive(quantity: Quantity) -> Quantity:
 
 _POSITIVE = _require(lambda value: value >= LEAST, f"must be above zero ({LEAST:g} at least)")
 _NOT_NEGATIVE = _require(lambda value: value >= 0.0, "must not be negative")
+_SIGNS = {"any": [], "positive": [_POSITIVE], "not negative": [_NOT_NEGATIVE]}
 
-Length = Annotated[
-    float, BeforeValidator(_read_float(units.LENGTH)), describe_quantity(units.LENGTH)
-]
-PositiveLength = Annotated[
-    float,
-    BeforeValidator(_read_float(units.LENGTH)),
-    _POSITIVE,
-    describe_quantity(units.LENGTH, sign="positive"),
-]
-NotNegativeLength = Annotated[
-    float,
-    BeforeValidator(_read_float(units.LENGTH)),
-    _NOT_NEGATIVE,
-    describe_quantity(units.LENGTH, sign="not negative"),
-]
-Angle = Annotated[float, BeforeValidator(_read_float(units.ANGLE)), describe_quantity(units.ANGLE)]
-Pressure = Annotated[
-    float, BeforeValidator(_read_float(units.PRESSURE)), describe_quantity(units.PRESSURE)
-]
-PositivePressure = Annotated[
-    float,
-    BeforeValidator(_read_float(units.PRESSURE)),
-    _POSITIVE,
-    describe_quantity(units.PRESSURE, sign="positive"),
-]
-PositiveDensity = Annotated[
-    float,
-    BeforeValidator(_read_float(units.DENSITY)),
-    _POSITIVE,
-    describe_quantity(units.DENSITY, sign="positive"),
-]
-PositiveMass = Annotated[
-    float,
-    BeforeValidator(_read_float(units.MASS)),
-    _POSITIVE,
-    describe_quantity(units.MASS, sign="positive"),
-]
-PositiveFrequency = Annotated[
-    float,
-    BeforeValidator(_read_float(units.FREQUENCY)),
-    _POSITIVE,
-    describe_quantity(units.FREQUENCY, sign="positive"),
-]
-Frequency = Annotated[
-    float,
-    BeforeValidator(_read_float(units.FREQUENCY)),
-    _NOT_NEGATIVE,
-    describe_quantity(units.FREQUENCY, sign="not negative"),
-]
-PositiveTime = Annotated[
-    float,
-    BeforeValidator(_read_float(units.TIME)),
-    _POSITIVE,
-    describe_quantity(units.TIME, sign="positive"),
-]
-NotNegativeTime = Annotated[
-    float,
-    BeforeValidator(_read_float(units.TIME)),
-    _NOT_NEGATIVE,
-    describe_quantity(units.TIME, sign="not negative"),
-]
-PositiveMemory = Annotated[
-    float,
-    BeforeValidator(_read_float(units.MEMORY)),
-    _POSITIVE,
-    describe_quantity(units.MEMORY, sign="positive"),
-]
-PositiveForce = Annotated[
-    float,
-    BeforeValidator(_read_float(units.FORCE)),
-    _POSITIVE,
-    describe_quantity(units.FORCE, sign="positive"),
-]
-PositiveStiffness = Annotated[
-    float,
-    BeforeValidator(_read_float(units.STIFFNESS)),
-    _POSITIVE,
-    describe_quantity(units.STIFFNESS, sign="positive"),
-]
-PositiveStiffnessPerArea = Annotated[
-    float,
-    BeforeValidator(_read_float(units.STIFFNESS_PER_AREA)),
-    _POSITIVE,
-    describe_quantity(units.STIFFNESS_PER_AREA, sign="positive"),
-]
-PositiveRotationalStiffness = Annotated[
-    float,
-    BeforeValidator(_read_float(units.ROTATIONAL_STIFFNESS)),
-    _POSITIVE,
-    describe_quantity(units.ROTATIONAL_STIFFNESS, sign="positive"),
-]
-Force = Annotated[float, BeforeValidator(_read_float(units.FORCE)), describe_quantity(units.FORCE)]
-Speed = Annotated[float, BeforeValidator(_read_float(units.SPEED)), describe_quantity(units.SPEED)]
-PositiveSpeed = Annotated[
-    float,
-    BeforeValidator(_read_float(units.SPEED)),
-    _POSITIVE,
-    describe_quantity(units.SPEED, sign="positive"),
-]
-PositiveAngularSpeed = Annotated[
-    float,
-    BeforeValidator(_read_float(units.ANGULAR_SPEED)),
-    _POSITIVE,
-    describe_quantity(units.ANGULAR_SPEED, sign="positive"),
-]
-Moment = Annotated[
-    float, BeforeValidator(_read_float(units.MOMENT)), describe_quantity(units.MOMENT)
-]
-PositiveMoment = Annotated[
-    float,
-    BeforeValidator(_read_float(units.MOMENT)),
-    _POSITIVE,
-    describe_quantity(units.MOMENT, sign="positive"),
-]
-Acceleration = Annotated[
-    float, BeforeValidator(_read_float(units.ACCELERATION)), describe_quantity(units.ACCELERATION)
-]
-PositiveInertia = Annotated[
-    float,
-    BeforeValidator(_read_float(units.INERTIA)),
-    _POSITIVE,
-    describe_quantity(units.INERTIA, sign="positive"),
-]
-NotNegativeInertia = Annotated[
-    float,
-    BeforeValidator(_read_float(units.INERTIA)),
-    _NOT_NEGATIVE,
-    describe_quantity(units.INERTIA, sign="not negative"),
-]
-NotNegativeDamping = Annotated[
-    float,
-    BeforeValidator(_read_float(units.DAMPING)),
-    _NOT_NEGATIVE,
-    describe_quantity(units.DAMPING, sign="not negative"),
-]
-PositiveRate = Annotated[
-    float,
-    BeforeValidator(_read_float(units.RATE)),
-    _POSITIVE,
-    describe_quantity(units.RATE, sign="positive"),
-]
-NotNegativeRate = Annotated[
-    float,
-    BeforeValidator(_read_float(units.RATE)),
-    _NOT_NEGATIVE,
-    describe_quantity(units.RATE, sign="not negative"),
-]
-NotNegativeForce = Annotated[
-    float,
-    BeforeValidator(_read_float(units.FORCE)),
-    _NOT_NEGATIVE,
-    describe_quantity(units.FORCE, sign="not negative"),
-]
+
+@dataclass(frozen=True)
+class _InUnits:
+    """A quantity of a dimension becomes a number in SI units."""
+
+    dimension: Dimension
+    sign: Sign = "any"
+
+    def __get_pydantic_core_schema__(
+        self, source: object, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        """The quantity read, then its sign."""
+        schema = no_info_before_validator_function(self._read, handler(source))
+        for check in _SIGNS[self.sign]:
+            schema = no_info_after_validator_function(check, schema)
+        return schema
+
+    def __get_pydantic_json_schema__(
+        self, core: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """The text that it is written as."""
+        form = describe_quantity(self.dimension, sign=self.sign)
+        return form.__get_pydantic_json_schema__(core, handler)
+
+    def _read(self, value: object) -> float:
+        return read_quantity(self.dimension)(value).value
+
+
+Length = Annotated[float, _InUnits(units.LENGTH)]
+PositiveLength = Annotated[float, _InUnits(units.LENGTH, "positive")]
+NotNegativeLength = Annotated[float, _InUnits(units.LENGTH, "not negative")]
+Angle = Annotated[float, _InUnits(units.ANGLE)]
+Pressure = Annotated[float, _InUnits(units.PRESSURE)]
+PositivePressure = Annotated[float, _InUnits(units.PRESSURE, "positive")]
+PositiveDensity = Annotated[float, _InUnits(units.DENSITY, "positive")]
+PositiveMass = Annotated[float, _InUnits(units.MASS, "positive")]
+PositiveFrequency = Annotated[float, _InUnits(units.FREQUENCY, "positive")]
+Frequency = Annotated[float, _InUnits(units.FREQUENCY, "not negative")]
+PositiveTime = Annotated[float, _InUnits(units.TIME, "positive")]
+NotNegativeTime = Annotated[float, _InUnits(units.TIME, "not negative")]
+PositiveMemory = Annotated[float, _InUnits(units.MEMORY, "positive")]
+PositiveForce = Annotated[float, _InUnits(units.FORCE, "positive")]
+PositiveStiffness = Annotated[float, _InUnits(units.STIFFNESS, "positive")]
+PositiveStiffnessPerArea = Annotated[float, _InUnits(units.STIFFNESS_PER_AREA, "positive")]
+PositiveRotationalStiffness = Annotated[float, _InUnits(units.ROTATIONAL_STIFFNESS, "positive")]
+Force = Annotated[float, _InUnits(units.FORCE)]
+Speed = Annotated[float, _InUnits(units.SPEED)]
+PositiveSpeed = Annotated[float, _InUnits(units.SPEED, "positive")]
+PositiveAngularSpeed = Annotated[float, _InUnits(units.ANGULAR_SPEED, "positive")]
+Moment = Annotated[float, _InUnits(units.MOMENT)]
+PositiveMoment = Annotated[float, _InUnits(units.MOMENT, "positive")]
+Acceleration = Annotated[float, _InUnits(units.ACCELERATION)]
+PositiveInertia = Annotated[float, _InUnits(units.INERTIA, "positive")]
+NotNegativeInertia = Annotated[float, _InUnits(units.INERTIA, "not negative")]
+NotNegativeDamping = Annotated[float, _InUnits(units.DAMPING, "not negative")]
+PositiveRate = Annotated[float, _InUnits(units.RATE, "positive")]
+NotNegativeRate = Annotated[float, _InUnits(units.RATE, "not negative")]
+NotNegativeForce = Annotated[float, _InUnits(units.FORCE, "not negative")]
 TimedLoadSize = Annotated[
     Quantity,
     BeforeValidator(read_quantity(units.FORCE, units.MOMENT, units.IMPULSE, units.ANGULAR_IMPULSE)),
@@ -432,7 +336,9 @@ def _read_count(lowest: int, highest: int = MAX_COUNT) -> Callable[[object], int
 
 
 Number = Annotated[float, BeforeValidator(_read_number), JsonForm({"type": "number"})]
-PositiveNumber = Annotated[Number, _POSITIVE, JsonForm({"type": "number", "exclusiveMinimum": 0.0})]
+PositiveNumber = Annotated[
+    Number, AfterValidator(_POSITIVE), JsonForm({"type": "number", "exclusiveMinimum": 0.0})
+]
 Count = Annotated[int, BeforeValidator(_read_count(1)), JsonForm({"type": "integer", "minimum": 1})]
 CountFromZero = Annotated[
     int, BeforeValidator(_read_count(0)), JsonForm({"type": "integer", "minimum": 0})
