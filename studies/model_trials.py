@@ -1,4 +1,4 @@
-"""Which other models of a machine are held against the scene as written, one change at a time:
+"""Which other models of a machine are compared with the scene as written, one change at a time:
 elasticity and interfaces of bodies, their modes and meshes, the pose along a path.
 """
 

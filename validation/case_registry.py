@@ -55,7 +55,7 @@ from headstock.validation.machines.model_estimate_cases import (
     check_model_estimates_smoke,
     compare_new_machines,
 )
-from headstock.validation.machines.path_cases import check_path_roads, check_path_test
+from headstock.validation.machines.path_cases import check_path_methods, check_path_test
 from headstock.validation.machines.peak_cases import check_peaks, check_peaks_smoke
 from headstock.validation.machines.response_estimate_cases import (
     check_mesh_response_estimates,
@@ -87,7 +87,7 @@ from headstock.validation.mechanisms.motion_cases import (
 from headstock.validation.mechanisms.tripteor_cases import (
     check_compliances,
     check_elastic_legs,
-    check_leg_roads,
+    check_leg_methods,
     check_lumped_modes,
     check_modal_cost,
     check_paper_statements,
@@ -454,8 +454,8 @@ CASES: tuple[Case, ...] = (
     Case(
         "path-cross-check",
         "path",
-        "a path by carried modes and by absolute coordinates",
-        on_root(check_path_roads),
+        "a path by parallel-transported modes and by absolute coordinates",
+        on_root(check_path_methods),
     ),
     Case("rod-step", "time_response", "a rod under a suddenly applied force", check_rod_step),
     Case(
@@ -541,7 +541,7 @@ CASES: tuple[Case, ...] = (
         "tripteor-leg-models",
         "tripteor",
         "elastic legs by three independent methods, stiff legs and the lumped model",
-        check_leg_roads,
+        check_leg_methods,
     ),
     Case(
         "tripteor-compliances",

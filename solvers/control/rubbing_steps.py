@@ -4,7 +4,7 @@ Within a step of size h the loop ``x' = A x + B u - G f(V x + W u)`` is linear b
 is given, u, is a polynomial through Gauss points, f a parabola through three nodes: one matrix exponential
 then holds the step, however stiff the loop is, and only the forces at the nodes are unknown. Nodes at 1/6,
 2/3 and 1 are next to those of Radau IIA: a method of order four, A- and L-stable, so that stiff friction
-is followed without ringing. They are twelfths of the step, as are all places at which a step is looked
+is followed without residual oscillation. They are twelfths of the step, as are all places at which a step is looked
 into, so that powers of one exponential give them all.
 
 Source: Hochbruck and Ostermann (2010), Exponential integrators, section 2.3 (collocation); Van Loan

@@ -436,12 +436,12 @@ def match_modes(before: PoseModes, after: PoseModes, kept: int) -> FloatArray:
 
 
 def _turn_pose(pose: PoseModes, turn: FloatArray, slow: int) -> SampledPose:
-    """A pose in carried modes.
+    """A pose in parallel-transported modes.
 
     Args:
         pose: Its modes.
-        turn: ``(m, m)`` modes are this times the carried ones.
-        slow: How many of the carried modes are low-frequency ones: the same along the path, so that
+        turn: ``(m, m)`` modes are this times the transported ones.
+        slow: How many of the transported modes are low-frequency ones: the same along the path, so that
             a mode whose frequency passes the limit is no step in what is interpolated.
     """
     kept = len(turn)

@@ -230,11 +230,11 @@ def check_path_test() -> list[ValidationRow]:
     ]
 
 
-def check_path_roads() -> list[ValidationRow]:
-    """Variant BE over its first ramp: carried modes and exact steps against absolute coordinates
+def check_path_methods() -> list[ValidationRow]:
+    """Variant BE over its first ramp: parallel-transported modes and exact steps against absolute coordinates
     coupled anew and another integrator.
     """
-    first, second, frozen = compare_roads()
+    first, second, frozen = compare_methods()
     apart, kept = (
         float(np.abs(other - second).max() / np.abs(second).max()) for other in (first, frozen)
     )
@@ -315,7 +315,7 @@ def _judge_variant(name: str, found: PathResult) -> list[ValidationRow]:
     return rows
 
 
-def compare_roads() -> tuple[FloatArray, FloatArray, FloatArray]:
+def compare_methods() -> tuple[FloatArray, FloatArray, FloatArray]:
     """Deviation in z ``(n,)`` over the first ramp, undamped: by this program, by the second method,
     and in the pose of the start.
     """

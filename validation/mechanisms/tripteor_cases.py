@@ -111,7 +111,7 @@ def check_elastic_legs(comm: MPI.Comm) -> list[ValidationRow]:
     return rows + [row for pose in POSES for row in _likeness_rows(case, tripteor, pose)]
 
 
-def check_leg_roads(comm: MPI.Comm) -> list[ValidationRow]:
+def check_leg_methods(comm: MPI.Comm) -> list[ValidationRow]:
     """Finite-element and segmented legs against beam elements in a model of their own; stiff legs
     against the lumped model.
     """

@@ -15,7 +15,7 @@ import pytest
 from headstock.app.terminal import progress
 from headstock.app.terminal.progress_renderer import render_bar, render_line
 
-HASTE = "0.02"
+TIME_SCALE = "0.02"
 PROGRAM = """
 import sys, time
 from headstock.app.terminal.progress import Progress
@@ -29,7 +29,7 @@ shown.close()
 
 
 def start(stdout: int, seconds: str) -> "subprocess.Popen[bytes]":
-    command = [sys.executable, "-P", "-c", PROGRAM, HASTE, seconds]
+    command = [sys.executable, "-P", "-c", PROGRAM, TIME_SCALE, seconds]
     variables = {name: value for name, value in os.environ.items() if not name.startswith("OMPI_")}
     return subprocess.Popen(
         command, stdout=stdout, stderr=subprocess.DEVNULL, start_new_session=True, env=variables

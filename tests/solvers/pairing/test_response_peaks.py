@@ -112,7 +112,7 @@ def test_peaks_of_a_stiffer_system_are_lower_and_found_where_their_modes_went() 
 
 def test_of_two_resonances_at_one_place_one_peak_is_told() -> None:
     system = make_chain(0.02, size=2)
-    twins = dataclasses.replace(system, stiffness=2e6 * np.eye(2), damping=None)
-    model = respond(dataclasses.replace(add_modal_damping(twins, (0.02,)), inputs=system.inputs))
+    repeated = dataclasses.replace(system, stiffness=2e6 * np.eye(2), damping=None)
+    model = respond(dataclasses.replace(add_modal_damping(repeated, (0.02,)), inputs=system.inputs))
     peaks = find_response_peaks(model, 0.0, 700.0)
     assert len({(peak.output, peak.given) for peak in peaks}) == len(peaks)

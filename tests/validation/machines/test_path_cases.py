@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from headstock.validation.machines.path_cases import ROADS_TOLERANCE, compare_roads
+from headstock.validation.machines.path_cases import ROADS_TOLERANCE, compare_methods
 
 
 def test_absolute_coordinates_coupled_anew_agree_with_carried_modes() -> None:
-    first, second, frozen = compare_roads()
+    first, second, frozen = compare_methods()
     size = np.abs(second).max()
     assert np.abs(first - second).max() < ROADS_TOLERANCE * size
     # and the pose that is kept is distinguished
