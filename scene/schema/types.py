@@ -225,7 +225,7 @@ class _InUnits:
         self, source: object, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
         """The quantity read, then its sign."""
-        schema = no_info_before_validator_function(self._read, handler(source))
+        schema: CoreSchema = no_info_before_validator_function(self._read, handler(source))
         for check in _SIGNS[self.sign]:
             schema = no_info_after_validator_function(check, schema)
         return schema

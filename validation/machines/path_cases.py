@@ -68,7 +68,7 @@ PAPER = {
 }
 MICRO = 1e6
 WINDOW, SPACING, STEP = 0.15, 5e-5, 4e-4
-ROADS_TOLERANCE = 1e-4
+METHODS_TOLERANCE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,7 +240,7 @@ def check_path_methods() -> list[ValidationRow]:
     )
     return [
         judge_bound(
-            "path-cross-check", "z of the TCP, two independent methods", apart, ROADS_TOLERANCE
+            "path-cross-check", "z of the TCP, two independent methods", apart, METHODS_TOLERANCE
         ),
         show("path-cross-check", "z of the TCP, pose of the start frozen", kept, "-"),
     ]
