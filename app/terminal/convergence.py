@@ -285,15 +285,10 @@ class NumberListing(TypedDict):
     remark: str
 
 
-class NeedListing(TypedDict):
+class NeedListing(MeshListing):
     """The mesh that an accuracy takes."""
 
     accuracy: float
-    sizes: dict[str, str]
-    settings: dict[str, object]
-    dofs: int
-    seconds: float
-    memory_mb: float
     decided_by: str
     reach: str
 
