@@ -73,6 +73,7 @@ def test_the_column_bends_like_a_column_without_holes_pads_and_foot(column_hz: F
     assert column_hz == pytest.approx(bare, rel=0.08)
 
 
+@pytest.mark.trials
 def test_the_column_bends_as_beam_theory_says(column_hz: FloatArray) -> None:
     length, outer, wall, rib = 0.86, 0.3, 0.022, 0.016
     clear = outer - 2 * wall
@@ -97,7 +98,6 @@ def test_the_column_bends_as_beam_theory_says(column_hz: FloatArray) -> None:
     assert column_hz == pytest.approx(expected, rel=0.12)
 
 
-@pytest.mark.trials
 def test_the_brackets_reduced_modes_are_those_of_its_full_model() -> None:
     component, supports = clamped(SUPPORT, STEEL, 0.007, 4)
     mesh = mesh_component(component, supports)
