@@ -66,6 +66,7 @@ class Case:
         settings: ``key=value`` of the scene that are other than in the file.
         timed: The automatic choice is timed by ranks and threads.
         variant: Of the scene, for that.
+        note: What is to be known of its numbers.
     """
 
     name: str
@@ -74,6 +75,7 @@ class Case:
     settings: tuple[str, ...] = ()
     timed: bool = True
     variant: str = ""
+    note: str = ""
 
 
 def _own_part(name: str, title: str) -> Case:
@@ -106,6 +108,8 @@ CASES = (
         "machines/three_axis.toml",
         LINES,
         timed=False,
+        note="Beside an antiresonance a line moves by several percent where frequencies move by some hundredths of a percent. "
+        "Searches are steered by peaks and static levels, not by single lines; a run says itself how far those may be off.",
     ),
     Case(
         "tripteor",
@@ -240,6 +244,7 @@ def _write_page(folder: Path) -> None:
         text += [
             f"## {case.title} (`{case.name}`, {study['repeats']} run{'s' * (study['repeats'] > 1)})",
             "",
+            *([case.note, ""] if case.note else []),
             *_picture(case, folder),
             *_cheapest(study),
             "",
