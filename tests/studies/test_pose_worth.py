@@ -32,7 +32,10 @@ pose_model = "WRITTEN"
 
 @pytest.mark.parametrize(
     ("written", "tried", "sense"),
-    [("pose_dependent", "frozen", "simpler"), ("frozen", "pose_dependent", "richer")],
+    [
+        ("pose_dependent", "frozen", "simpler"),
+        pytest.param("frozen", "pose_dependent", "richer", marks=pytest.mark.trials),
+    ],
 )
 def test_the_worth_of_following_the_pose_is_the_difference_that_one_run_tells(
     written: str, tried: str, sense: str, tmp_path: Path

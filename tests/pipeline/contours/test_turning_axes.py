@@ -85,7 +85,7 @@ def turn_arm(move: SetPoint, times: FloatArray, radial: float, torsional: float)
     ("feed", "end", "torsional"),
     [
         ("3600 deg/min", "30 deg", 1e6),  # Euler: the table gives way
-        ("100 rpm", "180 deg", 1e6),
+        pytest.param("100 rpm", "180 deg", 1e6, marks=pytest.mark.trials),
         ("36000 deg/min", "180 deg", 1e8),  # centripetal: the arm is stretched
     ],
 )
