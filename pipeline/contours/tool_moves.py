@@ -18,7 +18,12 @@ from headstock.geometry.mechanisms.tool_mechanism import tool_pose
 from headstock.pipeline.answers.motion_forces import PathForces
 from headstock.pipeline.answers.path import FollowedPoses
 from headstock.pipeline.contours.carried_bodies import move_bodies
-from headstock.pipeline.contours.turning_axes import turning_motors, turning_speeds, turning_way
+from headstock.pipeline.contours.turning_axes import (
+    find_feed,
+    turning_motors,
+    turning_speeds,
+    turning_way,
+)
 from headstock.pipeline.contours.way_errors import STEPS_PER_WAVE, WayErrors, find_way_errors
 from headstock.pipeline.contours.way_motors import (
     WayMotors,
@@ -40,7 +45,7 @@ from headstock.pipeline.contours.ways import (
     warn_of_turning,
 )
 from headstock.pipeline.paths.path import answer_path, run_path_stage
-from headstock.pipeline.paths.path_cut import cutting_loads
+from headstock.pipeline.paths.path_cut import cutting_loads, orient_cut
 from headstock.pipeline.paths.path_model import choose_model, sample_path
 from headstock.pipeline.paths.solved_moves import SolvedMoves
 from headstock.pipeline.planning.budgets import PATH_STEPS_PER_TURN
@@ -59,6 +64,7 @@ from headstock.reduction.coupling.probes import PlacedProbe
 from headstock.reduction.estimates.probe_errors import SEEN
 from headstock.scene.requests import PathRequest
 from headstock.scene.scene import SceneMechanism
+from headstock.solvers.milling.forces import cutting_forces
 from headstock.solvers.milling.straight_path import StraightPath, UnitTravel
 from headstock.solvers.milling.tool_path import PathPoints
 from headstock.solvers.paths.linear_motion import (
@@ -109,6 +115,8 @@ class ToolLine:
         drives: Of these motors.
         errors: Along it; None for none.
         turning: How fast bodies turn at most, per speed along it [1/m, -]; zero where they turn little.
+        feed: Travel of the tool against the work per travel along it, and the direction of its axis, at
+            positions; None where neither turns.
     """
 
     state: RunState
@@ -121,6 +129,7 @@ class ToolLine:
     drives: tuple[Drive, ...]
     errors: WayErrors | None
     turning: float = 0.0
+    feed: Callable[[FloatArray], tuple[FloatArray, FloatArray]] | None = None
 
     @property
     def tool(self) -> tuple[Channel, ...]:
@@ -303,6 +312,15 @@ def _run_turning_path(state: RunState, request: PathRequest) -> Outcome:
             drives=tuple(state.scene.drives.values()),
             errors=find_way_errors(state, path.pose_at, nodes),
             turning=max(speeds.values()),
+            feed=None
+            if request.cut is None
+            else find_feed(
+                machine,
+                state.parts.superelements,
+                path,
+                request.cut.at,
+                np.array(request.cut.up),
+            ),
         )
 
     return _answer(state, request, model, lay_line)
@@ -522,11 +540,21 @@ def _find_joint_forces(
 
 def _cut_forces(line: ToolLine, move: SetPoint, times: FloatArray) -> FloatArray:
     """Forces on the tool ``(n, 3)``, machine frame [N]."""
-    force = np.zeros((len(times), 3))
-    if line.request.cut is not None:
-        cutting = times >= 0.0
-        speeds = sample_move(move, times[cutting]).speeds
-        force[cutting] = cutting_loads(line.request.cut, line.along)(times[cutting], speeds)
+    force, request = np.zeros((len(times), 3)), line.request.cut
+    if request is None:
+        return force
+    cutting = times >= 0.0
+    now = sample_move(move, times[cutting])
+    if line.feed is None:
+        force[cutting] = cutting_loads(request, line.along)(times[cutting], now.speeds)
+        return force
+    fields = orient_cut(request, *line.feed(line.nodes))
+    frames, sizes = (
+        scipy.interpolate.make_interp_spline(line.nodes, values, k=3)(now.positions)
+        for values in fields
+    )
+    own = cutting_forces(request.cut, times[cutting], sizes * now.speeds)
+    force[cutting] = (own[:, None] @ frames)[:, 0]
     return force
 
 

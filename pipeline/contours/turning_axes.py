@@ -94,6 +94,58 @@ def turning_way(
     )
 
 
+def find_feed(
+    machine: Machine,
+    superelements: Mapping[str, Superelement],
+    path: MachinePath,
+    point: str,
+    up: FloatArray,
+) -> Callable[[FloatArray], tuple[FloatArray, FloatArray]]:
+    """Travel ``(n, 3)`` of a tool against its work per travel along a path, and the direction ``(n, 3)`` of
+    its axis, machine axes, at positions.
+
+    Args:
+        machine: With the axes and the point.
+        superelements: By component.
+        path: Of the axes.
+        point: Where the tool is.
+        up: ``(3,)`` of its axis with all axes at zero.
+    """
+    place = _place_along(machine, path)
+    tool, work = machine.points[point].tool, machine.points[point].work
+    step = STEP / max(turning_speeds(machine, path).values())
+    still = Frame(np.zeros(3), np.eye(3))
+    home = machine.components[tool.component].placement if tool.component else still
+    # a tool on ground is where its work is
+    held = tool if tool.component else work
+    local: FloatArray = np.zeros(3)
+    if held.component and held.interface:
+        local = superelements[held.component].place_of(held.interface)
+
+    def at(position: float) -> tuple[FloatArray, FloatArray]:
+        around = [place(position + step * side) for side in range(-2, 3)]
+        tools, works = (
+            [still if end.component is None else frames[end.component] for frames in around]
+            for end in (tool, work)
+        )
+        carriers = tools if tool.component else [works[2]] * len(works)
+        # where the tool is in the axes of its work
+        places = np.array(
+            [
+                base.rotation.T @ (carrier.origin + carrier.rotation @ local - base.origin)
+                for carrier, base in zip(carriers, works, strict=True)
+            ]
+        )
+        travel = works[2].rotation @ (FIRST @ places) / step
+        return travel, tools[2].rotation @ home.rotation.T @ up
+
+    def feed(positions: FloatArray) -> tuple[FloatArray, FloatArray]:
+        travels, ups = zip(*(at(float(position)) for position in positions), strict=True)
+        return np.array(travels), np.array(ups)
+
+    return feed
+
+
 def moving_bodies(machine: Machine, names: Iterable[str]) -> tuple[str, ...]:
     """Those of the bodies that any axis moves."""
     moved = {name for axis in machine.axes.values() for name in axis.moves}

@@ -43,17 +43,33 @@ def cutting_loads(
     Raises:
         ModelError: The tool does not move across its axis.
     """
-    up = np.array(request.up)
-    along = travel - (travel @ up) * up
-    size = float(np.linalg.norm(along))
-    if size < 1e-9:
+    (frame,), (size,) = orient_cut(request, travel[None], np.array([request.up]))
+    return lambda times, speeds: cutting_forces(request.cut, times, size * speeds) @ frame
+
+
+def orient_cut(
+    request: PathCut, travels: FloatArray, ups: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Axes ``(n, 3, 3)`` of the forces of a cut, along the travel, to its left and along the tool, in
+    machine axes; and how far the tool moves across itself ``(n,)`` per travel along the path.
+
+    Args:
+        request: The cut.
+        travels: ``(n, 3)`` of the tool against the work per travel along the path.
+        ups: ``(n, 3)`` along the tool.
+
+    Raises:
+        ModelError: The tool does not move across its axis.
+    """
+    along = travels - (travels * ups).sum(axis=1, keepdims=True) * ups
+    sizes = np.linalg.norm(along, axis=1)
+    if sizes.min() < 1e-9:
         raise ModelError(
             f"the path does not move {request.at} across the tool, so nothing is milled; write another path or `up`"
         )
-    along = along / size
+    along = along / sizes[:, None]
     # the part lies on the right of the travel, seen from above
-    turn = np.array([along, np.cross(up, along), up])
-    return lambda times, speeds: cutting_forces(request.cut, times, size * speeds) @ turn
+    return np.stack([along, np.cross(ups, along), ups], axis=1), sizes
 
 
 def _tool_travel(machine: Machine, directions: Mapping[str, FloatArray], point: str) -> FloatArray:

@@ -141,8 +141,6 @@ def _check_moves(scene: SceneTable, table: PathTable, findings: Findings) -> Non
             findings.add(key, _name_feed(line, feed.dimension))
         elif fault := find_move_fault(SetPoint(line.length, feed.value, ramp, line.unit)):
             findings.add(key, fault)
-    if line.turning:
-        _check_turning(scene, table, line, findings)
 
 
 def _name_feed(line: MachinePath, given: Dimension) -> str:
@@ -151,18 +149,6 @@ def _name_feed(line: MachinePath, given: Dimension) -> str:
         linear = ", ".join(axis for axis in line.axes if axis not in line.turning)
         return f'is a {given.name}, and the feed is that of the linear travel where {linear} moves; write for example "{SPEED.example}"'
     return f'is a {given.name}, and {", ".join(line.turning)} turns alone; write an angular speed, for example "3600 deg/min"'
-
-
-def _check_turning(
-    scene: SceneTable, table: PathTable, line: MachinePath, findings: Findings
-) -> None:
-    """Report what a path on which rotary axes move cannot have."""
-    turning = ", ".join(line.turning)
-    if table.cut is not None:
-        findings.add(
-            (*KEY, "cut"),
-            f"{turning} turns on the path, so the direction of travel changes in the part; remove the cut, or set the position of {turning} by pose",
-        )
 
 
 def _find_band(scene: SceneTable, table: PathTable) -> float:
