@@ -29,6 +29,12 @@ from headstock.validation.machines.axes_estimate_cases import (
     compare_new_axes,
 )
 from headstock.validation.machines.axis_kit_cases import check_axis_kit
+from headstock.validation.machines.contour_estimate_cases import (
+    FRESH_CONTOURS,
+    check_contour_estimates,
+    check_contour_smoke,
+    compare_new_contours,
+)
 from headstock.validation.machines.drive_cases import (
     check_friction,
     check_sampled_control,
@@ -375,6 +381,21 @@ CASES: tuple[Case, ...] = (
         "the same on one machine",
         on_root(check_axes_smoke),
         on_request=True,
+    ),
+    Case(
+        "contour-estimates",
+        "estimates",
+        "± of contours against fine meshes, on two machines looked at and two held out",
+        on_root(check_contour_estimates),
+        on_request=True,
+        draw=compare_new_contours,
+        fresh=FRESH_CONTOURS,
+    ),
+    Case(
+        "contour-estimates-smoke",
+        "estimates",
+        "the same of a short contour of one machine",
+        on_root(check_contour_smoke),
     ),
     Case(
         "model-choice",

@@ -76,7 +76,9 @@ def cut_contour(
         )
     else:
         force = _given_force(request, plan, velocity, times, record) @ rotation
-        history = march_linear(tipped, tipped.load + tipped.tool_load(force))
+        load = tipped.tool_load(force)
+        load += tipped.load
+        history = march_linear(tipped, load)
     carried, after = force, history.compliant.shape[1]
     for mode in reversed(modes):
         # in its directions spring and damper pass on what its mass leaves

@@ -6,9 +6,11 @@ which chatter starts.
 """
 
 import dataclasses
+from dataclasses import dataclass
 
 import numpy as np
 
+from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.contouring import (
     ContourAnswer,
     ContourFace,
@@ -25,24 +27,20 @@ from headstock.pipeline.contours.contour_run import (
 )
 from headstock.pipeline.contours.coupled_contour import (
     STEPS_PER_SWING,
+    CoupledRun,
+    SampledWay,
     coupled_face_dynamics,
     run_coupled_contour,
 )
 from headstock.pipeline.contours.lumped_contour import lumped_face_dynamics, run_lumped_contour
 from headstock.pipeline.contours.milled_faces import mill_faces
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.stages.better_machines import (
-    NOT_ASKED,
-    ONCE,
-    find_silent_meshes,
-    list_better_machines,
-)
-from headstock.pipeline.stages.estimates import name_what_is_left_out
-from headstock.pipeline.stages.mechanism import LUMPED, placed_mechanism
+from headstock.pipeline.planning.repeats import ONCE
+from headstock.pipeline.stages.better_machines import repeat_without
+from headstock.pipeline.stages.mechanism import placed_mechanism
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.scene.reading.forces import ForceRecord, read_forces, resampling_loss
 from headstock.scene.requests import ContouringRequest
-from headstock.solvers.errors import ConvergenceError, ModelError, UnstableControlError
 from headstock.solvers.milling.stability import (
     TipDynamics,
     count_steps,
@@ -105,8 +103,6 @@ def evaluate_contour(
     *,
     stability: tuple[FaceStability, ...] = (),
     milled: tuple[MilledFace, ...] = (),
-    force_loss: float | None = None,
-    worth: ContourWorth | None = None,
 ) -> ContourAnswer:
     """What is kept of a contour that was run.
 
@@ -115,8 +111,6 @@ def evaluate_contour(
         run: Of the request.
         stability: Of each face, where it was requested.
         milled: Profiles of its faces.
-        force_loss: Share of measured forces that is faster than the steps.
-        worth: How far its numbers may be off; None where nobody says.
     """
     some = np.unique(
         np.linspace(0, len(run.times) - 1, min(SERIES_POINTS, len(run.times))).astype(np.intp)
@@ -148,42 +142,60 @@ def evaluate_contour(
         probes={name: probe.thin(some) for name, probe in run.probes.items()},
         stability=stability,
         milled=milled,
-        force_loss=force_loss,
-        worth=worth or ContourWorth(),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Milled:
+    """A contour that was run, without its histories.
+
+    Attributes:
+        answer: What is kept of it.
+        times: ``(n,)`` steps [s].
+        reasons: Why numbers are missing.
+        way: The machine on its way; None of a lumped one.
+    """
+
+    answer: ContourAnswer
+    times: FloatArray
+    reasons: tuple[str, ...]
+    way: SampledWay | None
+
+
+def _mill(
+    state: RunState,
+    request: ContouringRequest,
+    record: ForceRecord | None,
+    beside: SampledWay | None = None,
+) -> _Milled:
+    """A contour of a machine, which may differ little from another one that was run."""
+    run, tips = _run_machine(state, request, record, beside)
+    milled, reasons = mill_faces(request, run) if request.cutting else ((), ())
+    stability = tuple(
+        face_stability(tip, request, face, run.plan.cuts[face].at) for face, tip in enumerate(tips)
+    )
+    return _Milled(
+        evaluate_contour(request, run, stability=stability, milled=milled),
+        run.times,
+        (*explain_gaps(run), *reasons),
+        run.way if isinstance(run, CoupledRun) else None,
     )
 
 
 def _judge_contour(
-    state: RunState, request: ContouringRequest, record: ForceRecord | None
+    state: RunState, request: ContouringRequest, record: ForceRecord | None, way: SampledWay | None
 ) -> ContourWorth:
     """The contour once more, on the machine with finer meshes and more modes, and with the true
     curved faces.
     """
-    if state.scene.is_lumped:
-        return ContourWorth(left_out=LUMPED.left_out)
-    if not request.estimate:
-        return ContourWorth(left_out=(NOT_ASKED,))
-    left_out = list(name_what_is_left_out(state.parts).left_out)
-    better: dict[str, ContourAnswer] = {}
-    for source, machine in list_better_machines(state, ONCE).items():
-        try:
-            run, tips = _run_machine(machine, request, record)
-        except (ModelError, UnstableControlError, ConvergenceError) as error:
-            left_out.append(f"{source}: {error}")
-            continue
-        milled, _ = mill_faces(request, run) if request.cutting else ((), ())
-        better[source] = evaluate_contour(
-            request, run, stability=_list_stability(run, request, tips), milled=milled
-        )
-    return ContourWorth(better, find_silent_meshes(state), tuple(left_out))
-
-
-def _list_stability(
-    run: ContourRun, request: ContouringRequest, tips: tuple[TipDynamics, ...]
-) -> tuple[FaceStability, ...]:
-    return tuple(
-        face_stability(tip, request, face, run.plan.cuts[face].at) for face, tip in enumerate(tips)
+    found = repeat_without(
+        state,
+        ONCE,
+        lambda machine: _mill(machine, request, record, way).answer,
+        asked=request.estimate,
     )
+    better = {source: answer for (source, _), answer in found.better.items()}
+    return ContourWorth(better, found.unknown, found.left_out)
 
 
 def explain_gaps(run: ContourRun) -> list[str]:
@@ -230,38 +242,32 @@ def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
             "the contour is simulated without cutting; write [effects] cutting_force = true to cut"
         )
     record = None if request.forces is None or not request.cutting else read_forces(request.forces)
-    run, tips = _run_machine(state, request, record)
-    loss = None if record is None else resampling_loss(record, run.times)
+    milled = _mill(state, request, record)
+    found, step = milled.answer, float(milled.times[1] - milled.times[0])
+    loss = None if record is None else resampling_loss(record, milled.times)
     if loss is not None and loss > MOST_LOST:
         state.warn(
             f"{100.0 * loss:.0f} % of the measured forces' rms is faster than the time steps resolve and is averaged out;"
             " raise steps_per_turn in [analyses.contouring] to resolve it"
         )
-    if run.fit is not None:
-        _judge_traces(state, run.fit)
+    if found.fit is not None:
+        _judge_traces(state, found.fit)
     for mode in request.tool_modes:
-        if (steps := 1.0 / (mode.hz * float(run.times[1] - run.times[0]))) < STEPS_PER_SWING:
+        if (steps := 1.0 / (mode.hz * step)) < STEPS_PER_SWING:
             state.warn(
                 f"mode {mode.name} of the tool, {mode.hz:.0f} Hz, has {steps:.0f} time steps per swing; write a larger steps_per_turn in"
                 " [analyses.contouring]"
             )
-    milled, reasons = mill_faces(request, run) if request.cutting else ((), ())
-    for reason in (*explain_gaps(run), *reasons):
+    for reason in milled.reasons:
         state.warn(reason)
-    found = evaluate_contour(
-        request,
-        run,
-        stability=_list_stability(run, request, tips),
-        milled=milled,
-        force_loss=loss,
-        worth=_judge_contour(state, request, record),
-    )
+    worth = _judge_contour(state, request, record, milled.way)
+    found = dataclasses.replace(found, force_loss=loss, worth=worth)
     reported = ", ".join(
         f"face {face.number} {1e6 * face.gap_mean[0]:+.1f} µm"
         for face in found.faces
         if face.number in (1, 3)
     )
-    return Outcome(detail=f"{len(run.times)} steps, gap along x on {reported}", answers=(found,))
+    return Outcome(detail=f"{len(milled.times)} steps, gap along x on {reported}", answers=(found,))
 
 
 def _judge_traces(state: RunState, fit: TraceFit) -> None:
@@ -278,7 +284,10 @@ def _judge_traces(state: RunState, fit: TraceFit) -> None:
 
 
 def _run_machine(
-    state: RunState, request: ContouringRequest, record: ForceRecord | None
+    state: RunState,
+    request: ContouringRequest,
+    record: ForceRecord | None,
+    beside: SampledWay | None,
 ) -> tuple[ContourRun, tuple[TipDynamics, ...]]:
     """The contour on the machine of a scene, and the machine at the tip of the tool on each face
     where chips make waves.
@@ -286,7 +295,7 @@ def _run_machine(
     faces = range(len(plan_contour(request.contour).cuts) if request.regeneration else 0)
     mechanism, placed = state.scene.mechanism, placed_mechanism(state)
     if placed is None:
-        coupled = run_coupled_contour(state, request, record)
+        coupled = run_coupled_contour(state, request, record, beside=beside)
         return coupled, tuple(coupled_face_dynamics(coupled, request, face) for face in faces)
     if mechanism is None:
         raise ValueError("a placed mechanism needs a mechanism in the scene")

@@ -5,6 +5,7 @@ The machine is coupled in poses along the path and reduced to its modes there; t
 travels as its set points say, and its inertia is a load. Motors follow their set points.
 """
 
+import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -24,9 +25,14 @@ from headstock.pipeline.contours.contour_drives import (
     drive_assumptions,
 )
 from headstock.pipeline.contours.contour_run import ContourDrives, ContourRun
-from headstock.pipeline.contours.traced_path import plan_request
+from headstock.pipeline.contours.traced_path import Remembered, RememberedPath, plan_request
 from headstock.pipeline.contours.way_errors import STEPS_PER_WAVE, find_way_errors
-from headstock.pipeline.contours.way_motors import close_way, lead_bodies, plan_motors
+from headstock.pipeline.contours.way_motors import (
+    WayMotors,
+    close_way,
+    lead_bodies,
+    plan_motors,
+)
 from headstock.pipeline.contours.way_probes import (
     alike_channels,
     follow_probes,
@@ -45,6 +51,7 @@ from headstock.pipeline.contours.ways import (
     mechanism_way,
     place_machine,
     place_model,
+    shared_rows,
 )
 from headstock.pipeline.stages.probe_motions import place_probes, read_probes
 from headstock.pipeline.stages.run_state import RunState
@@ -54,7 +61,13 @@ from headstock.solvers.control.friction_loop import friction_force
 from headstock.solvers.milling.path_drives import find_tool_positions
 from headstock.solvers.milling.stability import TipDynamics, tip_dynamics
 from headstock.solvers.milling.tool_dynamics import mount_modes
-from headstock.solvers.milling.tool_path import AVERAGES, PathPoints, ToolPath
+from headstock.solvers.milling.tool_path import (
+    AVERAGES,
+    ContourPlan,
+    PathPoints,
+    ToolPath,
+    TraceFit,
+)
 from headstock.solvers.paths.linear_motion import even_nodes, interpolate_nodes
 from headstock.solvers.paths.sampled_motion import (
     LOAD_SPACING,
@@ -64,6 +77,7 @@ from headstock.solvers.paths.sampled_motion import (
     follow_motion,
     follow_way,
     sample_motion,
+    vary_motion,
 )
 from headstock.solvers.paths.set_points import PathMotion
 from headstock.solvers.paths.varying_system import PlantChannels
@@ -77,14 +91,35 @@ OF_SCREWS = "motor torques are the forces of the screws times lead over 2 pi"
 
 
 @dataclass(frozen=True, eq=False)
+class SampledWay:
+    """A machine of components on its way: all that a machine that differs little shares with it.
+
+    Attributes:
+        state: Of the run.
+        plan: The contour, laid out in time.
+        fit: How a spline went through measured positions; None for the computed path.
+        rigid: How the rigid machine follows the path.
+        motors: Drives under control; None without control.
+        sampled: The machine in poses.
+    """
+
+    state: RunState
+    plan: ContourPlan
+    fit: TraceFit | None
+    rigid: RigidWay
+    motors: WayMotors | None
+    sampled: SampledMotion
+
+
+@dataclass(frozen=True, eq=False)
 class CoupledRun(ContourRun):
     """A contour that has been run on a machine of components.
 
     Attributes:
-        sampled: The machine on its way.
+        way: The machine on its way.
     """
 
-    sampled: SampledMotion
+    way: SampledWay
 
 
 def run_coupled_contour(
@@ -92,6 +127,7 @@ def run_coupled_contour(
     request: ContouringRequest,
     record: ForceRecord | None = None,
     until: float = math.inf,
+    beside: SampledWay | None = None,
 ) -> CoupledRun:
     """Run a contour.
 
@@ -100,21 +136,34 @@ def run_coupled_contour(
         request: Path, tool and cut.
         record: Measured forces in place of computed ones; its time starts with the path.
         until: Stop at this time [s].
+        beside: A machine that differs little: what this one differs by is looked at in a few poses.
 
     Raises:
         PoseError: A mechanism cannot follow the path.
         ForceFileError: The record does not cover it.
         ModelError: The machine is free to move.
     """
-    plan, fit = plan_request(request, *_trace_tool(state, request))
+    tool = tuple((request.point or "", direction) for direction in DIRECTIONS)
+    if beside is not None:
+        plan, fit, rigid, motors = beside.plan, beside.fit, beside.rigid, beside.motors
+    else:
+        plan, fit = plan_request(request, *_trace_tool(state, request))
+        plan = dataclasses.replace(plan, path=RememberedPath(plan.path))
+        rigid = _plan_way(state, request, plan.path)
+        motors = plan_motors(
+            state,
+            plan.path,
+            tool,
+            amounts=rigid.amounts,
+            direction=_tool_direction(state),
+        )
+        if motors is not None:
+            motors = dataclasses.replace(motors, at=Remembered(motors.at))
     path = plan.path
     end = min(path.span[1], until)
     step = 2.0 * math.pi / request.cut.spindle / request.steps_per_turn
     times: FloatArray = np.asarray(np.arange(0.0, end, step), dtype=float)
     screws = find_screws(state.scene.machine)
-    tool = tuple((request.point or "", direction) for direction in DIRECTIONS)
-    rigid = _plan_way(state, request, path)
-    motors = plan_motors(state, path, tool, amounts=rigid.amounts, direction=_tool_direction(state))
     errors = find_way_errors(state, rigid.pose_at, even_nodes(np.array([0.0, end]), NODE_SPACING))
     way, spacing = rigid, LOAD_SPACING
     if errors is not None:
@@ -140,15 +189,21 @@ def run_coupled_contour(
         screws,
         drives,
         led=lead_bodies(motors),
+        up_to_hz=request.modes_to_hz,
         join=lambda model, posed: join_probes(state.parts, model, way, posed),
     )
+    breaks = [0.0, end]
     if request.follows_pose:
         bends = (*plan.bends, path.span[1] - AVERAGES * request.contour.window)
-        breaks = [0.0, *sorted(float(time) for time in bends if time < end), end]
-        sampled = sample_motion(place, breaks, channels)
+        breaks[1:1] = sorted(float(time) for time in bends if time < end)
     else:
         kept = place(plan.cuts[0].middle)
-        sampled = sample_motion(lambda time: kept, [0.0, end], channels)
+        place = lambda time: kept  # noqa: E731
+    if beside is None:
+        sampled = sample_motion(place, breaks, channels)
+    else:
+        shared = shared_rows(way, beside.state, state)
+        sampled = vary_motion(beside.sampled, place, channels, shared)
     _judge_steps(state, request, sampled, step)
 
     motion = follow_motion(
@@ -230,8 +285,8 @@ def run_coupled_contour(
         highest_hz=sampled.highest_hz,
         coriolis=has_coriolis(state),
         assumed=(*assumed, *turning),
-        sampled=sampled,
         probes=read_probes(placed, times, seen),
+        way=SampledWay(state, plan, fit, rigid, motors, sampled),
     )
 
 
@@ -248,7 +303,7 @@ def coupled_face_dynamics(run: CoupledRun, request: ContouringRequest, face: int
         face: Number of the straight cut, counted from zero.
     """
     cut = run.plan.cuts[face]
-    now = run.sampled.at(np.array([cut.middle]))
+    now = run.way.sampled.at(np.array([cut.middle]))
     frame: FloatArray = travel_frames(cut.travel[None])[0]
     tip = frame @ now.rows[0, :3]
     rest = frame @ now.direct[0, :3, :3] @ frame.T
@@ -294,15 +349,17 @@ def _tool_direction(state: RunState) -> FloatArray | None:
 def _plan_way(state: RunState, request: ContouringRequest, path: ToolPath) -> RigidWay:
     mechanism, machine = state.scene.mechanism, state.scene.machine
     if mechanism is None:
-        return axes_way(
-            machine, find_tool_travel(machine, machine.points[request.point or ""]), path
-        )
+        travel = find_tool_travel(machine, machine.points[request.point or ""])
+        way = axes_way(machine, travel, path)
+        return dataclasses.replace(way, amounts=Remembered(way.amounts))
 
     def pose_at(time: float) -> Pose:
         x, y, z = path.at(np.array([time])).position[0].tolist()
         return Pose(f"t = {time:.4g} s", {"X": x, "Y": y, "Z": z})
 
-    return mechanism_way(state, mechanism, path, pose_at=pose_at, direction=mechanism.tool)
+    way = mechanism_way(state, mechanism, path, pose_at=pose_at, direction=mechanism.tool)
+    forces = None if way.leg_forces is None else Remembered(way.leg_forces)
+    return dataclasses.replace(way, amounts=Remembered(way.amounts), leg_forces=forces)
 
 
 def _motor_torques(

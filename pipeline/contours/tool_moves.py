@@ -211,7 +211,7 @@ class ToolLine:
         speeding = None if self.unit_motors is None else self.unit_motors[0]
         led = lead_bodies(speeding)
         if follows:
-            place = place_machine(self.state, way, {}, self.drives, led=led)
+            place = place_machine(self.state, way, {}, self.drives, led=led, up_to_hz=up_to_hz)
             return sample_motion(place, [0.0, length], channels)
         held = place_machine(
             self.state,
@@ -219,6 +219,7 @@ class ToolLine:
             {},
             self.drives,
             led=led,
+            up_to_hz=up_to_hz,
             join=lambda model, posed: join_probes(self.state.parts, model, way, posed),
         )(0.5 * length)
         return sample_motion(lambda where: held, [0.0, length], channels)

@@ -1,7 +1,10 @@
-"""The path that measured positions of axes or legs lead the tool along."""
+"""The path of a contour: as planned, or as measured positions of axes or legs lead the tool; what was
+asked of it once is not computed again.
+"""
 
 import dataclasses
 from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -13,10 +16,40 @@ from headstock.solvers.milling.path_drives import smooth_samples
 from headstock.solvers.milling.tool_path import (
     ContourPlan,
     PathPoints,
+    ToolPath,
     TracedPath,
     TraceFit,
     plan_contour,
 )
+
+
+@dataclass(frozen=True, eq=False)
+class Remembered[Found]:
+    """A function of times that computes nothing twice.
+
+    Attributes:
+        find: The function.
+    """
+
+    find: Callable[[FloatArray], Found]
+    _known: dict[bytes, Found] = field(default_factory=dict)
+
+    def __call__(self, times: FloatArray) -> Found:
+        """Its value at times ``(n,)``."""
+        key = times.tobytes()
+        if key not in self._known:
+            self._known[key] = self.find(times)
+        return self._known[key]
+
+
+class RememberedPath:
+    """A path of which nothing is computed twice: a contour is run again for its ±."""
+
+    def __init__(self, path: ToolPath) -> None:
+        """Of a path."""
+        self.span = path.span
+        self.at = Remembered(path.at)
+        self.velocity = Remembered(path.velocity)
 
 
 def plan_request(

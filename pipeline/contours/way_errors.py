@@ -142,8 +142,9 @@ def find_way_errors(
     )
 
     def place(model: PoseModel) -> PlacedErrors:
-        coupled = coupled_machine(model)
-        system = damp_system(state.scene, model.system, model.all_modes)
+        coupled, system = coupled_machine(model), model.system
+        if rated:
+            system = damp_system(state.scene, system, model.all_modes)
         found = find_offset_motions(coupled, travel, system)
         columns = [found.loads, found.rates[:, rated], found.accelerations[:, pulled]]
         taken = {

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.geometry.machine.drives import Drive
@@ -26,6 +27,7 @@ from headstock.reduction.coupling.joint_forces import SPRING, joint_outputs
 from headstock.reduction.coupling.joint_springs import PlacedJoint
 from headstock.reduction.coupling.memo import CouplingMemo
 from headstock.reduction.coupling.path_loads import (
+    POINT_ROWS,
     TurningBody,
     body_loads,
     body_travel,
@@ -38,6 +40,7 @@ from headstock.reduction.coupling.path_loads import (
 )
 from headstock.scene.scene import SceneMechanism
 from headstock.solvers.control.drive_trains import SCALE
+from headstock.solvers.linear.modal_analysis import ModalResult, solve_lowest_modes
 from headstock.solvers.milling.path_drives import move_markers
 from headstock.solvers.milling.tool_path import PathPoints, ToolPath
 from headstock.solvers.paths.varying_system import PosedModes
@@ -46,6 +49,7 @@ from headstock.solvers.second_order import Channel, SecondOrderSystem
 GRAVITY_LOAD: Channel = ("gravity", "load")
 FORCE = "force"
 MOMENTUM = "momentum"  # along the travel that a motor brings about, as an output per speed
+STACKED = 2.0  # times the highest frequency kept, up to which modes may be compared between poses
 LEAST_SHIFT = 1e-9  # of a natural frequency: roundoff, as of bodies that are rigid
 Amounts = Callable[[FloatArray], FloatArray]
 Feedthrough = dict[tuple[Channel, Channel], float]
@@ -266,6 +270,7 @@ def place_machine(
     screws: Mapping[str, tuple[str, Axis | None]],
     drives: Sequence[Drive],
     led: Callable[[float], FloatArray],
+    up_to_hz: float,
     join: Callable[[PoseModel, PosedModes], PosedModes] = lambda model, posed: posed,
 ) -> Callable[[float], PosedModes]:
     """The machine at a place of the way: damped as the scene says, with every channel.
@@ -278,6 +283,7 @@ def place_machine(
             their motors bring about.
         led: Travel ``(r, d)`` in each channel of the rigid motion per travel of each of these motors,
             at a place.
+        up_to_hz: Modes kept.
         join: What gives the machine in a pose further outputs.
     """
     model_at, undamped = place_model(state), False
@@ -287,7 +293,8 @@ def place_machine(
         model = model_at(way.pose_at(where))
         for message in warn_of_no_damping(state.scene, model.system):
             state.warn(message)
-        system = damp_system(state.scene, model.system, model.all_modes)
+        modes = _find_modes(model, STACKED * up_to_hz)
+        system = damp_system(state.scene, model.system, modes)
         if system.damping is None and system.hysteretic is None and not undamped:
             undamped = True
             state.warn(
@@ -318,7 +325,7 @@ def place_machine(
             inputs={**system.inputs, GRAVITY_LOAD: weight, **loads, **errors.loads},
             outputs={**system.outputs, **rows, **joint_outputs(model.joints)},
         )
-        posed = join(model, dataclasses.replace(_stack(model, system), feedthrough=taken))
+        posed = join(model, dataclasses.replace(_stack(model, system, modes), feedthrough=taken))
         if not way.turning:
             return posed
         return turn_with_bodies(posed, _turning_bodies(model, way.turning))
@@ -392,7 +399,9 @@ def warn_of_turning(
     [rad/s]; nothing where they move natural frequencies by less than a share.
     """
     share = bound_gyroscopic_shift(
-        _stack(model, model.system), _turning_bodies(model, tuple(turned)), tuple(turned.values())
+        _stack(model, model.system, model.all_modes),
+        _turning_bodies(model, tuple(turned)),
+        tuple(turned.values()),
     )
     if share < least:
         return ()
@@ -413,10 +422,41 @@ def coupled_machine(model: PoseModel) -> CoupledMachine:
     return model.coupled
 
 
-def _stack(model: PoseModel, system: SecondOrderSystem) -> PosedModes:
+def _find_modes(model: PoseModel, up_to_hz: float) -> ModalResult:
+    """The modes of a machine up to a frequency; all where there are none, or few as of a lumped one."""
+    if isinstance(model, LumpedPose):
+        return model.all_modes
+    found = solve_lowest_modes(model.system, up_to_hz=up_to_hz)
+    return found if len(found.frequencies_hz) else model.all_modes
+
+
+def _stack(model: PoseModel, system: SecondOrderSystem, modes: ModalResult) -> PosedModes:
     if isinstance(model, LumpedPose):
         return model.stack_modes(system)
-    return stack_modes(system, model.all_modes, coupled_machine(model))
+    return stack_modes(system, modes, coupled_machine(model))
+
+
+def shared_rows(way: RigidWay, state: RunState, better: RunState) -> NDArray[np.intp]:
+    """Rows among the motions of a machine whose components have further modal dofs that are those
+    of the machine without these.
+
+    Args:
+        way: That both go.
+        state: Of the run.
+        better: With the further dofs.
+    """
+    own, other = (
+        {name: len(part.labels) for name, part in each.parts.superelements.items()}
+        for each in (state, better)
+    )
+    # each body that turns has its dofs once more, and those of its points
+    blocks = [(own[name], other[name]) for name in own]
+    for name in way.turning:
+        blocks += [(own[name], other[name]), (POINT_ROWS, POINT_ROWS)]
+    starts = np.cumsum([0, *(size for _, size in blocks)])
+    return np.concatenate(
+        [start + np.arange(size) for start, (size, _) in zip(starts, blocks, strict=False)]
+    )
 
 
 def _turning_bodies(model: PoseModel, names: Sequence[str]) -> list[TurningBody]:

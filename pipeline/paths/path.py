@@ -17,15 +17,8 @@ from headstock.pipeline.paths.path_disturbances import disturb_freely, disturb_l
 from headstock.pipeline.paths.path_model import choose_model
 from headstock.pipeline.paths.solved_moves import SolvedMoves
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.stages.better_machines import (
-    NOT_ASKED,
-    Owner,
-    find_silent_meshes,
-    list_single_machines,
-    silence,
-)
-from headstock.pipeline.stages.estimates import name_what_is_left_out
-from headstock.pipeline.stages.mechanism import LUMPED
+from headstock.pipeline.planning.repeats import EACH
+from headstock.pipeline.stages.better_machines import repeat_without, silence
 from headstock.pipeline.stages.motion_forces import add_to_drives
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.reduction.motions.path_errors import (
@@ -199,24 +192,16 @@ def _judge_path(
     solve: Callable[[RunState, PathRequest], SolvedMoves],
 ) -> PathWorth:
     """The moves once more, in the pose of the middle, of the machine without each source of error."""
-    if state.scene.is_lumped:
-        return PathWorth(_run_moves(request, solved), {}, (), LUMPED.left_out)
-    if not request.estimate:
-        return PathWorth(_run_moves(request, solved), {}, (), (NOT_ASKED,))
     frozen = dataclasses.replace(request, follows_pose=False)
-    left_out = list(name_what_is_left_out(state.parts).left_out)
-    better: dict[Owner, tuple[PathRun, ...]] = {}
-    machines = list_single_machines(state)
-    base = solved
-    if machines and request.follows_pose:
-        base = solve(silence(state), frozen)
-    for owner, machine in machines.items():
-        try:
-            better[owner] = _run_moves(frozen, solve(machine, frozen))
-        except (UnstableControlError, ModelError) as error:
-            left_out.append(f"{' of '.join(filter(None, owner))}: {error}")
-    unknown = find_silent_meshes(state)
-    return PathWorth(_run_moves(frozen, base), better, unknown, tuple(left_out))
+    found = repeat_without(
+        state,
+        EACH,
+        lambda machine: _run_moves(frozen, solve(machine, frozen)),
+        asked=request.estimate,
+    )
+    if found.better and request.follows_pose:
+        solved = solve(silence(state), frozen)
+    return PathWorth(_run_moves(frozen, solved), found.better, found.unknown, found.left_out)
 
 
 def _run_moves(request: PathRequest, solved: SolvedMoves) -> tuple[PathRun, ...]:

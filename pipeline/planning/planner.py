@@ -14,7 +14,7 @@ import numpy as np
 
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.parts.components import Component, Fidelity
-from headstock.geometry.parts.solids import Box, MeshFile, PointMass, SuperelementFile
+from headstock.geometry.parts.solids import MeshFile, PointMass, SuperelementFile
 from headstock.meshing.components.meshing import MeshEstimate, estimate_mesh
 from headstock.pipeline.planning.budgets import (
     CONTROLLED_COST,
@@ -54,6 +54,7 @@ from headstock.pipeline.planning.reductions import (
     choose_solver,
     is_dynamic,
 )
+from headstock.pipeline.planning.repeats import EACH, ONCE, list_repeats
 from headstock.pipeline.storage.content_keys import superelement_key
 from headstock.reduction.components.solver_choice import (
     SolverChoice,
@@ -439,26 +440,12 @@ def _way_stages(scene: Scene, components: dict[str, Component], dofs: int) -> li
             regenerative=contour.regeneration and contour.cutting,
         )
         what = contour.describe() + _name_acting(scene)
-        # all meshes and modes left out are tried at once
-        times = 1 + (_count_repeats(components, meshes=0) if contour.estimate else 0)
+        times = 1 + (len(list_repeats(components, ONCE)) if contour.estimate else 0)
         stages.append(Stage("contour", None, what, estimated_seconds=times * steps * per_step))
     if path is not None:
-        repeats = _count_repeats(components) if path.estimate else 0
+        repeats = len(list_repeats(components, EACH)) if path.estimate else 0
         stages.append(_path_stage(scene, path, dofs, repeats))
     return stages
-
-
-def _count_repeats(components: dict[str, Component], meshes: int | None = None) -> int:
-    """How often an analysis is repeated without a source of error, for its ±: meshes, modes that are
-    left out, and curved faces.
-
-    Args:
-        components: Those of the machine.
-        meshes: How often for meshes alone; None for once per component.
-    """
-    elastic = [part for part in components.values() if part.fidelity == "elastic"]
-    curved = any(not isinstance(part.solid, Box) for part in elastic)
-    return (len(elastic) if meshes is None else meshes) + 1 + curved if elastic else 0
 
 
 def _path_stage(scene: Scene, path: PathRequest, dofs: int, repeats: int) -> Stage:

@@ -3,87 +3,106 @@ repeated with it tells how far its numbers may be off.
 """
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
-from headstock.pipeline.answers.estimates import (
-    CURVED_FACES,
-    DISCRETISATION,
-    REDUCTION,
+from headstock.pipeline.answers.estimates import CURVED_FACES, DISCRETISATION, REDUCTION
+from headstock.pipeline.planning.repeats import (
+    BOTH_AT_ONCE,
+    FINER_MESH,
+    MORE_MODES,
+    TRUE_FACES,
+    Improvement,
+    list_repeats,
 )
-from headstock.pipeline.stages.run_state import ReducedComponent, RunState
-from headstock.reduction.estimates.better_elements import (
-    with_finer_mesh,
-    with_modes_left_out,
-    with_true_faces,
+from headstock.pipeline.stages.estimates import name_what_is_left_out
+from headstock.pipeline.stages.mechanism import LUMPED
+from headstock.pipeline.stages.run_state import RunState
+from headstock.solvers.errors import (
+    AccuracyError,
+    ConvergenceError,
+    ModelError,
+    UnstableControlError,
 )
-from headstock.reduction.superelement import Superelement
 
-NOT_ASKED = "any error, as the scene says estimate = false"
-Sources = Mapping[str, Callable[[Superelement], Superelement]]
 Owner = tuple[str, str]  # source of error, and the component alone that has it; empty for all
-# by source of error, what a superelement is without it
-EACH: Sources = {
-    DISCRETISATION: with_finer_mesh,
-    CURVED_FACES: with_true_faces,
-    REDUCTION: with_modes_left_out,
+SOURCES = {
+    FINER_MESH: DISCRETISATION,
+    TRUE_FACES: CURVED_FACES,
+    MORE_MODES: REDUCTION,
+    BOTH_AT_ONCE: f"{DISCRETISATION} and {REDUCTION}",
 }
-# of long analyses: meshes and reductions both make a machine too stiff
-ONCE: Sources = {
-    f"{DISCRETISATION} and {REDUCTION}": lambda part: with_modes_left_out(with_finer_mesh(part)),
-    CURVED_FACES: with_true_faces,
-}
+NOT_ASKED = "any error, as the scene says estimate = false"
 
 
-def list_better_machines(state: RunState, sources: Sources) -> dict[str, RunState]:
-    """By source of error, the run with superelements without it; no entry of a source that changes
-    nothing.
+@dataclass(frozen=True, eq=False)
+class Repeated[Found]:
+    """An analysis that was repeated.
+
+    Attributes:
+        better: What was found without each source of error.
+        unknown: Components whose mesh shows nothing of its error.
+        left_out: What is not looked at.
+    """
+
+    better: dict[Owner, Found]
+    unknown: tuple[str, ...]
+    left_out: tuple[str, ...]
+
+
+def repeat_without[Found](
+    state: RunState,
+    improvements: Sequence[Improvement],
+    solve: Callable[[RunState], Found],
+    *,
+    asked: bool,
+) -> Repeated[Found]:
+    """An analysis once more on the machine without each source of error.
 
     Args:
         state: Of the run.
-        sources: What is looked at.
+        improvements: What is looked at.
+        solve: The analysis of a machine.
+        asked: The scene asks for errors.
+    """
+    if state.scene.is_lumped:
+        return Repeated({}, (), LUMPED.left_out)
+    if not asked:
+        return Repeated({}, (), (NOT_ASKED,))
+    left_out = list(name_what_is_left_out(state.parts).left_out)
+    better: dict[Owner, Found] = {}
+    for owner, machine in list_better_machines(state, improvements).items():
+        try:
+            better[owner] = solve(machine)
+        except (ModelError, UnstableControlError, ConvergenceError, AccuracyError) as error:
+            left_out.append(f"{' of '.join(filter(None, owner))}: {error}")
+    return Repeated(better, _find_silent_meshes(state), tuple(left_out))
+
+
+def list_better_machines(
+    state: RunState, improvements: Sequence[Improvement]
+) -> dict[Owner, RunState]:
+    """The run with superelements without each source of error; no entry of one that changes nothing.
+
+    Args:
+        state: Of the run.
+        improvements: What is looked at.
     """
     found = {}
-    for source, improve in sources.items():
-        better = _improve(state, improve)
+    for own, names in list_repeats(state.parts.plan.components, improvements):
+        better = {}
+        for name in names:
+            part = state.reduced[name]
+            improved = own.improve(part.superelement)
+            if improved is not part.superelement:
+                better[name] = dataclasses.replace(part, superelement=improved)
         if better:
-            found[source] = _replace(state, better)
+            replaced = dataclasses.replace(state, reduced={**state.reduced, **better})
+            found[SOURCES[own], names[0] if own.apart else ""] = silence(replaced)
     return found
 
 
-def list_single_machines(state: RunState) -> dict[Owner, RunState]:
-    """The same of each source, and of meshes one component at a time: what two of them change may
-    cancel by chance.
-    """
-    found: dict[Owner, RunState] = {}
-    for source, improve in EACH.items():
-        better = _improve(state, improve)
-        if source == DISCRETISATION:
-            found |= {(source, name): _replace(state, {name: own}) for name, own in better.items()}
-        elif better:
-            found[source, ""] = _replace(state, better)
-    return found
-
-
-def _improve(
-    state: RunState, improve: Callable[[Superelement], Superelement]
-) -> dict[str, ReducedComponent]:
-    """Components that are others without a source of error."""
-    better = {
-        name: dataclasses.replace(part, superelement=improve(part.superelement))
-        for name, part in state.reduced.items()
-    }
-    return {
-        name: part
-        for name, part in better.items()
-        if part.superelement is not state.reduced[name].superelement
-    }
-
-
-def _replace(state: RunState, better: Mapping[str, ReducedComponent]) -> RunState:
-    return silence(dataclasses.replace(state, reduced={**state.reduced, **better}))
-
-
-def find_silent_meshes(state: RunState) -> tuple[str, ...]:
+def _find_silent_meshes(state: RunState) -> tuple[str, ...]:
     """Components whose mesh shows nothing of its error."""
     return tuple(
         name

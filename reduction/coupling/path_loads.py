@@ -24,6 +24,7 @@ from headstock.solvers.paths.varying_system import PosedModes
 from headstock.solvers.second_order import SecondOrderSystem
 
 PATH_INPUT = ("path", "acceleration")
+POINT_ROWS = 12  # that a body which turns adds to its dofs: a point and the slope of a field
 
 
 def add_path_input(
@@ -120,7 +121,7 @@ def stack_modes(
 
     Args:
         system: The machine in one pose, ``n`` free coordinates, with its path input.
-        modes: Its natural modes ``(n, m)``.
+        modes: Its lowest natural modes, or all.
         coupled: The coupling with the basis ``(n_all, n)`` and the masses of the components.
     """
     motions = coupled.basis @ modes.shapes

@@ -17,6 +17,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from headstock.geometry.frames import FloatArray
@@ -51,6 +52,7 @@ GIVEN = slice(3, None)  # then come loads that the way gives, gravity first, and
 NODE_SPACING = 0.02
 LOAD_SPACING = 1e-3
 FIELDS = ("stiffness", "damping", "loads", "rows", "direct")
+ANCHORED = 4  # parts of a piece at whose ends a machine that differs little is looked at
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +69,7 @@ class SampledMotion:
         swing: What modes carried over steps of twice the length are turned by beside these [rad].
         highest_hz: Highest natural frequency, anywhere on the way, of a mode kept by half or more.
         complete: No mode is left out or fades.
+        anchors: Times of a few poses to the momenta ``(n_all, m)`` of the carried modes there.
         along: Places of the way at times ``(n,)``, where it was not sampled by time; None where it
             was.
     """
@@ -79,6 +82,7 @@ class SampledMotion:
     swing: float
     highest_hz: float
     complete: bool
+    anchors: Mapping[float, FloatArray]
     along: Callable[[FloatArray], FloatArray] | None = None
 
     def at(self, times: FloatArray, *names: str) -> SampledPlant:
@@ -140,15 +144,6 @@ def sample_motion(
     """
     seen: dict[float, PoseModes] = {}
 
-    def look(time: float) -> PoseModes:
-        found = fade_modes(look_at_pose(place(time), channels), channels.up_to_hz)
-        if found.coordinates.rigid_count:
-            raise ModelError(
-                f"the machine is free to move in {found.coordinates.rigid_count} rigid-body motion(s), so a force on the tool"
-                " drives it away; hold it by supports, joints to ground or drives"
-            )
-        return found
-
     spans = list(itertools.pairwise(breaks))
     wide, counts = set(range(len(spans))), [1] * len(spans)
     while True:
@@ -165,7 +160,7 @@ def sample_motion(
                 f"{MOST_SAMPLES} poses along the way do not suffice to follow its matrices to {MISS_TOLERANCE:g}; "
                 'write a lower modes_to, or pose_model = "frozen"'
             )
-        seen |= {time: look(time) for time in wanted if time not in seen}
+        seen |= {time: _look(place(time), channels) for time in wanted if time not in seen}
         poses = {time: seen[time] for time in sorted(wanted)}
         kept, highest_hz = count_fading_modes(poses.values(), channels.up_to_hz)
         turns = transport_modes(poses, kept)
@@ -189,7 +184,83 @@ def sample_motion(
                 swing=sum(swings),
                 highest_hz=highest_hz,
                 complete=all(pose.coordinates.complete for pose in poses.values()),
+                anchors={
+                    time: carried[time].pose.momenta[:, :kept] @ carried[time].turn
+                    for grid in finer
+                    for time in grid[:: max(1, (len(grid) - 1) // ANCHORED)]
+                },
             )
+
+
+def vary_motion(
+    base: SampledMotion,
+    place: Callable[[float], PosedModes],
+    channels: PlantChannels,
+    shared: NDArray[np.intp],
+) -> SampledMotion:
+    """The way of a machine that differs little from one that was sampled: what it differs by is
+    looked at in a few poses, in the modes nearest to those of the other, and joined by splines.
+
+    Args:
+        base: The other machine on its way.
+        place: This one at a time of the way [s].
+        channels: What was asked of the other.
+        shared: Rows of its motions that are those of the other, in their order.
+
+    Raises:
+        ModelError: The machine is free to move, or a damper acts on a dof without mass.
+        AccuracyError: It has fewer modes than the other.
+    """
+    times = np.array(list(base.anchors))
+    before, poses = base.at(times), list[PoseModes]()
+    plants: dict[str, list[FloatArray]] = {name: [] for name in FIELDS}
+    for time, momenta in base.anchors.items():
+        pose = _look(place(time), channels, base.modes)
+        if pose.motions.shape[1] < base.modes:
+            raise AccuracyError(
+                f"{base.modes} modes are kept along the way, and this machine has {pose.motions.shape[1]} that may be"
+            )
+        left, _, right = np.linalg.svd(momenta.T @ pose.motions[shared, : base.modes])
+        plant = turn_plant(pose, np.asarray((left @ right).T))
+        poses.append(pose)
+        for name in FIELDS:
+            plants[name].append(getattr(plant, name))
+    changes = {name: np.array(plants[name]) - getattr(before, name) for name in FIELDS}
+    pieces = []
+    for splines, (low, high) in zip(base.pieces, itertools.pairwise(base.breaks), strict=True):
+        here = (times >= low) & (times <= high)
+        pieces.append(
+            {
+                name: CubicSpline(
+                    splines[name].x,
+                    splines[name](splines[name].x)
+                    + CubicSpline(times[here], changes[name][here])(splines[name].x),
+                )
+                for name in FIELDS
+            }
+        )
+    return dataclasses.replace(
+        base,
+        pieces=tuple(pieces),
+        poses=len(poses),
+        highest_hz=count_fading_modes(poses, channels.up_to_hz)[1],
+    )
+
+
+def _look(posed: PosedModes, channels: PlantChannels, least: int = 0) -> PoseModes:
+    """The modes of a pose that may be kept, so many at least, faded.
+
+    Raises:
+        ModelError: The machine is free to move.
+    """
+    found = look_at_pose(posed, channels, all_modes=False, least=least)
+    found = fade_modes(found, channels.up_to_hz)
+    if found.coordinates.rigid_count:
+        raise ModelError(
+            f"the machine is free to move in {found.coordinates.rigid_count} rigid-body motion(s), so a force on the tool"
+            " drives it away; hold it by supports, joints to ground or drives"
+        )
+    return found
 
 
 def fade_modes(pose: PoseModes, up_to_hz: float) -> PoseModes:

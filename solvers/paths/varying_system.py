@@ -24,7 +24,7 @@ from scipy.interpolate import CubicSpline
 from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.solvers.errors import AccuracyError, ModelError
 from headstock.solvers.linear.damping import equivalent_viscous
-from headstock.solvers.linear.modal_analysis import ModalResult
+from headstock.solvers.linear.modal_analysis import ModalResult, keep_lowest
 from headstock.solvers.linear.modal_coordinates import (
     ModalCoordinates,
     keep_modes,
@@ -50,11 +50,11 @@ HELD = 1e-9  # of the largest motion at a place, in m or rad: less is roundoff
 
 @dataclass(frozen=True, eq=False)
 class PosedModes:
-    """The system in a pose and all its undamped modes.
+    """The system in a pose and its undamped modes.
 
     Attributes:
         system: In coordinates of its own.
-        modes: Of the system without damping.
+        modes: Of the system without damping, all or the lowest.
         motions: ``(n_all, m)`` their shapes in dofs that are the same in every pose.
         momenta: ``(n_all, m)`` mass times shape there.
         feedthrough: Output and input to what the output has of the input at once, whatever moves.
@@ -332,26 +332,37 @@ def _halve(
     return (span[0], half), (half, span[1])
 
 
-def look_at_pose(posed: PosedModes, channels: PlantChannels) -> PoseModes:
+def look_at_pose(
+    posed: PosedModes, channels: PlantChannels, *, all_modes: bool = True, least: int = 0
+) -> PoseModes:
     """A pose in its modes, with the shapes of those that may be kept.
+
+    Args:
+        posed: The machine in a pose.
+        channels: What is asked.
+        all_modes: Also those that are certainly not kept; else they are in the residual flexibility.
+        least: So many may be kept in any case.
 
     Raises:
         ModelError: A damper acts on a dof without mass, or a matrix is not symmetric.
     """
+    up_to_hz = SEARCHED * channels.up_to_hz
+    count = max(least, int(np.count_nonzero(posed.modes.frequencies_hz <= up_to_hz)) + 1)
+    modes = posed.modes if all_modes else keep_lowest(posed.modes, count=count)
     viscous = equivalent_viscous(posed.system, posed.modes)
-    coordinates = to_modal_coordinates(viscous, channels.inputs, channels.outputs, posed.modes)
+    coordinates = to_modal_coordinates(viscous, channels.inputs, channels.outputs, modes)
     if coordinates is None:
         raise ModelError(
             "a damper acts on a dof without mass, or a matrix is not symmetric; give every body a mass"
         )
-    held = find_held_outputs(posed, channels.outputs)
+    held = find_held_outputs(posed, channels)
     coordinates = dataclasses.replace(
         coordinates,
         outputs=np.where(held[:, None], 0.0, coordinates.outputs),
         residual=np.where(held[:, None], 0.0, coordinates.residual),
-    )
-    count = (
-        int(np.count_nonzero(coordinates.omega <= 2.0 * np.pi * SEARCHED * channels.up_to_hz)) + 1
+        complete=coordinates.complete and len(modes.frequencies_hz) == len(posed.system.mass),
+        # a copy: a view would keep the shapes of all modes
+        shapes=coordinates.shapes.copy(),
     )
     at_once = np.array(
         [
@@ -359,17 +370,23 @@ def look_at_pose(posed: PosedModes, channels: PlantChannels) -> PoseModes:
             for output in channels.outputs
         ]
     ).reshape(len(channels.outputs), len(channels.inputs))
-    return PoseModes(coordinates, posed.motions[:, :count], posed.momenta[:, :count], at_once)
+    return PoseModes(
+        coordinates, posed.motions[:, :count].copy(), posed.momenta[:, :count].copy(), at_once
+    )
 
 
-def find_held_outputs(posed: PosedModes, outputs: Sequence[Channel]) -> NDArray[np.bool_]:
+def find_held_outputs(posed: PosedModes, channels: PlantChannels) -> NDArray[np.bool_]:
     """Which outputs ``(p,)`` the machine holds rigidly in a pose: beside its other motions at the same
-    place nothing but roundoff is left of them, which no spline could follow.
+    place, by as much energy in any one coordinate, nothing but roundoff is left of them, which no
+    spline could follow.
     """
+    system, outputs = posed.system, channels.outputs
+    omega = 2.0 * np.pi * channels.up_to_hz
+    energy = system.stiffness.diagonal() + omega**2 * system.mass.diagonal()
     rows = {
-        channel: float(np.abs(posed.system.outputs[channel] @ posed.modes.shapes).max(initial=0.0))
+        channel: float(np.abs(system.outputs[channel] / np.sqrt(energy)).max(initial=0.0))
         for channel in {(name, dof) for name, _ in outputs for dof in DOF_NAMES} | {*outputs}
-        if channel in posed.system.outputs
+        if channel in system.outputs
     }
     largest: dict[str, float] = {}
     for (name, dof), size in rows.items():

@@ -84,7 +84,7 @@ def _judge_machines(case: str, seeds: list[int]) -> list[ValidationRow]:
     return [
         row
         for kind in found[0]
-        for row in _judge(
+        for row in judge_numbers(
             case,
             f"{machines}, {kind}",
             [each[kind] for each in found],
@@ -110,7 +110,7 @@ def compare_axes(seed: int) -> dict[str, JudgedNumbers]:
         ) -> tuple[Found, Found]:
             scene = keep_analyses(load_scene(path, variant=variant), (analysis,))
             both = []
-            for one in (scene, _refine(scene)):
+            for one in (scene, refine_scene(scene)):
                 results = run_scene(one, folder / "results", comm=MPI.COMM_SELF, store=store)
                 (answer,) = find_answers(results.answers, kind)
                 both.append(answer)
@@ -118,30 +118,38 @@ def compare_axes(seed: int) -> dict[str, JudgedNumbers]:
 
         coarse, fine = run(None, "volumetric", VolumetricAnswer)
         paths = [run(variant, "path", PathResult) for variant in (None, "controlled")]
-    measures = _pair(*map(_list_measures, (coarse, fine)), least=LEAST)
+    measures = pair_numbers(*map(_list_measures, (coarse, fine)), least=LEAST)
     poses = JudgedNumbers(
         *(each.ravel() for each in (coarse.total, coarse.errors, fine.total, fine.errors))
     )
-    free, driven = (_pair(*map(_list_path, both), least=0.0) for both in paths)
+    free, driven = (pair_numbers(*map(_list_path, both), least=0.0) for both in paths)
     seen = [_list_probes([answers[place] for answers in paths]) for place in (0, 1)]
     return {
         "ranges, motions along axes and squareness": measures,
         "errors in single poses": poses,
         PATHS[0]: free,
         PATHS[1]: driven,
-        PROBES: _pair(*seen, least=0.0),
+        PROBES: pair_numbers(*seen, least=0.0),
     }
 
 
-def _pair(
+def pair_numbers(
     coarse: tuple[FloatArray, FloatArray], fine: tuple[FloatArray, FloatArray], *, least: float
 ) -> JudgedNumbers:
+    """Numbers and what stands behind their ±, beside those of fine meshes.
+
+    Args:
+        coarse: ``(n,)`` each.
+        fine: The same of fine meshes.
+        least: Numbers up to here are none.
+    """
     (values, errors), (truth, doubt) = coarse, fine
     kept = values > least
     return JudgedNumbers(values[kept], errors[kept], truth[kept], doubt[kept])
 
 
-def _refine(scene: Scene) -> Scene:
+def refine_scene(scene: Scene) -> Scene:
+    """A machine with fine meshes, corrected, and more modes."""
     fine = dict(scene.machine.components)
     for name, part in fine.items():
         size = part.mesh.size
@@ -214,7 +222,14 @@ def _list_run(run: PathRun) -> dict[str, float | None]:
     return found
 
 
-def _judge(case: str, what: str, machines: list[JudgedNumbers]) -> list[ValidationRow]:
+def judge_numbers(case: str, what: str, machines: list[JudgedNumbers]) -> list[ValidationRow]:
+    """Whether their ± covers the true errors, and how large it is beside them.
+
+    Args:
+        case: Of the validation.
+        what: The numbers are.
+        machines: Numbers of each.
+    """
     values, errors, truth, doubt = (
         np.concatenate([np.abs(getattr(machine, field)) for machine in machines])
         for field in ("values", "errors", "truth", "doubt")

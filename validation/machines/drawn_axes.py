@@ -185,12 +185,26 @@ outputs = [["tcp", "x"], ["tcp", "y"], ["tcp", "z"]]
 sampling = "2 kHz"
 [variants.controlled]
 "effects.drive_control" = true
+[variants.milling]
+"effects.cutting_force" = true
+"effects.regeneration" = true
+[variants.milling."analyses.contouring"]
+side = "{side} mm"
+at = ["0 mm", "0 mm", "0 mm"]
+feed = "1.5 m/min"
+spindle = "{spindle} rpm"
+mill = {{ diameter = "12 mm", teeth = 3, helix = "30 deg" }}
+axial_depth = "0.5 mm"
+radial_depth = "1 mm"
+material = "al7075-t6"
+steps_per_turn = 120
 """
 
 
 def draw_axes(seed: int) -> str:
     """A scene with a volumetric map and a path, with motors that follow their set points and, as the
-    variant ``controlled``, with drives under control, as TOML.
+    variant ``controlled``, with drives under control, and as the variant ``milling`` with a contour
+    that is milled, as TOML.
 
     Args:
         seed: The same seed draws the same machine.
@@ -256,5 +270,7 @@ def draw_axes(seed: int) -> str:
         "cells_across": draw(2, 3),
         "bed_material": str(random.choice(materials)),
         "bridge_material": str(random.choice(materials)),
+        "side": draw(24, 32),
+        "spindle": draw(4000, 9000),
     }
     return SCENE.format(seed=seed, **values)

@@ -84,6 +84,27 @@ def run(state: RunState, until: float, **changes: Any) -> CoupledRun:
     )
 
 
+@pytest.mark.parametrize("pose_model", ["pose_dependent", "frozen"])
+def test_a_machine_that_differs_little_deviates_beside_another_as_alone(
+    tmp_path: Path, pose_model: str
+) -> None:
+    settings = (f"analyses.contouring.pose_model={pose_model!r}",)
+    state = build_state(tmp_path, MILL, settings=settings)
+    softer = (
+        "joints.x_screw.stiffness.axial='145 N/um'",
+        "joints.y_guide.stiffness.pitch='1.9e7 N m/rad'",
+    )
+    other = build_state(tmp_path, MILL, settings=(*settings, *softer))
+    base, alone = run(state, 0.6), run(other, 0.6)
+    beside = run_coupled_contour(other, request_of(other), until=0.6, beside=base.way)
+    change = alone.gap - base.gap
+    assert np.abs(change).max() > 0.01 * np.abs(base.gap).max()
+    assert np.abs(beside.gap - alone.gap).max() < 0.01 * np.abs(change).max()
+    some = np.arange(0, len(base.times), 50)
+    forces = [each.drives.forces(some) for each in (base, alone, beside)]
+    assert np.abs(forces[2] - forces[1]).max() < 0.02 * np.abs(forces[1] - forces[0]).max()
+
+
 def test_a_straight_move_deviates_as_in_the_path_analysis(tmp_path: Path) -> None:
     state = build_state(tmp_path, MILL)
     machine, parts = state.scene.machine, state.parts.superelements
@@ -127,7 +148,7 @@ def test_a_slow_cut_bends_the_machine_as_its_compliance_says(tmp_path: Path) -> 
     found = run(state, 0.8)
     on = (found.times > 0.45) & (found.times < 0.7)
     middle = found.plan.cuts[0].middle
-    now = found.sampled.at(np.array([middle]))
+    now = found.way.sampled.at(np.array([middle]))
     compliance = now.rows[0, :3] @ np.linalg.solve(now.stiffness[0], now.rows[0, :3].T)
     compliance = compliance + now.direct[0, :3, :3]
     expected = compliance @ found.force[on].mean(axis=0)
@@ -173,7 +194,7 @@ def test_a_slow_cut_bends_the_machine_as_its_compliance_says(tmp_path: Path) -> 
 def test_modes_left_out_follow_at_once(tmp_path: Path) -> None:
     state = build_state(tmp_path, MILL)
     whole, part = (run(state, 0.5, modes_to_hz=hz) for hz in (5000.0, 400.0))
-    assert part.sampled.modes < whole.sampled.modes == 12
+    assert part.way.sampled.modes < whole.way.sampled.modes == 12
     assert np.abs(whole.gap - part.gap).max() < 0.03 * np.abs(whole.gap).max()
     on = whole.times > 0.4
     assert part.gap[on].mean(axis=0) == pytest.approx(
@@ -236,7 +257,10 @@ def test_ripple_of_the_teeth_needs_modes_up_to_their_frequency(tmp_path: Path) -
         kept = dataclasses.replace(request, follows_pose=False, modes_to_hz=hz)
         found = run_coupled_contour(state, kept, until=0.005)
         face = found.plan.cuts[0]
-        now, frame = found.sampled.at(np.array([face.middle])), travel_frames(face.travel[None])[0]
+        now, frame = (
+            found.way.sampled.at(np.array([face.middle])),
+            travel_frames(face.travel[None])[0],
+        )
         tip, rest = frame @ now.rows[0, :3], frame @ now.direct[0, :3, :3] @ frame.T
         unit = np.eye(tip.shape[1])
         dynamic = (now.stiffness[0] + 1j * omega[:, None, None] * now.damping[0]) - omega[

@@ -1,0 +1,126 @@
+"""Whether ± of contours covers the truth: machines of three axes drawn by seed that mill a block, beside
+the same machines of fine meshes with more modes.
+"""
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.answers.answer import find_answers
+from headstock.pipeline.answers.contouring import ContourAnswer
+from headstock.pipeline.answers.estimates import Estimate
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.storage.store import Store
+from headstock.scene.building.loader import load_scene
+from headstock.scene.scene import keep_analyses
+from headstock.validation.machines.axes_estimate_cases import (
+    JudgedNumbers,
+    judge_numbers,
+    pair_numbers,
+    refine_scene,
+)
+from headstock.validation.machines.drawn_axes import draw_axes
+from headstock.validation.references.rows import ValidationRow
+
+CASE, SMOKE = "contour-estimates", "contour-estimates-smoke"
+FITTED, HELD_OUT, SMOKE_SEED = (0, 1), (3, 4), 1
+FRESH_CONTOURS = 5  # first seed of no machine above
+MACHINES = 2  # drawn from a seed on
+FACES, PROFILES, LIMITS = "gap and forces of faces", "profiles of faces", "limit depths of cut"
+SMOKE_SETTINGS = (
+    "effects.regeneration=false",
+    "effects.guide_errors=false",
+    "components.bed.fidelity='rigid'",
+    "components.bridge.fidelity='rigid'",
+    "analyses.contouring.side='18 mm'",
+    "analyses.contouring.steps_per_turn=60",
+    "analyses.contouring.pose_model='frozen'",
+)
+
+
+def check_contour_estimates() -> list[ValidationRow]:
+    """± of contours of the machines that a factor was fitted on, and of those held out."""
+    return _judge_machines(CASE, FITTED) + _judge_machines(CASE, HELD_OUT)
+
+
+def check_contour_smoke() -> list[ValidationRow]:
+    """The same of a shorter contour of one machine."""
+    return _judge_machines(SMOKE, (SMOKE_SEED,), SMOKE_SETTINGS)
+
+
+def compare_new_contours(first: int) -> list[ValidationRow]:
+    """The same of machines that nothing was chosen on or judged with before.
+
+    Args:
+        first: Seed of the first of them, ``FRESH_CONTOURS`` at least.
+    """
+    return _judge_machines(CASE, range(first, first + MACHINES))
+
+
+def _judge_machines(
+    case: str, seeds: tuple[int, ...] | range, settings: tuple[str, ...] = ()
+) -> list[ValidationRow]:
+    found = [compare_contours(seed, settings) for seed in seeds]
+    machines = " and ".join(map(str, seeds))
+    return [
+        row
+        for kind in found[0]
+        for row in judge_numbers(
+            case, f"machine {machines}, {kind}", [each[kind] for each in found]
+        )
+    ]
+
+
+def compare_contours(seed: int, settings: tuple[str, ...] = ()) -> dict[str, JudgedNumbers]:
+    """Numbers of a contour by what they are, beside those of fine meshes with more modes.
+
+    Args:
+        seed: Of the machine.
+        settings: Keys of its scene that are others.
+    """
+    with tempfile.TemporaryDirectory(prefix="headstock-contours-") as name:
+        folder = Path(name)
+        path = folder / "machine.toml"
+        path.write_text(draw_axes(seed))
+        scene = keep_analyses(
+            load_scene(path, variant="milling", overrides=settings), ("contouring",)
+        )
+        both = []
+        for one in (scene, refine_scene(scene)):
+            results = run_scene(
+                one, folder / "results", comm=MPI.COMM_SELF, store=Store(folder / "store")
+            )
+            (answer,) = find_answers(results.answers, ContourAnswer)
+            both.append(_list_numbers(answer))
+    coarse, fine = both
+    return {kind: pair_numbers(coarse[kind], fine[kind], least=0.0) for kind in coarse}
+
+
+def _list_numbers(answer: ContourAnswer) -> dict[str, tuple[FloatArray, FloatArray]]:
+    """Sizes ``(n,)`` of what a contour says, and what stands behind their ±."""
+    worth = answer.worth
+    values: dict[str, list[float]] = {}
+    errors: dict[str, list[Estimate]] = {}
+    for face in answer.faces:
+        judged = worth.judge_face(face)
+        for name, sizes in face.sizes.items():
+            values.setdefault(FACES, []).extend(map(float, np.abs(sizes)))
+            errors.setdefault(FACES, []).extend(judged[name])
+    for profile in answer.milled:
+        known = worth.judge_profile(profile)
+        for name, size in profile.sizes.items():
+            values.setdefault(PROFILES, []).append(abs(float(size)))
+            errors.setdefault(PROFILES, []).append(known[name])
+    for limit in answer.stability:
+        values.setdefault(LIMITS, []).append(limit.limit_depth)
+        errors.setdefault(LIMITS, []).append(worth.judge_limit(limit))
+    return {
+        kind: (
+            np.array(sizes),
+            np.array([np.inf if each.total is None else each.total for each in errors[kind]]),
+        )
+        for kind, sizes in values.items()
+    }
