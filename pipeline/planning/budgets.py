@@ -98,6 +98,9 @@ NONLINEAR_STEPS_PER_SECOND = 900.0
 BOTH_STEPS_PER_SECOND = 420.0
 # a lumped contour whose drives are under control takes so many times as long (1.2 to 1.5, as above)
 CONTROLLED_COST = 1.5
+# a contour that is repeated for its ± takes this share, since its machine is looked at in a few poses only and
+# what is rigid is known (the Tripteor with elastic legs: 0.4 and 0.5); all of it where waves take the time
+CONTOUR_AGAIN = 0.5
 # of a path: at no dofs of the coupled machine and per dof, for the poses on the way; per sample in its
 # modes. The three-axis machine rigid (42), of finite elements (97) and segmented (426), 4 500 to
 # 600 000 samples, on a core of a virtual AMD EPYC: within a third

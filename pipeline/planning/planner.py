@@ -17,6 +17,7 @@ from headstock.geometry.parts.components import Component, Fidelity
 from headstock.geometry.parts.solids import MeshFile, PointMass, SuperelementFile
 from headstock.meshing.components.meshing import MeshEstimate, estimate_mesh
 from headstock.pipeline.planning.budgets import (
+    CONTOUR_AGAIN,
     CONTROLLED_COST,
     COUPLINGS_PER_SECOND,
     DOFS_OF_A_BODY,
@@ -430,6 +431,7 @@ def _way_stages(scene: Scene, components: dict[str, Component], dofs: int) -> li
     contour, path = scene.analyses.contouring, scene.analyses.path
     stages: list[Stage] = []
     if contour is not None:
+        waves = contour.regeneration and contour.cutting
         steps = contour_steps(contour)
         steps *= CONTROLLED_COST if scene.drives and scene.is_lumped else 1.0
         per_step = contour_step_seconds(
@@ -437,10 +439,11 @@ def _way_stages(scene: Scene, components: dict[str, Component], dofs: int) -> li
             # the bodies of a mechanism turn on the way, whatever they bring
             dofs=None if scene.is_lumped else max(dofs, MANY_DOFS if scene.mechanism else 0),
             nonlinear=contour.model == "nonlinear",
-            regenerative=contour.regeneration and contour.cutting,
+            regenerative=waves,
         )
         what = contour.describe() + _name_acting(scene)
-        times = 1 + (len(list_repeats(components, ONCE)) if contour.estimate else 0)
+        again = len(list_repeats(components, ONCE)) if contour.estimate else 0
+        times = 1.0 + again * (1.0 if waves else CONTOUR_AGAIN)
         stages.append(Stage("contour", None, what, estimated_seconds=times * steps * per_step))
     if path is not None:
         repeats = len(list_repeats(components, EACH)) if path.estimate else 0

@@ -148,13 +148,18 @@ def pair_numbers(
     return JudgedNumbers(values[kept], errors[kept], truth[kept], doubt[kept])
 
 
-def refine_scene(scene: Scene) -> Scene:
-    """A machine with fine meshes, corrected, and more modes."""
+def refine_scene(scene: Scene, across: int = FINE_ACROSS) -> Scene:
+    """A machine with fine meshes, corrected, and more modes.
+
+    Args:
+        scene: Of the machine.
+        across: Elements across a patch.
+    """
     fine = dict(scene.machine.components)
     for name, part in fine.items():
         size = part.mesh.size
         if part.fidelity == "elastic" and size is not None:
-            mesh = dataclasses.replace(part.mesh, size=size / FINER, across_patches=FINE_ACROSS)
+            mesh = dataclasses.replace(part.mesh, size=size / FINER, across_patches=across)
             reduction = dataclasses.replace(part.reduction, correct_mesh=True, modes=FINE_MODES)
             fine[name] = dataclasses.replace(part, mesh=mesh, reduction=reduction)
     return replace_components(scene, fine)
