@@ -385,7 +385,7 @@ CASES: tuple[Case, ...] = (
     Case(
         "contour-estimates",
         "estimates",
-        "± of contours against fine meshes, on two machines looked at and two held out",
+        "± of contours against fine meshes, on a machine looked at and one held out",
         on_root(check_contour_estimates),
         on_request=True,
         draw=compare_new_contours,

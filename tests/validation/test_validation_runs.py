@@ -16,7 +16,7 @@ from headstock.validation.case_registry import (
 )
 from headstock.validation.coverage.cases import CALIBRATION, HOLD_OUT
 from headstock.validation.machines.axes_estimate_cases import SEEDS
-from headstock.validation.machines.contour_estimate_cases import FITTED, HELD_OUT
+from headstock.validation.machines.contour_estimate_cases import HELD_OUT, LOOKED_AT
 from headstock.validation.machines.model_choice_cases import MACHINES
 from headstock.validation.references.rows import ValidationRow, judge_bound
 
@@ -104,7 +104,7 @@ def test_seeds_used_by_coverage_and_model_estimates_are_not_drawn_again() -> Non
         "coverage": max(*CALIBRATION, *HOLD_OUT),
         "model-estimates": max(MACHINES),
         "axes-estimates": max(SEEDS),
-        "contour-estimates": max(*FITTED, *HELD_OUT),
+        "contour-estimates": max(LOOKED_AT, HELD_OUT),
     }
     assert fresh.keys() == used.keys()
     assert all(fresh[name] > used[name] for name in used)

@@ -3,7 +3,6 @@ the same machines of fine meshes with more modes.
 """
 
 import tempfile
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -28,9 +27,8 @@ from headstock.validation.machines.drawn_axes import draw_axes
 from headstock.validation.references.rows import ValidationRow
 
 CASE, SMOKE = "contour-estimates", "contour-estimates-smoke"
-FITTED, HELD_OUT, SMOKE_SEED = (0, 1), (3, 4), 1
-FRESH_CONTOURS = 5  # first seed of no machine above
-MACHINES = 2  # drawn from a seed on
+LOOKED_AT, HELD_OUT, SMOKE_SEED = 0, 3, 1
+FRESH_CONTOURS = 5  # first seed of no machine above, nor of those of axes
 FACES, PROFILES, LIMITS = "gap and forces of faces", "profiles of faces", "limit depths of cut"
 # one body deforms, on a mesh so coarse that one of three elements across a patch is fine beside it
 SMOKE_ACROSS = 3
@@ -47,8 +45,8 @@ SMOKE_SETTINGS = (
 
 
 def check_contour_estimates() -> list[ValidationRow]:
-    """± of contours of the machines that a factor was fitted on, and of those held out."""
-    return _judge_machines(FITTED) + _judge_machines(HELD_OUT)
+    """± of contours of the machine that was looked at, and of the one held out."""
+    return compare_new_contours(LOOKED_AT) + compare_new_contours(HELD_OUT)
 
 
 def check_contour_smoke() -> list[ValidationRow]:
@@ -57,22 +55,16 @@ def check_contour_smoke() -> list[ValidationRow]:
     return judge_numbers(SMOKE, f"machine {SMOKE_SEED}, {FACES}", [found[FACES]])
 
 
-def compare_new_contours(first: int) -> list[ValidationRow]:
-    """The same of machines that nothing was chosen on or judged with before.
+def compare_new_contours(seed: int) -> list[ValidationRow]:
+    """± of the contour of a machine.
 
     Args:
-        first: Seed of the first of them, ``FRESH_CONTOURS`` at least.
+        seed: Of it; ``FRESH_CONTOURS`` at least for one that nothing was chosen on or judged with.
     """
-    return _judge_machines(range(first, first + MACHINES))
-
-
-def _judge_machines(seeds: Sequence[int]) -> list[ValidationRow]:
-    found = [compare_contours(seed) for seed in seeds]
-    machines = "machines " + " and ".join(map(str, seeds))
     return [
         row
-        for kind in found[0]
-        for row in judge_numbers(CASE, f"{machines}, {kind}", [each[kind] for each in found])
+        for kind, found in compare_contours(seed).items()
+        for row in judge_numbers(CASE, f"machine {seed}, {kind}", [found])
     ]
 
 
