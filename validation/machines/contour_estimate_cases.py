@@ -35,6 +35,7 @@ SMOKE_ACROSS = 3
 SMOKE_SETTINGS = (
     "effects.regeneration=false",
     "effects.guide_errors=false",
+    "probes={}",
     "components.bed.fidelity='rigid'",
     "components.bridge.fidelity='rigid'",
     "components.saddle.mesh.across_patches=2",
