@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import eigh
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.linear.modal_analysis import ModalResult, keep_lowest, solve_modal
@@ -27,9 +28,10 @@ DIAGONAL_LIMIT = (
     1e-9  # off-diagonal entries below this share of their diagonal entries are roundoff
 )
 ROUNDOFF = 1e-13  # and those below this share of the largest entry
-SEEN_LIMIT = (
-    1e-10  # a channel moves in a rigid-body motion, or a damper with a dof, by more than this share
-)
+SEEN_LIMIT = 1e-10  # a channel or a damper moves in a rigid-body motion by more than this share
+# damping over stiffness of dofs without mass beside the largest of a mode: below, it is roundoff of
+# modal damping where some dofs have next to no mass
+SETTLED = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -336,11 +338,18 @@ def _project(matrix: FloatArray | None, modes: ModalResult) -> FloatArray | None
 
 
 def _dampers_have_mass(system: SecondOrderSystem, modes: ModalResult) -> bool:
-    """Whether no damper moves with dofs that have no mass."""
+    """Whether no damper moves with dofs that have no mass: their springs settle them at once, beside
+    the slowest mode.
+    """
     massless = find_null_space(system.mass, what="mass").vectors
+    springs = massless.T @ system.stiffness @ massless
+    shapes = modes.shapes[:, modes.rigid_count :]
+    squares = (2.0 * np.pi * modes.frequencies_hz[modes.rigid_count :]) ** 2
     for matrix in (system.damping, system.hysteretic):
-        if matrix is not None and np.abs(matrix @ massless).max() > SEEN_LIMIT * np.abs(matrix).max(
-            initial=0.0
-        ):
+        if matrix is None or not matrix.any():
+            continue
+        slowest = (np.einsum("ij,ij->j", shapes, matrix @ shapes) / squares).max(initial=0.0)
+        own = np.abs(eigh(massless.T @ matrix @ massless, springs, eigvals_only=True)).max()
+        if own > SETTLED * slowest:
             return False
     return modes.infinite_count == massless.shape[1]

@@ -7,7 +7,7 @@ import pytest
 
 from headstock.solvers.linear.frequency_response import solve_frf
 from headstock.solvers.linear.modal_analysis import solve_modal
-from headstock.solvers.linear.modal_coordinates import reduce_to_modes
+from headstock.solvers.linear.modal_coordinates import reduce_to_modes, to_modal_coordinates
 from headstock.solvers.linear.static_response import solve_static
 from headstock.solvers.milling.forces import CUTTING_MATERIALS, EndMill, MillingCut
 from headstock.solvers.milling.full_discretisation import (
@@ -84,3 +84,19 @@ def test_limit_of_stability_of_few_modes_is_that_of_all_dofs(chain: SecondOrderS
 
 def test_a_limit_above_all_modes_leaves_no_residual(chain: SecondOrderSystem) -> None:
     assert len(reduce_to_modes(chain, CHANNELS, 1e5).mass) == len(chain.mass)
+
+
+@pytest.mark.parametrize(("noise", "is_carried"), [(1e-7, True), (1e-2, False)])
+def test_roundoff_of_damping_where_there_is_no_mass_is_no_damper(
+    noise: float, *, is_carried: bool
+) -> None:
+    # a dof without mass between two springs; modal damping of the mass behind it
+    stiffness = np.array([[8e4, -5e4], [-5e4, 5e4]])
+    mass = np.diag([0.0, 2.0])
+    square = (3e4 * 5e4 / 8e4) / 2.0
+    damping = np.diag([0.0, 2.0 * 0.02 * np.sqrt(square) * 2.0])
+    damping[0, 0] = noise * damping[1, 1]
+    rows = {("body", "x"): np.array([0.0, 1.0])}
+    system = SecondOrderSystem(mass, damping, stiffness, rows, rows, ("point", "body"))
+    found = to_modal_coordinates(system, list(rows), list(rows))
+    assert (found is not None) == is_carried
