@@ -5,7 +5,7 @@ references.
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 import numpy as np
@@ -215,11 +215,16 @@ _SIGNS = {"any": [], "positive": [_POSITIVE], "not negative": [_NOT_NEGATIVE]}
 
 
 @dataclass(frozen=True)
-class _InUnits:
+class _InUnits(JsonForm):
     """A quantity of a dimension becomes a number in SI units."""
 
+    form: Form = field(init=False)
     dimension: Dimension
     sign: Sign = "any"
+
+    def __post_init__(self) -> None:
+        """The text that it is written as."""
+        object.__setattr__(self, "form", describe_quantity(self.dimension, sign=self.sign).form)
 
     def __get_pydantic_core_schema__(
         self, source: object, handler: GetCoreSchemaHandler
@@ -229,13 +234,6 @@ class _InUnits:
         for check in _SIGNS[self.sign]:
             schema = no_info_after_validator_function(check, schema)
         return schema
-
-    def __get_pydantic_json_schema__(
-        self, core: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> JsonSchemaValue:
-        """The text that it is written as."""
-        form = describe_quantity(self.dimension, sign=self.sign)
-        return form.__get_pydantic_json_schema__(core, handler)
 
     def _read(self, value: object) -> float:
         return read_quantity(self.dimension)(value).value
