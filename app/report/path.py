@@ -179,7 +179,8 @@ def draw_contour(found: ContourSummary, picture: Literal["gap", "drives", "probe
 
     parts = [_shade_faces(found, across, times[-1])]
     for value in (low + room, 0.0, high - room):
-        if low <= value <= high:
+        # beside zero there is no place for the number of another end
+        if low <= value <= high and (value == 0.0 or abs(value) > room):
             parts.append(
                 svg.line(
                     CONTOUR_LEFT, up(value), CONTOUR_WIDTH - CONTOUR_RIGHT, up(value), opacity=0.25
@@ -189,7 +190,7 @@ def draw_contour(found: ContourSummary, picture: Literal["gap", "drives", "probe
                 svg.text(
                     CONTOUR_LEFT - 5,
                     up(value) + 4,
-                    f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}",
+                    round_label(value),
                     anchor="end",
                 )
             )
