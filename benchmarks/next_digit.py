@@ -334,7 +334,7 @@ def _automatic(studies: dict[Case, dict[str, Any]]) -> list[str]:
 def _teams(folder: Path) -> list[str]:
     """Seconds by the clock by ranks and threads."""
     lines = [
-        "`run --accuracy 1%` by ranks and BLAS threads, seconds by the clock with the start of the processes, one run each:",
+        "`run --accuracy 1%` by ranks and BLAS threads, seconds by the clock on all cores with the start of the processes, one run each:",
         "",
         "| | "
         + " | ".join(
