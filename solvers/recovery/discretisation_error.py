@@ -53,7 +53,7 @@ SINGLE_SAFETY = 1.8
 # further off in proportion; where much more does, it may lie anywhere below that.
 TRUTH: dict[tuple[Family, int], tuple[float, float]] = {
     ("tet", 1): (0.85, 0.35),
-    ("tet", 2): (1.0, 0.45),
+    ("tet", 2): (1.0, 0.4),
     ("hex", 1): (0.85, 0.35),
     ("hex", 2): (0.85, 0.3),
 }
