@@ -89,7 +89,7 @@ class PartScene:
 
 SCENES = {
     "angle": PartScene('face = "z-"', 'face = "z+"', (16.0, 10.0, 6.0)),
-    "housing": PartScene('face = "z-"', 'face = "x+"', (40.0, 20.0, 12.0), "0.3 %"),
+    "housing": PartScene('face = "z-"', 'face = "x+"', (40.0, 20.0, 12.0), "0.5 %"),
     "elbow": PartScene('face = "z+"', 'face = "x-"', (30.0, 16.0, 10.0)),
     "bolt_plate": PartScene(
         'face = "x-"',

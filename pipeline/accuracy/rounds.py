@@ -111,14 +111,10 @@ def judge_round(
     """
     parts = scene.machine.components
     estimated = list_quantities(state)
-    sizes = {
-        name: size
-        for name, part in parts.items()
-        if (size := _find_size(part, state)) is not None and is_chosen(part)
-    }
     scales = {
-        name: MeshScale(size, mean_size(state.reduced[name]), follows_errors(parts[name]))
-        for name, size in sizes.items()
+        name: scale
+        for name, part in parts.items()
+        if is_chosen(part) and (scale := _find_scale(part, state)) is not None
     }
     steps = {
         name: step
@@ -137,7 +133,7 @@ def judge_round(
     found = AccuracyRound(
         worst.name, worst.error if np.isfinite(worst.error) else None, reason, worst.owner
     )
-    trials = _remember(history.trials, parts, sizes, estimated, quantities)
+    trials = _remember(history.trials, parts, scales, estimated, quantities)
     learnt = History(trials, estimated, scales, factors)
     if worst.error <= goal.to or state.failures:
         return Verdict(True, scene, found), learnt
@@ -153,9 +149,13 @@ def judge_round(
     return _refine(scene, state, goal.to, wanted, short, trials, found), learnt
 
 
-def _find_size(part: Component, state: RunState) -> float | None:
-    """What the steps of a mesh are told by: its size, or the mean of sizes that follow the error."""
-    return mean_size(state.reduced[part.name]) if follows_errors(part) else part.mesh.size
+def _find_scale(part: Component, state: RunState) -> MeshScale | None:
+    """What the steps of a mesh are told by; None of a part without one."""
+    size, graded = part.mesh.size, follows_errors(part)
+    if size is None and not graded:
+        return None
+    mean = mean_size(state.reduced[part.name])
+    return MeshScale(mean if graded or size is None else size, mean, graded)
 
 
 def _refine(
@@ -282,7 +282,7 @@ def _added_seconds(seconds: float, ratio: float) -> float:
 def _remember(
     trials: Mapping[str, tuple[Trial, ...]],
     parts: Mapping[str, Component],
-    sizes: Mapping[str, float],
+    scales: Mapping[str, MeshScale],
     estimated: Sequence[Quantity],
     counted: Sequence[Quantity],
 ) -> dict[str, tuple[Trial, ...]]:
@@ -302,9 +302,9 @@ def _remember(
             for quantities in (estimated, counted)
         )
         known = trials.get(name, ())
-        size = sizes.get(name)
-        if size is not None and largest > 0.0 and (not known or known[-1].size != size):
-            longer[name] = (*known, Trial(size, largest, largest_counted))
+        scale = scales.get(name)
+        if scale is not None and largest > 0.0 and (not known or known[-1].size != scale.size):
+            longer[name] = (*known, Trial(scale.size, largest, largest_counted))
     return longer
 
 
