@@ -84,7 +84,9 @@ class Grading:
     rim_share: float
 
 
-COARSE_GRADING, START_GRADING = Grading(6, 0.5, 0.3), Grading(12, 0.35, 0.2)
+# of a machine, of a part alone, and where rims make the error
+COARSE_GRADING, START_GRADING = Grading(6, 0.5, 0.3), Grading(8, 0.45, 0.27)
+FINE_GRADING = Grading(12, 0.35, 0.2)
 
 
 @dataclass(frozen=True)
@@ -187,7 +189,7 @@ def refine_mesh(component: Component, *, ratio: float, trials: tuple[Trial, ...]
     ):
         # what is left lies at the rims, where all hexahedra would have to be small
         size = min(mesh.size, WIDE * thinnest_feature(component.solid))
-        finer = grade_mesh(component, size, START_ACCURACY)
+        finer = grade_mesh(component, size, FINE_GRADING)
     return dataclasses.replace(component, mesh=finer)
 
 
@@ -303,13 +305,12 @@ def _start_mesh(component: Component, accuracy: float) -> MeshSettings:
     size = _round(
         _widen_hexes(component, solid, size) if cells == "hex" else _widen_tets(solid, size)
     )
+    grading = COARSE_GRADING if accuracy >= COARSE_ACCURACY else START_GRADING
     while step < 1.0 and estimate_tets(solid_volume(solid), thinnest, step * size) > DEFAULT_CELLS:
         step = min(1.0, SIZE_STEP * step)
     return _shrink(
         component,
-        MeshSettings(size, cells=cells)
-        if cells == "hex"
-        else grade_mesh(component, size, accuracy),
+        MeshSettings(size, cells=cells) if cells == "hex" else grade_mesh(component, size, grading),
         step,
     )
 
@@ -380,18 +381,17 @@ def _not_single(size: float, thinnest: float) -> float:
     return START_SHARE * thinnest if thinnest <= size < thinnest / STOUT else size
 
 
-def grade_mesh(component: Component, size: float, accuracy: float) -> MeshSettings:
+def grade_mesh(component: Component, size: float, grading: Grading) -> MeshSettings:
     """Tets of a size that grow from the rims of patches and of rigid interfaces.
 
     Args:
         component: Elastic.
         size: Of the elements elsewhere [m].
-        accuracy: Relative error allowed: for a coarse one they grow faster.
+        grading: How they grow.
     """
     imprinted, rigid = np.isfinite(_narrowest_patch(component)), _has_rigid_rims(component)
     if not imprinted and not rigid:
         return MeshSettings(size)
-    grading = COARSE_GRADING if accuracy >= COARSE_ACCURACY else START_GRADING
     across = grading.across if imprinted else MeshSettings().across_patches
     rim_size = _round(grading.rim_share * size) if rigid else None
     return MeshSettings(size, across_patches=across, growth=grading.growth, rim_size=rim_size)

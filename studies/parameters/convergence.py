@@ -21,8 +21,8 @@ from headstock.geometry.parts.solids import MeshFile
 from headstock.meshing.components.meshing import automatic_size
 from headstock.pipeline.accuracy.settings import (
     COARSER_THAN_RULE,
+    FINE_GRADING,
     RIM_POWER,
-    START_ACCURACY,
     grade_mesh,
     is_chosen,
 )
@@ -176,14 +176,14 @@ def choose_series(scene: Scene) -> MeshSeries:
 
 def _with_size(part: Component) -> Component:
     """A component with an element size; where none is written elements grow from the rims of
-    patches and of rigid interfaces, as a search for an accuracy begins.
+    patches and of rigid interfaces.
     """
     mesh = part.mesh
     if mesh.size is not None:
         return part
     size = automatic_size(part)
     if mesh.cells == "tet" and mesh.growth is None:
-        graded = grade_mesh(part, size, START_ACCURACY)
+        graded = grade_mesh(part, size, FINE_GRADING)
         mesh = dataclasses.replace(mesh, growth=graded.growth, rim_size=graded.rim_size)
     return dataclasses.replace(part, mesh=dataclasses.replace(mesh, size=size))
 
