@@ -325,7 +325,7 @@ def _automatic(studies: dict[Case, dict[str, Any]]) -> list[str]:
             met = point["error"] <= asked and (ratio is None or ratio <= GOAL)
             lines.append(
                 f"| `{case.name}` | {point['asked']} | {100 * point['error']:.2g} % | {point['cost']:.3g} s | "
-                + (f"{cheapest['cost']:.3g} s | {ratio:.2g} | " if cheapest else "none | | ")
+                + (f"{cheapest['cost']:.3g} s | {ratio:.3g} | " if cheapest else "none | | ")
                 + ("met |" if met else "missed |")
             )
     return lines
