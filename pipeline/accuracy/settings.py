@@ -38,9 +38,7 @@ from headstock.solvers.recovery.discretisation_error import STOUT, UNSEEN_SHARE,
 # Just below the thickness: two hexes across, of which recovery sees the error of torsion (one hex
 # across: a quarter of it).
 START_SHARE = 0.95
-START_ACCURACY = (
-    0.01  # that this and COARSER_THAN_RULE may reach; a tighter one starts with finer meshes
-)
+START_ACCURACY = 0.01  # that first meshes may reach; a tighter one starts with finer ones
 COARSE_ACCURACY = 0.03
 FEWEST_ALONG = 3
 MOST_ACROSS = 40
@@ -51,8 +49,7 @@ ROUGH_ACCURACY, ROUGH_ACROSS, MOST_ROUGH_HEXES = 0.01, 2, 400
 # along the longest side: for an accuracy, and for a finer one, from which a second round is needed
 ROUGH_ALONG, FINE_ALONG, FINE_ACCURACY = 7, 8, 0.03
 PATCHES_ADD = 2.0  # hexes that patches may add by their grid lines before tetrahedra pay
-COARSER_THAN_RULE = 3.0
-COARSER_PART = 2.4  # the same of STEP parts, which are graded later on
+COARSER_PART = 2.4  # than the sizing rule, of STEP parts, which are graded later on
 # a column with two rigid faces: 0.6 % off with modes up to 3 times the wanted range, 1.5 % with 2
 # times (`validate reduction`)
 MODE_MARGIN, MODE_ERROR, MODE_RATE = 3.0, 0.006, 2.3

@@ -20,7 +20,6 @@ from headstock.geometry.parts.skins import Skin
 from headstock.geometry.parts.solids import MeshFile
 from headstock.meshing.components.meshing import automatic_size
 from headstock.pipeline.accuracy.settings import (
-    COARSER_THAN_RULE,
     FINE_GRADING,
     RIM_POWER,
     grade_mesh,
@@ -51,7 +50,7 @@ from headstock.studies.parameters.tables import median_seconds
 # Sizes fall by this share: tets by the root of a half (about 2.8 times the dofs), hexes by half, so
 # that their grids are nested.
 TET_STEP, HEX_STEP = math.sqrt(0.5), 0.5
-COARSER_THAN_WRITTEN = 2.0
+COARSER_THAN_WRITTEN, COARSER_THAN_RULE = 2.0, 3.0
 MOST_MESHES = 9
 FEWEST_ACROSS = 2
 FEWEST_MESHES = {TET_STEP: 4, HEX_STEP: 3}
