@@ -151,11 +151,12 @@ def judge_round(
 
 def _find_scale(part: Component, state: RunState) -> MeshScale | None:
     """What the steps of a mesh are told by; None of a part without one."""
-    size, graded = part.mesh.size, follows_errors(part)
-    if size is None and not graded:
+    if follows_errors(part):
+        mean = mean_size(state.reduced[part.name])
+        return MeshScale(mean, mean, graded=True)
+    if part.mesh.size is None:
         return None
-    mean = mean_size(state.reduced[part.name])
-    return MeshScale(mean if graded or size is None else size, mean, graded)
+    return MeshScale(part.mesh.size, mean_size(state.reduced[part.name]), graded=False)
 
 
 def _refine(

@@ -81,7 +81,7 @@ class Grading:
     rim_share: float
 
 
-# of a machine, of a part alone, and where rims make the error
+# for coarse accuracies, for finer ones, and where rims make the error
 COARSE_GRADING, START_GRADING = Grading(6, 0.5, 0.3), Grading(8, 0.45, 0.27)
 FINE_GRADING = Grading(12, 0.35, 0.2)
 
