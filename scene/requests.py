@@ -11,7 +11,13 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import MachinePath, show_position
 from headstock.solvers.linear.load_history import LoadHistory
 from headstock.solvers.mechanisms.modes import PoseDamping
-from headstock.solvers.milling.forces import CuttingCoefficients, EndMill, MillingCut
+from headstock.solvers.milling.forces import (
+    CuttingCoefficients,
+    EndMill,
+    MillingCut,
+    Sense,
+    Side,
+)
 from headstock.solvers.milling.tool_dynamics import ToolMode
 from headstock.solvers.milling.tool_path import PolylineContour, SquareContour, describe_contour
 from headstock.solvers.paths.response import LowPass
@@ -190,14 +196,16 @@ class PathCut:
     """Milling along a path.
 
     Attributes:
-        cut: Tool, material and engagement; the part lies on the right of the travel.
+        cut: Tool, material and engagement.
         at: Point where the tool is.
         up: Direction from the tool's tip to its holder, machine frame.
+        part: On which side of the travel the part lies, seen from above.
     """
 
     cut: MillingCut
     at: str
     up: tuple[float, float, float]
+    part: Side = "right"
 
 
 @dataclass(frozen=True)
@@ -273,7 +281,7 @@ class VolumetricRequest:
 
 @dataclass(frozen=True)
 class Travel:
-    """A direction in which a tool travels; the part lies on the right of it.
+    """A direction in which a tool travels, the part on one side of it.
 
     Attributes:
         name: ``x``, ``-y``, three numbers, or ``feed``.
@@ -305,6 +313,8 @@ class LobesRequest:
         low_immersion: Radial depth over diameter below which every limit is found by bisection.
         poses: All of them when empty.
         path: Whose feed counts in a run; None without a path analysis.
+        sense: Down or up milling.
+        part: On which side of the travel the part lies, seen from above.
     """
 
     mill: EndMill
@@ -323,6 +333,8 @@ class LobesRequest:
     low_immersion: float = 0.1
     poses: tuple[str, ...] = ()
     path: MachinePath | None = None
+    sense: Sense = "down"
+    part: Side = "right"
 
     @property
     def asks_for_feed(self) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.scene.reading.forces import ForceRecord, resample_forces
 from headstock.scene.requests import ContouringRequest
-from headstock.solvers.milling.forces import repeated_forces
+from headstock.solvers.milling.forces import Side, part_sign, repeated_forces
 from headstock.solvers.milling.regeneration import (
     RegenerativeCut,
     cutting_phases,
@@ -141,16 +141,16 @@ def _tool_force(
         repeated_forces(request.cut, request.steps_per_turn, feed)
         * _engagement(plan, times)[:, None]
     )
-    return np.asarray((own[:, None, :] @ travel_frames(velocity))[:, 0])
+    return np.asarray((own[:, None, :] @ travel_frames(velocity, request.contour.part))[:, 0])
 
 
-def travel_frames(velocity: FloatArray) -> FloatArray:
-    """``(n, 3, 3)`` with rows along the travel, away from the part on its right, and up, from
+def travel_frames(velocity: FloatArray, part: Side) -> FloatArray:
+    """``(n, 3, 3)`` with rows along the travel, away from the part on one side of it, and up, from
     velocities ``(n, 3)``.
     """
     along = velocity / np.maximum(np.hypot(velocity[:, 0], velocity[:, 1]), 1e-9)[:, None]
     zero = np.zeros(len(velocity))
-    away = np.stack([-along[:, 1], along[:, 0], zero], axis=-1)
+    away = part_sign(part) * np.stack([-along[:, 1], along[:, 0], zero], axis=-1)
     return np.stack([along, away, np.broadcast_to([0.0, 0.0, 1.0], velocity.shape)], axis=1)
 
 
@@ -170,7 +170,7 @@ def _regenerative_cut(
         delay=request.steps_per_turn // request.cut.mill.teeth,
         feed=feed,
         share=_engagement(plan, times) * (feed > 0.0),
-        frame=travel_frames(velocity) @ mounting,
+        frame=travel_frames(velocity, request.contour.part) @ mounting,
     )
 
 

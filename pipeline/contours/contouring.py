@@ -41,6 +41,7 @@ from headstock.pipeline.stages.mechanism import placed_mechanism
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.scene.reading.forces import ForceRecord, read_forces, resampling_loss
 from headstock.scene.requests import ContouringRequest
+from headstock.solvers.milling.forces import describe_sense
 from headstock.solvers.milling.stability import (
     TipDynamics,
     count_steps,
@@ -54,10 +55,7 @@ DEEPEST = 0.2  # depth of cut up to which a limit is looked for [m]
 SERIES_POINTS = 2000
 FACE_POINTS = 8192  # of each face, in a row, for the forces of its drives
 OF_BLOCKS = "faces 1 and 3 are those at the lowest and the highest x; which way x points is assumed, so the ratio is reported for both"
-ASSUMED = (
-    "the tool turns clockwise seen from above and leaves the part on its right: climb milling",
-    "the static deflection under gravity is subtracted from the gap",
-)
+GRAVITY_APART = "the static deflection under gravity is subtracted from the gap"
 FAR_OFF = 1e-3  # of a measured path off the planned one [m]
 MUCH_LEFT = 5e-6  # of measured positions beside the spline [m]
 MOST_LOST = 0.1  # of the rms of measured forces
@@ -131,7 +129,12 @@ def evaluate_contour(
         force_peak=np.abs(run.force).max(axis=0),
         high_share=high_share(run),
         face_times=np.array([*(cut.begins for cut in run.plan.cuts), run.plan.leaves]),
-        assumed=(*([OF_BLOCKS] if block else []), *ASSUMED, *run.assumed),
+        assumed=(
+            *([OF_BLOCKS] if block else []),
+            describe_sense(request.cut.sense, request.contour.part),
+            GRAVITY_APART,
+            *run.assumed,
+        ),
         compares_faces=block,
         fit=run.fit,
         times=run.times[some],

@@ -304,7 +304,7 @@ def coupled_face_dynamics(run: CoupledRun, request: ContouringRequest, face: int
     """
     cut = run.plan.cuts[face]
     now = run.way.sampled.at(np.array([cut.middle]))
-    frame: FloatArray = travel_frames(cut.travel[None])[0]
+    frame: FloatArray = travel_frames(cut.travel[None], cut.part)[0]
     tip = frame @ now.rows[0, :3]
     rest = frame @ now.direct[0, :3, :3] @ frame.T
     # of unit mass, flexible as what is left out: shapes are its square root times the frequency

@@ -246,7 +246,7 @@ def lumped_face_dynamics(
     state = solve_tool_pose(mechanism.mounted, place, mechanism.tool)
     motions = linearise_poses(model, state)
     turn = mechanism.mounted.mounting.rotation
-    frame: FloatArray = travel_frames(cut.travel[None])[0] @ turn
+    frame: FloatArray = travel_frames(cut.travel[None], cut.part)[0] @ turn
     found = mount_modes(
         motions.mass,
         request.damping.matrix(motions),

@@ -63,7 +63,13 @@ def _mill_face(
     ends = np.searchsorted(places, [max(first, before), min(last, cut.length - after)])
     inside = slice(int(ends[0]), int(ends[1]))
     height = 0.5 * milling.axial_depth
-    middle = mill_profile(milling.mill, milling.spindle, motion, places, height)
+
+    def profile(positions: FloatArray, at: float) -> FloatArray:
+        return mill_profile(
+            milling.mill, milling.spindle, motion, positions, at, sense=milling.sense
+        )
+
+    middle = profile(places, height)
     mean_line = waviness_profile(middle, spacing, request.cut_off)
     cells = np.linspace(0, len(places), min(CELLS, len(places)) + 1).astype(np.intp)[:-1]
     center = len(places) // 2
@@ -86,15 +92,7 @@ def _mill_face(
         by_height=tuple(
             (
                 share * milling.axial_depth,
-                float(
-                    mill_profile(
-                        milling.mill,
-                        milling.spindle,
-                        motion,
-                        places[inside][::SPARSE],
-                        share * milling.axial_depth,
-                    ).mean()
-                ),
+                float(profile(places[inside][::SPARSE], share * milling.axial_depth).mean()),
             )
             for share in DEPTH_SHARES
         ),

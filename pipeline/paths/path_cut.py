@@ -11,7 +11,7 @@ from headstock.pipeline.paths.travels import travel_of_channel
 from headstock.pipeline.planning.budgets import PATH_STEPS_PER_TURN
 from headstock.scene.requests import PathCut, PathRequest
 from headstock.solvers.errors import ModelError
-from headstock.solvers.milling.forces import cutting_forces
+from headstock.solvers.milling.forces import cutting_forces, part_sign
 from headstock.solvers.paths.loads import PathLoads
 from headstock.solvers.second_order import Channel
 
@@ -50,8 +50,8 @@ def cutting_loads(
 def orient_cut(
     request: PathCut, travels: FloatArray, ups: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Axes ``(n, 3, 3)`` of the forces of a cut, along the travel, to its left and along the tool, in
-    machine axes; and how far the tool moves across itself ``(n,)`` per travel along the path.
+    """Axes ``(n, 3, 3)`` of the forces of a cut, along the travel, away from the part and along the
+    tool, in machine axes; and how far the tool moves across itself ``(n,)`` per travel along the path.
 
     Args:
         request: The cut.
@@ -68,8 +68,7 @@ def orient_cut(
             f"the path does not move {request.at} across the tool, so nothing is milled; write another path or `up`"
         )
     along = along / sizes[:, None]
-    # the part lies on the right of the travel, seen from above
-    return np.stack([along, np.cross(ups, along), ups], axis=1), sizes
+    return np.stack([along, part_sign(request.part) * np.cross(ups, along), ups], axis=1), sizes
 
 
 def _tool_travel(machine: Machine, directions: Mapping[str, FloatArray], point: str) -> FloatArray:

@@ -24,7 +24,12 @@ from headstock.scene.schema.effects import CONTOUR_EFFECTS
 from headstock.scene.schema.mechanism import ContouringTable
 from headstock.scene.schema.scene import SceneTable
 from headstock.solvers.mechanisms.modes import PoseDamping
-from headstock.solvers.milling.forces import CUTTING_MATERIALS, EndMill, MillingCut
+from headstock.solvers.milling.forces import (
+    CUTTING_MATERIALS,
+    EndMill,
+    MillingCut,
+    clockwise_side,
+)
 from headstock.solvers.milling.tool_path import (
     SHORTEST_FACE,
     PolylineContour,
@@ -63,7 +68,14 @@ def build_contouring(
     coefficients = CUTTING_MATERIALS[name]
     return ContouringRequest(
         contour=_build_contour(table, folder),
-        cut=MillingCut(mill, coefficients, table.spindle, table.axial_depth, table.radial_depth),
+        cut=MillingCut(
+            mill,
+            coefficients,
+            table.spindle,
+            table.axial_depth,
+            table.radial_depth,
+            sense=table.sense,
+        ),
         model=table.model,
         steps_per_turn=table.steps_per_turn,
         damping=damping,
@@ -93,7 +105,7 @@ def _build_contour(table: ContouringTable, folder: Path) -> SquareContour | Poly
         ValueError: Corners are not at one height, or the file is missing or out of bounds.
         ForceFileError: The file of corners cannot be used.
     """
-    offset = 0.5 * table.mill.diameter
+    offset, part = 0.5 * table.mill.diameter, table.part_side or clockwise_side(table.sense)
     if table.side is not None and table.at is not None:
         return SquareContour(
             side=table.side,
@@ -103,6 +115,7 @@ def _build_contour(table: ContouringTable, folder: Path) -> SquareContour | Poly
             lead=table.lead,
             feed=table.feed,
             window=table.averaging,
+            part=part,
         )
     path, feeds = _find_file(folder, table.polyline_file), None
     if path is None:
@@ -123,6 +136,7 @@ def _build_contour(table: ContouringTable, folder: Path) -> SquareContour | Poly
         offset=offset,
         lead=table.lead,
         window=table.averaging,
+        part=part,
     )
 
 
@@ -188,10 +202,10 @@ def check_contouring(draft: Draft, findings: Findings) -> None:
         cutting and table.material is None and table.forces is None
     ):
         findings.add(KEY, 'needs either the material that is cut, or forces = "measured.csv"')
-    if table.radial_depth > 0.5 * table.mill.diameter:
+    if table.radial_depth > table.mill.diameter:
         findings.add(
             (*KEY, "radial_depth"),
-            "is more than the radius of the tool; take less, or a larger tool",
+            "is more than the diameter of the tool; take less, or a larger tool",
         )
     _check_way(table, draft.folder, findings)
     for name, written in (("forces", table.forces), ("traces", table.traces)):

@@ -14,7 +14,12 @@ from headstock.scene.requests import ControlRequest, PathCut
 from headstock.scene.schema.drives import DriveTable, FrictionTable
 from headstock.scene.schema.path import PathTable
 from headstock.scene.schema.scene import SceneTable
-from headstock.solvers.milling.forces import CUTTING_MATERIALS, EndMill, MillingCut
+from headstock.solvers.milling.forces import (
+    CUTTING_MATERIALS,
+    EndMill,
+    MillingCut,
+    clockwise_side,
+)
 
 DRIVE_CONTROL, FRICTION, SCREW_INERTIA, TORQUE_RIPPLE, CUTTING_FORCE = (
     "drive_control",
@@ -277,10 +282,10 @@ def _check_cut(scene: SceneTable, path: PathTable, findings: Findings) -> None:
         )
     if cut is None:
         return
-    if cut.radial_depth > 0.5 * cut.mill.diameter:
+    if cut.radial_depth > cut.mill.diameter:
         findings.add(
             (*key, "radial_depth"),
-            "is more than the radius of the tool; take less, or a larger tool",
+            "is more than the diameter of the tool; take less, or a larger tool",
         )
     if cut.at is not None and cut.at not in scene.points:
         findings.add(
@@ -365,8 +370,10 @@ def build_path_cut(scene: SceneTable) -> PathCut | None:
         table.spindle,
         table.axial_depth,
         table.radial_depth,
+        sense=table.sense,
     )
-    return PathCut(cut, table.at or next(iter(scene.points)), table.up)
+    side = table.part_side or clockwise_side(table.sense)
+    return PathCut(cut, table.at or next(iter(scene.points)), table.up, side)
 
 
 def _build_drive(name: str, table: DriveTable, scene: SceneTable, on: set[str]) -> Drive:

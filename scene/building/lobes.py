@@ -14,7 +14,7 @@ from headstock.scene.scene import Scene
 from headstock.scene.schema.mechanism import ToolModeTable
 from headstock.scene.schema.scene import SceneTable
 from headstock.scene.studies import Sweep
-from headstock.solvers.milling.forces import CUTTING_MATERIALS, EndMill
+from headstock.solvers.milling.forces import CUTTING_MATERIALS, EndMill, clockwise_side
 from headstock.solvers.milling.tool_dynamics import ToolMode, across_axis
 
 KEY: KeyPath = ("analyses", "lobes")
@@ -58,6 +58,8 @@ def build_lobes(scene: SceneTable, poses: tuple[str, ...], folder: Path) -> Lobe
         low_immersion=table.low_immersion,
         poses=tuple(table.poses or poses),
         path=None if path is None else build_path(scene, path),
+        sense=table.sense,
+        part=table.part_side or clockwise_side(table.sense),
     )
 
 

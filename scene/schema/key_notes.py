@@ -231,8 +231,8 @@ NOTES = {
     "Family.analyses": "which analyses are run in this family; default: those of the study",
     "Scene.mechanism": "a closed-loop mechanism; poses and sweeps then describe the tool: `X Y Z` is its point, `A B` are its rotations "
     "about x and y",
-    "Contouring.side": "side of the finished block",
-    "Contouring.polyline": "in place of a block: corners that the tool's centre follows, at one height, the part on its right, in the places of `at`",
+    "Contouring.side": "side of the finished block, gone around clockwise seen from above if it lies on the right of the travel",
+    "Contouring.polyline": "in place of a block: corners that the tool's centre follows, at one height, in the places of `at`",
     "Contouring.polyline_file": "the same from a CSV file with the columns `x,y,z` in m, and `feed` to each corner in m/s if it differs",
     "Contouring.corner_radius": "radius of arcs around the corners of a polyline; sharp ones are rounded by the averages",
     "Contouring.traces": "measured positions that the drives follow in place of the computed path: CSV with the columns `time` in s and in m `q1,q2,q3`"
@@ -242,6 +242,8 @@ NOTES = {
     "stands from its work, counted from its position with all axes at zero, as a program has it; required with `side`",
     "Contouring.feed": "feed rate of the tool's centre along the path",
     "Contouring.spindle": "speed of the spindle",
+    "Contouring.sense": "`down` (climb): teeth leave at the finished face; `up` (conventional): they enter there",
+    "Contouring.part_side": "side of the travel on which the part lies; default: where a clockwise tool mills in this sense",
     "Contouring.material": "workpiece material, in place of measured `forces`; its cutting coefficients and their source are in "
     "`solvers/milling/forces.py`",
     "Contouring.forces": "measured forces in place of computed ones: CSV with the columns `time,fx,fy,fz` in s and N, on the tool, machine frame;"
@@ -404,8 +406,10 @@ NOTES = {
     "Lobes.speeds": "lowest and highest speed of the spindle, number of speeds",
     "Lobes.mill": "the milling tool",
     "Lobes.radial_depth": "depth of cut across the tool, at most its diameter",
+    "Lobes.sense": "`down` (climb): teeth leave at the finished face; `up` (conventional): they enter there",
+    "Lobes.part_side": "side of the travel on which the part lies; default: where a clockwise tool mills in this sense",
     "Lobes.material": "workpiece material; its cutting coefficients and their source are in `solvers/milling/forces.py`",
-    "Lobes.directions": "directions of the travel; the part lies on its right. `feed` is that of a path, "
+    "Lobes.directions": "directions of the travel. `feed` is that of a path, "
     "see [lobes](lobes.md#over-the-workspace-and-along-a-path)",
     "Lobes.at": "point where the tool is; default: the first one",
     "Lobes.up": "direction from the tool's tip to its holder",
@@ -461,7 +465,7 @@ NOTES = {
     "Component.segments": "division of a segmented component",
     "Contouring.mill": "the milling tool",
     "Contouring.axial_depth": "depth of cut along the tool",
-    "Contouring.radial_depth": "depth of cut across the tool",
+    "Contouring.radial_depth": "depth of cut across the tool, at most its diameter",
     "Control.on_request": "run only when named: `--analysis control`",
     "Disk.diameter": "diameter of the patch",
     "Disk.center": "centre of the patch; default: the middle of the face",
@@ -494,7 +498,9 @@ NOTES = {
     "PathCut.mill": "the milling tool",
     "PathCut.spindle": "speed of the spindle",
     "PathCut.axial_depth": "depth of cut along the tool",
-    "PathCut.radial_depth": "depth of cut across the tool",
+    "PathCut.radial_depth": "depth of cut across the tool, at most its diameter",
+    "PathCut.sense": "`down` (climb): teeth leave at the finished face; `up` (conventional): they enter there",
+    "PathCut.part_side": "side of the travel on which the part lies; default: where a clockwise tool mills in this sense",
     "PathCut.material": "workpiece material; its cutting coefficients and their source are in `solvers/milling/forces.py`",
     "Path.cut": "milling along the path; used with the effect `cutting_force`",
     "Plate.size": "sizes along x, y, and the thickness",

@@ -131,8 +131,8 @@ class ToolModeTable(StrictTable):
 
 
 class ContouringTable(RequestTable):
-    """A square block milled around from outside, clockwise seen from above (climb milling), or a
-    line of corners that the tool's centre follows.
+    """A square block milled around from outside, or a line of corners that the tool's centre
+    follows.
     """
 
     model_config = one_of("side", "polyline", "polyline_file")
@@ -147,6 +147,8 @@ class ContouringTable(RequestTable):
     mill: MillTable
     axial_depth: PositiveLength
     radial_depth: PositiveLength
+    sense: Literal["down", "up"] = "down"
+    part_side: Literal["right", "left"] | None = None
     material: Literal["al7075-t6", "al7075-t6-dry", "al6061-t6"] | None = None
     forces: Text | None = None
     traces: Text | None = None
@@ -251,13 +253,13 @@ Travel = Annotated[
 
 
 class LobesTable(RequestTable):
-    """Stability lobes: limit depth of cut over the speed of the spindle, the part on the right of the
-    travel.
-    """
+    """Stability lobes: limit depth of cut over the speed of the spindle."""
 
     speeds: Speeds
     mill: MillTable
     radial_depth: PositiveLength
+    sense: Literal["down", "up"] = "down"
+    part_side: Literal["right", "left"] | None = None
     material: Literal["al7075-t6", "al7075-t6-dry", "al6061-t6"]
     directions: Annotated[list[Travel], Field(min_length=1, max_length=12)] = [
         (1.0, 0.0, 0.0),

@@ -28,14 +28,14 @@ Feeds = Annotated[list[PathFeed], Field(min_length=1, max_length=20)]
 
 
 class PathCutTable(StrictTable):
-    """Milling along a path, the part on the right of the travel; used with the effect
-    `cutting_force`.
-    """
+    """Milling along a path; used with the effect `cutting_force`."""
 
     mill: MillTable
     spindle: PositiveAngularSpeed
     axial_depth: PositiveLength
     radial_depth: PositiveLength
+    sense: Literal["down", "up"] = "down"
+    part_side: Literal["right", "left"] | None = None
     material: Literal["al7075-t6", "al7075-t6-dry", "al6061-t6"]
     at: Text | None = None
     up: Direction = (0.0, 0.0, 1.0)

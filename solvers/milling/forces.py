@@ -2,13 +2,19 @@
 runout.
 
 ``dF_t = (K_tc h + K_te) dz``, likewise radially and axially, with the uncut chip thickness ``h =
-f_z cos(theta)`` plus runout (Altintas 2012, Manufacturing Automation, sec. 2.8). The tool turns
-clockwise seen from above; ``theta`` is counted counter-clockwise from the direction of travel, so
-it falls. The part lies on the right of the travel: climb milling. Coefficients of work materials
-are tabled with their source.
+f_z cos(theta)`` plus runout (Altintas 2012, Manufacturing Automation, sec. 2.8).
+
+Axes are those of the part: along the travel of the tool, away from the part, up. ``theta`` is
+counted from the travel towards "away", so a tooth points at the finished face at ``-pi / 2``, where
+its chip has no thickness. Milling down (climb) it leaves the part there, and ``theta`` falls; milling
+up (conventional) it enters there, and ``theta`` rises. With the part on the right of the travel these
+axes are right-handed and a tool that mills down turns clockwise seen from above; with the part on the
+left everything is its mirror image: :func:`part_sign` turns "away" from the left of the travel to its
+right, and the same sense of milling is that of a spindle that turns the other way.
 """
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -17,6 +23,8 @@ from headstock.solvers.errors import ModelError
 
 CHUNK = 4096
 STRAIGHT = 1e-6  # twist of an edge over the depth [rad] below which it has none
+Sense = Literal["down", "up"]
+Side = Literal["right", "left"]
 _TABLE = "table 5 of doi 10.1186/s10033-021-00536-9 (Chin. J. Mech. Eng. 2021); edge terms printed in N mm, taken as N/mm"
 
 
@@ -39,7 +47,7 @@ class EndMill:
         diameter: [m].
         teeth: Evenly spaced.
         helix: Helix angle [rad]; positive pulls the tool down, as a right-hand helix on a clockwise
-            tool does.
+            tool does, or a left-hand one on its mirror image.
         runout: Distance of the tool's axis from the spindle's [m].
         runout_angle: Where the first tooth stands from the direction of the runout [rad].
     """
@@ -60,8 +68,10 @@ class MillingCut:
         coefficients: Of the material.
         spindle: Speed [rad/s].
         axial_depth: [m].
-        radial_depth: [m]; at most the radius.
+        radial_depth: [m]; at most the diameter, a slot.
         slices: Discs the engaged length is cut into.
+        sense: Down, with teeth that leave the part where the finished face begins, or up, with teeth
+            that enter there.
     """
 
     mill: EndMill
@@ -70,11 +80,62 @@ class MillingCut:
     axial_depth: float
     radial_depth: float
     slices: int = 20
+    sense: Sense = "down"
+
+    @property
+    def spin(self) -> float:
+        """1 where ``theta`` falls, milling down; -1 where it rises."""
+        return spin_of(self.sense)
+
+    @property
+    def upwards(self) -> float:
+        """Sign of the axial force: -1 where the helix pulls the tool down."""
+        return -float(np.sign(self.mill.helix or 1.0))
 
     @property
     def tooth_period(self) -> float:
         """Time from tooth to tooth [s]."""
         return 2.0 * np.pi / (self.spindle * self.mill.teeth)
+
+
+def spin_of(sense: Sense) -> float:
+    """Sign of the tangential force in the axes of the part: 1 milling down, -1 milling up."""
+    return 1.0 if sense == "down" else -1.0
+
+
+def part_sign(side: Side) -> float:
+    """1 with the part on the right of the travel, where "away" is the left of the travel; -1 with
+    the part on the left.
+    """
+    return 1.0 if side == "right" else -1.0
+
+
+def clockwise_side(sense: Sense) -> Side:
+    """Where the part lies if the tool turns clockwise seen from above."""
+    return "right" if sense == "down" else "left"
+
+
+def engagement_angles(mill: EndMill, radial_depth: float) -> tuple[float, float]:
+    """Between which angles ``theta`` a tooth is in the part [rad], the same for both senses: from
+    the finished face at ``-pi / 2`` to the uncut one; ``pi / 2`` in a slot.
+
+    A tooth that mills down enters at the second and leaves at the first, one that mills up the other
+    way round.
+
+    Args:
+        mill: The tool.
+        radial_depth: At most the diameter [m].
+    """
+    return -0.5 * np.pi, -float(
+        np.arcsin(np.clip(1.0 - 2.0 * radial_depth / mill.diameter, -1.0, 1.0))
+    )
+
+
+def describe_sense(sense: Sense, side: Side) -> str:
+    """The sense of milling in words, with the side of the part and how the tool then turns."""
+    name = "down (climb) milling" if sense == "down" else "up (conventional) milling"
+    turns = "clockwise" if side == clockwise_side(sense) else "counter-clockwise"
+    return f"{name}: the part lies on the {side} of the travel and the tool turns {turns} seen from above"
 
 
 def cutting_forces(cut: MillingCut, times: FloatArray, feed: FloatArray) -> FloatArray:
@@ -88,10 +149,10 @@ def cutting_forces(cut: MillingCut, times: FloatArray, feed: FloatArray) -> Floa
     Raises:
         ModelError: The tool cannot stand so deep in the part.
     """
-    if not 0.0 < cut.radial_depth <= 0.5 * cut.mill.diameter:
+    if not 0.0 < cut.radial_depth <= cut.mill.diameter:
         raise ModelError(
-            f"a radial depth of {1e3 * cut.radial_depth:g} mm needs a radius of at least that and above zero; the tool's is"
-            f" {500.0 * cut.mill.diameter:g} mm"
+            f"a radial depth of {1e3 * cut.radial_depth:g} mm is not between zero and the tool's diameter,"
+            f" {1e3 * cut.mill.diameter:g} mm"
         )
     parts = [
         _chunk_forces(cut, times[start : start + CHUNK], feed[start : start + CHUNK])
@@ -138,12 +199,12 @@ def tooth_angles(cut: MillingCut, times: FloatArray) -> tuple[FloatArray, FloatA
     lag = 2.0 * np.pi * np.arange(cut.mill.teeth) / cut.mill.teeth
     middles = (np.arange(cut.slices) + 0.5) * cut.axial_depth / cut.slices
     twist = 2.0 * middles * np.tan(cut.mill.helix) / cut.mill.diameter
-    return -cut.spindle * times[:, None, None] - lag[:, None] + twist, lag
+    return -cut.spin * (cut.spindle * times[:, None, None] + lag[:, None] - twist), lag
 
 
 def engaged(cut: MillingCut, theta: FloatArray) -> FloatArray:
-    """1 where a tooth is in the part: in front of the tool's centre and deeper on the right than
-    the finished face.
+    """1 where a tooth is in the part: in front of the tool's centre and nearer to the finished face
+    than the uncut one, see :func:`engagement_angles`.
     """
     return _engaged(cut, np.sin(theta), np.cos(theta))
 
@@ -151,6 +212,24 @@ def engaged(cut: MillingCut, theta: FloatArray) -> FloatArray:
 def _engaged(cut: MillingCut, sine: FloatArray, cosine: FloatArray) -> FloatArray:
     depth = 1.0 - 2.0 * cut.radial_depth / cut.mill.diameter
     return np.asarray((sine < -depth) & (cosine > 0.0), dtype=float)
+
+
+def push_tool(
+    cut: MillingCut, coefficients: tuple[float, float, float], theta: FloatArray
+) -> FloatArray:
+    """Force on the tool ``(3, ...)`` of teeth at angles ``(...)``, per width and chip with chip
+    coefficients, per width with those of the edge: along the travel, away from the part, up.
+    """
+    tangential, radial, axial = coefficients
+    tangential *= cut.spin
+    sine, cosine = np.sin(theta), np.cos(theta)
+    return np.stack(
+        [
+            -tangential * sine - radial * cosine,
+            tangential * cosine - radial * sine,
+            np.full_like(theta, cut.upwards * axial),
+        ]
+    )
 
 
 def radius_differences(mill: EndMill, lag: FloatArray, back: int = 1) -> FloatArray:
@@ -166,7 +245,7 @@ def radius_differences(mill: EndMill, lag: FloatArray, back: int = 1) -> FloatAr
         ``(teeth,)`` [m].
     """
     radii = mill.runout * np.cos(lag + mill.runout_angle)
-    # angles fall: the tooth with the larger lag has passed earlier
+    # in either sense the tooth with the larger lag has passed earlier
     return np.asarray(radii - np.roll(radii, -back))
 
 
@@ -182,14 +261,9 @@ def _chunk_forces(cut: MillingCut, times: FloatArray, feed: FloatArray) -> Float
         * cut.axial_depth
         / cut.slices
     )
-    tangential, radial, axial = (
-        (chip_part * chip + edge_part) * cutting
-        for chip_part, edge_part in zip(cut.coefficients.chip, cut.coefficients.edge, strict=True)
-    )
-    sine, cosine = np.sin(theta), np.cos(theta)
-    along = (-tangential * sine - radial * cosine).sum(axis=(1, 2))
-    away = (tangential * cosine - radial * sine).sum(axis=(1, 2))
-    return np.stack([along, away, -np.sign(mill.helix or 1.0) * axial.sum(axis=(1, 2))], axis=-1)
+    force = push_tool(cut, cut.coefficients.chip, theta) * chip
+    force += push_tool(cut, cut.coefficients.edge, theta)
+    return np.asarray((force * cutting).sum(axis=(2, 3)).T)
 
 
 def regeneration_stiffness(cut: MillingCut, times: FloatArray) -> FloatArray:
@@ -202,18 +276,9 @@ def regeneration_stiffness(cut: MillingCut, times: FloatArray) -> FloatArray:
     """
     theta, _ = tooth_angles(cut, times)
     width = engaged(cut, theta) * cut.axial_depth / cut.slices
-    sine, cosine = np.sin(theta), np.cos(theta)
-    tangential, radial, axial = cut.coefficients.chip
-    force = np.stack(
-        [
-            -tangential * sine - radial * cosine,
-            tangential * cosine - radial * sine,
-            np.full_like(theta, -np.sign(cut.mill.helix or 1.0) * axial),
-        ],
-        axis=-1,
-    )
-    normal = np.stack([cosine, sine, np.zeros_like(theta)], axis=-1)
-    return np.asarray(np.einsum("njs,njsa,njsb->nab", width, force, normal))
+    force = push_tool(cut, cut.coefficients.chip, theta)
+    normal = np.stack([np.cos(theta), np.sin(theta), np.zeros_like(theta)])
+    return np.asarray(np.einsum("njs,anjs,bnjs->nab", width, force, normal))
 
 
 def chip_stiffness(cut: MillingCut, times: FloatArray, depths: FloatArray) -> FloatArray:
@@ -226,8 +291,8 @@ def chip_stiffness(cut: MillingCut, times: FloatArray, depths: FloatArray) -> Fl
         depths: ``(d,)`` axial depths [m].
     """
     lag = 2.0 * np.pi * np.arange(cut.mill.teeth) / cut.mill.teeth
-    low = -cut.spindle * times - lag[:, None]
-    twists = 2.0 * depths * np.tan(cut.mill.helix) / cut.mill.diameter
+    low = -cut.spin * (cut.spindle * times + lag[:, None])
+    twists = cut.spin * 2.0 * depths * np.tan(cut.mill.helix) / cut.mill.diameter
     straight = np.abs(twists) < STRAIGHT
     means = np.zeros((5, len(depths), len(times)))
     if straight.any():
@@ -241,7 +306,7 @@ def chip_stiffness(cut: MillingCut, times: FloatArray, depths: FloatArray) -> Fl
         means[:, ~straight] = np.moveaxis((products[1:] - begin) / twist[:, None], 0, 1)
     squares, mixed, others, across, along = depths[:, None] * means
     tangential, radial, axial = cut.coefficients.chip
-    upwards = -np.sign(cut.mill.helix or 1.0) * axial
+    tangential, upwards = cut.spin * tangential, cut.upwards * axial
     stiffness = [
         [-tangential * mixed - radial * others, -tangential * squares - radial * mixed],
         [tangential * others - radial * mixed, tangential * mixed - radial * squares],
@@ -254,8 +319,8 @@ def _engaged_products(cut: MillingCut, theta: FloatArray) -> FloatArray:
     """``(5, ...)`` integrals of sin^2, sin cos, cos^2, sin and cos over angles up to ``theta`` at
     which a tooth cuts, from the beginning of one cut on, all teeth ``(z, ...)`` together.
     """
-    begin = -0.5 * np.pi
-    arc = -np.arcsin(np.clip(1.0 - 2.0 * cut.radial_depth / cut.mill.diameter, -1.0, 1.0)) - begin
+    begin, end = engagement_angles(cut.mill, cut.radial_depth)
+    arc = end - begin
     turns = np.floor((theta - begin) / (2.0 * np.pi))
     # from -pi/2 on the sine is minus the cosine of the angle since then, the cosine its sine
     since = np.minimum(theta - begin - 2.0 * np.pi * turns, arc)

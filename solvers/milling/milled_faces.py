@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
-from headstock.solvers.milling.forces import EndMill
+from headstock.solvers.milling.forces import EndMill, Sense, spin_of
 
 SAMPLES_PER_CUSP = 32.6  # no whole number: samples come close to the peak of some cusp
 NEWTON_STEPS = 3
@@ -70,13 +70,18 @@ class ProfileParameters:
 
 
 def mill_profile(
-    mill: EndMill, spindle: float, motion: ToolMotion, positions: FloatArray, height: float = 0.0
+    mill: EndMill,
+    spindle: float,
+    motion: ToolMotion,
+    positions: FloatArray,
+    height: float = 0.0,
+    *,
+    sense: Sense = "down",
 ) -> FloatArray:
     """Profile ``(k,)`` of a milled face at one height: how far it is outward of the nominal face
     [m].
 
-    The tool turns clockwise seen from above and has the part on its right, as in
-    :mod:`headstock.solvers.milling.forces`.
+    Angles are those of :mod:`headstock.solvers.milling.forces`.
 
     Args:
         mill: The tool.
@@ -84,6 +89,7 @@ def mill_profile(
         motion: Of its axis.
         positions: ``(k,)`` rising, along the face from its start [m].
         height: Above the lower end of the tool [m].
+        sense: Milling down an edge passes the face against the travel, milling up along it.
 
     Raises:
         ModelError: The tool does not advance, its motion does not reach over the positions, or it
@@ -91,7 +97,8 @@ def mill_profile(
     """
     along = scipy.interpolate.CubicSpline(motion.times, motion.along)
     outward = scipy.interpolate.CubicSpline(motion.times, motion.outward)
-    passes, teeth = _tooth_passes(mill, spindle, motion.times, height)
+    spin = spin_of(sense)
+    passes, teeth = _tooth_passes(mill, spindle, motion.times, height, spin)
     places = along(passes)
     if len(places) < 2 or not (np.diff(places) > 0.0).all():
         raise ModelError("the tool does not advance along the face from tooth to tooth")
@@ -117,7 +124,7 @@ def mill_profile(
             radii[teeth[near]],
             float(rates[near].max()),
         )
-        parts.append(_lowest_edges(spindle, along, outward, teeth_near, wanted))
+        parts.append(_lowest_edges(spin * spindle, along, outward, teeth_near, wanted))
     return np.concatenate(parts)
 
 
@@ -148,7 +155,7 @@ def _lowest_edges(
     positions: FloatArray,
 ) -> FloatArray:
     """Lower envelope of the trochoids: teeth further and further off, while one can still be deeper
-    than those before.
+    than those before; a spindle below zero mills up.
     """
     after = np.clip(np.searchsorted(passes.places, positions), 1, len(passes.places) - 1)
     found = np.full(len(positions), np.inf)
@@ -161,7 +168,7 @@ def _lowest_edges(
             distance = np.abs(passes.places[number] - positions)
             # a circle, deeper by as much as the axis moves while the tooth turns to the place
             reached = np.sqrt(np.maximum(passes.radii[number] ** 2 - distance**2, 0.0))
-            slack = passes.rate * distance / (spindle * passes.radii[number]) * SLACK
+            slack = passes.rate * distance / (abs(spindle) * passes.radii[number]) * SLACK
             deeper = inside & (passes.outward[number] - reached - slack < found)
             if deeper.any():
                 some = number[deeper]
@@ -176,7 +183,8 @@ def _lowest_edges(
                 found[deeper] = np.minimum(found[deeper], edge)
             nearest = min(nearest, float(distance[inside].min(initial=np.inf)))
         reach = np.sqrt(max(largest**2 - min(nearest, largest) ** 2, 0.0))
-        if lowest - reach - passes.rate * nearest / (spindle * largest) * SLACK > found.max():
+        slack_left = passes.rate * nearest / (abs(spindle) * largest) * SLACK
+        if lowest - reach - slack_left > found.max():
             return found
     raise ModelError(
         f"the tool moves by {1e6 * np.ptp(passes.outward):.3g} µm across the face, so that more than {2 * MOST_TEETH} teeth may have left a place"
@@ -184,12 +192,12 @@ def _lowest_edges(
 
 
 def _tooth_passes(
-    mill: EndMill, spindle: float, times: FloatArray, height: float
+    mill: EndMill, spindle: float, times: FloatArray, height: float, spin: float
 ) -> tuple[FloatArray, NDArray[np.intp]]:
     """Times ``(k,)`` at which teeth point at the face, and which teeth ``(k,)``."""
-    # theta = -spindle t - lag + twist is -pi/2 then; the lag of tooth j is 2 pi j / teeth
+    # theta = -spin (spindle t + lag - twist) is -pi/2 then; the lag of tooth j is 2 pi j / teeth
     pitch = 2.0 * np.pi / mill.teeth
-    start = 0.5 * np.pi + 2.0 * height * np.tan(mill.helix) / mill.diameter
+    start = 0.5 * np.pi * spin + 2.0 * height * np.tan(mill.helix) / mill.diameter
     first = int(np.ceil((spindle * times[0] - start) / pitch))
     last = int(np.floor((spindle * times[-1] - start) / pitch))
     numbers = np.arange(first, last + 1)

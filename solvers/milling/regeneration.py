@@ -14,7 +14,13 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
 from headstock.solvers.mechanisms.generalized_alpha import AlphaScheme
-from headstock.solvers.milling.forces import MillingCut, engaged, radius_differences, tooth_angles
+from headstock.solvers.milling.forces import (
+    MillingCut,
+    engaged,
+    push_tool,
+    radius_differences,
+    tooth_angles,
+)
 from headstock.solvers.paths.linear_motion import (
     AlphaSteps,
     CompliantHistory,
@@ -145,22 +151,10 @@ def _cut_force(cut: RegenerativeCut, step: int, moved: FloatArray) -> FloatArray
 def _phase(cut: MillingCut, theta: FloatArray, runout: FloatArray) -> CuttingPhase:
     teeth, slices = np.nonzero(engaged(cut, theta))
     angle = theta[teeth, slices]
-    sine, cosine = np.sin(angle), np.cos(angle)
     width = cut.axial_depth / cut.slices
-    down = -np.sign(cut.mill.helix or 1.0)
-
-    def push(coefficients: tuple[float, float, float]) -> FloatArray:
-        tangential, radial, axial = coefficients
-        rows = [
-            -tangential * sine - radial * cosine,
-            tangential * cosine - radial * sine,
-            np.full_like(angle, down * axial),
-        ]
-        return np.asarray(width * np.stack(rows))
-
     return CuttingPhase(
-        np.stack([cosine, sine]),
-        push(cut.coefficients.chip),
-        push(cut.coefficients.edge),
+        np.stack([np.cos(angle), np.sin(angle)]),
+        width * push_tool(cut, cut.coefficients.chip, angle),
+        width * push_tool(cut, cut.coefficients.edge, angle),
         runout[:, teeth],
     )

@@ -19,9 +19,13 @@ import scipy.interpolate
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
+from headstock.solvers.milling.forces import Side, part_sign
 
 AVERAGES = 3
-BLOCK_FACES = ("lowest x", "highest y", "highest x", "lowest y")
+BLOCK_FACES: dict[Side, tuple[str, ...]] = {
+    "right": ("lowest x", "highest y", "highest x", "lowest y"),
+    "left": ("lowest x", "lowest y", "highest x", "highest y"),
+}
 SHORTEST_FACE = 5e-3  # of a straight cut that is evaluated [m]
 STRAIGHT_BACK = math.radians(175.0)
 TOUCHING = 1e-9  # of lengths [m]
@@ -187,8 +191,8 @@ class TraceFit:
 
 @dataclass(frozen=True)
 class SquareContour:
-    """A square block milled around from outside, clockwise seen from above, so that it lies on the
-    right of the travel.
+    """A square block milled around from outside: clockwise seen from above, so that it lies on the
+    right of the travel, or counter-clockwise.
 
     Attributes:
         side: Of the finished block [m].
@@ -199,6 +203,7 @@ class SquareContour:
         lead: Straight way before the first corner region and after the last [m].
         feed: Feed rate [m/s].
         window: Length of each of the three moving averages [s].
+        part: On which side of the travel the block lies.
     """
 
     side: float
@@ -208,20 +213,22 @@ class SquareContour:
     lead: float
     feed: float
     window: float
+    part: Side = "right"
 
 
 @dataclass(frozen=True)
 class PolylineContour:
-    """A line of corners that the tool's centre follows, the part on its right.
+    """A line of corners that the tool's centre follows, the part on one side of it.
 
     Attributes:
         points: ``(x, y)`` of its corners in the machine frame [m].
         feeds: Feed rate to each corner but the first [m/s].
         radius: Of the arcs around its corners; zero for sharp ones, which the averages round [m].
         height: Of the tool point above the table [m].
-        offset: Tool radius: the finished part lies so far to the right of the line [m].
+        offset: Tool radius: the finished part lies so far beside the line [m].
         lead: Way before the part begins and after it ends [m].
         window: Length of each of the three moving averages [s].
+        part: On which side of the travel the part lies.
     """
 
     points: tuple[tuple[float, float], ...]
@@ -231,6 +238,7 @@ class PolylineContour:
     offset: float
     lead: float
     window: float
+    part: Side = "right"
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,6 +253,7 @@ class StraightCut:
         feed: [m/s].
         begins: When the cut starts [s].
         ends: When the next straight cut starts, or this one ends if it is the last [s].
+        part: On which side of the travel the part lies.
     """
 
     at: str
@@ -254,11 +263,12 @@ class StraightCut:
     feed: float
     begins: float
     ends: float
+    part: Side = "right"
 
     @property
     def outward(self) -> FloatArray:
         """``(3,)`` unit vector away from the part."""
-        return np.array([-self.travel[1], self.travel[0], 0.0])
+        return part_sign(self.part) * np.array([-self.travel[1], self.travel[0], 0.0])
 
     @property
     def middle(self) -> float:
@@ -303,7 +313,7 @@ def plan_contour(contour: SquareContour | PolylineContour) -> ContourPlan:
     half its length.
 
     Face 1 of a block is at the lowest x and cut towards +y, then face 2 at the highest y, face 3 at
-    the highest x, face 4 at the lowest y.
+    the highest x, face 4 at the lowest y; with the block on the left everything is mirrored in y.
 
     Raises:
         ValueError: An arc around a corner does not fit, or the line turns back on itself.
@@ -311,18 +321,19 @@ def plan_contour(contour: SquareContour | PolylineContour) -> ContourPlan:
     if isinstance(contour, PolylineContour):
         return _lay_out(contour, ())
     reach, (x, y) = 0.5 * contour.side + contour.offset, contour.center
-    first = 0.5 * contour.side + contour.lead
+    first, mirror = 0.5 * contour.side + contour.lead, part_sign(contour.part)
     corners = ((-reach, -first), (-reach, reach), (reach, reach), (reach, -reach), (-first, -reach))
     line = PolylineContour(
-        points=tuple((x + right, y + up) for right, up in corners),
+        points=tuple((x + right, y + mirror * up) for right, up in corners),
         feeds=4 * (contour.feed,),
         radius=contour.offset,
         height=contour.height,
         offset=contour.offset,
         lead=contour.lead,
         window=contour.window,
+        part=contour.part,
     )
-    return _lay_out(line, BLOCK_FACES)
+    return _lay_out(line, BLOCK_FACES[contour.part])
 
 
 def _lay_out(line: PolylineContour, names: Sequence[str]) -> ContourPlan:
@@ -427,10 +438,10 @@ def _straight_cuts(
         starts: ``(s,)`` when straight lines start [s].
     """
     corners, travels, lengths, turns = _measure_corners(line)
-    half = np.tan(0.5 * np.abs(turns))
+    half, sign = np.tan(0.5 * np.abs(turns)), part_sign(line.part)
     arcs = np.array([0.0, *(line.radius * half), 0.0])
     # a face ends where it meets the next one of the part, or where the arc begins
-    meets = np.where(turns < 0.0, max(line.radius, line.offset), line.radius) * half
+    meets = np.where(sign * turns < 0.0, max(line.radius, line.offset), line.radius) * half
     before, after = (
         np.array([line.lead, *meets]) - arcs[:-1],
         np.array([*meets, line.lead]) - arcs[1:],
@@ -441,7 +452,7 @@ def _straight_cuts(
         length = float(straight - before[number] - after[number])
         if length < SHORTEST_FACE:
             continue
-        way = arcs[number] + before[number] - 1j * line.offset
+        way = arcs[number] + before[number] - 1j * sign * line.offset
         start = corners[number] + way * travel
         leaves = starts[number] + (straight - after[number]) / feed
         found.append(
@@ -453,6 +464,7 @@ def _straight_cuts(
                 feed=feed,
                 begins=float(starts[number] + before[number] / feed),
                 ends=float(leaves if number == last else starts[number + 1]),
+                part=line.part,
             )
         )
     return tuple(found)

@@ -9,9 +9,14 @@ from headstock.solvers.milling.forces import (
     CuttingCoefficients,
     EndMill,
     MillingCut,
+    Sense,
+    chip_stiffness,
     cutting_forces,
+    engaged,
+    engagement_angles,
     regeneration_stiffness,
     repeated_forces,
+    tooth_angles,
 )
 
 COEFFICIENTS = CuttingCoefficients((600.46e6, 180.96e6, 90e6), (17.9e3, 20.42e3, 1e3), "test")
@@ -41,6 +46,77 @@ def test_mean_forces_are_those_of_the_integral_over_the_immersion() -> None:
     down = -scale * (kac * chip * cosine + kae * (high - low))
     assert np.allclose(
         cutting_forces(CUT, times, feed).mean(axis=0), [along, away, down], rtol=2e-3, atol=0.0
+    )
+
+
+@pytest.mark.parametrize("sense", ["down", "up"])
+def test_mean_forces_of_a_slot_are_those_of_altintas(sense: Sense) -> None:
+    """Manufacturing Automation (2012), chapter 2: average forces in slotting."""
+    cut = dataclasses.replace(CUT, radial_depth=CUT.mill.diameter, sense=sense)
+    times, feed = one_turn(cut, 7200)
+    chip, teeth, depth = FEED * cut.tooth_period, cut.mill.teeth, cut.axial_depth
+    (ktc, krc, kac), (kte, kre, kae) = COEFFICIENTS.chip, COEFFICIENTS.edge
+    along = -teeth * depth * (krc * chip / 4.0 + kre / np.pi)
+    # in the axes of the part the tangential force is turned with the spindle: it stays in a slot
+    away = teeth * depth * (ktc * chip / 4.0 + kte / np.pi) * (1.0 if sense == "down" else -1.0)
+    down = -teeth * depth * (kac * chip / np.pi + kae / 2.0)
+    found = cutting_forces(cut, times, feed).mean(axis=0)
+    assert np.allclose(found, [along, away, down], rtol=1e-4, atol=0.0)
+
+
+@pytest.mark.parametrize("sense", ["down", "up"])
+@pytest.mark.parametrize("immersion", [0.1, 0.6, 1.0])
+def test_energy_of_a_turn_is_that_of_the_chips_and_the_edges(
+    sense: Sense, immersion: float
+) -> None:
+    mill = EndMill(0.02, 1)
+    cut = dataclasses.replace(CUT, mill=mill, radial_depth=immersion * 0.02, sense=sense)
+    times, feed = one_turn(cut, 36000)
+    theta = tooth_angles(cut, times)[0][:, 0, 0]
+    # the edge moves against the force on the tool: towards falling angles milling down
+    edge = 0.01 * cut.spin * np.stack([np.sin(theta), -np.cos(theta)], axis=-1)
+    force = cutting_forces(cut, times, feed)[:, :2]
+    work = -(force * edge).sum() * 2.0 * np.pi / len(times)
+    arc = np.arccos(1.0 - 2.0 * immersion)
+    removed = FEED * cut.tooth_period * cut.radial_depth * cut.axial_depth
+    expected = COEFFICIENTS.chip[0] * removed + COEFFICIENTS.edge[0] * 0.01 * arc * cut.axial_depth
+    assert work == pytest.approx(expected, rel=1e-3)
+
+
+def test_milling_down_a_tooth_leaves_at_the_finished_face_and_up_it_enters_there() -> None:
+    angles = engagement_angles(CUT.mill, CUT.radial_depth)
+    assert np.degrees(angles) == pytest.approx([-90.0, -30.0])
+    mill = EndMill(0.02, 1)
+    for sense, first, last in (("down", -30.0, -90.0), ("up", -90.0, -30.0)):
+        cut = dataclasses.replace(CUT, mill=mill, sense=sense)
+        theta = tooth_angles(cut, one_turn(cut, 3600)[0])[0][:, 0, 0]
+        inside = np.degrees(np.mod(theta[engaged(cut, theta) > 0.0] + np.pi, 2 * np.pi) - np.pi)
+        assert (inside[0], inside[-1]) == pytest.approx((first, last), abs=0.2)
+
+
+def test_up_milling_is_down_milling_with_the_tangential_force_and_the_time_turned_round() -> None:
+    times, feed = one_turn(CUT, 960)
+    up = dataclasses.replace(CUT, sense="up")
+    (ktc, krc, kac), (kte, kre, kae) = COEFFICIENTS.chip, COEFFICIENTS.edge
+    turned = CuttingCoefficients((-ktc, krc, -kac), (-kte, kre, -kae), "")
+    mill = dataclasses.replace(CUT.mill, helix=-CUT.mill.helix)
+    back = dataclasses.replace(CUT, mill=mill, coefficients=turned)
+    # angles of one are those of the other at the opposite time
+    found = cutting_forces(up, times, feed)
+    assert np.allclose(found, cutting_forces(back, -times, feed), rtol=1e-9, atol=1e-6)
+
+
+@pytest.mark.parametrize("helix", [0.0, 0.5, -0.5])
+@pytest.mark.parametrize("radial_depth", [0.002, 0.014, 0.02])
+def test_the_helix_in_closed_form_is_that_of_slices_in_up_milling(
+    helix: float, radial_depth: float
+) -> None:
+    mill = EndMill(0.02, 3, helix)
+    cut = MillingCut(mill, COEFFICIENTS, 700.0, 0.013, radial_depth, slices=4000, sense="up")
+    times = np.linspace(0.0, cut.tooth_period, 7)[:-1] + 1.3e-5
+    found = chip_stiffness(cut, times, np.array([cut.axial_depth]))[0]
+    assert np.allclose(
+        found, regeneration_stiffness(cut, times)[:, :, :2], rtol=2e-3, atol=2e-3 * found.max()
     )
 
 
@@ -101,4 +177,4 @@ def test_regeneration_is_the_slope_of_the_force_by_a_motion_since_the_last_tooth
 
 def test_a_cut_deeper_than_the_tool_is_refused() -> None:
     with pytest.raises(ModelError, match="radial depth"):
-        cutting_forces(dataclasses.replace(CUT, radial_depth=0.011), np.zeros(1), np.ones(1))
+        cutting_forces(dataclasses.replace(CUT, radial_depth=0.021), np.zeros(1), np.ones(1))
