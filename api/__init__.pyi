@@ -161,6 +161,7 @@ class Point(Noun, schema=axes.PointTable):
         self, *,
         tool: str,
         work: str,
+        offset: _Numbers | None = ...,
     ) -> None: ...
 
 class Support(Noun, schema=loads.SupportTable):

@@ -24,15 +24,30 @@ from headstock.geometry.parts.components import Component, Load, RayleighDamping
 # positions of axes as scenes write them: SI unit to factor and unit
 SCENE_UNITS = {"m": (1e3, "mm"), "rad": (180.0 / math.pi, "deg")}
 TURN_TOLERANCE = 1e-12
+NO_OFFSET = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class Point:
-    """A named point at which results are wanted: the motion of ``tool`` relative to ``work``."""
+    """A named point at which results are wanted: the motion of ``tool`` relative to ``work``.
+
+    Attributes:
+        name: Name in the scene.
+        tool: Interface of the tool, or ground.
+        work: Interface of the workpiece, or ground.
+        offset: Where the point is, from the origin of its ``carrier`` in the axes of that component
+            [m]: a rigid extension without mass.
+    """
 
     name: str
     tool: JointEnd
     work: JointEnd
+    offset: tuple[float, float, float] = NO_OFFSET
+
+    @property
+    def carrier(self) -> JointEnd:
+        """The end that the point moves with: the tool, or the work where the tool is ground."""
+        return self.work if self.tool.component is None else self.tool
 
 
 @dataclass(frozen=True)

@@ -112,15 +112,14 @@ def find_feed(
         up: ``(3,)`` of its axis with all axes at zero.
     """
     place = _place_along(machine, path)
-    tool, work = machine.points[point].tool, machine.points[point].work
+    named = machine.points[point]
+    tool, work, held = named.tool, named.work, named.carrier
     step = STEP / max(turning_speeds(machine, path).values())
     still = Frame(np.zeros(3), np.eye(3))
     home = machine.components[tool.component].placement if tool.component else still
-    # a tool on ground is where its work is
-    held = tool if tool.component else work
-    local: FloatArray = np.zeros(3)
+    local: FloatArray = np.asarray(named.offset)
     if held.component and held.interface:
-        local = superelements[held.component].place_of(held.interface)
+        local = superelements[held.component].place_of(held.interface) + local
 
     def at(position: float) -> tuple[FloatArray, FloatArray]:
         around = [place(position + step * side) for side in range(-2, 3)]

@@ -16,7 +16,7 @@ import scipy  # whose interpolation, a third of a second, is loaded where it is 
 from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.geometry.machine.drives import Drive
 from headstock.geometry.machine.joints import JointEnd
-from headstock.geometry.machine.machine import Machine
+from headstock.geometry.machine.machine import NO_OFFSET, Machine
 from headstock.geometry.machine.tool_travel import find_tool_travel
 from headstock.geometry.mechanisms.closures import evaluate_kinematics
 from headstock.geometry.mechanisms.exechon import LENGTHS
@@ -319,13 +319,17 @@ def _leg_motors(
             interface.
             """
             point, dof = parts.scene.machine.points.get(channel[0]), DOF_NAMES.index(channel[1])
-            ends = [(JointEnd(*channel[0].split(".", 1)), 1.0)]
+            ends = [(JointEnd(*channel[0].split(".", 1)), 1.0, NO_OFFSET)]
             if point is not None:
-                ends = [(point.tool, 1.0), (point.work, -1.0)]
+                at_tool = point.carrier is point.tool
+                ends = [
+                    (point.tool, 1.0, point.offset if at_tool else NO_OFFSET),
+                    (point.work, -1.0, NO_OFFSET if at_tool else point.offset),
+                ]
             total = np.zeros((len(times), 6, count))
-            for end, sign in ends:
+            for end, sign, offset in ends:
                 if end.component in bodies and end.interface is not None:
-                    local = parts.superelements[end.component].place_of(end.interface)
+                    local = parts.superelements[end.component].place_of(end.interface) + offset
                     total += sign * np.concatenate(travel(end.component, local), axis=1)
             return np.asarray(total[:, dof])
 

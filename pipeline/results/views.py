@@ -168,12 +168,9 @@ def place_view(machine: Machine, layout: DofLayout, frames: Mapping[str, Frame])
     }
     points = {}
     for name, point in machine.points.items():
-        tool, work = (
-            None if end.component is None else locate_interface(layout, end)
-            for end in (point.tool, point.work)
-        )
-        place = work if tool is None else tool
-        if place is not None:
+        if point.carrier.component is not None:
+            place = locate_interface(layout, point.carrier, point.offset)
+            work = None if point.work.component is None else locate_interface(layout, point.work)
             points[name] = PointView(str(point.tool), str(point.work), place, work)
     return PoseView(dict(layout.placements), joints, points)
 

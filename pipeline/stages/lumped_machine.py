@@ -11,6 +11,7 @@ from headstock.geometry.frames import FloatArray, Frame, compose_frames, rigid_t
 from headstock.geometry.machine.drives import Drive
 from headstock.geometry.machine.guide_errors import ErrorProfile, ProfileError
 from headstock.geometry.machine.joints import JointEnd
+from headstock.geometry.machine.machine import NO_OFFSET
 from headstock.geometry.mechanisms.exechon import COMPLIANCES, LEGS, LENGTHS
 from headstock.geometry.parts.components import Load
 from headstock.reduction.coupling.channels import GRAVITY, load_factors
@@ -52,26 +53,27 @@ class PlacedMechanism:
     placements: dict[str, Frame]
     body_motions: dict[str, FloatArray]
 
-    def motion_at(self, end: JointEnd) -> FloatArray:
-        """``(6, c)`` motion of an interface per compliant coordinate, machine axes; zero for ground
-        and what is not carried.
+    def motion_at(self, end: JointEnd, offset: Sequence[float] = NO_OFFSET) -> FloatArray:
+        """``(6, c)`` motion at an offset ``(3,)`` from an interface [m] in the axes of its body, per
+        compliant coordinate, machine axes; zero for ground and what is not carried.
         """
         if end.component is None or end.interface is None:
             return np.zeros((6, len(self.motions.stiffness)))
         body, placement = self.superelements[end.component], self.placements[end.component]
         return (
             rigid_transfer(
-                placement.rotation @ body.center_of_mass, placement.rotation @ self._local(end)
+                placement.rotation @ body.center_of_mass,
+                placement.rotation @ self._local(end, offset),
             )
             @ self.body_motions[end.component]
         )
 
-    def position_of(self, end: JointEnd) -> FloatArray:
-        """``(3,)`` place of an interface in the machine frame [m]."""
+    def position_of(self, end: JointEnd, offset: Sequence[float] = NO_OFFSET) -> FloatArray:
+        """``(3,)`` place at an offset ``(3,)`` from an interface [m] in the machine frame [m]."""
         if end.component is None:
             return np.zeros(3)
         placement = self.placements[end.component]
-        return np.asarray(placement.origin + placement.rotation @ self._local(end))
+        return np.asarray(placement.origin + placement.rotation @ self._local(end, offset))
 
     def load_of(self, load: Load) -> FloatArray:
         """Generalised load ``(c,)`` of a static load: a wrench on its body, at the interface or
@@ -91,8 +93,9 @@ class PlacedMechanism:
         motion = self.body_motions[load.component]
         return np.asarray(motion.T @ (rotate_dofs(placement.rotation) @ wrench))
 
-    def _local(self, end: JointEnd) -> FloatArray:
-        return self.superelements[end.component or ""].place_of(end.interface or "")
+    def _local(self, end: JointEnd, offset: Sequence[float]) -> FloatArray:
+        place = self.superelements[end.component or ""].place_of(end.interface or "")
+        return np.asarray(place + np.asarray(offset))
 
 
 def build_compliant_mechanism(

@@ -89,7 +89,10 @@ class LumpedPose:
             for interface in (*body.interface_maps, *body.rails)
         ]
         channels = {str(end): placed.motion_at(end) for end in ends}
-        channels |= {name: placed.motion_at(point.tool) for name, point in machine.points.items()}
+        channels |= {
+            name: placed.motion_at(point.tool, point.offset)
+            for name, point in machine.points.items()
+        }
         system = pose_system(placed.model, placed.motions, channels)
         rayleigh = machine.rayleigh
         if not rayleigh:
@@ -271,7 +274,11 @@ class LumpedPose:
     def view(self) -> PoseView:
         """What is drawn of the pose without motions."""
         points = {
-            name: PointView(str(point.tool), str(point.work), self.placed.position_of(point.tool))
+            name: PointView(
+                str(point.tool),
+                str(point.work),
+                self.placed.position_of(point.tool, point.offset),
+            )
             for name, point in self.parts.scene.machine.points.items()
         }
         return PoseView(dict(self.placements), {}, points)

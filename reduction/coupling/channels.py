@@ -78,7 +78,7 @@ def point_rows(layout: DofLayout, point: Point) -> FloatArray:
         raise ModelError(
             f"point {point.name!r}: tool and work are both ground; name an interface of a component"
         )
-    place = locate_interface(layout, point.work if point.tool.component is None else point.tool)
+    place = locate_interface(layout, point.carrier, point.offset)
     return motion_rows(layout, point.tool, place) - motion_rows(layout, point.work, place)
 
 

@@ -2,13 +2,14 @@
 components move with them.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray, Frame, rigid_transfer, rotate_dofs
 from headstock.geometry.machine.joints import JointEnd
+from headstock.geometry.machine.machine import NO_OFFSET
 from headstock.reduction.rails import carriage_rows
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import (
@@ -198,11 +199,20 @@ def _has_free_rotations(superelement: Superelement, stiffness: FloatArray) -> bo
     )
 
 
-def locate_interface(layout: DofLayout, end: JointEnd) -> FloatArray:
-    """Position ``(3,)`` of an interface in the machine frame [m]."""
+def locate_interface(
+    layout: DofLayout, end: JointEnd, offset: Sequence[float] = NO_OFFSET
+) -> FloatArray:
+    """Position ``(3,)`` of an interface in the machine frame [m].
+
+    Args:
+        layout: The bodies as placed.
+        end: The interface.
+        offset: ``(3,)`` of a place from it, in the axes of the component [m].
+    """
     component, interface = _named_end(layout, end)
     superelement, placement = layout.superelements[component], layout.placements[component]
-    return np.asarray(placement.origin + placement.rotation @ superelement.place_of(interface))
+    local = superelement.place_of(interface) + np.asarray(offset)
+    return np.asarray(placement.origin + placement.rotation @ local)
 
 
 def is_rail(layout: DofLayout, end: JointEnd) -> bool:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 
 from headstock.geometry.machine.joints import Axis, Joint
-from headstock.geometry.machine.machine import Machine, Point, Probe, orient_machine
+from headstock.geometry.machine.machine import Machine, Probe, orient_machine
 from headstock.geometry.parts.components import Component, Support
 from headstock.scene.building.analyses import (
     build_frf,
@@ -51,6 +51,7 @@ from headstock.scene.building.joints import build_joint, check_joints, couple_be
 from headstock.scene.building.loads import (
     build_displacement,
     build_load,
+    build_point,
     build_support,
     check_loads,
     check_points,
@@ -380,7 +381,7 @@ def build_machine(scene: SceneTable, name: str, folder: Path) -> Machine:
         name=name,
         components=components,
         joints=joints,
-        points={key: Point(key, table.tool, table.work) for key, table in scene.points.items()},
+        points={key: build_point(key, table) for key, table in scene.points.items()},
         axes={key: _build_axis(key, scene, joints, supports) for key in scene.axes},
         supports=supports,
         loads={

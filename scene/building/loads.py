@@ -5,18 +5,20 @@ with them.
 import math
 
 from headstock.geometry.machine.joints import JointEnd
-from headstock.geometry.machine.machine import JointDisplacement
+from headstock.geometry.machine.machine import JointDisplacement, Point
 from headstock.geometry.parts.components import Component, Load, Patch, Support
 from headstock.scene.building.components import bounding_box, build_patch, find_patch_fault
 from headstock.scene.building.draft import Draft, check_end, check_name
 from headstock.scene.building.joints import KINDS
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
+from headstock.scene.schema.axes import PointTable
 from headstock.scene.schema.components import ComponentTable, PatchTable
 from headstock.scene.schema.loads import LoadTable, SupportTable
 
 SMALL_ROTATION = 0.02  # [rad]: beyond, 1 - cos exceeds 2e-4
 OUTSIDE = 1e-9  # [m]: rounding of a place on a face
+LONGEST_OFFSET = 10.0  # of a point from its interface [m]
 
 
 def build_support(name: str, table: SupportTable, components: dict[str, Component]) -> Support:
@@ -57,6 +59,17 @@ def build_load(name: str, table: LoadTable, components: dict[str, Component]) ->
     return Load(name, component, "traction", patches, vector=tuple(table.traction or ()))
 
 
+def build_point(name: str, table: PointTable) -> Point:
+    """The point a faultless table stands for.
+
+    Args:
+        name: Of the point.
+        table: Its table.
+    """
+    x, y, z = table.offset
+    return Point(name, table.tool, table.work, (x, y, z))
+
+
 def build_displacement(name: str, table: LoadTable) -> JointDisplacement:
     """The displacement a faultless table stands for.
 
@@ -78,6 +91,11 @@ def check_points(draft: Draft, findings: Findings) -> None:
             findings.add(
                 ("points", name),
                 "tool and work are the same, so their relative motion is zero; name two different ends",
+            )
+        if (length := math.hypot(*point.offset)) > LONGEST_OFFSET:
+            findings.add(
+                ("points", name, "offset"),
+                f"is {length:.4g} m long, and a rigid extension of a tool or a workpiece is {LONGEST_OFFSET:g} m at most; check the unit",
             )
 
 

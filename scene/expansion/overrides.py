@@ -18,7 +18,7 @@ from headstock.scene.expansion.parameters import MACHINE_SECTIONS, PARAMETERS
 from headstock.scene.reading.files import TomlTable, TomlValue
 from headstock.scene.reading.findings import Findings, Origin, Problem, show_key, suggest_names
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.schema.validation import known_keys, unknown_key
+from headstock.scene.schema.validation import is_list, known_keys, unknown_key
 
 ENTRY_SECTIONS = frozenset({*MACHINE_SECTIONS, "poses", "sweeps", "studies", "variants"})
 MAX_OVERRIDES = 1000
@@ -270,6 +270,9 @@ def _find_obstacle(raw: TomlTable, path: KeyPath) -> str:
             keys = known_keys(path[:depth])
             if keys is not None and part not in keys:
                 return f"cannot set {show_key(path)}: {unknown_key(path[: depth + 1])}"
+            if not last and isinstance(path[depth + 1], int) and is_list(path[: depth + 1]):
+                whole = show_key(path[: depth + 1])
+                return f"cannot set {show_key(path)}: {whole} is not written; set it as a whole, {whole}=[..., ...]"
             place = {}
             continue
         place = place[str(part)]

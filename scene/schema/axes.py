@@ -53,3 +53,4 @@ class PointTable(StrictTable):
 
     tool: End
     work: End
+    offset: Position = Field(default=[0.0, 0.0, 0.0], validate_default=False)

@@ -199,6 +199,7 @@ NOTES = {
     "Axis.moves": "components that move with it; default: those that its joints cut off from ground",
     "Point.tool": "where the tool is",
     "Point.work": "where the workpiece is; results are tool relative to work",
+    "Point.offset": "rigid extension from there to the point, in the axes of the tool's component (of the work's where the tool is ground)",
     "Support.face": "face whose nodes are fixed: `component.face`",
     "Support.at": "interface whose nodes are fixed: `component.interface`",
     "Support.edge": "two faces of a component, whose common edge is fixed",

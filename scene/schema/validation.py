@@ -77,6 +77,12 @@ def known_keys(path: KeyPath, root: type[BaseModel] = SceneTable) -> list[str] |
     )
 
 
+def is_list(path: KeyPath) -> bool:
+    """Whether the scene's schema has a list at a path."""
+    model = _resolve_model(SceneTable, path[:-1])
+    return model is not None and get_origin(_field_kind(model, str(path[-1]))) is list
+
+
 def unknown_key(path: KeyPath) -> str:
     """What is wrong with the last key of a path that the scene's schema does not know, or no longer
     by this name.

@@ -7,8 +7,7 @@ import numpy as np
 
 from headstock.geometry.errors import PoseError
 from headstock.geometry.frames import FloatArray, Frame
-from headstock.geometry.machine.joints import JointEnd
-from headstock.geometry.machine.machine import Pose
+from headstock.geometry.machine.machine import Point, Pose
 from headstock.geometry.mechanisms.exechon import LEGS, survey_tool_poses
 from headstock.geometry.mechanisms.tool_mechanism import solve_pose, tool_pose
 from headstock.pipeline.stages.lumped_machine import SPRING_PARTS, series_parts
@@ -133,7 +132,7 @@ def _solve_taken(
     if analyses.static is not None:
         turn = shared.mechanism.mounted.mounting.rotation
         rows = [
-            turn @ _point_motion(shared, motions, shared.parts.scene.machine.points[name].tool)
+            turn @ _point_motion(shared, motions, shared.parts.scene.machine.points[name])
             for name in analyses.static.at
         ]
         # (n, p, 3, c): motion of each point in machine axes per compliant coordinate
@@ -157,16 +156,14 @@ def _solve_taken(
     return found
 
 
-def _point_motion(shared: LumpedPoses, motions: SmallMotions, end: JointEnd) -> FloatArray:
-    """``(n, 3, c)`` translation of an interface per compliant coordinate, ground frame of the
-    chains.
+def _point_motion(shared: LumpedPoses, motions: SmallMotions, point: Point) -> FloatArray:
+    """``(n, 3, c)`` translation of the tool of a point per compliant coordinate, ground frame of
+    the chains.
     """
-    name, interface = end.component or "", end.interface or ""
+    name, interface = point.tool.component or "", point.tool.interface or ""
     marker, own = shared.mechanism.carries[name], shared.own[name]
-    local = (
-        own.origin
-        + own.rotation @ shared.superelements[name].interface_maps[interface].frame.origin
-    )
+    tip = shared.superelements[name].place_of(interface) + np.asarray(point.offset)
+    local = own.origin + own.rotation @ tip
     place = shared.model.mechanism.markers.index(marker)
     arm = motions.kinematics.placement.rotations[:, place] @ local
     motion = marker_motion(shared.model, motions, marker)

@@ -1,0 +1,165 @@
+"""A point with an offset moves as the tip of a rigid extension of its tool."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import headstock as hs
+
+ROOT = Path(__file__).resolve().parents[2]
+OFFSET = np.array([0.03, -0.02, -0.1])
+BODY = """
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.arm]
+solid = { box = ["40 mm", "50 mm", "200 mm"] }
+material = "steel"
+rotate = { axis = "y", angle = "90 deg" }
+fidelity = "FIDELITY"
+mesh = { size = "50 mm" }
+[components.arm.interfaces]
+foot = { face = "z-" }
+tip = { face = "z+" }
+[joints.foot]
+between = ["arm.foot", "ground"]
+kind = "spring"
+stiffness = { x = "100 N/um", y = "50 N/um", z = "200 N/um", rx = "10 kN m/rad", ry = "20 kN m/rad", rz = "30 kN m/rad" }
+[points.tip]
+tool = "arm.tip"
+work = "ground"
+[points.longer]
+tool = "arm.tip"
+work = "ground"
+offset = ["30 mm", "-20 mm", "-100 mm"]
+[points.ground_tool]
+tool = "ground"
+work = "arm.tip"
+offset = ["30 mm", "-20 mm", "-100 mm"]
+[analyses.static]
+"""
+
+
+def carried(arm: np.ndarray) -> np.ndarray:
+    """``u + theta x r`` of the tip as a matrix ``(6, 6)``."""
+    x, y, z = arm
+    found = np.eye(6)
+    found[:3, 3:] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
+    return found
+
+
+@pytest.mark.parametrize("fidelity", ["rigid", "segmented", "polynomial", "elastic"])
+def test_the_tip_of_an_offset_moves_by_the_rotation_too(tmp_path: Path, fidelity: str) -> None:
+    scene = tmp_path / "arm.toml"
+    scene.write_text(BODY.replace("FIDELITY", fidelity))
+    result = hs.run(scene)
+    # a turn of 90 degrees about y leads z of the component to x of the machine
+    moved = carried(np.array([OFFSET[2], OFFSET[1], -OFFSET[0]]))
+    expected = moved @ result.compliance["tip"] @ moved.T
+    assert result.compliance["longer"] == pytest.approx(expected, rel=1e-8, abs=1e-16)
+    assert result.compliance["ground_tool"] == pytest.approx(expected, rel=1e-8, abs=1e-16)
+
+
+def test_every_analysis_takes_the_offset_as_an_interface_there(tmp_path: Path) -> None:
+    settings = {
+        "components.ram.interfaces.side": {"face": "x+"},
+        "analyses.static": {},
+        "analyses.frf": {"from": "20 Hz", "to": "300 Hz", "points": 5, "adaptive": False},
+        "analyses.path": {
+            "from": {"X": "-40 mm"},
+            "to": {"X": "40 mm"},
+            "feeds": ["3000 mm/min"],
+            "time_constant": "50 ms",
+        },
+        "analyses.lobes": {
+            "speeds": ["3000 rpm", "6000 rpm", 2],
+            "mill": {"diameter": "20 mm", "teeth": 4},
+            "material": "al7075-t6",
+            "radial_depth": "5 mm",
+            "directions": ["x"],
+        },
+        "analyses.contouring.side": "20 mm",
+        "analyses.contouring.feed": "20 m/min",
+        "analyses.contouring.steps_per_turn": 24,
+    }
+    ways = {
+        "interface": {"points.tcp.tool": "ram.side"},
+        "offset": {"points.tcp.offset": [0.075, 0.0, -0.25]},
+    }
+    found = {}
+    for name, way in ways.items():
+        hs.run(
+            hs.load(ROOT / "tests" / "data" / "mill.toml", set=settings | way),
+            output=tmp_path / name,
+        )
+        summary = json.loads((tmp_path / name / "summary.json").read_text())
+        found[name] = {
+            key: json.dumps(_rounded(summary[key]))
+            for key in ("static", "frf", "path", "lobes", "contouring")
+        }
+    assert found["interface"] == found["offset"]
+
+
+def _rounded(value: object) -> object:
+    if isinstance(value, dict):
+        return {key: _rounded(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_rounded(item) for item in value]
+    return float(f"{value:.7g}") if isinstance(value, float) else value
+
+
+def test_a_lumped_mechanism_takes_it_in_runs_and_sweeps() -> None:
+    machine = hs.load(
+        ROOT / "machines" / "tripteor.toml",
+        set={
+            "points.longer": {"tool": "spindle.tip", "work": "ground", "offset": [0.0, 0.01, -0.1]},
+            "sweeps.two": {"poses": ["config_1", "config_2"]},
+            "analyses": {"static": {}},
+        },
+    )
+    result, swept = hs.run(machine), hs.sweep(machine, "two")
+    pose = result.view.poses["config_1"]
+    moved = carried(pose.points["longer"].tool_place - pose.points["tcp"].tool_place)
+    assert np.linalg.norm(moved[:3, 3:]) == pytest.approx(np.sqrt(2.0) * np.hypot(0.01, 0.1))
+    expected = moved @ result.static["config_1"]["tcp"].compliance @ moved.T
+    assert result.static["config_1"]["longer"].compliance == pytest.approx(
+        expected, rel=1e-8, abs=1e-16
+    )
+    poses = ["config_1", "config_2"]
+    expected = np.array([result.static[name]["longer"].compliance[:3, :3] for name in poses])
+    assert swept.points["longer"].compliance == pytest.approx(expected, rel=1e-8, abs=1e-16)
+
+
+def test_one_entry_of_an_offset_can_be_varied(tmp_path: Path) -> None:
+    scene = tmp_path / "arm.toml"
+    scene.write_text(BODY.replace("FIDELITY", "rigid"))
+    table = hs.study(
+        scene,
+        vary={"points.longer.offset[2]": [0.0, -0.1]},
+        watch=["static.longer.compliance_um_per_kN[1][1]"],
+    )
+    far, near = (next(iter(row.values.values())) for row in table.rows)
+    assert isinstance(far, float) and isinstance(near, float) and near < 0.5 * far
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ({"points.tip.offset": ["0 mm", "0 mm", "-12 m"]}, "12 m long"),
+        ({"points.tip.offset": ["0 mm", "-100 mm"]}, "entries"),
+        ({"points.tip.offset": ["0 mm", "0 mm", "100"]}, "plain number"),
+        ({"points.tip.offset[2]": "-100 mm"}, "points.tip.offset=["),
+    ],
+)
+def test_an_offset_that_means_nothing_is_refused(
+    tmp_path: Path, setting: dict[str, object], words: str
+) -> None:
+    scene = tmp_path / "arm.toml"
+    scene.write_text(BODY.replace("FIDELITY", "rigid"))
+    with pytest.raises(hs.SceneError) as caught:
+        hs.load(scene, set=setting)
+    assert words in str(caught.value)
+    assert caught.value.problems[0].key.startswith("points.tip.offset")
