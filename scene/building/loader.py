@@ -96,8 +96,7 @@ from headstock.scene.expansion.overrides import (
     apply_values,
     apply_variant,
 )
-from headstock.scene.expansion.parameters import check_parameters
-from headstock.scene.reading.files import TomlTable, TomlValue
+from headstock.scene.reading.files import MAX_DEPTH, TomlTable, TomlValue, nesting_depth
 from headstock.scene.reading.findings import Findings
 from headstock.scene.requests import Analyses
 from headstock.scene.scene import AccuracyGoal, CompareSettings, Limits, Scene
@@ -225,6 +224,12 @@ def build_scene(
             (INCLUDE,),
             "is read with the scene's file; write it there, not in a variant, a setting or Python",
         )
+    for section in [name for name, value in raw.items() if nesting_depth(value) > MAX_DEPTH]:
+        findings.add(
+            (section,),
+            f"holds values nested more than {MAX_DEPTH} deep; a scene needs no more than ten levels",
+        )
+        findings.raise_if_any()
     written, raw = raw, expand_scene(raw, findings)
     table = validate_tables(raw, findings)
     if table is None:
@@ -233,7 +238,6 @@ def build_scene(
     findings.on_request = frozenset(
         name for name, request in table.analyses if request is not None and request.on_request
     )
-    check_parameters(written, findings)
     complete = not findings.problems
     draft = Draft(
         table=table,

@@ -7,6 +7,7 @@ four becomes ``x_pad_1`` to ``x_pad_4``, ``column`` with a place ``left`` become
 written and one by its own.
 """
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
@@ -15,7 +16,12 @@ from headstock.geometry.parts.solids import CENTER_FACE
 from headstock.scene.expansion.catalogue import fill_joints
 from headstock.scene.expansion.chains import expand_chains
 from headstock.scene.expansion.parameters import calculate_tables
-from headstock.scene.reading.files import TomlTable, TomlValue
+from headstock.scene.reading.files import (
+    MAX_DEPTH,
+    TomlTable,
+    TomlValue,
+    count_entries,
+)
 from headstock.scene.reading.findings import Findings, show_key, suggest_names
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import LENGTH, UnitError, parse_quantity
@@ -23,6 +29,9 @@ from headstock.scene.reading.units import LENGTH, UnitError, parse_quantity
 PLACES, CARRIAGES, EACH = "places", "carriages", "each"
 SHAPES = ("rect", "disk", "strip")
 MOST_PLACES, MOST_CARRIAGES = 200, 14
+MAX_WRITTEN_OUT = 100_000  # entries of a scene that places make
+LONGEST_NAME = 128  # of an entry and its place
+_PLACE_NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
 AXES = {"x": 0, "y": 1, "z": 2}
 
 
@@ -35,17 +44,18 @@ def expand_scene(raw: TomlTable, findings: Findings) -> TomlTable:
     """
     calculated = calculate_tables(raw, findings)
     full = dict(calculated)
+    expansion = _Expansion(findings)
     for section in ("components", "joints"):
         entries = full.get(section)
         if isinstance(entries, dict):
-            full[section] = _expand_entries(entries, (section,), findings)
+            full[section] = expansion.expand_entries(entries, (section,))
     if isinstance(each_joint := full.get("joints"), dict):
         full["joints"] = fill_joints(each_joint, findings)
     expand_chains(full, findings)
     components, axes = full.get("components"), full.get("axes")
     if isinstance(components, dict):
         full["components"] = {
-            name: _expand_component(entry, ("components", name), findings)
+            name: expansion.expand_component(entry, ("components", name))
             for name, entry in components.items()
         }
     if isinstance(axes, dict) and isinstance(joints := calculated.get("joints"), dict):
@@ -84,7 +94,7 @@ def _carriage_counts(entry: TomlTable) -> tuple[int, int] | None:
 
 def written_entry(entries: TomlTable, name: str) -> tuple[str, str] | None:
     """The repeated entry that a name is one place of, and the name of the place; None for others."""
-    if name in entries:
+    if name in entries or len(name) > LONGEST_NAME:
         return None
     for length in range(len(name) - 2, 0, -1):
         own, rest = name[:length], name[length + 1 :]
@@ -106,65 +116,6 @@ def _expand_axis(axis: TomlValue, joints: TomlTable) -> TomlValue:
     return axis | {"joints": full}
 
 
-def _expand_component(entry: TomlValue, key: KeyPath, findings: Findings) -> TomlValue:
-    if not isinstance(entry, dict):
-        return entry
-    if isinstance(solid := entry.get("solid"), dict) and "point_mass" in solid:
-        # what every point mass has, so that nothing else need know of it
-        own: TomlTable = {"fidelity": "rigid", "interfaces": {}}
-        entry = own | entry
-        if isinstance(given := entry["interfaces"], dict):
-            center: TomlTable = {CENTER_FACE: {"face": CENTER_FACE}}
-            entry = entry | {"interfaces": center | given}
-    if not isinstance(interfaces := entry.get("interfaces"), dict):
-        return entry
-    return entry | {"interfaces": _expand_entries(interfaces, (*key, "interfaces"), findings)}
-
-
-def _expand_entries(entries: TomlTable, key: KeyPath, findings: Findings) -> TomlTable:
-    """Joints or interfaces, repeated ones in full."""
-    full: TomlTable = {}
-    for name, entry in entries.items():
-        if not isinstance(entry, dict):
-            full[name] = entry
-            continue
-        if isinstance(patches := entry.get("patches"), list):
-            entry = entry | {"patches": _expand_patches(patches, (*key, name, "patches"), findings)}
-        if not is_repeated(entry):
-            full[name] = entry
-            continue
-        for place in _members(entry, (*key, name), findings):
-            own = f"{name}_{place.name}"
-            if own in entries:
-                findings.add(
-                    (*key, own),
-                    f"{show_key((*key, name))} makes an entry of this name too; rename one of them",
-                )
-            full[own] = place.entry
-            findings.written_at[(*key, own)] = (*key, name)
-            findings.written_at[(*key, own, *place.key)] = (*key, name, PLACES, place.written)
-    return full
-
-
-def _expand_patches(patches: list[TomlValue], key: KeyPath, findings: Findings) -> list[TomlValue]:
-    full: list[TomlValue] = []
-    for index, patch in enumerate(patches):
-        if isinstance(patch, dict) and is_repeated(patch):
-            for place in _members(patch, (*key, index), findings):
-                findings.written_at[(*key, len(full))] = (*key, index)
-                findings.written_at[(*key, len(full), *place.key)] = (
-                    *key,
-                    index,
-                    PLACES,
-                    place.written,
-                )
-                full.append(place.entry)
-        else:
-            findings.written_at[(*key, len(full))] = (*key, index)
-            full.append(patch)
-    return full
-
-
 @dataclass(frozen=True)
 class _Place:
     """What a repeated entry is at one of its places.
@@ -182,19 +133,105 @@ class _Place:
     written: str | int
 
 
-def _members(entry: TomlTable, key: KeyPath, findings: Findings) -> Iterator[_Place]:
-    """A repeated entry at each of its places."""
-    common = {name: value for name, value in entry.items() if name not in (PLACES, CARRIAGES, EACH)}
-    places = _list_places(entry, key, findings)
-    names = place_names(entry)[: len(places)]
-    exceptions = _read_each(entry, key, names, findings)
-    where = _place_key(common, key, findings)
-    _, per_rail = _carriage_counts(entry) or (1, 1)
-    for number, (name, place) in enumerate(zip(names, places, strict=True)):
-        member = _with(_numbered(common, name, rail=number // per_rail + 1), where, place)
-        for path, value in exceptions.get(name, []):
-            member = _with(member, path, value)
-        yield _Place(name, member, where, name if isinstance(entry.get(PLACES), dict) else number)
+class _Expansion:
+    """Writes out what stands at several places, within a limit."""
+
+    def __init__(self, findings: Findings) -> None:
+        self._findings = findings
+        self._entries = 0
+
+    def expand_component(self, entry: TomlValue, key: KeyPath) -> TomlValue:
+        """A component with its interfaces in full."""
+        if not isinstance(entry, dict):
+            return entry
+        if isinstance(solid := entry.get("solid"), dict) and "point_mass" in solid:
+            # what every point mass has, so that nothing else need know of it
+            own: TomlTable = {"fidelity": "rigid", "interfaces": {}}
+            entry = own | entry
+            if isinstance(given := entry["interfaces"], dict):
+                center: TomlTable = {CENTER_FACE: {"face": CENTER_FACE}}
+                entry = entry | {"interfaces": center | given}
+        if not isinstance(interfaces := entry.get("interfaces"), dict):
+            return entry
+        return entry | {"interfaces": self.expand_entries(interfaces, (*key, "interfaces"))}
+
+    def expand_entries(self, entries: TomlTable, key: KeyPath) -> TomlTable:
+        """Joints or interfaces, repeated ones in full."""
+        full: TomlTable = {}
+        for name, entry in entries.items():
+            if not isinstance(entry, dict):
+                full[name] = entry
+                continue
+            if isinstance(patches := entry.get("patches"), list):
+                entry = entry | {"patches": self._expand_patches(patches, (*key, name, "patches"))}
+            if not is_repeated(entry):
+                full[name] = entry
+                continue
+            for place in self._members(entry, (*key, name)):
+                own = f"{name}_{place.name}"
+                if own in entries:
+                    self._findings.add(
+                        (*key, own),
+                        f"{show_key((*key, name))} makes an entry of this name too; rename one of them",
+                    )
+                full[own] = place.entry
+                self._findings.written_at[(*key, own)] = (*key, name)
+                self._findings.written_at[(*key, own, *place.key)] = (
+                    *key,
+                    name,
+                    PLACES,
+                    place.written,
+                )
+        return full
+
+    def _expand_patches(self, patches: list[TomlValue], key: KeyPath) -> list[TomlValue]:
+        full: list[TomlValue] = []
+        for index, patch in enumerate(patches):
+            if isinstance(patch, dict) and is_repeated(patch):
+                for place in self._members(patch, (*key, index)):
+                    self._findings.written_at[(*key, len(full))] = (*key, index)
+                    self._findings.written_at[(*key, len(full), *place.key)] = (
+                        *key,
+                        index,
+                        PLACES,
+                        place.written,
+                    )
+                    full.append(place.entry)
+            else:
+                self._findings.written_at[(*key, len(full))] = (*key, index)
+                full.append(patch)
+        return full
+
+    def _within_limits(
+        self, places: list[TomlValue], common: TomlTable, key: KeyPath
+    ) -> list[TomlValue]:
+        """Places of a repeated entry, none once the scene would become too large."""
+        before, most = self._entries, MAX_WRITTEN_OUT
+        self._entries += len(places) * count_entries(common)
+        if before <= most < self._entries:
+            self._findings.add(
+                (*key, PLACES),
+                f"makes the scene larger than {most} entries, written out; write fewer places",
+            )
+        return places if self._entries <= most else []
+
+    def _members(self, entry: TomlTable, key: KeyPath) -> Iterator[_Place]:
+        """A repeated entry at each of its places."""
+        common = {
+            name: value for name, value in entry.items() if name not in (PLACES, CARRIAGES, EACH)
+        }
+        places = self._within_limits(_list_places(entry, key, self._findings), common, key)
+        names = place_names(entry)[: len(places)]
+        exceptions = _read_each(entry, key, names, self._findings)
+        where = _place_key(common, key, self._findings)
+        _, per_rail = _carriage_counts(entry) or (1, 1)
+        for number, (name, place) in enumerate(zip(names, places, strict=True)):
+            member = _with(_numbered(common, name, rail=number // per_rail + 1), where, place)
+            for path, value in exceptions.get(name, []):
+                member = _with(member, path, value)
+            yield _Place(
+                name, member, where, name if isinstance(entry.get(PLACES), dict) else number
+            )
 
 
 def _list_places(entry: TomlTable, key: KeyPath, findings: Findings) -> list[TomlValue]:
@@ -204,6 +241,13 @@ def _list_places(entry: TomlTable, key: KeyPath, findings: Findings) -> list[Tom
         return _list_carriages(entry, key, findings)
     places = entry[PLACES]
     listed = list(places.values()) if isinstance(places, dict) else places
+    if isinstance(places, dict):
+        for name in [name for name in places if _PLACE_NAME.fullmatch(name) is None]:
+            findings.add(
+                (*key, PLACES, name),
+                f"{name[:80]!r} is no name of a place; write at most 64 letters, digits, _ and -",
+            )
+            return []
     if isinstance(listed, list) and 0 < len(listed) <= MOST_PLACES:
         return listed
     findings.add(
@@ -300,6 +344,12 @@ def _read_each(
             findings.add((*key, EACH, name), suggest_names(name, names, what="places"))
             continue
         found[name] = [(split_dotted(path), value) for path, value in table.items()]
+        for path, _ in [item for item in found[name] if len(item[0]) > MAX_DEPTH]:
+            findings.add(
+                (*key, EACH, name), f"has a key of {len(path)} parts; write one that exists"
+            )
+            del found[name]
+            break
     return found
 
 

@@ -6,6 +6,7 @@ import copy
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from headstock.scene.expansion.expansion import (
     EACH,
@@ -15,7 +16,7 @@ from headstock.scene.expansion.expansion import (
     written_entry,
 )
 from headstock.scene.expansion.parameters import MACHINE_SECTIONS, PARAMETERS
-from headstock.scene.reading.files import TomlTable, TomlValue
+from headstock.scene.reading.files import MAX_DEPTH, TomlTable, TomlValue
 from headstock.scene.reading.findings import Findings, Origin, Problem, show_key, suggest_names
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.schema.validation import is_list, known_keys, unknown_key
@@ -178,9 +179,8 @@ def _override(
     if written == path:
         _forget_exceptions(raw, path)
     if record:
-        for known in [known for known in findings.origins if known[: len(path)] == path]:
-            del findings.origins[known]
-        findings.origins[path] = origin
+        findings.overrides += 1
+        findings.origins[path] = replace(origin, order=findings.overrides)
 
 
 def _group_of(raw: TomlTable, path: KeyPath) -> tuple[KeyPath, TomlTable, KeyPath] | None:
@@ -248,6 +248,8 @@ def _forget_exceptions(raw: TomlTable, path: KeyPath) -> None:
 def _find_obstacle(raw: TomlTable, path: KeyPath) -> str:
     """Why nothing can be set at a path: an unknown section, entry or key, or a value in the way."""
     sections = known_keys(()) or []
+    if len(path) > MAX_DEPTH:
+        return f"cannot set a key of {len(path)} parts; a scene needs no more than ten"
     if path[0] not in sections:
         return f"cannot set {show_key(path)}: {suggest_names(path[0], sections, what='sections')}"
     place: TomlValue = raw

@@ -9,6 +9,7 @@ from decimal import DefaultContext, DivisionByZero, InvalidOperation, Overflow, 
 from headstock.scene.reading.units import Measure, UnitError, read_measure
 
 LONGEST = 200  # characters
+LARGEST_POWER = 30  # of a base unit
 DEEPEST = 20  # parentheses and signs in each other
 MARK = "="
 # a unit stands right behind its number; of its operators only / may be written without brackets,
@@ -45,25 +46,23 @@ def sole_name(text: str) -> str | None:
     return inner if NAME.fullmatch(inner) else None
 
 
-def calculate(text: str, look_up: Callable[[str], Measure]) -> Measure:
+def calculate(text: str, look_up: Callable[[str], Measure], names: Collection[str]) -> Measure:
     """The value of an expression.
 
     Args:
         text: With its mark ``=``.
         look_up: The value of a name; raises ``ExpressionError`` where there is none.
+        names: That have one.
 
     Raises:
         ExpressionError: It does not follow the grammar, adds different quantities, divides by zero,
             or leaves the range of numbers.
     """
-    if len(text) > LONGEST:
-        raise ExpressionError(
-            f"is longer than {LONGEST} characters; give its parts names under [parameters]"
-        )
+    _refuse_long(text)
     # the same however the process has set up its decimals
     with localcontext(DefaultContext):
         try:
-            parser = _Parser(text.lstrip().removeprefix(MARK), look_up)
+            parser = _Parser(text.lstrip().removeprefix(MARK), look_up, names)
             value = parser.read_sum(0)
             parser.expect_end()
         except (DivisionByZero, InvalidOperation) as error:
@@ -73,13 +72,23 @@ def calculate(text: str, look_up: Callable[[str], Measure]) -> Measure:
         return value
 
 
-def names_in(text: str) -> set[str]:
-    """Names in an expression, units left out."""
-    position, names = text.index(MARK) + len(MARK), set()
-    while token := _TOKEN.match(text, position):
-        names |= {token["name"]} - {None}
+def names_in(text: str) -> list[str]:
+    """Names in an expression in its order, units left out; none where it is too long."""
+    position, names = text.index(MARK) + len(MARK), dict[str, None]()
+    while len(text) <= LONGEST and (token := _TOKEN.match(text, position)):
+        if token["name"]:
+            names[token["name"]] = None
         position = token.end()
-    return names
+    return list(names)
+
+
+def read_text(text: str) -> Measure | None:
+    """A number with or without a unit, such as ``12 mm``; None for any other text."""
+    match = _QUANTITY.fullmatch(text) if len(text) <= LONGEST else None
+    try:
+        return None if match is None else _read_measure(*match.groups())
+    except ExpressionError:
+        return None
 
 
 def prefix_names(text: str, prefix: str, names: Collection[str]) -> str:
@@ -91,8 +100,9 @@ def prefix_names(text: str, prefix: str, names: Collection[str]) -> str:
         names: Of parameters.
 
     Raises:
-        ExpressionError: A unit can be read as one of the names.
+        ExpressionError: A unit can be read as one of the names, or it is too long.
     """
+    _refuse_long(text)
     position = text.index(MARK) + len(MARK)
     parts = [text[:position]]
     while token := _TOKEN.match(text, position):
@@ -106,6 +116,20 @@ def prefix_names(text: str, prefix: str, names: Collection[str]) -> str:
     return "".join(parts) + text[position:]
 
 
+def _refuse_long(text: str) -> None:
+    if len(text) > LONGEST:
+        raise ExpressionError(
+            f"is longer than {LONGEST} characters; give its parts names under [parameters]"
+        )
+
+
+def _read_measure(number: str, unit: str) -> Measure:
+    try:
+        return read_measure(number, unit)
+    except UnitError as error:
+        raise ExpressionError(f"holds a unit that is none: {error}") from error
+
+
 def _read_twice(number: str, unit: str, word: str) -> ExpressionError:
     return ExpressionError(
         f"can be read in two ways at {number} {unit}, as {word!r} is a parameter too; write spaces around /, or [{number} {unit}]"
@@ -113,8 +137,10 @@ def _read_twice(number: str, unit: str, word: str) -> ExpressionError:
 
 
 class _Parser:
-    def __init__(self, text: str, look_up: Callable[[str], Measure]) -> None:
-        self._text, self._position, self._look_up = text, 0, look_up
+    def __init__(
+        self, text: str, look_up: Callable[[str], Measure], names: Collection[str]
+    ) -> None:
+        self._text, self._position, self._look_up, self._names = text, 0, look_up, names
         self._token = self._next()
 
     def expect_end(self) -> None:
@@ -142,6 +168,10 @@ class _Parser:
         while (sign := self._take("*", "/")) is not None:
             other = self._read_factor(depth)
             value = value.times(other) if sign == "*" else value.over(other)
+            if any(abs(power) > LARGEST_POWER for _, power in value.powers):
+                raise ExpressionError(
+                    f"measures a power of a unit beyond {LARGEST_POWER}; check its products"
+                )
         return value
 
     def _read_factor(self, depth: int) -> Measure:
@@ -176,20 +206,10 @@ class _Parser:
                 )
             number, unit = match.groups()
         elif "/" in unit:
-            self._refuse_names(number, unit)
-        try:
-            return read_measure(number, unit)
-        except UnitError as error:
-            raise ExpressionError(f"holds a unit that is none: {error}") from error
-
-    def _refuse_names(self, number: str, unit: str) -> None:
-        """A unit with a word that is a parameter can be read in two ways."""
-        for word in _WORD.findall(unit):
-            try:
-                self._look_up(word)
-            except ExpressionError:
-                continue
-            raise _read_twice(number, unit, word)
+            # a unit with a word that is a parameter can be read in two ways
+            for word in [word for word in _WORD.findall(unit) if word in self._names]:
+                raise _read_twice(number, unit, word)
+        return _read_measure(number, unit)
 
     def _take(self, *signs: str) -> str | None:
         if self._token is None or self._token["sign"] not in signs:

@@ -17,6 +17,8 @@ MAX_BYTES = 1 << 20
 MAX_REFERENCED_BYTES = 4 << 30
 MAX_DEPTH = 50
 MAX_ENTRIES = 20_000
+CHARACTERS_OF_ENTRY = 100  # a text counts as one entry for each of these
+CHARACTERS_OF_PLACE = 64  # of a name that is filled in for {n}
 _POSITION = " (at "
 # tomllib needs time quadratic in the length of a dotted key, so long ones are refused before it
 # sees them
@@ -64,7 +66,7 @@ def read_scene(path: Path, findings: Findings) -> TomlTable:
     except (tomllib.TOMLDecodeError, ValueError) as error:
         _report_syntax(str(error), positions, repeated, findings)
     findings.raise_if_any()
-    if _depth(raw) > MAX_DEPTH:
+    if nesting_depth(raw) > MAX_DEPTH:
         findings.add_line(
             None,
             f"values are nested more than {MAX_DEPTH} deep; a scene needs no more than ten levels",
@@ -188,8 +190,22 @@ def _report_syntax(
         findings.add_line(line, f"not valid TOML: {reason[:200]}")
 
 
-def _depth(raw: TomlTable) -> int:
-    """Nesting depth of parsed TOML, without recursion."""
+def count_entries(value: TomlValue) -> int:
+    """Entries that a value of a scene adds to it: its own and those in it, long texts as several,
+    with names filled in.
+    """
+    if isinstance(value, dict | list):
+        inner = value.values() if isinstance(value, dict) else value
+        return 1 + sum(map(count_entries, inner))
+    if not isinstance(value, str):
+        return 1
+    return 1 + (len(value) + CHARACTERS_OF_PLACE * value.count("{")) // CHARACTERS_OF_ENTRY
+
+
+def nesting_depth(raw: TomlValue) -> int:
+    """Nesting depth of parsed TOML, without recursion; not beyond the first level that is too
+    deep.
+    """
     depth = 0
     level: list[TomlValue] = [raw]
     while level:

@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 from headstock.scene.reading.positions import KeyPath
 
 MAX_SHOWN = 60
+MAX_PROBLEMS = 200  # then it is raised without looking on
+LARGEST_CHOICE = 500  # names that are all compared with a wrong one
 _LINE = re.compile(r":(\d+)(?: \(.*\))?$", re.DOTALL)
 
 
@@ -73,11 +75,19 @@ class SceneError(Exception):
 class Origin:
     """Where the value at a key path came from: a line of the scene file or of one that it includes,
     and the override that put it there, if any.
+
+    Attributes:
+        line: From 1; None where it is in no file.
+        override: Its label.
+        file: The included one.
+        order: How many overrides came before; where a table was replaced, what was known of its
+            entries no longer counts.
     """
 
     line: int | None
     override: str | None = None
     file: str | None = None
+    order: int = 0
 
 
 @dataclass
@@ -95,6 +105,7 @@ class Findings:
         on_request: Analyses that run only when they are named.
         deferred: What keeps such an analysis from running as the scene stands, by its name.
         included: Lines of the files that the scene includes, by their paths.
+        overrides: How many keys were overridden.
     """
 
     path: str
@@ -107,11 +118,15 @@ class Findings:
     on_request: frozenset[str] = frozenset()
     deferred: dict[str, list[Problem]] = field(default_factory=dict)
     included: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    overrides: int = 0
     _told: set[tuple[KeyPath, str]] = field(default_factory=set)
 
     def add(self, key: KeyPath, message: str) -> None:
         """Report a problem at a key path (or at the closest enclosing one that is written down);
         once for all places of a repeated entry.
+
+        Raises:
+            SceneError: There are so many that no more are looked for.
         """
         problem, written = self.describe(key, message), (self._written_key(key), message)
         if problem not in [known for _, known in self.problems[-MAX_SHOWN:]] and (
@@ -120,6 +135,8 @@ class Findings:
             self.problems.append((self.origin_of(key).line or 0, problem))
         if written[0] != key:
             self._told.add(written)
+        if len(self.problems) >= MAX_PROBLEMS:
+            self.raise_if_any()
 
     def _written_key(self, key: KeyPath) -> KeyPath:
         """The key that an expanded one was written at."""
@@ -176,9 +193,10 @@ class Findings:
         """Origin of a key path or of its closest ancestor that has one."""
         key = self._written_key(key)
         for path in (key, tuple(part for part in key if isinstance(part, str))):
-            for length in range(len(path), 0, -1):
-                if path[:length] in self.origins:
-                    return self.origins[path[:length]]
+            known = [path[:length] for length in range(len(path), 0, -1)]
+            found = [self.origins[part] for part in known if part in self.origins]
+            if found:
+                return max(found, key=lambda origin: origin.order)  # of equal ones the nearest
         return Origin(None)
 
     def place_of(self, key: KeyPath) -> str:
@@ -241,8 +259,13 @@ def suggest_names(wrong: object, names: Iterable[str], *, what: str) -> str:
         names: What could be.
         what: Word for them, in the plural.
     """
-    known = sorted(names)
-    close = difflib.get_close_matches(str(wrong)[:80], known, n=1, cutoff=0.6)
+    known, text = sorted(names), str(wrong)[:80]
+    alike = (
+        known
+        if len(known) <= LARGEST_CHOICE
+        else [name for name in known if name[:2] == text[:2]][:LARGEST_CHOICE]
+    )
+    close = difflib.get_close_matches(text, alike, n=1, cutoff=0.6)
     listed = ", ".join(known[:20]) + (", ..." if len(known) > 20 else "")
     hint = f"did you mean {close[0]!r}? " if close else ""
     return f"{hint}{what}: {listed}" if known else f"there are no {what} in this scene"

@@ -237,12 +237,19 @@ def read_measure(number: str, unit: str) -> Measure:
     Raises:
         UnitError: An unknown unit.
     """
-    factor, _ = _resolve_unit(unit.translate(_SUPERSCRIPTS), "38 mm")
+    factor, powers = _base_units(unicodedata.normalize("NFKC", unit.translate(_SUPERSCRIPTS)))
+    return Measure(Decimal(number) * factor, powers)
+
+
+@lru_cache(maxsize=1024)
+def _base_units(unit: str) -> tuple[Decimal, tuple[tuple[str, int], ...]]:
+    """Factor to SI of a unit, and symbol and exponent of each base unit in it."""
+    factor, _ = _resolve_unit(unit, "38 mm")
     if not unit:
-        return Measure(Decimal(number))
-    parsed = _REGISTRY.parse_units(unit.translate(_SUPERSCRIPTS).replace("^", "**"))
+        return Decimal(1), ()
+    parsed = _REGISTRY.parse_units(unit.replace("^", "**"))
     powers = {_BASES[base]: int(power) for base, power in parsed.dimensionality.items()}
-    return Measure(Decimal(number) * factor, tuple(sorted(powers.items())))
+    return factor, tuple(sorted(powers.items()))
 
 
 def read_unit(text: str, *dimensions: Dimension) -> Unit:

@@ -19,7 +19,6 @@ from headstock.scene.reading.renamed_names import SCENE_KEYS
 from headstock.scene.reading.units import show_value
 from headstock.scene.schema.scene import SceneTable
 
-MAX_PROBLEMS = 200
 # what pydantic puts among the keys: a faulty key, and which kind of value was taken
 TAGS = (
     "[key]",
@@ -61,8 +60,7 @@ def validate_against[T: BaseModel](model: type[T], raw: TomlTable, findings: Fin
             return model.model_validate(pruned)
         except ValidationError as error:
             for detail in error.errors(include_url=False):
-                if len(findings.problems) < MAX_PROBLEMS:
-                    _report(model, detail, findings)
+                _report(model, detail, findings)
                 _prune(pruned, detail["loc"])
     return None
 

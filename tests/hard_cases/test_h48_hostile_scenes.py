@@ -24,6 +24,8 @@ def repeat(count: int, text: str) -> str:
     return "".join(text.format(i=i) for i in range(count))
 
 
+PLACES = "places = [" + ",".join(["[]"] * 200) + "]"
+
 HOSTILE: dict[str, Callable[[], str]] = {
     "two megabytes": lambda: SCENE + "#" * (2 << 20),
     "nested tables": lambda: SCENE + "x = " + "{a=" * 100_000,
@@ -52,6 +54,21 @@ HOSTILE: dict[str, Callable[[], str]] = {
     "long unit": lambda: SCENE.replace("40 mm", "4 " + "m*" * 5000 + "m"),
     "huge power": lambda: SCENE.replace("40 mm", "4 m**9**9**9"),
     "huge integer": lambda: SCENE.replace("modes = 8", "modes = " + "9" * 4000),
+    "lists of lists": lambda: (
+        SCENE.replace("40 mm", "= a0")
+        + "[parameters]\n"
+        + "".join(f'a{i} = ["= a{i + 1}", "= a{i + 1}"]\n' for i in range(60))
+    ),
+    "chain of parameters": lambda: (
+        SCENE.replace("40 mm", "= a0")
+        + "[parameters]\n"
+        + "".join(f'a{i} = "= a{i + 1} + a{i + 2}"\n' for i in range(6000))
+    ),
+    "places in places": lambda: (
+        SCENE
+        + PART.format(i="").replace("fidelity", f"{PLACES}\nfidelity")
+        + f"[components.c.interfaces.b]\nface='z+'\n{PLACES}\nrect={{size=['1 mm','1 mm']}}\n"
+    ),
     "byte order mark": lambda: "\ufeff" + SCENE,
     "NO and 1e3": lambda: SCENE.replace("modes = 8", "modes = NO") + "x = 1e3\n",
     "duplicate keys": lambda: SCENE + '[materials.steel]\nE = "1 GPa"\n',

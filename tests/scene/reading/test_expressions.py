@@ -38,7 +38,7 @@ def look_up(name: str) -> Measure:
     ],
 )
 def test_values_are_calculated_with_their_units(text: str, value: float, unit: str) -> None:
-    found = calculate(text, look_up)
+    found = calculate(text, look_up, NAMES)
     assert float(found.value) == pytest.approx(value, rel=1e-15)
     written = found.written()
     if unit:
@@ -50,9 +50,9 @@ def test_values_are_calculated_with_their_units(text: str, value: float, unit: s
 
 
 def test_decimal_numbers_stay_what_they_are() -> None:
-    assert calculate("= 38 mm / 2", look_up).written() == "0.019 m"
-    assert calculate("= 0.1 mm + 0.2 mm", look_up).written() == "0.0003 m"
-    assert calculate("= 4 * 5", look_up).written() == 20
+    assert calculate("= 38 mm / 2", look_up, NAMES).written() == "0.019 m"
+    assert calculate("= 0.1 mm + 0.2 mm", look_up, NAMES).written() == "0.0003 m"
+    assert calculate("= 4 * 5", look_up, NAMES).written() == 20
 
 
 @pytest.mark.parametrize(
@@ -83,7 +83,7 @@ def test_decimal_numbers_stay_what_they_are() -> None:
 )
 def test_what_is_no_arithmetic_is_refused(text: str, reason: str) -> None:
     with pytest.raises(ExpressionError, match=reason.replace("(", r"\(")):
-        calculate(text, look_up)
+        calculate(text, look_up, NAMES)
 
 
 def test_only_texts_with_the_mark_are_expressions() -> None:
