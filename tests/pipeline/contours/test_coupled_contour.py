@@ -259,7 +259,7 @@ def test_ripple_of_the_teeth_needs_modes_up_to_their_frequency(tmp_path: Path) -
         face = found.plan.cuts[0]
         now, frame = (
             found.way.sampled.at(np.array([face.middle])),
-            travel_frames(face.travel[None])[0],
+            travel_frames(face.travel[None], face.part)[0],
         )
         tip, rest = frame @ now.rows[0, :3], frame @ now.direct[0, :3, :3] @ frame.T
         unit = np.eye(tip.shape[1])

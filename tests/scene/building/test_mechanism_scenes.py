@@ -25,7 +25,7 @@ SCENE = Path(__file__).resolve().parents[3] / "machines" / "tripteor.toml"
     ('mechanism.dimensions.base=["1 m"]', "mechanism.dimensions.base", "needs at least 3"),
     ('mechanism.springs.joint="0 N/um"', "mechanism.springs.joint", "above zero"),
     ('points.tcp.work="platform.top"', "points.tcp", "relative to ground only"),
-    ('analyses.contouring.radial_depth="11 mm"', "analyses.contouring.radial_depth", "more than the radius"),
+    ('analyses.contouring.radial_depth="21 mm"', "analyses.contouring.radial_depth", "more than the diameter"),
     ('analyses.contouring.forces="missing.csv"', "analyses.contouring", "either the material"),
     ('effects.regeneration="yes"', "effects.regeneration", "neither true nor false"),
     ('effects={ gravity_stiffening = true }', "effects.gravity_stiffening", "gravity = true as well"),
