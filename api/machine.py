@@ -121,6 +121,7 @@ class Sections(TypedDict, total=False):
     name: str
     parameters: Mapping[str, object]
     materials: Entries
+    cutting: Entries
     components: Entries
     joints: Entries
     chains: Entries

@@ -241,7 +241,7 @@ class PathRequest:
         feeds = " and ".join(move.name.partition(" ")[0] for move in self.moves)
         unit = self.moves[0].name.partition(" ")[2]
         length = show_position(self.path.length, self.path.unit)
-        cut = "" if self.cut is None else f", cutting forces in {self.cut.cut.coefficients.source}"
+        cut = "" if self.cut is None else f", cutting forces in {self.cut.cut.coefficients.name}"
         return f"{', '.join(self.path.axes)} moves {length} at {feeds} {unit}, sampled at {self.sampling_hz:g} Hz{cut}"
 
 

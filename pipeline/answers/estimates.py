@@ -10,6 +10,7 @@ DISCRETISATION = "discretisation"
 CURVED_FACES = "curved faces"
 LEFT_OUT = "features left out"  # of a mesh
 MODEL = "model"  # of bodies that are no finite elements
+CUTTING = "cutting coefficients"
 INTERFACE = "interface"  # of rigid joints between elastic bodies
 
 

@@ -10,6 +10,7 @@ from headstock.geometry.machine.carriages import find_overhangs
 from headstock.geometry.machine.machine import Pose, find_limit_fault
 from headstock.geometry.machine.tool_travel import find_tool_travel
 from headstock.geometry.mechanisms.exechon import LENGTHS
+from headstock.scene.building.cutting import build_cut, part_side
 from headstock.scene.building.draft import Draft, check_name
 from headstock.scene.building.drives import FRICTION
 from headstock.scene.building.lobes import build_tool_mode
@@ -24,12 +25,6 @@ from headstock.scene.schema.effects import CONTOUR_EFFECTS
 from headstock.scene.schema.mechanism import ContouringTable
 from headstock.scene.schema.scene import SceneTable
 from headstock.solvers.mechanisms.modes import PoseDamping
-from headstock.solvers.milling.forces import (
-    CUTTING_MATERIALS,
-    EndMill,
-    MillingCut,
-    clockwise_side,
-)
 from headstock.solvers.milling.tool_path import (
     SHORTEST_FACE,
     PolylineContour,
@@ -62,20 +57,9 @@ def build_contouring(
     table = scene.analyses.contouring
     if table is None:
         return None
-    mill = EndMill(table.mill.diameter, table.mill.teeth, table.mill.helix, table.mill.runout)
-    # with measured forces, or none, the coefficients play no part
-    name: str = table.material or "al7075-t6"
-    coefficients = CUTTING_MATERIALS[name]
     return ContouringRequest(
         contour=_build_contour(table, folder),
-        cut=MillingCut(
-            mill,
-            coefficients,
-            table.spindle,
-            table.axial_depth,
-            table.radial_depth,
-            sense=table.sense,
-        ),
+        cut=build_cut(scene, table),
         model=table.model,
         steps_per_turn=table.steps_per_turn,
         damping=damping,
@@ -87,7 +71,7 @@ def build_contouring(
         cutting=bool(scene.effects.get("cutting_force", False)),
         regeneration=bool(scene.effects.get("regeneration", False)),
         point=_tool_point(scene, table),
-        modes_to_hz=table.modes_to or PASSINGS * table.spindle / (2.0 * math.pi) * mill.teeth,
+        modes_to_hz=table.modes_to or PASSINGS * table.spindle / (2.0 * math.pi) * table.mill.teeth,
         follows_pose=table.pose_model == "pose_dependent",
         cut_off=table.cut_off,
         estimate=table.estimate,
@@ -105,7 +89,7 @@ def _build_contour(table: ContouringTable, folder: Path) -> SquareContour | Poly
         ValueError: Corners are not at one height, or the file is missing or out of bounds.
         ForceFileError: The file of corners cannot be used.
     """
-    offset, part = 0.5 * table.mill.diameter, table.part_side or clockwise_side(table.sense)
+    offset, part = 0.5 * table.mill.diameter, part_side(table)
     if table.side is not None and table.at is not None:
         return SquareContour(
             side=table.side,
@@ -202,11 +186,6 @@ def check_contouring(draft: Draft, findings: Findings) -> None:
         cutting and table.material is None and table.forces is None
     ):
         findings.add(KEY, 'needs either the material that is cut, or forces = "measured.csv"')
-    if table.radial_depth > table.mill.diameter:
-        findings.add(
-            (*KEY, "radial_depth"),
-            "is more than the diameter of the tool; take less, or a larger tool",
-        )
     _check_way(table, draft.folder, findings)
     for name, written in (("forces", table.forces), ("traces", table.traces)):
         try:

@@ -6,6 +6,7 @@ import math
 
 from headstock.geometry.machine.drives import AxisControl, Drive, GuideFriction, TorqueRipple
 from headstock.geometry.mechanisms.exechon import LENGTHS
+from headstock.scene.building.cutting import build_cut, part_side
 from headstock.scene.building.draft import Draft, check_name
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
@@ -14,12 +15,6 @@ from headstock.scene.requests import ControlRequest, PathCut
 from headstock.scene.schema.drives import DriveTable, FrictionTable
 from headstock.scene.schema.path import PathTable
 from headstock.scene.schema.scene import SceneTable
-from headstock.solvers.milling.forces import (
-    CUTTING_MATERIALS,
-    EndMill,
-    MillingCut,
-    clockwise_side,
-)
 
 DRIVE_CONTROL, FRICTION, SCREW_INERTIA, TORQUE_RIPPLE, CUTTING_FORCE = (
     "drive_control",
@@ -282,11 +277,6 @@ def _check_cut(scene: SceneTable, path: PathTable, findings: Findings) -> None:
         )
     if cut is None:
         return
-    if cut.radial_depth > cut.mill.diameter:
-        findings.add(
-            (*key, "radial_depth"),
-            "is more than the diameter of the tool; take less, or a larger tool",
-        )
     if cut.at is not None and cut.at not in scene.points:
         findings.add(
             (*key, "at"),
@@ -363,17 +353,8 @@ def build_path_cut(scene: SceneTable) -> PathCut | None:
     if path is None or path.cut is None or scene.effects.get("cutting_force", False) is False:
         return None
     table = path.cut
-    mill = EndMill(table.mill.diameter, table.mill.teeth, table.mill.helix, table.mill.runout)
-    cut = MillingCut(
-        mill,
-        CUTTING_MATERIALS[table.material],
-        table.spindle,
-        table.axial_depth,
-        table.radial_depth,
-        sense=table.sense,
-    )
-    side = table.part_side or clockwise_side(table.sense)
-    return PathCut(cut, table.at or next(iter(scene.points)), table.up, side)
+    at = table.at or next(iter(scene.points))
+    return PathCut(build_cut(scene, table), at, table.up, part_side(table))
 
 
 def _build_drive(name: str, table: DriveTable, scene: SceneTable, on: set[str]) -> Drive:

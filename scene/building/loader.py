@@ -39,6 +39,7 @@ from headstock.scene.building.contouring import (
     check_contour_reach,
     check_contouring,
 )
+from headstock.scene.building.cutting import check_cutting
 from headstock.scene.building.draft import Draft, collect_interfaces, collect_sections
 from headstock.scene.building.drives import build_control, build_drives, check_drives
 from headstock.scene.building.guide_errors import (
@@ -130,6 +131,7 @@ CHECKS_OF_ENTRIES: tuple[Callable[[Draft, Findings], None], ...] = (
     check_transient,
     check_mechanism,
     check_contouring,
+    check_cutting,
     check_sweeps,
     check_studies,
     check_comparison,

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from headstock.scene.building.cutting import build_mill, part_side, resolve_material
 from headstock.scene.building.draft import Draft, check_name, check_pose_names
 from headstock.scene.building.path import build_path
 from headstock.scene.reading.files import resolve_file
@@ -14,7 +15,6 @@ from headstock.scene.scene import Scene
 from headstock.scene.schema.mechanism import ToolModeTable
 from headstock.scene.schema.scene import SceneTable
 from headstock.scene.studies import Sweep
-from headstock.solvers.milling.forces import CUTTING_MATERIALS, EndMill, clockwise_side
 from headstock.solvers.milling.tool_dynamics import ToolMode, across_axis
 
 KEY: KeyPath = ("analyses", "lobes")
@@ -36,10 +36,10 @@ def build_lobes(scene: SceneTable, poses: tuple[str, ...], folder: Path) -> Lobe
     table = scene.analyses.lobes
     if table is None:
         return None
-    mill, path = table.mill, scene.analyses.path
+    path = scene.analyses.path
     return LobesRequest(
-        mill=EndMill(mill.diameter, mill.teeth, mill.helix, mill.runout),
-        coefficients=CUTTING_MATERIALS[table.material],
+        mill=build_mill(table.mill),
+        coefficients=resolve_material(scene, table.material, table),
         material=table.material,
         radial_depth=table.radial_depth,
         speeds=np.linspace(
@@ -59,7 +59,7 @@ def build_lobes(scene: SceneTable, poses: tuple[str, ...], folder: Path) -> Lobe
         poses=tuple(table.poses or poses),
         path=None if path is None else build_path(scene, path),
         sense=table.sense,
-        part=table.part_side or clockwise_side(table.sense),
+        part=part_side(table),
     )
 
 

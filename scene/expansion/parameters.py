@@ -41,6 +41,7 @@ _SHOWN_NAMES = 6  # of a circle of parameters
 MACHINE_SECTIONS = (
     PARAMETERS,
     "materials",
+    "cutting",
     "components",
     "joints",
     "chains",

@@ -100,6 +100,9 @@ IMPULSE = Dimension("impulse", "N s", "2 N s", 1e18)
 ANGULAR_IMPULSE = Dimension("angular impulse", "N m s", "0.1 N m s", 1e20)
 MEMORY = Dimension("amount of memory", "B", "4 GB", 1e18)
 RATIO = Dimension("ratio", "", "2 %", 1e12)
+# pressure and stiffness by other names
+SPECIFIC_FORCE = Dimension("force per area", "N/m^2", "1500 N/mm^2", 1e13)
+EDGE_FORCE = Dimension("force per length", "N/m", "20 N/mm", 1e9)
 DIMENSIONS = (
     LENGTH, ANGLE, MASS, TIME, FREQUENCY, PRESSURE, DENSITY, FORCE, MOMENT, STIFFNESS, ROTATIONAL_STIFFNESS,
     STIFFNESS_PER_AREA, DAMPING, ROTATIONAL_DAMPING, ACCELERATION, SPEED, ANGULAR_SPEED, COMPLIANCE, INERTIA, RATE, MEMORY, RATIO,

@@ -2,9 +2,10 @@
 contouring on it, and of stability lobes, which share its tool.
 """
 
+import math
 from typing import Annotated, Literal, Self
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from headstock.scene.reading.tool_positions import MOST_CORNERS
 from headstock.scene.reading.units import ANGULAR_SPEED
@@ -111,13 +112,44 @@ class MechanismTable(StrictTable):
         return self
 
 
+MOST_TEETH = 40
+LEAST_DIAMETER, MOST_DIAMETER = 2e-5, 1.0  # of mills [m]
+MOST_HELIX = 75.0  # [deg]
+MOST_RUNOUT = 0.1  # of the diameter
+
+
+def _check_diameter(value: float) -> float:
+    if not LEAST_DIAMETER <= value <= MOST_DIAMETER:
+        raise problem(
+            f"is {1e3 * value:g} mm; mills measure {1e3 * LEAST_DIAMETER:g} to {1e3 * MOST_DIAMETER:g} mm; check the unit"
+        )
+    return value
+
+
+def _check_helix(value: float) -> float:
+    if not abs(value) <= math.radians(MOST_HELIX) * (1.0 + 1e-12):
+        raise problem(
+            f"is {math.degrees(value):g} deg; a helix angle, counted from the tool's axis, lies between {-MOST_HELIX:g} and {MOST_HELIX:g} deg;"
+            " check the unit"
+        )
+    return value
+
+
 class MillTable(StrictTable):
     """A cylindrical end mill; a positive helix pulls a tool that turns clockwise down."""
 
-    diameter: PositiveLength
-    teeth: Annotated[Count, Between(1, 100)]
-    helix: Angle = 0.0
+    diameter: Annotated[PositiveLength, AfterValidator(_check_diameter)]
+    teeth: Annotated[Count, Between(1, MOST_TEETH)]
+    helix: Annotated[Angle, AfterValidator(_check_helix)] = 0.0
     runout: NotNegativeLength = 0.0
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.runout > MOST_RUNOUT * self.diameter:
+            raise problem(
+                f"has a runout of {1e3 * self.runout:g} mm, more than {100.0 * MOST_RUNOUT:g} % of its diameter; check the unit"
+            )
+        return self
 
 
 class ToolModeTable(StrictTable):
@@ -149,11 +181,11 @@ class ContouringTable(RequestTable):
     radial_depth: PositiveLength
     sense: Literal["down", "up"] = "down"
     part_side: Literal["right", "left"] | None = None
-    material: Literal["al7075-t6", "al7075-t6-dry", "al6061-t6"] | None = None
+    material: Text | None = None
     forces: Text | None = None
     traces: Text | None = None
     traces_knots: PositiveTime = 0.01
-    lead: Length = 0.02
+    lead: NotNegativeLength = 0.02
     averaging: PositiveTime = 0.01
     model: Literal["linear", "nonlinear"] = "linear"
     steps_per_turn: Annotated[Count, Between(24, 2000)] = 96
@@ -260,7 +292,8 @@ class LobesTable(RequestTable):
     radial_depth: PositiveLength
     sense: Literal["down", "up"] = "down"
     part_side: Literal["right", "left"] | None = None
-    material: Literal["al7075-t6", "al7075-t6-dry", "al6061-t6"]
+    material: Text
+    feed_per_tooth: PositiveLength | None = None
     directions: Annotated[list[Travel], Field(min_length=1, max_length=12)] = [
         (1.0, 0.0, 0.0),
         (0.0, 1.0, 0.0),

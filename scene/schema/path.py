@@ -36,7 +36,7 @@ class PathCutTable(StrictTable):
     radial_depth: PositiveLength
     sense: Literal["down", "up"] = "down"
     part_side: Literal["right", "left"] | None = None
-    material: Literal["al7075-t6", "al7075-t6-dry", "al6061-t6"]
+    material: Text
     at: Text | None = None
     up: Direction = (0.0, 0.0, 1.0)
 

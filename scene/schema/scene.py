@@ -10,6 +10,7 @@ from headstock.scene.requests import Motors
 from headstock.scene.schema.axes import AxisTable, PointTable, PoseTable
 from headstock.scene.schema.chains import ChainTable
 from headstock.scene.schema.components import ComponentTable, MaterialTable, OrientationTable
+from headstock.scene.schema.cutting import CuttingTable
 from headstock.scene.schema.drives import ControlTable, DriveTable
 from headstock.scene.schema.effects import EFFECT_NAMES, PLAIN_EFFECTS
 from headstock.scene.schema.joints import JointTable
@@ -319,6 +320,7 @@ class SceneTable(StrictTable):
     include: Includes = []
     parameters: dict[str, Any] = {}
     materials: dict[Name, MaterialTable] = {}
+    cutting: dict[Name, CuttingTable] = {}
     components: dict[Name, ComponentTable] = {}
     joints: dict[Name, JointTable] = {}
     chains: dict[Name, ChainTable] = {}

@@ -269,6 +269,10 @@ NotNegativeDamping = Annotated[float, _InUnits(units.DAMPING, "not negative")]
 PositiveRate = Annotated[float, _InUnits(units.RATE, "positive")]
 NotNegativeRate = Annotated[float, _InUnits(units.RATE, "not negative")]
 NotNegativeForce = Annotated[float, _InUnits(units.FORCE, "not negative")]
+SpecificForce = Annotated[float, _InUnits(units.SPECIFIC_FORCE)]
+PositiveSpecificForce = Annotated[float, _InUnits(units.SPECIFIC_FORCE, "positive")]
+EdgeForce = Annotated[float, _InUnits(units.EDGE_FORCE)]
+NotNegativeEdgeForce = Annotated[float, _InUnits(units.EDGE_FORCE, "not negative")]
 TimedLoadSize = Annotated[
     Quantity,
     BeforeValidator(read_quantity(units.FORCE, units.MOMENT, units.IMPULSE, units.ANGULAR_IMPULSE)),

@@ -20,23 +20,12 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
+from headstock.solvers.milling.coefficients import CuttingCoefficients as CuttingCoefficients
 
 CHUNK = 4096
 STRAIGHT = 1e-6  # twist of an edge over the depth [rad] below which it has none
 Sense = Literal["down", "up"]
 Side = Literal["right", "left"]
-_TABLE = "table 5 of doi 10.1186/s10033-021-00536-9 (Chin. J. Mech. Eng. 2021); edge terms printed in N mm, taken as N/mm"
-
-
-@dataclass(frozen=True)
-class CuttingCoefficients:
-    """Chip coefficients [N/m^2] and edge coefficients [N/m], tangential, radial, axial; with their
-    source.
-    """
-
-    chip: tuple[float, float, float]
-    edge: tuple[float, float, float]
-    source: str
 
 
 @dataclass(frozen=True)
@@ -342,13 +331,3 @@ def _integrate_products(angles: FloatArray) -> FloatArray:
             len(angles) - cosine.sum(axis=0),
         ]
     )
-
-
-# axial terms are zero where the table gives none
-CUTTING_MATERIALS: dict[str, CuttingCoefficients] = {
-    "al7075-t6": CuttingCoefficients((600.46e6, 180.96e6, 0.0), (17.9e3, 20.42e3, 0.0), _TABLE),
-    "al7075-t6-dry": CuttingCoefficients(
-        (767.01e6, 168.8e6, 222e6), (27.7e3, 26.6e3, 0.7e3), _TABLE
-    ),
-    "al6061-t6": CuttingCoefficients((243.77e6, 113.5e6, 0.0), (7.53e3, 7.83e3, 0.0), _TABLE),
-}

@@ -17,10 +17,10 @@ from headstock.pipeline.contours.contour_run import ContourRun, face_instants, h
 from headstock.pipeline.contours.contouring import cut_multiplier, face_stability
 from headstock.pipeline.contours.lumped_contour import lumped_face_dynamics, run_lumped_contour
 from headstock.pipeline.contours.milled_faces import mill_faces
+from headstock.scene.building.cutting import catalogue_coefficients
 from headstock.scene.building.loader import load_scene
 from headstock.scene.requests import ContouringRequest
 from headstock.solvers.mechanisms.modes import PoseDamping
-from headstock.solvers.milling.forces import CUTTING_MATERIALS
 from headstock.solvers.milling.stability import (
     TipDynamics,
     floquet_multipliers,
@@ -56,7 +56,7 @@ def contour_request(material: str, model: str = "linear") -> ContouringRequest:
     request = load_scene(SCENE, variant="lumped").analyses.contouring
     if request is None:
         raise ValueError(f"{SCENE} has no contour")
-    cut = dataclasses.replace(request.cut, coefficients=CUTTING_MATERIALS[material])
+    cut = dataclasses.replace(request.cut, coefficients=catalogue_coefficients(material))
     return dataclasses.replace(
         request, cut=cut, material=material, model="nonlinear" if model == "nonlinear" else "linear"
     )

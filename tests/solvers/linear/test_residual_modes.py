@@ -5,11 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
+from headstock.scene.building.cutting import catalogue_coefficients
 from headstock.solvers.linear.frequency_response import solve_frf
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.modal_coordinates import reduce_to_modes, to_modal_coordinates
 from headstock.solvers.linear.static_response import solve_static
-from headstock.solvers.milling.forces import CUTTING_MATERIALS, EndMill, MillingCut
+from headstock.solvers.milling.forces import EndMill, MillingCut
 from headstock.solvers.milling.full_discretisation import (
     cut_multiplier,
     scan_limit_depth,
@@ -67,7 +68,7 @@ def _limit(system: SecondOrderSystem) -> float:
     tip: TipDynamics = tip_dynamics(
         system.mass, system.damping, system.stiffness, forced=rows, seen=rows[:2]
     )
-    cut = MillingCut(EndMill(0.02, 3, 0.5), CUTTING_MATERIALS["al7075-t6"], 300.0, 1e-3, 0.008)
+    cut = MillingCut(EndMill(0.02, 3, 0.5), catalogue_coefficients("al7075-t6"), 300.0, 1e-3, 0.008)
     response = step_response(tip, cut.tooth_period, 200)
     return scan_limit_depth(
         lambda depth: cut_multiplier(response, dataclasses.replace(cut, axial_depth=depth)),

@@ -11,6 +11,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.closures import close_loops
 from headstock.geometry.mechanisms.exechon import LENGTHS, survey_tool_poses
 from headstock.geometry.mechanisms.kinematics import place_markers
+from headstock.scene.building.cutting import catalogue_coefficients
 from headstock.solvers.errors import ConvergenceError, ModelError
 from headstock.solvers.mechanisms.generalized_alpha import MotionState, integrate_motion
 from headstock.solvers.mechanisms.modes import PoseDamping, linearise_poses, tool_compliance
@@ -22,7 +23,6 @@ from headstock.solvers.milling.contouring import (
     tool_gaps,
 )
 from headstock.solvers.milling.forces import (
-    CUTTING_MATERIALS,
     EndMill,
     MillingCut,
     cutting_forces,
@@ -164,7 +164,7 @@ def test_waves_of_the_teeth_before_meet_the_full_equations() -> None:
     turn, teeth = 80, 4
     mill = EndMill(0.02, teeth, np.radians(30.0))
     milling = MillingCut(
-        mill, CUTTING_MATERIALS["al7075-t6"], 2.0 * np.pi / (turn * STEP), 3e-3, 8e-3
+        mill, catalogue_coefficients("al7075-t6"), 2.0 * np.pi / (turn * STEP), 3e-3, 8e-3
     )
     delay, speed = turn // teeth, 0.05
     cut = RegenerativeCut(

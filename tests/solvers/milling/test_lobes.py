@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from headstock.geometry.frames import FloatArray
+from headstock.scene.building.cutting import catalogue_coefficients
 from headstock.solvers.milling import full_discretisation
 from headstock.solvers.milling.forces import (
-    CUTTING_MATERIALS,
     CuttingCoefficients,
     EndMill,
     MillingCut,
@@ -118,7 +118,7 @@ def test_mean_stiffness_has_the_published_directional_factors() -> None:
 
 
 def test_mean_stiffness_is_that_of_the_forces_with_any_helix() -> None:
-    coefficients = CUTTING_MATERIALS["al7075-t6-dry"]
+    coefficients = catalogue_coefficients("al7075-t6-dry")
     for helix in (0.0, 0.5):
         mill = EndMill(0.02, 4, helix)
         cut = MillingCut(mill, coefficients, 1000.0, 0.01, 0.006)

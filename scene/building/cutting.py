@@ -1,0 +1,220 @@
+"""Mills and cutting coefficients, built from the tables of what cuts: lobes, paths, contours."""
+
+import math
+from dataclasses import astuple, dataclass
+
+from headstock.scene.building.draft import Draft
+from headstock.scene.expansion.cutting_catalogue import read_cutting_materials
+from headstock.scene.reading.findings import Findings, suggest_names
+from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.units import SPEED
+from headstock.scene.schema.cutting import TYPICAL_RANGES, TYPICAL_RATIOS, CuttingTable
+from headstock.scene.schema.mechanism import ContouringTable, LobesTable, MillTable
+from headstock.scene.schema.path import PathCutTable
+from headstock.scene.schema.scene import SceneTable
+from headstock.solvers.milling.coefficients import (
+    CuttingCoefficients,
+    build_coefficients,
+    mean_chip_thickness,
+)
+from headstock.solvers.milling.forces import EndMill, MillingCut, Side, clockwise_side
+
+SECTION = "cutting"
+# outside a number is likely a slip of units [SI]
+PLAUSIBLE = {
+    "kc11": (200e6, 6000e6, "N/mm^2", 1e-6),
+    "Ktc": (50e6, 10000e6, "N/mm^2", 1e-6),
+    "mc": (0.05, 0.5, "", 1.0),
+    "Kte": (0.0, 200e3, "N/mm", 1e-3),
+    "chip_thickness": (1e-6, 1e-3, "mm", 1e3),
+}
+MOST_ACROSS = 1.5  # of the tangential force
+THIN, THICK = 1e-6, 2e-3  # feed per tooth [m]
+
+Cutter = ContouringTable | LobesTable | PathCutTable
+
+
+@dataclass(frozen=True)
+class Chips:
+    """How thick chips are.
+
+    Attributes:
+        thickness: [m].
+        share: Half width of its range over it.
+        how: It was chosen, in words.
+    """
+
+    thickness: float
+    share: float
+    how: str
+
+
+USUAL_CHIPS = Chips(1e-4, 0.5, "assumed, as no feed per tooth is known")
+
+
+def build_mill(table: MillTable) -> EndMill:
+    """The tool."""
+    return EndMill(table.diameter, table.teeth, table.helix, table.runout)
+
+
+def part_side(table: Cutter) -> Side:
+    """Where the part lies: as written, or where a clockwise tool mills in this sense."""
+    return table.part_side or clockwise_side(table.sense)
+
+
+def build_cut(scene: SceneTable, table: ContouringTable | PathCutTable) -> MillingCut:
+    """Tool, material and engagement of a path or a contour; without a material (forces are measured,
+    or there are none) coefficients are zero.
+    """
+    coefficients = CuttingCoefficients((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "")
+    if table.material is not None:
+        coefficients = resolve_material(scene, table.material, table)
+    return MillingCut(
+        build_mill(table.mill),
+        coefficients,
+        table.spindle,
+        table.axial_depth,
+        table.radial_depth,
+        sense=table.sense,
+    )
+
+
+def resolve_material(scene: SceneTable, name: str, table: Cutter) -> CuttingCoefficients:
+    """The coefficients of a material in a cut: of the scene, else of the catalogue.
+
+    Args:
+        scene: With its tables.
+        name: Of the material, which is known.
+        table: Of the cut.
+    """
+    own = scene.cutting.get(name)
+    if own is None:
+        return catalogue_coefficients(name, _find_chips(scene, table))
+    source = own.source or f"[{SECTION}.{name}] of the scene"
+    return _fill_in(own, name, source, _find_chips(scene, table))
+
+
+def catalogue_coefficients(name: str, chips: Chips | None = None) -> CuttingCoefficients:
+    """The coefficients of a material of the catalogue.
+
+    Args:
+        name: Of the material, which is known.
+        chips: How thick they are, for Kienzle's force; of usual thickness where that is not known.
+    """
+    material = read_cutting_materials()[name]
+    return _fill_in(material.table, name, material.source, chips or USUAL_CHIPS)
+
+
+def _fill_in(own: CuttingTable, name: str, source: str, chips: Chips) -> CuttingCoefficients:
+    """With typical ratios and the thickness of chips where these are left out."""
+    values, ranges = own.values, dict(own.ranges)
+    for ratio, across in (("radial_ratio", "Krc"), ("axial_ratio", "Kac")):
+        if ratio not in values and across not in values:
+            values[ratio], ranges[ratio] = TYPICAL_RATIOS[ratio], TYPICAL_RANGES[ratio]
+    how = "as written"
+    if "kc11" in values and "chip_thickness" not in values:
+        values["chip_thickness"], ranges["chip_thickness"], how = astuple(chips)
+    return build_coefficients(values, ranges, name=name, source=source, thickness_from=how)
+
+
+def _find_chips(scene: SceneTable, table: Cutter) -> Chips:
+    """Mean thickness of the chips of a cut; of several feeds in the middle of them."""
+    feeds = _feeds_per_tooth(scene, table)
+    if not feeds:
+        return USUAL_CHIPS
+    low, high = min(feeds), max(feeds)
+    feed, immersion = 0.5 * (low + high), table.radial_depth / table.mill.diameter
+    return Chips(
+        mean_chip_thickness(feed, min(immersion, 1.0)),
+        (high - low) / (high + low),
+        f"mean of a chip at {1e3 * feed:.3g} mm per tooth and {100.0 * immersion:.3g} % immersion",
+    )
+
+
+def _feeds_per_tooth(scene: SceneTable, table: Cutter) -> list[float]:
+    """Feeds per tooth of a cut [m]; none where they are not known."""
+    if isinstance(table, LobesTable):
+        return [] if table.feed_per_tooth is None else [table.feed_per_tooth]
+    feeds = [table.feed] if isinstance(table, ContouringTable) else []
+    if isinstance(table, PathCutTable) and scene.analyses.path is not None:
+        written = scene.analyses.path.feeds
+        feeds = [feed.value for feed in written if feed.dimension == SPEED]
+        feeds = feeds if len(feeds) == len(written) else []
+    period = 2.0 * math.pi / (table.spindle * table.mill.teeth)
+    return [feed * period for feed in feeds]
+
+
+def list_cutters(scene: SceneTable) -> dict[KeyPath, Cutter]:
+    """Everything in a scene that cuts, by its key."""
+    analyses = scene.analyses
+    found: dict[KeyPath, Cutter | None] = {
+        ("analyses", "lobes"): analyses.lobes,
+        ("analyses", "contouring"): analyses.contouring,
+        ("analyses", "path", "cut"): None if analyses.path is None else analyses.path.cut,
+    }
+    return {key: table for key, table in found.items() if table is not None}
+
+
+def check_cutting(draft: Draft, findings: Findings) -> None:
+    """Report materials that there are not and cuts no tool can make; warn of coefficients that no
+    material has; note what the catalogue gives.
+    """
+    scene = draft.table
+    for name, table in scene.cutting.items():
+        _check_coefficients((SECTION, name), table, findings)
+    written = draft.sections.get(SECTION, frozenset())
+    for key, cutter in list_cutters(scene).items():
+        if cutter.radial_depth > cutter.mill.diameter:
+            findings.add(
+                (*key, "radial_depth"),
+                f"is {1e3 * cutter.radial_depth:g} mm and the tool has {1e3 * cutter.mill.diameter:g} mm; take at most its diameter",
+            )
+            continue
+        name = cutter.material
+        if name is None or (name in written and name not in scene.cutting):
+            continue  # what is wrong with its own entry is said there
+        if name not in scene.cutting and name not in read_cutting_materials():
+            names = [*sorted(written), *read_cutting_materials()]
+            hint = suggest_names(name, names, what="materials")
+            example = name if name.isidentifier() else "NAME"
+            findings.add(
+                (*key, "material"),
+                f'there is no {name[:80]!r}; {hint}; or write [{SECTION}.{example}] with Ktc = "800 N/mm^2" and so on',
+            )
+            continue
+        _note(key, cutter, name, scene, findings)
+
+
+def _note(key: KeyPath, cutter: Cutter, name: str, scene: SceneTable, findings: Findings) -> None:
+    """What is assumed of a material in a cut, and whether its chips are of ordinary thickness."""
+    coefficients = resolve_material(scene, name, cutter)
+    own = name in scene.cutting
+    if not own or set(coefficients.ranges) - set(scene.cutting[name].ranges):
+        given = f"[{SECTION}.{name}]" if own else f"catalogue {name}"
+        findings.assume((*key, "material"), f"{given}: {coefficients.describe()}")
+    for feed in _feeds_per_tooth(scene, cutter):
+        if not THIN <= feed <= THICK:
+            findings.warn(
+                key,
+                f"the feed per tooth is {1e3 * feed:.3g} mm, outside {1e3 * THIN:g} to {1e3 * THICK:g} mm; check feed, spindle and teeth",
+            )
+
+
+def _check_coefficients(key: KeyPath, table: CuttingTable, findings: Findings) -> None:
+    values = table.values
+    for name, (low, high, unit, factor) in PLAUSIBLE.items():
+        value = values.get(name)
+        if value is not None and not low <= value <= high:
+            findings.warn(
+                (*key, name),
+                f"{factor * value:.3g} {unit} is outside {factor * low:g} to {factor * high:g} {unit}; check the unit".replace(
+                    "  ", " "
+                ),
+            )
+    tangential = values.get("Ktc")
+    for name in ("Krc", "Kac") if tangential else ():
+        if abs(values.get(name, 0.0)) > MOST_ACROSS * (tangential or 0.0):
+            findings.warn(
+                (*key, name),
+                f"{1e-6 * values[name]:.4g} N/mm^2 is more than {MOST_ACROSS:g} times Ktc, {1e-6 * (tangential or 0.0):.4g} N/mm^2; check both",
+            )

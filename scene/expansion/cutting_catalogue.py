@@ -1,0 +1,66 @@
+"""Usual work materials by name: what ``material = "c45"`` stands for where a scene has no
+``[cutting.c45]``. The values are data, in ``cutting_materials.toml`` beside this file.
+"""
+
+import tomllib
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
+
+from headstock.scene.schema.cutting import CuttingTable
+from headstock.scene.schema.types import StrictTable
+
+DATA = Path(__file__).with_name("cutting_materials.toml")
+
+
+class _GroupTable(StrictTable):
+    """What materials of one source have in common."""
+
+    title: str
+    source: str | None = None
+    ranges: dict[str, str] = {}
+
+
+class _FileTable(StrictTable):
+    """The file: materials have the keys of a scene, and ``title`` and ``group``."""
+
+    groups: dict[str, _GroupTable]
+    materials: Annotated[dict[str, dict[str, object]], Field(min_length=1)]
+
+
+@dataclass(frozen=True, eq=False)
+class CuttingMaterial:
+    """A work material of the catalogue.
+
+    Attributes:
+        name: That a scene writes.
+        title: What it is.
+        group: Title of the group of sources.
+        source: Of its coefficients.
+        table: Its coefficients.
+    """
+
+    name: str
+    title: str
+    group: str
+    source: str
+    table: CuttingTable
+
+
+@cache
+def read_cutting_materials() -> dict[str, CuttingMaterial]:
+    """Every material by name, in the order of the file."""
+    file = _FileTable.model_validate(tomllib.loads(DATA.read_text(encoding="utf-8")))
+    found = {}
+    for name, entry in file.materials.items():
+        keys = dict(entry)
+        title, group = str(keys.pop("title")), file.groups[str(keys.pop("group"))]
+        keys.setdefault("source", group.source)
+        if group.ranges:
+            keys.setdefault("ranges", group.ranges)
+        table = CuttingTable.model_validate(keys)
+        found[name] = CuttingMaterial(name, title, group.title, table.source or "", table)
+    return found

@@ -1,0 +1,124 @@
+"""Schema of the cutting coefficients of a work material."""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import AfterValidator, model_validator
+
+from headstock.scene.schema.types import (
+    EdgeForce,
+    NotNegativeEdgeForce,
+    NotNegativeShare,
+    Number,
+    PositiveLength,
+    PositiveSpecificForce,
+    SpecificForce,
+    StrictTable,
+    Text,
+    one_of,
+    problem,
+)
+
+# of the radial and the axial force to the tangential one where a source gives the latter alone: sets
+# of coefficients that give all of them have 0.15 to 0.5 and 0.3 (docs/cutting_coefficients.md)
+TYPICAL_RATIOS = {"radial_ratio": 0.35, "axial_ratio": 0.25}
+TYPICAL_RANGES = {"radial_ratio": 0.6, "axial_ratio": 1.0}
+MOST_RATIO = 3.0
+CoefficientKey = Literal[
+    "Ktc",
+    "Krc",
+    "Kac",
+    "Kte",
+    "Kre",
+    "Kae",
+    "kc11",
+    "mc",
+    "chip_thickness",
+    "radial_ratio",
+    "axial_ratio",
+]
+DIRECT, KIENZLE = ("Kte", "Krc", "Kre", "Kac", "Kae"), ("mc", "chip_thickness")
+
+
+def _check_ratio(value: float) -> float:
+    if not 0.0 <= value <= MOST_RATIO:
+        raise problem(
+            f"is {value:g}; a ratio to the tangential force lies between 0 and {MOST_RATIO:g}"
+        )
+    return value
+
+
+def _check_exponent(value: float) -> float:
+    if not 0.0 < value < 1.0:
+        raise problem(
+            f"is {value:g}; Kienzle's exponent lies between 0 and 1; write for example 0.25"
+        )
+    return value
+
+
+Ratio = Annotated[Number, AfterValidator(_check_ratio)]
+
+
+class CuttingTable(StrictTable):
+    """Cutting coefficients of a work material: of chip and edge, or Kienzle's specific force, of
+    which the tangent at a chip thickness counts.
+    """
+
+    model_config = one_of("Ktc", "kc11")
+
+    Ktc: PositiveSpecificForce | None = None
+    Krc: SpecificForce | None = None
+    Kac: SpecificForce | None = None
+    Kte: NotNegativeEdgeForce | None = None
+    Kre: EdgeForce | None = None
+    Kae: EdgeForce | None = None
+    kc11: PositiveSpecificForce | None = None
+    mc: Annotated[Number, AfterValidator(_check_exponent)] | None = None
+    chip_thickness: PositiveLength | None = None
+    radial_ratio: Ratio | None = None
+    axial_ratio: Ratio | None = None
+    ranges: dict[CoefficientKey, NotNegativeShare] = {}
+    source: Text | None = None
+
+    @property
+    def values(self) -> dict[str, float]:
+        """What is written, by key, in SI units."""
+        keys = ("Ktc", "kc11", *DIRECT, *KIENZLE, *TYPICAL_RATIOS)
+        return {key: value for key in keys if (value := getattr(self, key)) is not None}
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        values = self.values
+        if ("Ktc" in values) == ("kc11" in values):
+            raise problem(
+                "gives both Ktc and kc11; keep one"
+                if "Ktc" in values
+                else 'gives no tangential force; write Ktc = "800 N/mm^2", or kc11 = "1500 N/mm^2" and mc = 0.25'
+            )
+        if "kc11" in values and "mc" not in values:
+            raise problem(
+                "gives kc11 without mc, by which the specific force falls; write mc = 0.25"
+            )
+        foreign = [key for key in (DIRECT if "kc11" in values else KIENZLE) if key in values]
+        if foreign:
+            raise problem(
+                f"gives {foreign[0]} beside {'kc11' if 'kc11' in values else 'Ktc'}; {foreign[0]} belongs to"
+                f" {'Ktc; write radial_ratio and axial_ratio' if 'kc11' in values else 'kc11'}, or remove it"
+            )
+        for ratio, own, edge in (("radial_ratio", "Krc", "Kre"), ("axial_ratio", "Kac", "Kae")):
+            if ratio in values and (own in values or edge in values):
+                raise problem(f"gives {ratio} beside {own if own in values else edge}; keep one")
+            if edge in values and own not in values:
+                raise problem(f"gives {edge} without {own}; write {own} as well")
+        for key, share in self.ranges.items():
+            value = values.get(key)
+            if value is None:
+                raise problem(
+                    f"gives a range of {key}, which it does not give; write {key} as well"
+                )
+            if key in ("Ktc", "kc11", "chip_thickness", "mc") and share >= 1.0:
+                raise problem(
+                    f"gives a range of {key} that reaches down to zero; write less than 100 %"
+                )
+            if key == "mc" and value * (1.0 + share) >= 1.0:
+                raise problem("gives a range of mc that reaches one; write less")
+        return self
