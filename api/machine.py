@@ -15,6 +15,8 @@ from typing import ClassVar, Self, TypedDict, Unpack
 
 from pydantic import BaseModel
 
+from headstock.arguments import read_keys, read_name, read_path
+from headstock.frozen import freeze_table
 from headstock.pipeline.storage.atomic_files import write_atomically
 from headstock.pipeline.storage.content_keys import file_digests
 from headstock.pipeline.storage.outputs import naming_output
@@ -22,13 +24,13 @@ from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.scene.building.loader import build_scene, read_tables
 from headstock.scene.expansion.overrides import apply_settings, apply_variant
 from headstock.scene.reading.files import TomlTable, TomlValue
-from headstock.scene.reading.findings import Findings, SceneError
+from headstock.scene.reading.findings import Findings, Problem, SceneError
 from headstock.scene.reading.keys import split_key
 from headstock.scene.reading.toml_text import write_toml, write_value
 from headstock.scene.scene import Scene
 from headstock.scene.schema.scene import SceneTable
 from headstock.scene.schema.validation import known_keys, validate_against
-from headstock.values import write_at, write_table
+from headstock.values import find_strange, write_at, write_table
 
 
 class Noun:
@@ -69,7 +71,7 @@ class Noun:
         """Raises SceneError with every problem of the keys."""
         keys = {_without_underscore(key): value for key, value in keys.items()}
         given = {self.only_key: keys} if self.only_key else keys
-        self.table: TomlTable = write_table(self.schema, given)
+        self.table: TomlTable = freeze_table(write_table(self.schema, given))
         findings = Findings(type(self).__name__)
         full = self._in_full(findings)
         self._checked: BaseModel | None = validate_against(self.schema, full, findings)
@@ -87,6 +89,13 @@ class Noun:
         known = {} if checked is None else type(checked).model_fields
         aliases = {field.alias: name for name, field in known.items()}
         return getattr(checked, aliases.get(_without_underscore(key), key))
+
+    def __setattr__(self, name: str, value: object) -> None:
+        """Set what is not set yet: an object is made once."""
+        if name in self.__dict__ or name in self._keys():
+            kind = type(self).__name__
+            raise AttributeError(f"a {kind} is not changed ({name}); make another {kind}")
+        super().__setattr__(name, value)
 
     def __dir__(self) -> list[str]:
         return [*super().__dir__(), *self._keys()]
@@ -172,7 +181,9 @@ class Machine(Noun, schema=SceneTable):
             SceneError: Anything is wrong; holds every problem.
         """
         table = write_table(SceneTable, keys)
-        path = Path(folder) / f"{table.get('name') or 'machine'}.toml".replace("/", "-")
+        path = read_path(
+            folder, "Machine", "folder"
+        ) / f"{table.get('name') or 'machine'}.toml".replace("/", "-")
         self._take(table, Findings("Machine"), path=path, variant=None, choice=None)
 
     @classmethod
@@ -195,7 +206,7 @@ class Machine(Noun, schema=SceneTable):
         variant: str | None,
         choice: SceneChoice | None,
     ) -> None:
-        self.table, self.choice = table, choice
+        self.table, self.choice = freeze_table(table), choice
         self._origins, self._lines = dict(findings.origins), findings.lines
         self._included = dict(findings.included)
         self.scene = build_scene(table, findings, path=path, variant=variant)
@@ -220,7 +231,9 @@ class Machine(Noun, schema=SceneTable):
         findings = Findings(
             str(path), self._lines, dict(self._origins), included=dict(self._included)
         )
-        overrides = write_settings(set or {})
+        overrides = write_settings(read_keys(set, "Machine.change", "set"))
+        if variant is not None:
+            read_name(variant, "Machine.change", "variant")
         table = apply_variant(self.table, variant, findings)
         apply_settings(table, overrides, findings)
         joined = "+".join(filter(None, [self.scene.variant, variant])) or None
@@ -247,7 +260,7 @@ class Machine(Noun, schema=SceneTable):
                 not end in .toml.
             OutputError: A file cannot be written.
         """
-        target, source = Path(path), self.scene.path.parent
+        target, source = read_path(path, "Machine.save", "path"), self.scene.path.parent
         findings = Findings(str(target))
         if target.suffix.lower() != ".toml":
             findings.add_line(None, f"a scene file ends in .toml; write {target.stem}.toml")
@@ -301,9 +314,17 @@ def write_settings(values: Mapping[str, object]) -> Sequence[str]:
 
 
 def write_setting(key: str, value: object) -> TomlValue:
-    """The value of a dotted key as TOML has it; a number is in SI units."""
+    """The value of a dotted key as TOML has it; a number is in SI units.
+
+    Raises:
+        SceneError: It is of a kind that no file can hold.
+    """
     try:
         path = split_key(key)
     except ValueError:
         path = (key,)  # what is wrong with it the scene says
-    return write_at(SceneTable, path, value)
+    written = write_at(SceneTable, path, value)
+    if (strange := find_strange(written)) is not None:
+        message = f"holds {strange}, which is no value of a scene; write a number, a text, a list or a table"
+        raise SceneError([Problem("Python", key, "", message)])
+    return written

@@ -10,9 +10,11 @@ import dataclasses
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import cast
 
 from mpi4py import MPI
 
+from headstock.arguments import check_call, read_keys, read_name, read_names, read_path, refuse
 from headstock.geometry.parts.components import Fidelity
 from headstock.machine import Machine, write_setting, write_settings
 from headstock.pipeline.accuracy.search import plan_first_round
@@ -36,18 +38,21 @@ from headstock.pipeline.storage.outputs import claim_output, remove_outputs, rep
 from headstock.pipeline.storage.part_files import find_missing_patches
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice, trace_content
 from headstock.pipeline.storage.store import Store, default_store_root
-from headstock.scene.building.loader import load_scene, prepare_sweep
+from headstock.scene.building.loader import build_scene, load_scene, prepare_sweep
 from headstock.scene.expansion.includes import scene_content
+from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import Findings, SceneError, suggest_names
 from headstock.scene.reading.toml_text import write_toml
+from headstock.scene.reading.watch_paths import MEASURED_NAMES
 from headstock.scene.scene import Scene, keep_analyses, list_analyses, require_name
-from headstock.scene.studies import Study, StudyFamily
+from headstock.scene.studies import Study
 from headstock.solvers.errors import ModelError
 from headstock.solvers.ranks import make_on_root, share_from_root
 from headstock.studies.comparison import Comparison, compare_variants
 from headstock.studies.identification.descent import StartRecord
 from headstock.studies.identification.identification import Identification, prepare_problem
 from headstock.studies.identification.identification import identify as fit_parameters
+from headstock.studies.identification.schema import MAX_STARTS
 from headstock.studies.identification.target_files import load_targets
 from headstock.studies.parameters.runs import (
     StudyJob,
@@ -73,6 +78,8 @@ from headstock.studies.variants import (
 RUN_FILES = (RESULTS_FILE, SUMMARY_FILE, REPORT_FILE)
 RUN_PARTS = (MODES_FOLDER, VOLUME_FOLDER, TABLES_FOLDER, FIGURES_FOLDER)
 
+UNNAMED = "study"  # a study that is described in Python
+
 type Source = Machine | str | Path  # a machine, or the path of a scene file
 
 
@@ -90,7 +97,10 @@ def load(
         SceneError: Anything is wrong; ``problems`` has every problem with file, line, key and
             remedy.
     """
-    return Machine.load(SceneChoice(Path(path), variant, tuple(write_settings(set or {}))))
+    if variant is not None:
+        read_name(variant, "load", "variant")
+    settings = write_settings(read_keys(set, "load", "set"))
+    return Machine.load(SceneChoice(read_path(path, "load", "path"), variant, tuple(settings)))
 
 
 def check(machine: Source) -> tuple[str, ...]:
@@ -100,7 +110,7 @@ def check(machine: Source) -> tuple[str, ...]:
     Raises:
         SceneError: Anything is wrong.
     """
-    scene = _machine(machine).scene
+    scene = _machine(machine, "check").scene
     problems, remarks = find_missing_patches(scene)
     if problems:
         raise SceneError(problems)
@@ -114,7 +124,7 @@ def check(machine: Source) -> tuple[str, ...]:
 
 def plan(machine: Source) -> Plan:
     """The stages that a machine calls for, each with its reason and an estimate of its cost."""
-    scene = _machine(machine).scene
+    scene = _machine(machine, "plan").scene
     planned = plan_scene(scene, survey=True) if scene.accuracy is None else plan_first_round(scene)
     return add_compiling(planned, scene)
 
@@ -145,11 +155,12 @@ def run(
         SceneError: The machine has problems.
         HeadstockError: A computation or a file failed; earlier files are untouched.
     """
+    check_call(progress, "run")
     comm = comm or MPI.COMM_WORLD
-    made = _machine(machine)
+    made, analyses = _machine(machine, "run"), read_names(analyses, "run", "analyses")
     scene = _with_analyses(made.scene, analyses)
     origin = _trace(made, analyses, comm.size) if comm.rank == 0 else None
-    with _claimed(output, comm, RUN_FILES, RUN_PARTS) as folder:
+    with _claimed("run", output, comm, RUN_FILES, RUN_PARTS) as folder:
         results = run_scene(
             scene, folder, comm=comm, observer=progress, volume=volume, provenance=origin
         )
@@ -197,19 +208,18 @@ def study(
         HeadstockError: A record cannot be written. A point that cannot be computed is a row with
             its error.
     """
+    check_call(progress, "study")
     comm = comm or MPI.COMM_WORLD
-    made = _machine(machine)
-    if name is not None:
+    made = _machine(machine, "study")
+    if name is None:
+        chosen = _describe_study(made, vary, watch, pairwise=pairwise)
+    elif vary is None and not watch:
+        read_name(name, "study", "name")
         require_name(made.scene, "studies", name, made.scene.studies)
         chosen = made.scene.studies[name]
     else:
-        values = {
-            key: tuple(write_setting(key, item) for item in items)
-            for key, items in (vary or {}).items()
-        }
-        family = StudyFamily("", "", settings={}, vary=values, pairwise=pairwise)
-        chosen = Study("study", (family,), watch=tuple(watch))
-    with made.on_disk() as choice, _claimed(output, comm) as folder:
+        raise refuse("study", "name", "give the name of a study or vary and watch, not both")
+    with made.on_disk() as choice, _claimed("study", output, comm) as folder:
         job = StudyJob(
             path=choice.path,
             study=chosen,
@@ -218,7 +228,8 @@ def study(
             variant=choice.variant,
             overrides=choice.overrides,
         )
-        check_points(job)
+        with _naming_arguments() if name is None else contextlib.nullcontext():
+            check_points(job)
         records = run_study(job, folder, comm=comm, observer=progress)
     return share_from_root(comm, tabulate_study(chosen, records) if comm.rank == 0 else None)
 
@@ -245,11 +256,13 @@ def sweep(
         SceneError: The machine or a pose has problems.
         HeadstockError: A component cannot be reduced, or a file cannot be written.
     """
+    check_call(progress, "sweep")
     comm = comm or MPI.COMM_WORLD
-    made = _machine(machine)
+    made = _machine(machine, "sweep")
+    read_name(name, "sweep", "name")
     require_name(made.scene, "sweeps", name, made.scene.sweeps)
     chosen = made.scene.sweeps[name]
-    with made.on_disk() as choice, _claimed(output, comm) as folder:
+    with made.on_disk() as choice, _claimed("sweep", output, comm) as folder:
         scene = prepare_sweep(
             load_scene(choice.path, variant=choice.variant, overrides=choice.overrides),
             name,
@@ -303,16 +316,21 @@ def compare(
         SceneError: A variant has problems.
         HeadstockError: A computation failed.
     """
+    check_call(progress, "compare")
     comm, store = comm or MPI.COMM_WORLD, Store(default_store_root())
-    with _machine(machine).on_disk() as file:
+    kinds = cast(Sequence[Fidelity], read_names(fidelities, "compare", "fidelities"))
+    with _machine(machine, "compare").on_disk() as file:
         choices = choose_variants(
             file.path,
-            variants,
-            fidelities=fidelities,
+            read_names(variants, "compare", "variants"),
+            fidelities=kinds,
             overrides=file.overrides,
             baseline=baseline,
         )
-
+        columns = [choice.name for choice in choices]
+        if reference is not None and reference not in columns:
+            hint = suggest_names(reference, columns, what="columns")
+            raise refuse("compare", "reference", f"there is no variant {reference!r}; {hint}")
         asked = [choice for choice in choices if not choice.cannot]
 
         def solve(choice: VariantChoice) -> VariantSolution | str:
@@ -344,7 +362,7 @@ def compare(
                 scene=load_scene(file.path, overrides=file.overrides).name,
                 reference=reference,
                 cannot=cannot,
-                columns=[choice.name for choice in choices],
+                columns=columns,
             )
 
         return make_on_root(comm, join)
@@ -374,9 +392,14 @@ def identify(
         SceneError: The machine or the target file has problems.
         HeadstockError: A computation failed.
     """
-    comm = comm or MPI.COMM_WORLD
-    with _machine(machine).on_disk() as file:
-        loaded = load_targets(Path(targets), file.path, overrides=file.overrides, starts=starts)
+    check_call(progress, "identify")
+    comm, path = comm or MPI.COMM_WORLD, read_path(targets, "identify", "targets")
+    if starts is not None and not (isinstance(starts, int) and 1 <= starts <= MAX_STARTS):
+        raise refuse(
+            "identify", "starts", f"is {starts!r}; write a whole number, 1 to {MAX_STARTS}"
+        )
+    with _machine(machine, "identify").on_disk() as file:
+        loaded = load_targets(path, file.path, overrides=file.overrides, starts=starts)
         problem = prepare_problem(loaded, Store(default_store_root()), comm)
         return fit_parameters(problem, loaded.task.name, progress, comm=comm)
 
@@ -387,11 +410,60 @@ def open(folder: str | Path) -> Results:
     Raises:
         OutputError: There are none, or they are damaged or of another version.
     """
-    return open_results(Path(folder))
+    return open_results(read_path(folder, "open", "folder"))
 
 
-def _machine(source: Source) -> Machine:
-    return source if isinstance(source, Machine) else load(source)
+def _machine(source: Source, function: str) -> Machine:
+    """The machine that a function is given."""
+    return source if isinstance(source, Machine) else load(read_path(source, function, "machine"))
+
+
+def _describe_study(made: Machine, vary: object, watch: object, *, pairwise: bool) -> Study:
+    """A study that is described in Python, checked as one of a scene file is.
+
+    Args:
+        made: Of what it is one.
+        vary: As given.
+        watch: As given.
+        pairwise: As given.
+    """
+    watched, varied = read_names(watch, "study", "watch"), read_keys(vary, "study", "vary")
+    if not varied:
+        example = 'vary={"components.NAME.mesh.size": ["50 mm", "25 mm"]}'
+        hint = suggest_names("", made.scene.studies, what="studies")
+        raise refuse("study", "vary", f"is empty; write {example}, or name a study: {hint}")
+    table = {
+        "vary": {
+            key: items
+            if isinstance(items, str | bytes | Mapping) or not isinstance(items, Iterable)
+            else [write_setting(key, item) for item in items]
+            for key, items in varied.items()
+        },
+        # nothing to look at is the records alone
+        "watch": list(watched or MEASURED_NAMES),
+        "pairwise": pairwise,
+    }
+    raw = cast(TomlTable, {**made.table, "studies": {UNNAMED: table}})
+    with _naming_arguments():
+        scene = build_scene(raw, Findings("hs.study"), path=made.scene.path)
+    return dataclasses.replace(scene.studies[UNNAMED], watch=watched)
+
+
+@contextlib.contextmanager
+def _naming_arguments() -> Iterator[None]:
+    """Name arguments of ``study`` where problems name the keys of the study they describe."""
+    own = f"studies.{UNNAMED}"
+    try:
+        yield
+    except SceneError as error:
+        raise SceneError(
+            dataclasses.replace(
+                each, place="hs.study", key=each.key.removeprefix(own).removeprefix(".")
+            )
+            if each.key.startswith(own)
+            else each
+            for each in error.problems
+        ) from None
 
 
 def _with_analyses(scene: Scene, names: Sequence[str]) -> Scene:
@@ -408,6 +480,7 @@ def _with_analyses(scene: Scene, names: Sequence[str]) -> Scene:
 
 @contextlib.contextmanager
 def _claimed(
+    function: str,
     output: str | Path | None,
     comm: MPI.Comm,
     names: Iterable[str] = (),
@@ -417,7 +490,7 @@ def _claimed(
     written; a temporary one where none is wanted.
     """
     with contextlib.ExitStack() as stack:
-        folder = Path() if output is None else Path(output)
+        folder = Path() if output is None else read_path(output, function, "output")
         if comm.rank == 0 and output is None:
             scratch = tempfile.TemporaryDirectory(prefix="headstock-results-")
             folder = Path(stack.enter_context(scratch))

@@ -2,8 +2,10 @@
 nouns as tables.
 """
 
+import math
 import types
 from collections.abc import Iterable, Mapping
+from datetime import date, time
 from pathlib import Path
 from typing import Annotated, Any, Protocol, Union, get_args, get_origin, runtime_checkable
 
@@ -75,7 +77,7 @@ def _write(hint: object, value: object, key: KeyPath) -> TomlValue:
             for name, item in value.items()
             if item is not None
         }
-    if isinstance(value, Iterable) and not isinstance(value, str):
+    if isinstance(value, Iterable) and not isinstance(value, str | bytes):
         return [_write(_below(hint, 0), item, (*key, 0)) for item in value]
     if isinstance(value, int | float) and not isinstance(value, bool):
         dimension = _dimension(hint, key)
@@ -84,8 +86,19 @@ def _write(hint: object, value: object, key: KeyPath) -> TomlValue:
     return value  # type: ignore[return-value]
 
 
+def find_strange(value: object) -> str | None:
+    """Return the kind of what no file of a scene can hold in a value; None without any."""
+    if isinstance(value, dict | list):
+        parts = value.values() if isinstance(value, dict) else value
+        return next((found for part in parts if (found := find_strange(part)) is not None), None)
+    known = isinstance(value, str | int | float | date | time)
+    return None if known else "None" if value is None else f"a {type(value).__name__}"
+
+
 def _write_quantity(value: float, dimension: Dimension) -> str:
     """In the usual unit where that is exactly the same number, else in the SI unit."""
+    if not math.isfinite(value):
+        return f"{value!r} {dimension.unit}"  # what is wrong with it the scene says
     for digits in DIGITS:
         text = str(write_number(value, unit_of(dimension.example), digits))
         if parse_quantity(text, dimension).value == value:

@@ -280,7 +280,9 @@ def read_view(folder: Path) -> MachineView:
     return _read_results(folder, lambda file: read_record(file["view"], MachineView))
 
 
-def read_mesh(folder: Path, component: str, pose: str | None = None) -> "pyvista.UnstructuredGrid":
+def read_mesh(
+    folder: str | Path, component: str, pose: str | None = None
+) -> "pyvista.UnstructuredGrid":
     """A component from the files of a run, as ``Results.mesh`` has it: of ``volume/`` where it is
     there, else of ``modes/``.
 
@@ -293,6 +295,9 @@ def read_mesh(folder: Path, component: str, pose: str | None = None) -> "pyvista
         KeyError: There is no such component or pose; the message has those that are.
         UnusableOutputError: There are no results, or no mesh of the component.
     """
+    if not isinstance(folder, str | Path):
+        raise UnusableOutputError(f"{folder!r} is no folder of results; write a text or a Path")
+    folder = Path(folder)
     view = read_view(folder)
     name = pick_name("component", component, view.skins)
     file = f"{file_stem(pick_name('pose', pose, view.poses))}.vtu"

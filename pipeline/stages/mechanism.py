@@ -49,6 +49,7 @@ from headstock.scene.schema.effects import GRAVITY_STIFFENING
 from headstock.solvers.control.drive_trains import DriveTrain, free_motors
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
 from headstock.solvers.linear.static_response import solve_static
+from headstock.solvers.linear.symmetric_matrices import require_standing
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.solvers.mechanisms.modes import pose_system
 from headstock.solvers.paths.varying_system import PosedModes
@@ -93,6 +94,8 @@ class LumpedPose:
             name: placed.motion_at(point.tool, point.offset)
             for name, point in machine.points.items()
         }
+        if placed.motions.geometric is not None:
+            require_standing(np.diag(placed.motions.stiffness), placed.motions.geometric)
         system = pose_system(placed.model, placed.motions, channels)
         rayleigh = machine.rayleigh
         if not rayleigh:

@@ -48,6 +48,7 @@ from headstock.reduction.coupling.matrices import (
 )
 from headstock.reduction.coupling.memo import CouplingMemo
 from headstock.reduction.superelement import Superelement
+from headstock.solvers.linear.symmetric_matrices import require_standing
 from headstock.solvers.second_order import SecondOrderSystem
 
 LOCAL_SHARE = 0.99
@@ -219,9 +220,9 @@ def couple(
                 constraints=constraints,
                 basis=basis,
             )
-        system = dataclasses.replace(
-            system, stiffness=system.stiffness + basis.T @ geometric @ basis
-        )
+        added = basis.T @ geometric @ basis
+        require_standing(system.stiffness, added)
+        system = dataclasses.replace(system, stiffness=system.stiffness + added)
     return CoupledMachine(
         system=system,
         basis=basis,

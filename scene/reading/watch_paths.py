@@ -16,7 +16,7 @@ Watched = str | int | float | bool | None
 # what a summary holds at its top, and what a study itself measures of a point
 RESULT_NAMES = (
     "name", "status", "versions", "stages", "totals", "components", "static", "static_poses", "modal", "probes", "frf", "control", "lobes", "path",
-    "transient", "volumetric", "warnings", "failures",
+    "transient", "volumetric", "map", "contouring", "mechanism", "accuracy", "model_errors", "interface_errors", "assumptions", "warnings", "failures",
 )  # fmt: skip
 MEASURED_NAMES = ("seconds", "cpu_seconds")
 MAX_STEPS = 20

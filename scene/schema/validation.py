@@ -12,7 +12,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from headstock.scene.reading.expressions import is_expression
-from headstock.scene.reading.files import TomlTable
+from headstock.scene.reading.files import TomlTable, TomlValue
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.renamed_names import SCENE_KEYS
@@ -55,12 +55,21 @@ def validate_against[T: BaseModel](model: type[T], raw: TomlTable, findings: Fin
     pruned: TomlTable = {
         key: dict(value) if isinstance(value, dict) else value for key, value in raw.items()
     }
-    for _ in range(4):
+    for attempt in range(4):
         try:
             return model.model_validate(pruned)
         except ValidationError as error:
-            for detail in error.errors(include_url=False):
-                _report(model, detail, findings)
+            details = error.errors(include_url=False)
+            for detail in details:
+                # of what was left out because of its own fault
+                follows = (detail["type"] == "missing" and _is_written(raw, detail["loc"])) or (
+                    attempt > 0 and not detail["loc"]
+                )
+                if not follows:
+                    _report(model, detail, findings)
+            if not all(detail["loc"] for detail in details):
+                return None  # the table itself is at fault
+            for detail in details:
                 _prune(pruned, detail["loc"])
     return None
 
@@ -145,6 +154,15 @@ def _closest(value: object, expected: str) -> str:
     names = [part.strip(" '") for part in expected.replace(" or ", ",").split(",")]
     close = difflib.get_close_matches(str(value)[:80], names, n=1, cutoff=0.5)
     return f"; did you mean {close[0]!r}?" if close else ""
+
+
+def _is_written(raw: TomlValue, loc: tuple[int | str, ...]) -> bool:
+    """Whether anything stands at a place."""
+    for part in loc:
+        if not isinstance(raw, dict) or part not in raw:
+            return False
+        raw = raw[str(part)]
+    return True
 
 
 def _prune(pruned: TomlTable, loc: tuple[int | str, ...]) -> None:

@@ -23,6 +23,9 @@ DEAD_MASS = 1e-18
 INDEFINITE_LIMIT = 1e-9  # scaled Schur complement below minus this: really negative, not roundoff
 SYMMETRY_TOLERANCE = 1e-12
 PIECE = 256  # rows looked at together, so that large matrices are not copied
+# of the share of gravity at which a machine buckles: how close it is sought, and where it is none
+BUCKLING_STEP = 1e-3
+LEAST_SHARE, LEAST_SHOWN = 1e-6, 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +115,41 @@ def _indefinite(what: str, dof: int | None) -> ModelError:
         f"the {what} matrix has negative directions{place}: the machine is statically unstable; "
         "look for a negative joint stiffness or a broken superelement"
     )
+
+
+def require_standing(stiffness: FloatArray, geometric: FloatArray) -> None:
+    """Refuse a machine that buckles under its own weight.
+
+    Args:
+        stiffness: ``(n, n)`` without gravity [N/m, N m/rad].
+        geometric: ``(n, n)`` that gravity adds.
+
+    Raises:
+        ModelError: Both together have negative directions, and the stiffness alone has none.
+    """
+    if _stands(stiffness + geometric) or not _stands(stiffness):
+        return
+    standing, buckled = 0.0, 1.0
+    while buckled - standing > BUCKLING_STEP * buckled and buckled > LEAST_SHARE:
+        middle = 0.5 * (standing + buckled)
+        if _stands(stiffness + middle * geometric):
+            standing = middle
+        else:
+            buckled = middle
+    share = f"at {buckled:.2g} of the" if buckled > LEAST_SHOWN else "under any"
+    raise ModelError(
+        f"the machine buckles under its own weight, {share} gravity of the scene (gravity_stiffening): "
+        "stiffen what carries its heavy parts high up, or check their masses and places; without the effect nothing tips over"
+    )
+
+
+def _stands(matrix: FloatArray) -> bool:
+    """Whether a symmetric matrix has no negative direction."""
+    try:
+        find_null_space(matrix)
+    except ModelError:
+        return False
+    return True
 
 
 def is_symmetric(matrix: FloatArray) -> bool:

@@ -53,6 +53,7 @@ from headstock.studies.parameters.records import (
     open_records,
     read_records,
 )
+from headstock.studies.parameters.watches import find_watch_fault
 
 LOST_DISK = (errno.ENOSPC, errno.EIO, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 # of no influence on a point's results
@@ -127,12 +128,13 @@ def hash_scene(path: Path) -> str:
 
 def check_points(job: StudyJob) -> None:
     """Load the scene with every varied value, one at a time, before anything is computed; pairs are
-    loaded together.
+    loaded together. What is watched must be something that a point finds.
 
     Raises:
-        SceneError: A value does not fit; holds the problems of all of them.
+        SceneError: A value or a watched path does not fit; holds the problems of all of them.
     """
     problems: list[Problem] = []
+    scenes: list[Scene] = []
     for family in job.study.families:
         first = {key: values[0] for key, values in family.vary.items()}
         alone = [{**first, key: value} for key, values in family.vary.items() for value in values]
@@ -142,9 +144,13 @@ def check_points(job: StudyJob) -> None:
         ]
         for varied in pairs if family.pairwise else alone or [{}]:
             try:
-                _load_point(job, make_point(family, varied))
+                scenes.append(_load_point(job, make_point(family, varied)))
             except SceneError as error:
                 problems += [problem for problem in error.problems if problem not in problems]
+    for number, watch in enumerate(job.study.watch if scenes else ()):
+        if fault := find_watch_fault(watch, scenes):
+            key = f"studies.{job.study.name}.watch[{number}]"
+            problems.append(Problem(str(job.path), key, "", fault))
     if problems:
         raise SceneError(problems)
 
