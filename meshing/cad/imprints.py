@@ -9,8 +9,11 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Patch
+from headstock.geometry.parts.curved_patches import plane_axes, strip_axes
 from headstock.geometry.parts.patches import FACE_DIRECTIONS
 from headstock.geometry.parts.solids import Tube
+from headstock.meshing.cad.curved_imprints import cut_curved_face
+from headstock.meshing.cad.shapes import add_prism
 from headstock.meshing.errors import MeshError, PartFileError, PatchError
 
 END_TOLERANCE = 1e-6
@@ -18,6 +21,8 @@ BOX_TOLERANCE = 1e-3
 NORMAL_TOLERANCE = 1e-6
 IMPRINT_TOLERANCE = 1e-4
 LEAST_POLYGON = 12
+OVERHANG = 0.01  # of a patch: what may lie beyond its face without a word
+RIM_PLACES = 24  # on the outline of a patch, at which that is looked for
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,10 +67,12 @@ class Imprints:
     Attributes:
         faces: Face tags of each group.
         sizes: Element size on each face that was imprinted.
+        remarks: What to tell the user.
     """
 
     faces: dict[str, list[int]]
     sizes: dict[int, float]
+    remarks: list[str]
 
 
 def imprint_patches(shape: OpenShape, groups: dict[str, list[Patch]]) -> Imprints:
@@ -75,11 +82,13 @@ def imprint_patches(shape: OpenShape, groups: dict[str, list[Patch]]) -> Imprint
     puts at least two elements across them.
 
     Raises:
-        MeshError: A patch names no face or lies outside its face.
+        PatchError: A patch names no face, lies outside its face or cannot lie there.
+        MeshError: The patches cannot be imprinted together.
     """
     inputs: dict[str, list[int]] = {}
     widths: dict[int, float] = {}
     struck: set[int] = set()
+    remarks: list[str] = []
     for name, patches in groups.items():
         inputs[name] = []
         for patch in patches:
@@ -89,11 +98,10 @@ def imprint_patches(shape: OpenShape, groups: dict[str, list[Patch]]) -> Imprint
                     pieces = _cut_pieces(shape, faces, patch)
                     struck |= set(pieces.values())
                     widths |= dict.fromkeys(pieces, min(patch.size))
+                    remarks += [f"{name}: {text}" for text in _find_overhang(faces, pieces, patch)]
                     faces = list(pieces)
-            except PartFileError as error:
+            except (PartFileError, ValueError) as error:
                 raise PatchError(f"{name}: {error}", name) from error
-            except MeshError as error:
-                raise MeshError(f"{name}: {error}") from error
             inputs[name] += faces
     wanted = {tag for tags in inputs.values() for tag in tags}
     children = _fragment_faces(
@@ -110,6 +118,7 @@ def imprint_patches(shape: OpenShape, groups: dict[str, list[Patch]]) -> Imprint
             for name, tags in inputs.items()
         },
         sizes,
+        remarks,
     )
 
 
@@ -191,97 +200,86 @@ def _end_faces(shape: OpenShape, name: str) -> list[int]:
 
 def _cut_pieces(shape: OpenShape, faces: list[int], patch: Patch) -> dict[int, int]:
     """Trimmed copies of the faces inside the imprint, each with the face it was cut from."""
-    nearest = min(faces, key=lambda tag: _closest_point(tag, patch)[1])
-    tool = _imprint_tool(shape, nearest, patch)
     occ = gmsh.model.occ
     found: dict[int, int] = {}
+    tool: int | None = None
     for face in faces:
-        pieces, _ = occ.intersect([(2, face)], [(3, tool)], removeObject=False, removeTool=False)
-        found |= {int(tag): face for dim, tag in pieces if dim == 2}
-    occ.remove([(3, tool)], recursive=True)
+        normal = plane_normal(face)
+        if normal is None:
+            pieces = cut_curved_face(face, patch, shape.extent, shape.unit)
+        else:  # several plane faces that one name selects lie in one plane
+            tool = _plane_tool(shape, face, patch, normal) if tool is None else tool
+            cut, _ = occ.intersect([(2, face)], [(3, tool)], removeObject=False, removeTool=False)
+            pieces = [int(tag) for dim, tag in cut if dim == 2]
+        found |= dict.fromkeys(pieces, face)
+    if tool is not None:
+        occ.remove([(3, tool)], recursive=True)
     if not found:
         center, low, high = (
             ", ".join(f"{value * shape.unit:.5g}" for value in values)
             for values in (patch.center, shape.low, shape.high)
         )
-        raise MeshError(
+        raise PartFileError(
             f"the {patch.shape} around ({center}) m does not touch face {patch.face!r}; the solid spans ({low}) .. ({high}) m"
         )
     return found
 
 
-def _closest_point(face: int, patch: Patch) -> tuple[FloatArray, float]:
-    point, _ = gmsh.model.getClosestPoint(2, face, list(patch.center))
-    return np.array(point), float(np.linalg.norm(np.array(point) - np.array(patch.center)))
-
-
-def _imprint_tool(shape: OpenShape, face: int, patch: Patch) -> int:
-    """A prism or cylinder across a face, cut from the tangent plane at the point nearest to the
-    patch's centre.
+def _find_overhang(faces: list[int], pieces: dict[int, int], patch: Patch) -> list[str]:
+    """What a disk or a rect on a plane face loses where it reaches beyond the face; holes that lie
+    within it are meant.
     """
-    normal = plane_normal(face)
+    normal = plane_normal(faces[0])
+    if len(faces) > 1 or normal is None or patch.shape not in ("disk", "rect"):
+        return []
+    asked = np.pi * patch.size[0] ** 2 / 4 if patch.shape == "disk" else np.prod(patch.size)
+    taken = sum(float(gmsh.model.occ.getMass(2, piece)) for piece in pieces)
+    if taken >= (1.0 - OVERHANG) * asked:
+        return []
+    angles = np.pi * (np.arange(RIM_PLACES) + 0.5) / (RIM_PLACES / 2)
+    rim = np.column_stack([np.cos(angles), np.sin(angles)])
+    if patch.shape == "rect":
+        rim /= np.abs(rim).max(axis=1, keepdims=True)
+    origin = np.array(gmsh.model.occ.getCenterOfMass(2, faces[0]))
+    middle = np.array(patch.center)
+    middle -= ((middle - origin) @ normal) * normal
+    half = np.array(patch.size) / 2 if patch.shape == "rect" else patch.size[0] / 2
+    places = middle + (1.0 - OVERHANG) * half * rim @ plane_axes(normal)
+    if all(gmsh.model.isInside(2, faces[0], list(place)) for place in places):
+        return []
+    return [
+        f"the {patch.shape} reaches beyond face {patch.face!r}: {taken / asked:.0%} of its area lies on it, and the rest is left out; move it or "
+        "make it smaller"
+    ]
+
+
+def _plane_tool(shape: OpenShape, face: int, patch: Patch, normal: FloatArray) -> int:
+    """A prism or cylinder across a plane face."""
+    origin = np.array(gmsh.model.occ.getCenterOfMass(2, face))
     center = np.array(patch.center)
-    if normal is None:
-        center, _ = _closest_point(face, patch)
-        # gmsh 4.13 returns no parameters from getClosestPoint
-        normal = np.array(
-            gmsh.model.getNormal(face, list(gmsh.model.getParametrization(2, face, list(center))))
-        )
-    else:
-        origin = np.array(gmsh.model.occ.getCenterOfMass(2, face))
-        center = center - ((center - origin) @ normal) * normal
+    center = center - ((center - origin) @ normal) * normal
     depth = max(patch.size) * normal
     if patch.shape == "disk" and not shape.polygons:
         tool = gmsh.model.occ.addCylinder(*(center - depth), *(2 * depth), patch.size[0] / 2)
         gmsh.model.occ.synchronize()
         return int(tool)
-    first, second = _plane_axes(normal)
-    outline = _outline(shape, patch, first, second)
-    corners = center - depth + outline[:, :1] * first + outline[:, 1:] * second
-    return _prism(corners, 2 * depth)
+    return add_prism(center - depth + _outline(shape, patch, normal), 2 * depth)
 
 
-def _plane_axes(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The two global axes that lie most in the plane, in the order x y z, made orthonormal within
-    it.
-    """
-    first, second = (axis for axis in range(3) if axis != int(np.argmax(np.abs(normal))))
-    a = np.eye(3)[first] - normal[first] * normal
-    a /= np.linalg.norm(a)
-    b = np.eye(3)[second] - normal[second] * normal
-    b -= (b @ a) * a
-    return a, b / np.linalg.norm(b)
-
-
-def _outline(shape: OpenShape, patch: Patch, first: FloatArray, second: FloatArray) -> FloatArray:
-    """In-plane corners ``(n, 2)`` of an imprint around its centre."""
+def _outline(shape: OpenShape, patch: Patch, normal: FloatArray) -> FloatArray:
+    """Corners ``(n, 3)`` of an imprint in a plane, from its centre."""
+    axes = plane_axes(normal)
     if patch.shape == "disk":
         count = 4 * int(np.ceil(max(LEAST_POLYGON, np.pi * patch.size[0] / shape.size) / 4))
         angles = 2 * np.pi * (np.arange(count) + 0.5) / count
         # circumradius of the regular polygon with the disk's area
         radius = patch.size[0] / 2 * np.sqrt(2 * np.pi / (count * np.sin(2 * np.pi / count)))
-        return np.asarray(radius * np.column_stack([np.cos(angles), np.sin(angles)]))
+        return np.asarray(radius * np.column_stack([np.cos(angles), np.sin(angles)]) @ axes)
     half = np.array(patch.size) / 2
     if patch.shape == "strip":
-        reach = 2.0 * shape.extent + float(np.linalg.norm(patch.center))
-        along = np.eye(3)["xyz".index(patch.along)] if patch.along in ("x", "y", "z") else None
-        if along is None or max(abs(along @ first), abs(along @ second)) < 0.5:
-            raise MeshError(
-                f"a strip on face {patch.face!r} needs 'along' set to an axis in that face, not {patch.along!r}"
-            )
-        runs_first = abs(along @ first) >= abs(along @ second)
-        half = np.array([reach, half[0]]) if runs_first else np.array([half[0], reach])
-    return np.asarray(np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half, dtype=float)
-
-
-def _prism(corners: FloatArray, sweep: FloatArray) -> int:
-    occ = gmsh.model.occ
-    points = [occ.addPoint(*corner) for corner in corners]
-    lines = [occ.addLine(a, b) for a, b in zip(points, points[1:] + points[:1], strict=True)]
-    base = occ.addPlaneSurface([occ.addWire(lines)])
-    swept = occ.extrude([(2, base)], *sweep)
-    occ.synchronize()
-    return int(next(tag for dim, tag in swept if dim == 3))
+        axes = strip_axes(patch, normal)
+        half = np.array([2.0 * shape.extent + float(np.linalg.norm(patch.center)), half[0]])
+    return np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half @ axes
 
 
 def _fragment_faces(

@@ -96,7 +96,7 @@ def mesh_shape(job: MeshJob) -> MeshData:
         if isinstance(solid, StepFile):
             refuse_slivers(as_shown, left=set(boundary_faces(volume)), size=size, unit=job.unit)
         imprints = imprint_patches(_open_shape(job, solid, volume, size, as_shown), job.groups)
-        faces = imprints.faces
+        faces, removed = imprints.faces, removed + imprints.remarks
         properties = _measure(volume, faces)
         rims = _find_rims(job, imprints)
         plan, count = _plan_sizes(job, volume, faces, size)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import gmsh
 
+from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.patches import column_cells, planar_boxes
 from headstock.geometry.parts.solids import Box, HollowColumn, Plate, StepFile, Tube
 from headstock.meshing.errors import MeshError, PartFileError
@@ -92,6 +93,22 @@ def _core_holes(column: HollowColumn) -> DimTags:
             for z in middles[2]
         ]
     return [(3, int(tag)) for tag in tags]
+
+
+def add_prism(corners: FloatArray, sweep: FloatArray) -> int:
+    """Add a prism to the open model and return the tag of its volume.
+
+    Args:
+        corners: Of its base, ``(n, 3)``, around it.
+        sweep: From there to its other end, ``(3,)``.
+    """
+    occ = gmsh.model.occ
+    points = [occ.addPoint(*corner) for corner in corners]
+    lines = [occ.addLine(a, b) for a, b in zip(points, points[1:] + points[:1], strict=True)]
+    base = occ.addPlaneSurface([occ.addWire(lines)])
+    swept = occ.extrude([(2, base)], *sweep)
+    occ.synchronize()
+    return int(next(tag for dim, tag in swept if dim == 3))
 
 
 def _import_step(solid: StepFile) -> int:

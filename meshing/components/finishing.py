@@ -322,7 +322,7 @@ def _resolve_file_patches(
         for index, patch in enumerate(patches):
             try:
                 found.append(select_facets(data, surface, patch))
-            except MeshError as error:
+            except (MeshError, ValueError) as error:
                 raise PatchError(f"{what}: {error}", name, index) from error
         chosen = np.unique(np.concatenate(found))
         facets[name] = surface.facets[chosen][:, : surface.corners]

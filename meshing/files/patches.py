@@ -3,9 +3,13 @@ faces by their number.
 """
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Patch
+from headstock.geometry.parts.curved_patches import STEEPEST, lay_patch, strip_axes
 from headstock.geometry.parts.patches import FACE_DIRECTIONS, imprint_window, in_plane_axes
 from headstock.meshing.component_mesh import IntArray
 from headstock.meshing.elements.regions import split_surface
@@ -20,6 +24,7 @@ from headstock.meshing.process.job import MeshData
 
 PLANE_TOLERANCE = 1e-5
 NORMAL_TOLERANCE = 1e-3
+FACET_TOLERANCE = 0.1  # of the normals of facets, which are not those of the face they stand for
 
 
 def select_facets(data: MeshData, surface: MeshSurface, patch: Patch) -> IntArray:
@@ -32,7 +37,8 @@ def select_facets(data: MeshData, surface: MeshSurface, patch: Patch) -> IntArra
         patch: What to select.
 
     Raises:
-        MeshError: The patch names nothing that exists.
+        MeshError: The patch names nothing that exists, or wraps around its face.
+        ValueError: A strip runs along no axis in its face.
     """
     if patch.face.startswith("set:"):
         return _imprinted(
@@ -113,19 +119,71 @@ def _find(names: dict[str, IntArray], wanted: str) -> str | None:
 
 
 def _imprinted(data: MeshData, surface: MeshSurface, facets: IntArray, patch: Patch) -> IntArray:
+    """The facets whose middle lies inside an imprint.
+
+    Raises:
+        MeshError: The patch wraps around the face.
+        ValueError: A strip runs along no axis in the face.
+    """
     if patch.shape == "whole" or not len(facets):
         return facets
     middles = data.points[surface.facets[facets][:, : surface.corners]].mean(axis=1)
-    normal = np.abs(corner_normals(data.points, surface)[facets].mean(axis=0))
-    axis = int(np.argmax(normal))
+    normals = corner_normals(data.points, surface)[facets]
+    mean = normals.mean(axis=0)
+    if float((normals @ mean).min()) < (1.0 - NORMAL_TOLERANCE) * float(mean @ mean):
+        corners = surface.facets[facets][:, : surface.corners]
+        return np.asarray(facets[_on_curved_face(corners, middles, normals, patch)])
+    axis = int(np.argmax(np.abs(mean)))
     first, second = in_plane_axes(axis)
     if patch.shape == "disk":
         radius = np.hypot(
             middles[:, first] - patch.center[first], middles[:, second] - patch.center[second]
         )
         return np.asarray(facets[radius <= patch.size[0] / 2])
+    if patch.shape == "strip":
+        strip_axes(patch, np.eye(3)[axis])
     window = imprint_window(axis, patch)
     inside = (window[0] <= middles[:, first]) & (middles[:, first] <= window[1])
     return np.asarray(
         facets[inside & (window[2] <= middles[:, second]) & (middles[:, second] <= window[3])]
     )
+
+
+def _on_curved_face(
+    corners: IntArray, middles: FloatArray, normals: FloatArray, patch: Patch
+) -> IntArray:
+    """Which facets of a curved face an imprint takes: those under its outline that face the same
+    way as its middle; of a strip also what is joined to that, however far it goes around.
+
+    Args:
+        corners: Nodes of the facets, ``(n, 3 or 4)``.
+        middles: Of the facets, ``(n, 3)``.
+        normals: Of the facets, ``(n, 3)``.
+        patch: A disk, rect or strip.
+    """
+    center = np.array(patch.center)
+    nearest = int(np.argmin(np.linalg.norm(middles - center, axis=1)))
+    normal = normals[nearest]
+    origin = center - ((center - middles[nearest]) @ normal) * normal
+    laid = lay_patch(patch, origin, normal, middles, normals, tolerance=FACET_TOLERANCE)
+    inside = laid.depths(middles) >= 0.0
+    facing = laid.facing(middles, normals) > 0.0
+    inside &= facing | (_joined(corners, inside, nearest) if patch.shape == "strip" else False)
+    if float(laid.gentleness(middles[inside], normals[inside]).min(initial=1.0)) < STEEPEST:
+        raise MeshError(
+            f"the {patch.shape} on face {patch.face!r} wraps around it; make it smaller, or name the whole face"
+        )
+    return np.flatnonzero(inside)
+
+
+def _joined(corners: IntArray, chosen: NDArray[np.bool_], start: int) -> NDArray[np.bool_]:
+    """Which of chosen facets are joined to one of them by facets that are chosen."""
+    nodes, places = np.unique(corners, return_inverse=True)
+    places = places.reshape(corners.shape)
+    rows = np.repeat(np.flatnonzero(chosen), corners.shape[1])
+    graph = coo_array(
+        (np.ones(len(rows)), (rows, len(corners) + places[chosen].ravel())),
+        shape=(len(corners) + len(nodes),) * 2,
+    )
+    _, labels = connected_components(graph, directed=False)
+    return chosen & (labels[: len(corners)] == labels[start])

@@ -1,0 +1,86 @@
+"""Patches on curved faces of STEP parts: where the middle of an interface is, a spring there tells."""
+
+from pathlib import Path
+
+import gmsh
+import numpy as np
+import pytest
+
+import headstock as hs
+
+pytestmark = pytest.mark.process
+
+RADIUS = 50.0  # [mm]
+STIFFNESS, TORSION = 100e6, 1e6  # [N/m], [N m/rad]
+SCENE = """
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+
+[components.shaft]
+fidelity = "rigid"
+solid = {{ step = "shaft.step" }}
+material = "steel"
+interfaces.end = {{ face = "z+" }}
+interfaces.seat = {{ face = "face:1", {patch} }}
+
+[joints.seat]
+kind = "spring"
+between = ["ground", "shaft.seat"]
+axis = "x"
+normal = "z"
+stiffness = {{ x = "100 N/um", y = "100 N/um", z = "100 N/um", rx = "1e6 N m/rad", ry = "1e6 N m/rad", rz = "1e6 N m/rad" }}
+
+[points]
+tcp = {{ tool = "shaft.end", work = "ground" }}
+
+[analyses.static]
+at = "tcp"
+"""
+
+
+def write_shaft(path: Path, *, in_halves: bool) -> None:
+    gmsh.initialize(interruptible=False, readConfigFiles=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+    try:
+        occ = gmsh.model.occ
+        if in_halves:
+            arcs = [
+                occ.addCircle(0, 0, 0, RADIUS, angle1=start, angle2=start + np.pi)
+                for start in (0.0, np.pi)
+            ]
+            occ.extrude([(2, occ.addPlaneSurface([occ.addCurveLoop(arcs)]))], 0, 0, 100)
+        else:
+            occ.addCylinder(0, 0, 0, 0, 0, 100, RADIUS)
+        occ.synchronize()
+        gmsh.write(str(path))
+    finally:
+        gmsh.finalize()
+
+
+def compliance(folder: Path, patch: str) -> float:
+    """Of the end of the shaft along z, in the middle [m/N]."""
+    (folder / "scene.toml").write_text(SCENE.format(patch=patch))
+    result = hs.run(folder / "scene.toml")
+    return float(result.static["reference"]["tcp"].compliance[2, 2])
+
+
+def test_a_strip_around_a_shaft_is_a_band_and_one_around_a_half_of_it_half_a_band(
+    tmp_path: Path,
+) -> None:
+    write_shaft(tmp_path / "shaft.step", in_halves=False)
+    band = 'strip = { along = "y", width = "20 mm", center = ["50 mm", "0 mm", "50 mm"] }'
+    assert compliance(tmp_path, band) == pytest.approx(1.0 / STIFFNESS, rel=1e-6)
+    write_shaft(tmp_path / "shaft.step", in_halves=True)
+    half = 'strip = { along = "x", width = "20 mm", center = ["0 mm", "50 mm", "50 mm"] }'
+    middle = 2e-3 * RADIUS / np.pi
+    assert compliance(tmp_path, half) == pytest.approx(
+        1.0 / STIFFNESS + middle**2 / TORSION, rel=1e-6
+    )
+
+
+def test_a_disk_that_wraps_around_a_shaft_is_refused_by_name(tmp_path: Path) -> None:
+    write_shaft(tmp_path / "shaft.step", in_halves=False)
+    with pytest.raises(hs.HeadstockError, match=r"seat: the disk of 120 mm.*wraps around"):
+        compliance(tmp_path, 'disk = { diameter = "120 mm", center = ["50 mm", "0 mm", "50 mm"] }')
