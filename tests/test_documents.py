@@ -9,11 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from headstock.app.actions.cataloguing import render_catalogue
+from headstock.app.actions.cataloguing import render_catalogue, render_cutting
 from headstock.app.actions.editor_schema import plain_schema, rules_in, targets_schema
 from headstock.app.actions.scene_reference import render_reference
 from headstock.pipeline.results.files import read_mesh, read_summary
 from headstock.scene.expansion.catalogue import read_catalogue
+from headstock.scene.expansion.cutting_catalogue import read_cutting_materials
 from headstock.scene.schema.key_notes import NOTES
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -131,6 +132,12 @@ def test_the_page_of_the_catalogue_is_up_to_date() -> None:
     # otherwise: ./headstock catalogue --markdown > docs/catalogue.md
     page = (ROOT / "docs" / "catalogue.md").read_text()
     assert page == render_catalogue(read_catalogue().values())
+
+
+def test_the_page_of_cutting_coefficients_is_up_to_date() -> None:
+    # otherwise: ./headstock catalogue cutting --markdown > docs/cutting_coefficients.md
+    page = (ROOT / "docs" / "cutting_coefficients.md").read_text()
+    assert page == render_cutting(read_cutting_materials().values())
 
 
 def test_every_key_of_scenes_and_target_files_has_a_note_and_every_note_a_key() -> None:

@@ -82,6 +82,7 @@ BASES = {
         Base(TRIPTEOR, without=BLOCK_OF_TRIPTEOR),
         Base(TRIPTEOR, "elastic_legs"),
     ],
+    "docs/cutting_coefficients.md": [Base(THREE_AXIS, without=("analyses.lobes",))],
     "docs/drives.md": [Base(THREE_AXIS, "controlled"), Base(TRIPTEOR, "lumped+controlled")],
     "docs/frequency_response.md": [
         Base(DATA),

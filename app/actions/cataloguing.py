@@ -1,4 +1,6 @@
-"""``headstock catalogue``: typical machine elements, with what a joint gets of them."""
+"""``headstock catalogue``: typical machine elements, with what a joint gets of them, and cutting
+coefficients of usual work materials.
+"""
 
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
@@ -11,6 +13,7 @@ import click
 from headstock.app.terminal.console import add_row, make_console, make_table, print_table
 from headstock.pipeline.storage.json_texts import JsonValue, dump_json
 from headstock.pipeline.storage.outputs import write_output
+from headstock.scene.building.cutting import catalogue_coefficients
 from headstock.scene.building.joints import KINDS
 from headstock.scene.expansion.catalogue import (
     CATALOGUE,
@@ -19,8 +22,10 @@ from headstock.scene.expansion.catalogue import (
     nearest_names,
     read_catalogue,
 )
+from headstock.scene.expansion.cutting_catalogue import CuttingMaterial, read_cutting_materials
 from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.toml_text import write_value
+from headstock.scene.schema.cutting import TYPICAL_RANGES, TYPICAL_RATIOS
 
 INTRODUCTION = """\
 # Catalogue of machine elements
@@ -63,6 +68,52 @@ Stiffness is that of the element with its own body, on rigid surroundings: bolts
 """
 
 
+CUTTING = "cutting"  # the name of all work materials together
+CUTTING_PAGE = """\
+# Cutting coefficients
+
+How large are the forces in my material, and how do I say so? Name a material of the tables below, or write your own coefficients. Lobes,
+paths and contours use the same.
+
+```toml
+[cutting.my_steel]                      # measured in milling
+Ktc = "1800 N/mm^2"                     # tangential, of the chip
+Krc = "600 N/mm^2"                      # radial
+Kac = "300 N/mm^2"                      # axial
+Kte = "30 N/mm"                         # of the edge; Kre and Kae alike
+ranges = { Ktc = "10 %", Krc = "20 %" } # goes into ±
+
+[cutting.my_iron]                       # Kienzle
+kc11 = "1200 N/mm^2"
+mc = 0.25
+radial_ratio = 0.4                      # of the tangential force
+
+[analyses.lobes]
+speeds = ["3000 rpm", "15000 rpm", 400]
+mill = { diameter = "12 mm", teeth = 4, helix = "30 deg" }
+radial_depth = "6 mm"
+material = "my_iron"                    # or of the tables: "c45"
+feed_per_tooth = "0.08 mm"
+sense = "up"
+```
+
+- **Signs.** The tangential force acts against the motion of the edge, the radial one away from the chip, the axial one as the helix pulls:
+  down where it is positive.
+- **Kienzle.** The force per width is `kc1.1 h^(1 - mc)`, with `h` in millimetres; its tangent at one chip thickness counts. That is the
+  mean of a chip at the feed per tooth, which paths and contours know. Lobes take `feed_per_tooth`; without it 0.1 mm ± 50 % is assumed.
+- **Radial and axial forces.** Where a source gives the tangential force alone, the others are assumed ratios of it: {radial}, {axial}.
+  Measured sets below have 0.21 to 0.47 and 0.28 to 0.29.
+- **What is told.** Terminal, report and `assumptions` in `summary.json` name the coefficients that count, with their chip thickness. Every
+  range is tried; the changes add up to the share *cutting coefficients* of ±.
+- **Sense and side.** Milling down (climb), a clockwise tool has the part on the right of its travel; milling up, on the left. `part_side`
+  says otherwise, and the tool then turns the other way. In a slot both senses are equal.
+
+Rake, wear, coolant and speed change forces by tens of per cent. Once limits matter, measure: mean forces in slots at several feeds give all
+six coefficients (Altintas 2012, section 2.8).
+{groups}
+"""
+
+
 class EntrySummary(TypedDict):
     """An element, with the keys of ``catalogue --json``."""
 
@@ -86,13 +137,17 @@ def list_catalogue(name: str | None, *, markdown: bool, json_file: Path | None) 
     """Print the catalogue, a family or one element.
 
     Args:
-        name: Of an element, or of a family (``guide``); None for all.
+        name: Of an element, of a family (``guide``) or of a work material, or ``cutting`` for all of
+            these; None for all elements.
         markdown: Print the page of the documentation instead.
         json_file: Where the elements go too.
 
     Raises:
         click.UsageError: There is no such element.
     """
+    materials = _choose_materials(name)
+    if materials:
+        return _list_materials(materials, markdown=markdown, json_file=json_file)
     entries = _choose(name)
     if markdown:
         click.echo(render_catalogue(read_catalogue().values()), nl=False)
@@ -103,6 +158,83 @@ def list_catalogue(name: str | None, *, markdown: bool, json_file: Path | None) 
     if json_file is not None:
         write_output(json_file, dump_json([summarise_entry(entry) for entry in entries]).encode())
     return 0
+
+
+def _choose_materials(name: str | None) -> list[CuttingMaterial]:
+    known = read_cutting_materials()
+    return [*known.values()] if name == CUTTING else [known[name]] if name in known else []
+
+
+def _list_materials(
+    materials: Sequence[CuttingMaterial], *, markdown: bool, json_file: Path | None
+) -> int:
+    if markdown:
+        click.echo(render_cutting(materials), nl=False)
+    else:
+        for material in materials:
+            click.echo(f"{material.name}: {material.title}")
+            numbers = catalogue_coefficients(material.name).describe()
+            click.echo("\n".join(_indented([numbers, f"source: {material.source}"])))
+        if len(materials) == 1:
+            click.echo(f"\nWith its values:\n\n{_paste_material(materials[0])}")
+    if json_file is not None:
+        summaries = [
+            {
+                "name": own.name,
+                "title": own.title,
+                "source": own.source,
+                "toml": _paste_material(own),
+            }
+            for own in materials
+        ]
+        write_output(json_file, dump_json(summaries).encode())
+    return 0
+
+
+def _paste_material(material: CuttingMaterial) -> str:
+    """A material of a scene with all its keys."""
+    lines = [f"{key} = {write_value(value)}" for key, value in material.keys.items()]
+    return "\n".join(["[cutting.NAME]", *lines])
+
+
+def render_cutting(materials: Iterable[CuttingMaterial]) -> str:
+    """``docs/cutting_coefficients.md``."""
+    groups = list[str]()
+    for title, members in groupby(materials, key=lambda own: own.group):
+        own = list(members)
+        columns = list(dict.fromkeys(key for each in own for key in each.table.values))
+        heads = " | ".join(f"{key}{_unit_in_head(key)}" for key in columns)
+        ranges = ", ".join(f"{key} ± {value}" for key, value in own[0].ranges.items())
+        groups += [
+            f"\n## {title}\n",
+            f"| `material` | what it is | {heads} |",
+            f"|---|---|{'---:|' * len(columns)}",
+            *(
+                f"| `{each.name}` | {each.title} | {' | '.join(_show_key(each, key) for key in columns)} |"
+                for each in own
+            ),
+            "",
+            *(f"- {source}." for source in dict.fromkeys(each.source for each in own)),
+            *([f"- Range, assumed: {ranges}."] if ranges else []),
+        ]
+    ratios = {
+        key.partition("_")[0]: f"{value:g} ± {100.0 * TYPICAL_RANGES[key]:g} %"
+        for key, value in TYPICAL_RATIOS.items()
+    }
+    page = CUTTING_PAGE.replace("{groups}", "\n".join(groups))
+    for word, text in ratios.items():
+        page = page.replace(f"{{{word}}}", f"{word} {text}")
+    return page.rstrip() + "\n"
+
+
+def _unit_in_head(key: str) -> str:
+    if key == "mc":
+        return ""
+    return " [N/mm]" if key.endswith("e") else " [N/mm^2]"
+
+
+def _show_key(material: CuttingMaterial, key: str) -> str:
+    return str(material.keys.get(key, "–")).partition(" ")[0]
 
 
 def _choose(name: str | None) -> list[CatalogueEntry]:

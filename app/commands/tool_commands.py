@@ -209,8 +209,9 @@ def schema(
 
 def _list_elements() -> list[str]:
     from headstock.scene.expansion.catalogue import read_catalogue
+    from headstock.scene.expansion.cutting_catalogue import read_cutting_materials
 
-    return list(read_catalogue())
+    return [*read_catalogue(), "cutting", *read_cutting_materials()]
 
 
 def catalogue(
@@ -218,7 +219,7 @@ def catalogue(
         str | None,
         typer.Argument(
             metavar="[NAME]",
-            help="Element (guide_35) or family (guide); all.",
+            help="Element (guide_35), family (guide), or cutting for work materials; all.",
             autocompletion=_list_elements,
         ),
     ] = None,
@@ -229,7 +230,7 @@ def catalogue(
     debug: Debug = False,
 ) -> int:
     """List typical machine elements (guides, screws, bearings, mounts) that joints take by name:
-    stiffness, damping, range and source.
+    stiffness, damping, range and source; or cutting coefficients of work materials.
     """
 
     def action() -> int:

@@ -6,10 +6,11 @@ import tomllib
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import Field
 
+from headstock.scene.reading.files import TomlTable
 from headstock.scene.schema.cutting import CuttingTable
 from headstock.scene.schema.types import StrictTable
 
@@ -28,7 +29,7 @@ class _FileTable(StrictTable):
     """The file: materials have the keys of a scene, and ``title`` and ``group``."""
 
     groups: dict[str, _GroupTable]
-    materials: Annotated[dict[str, dict[str, object]], Field(min_length=1)]
+    materials: Annotated[dict[str, dict[str, Any]], Field(min_length=1)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,14 +41,22 @@ class CuttingMaterial:
         title: What it is.
         group: Title of the group of sources.
         source: Of its coefficients.
-        table: Its coefficients.
+        keys: Its coefficients as a scene writes them.
+        table: The same.
     """
 
     name: str
     title: str
     group: str
     source: str
+    keys: TomlTable
     table: CuttingTable
+
+    @property
+    def ranges(self) -> TomlTable:
+        """Half widths of ranges as written, by key."""
+        found = self.keys.get("ranges", {})
+        return found if isinstance(found, dict) else {}
 
 
 @cache
@@ -56,11 +65,11 @@ def read_cutting_materials() -> dict[str, CuttingMaterial]:
     file = _FileTable.model_validate(tomllib.loads(DATA.read_text(encoding="utf-8")))
     found = {}
     for name, entry in file.materials.items():
-        keys = dict(entry)
+        keys: TomlTable = dict(entry)
         title, group = str(keys.pop("title")), file.groups[str(keys.pop("group"))]
-        keys.setdefault("source", group.source)
+        keys.setdefault("source", group.source or "")
         if group.ranges:
-            keys.setdefault("ranges", group.ranges)
+            keys.setdefault("ranges", dict(group.ranges))
         table = CuttingTable.model_validate(keys)
-        found[name] = CuttingMaterial(name, title, group.title, table.source or "", table)
+        found[name] = CuttingMaterial(name, title, group.title, table.source or "", keys, table)
     return found
