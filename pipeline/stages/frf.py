@@ -572,13 +572,13 @@ def _name_peaks(
 
 
 def peaks_have_tops(poles: ComplexArray, to_hz: float) -> bool:
-    """Whether every mode up to a frequency has damping.
+    """Whether every mode up to a frequency has damping; a free motion has no peak.
 
     Args:
         poles: Of the system [rad/s].
         to_hz: The frequency.
     """
-    near = poles[np.abs(poles) <= 2.0 * np.pi * to_hz]
+    near = poles[(np.abs(poles) > 0.0) & (np.abs(poles) <= 2.0 * np.pi * to_hz)]
     return bool((np.abs(near.real) > UNDAMPED * np.abs(near)).all())
 
 

@@ -379,6 +379,9 @@ def _condense(
     # rigid motions are known: only the rest is solved for, or slender bars would lose mass to rounding
     known = np.linalg.pinv(rigid)
     rest = np.eye(len(rigid)) - rigid @ known
+    if len(rigid) == rigid.shape[1]:
+        # one interface moves as a rigid body only: nothing but rounding is left of its stiffness
+        rest = np.zeros_like(rest)
     part = boundary.rows.T @ (boundary.values @ rest)
     bent = part - free @ scipy.linalg.cho_solve(factor, forces.T @ part)
     psi = space.rigid_motion(space.bar.center) @ known + bent
@@ -420,13 +423,12 @@ def _missing_energy(
 
 
 def _measure_truncation(whole: _Condensed, modes: _Modes, density: float) -> Truncation:
-    """Moments of the modes left out: those of all, which need no modes, less those of the kept."""
-    own = whole.free.T @ whole.psi
+    """Moments of the modes left out, see ``fixed_interface_modes.measure_truncation``."""
+    own, kept = whole.free.T @ whole.psi, math.sqrt(density) * whole.free.T @ modes.shapes
+    for _ in range(2):
+        own = own - kept @ (kept.T @ own)
     once = scipy.linalg.cho_solve(whole.factor, own)
     first, second = density**2 * own.T @ once, density**3 * once.T @ once
-    kept = density * whole.psi.T @ modes.shapes
-    first = first - kept / modes.squares @ kept.T
-    second = second - kept / modes.squares**2 @ kept.T
     return Truncation(first, second, min(modes.beyond, lowest_participating(first, second)))
 
 

@@ -117,11 +117,12 @@ class _StiffnessChanges:
                 )
             )
         for mesh in self._meshed:
-            seen = mesh.rows @ shapes
-            found.append(seen.T @ mesh.energy @ seen)
-            shape = mesh.shape
+            strained, seen, shape = mesh.strain(shapes), mesh.rows @ shapes, mesh.shape
+            found.append(strained.T @ mesh.energy @ strained)
             if shape is not None:
-                found.append(seen.T @ (shape.stiffness - square * shape.mass) @ seen)
+                found.append(
+                    strained.T @ shape.stiffness @ strained - square * (seen.T @ shape.mass @ seen)
+                )
         return found
 
     def _is_silent(self, shapes: ComplexArray) -> bool:

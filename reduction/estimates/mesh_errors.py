@@ -11,6 +11,7 @@ from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.geometry.parts.components import Material
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.dof_layout import turn_dofs
+from headstock.reduction.superelement_checks import rigid_motions
 from headstock.solvers.linear.modal_analysis import ModalResult
 
 # share of the strain energy in dofs whose mesh error nobody knows: beyond it a number has no
@@ -56,6 +57,7 @@ class MeshedPart:
             where they lie.
         left_out: What small features change that its mesh lacks, likewise; None for none.
         corrected: Its stiffness is corrected by the estimate: the error may have either sign.
+        rigid: ``(n_c, r)`` orthonormal rigid motions of its dofs; None where supports hold it.
     """
 
     energy: FloatArray
@@ -66,6 +68,14 @@ class MeshedPart:
     faces: PartChange | None = None
     left_out: PartChange | None = None
     corrected: bool = False
+    rigid: FloatArray | None = None
+
+    def strain(self, motions: FloatArray) -> FloatArray:
+        """Its dofs ``(n_c, m)`` under motions of the machine ``(n, m)``, without its rigid motions:
+        these miss no energy, but what rounding leaves of it would look large beside a soft mount.
+        """
+        own = self.rows @ motions
+        return own if self.rigid is None else own - self.rigid @ (self.rigid.T @ own)
 
     @property
     def shape(self) -> PartChange | None:
@@ -104,6 +114,9 @@ def meshed_parts(coupled: CoupledMachine) -> dict[str, MeshedPart]:
                 faces=_scale_change(errors.shape_stiffness, errors.shape_mass),
                 left_out=_scale_change(errors.left_out_stiffness, errors.left_out_mass),
                 corrected=errors.corrected,
+                rigid=None
+                if part.supported
+                else np.linalg.qr(rigid_motions(part, part.center_of_mass))[0],
             )
     return found
 
@@ -126,7 +139,7 @@ def missing_energies(coupled: CoupledMachine, motions: FloatArray) -> dict[str, 
         Component to ``(m, m)``; components without an estimate are left out.
     """
     seen = {
-        name: (part.energy, part.rows @ motions) for name, part in meshed_parts(coupled).items()
+        name: (part.energy, part.strain(motions)) for name, part in meshed_parts(coupled).items()
     }
     return {name: own.T @ energy @ own for name, (energy, own) in seen.items()}
 
@@ -199,9 +212,12 @@ def frequency_feature_errors(coupled: CoupledMachine, modes: ModalResult) -> dic
 def _frequency_change(part: MeshedPart, change: PartChange, modes: ModalResult) -> FloatArray:
     elastic = np.arange(len(modes.frequencies_hz)) >= modes.rigid_count
     squares = np.where(elastic, (2.0 * np.pi * modes.frequencies_hz) ** 2, np.inf)
-    own = part.rows @ modes.shapes
     stiffer, heavier = (
-        np.einsum("im,ij,jm->m", own, each, own) for each in (change.stiffness, change.mass)
+        np.einsum("im,ij,jm->m", own, each, own)
+        for own, each in (
+            (part.strain(modes.shapes), change.stiffness),
+            (part.rows @ modes.shapes, change.mass),
+        )
     )
     share = stiffer / squares - np.where(elastic, heavier, 0.0)
     return np.asarray(0.5 * modes.frequencies_hz * np.abs(share))
@@ -257,7 +273,7 @@ def product_errors(
     """
     meshes, faces = {}, {}
     for name, part in meshed_parts(coupled).items():
-        own, given = part.rows @ left, part.rows @ right
+        own, given = part.strain(left), part.strain(right)
         meshes[name] = own.T @ part.energy @ given
         if part.shape is not None:
             faces[name] = own.T @ part.shape.stiffness @ given
@@ -267,7 +283,7 @@ def product_errors(
 def _compliance_change(
     part: MeshedPart, change: PartChange, displacements: FloatArray
 ) -> FloatArray:
-    own = part.rows @ displacements
+    own = part.strain(displacements)
     return np.asarray(np.abs(np.einsum("im,ij,jm->m", own, change.stiffness, own)))
 
 

@@ -94,15 +94,22 @@ class ResponseSpace:
         channels: tuple[FloatArray, FloatArray],
         rest: float,
         control: ControlForces | None = None,
+        squares: FloatArray | None = None,
     ) -> None:
         self.sources, self.rest = sources, rest
         self.control = None if control is None else control.project(space)
         self.loads: FloatArray = space.T @ channels[0]
         self.rows: FloatArray = channels[1] @ space
+        squares = np.zeros(0) if squares is None else squares
+        self._rigid = int(np.count_nonzero(squares == 0.0))
         self._stiffness = space.T @ system.stiffness @ space
-        self._hysteretic = (
-            None if system.hysteretic is None else space.T @ system.hysteretic @ space
-        )
+        # what rounding leaves beside the squares of modes would look like a spring, soft or negative
+        modal = np.arange(len(squares))
+        self._stiffness[modal] = self._stiffness[:, modal] = 0.0
+        self._stiffness[modal, modal] = squares
+        self._hysteretic = None if system.hysteretic is None else space.T @ system.hysteretic @ space
+        if self._hysteretic is not None:
+            self._hysteretic[: self._rigid] = self._hysteretic[:, : self._rigid] = 0.0
         self._mass = space.T @ system.mass @ space
         self._damping = None if system.damping is None else space.T @ system.damping @ space
         lossy = {
@@ -119,15 +126,17 @@ class ResponseSpace:
         shape, heavier = np.zeros_like(missing), np.zeros_like(self._mass)
         beyond, nothing = np.zeros_like(missing), np.zeros_like(self._mass)
         for name, meshed in sources.meshed.items():
-            seen = meshed.rows @ space
-            own = lossy[name] * (seen.T @ meshed.energy @ seen)
+            seen, strained = meshed.rows @ space, meshed.strain(space)
+            strained[:, : self._rigid] = 0.0
+            own = lossy[name] * (strained.T @ meshed.energy @ strained)
             missing += own
             beyond += meshed.corrected * own
             changes = [
                 None
                 if each is None
                 else SystemChange(
-                    lossy[name] * (seen.T @ each.stiffness @ seen), seen.T @ each.mass @ seen
+                    lossy[name] * (strained.T @ each.stiffness @ strained),
+                    seen.T @ each.mass @ seen,
                 )
                 for each in (meshed.faces, meshed.left_out)
             ]
@@ -255,7 +264,12 @@ class ResponseSpace:
         changes = []
         for low, high in self.participations(ends):
             value, slope = 0.5 * (low + high), (high - low) / (ends[1] - ends[0])
-            changes.append(SystemChange(square * slope - value, np.asarray(slope.real)))
+            # rigid-body motions stay free: what is taken from them is mass alone
+            slope[: self._rigid] = value[: self._rigid] / square
+            slope[:, : self._rigid] = value[:, : self._rigid] / square
+            stiffness = square * slope - value
+            stiffness[: self._rigid] = stiffness[:, : self._rigid] = 0.0
+            changes.append(SystemChange(stiffness, np.asarray(slope.real)))
         return changes[0], changes[1]
 
 
@@ -284,17 +298,24 @@ def project_response(
     pushes = [channels[0], channels[1].T]
     if control is not None:
         pushes += [control.pushed, control.seen.T]
+    count = max(
+        modes.rigid_count + 1,
+        int(np.searchsorted(modes.frequencies_hz, REACH * highest_hz, side="right")),
+    )
+    squares = (2.0 * np.pi * modes.frequencies_hz[:count]) ** 2
+    squares[: modes.rigid_count] = 0.0
     space = _trial_space(
         system,
         sources.truncated,
         modes,
+        count=count,
         pushes=np.hstack(pushes),
         highest_hz=highest_hz,
         shift=shift,
     )
     # an integrator is at rest nowhere else
     rest = RESTING * (shift if control is None else lowest)
-    return ResponseSpace(system, sources, space, channels, rest, control)
+    return ResponseSpace(system, sources, space, channels, rest, control, squares=squares)
 
 
 def _trial_space(
@@ -302,15 +323,14 @@ def _trial_space(
     parts: Mapping[str, TruncatedPart],
     modes: ModalResult,
     *,
+    count: int,
     pushes: FloatArray,
     highest_hz: float,
     shift: float,
 ) -> FloatArray:
-    """M-orthonormal directions ``(n, m)`` in which the response and its change are sought."""
-    count = max(
-        modes.rigid_count + 1,
-        int(np.searchsorted(modes.frequencies_hz, REACH * highest_hz, side="right")),
-    )
+    """M-orthonormal directions ``(n, m)`` in which the response and its change are sought: the
+    lowest modes, as many as counted, and others.
+    """
     shapes = modes.shapes[:, :count]
     near = shapes[
         :,

@@ -126,7 +126,7 @@ def _elastic_poles(
     eigenvalues: FloatArray, damping: FloatArray, lowest: int | None
 ) -> tuple[ComplexArray, ComplexArray]:
     few = None
-    if lowest is not None and is_symmetric(damping):
+    if lowest is not None and len(eigenvalues) and is_symmetric(damping):
         few = find_lowest_poles(eigenvalues, damping, lowest, tolerance=LOWEST_TOLERANCE)
     return state_eigenpairs(eigenvalues, damping) if few is None else few
 

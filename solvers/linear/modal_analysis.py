@@ -43,14 +43,14 @@ class ModalResult:
     """Undamped modes, rising in frequency, rigid-body modes first.
 
     Attributes:
-        frequencies_hz: ``(m,)`` [Hz]; for rigid-body modes the roundoff that is left, far below the
-            first elastic one.
+        frequencies_hz: ``(m,)`` [Hz]; exactly zero for rigid-body modes.
         shapes: ``(n, m)`` mass-normalised, largest entry positive (of equal ones the first).
         rigid_count: How many of all modes are rigid-body modes.
         infinite_count: Dofs without mass, condensed statically: their frequencies are infinite and
             not listed.
         residuals: ``(m,)`` ``K x - omega^2 M x`` against the shape, each dof weighed by ``k_ii +
-            omega^2 m_ii``.
+            omega^2 m_ii``; of rigid-body modes by the highest ``omega`` found, because nothing but
+            roundoff is left of their own.
     """
 
     frequencies_hz: FloatArray
@@ -114,13 +114,14 @@ def _finish_modes(
         AccuracyError: An eigenpair misses the residual limit.
     """
     frequencies = np.sqrt(np.abs(pairs.eigenvalues)) / (2.0 * np.pi)
+    frequencies[: pairs.rigid_count] = 0.0
     kept = len(frequencies)
     if up_to_hz is not None:
         kept = min(
             kept, max(pairs.rigid_count, int(np.searchsorted(frequencies, up_to_hz, side="right")))
         )
     shapes = _with_sign(pairs.shapes[:, :kept])
-    residuals = _residuals(system, pairs.eigenvalues[:kept], shapes)
+    residuals = _residuals(system, pairs, shapes)
     _require_small(residuals, frequencies, largest_residual)
     return ModalResult(
         frequencies[:kept], shapes, pairs.rigid_count, pairs.infinite_count, residuals
@@ -166,24 +167,28 @@ def _with_sign(shapes: FloatArray) -> FloatArray:
     return np.asarray(shapes * np.where(largest < 0.0, -1.0, 1.0))
 
 
-def _residuals(
-    system: SecondOrderSystem, eigenvalues: FloatArray, shapes: FloatArray
-) -> FloatArray:
-    """Residual of each pair, every dof weighed by its own ``k_ii + omega^2 m_ii``: independent of
-    units and of grading.
+def _residuals(system: SecondOrderSystem, pairs: ModalPairs, shapes: FloatArray) -> FloatArray:
+    """Residual of each pair whose shape is kept, every dof weighed by its own ``k_ii + omega^2
+    m_ii``: independent of units and of grading.
+
+    A rigid-body mode is weighed by the highest frequency found: its own, and the stiffness of dofs
+    that it alone moves, are roundoff. Without any other the null space itself has been tested.
     """
-    residual = system.stiffness @ shapes - (system.mass @ shapes) * eigenvalues
-    weights = system.stiffness.diagonal()[:, None] + system.mass.diagonal()[:, None] * np.abs(
-        eigenvalues
+    eigenvalues = pairs.eigenvalues[: shapes.shape[1]]
+    rigid = np.arange(len(eigenvalues)) < pairs.rigid_count
+    highest = np.abs(pairs.eigenvalues[pairs.rigid_count :]).max(initial=0.0)
+    residual = system.stiffness @ shapes - (system.mass @ shapes) * np.where(
+        rigid, 0.0, eigenvalues
+    )
+    weights = system.stiffness.diagonal()[:, None] + system.mass.diagonal()[:, None] * np.where(
+        rigid, highest, np.abs(eigenvalues)
     )
     weights = np.maximum(weights, np.finfo(float).tiny)
     sizes = np.einsum("ij,ij,ij->j", shapes, shapes, weights)
-    return np.asarray(
-        np.sqrt(
-            (residual**2 / weights).max(axis=0, initial=0.0)
-            / np.maximum(sizes, np.finfo(float).tiny)
-        )
+    found = np.sqrt(
+        (residual**2 / weights).max(axis=0, initial=0.0) / np.maximum(sizes, np.finfo(float).tiny)
     )
+    return np.asarray(np.where(rigid & (highest == 0.0), 0.0, found))
 
 
 def _require_small(residuals: FloatArray, frequencies: FloatArray, limit: float) -> None:

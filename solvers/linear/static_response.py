@@ -11,6 +11,7 @@ from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.solvers.errors import AccuracyError, ModelError
 from headstock.solvers.linear.sparse_systems import factorise_sparse, find_sparse
 from headstock.solvers.linear.symmetric_matrices import (
+    DEAD_DIAGONAL,
     EPS,
     PIVOT_FACTOR,
     NullSpace,
@@ -150,7 +151,7 @@ def _solve_symmetric(system: SecondOrderSystem, loads: FloatArray) -> FloatArray
     diagonal = np.array(stiffness.diagonal())
     if not len(diagonal):
         return np.zeros_like(loads)
-    if diagonal.min() <= 0.0:
+    if diagonal.min() <= DEAD_DIAGONAL * diagonal.max():
         raise_if_mechanism(stiffness, system.labels)
     sparse = find_sparse(stiffness)
     thin = None if sparse is None else factorise_sparse(sparse)

@@ -15,8 +15,9 @@ from headstock.solvers.errors import ModelError
 IntArray = NDArray[np.int64]
 EPS = float(np.finfo(float).eps)
 PIVOT_FACTOR = 16.0  # pivots below PIVOT_FACTOR * n * eps of their own diagonal entry are roundoff
-# (eps^2 and a margin) of the largest diagonal entry: a direction cosine squared, not a stiffness
-DEAD_DIAGONAL = 1e-28
+# (eps^2 and a margin for long levers) of the largest diagonal entry: a direction cosine squared, not
+# a stiffness
+DEAD_DIAGONAL = 1e-25
 # the same for masses, which differ by fewer decades than springs: what long levers leave of a dof
 # without mass
 DEAD_MASS = 1e-18
