@@ -77,17 +77,21 @@ def lay_out_dofs(
 def scale_dofs(layout: DofLayout) -> FloatArray:
     """Factor per stacked dof ``(n_all,)`` after which every dof is a length.
 
-    That of rotations is a power of two: the same in neighbouring poses, which then share what is made
-    of it.
+    All are powers of two: they cost no digits, and those of rotations are the same in neighbouring
+    poses, which then share what is made of them.
     """
-    scale, length = np.ones(layout.size), 2.0 ** np.round(np.log2(layout.length))
+    scale, length = np.ones(layout.size), _power_of_two(layout.length)
     for name, superelement in layout.superelements.items():
         part = scale[layout.offsets[name]]
         part[: superelement.boundary_size][rotation_dofs(superelement)] = 1.0 / length
         part[superelement.boundary_size :] = (
-            np.sqrt(superelement.mass_kg) if superelement.mass_kg > 0.0 else 1.0
+            _power_of_two(np.sqrt(superelement.mass_kg)) if superelement.mass_kg > 0.0 else 1.0
         )
     return scale
+
+
+def _power_of_two(size: float) -> float:
+    return float(2.0 ** np.round(np.log2(size)))
 
 
 def label_dofs(layout: DofLayout) -> tuple[str, ...]:

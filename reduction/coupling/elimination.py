@@ -81,7 +81,7 @@ def eliminate_constraints(
     order = [0, *range(len(rows) - 1, 0, -1)]
     widths = [sum(split.blocks[level].shape[1] for split in splits) for level in order]
     basis = np.zeros((len(scale), len(untouched) + sum(widths)))
-    basis[untouched, np.arange(len(untouched))] = 1.0
+    basis[untouched, np.arange(len(untouched))] = scale[untouched]
     column = len(untouched)
     for level in order:
         for one, split in zip(sets, splits, strict=True):

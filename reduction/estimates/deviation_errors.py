@@ -13,7 +13,6 @@ from headstock.reduction.coupling.dof_layout import turn_dofs
 from headstock.reduction.coupling.probes import missing_of_loads
 from headstock.reduction.estimates.mesh_errors import (
     SILENT_SHARE,
-    PartChange,
     meshed_parts,
     silent_energies,
 )
@@ -70,16 +69,21 @@ def estimate_deviation(
         for name, part in parts.items():
             turn = turn_dofs(elements[name], coupled.placements[name])
             own = part.rows @ influence
-            given = part.rows @ response.moved + turn @ response.offset[coupled.offsets[name]]
+            given = part.without_rigid(
+                part.rows @ response.moved + turn @ response.offset[coupled.offsets[name]]
+            )
+            strained = part.without_rigid(own)
             fallen: FloatArray = np.zeros(len(turn))
             if pull is not None:
                 fallen = turn @ coupled.matrices.rigid[name][:, :3] @ pull
-            meshes[name] = own.T @ part.energy @ given + blank
+            meshes[name] = strained.T @ part.energy @ given + blank
             if name in inside:
                 meshes[name] = meshes[name] + influence.T @ inside[name]
             for changes, change in ((faces, part.faces), (left_out, part.left_out)):
                 if change is not None and change.stiffness.any():
-                    changes[name] = _change_of_surface(change, own, given, fallen)
+                    changes[name] = own.T @ change.mass @ fallen - (
+                        strained.T @ change.stiffness @ given
+                    )
         found[source] = DeviationChanges(meshes, faces, left_out)
     return found
 
@@ -88,17 +92,3 @@ def _is_silent(coupled: CoupledMachine, motions: FloatArray) -> FloatArray:
     """Which motions ``(n, m)`` strain dofs whose mesh error is not known."""
     energies = np.einsum("im,ij,jm->m", motions, coupled.system.stiffness, motions)
     return np.asarray(silent_energies(coupled, motions) > SILENT_SHARE * energies)
-
-
-def _change_of_surface(
-    change: PartChange, own: FloatArray, given: FloatArray, fallen: FloatArray
-) -> FloatArray:
-    """``(6,)`` by a change of a component's matrices.
-
-    Args:
-        change: Of its matrices.
-        own: ``(n_c, 6)`` responses of its dofs to unit loads.
-        given: ``(n_c,)`` response to what deflects it.
-        fallen: ``(n_c,)`` acceleration that weighs it; zero where nothing does.
-    """
-    return np.asarray(own.T @ (change.mass @ fallen - change.stiffness @ given))

@@ -74,7 +74,10 @@ class MeshedPart:
         """Its dofs ``(n_c, m)`` under motions of the machine ``(n, m)``, without its rigid motions:
         these miss no energy, but what rounding leaves of it would look large beside a soft mount.
         """
-        own = self.rows @ motions
+        return self.without_rigid(self.rows @ motions)
+
+    def without_rigid(self, own: FloatArray) -> FloatArray:
+        """Motions of its dofs, ``(n_c,)`` or ``(n_c, m)``, without their rigid part."""
         return own if self.rigid is None else own - self.rigid @ (self.rigid.T @ own)
 
     @property

@@ -107,7 +107,9 @@ class ResponseSpace:
         modal = np.arange(len(squares))
         self._stiffness[modal] = self._stiffness[:, modal] = 0.0
         self._stiffness[modal, modal] = squares
-        self._hysteretic = None if system.hysteretic is None else space.T @ system.hysteretic @ space
+        self._hysteretic = (
+            None if system.hysteretic is None else space.T @ system.hysteretic @ space
+        )
         if self._hysteretic is not None:
             self._hysteretic[: self._rigid] = self._hysteretic[:, : self._rigid] = 0.0
         self._mass = space.T @ system.mass @ space

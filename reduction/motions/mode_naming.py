@@ -178,6 +178,8 @@ def name_modes(coupled: CoupledMachine, modal: ModalResult) -> NamedModes:
     holds at least 30 % of the strain energy.
     """
     strain, kinetic = energy_shares(coupled, modal.shapes)
+    # of a rigid-body mode nothing but rounding
+    strain = ({},) * modal.rigid_count + strain[modal.rigid_count :]
     names = tuple(
         _name_mode(coupled, modal.shapes[:, i], strain[i], kinetic[i], free=i < modal.rigid_count)
         for i in range(len(strain))

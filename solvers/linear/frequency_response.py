@@ -387,9 +387,11 @@ def _lowest(
     frequencies_hz: FloatArray, values: FloatArray, function: Callable[[float], float]
 ) -> tuple[float, float]:
     """Frequency and value of the lowest point, by Brent's method between the neighbours of the
-    lowest grid point.
+    lowest grid point; those without a value, such as rest where a motion is free, are left out.
     """
-    index = int(np.nanargmin(values))
+    known = np.flatnonzero(~np.isnan(values))
+    frequencies_hz, values = frequencies_hz[known], values[known]
+    index = int(np.argmin(values))
     low, high = frequencies_hz[max(0, index - 1)], frequencies_hz[min(len(values) - 1, index + 1)]
     best = float(frequencies_hz[index]), float(values[index])
     if low == high:

@@ -75,13 +75,15 @@ def test_body_loads_and_tractions_act_in_machine_axes_with_their_moments() -> No
     coupled = couple({"table": part}, machine, Pose("home"))
     np.testing.assert_allclose(
         coupled.loads["fall"],
-        [*(part.mass_kg * np.array([1.0, 2.0, -3.0])), 0, 0, 0],
+        coupled.basis.T @ [*(part.mass_kg * np.array([1.0, 2.0, -3.0])), 0, 0, 0],
         rtol=1e-13,
         atol=1e-13,
     )
     force = np.array([2.0, 0.0, 0.0])
     expected = [*force, *np.cross(turn @ (TOP - PROPERTIES.center), force)]
-    np.testing.assert_allclose(coupled.loads["push"], expected, rtol=1e-13, atol=1e-14)
+    np.testing.assert_allclose(
+        coupled.loads["push"], coupled.basis.T @ expected, rtol=1e-13, atol=1e-14
+    )
 
 
 @pytest.mark.parametrize(

@@ -81,15 +81,16 @@ def test_four_springs_under_a_block_give_the_closed_form_of_der_block() -> None:
 def test_a_spring_joint_adds_its_matrix_between_both_ends_in_its_own_axes() -> None:
     turn = rotation_about(np.array([1.0, -2.0, 0.5]), 0.8)
     superelements, machine = chain(rotation=turn)
-    system = couple(superelements, machine, HOME).system
+    coupled = couple(superelements, machine, HOME)
     head_arm = rigid_transfer(np.array([0.1, 0.05, 0.6]), np.array([0.0, 0.0, 0.5]))
     difference = np.hstack([np.zeros((6, 6)), -np.eye(6), head_arm])
     axes = rotate_dofs(turn)
     expected = scipy.linalg.block_diag(superelements["column"].stiffness, np.zeros((6, 6)))
     expected[:6, :6] += np.diag(SPRING)
     expected += difference.T @ axes @ np.diag(SPRING) @ axes.T @ difference
+    expected = coupled.basis.T @ expected @ coupled.basis
     np.testing.assert_allclose(
-        system.stiffness, expected, rtol=0.0, atol=1e-13 * np.abs(expected).max()
+        coupled.system.stiffness, expected, rtol=0.0, atol=1e-13 * np.abs(expected).max()
     )
 
 
