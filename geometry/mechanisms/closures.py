@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from headstock.geometry.errors import ClosureError
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.geometry.mechanisms.kinematics import (
     Bias,
     IndexArray,
@@ -34,6 +34,7 @@ MAX_ITERATIONS = 40
 LARGEST_STEP = 0.5
 CLOSED = 1e-13
 STAGNANT = 1e-9  # below this a step that no longer shrinks is roundoff
+ROUNDING = 16.0  # roundings of places that a chain of joints may add up
 RANK_TOLERANCE = 1e-9
 _UNIT = np.eye(3)
 
@@ -195,7 +196,9 @@ def close_loops(
         ``(..., n)``.
 
     Raises:
-        ClosureError: The pose cannot be reached from there, or the unknowns are singular.
+        ClosureError: The pose cannot be reached from there, or the unknowns are singular in a
+            pose whose loops are open. A singular pose whose loops are closed but for rounding is
+            given back as it is.
     """
     return close_kinematics(mechanism, state, unknown=unknown)[0]
 
@@ -217,14 +220,20 @@ def close_kinematics(
     for _ in range(MAX_ITERATIONS):
         kinematics = evaluate_kinematics(mechanism, state)
         residual = closure_residual(mechanism, state, kinematics.placement)
+        closed = _is_closed(kinematics.placement, residual)
         try:
             step = np.linalg.solve(kinematics.closure_jacobian[..., columns], residual[..., None])[
                 ..., 0
             ]
         except np.linalg.LinAlgError as error:
+            if closed.all():
+                return state, kinematics
             raise ClosureError(
                 f"{mechanism.name}: the loop closures do not determine the coordinates in this pose: it is singular"
             ) from error
+        # in a singular pose a residual of rounding asks for a step of any size
+        lost = closed & ~(np.abs(step).max(axis=-1, initial=0.0) < STAGNANT)
+        step[lost] = 0.0
         size = np.abs(step).max(initial=0.0)
         if not np.isfinite(size):
             break
@@ -233,9 +242,21 @@ def close_kinematics(
         if size < CLOSED or 0.1 * before <= size < STAGNANT:
             return state, kinematics
         before = size
-    worst = float(np.abs(closure_residual(mechanism, state)).max())
+    kinematics = evaluate_kinematics(mechanism, state)
+    residual = closure_residual(mechanism, state, kinematics.placement)
+    if _is_closed(kinematics.placement, residual).all():
+        return state, kinematics
+    worst = float(np.abs(residual).max())
     raise ClosureError(
         f"{mechanism.name}: the loops stay open by {worst:.2g} m or rad after {MAX_ITERATIONS} steps; the pose is out of reach"
+    )
+
+
+def _is_closed(placement: Placement, residual: FloatArray) -> BoolArray:
+    """Whether loops ``(...,)`` are open by no more than rounding of where their markers are."""
+    reach = np.maximum(1.0, np.abs(placement.positions).max(axis=(-2, -1), initial=0.0))
+    return np.asarray(
+        np.abs(residual).max(axis=-1, initial=0.0) <= ROUNDING * np.finfo(float).eps * reach
     )
 
 

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from headstock.geometry.mechanisms.closures import closure_residual
+from headstock.geometry.errors import ClosureError
+from headstock.geometry.mechanisms.closures import close_loops, closure_residual, find_mobility
 from headstock.geometry.mechanisms.platforms import (
     planar_3rpr,
     planar_3rpr_assemblies,
@@ -48,3 +49,26 @@ def test_state_of_a_turned_platform_is_closed() -> None:
     assert np.abs(closure_residual(planar_3rpr(BASE, PLATFORM), state)).max() == pytest.approx(
         0.0, abs=1e-15
     )
+
+
+@pytest.mark.parametrize("size", [1e-2, 1.0, 30.0])
+@pytest.mark.parametrize("turn", [0.0, 0.3, -1.1])
+def test_a_closed_singular_pose_stays_as_it_is_and_is_named(size: float, turn: float) -> None:
+    # similar triangles: when they are turned alike, all legs point to their common centre
+    angles = np.radians([90.0, 210.0, 330.0]) + turn
+    base = size * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    mechanism = planar_3rpr(base, 0.3 * base)
+    state = planar_3rpr_state(base, 0.3 * base, (0.0, 0.0), 0.0)
+    np.testing.assert_allclose(close_loops(mechanism, state), state, atol=1e-9)
+    both = np.array([state, planar_3rpr_state(base, 0.3 * base, (0.1 * size, 0.0), 0.4)])
+    np.testing.assert_allclose(close_loops(mechanism, both), both, atol=1e-9)
+    assert find_mobility(mechanism, state).passive_condition > 1e10
+
+
+def test_a_singular_pose_with_open_loops_is_out_of_reach() -> None:
+    angles = np.radians([90.0, 210.0, 330.0])
+    base = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    state = planar_3rpr_state(base, 0.3 * base, (0.0, 0.0), 0.0)
+    state[:3] *= 0.5
+    with pytest.raises(ClosureError):
+        close_loops(planar_3rpr(base, 0.3 * base), state)
