@@ -89,11 +89,14 @@ class MeshFile:
         path: Absolute path.
         unit: Length of one unit of the file's coordinates [m].
         beside: Absolute paths of the files that hold its arrays (XDMF).
+        solid: Name of the set of cells of the file that the solid is; None for all of one material, ``*``
+            for all of whatever material.
     """
 
     path: Path
     unit: float = 1.0
     beside: tuple[Path, ...] = ()
+    solid: str | None = None
 
 
 @dataclass(frozen=True)

@@ -33,6 +33,7 @@ from headstock.meshing.elements.quality import (
     mesh_volume,
     scaled_jacobians,
 )
+from headstock.meshing.elements.regions import are_whole_faces
 from headstock.meshing.elements.surface import (
     FlatTets,
     MeshSurface,
@@ -78,9 +79,12 @@ def finish_mesh(data: MeshData, component: Component, groups: Groups) -> Compone
         raise MeshError(
             f"{what}: the mesh falls into {parts} parts that share no node; make one component of each, or merge coincident nodes"
         )
-    jacobians = _check_quality(points, cells, kind, what=what, straight=straight)
+    from_file = isinstance(component.solid, MeshFile)
+    jacobians = _check_quality(
+        points, cells, kind, what=what, straight=straight, from_file=from_file
+    )
     surface = extract_surface(cells, kind)
-    if isinstance(component.solid, MeshFile):
+    if from_file:
         data = _resolve_file_patches(data, surface, component, groups)
     patches = {name: _tag_facets(surface, data, name, what) for name in groups}
     properties = _reference_properties(data, component)
@@ -115,11 +119,24 @@ def finish_mesh(data: MeshData, component: Component, groups: Groups) -> Compone
         else 0.0,
         flat_size=float(np.median(flat.lengths)) if len(flat.cells) else 0.0,
         flat_thickness=float(np.median(flat.thickness)) if len(flat.cells) else 0.0,
-        remarks=tuple(data.remarks),
+        remarks=_list_remarks(data, component, repaired, len(cells)),
     )
     gaps = _find_gaps(points, surface, data, component, quality)
     missing = None if data.left_out is None else place_features(points, cells, kind, data.left_out)
     return ComponentMesh(points, cells, kind, straight, patches, quality, gaps, missing)
+
+
+def _list_remarks(
+    data: MeshData, component: Component, repaired: int, count: int
+) -> tuple[str, ...]:
+    """What the user should know of how the mesh came about; that a file's cells were changed is part of it."""
+    if not repaired or not isinstance(component.solid, MeshFile):
+        return tuple(data.remarks)
+    return (
+        *data.remarks,
+        f"{repaired} of the {count} curved tets of {component.solid.path.name} were inverted, or nearly so, and were "
+        "straightened",
+    )
 
 
 def find_patch_faults(data: MeshData, component: Component, groups: Groups) -> list[PatchError]:
@@ -201,7 +218,7 @@ def _shape_elements(data: MeshData, component: Component) -> _Shaped:
     if kind == "hex20":
         points, cells = complete_hexes(data.points, data.cells)
         return _Shaped(points, cells, "hex27")
-    if isinstance(component.solid, MeshFile):
+    if kind == "tet4" and isinstance(component.solid, MeshFile):
         return _Shaped(data.points, data.cells, kind)
     if kind == "tet4" and component.mesh.order == 2:
         points, cells = elevate_tets(data.points, data.cells)
@@ -213,7 +230,13 @@ def _shape_elements(data: MeshData, component: Component) -> _Shaped:
 
 
 def _check_quality(
-    points: FloatArray, cells: IntArray, kind: CellKind, *, what: str, straight: bool
+    points: FloatArray,
+    cells: IntArray,
+    kind: CellKind,
+    *,
+    what: str,
+    straight: bool,
+    from_file: bool,
 ) -> FloatArray:
     """Scaled Jacobian ``(n_cells,)`` of every element."""
     affine = straight and cell_family(kind) == "tet"
@@ -229,10 +252,14 @@ def _check_quality(
         f"element {cell + 1} at ({x:.4g}, {y:.4g}, {z:.4g}) m: {quality[cell]:.2g}"
         for cell, (x, y, z) in zip(order, centers, strict=False)
     )
+    remedy = (
+        "mesh the part again in the program that wrote the file"
+        if from_file
+        else "write another mesh size, move patches that almost touch an edge or each other, or repair the geometry"
+    )
     raise MeshQualityError(
         f"{what}: {len(bad)} of {len(cells)} elements are unusable ({inverted} inverted, the rest with a scaled Jacobian below "
-        f"{QUALITY_FLOOR:g}): {named}; write another mesh size, move patches that almost touch an edge or each other, or repair "
-        "the geometry or the mesh file"
+        f"{QUALITY_FLOOR:g}): {named}; {remedy}"
     )
 
 
@@ -345,7 +372,7 @@ def _resolve_file_patches(
             name in component.interfaces
             and not forced
             and len(chosen) == 1
-            and _is_part_of_face(data.points, surface, chosen[0])
+            and not are_whole_faces(data.points, surface, chosen)
         ):
             raise PatchError(
                 f"{what}: a single facet of a larger face has a compliance that depends on the mesh; name a larger area, or write "
@@ -353,19 +380,3 @@ def _resolve_file_patches(
                 name,
             )
     return dataclasses.replace(data, facets=facets, node_sets=nodes)
-
-
-def _is_part_of_face(points: FloatArray, surface: MeshSurface, facet: np.int64) -> bool:
-    """Whether a facet has a neighbour in its own plane."""
-    corners = points[surface.facets[:, : surface.corners]]
-    own = corners[facet]
-    normal = np.cross(own[1] - own[0], own[2] - own[0])
-    normal /= np.linalg.norm(normal)
-    shared = (
-        np.isin(surface.facets[:, : surface.corners], surface.facets[facet, : surface.corners]).sum(
-            axis=1
-        )
-        == 2
-    )
-    heights = np.abs((corners[shared] - own[0]) @ normal).max(axis=1)
-    return bool((heights < 1e-6 * np.ptp(own, axis=0).max()).any())

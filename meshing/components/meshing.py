@@ -115,11 +115,11 @@ def mesh_component(
     )
 
 
-def find_file_patch_faults(
+def find_file_faults(
     component: Component, supports: Sequence[Support] = (), loads: Sequence[Load] = ()
-) -> list[PatchError]:
-    """What is wrong with the patches of a component from a mesh file, which is read for it; none of
-    any other solid.
+) -> tuple[list[PatchError], list[str]]:
+    """What is wrong with the patches of a component from a mesh file, which is read for it, and
+    remarks on the file; none of any other solid.
 
     Args:
         component: Whose patches.
@@ -130,9 +130,10 @@ def find_file_patch_faults(
         MeshError: The file cannot be read.
     """
     if not isinstance(component.solid, MeshFile):
-        return []
+        return [], []
     data = read_mesh_file(component.solid, f"component {component.name!r}")
-    return find_patch_faults(data, component, patch_groups(component, supports, loads))
+    faults = find_patch_faults(data, component, patch_groups(component, supports, loads))
+    return faults, data.remarks
 
 
 def describe_component(component: Component) -> SolidProperties:

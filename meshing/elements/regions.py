@@ -25,6 +25,19 @@ ROUND_TOLERANCE = 1e-3
 FEWEST_ROUND, MOST_EVALUATIONS = 8, 60
 
 
+def are_whole_faces(points: FloatArray, surface: MeshSurface, chosen: IntArray) -> bool:
+    """Whether facets fill faces of a surface: such areas end at edges of the part, however few facets there
+    are.
+
+    Args:
+        points: Nodes ``(n_points, 3)``, in any unit.
+        surface: Of the mesh.
+        chosen: Numbers of the facets.
+    """
+    owners = split_surface(points, surface)
+    return len(np.unique(chosen)) == int(np.isin(owners, owners[chosen]).sum())
+
+
 def split_surface(points: FloatArray, surface: MeshSurface) -> IntArray:
     """Number of the face that each facet belongs to, ``(n,)``, from 1 in the order of the facets.
 

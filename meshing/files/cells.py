@@ -3,55 +3,45 @@ points.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import CellKind, IntArray
-from headstock.meshing.elements.topology import (
-    EDGES,
-    FACETS,
-    NODE_COUNTS,
-    Family,
-    cell_family,
-    corner_count,
-)
+from headstock.meshing.elements.topology import FACETS, NODE_COUNTS
 from headstock.meshing.errors import MeshError, PartFileError
+from headstock.meshing.files.raw_mesh import RawMesh, Section
+from headstock.meshing.files.solid_cells import (
+    SolidCells,
+    cut_facets,
+    cut_to_tets,
+    fill_middles,
+    gather_cells,
+)
+from headstock.meshing.files.topology_checks import (
+    check_one_solid,
+    drop_repeated_cells,
+    list_faces,
+    turn_cells,
+)
 from headstock.meshing.process.job import MeshData
 
-MESHIO_KINDS: dict[str, CellKind] = {
-    "tetra": "tet4", "tetra10": "tet10", "hexahedron": "hex8", "hexahedron20": "hex20", "hexahedron27": "hex27",
-}  # fmt: skip
-MESHIO_SOLIDS = ("tetra", "hexahedron", "wedge", "pyramid")
-MESHIO_FACETS = ("triangle", "quad")
-# corners counted from the other side, as in MED
-MIRRORED: dict[Family, list[int]] = {"tet": [0, 2, 1, 3], "hex": [0, 3, 2, 1, 4, 7, 6, 5]}
-LONGEST_NAME = 100
-ORDER_SAMPLE = 5000  # cells that vote on the order of their nodes
-# edges in the order of VTK, Abaqus C3D10/C3D20 and (as meshio returns them) Nastran CTETRA/CHEXA
-VTK_EDGES = {
-    "tet": ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)),
-    "hex": (
-        (0, 1),
-        (1, 2),
-        (2, 3),
-        (3, 0),
-        (4, 5),
-        (5, 6),
-        (6, 7),
-        (7, 4),
-        (0, 4),
-        (1, 5),
-        (2, 6),
-        (3, 7),
-    ),
-}
+WHOLE_FILE = "*"
+# facets that a chosen part shares with the rest of its file
+CUT_SET = "cut"
+NAMED = 6
+FAMILY_NAMES = {"tet": "tets", "pyramid": "pyramids", "wedge": "wedges", "hex": "hexes"}
 
 
-def guard_reader(path: Path, reader: Callable[[Path], MeshData]) -> MeshData:
+def guard_reader(path: Path, reader: Callable[[Path], RawMesh], solid: str | None) -> MeshData:
     """Read a mesh file with a reader that may raise anything.
+
+    Args:
+        path: Of the file.
+        reader: Of its format.
+        solid: As `assemble_mesh`.
 
     Returns:
         Points in the file's unit, cells of one kind in gmsh's node order, and named surface and
@@ -64,7 +54,7 @@ def guard_reader(path: Path, reader: Callable[[Path], MeshData]) -> MeshData:
     if not path.is_file():
         raise MeshError(f"there is no file {path}")
     try:
-        return _check_mesh(path, reader(path))
+        return assemble_mesh(path, reader(path), solid)
     except MeshError as error:
         raise PartFileError(str(error)) from error
     except MemoryError:
@@ -75,192 +65,203 @@ def guard_reader(path: Path, reader: Callable[[Path], MeshData]) -> MeshData:
         ) from error
 
 
-def _check_mesh(path: Path, data: MeshData) -> MeshData:
-    if not len(data.cells) or not np.isfinite(data.points).all():
-        raise MeshError(
-            f"{path.name}: {'coordinates that are not finite numbers' if len(data.cells) else 'no solid cells'}"
-        )
-    for what, numbers in {"cells": data.cells, **data.facets, **data.node_sets}.items():
-        if numbers.size and not -1 <= numbers.min() <= numbers.max() < len(data.points):
-            raise MeshError(
-                f"{path.name}: {what} use nodes that are not among the {len(data.points)} of the file; "
-                "it is damaged, export it again"
-            )
-    if data.cells.min() < 0:
-        raise MeshError(
-            f"{path.name}: cells use nodes without a number; it is damaged, export it again"
-        )
-    return _drop_unused_points(data)
+def assemble_mesh(path: Path, raw: RawMesh, solid: str | None = None) -> MeshData:
+    """Make one solid of what a file holds.
 
-
-@dataclass
-class RawMesh:
-    """What a file holds, in its own node order and under the names that meshio gives kinds of
-    cells.
-
-    Attributes:
-        points: ``(n, 3)``.
-        solids: Kind and nodes ``(n_cells, k)`` of each block of solid cells.
-        facets: Nodes ``(n, k)``, corners first, of the blocks of each named set of surface elements.
-        node_sets: Node numbers of each named set.
-    """
-
-    points: FloatArray
-    solids: list[tuple[str, IntArray]] = field(default_factory=list)
-    facets: dict[str, list[IntArray]] = field(default_factory=dict)
-    node_sets: dict[str, list[IntArray]] = field(default_factory=dict)
-
-    def add_facets(self, name: str, kind: str, nodes: IntArray) -> None:
-        """Add surface elements to a named set; elements of other kinds are passed over.
-
-        Args:
-            name: Of the set.
-            kind: Of the elements, by meshio's name.
-            nodes: ``(n, k)``, corners first.
-        """
-        corners = {"t": 3, "q": 4}.get(kind[:1]) if kind.startswith(MESHIO_FACETS) else None
-        if corners is not None and len(nodes):
-            self.facets.setdefault(_clean(name), []).append(nodes[:, :corners])
-
-    def add_nodes(self, name: str, nodes: IntArray) -> None:
-        """Add nodes to a named set."""
-        self.node_sets.setdefault(_clean(name), []).append(nodes)
-
-
-def assemble_mesh(path: Path, raw: RawMesh) -> MeshData:
-    """Cells of one kind in gmsh's node order, found from where the nodes lie.
-
-    Formats differ in the order of mid-side nodes and in the side from which corners are counted,
-    and programs differ in how well they keep to the format they write.
+    Args:
+        path: Of the file, for messages.
+        raw: What its reader found.
+        solid: Name of the set of cells to take; None for all of one material, ``*`` for all of whatever
+            material.
 
     Raises:
-        MeshError: There is no or more than one kind of solid cell, or mid-side nodes lie at no
-            sides.
+        MeshError: The cells are no solid, or of several materials.
     """
-    kinds = list(dict.fromkeys(kind for kind, cells in raw.solids if len(cells)))
-    if len(kinds) != 1 or kinds[0] not in MESHIO_KINDS:
-        raise MeshError(kinds_message(path, kinds))
-    kind = MESHIO_KINDS[kinds[0]]
-    cells = np.concatenate([cells for _, cells in raw.solids if len(cells)]).astype(np.int64)
-    if cells.shape[1:] != (NODE_COUNTS[kind],):
-        raise MeshError(
-            f"{path.name}: {cells.shape[-1]} nodes per cell, {kinds[0]} has {NODE_COUNTS[kind]}; it is damaged"
-        )
-    if not 0 <= cells.min() <= cells.max() < len(raw.points):
-        raise MeshError(
-            f"{path.name}: cells use nodes that are not among the {len(raw.points)} of the file; "
-            "it is damaged, export it again"
-        )
-    corners = corner_count(kind)
-    if _mostly_inverted(raw.points, cells[:, :corners]):
-        cells[:, :corners] = cells[:, MIRRORED[cell_family(kind)]]
-    if kind != ("tet4" if corners == 4 else "hex8"):
-        cells = _order_by_place(path, raw.points, cells, kind)
-    wanted = 3 if corners == 4 else 4
-    facets = {}
-    for name, blocks in raw.facets.items():
-        fitting = [block for block in blocks if block.shape[1] == wanted] or blocks[:1]
-        facets[name] = np.concatenate(fitting).astype(np.int64)
+    _check_numbers(path, raw)
+    numbers = np.concatenate([block.numbers for block in raw.solids])
+    chosen = _choose_solid(path, raw, solid)
+    remarks = [*raw.notes, *_note_left_out(path, raw)]
+    if solid is None:
+        remarks += _check_materials(path, raw)
+    gathered = gather_cells(path, raw.points, raw.solids)
+    every = [cells for cells in (one.within(chosen) for one in gathered) if len(cells.index)]
+    every, notes = drop_repeated_cells(path, every, numbers, _material_numbers(raw))
+    remarks += notes
+    every, notes = turn_cells(raw.points, every)
+    remarks += notes
+    names = [name for name in raw.groups if solid is None or name != solid]
+    check_one_solid(path, raw.points, every, numbers, names)
+    points, cells, kind, notes = _make_one_kind(path, raw.points, every, numbers)
+    remarks += notes
+    facets = _assemble_facets(raw, kind, cut=bool(notes))
+    if not chosen.all():
+        rest = [cells for cells in (one.within(~chosen) for one in gathered) if len(cells.index)]
+        facets |= _find_cut(every, rest, kind, cut=bool(notes))
     nodes = {
         name: np.unique(np.concatenate(members)).astype(np.int64)
         for name, members in raw.node_sets.items()
         if name not in facets
     }
-    return MeshData(raw.points, cells, kind, facets, nodes)
+    return _drop_unused_points(MeshData(points, cells, kind, facets, nodes, remarks=remarks))
 
 
-def _clean(name: str) -> str:
-    shown = "".join(letter if letter.isprintable() else "?" for letter in name.strip())
-    return shown[:LONGEST_NAME] or "unnamed"
-
-
-def _mostly_inverted(points: FloatArray, corners: IntArray) -> bool:
-    """Whether the corners of most cells are counted from the other side."""
-    a, b, c = (1, 2, 3) if corners.shape[1] == 4 else (1, 3, 4)
-    first = points[corners[:, 0]]
-    x, y, z = (points[corners[:, k]] - first for k in (a, b, c))
-    return bool(np.median(np.sign(np.einsum("ci,ci->c", x, np.cross(y, z)))) < 0)
-
-
-def _order_by_place(path: Path, points: FloatArray, cells: IntArray, kind: CellKind) -> IntArray:
-    """Second-order cells with the nodes behind the corners in gmsh's order, by where they lie in
-    most cells.
-
-    Raises:
-        MeshError: They do not lie near the middles of edges and faces.
-    """
-    family, first = cell_family(kind), corner_count(kind)
-    groups: list[tuple[int, ...]] = list(EDGES[family])
-    if kind == "hex27":
-        groups += [*FACETS[family], tuple(range(8))]
-    sample = cells[:: max(1, len(cells) // ORDER_SAMPLE)]
-    targets = np.stack([points[sample[:, list(group)]].mean(axis=1) for group in groups], axis=1)
-    nodes = points[sample[:, first:]]
-    apart = np.linalg.norm(targets[:, :, None, :] - nodes[:, None, :, :], axis=3)
-    orders, votes = np.unique(np.argmin(apart, axis=2), axis=0, return_counts=True)
-    order = orders[np.argmax(votes)]  # strongly curved cells may vote otherwise
-    if len(set(order.tolist())) != len(groups):
+def _check_numbers(path: Path, raw: RawMesh) -> None:
+    """Refuse files without cells, and numbers that are none."""
+    if not raw.cell_count:
+        only = _counted(raw.left_out)
         raise MeshError(
-            f"{path.name}: nodes of second-order cells do not lie near the middles of their edges; "
-            "it is damaged, or its node order is none that is known"
+            f"{path.name} holds no solid cells{f', only {only}' if only else ''}; write a mesh of tets, hexes, "
+            "wedges or pyramids"
         )
-    return np.hstack([cells[:, :first], cells[:, first:][:, order]])
+    if not np.isfinite(raw.points).all():
+        raise MeshError(f"{path.name}: coordinates that are not finite numbers")
+    named = {**raw.facets, **raw.node_sets}
+    for what, blocks in {"cells": [block.nodes for block in raw.solids], **named}.items():
+        for nodes in blocks:
+            if nodes.size and not -1 <= nodes.min() <= nodes.max() < len(raw.points):
+                raise MeshError(
+                    f"{path.name}: {what} use nodes that are not among the {len(raw.points)} of the file; "
+                    "it is damaged, export it again"
+                )
 
 
-def vtk_to_gmsh(cells: IntArray, kind: CellKind) -> IntArray:
-    """Cells whose mid-edge nodes come in VTK's order, reordered to gmsh's; nodes after the edges
-    stay.
-    """
-    if kind in ("tet4", "hex8"):
-        return cells
-    family, first = cell_family(kind), corner_count(kind)
-    place = {frozenset(edge): first + i for i, edge in enumerate(VTK_EDGES[family])}
-    order = [*range(first), *(place[frozenset(edge)] for edge in EDGES[family])]
-    return cells[:, [*order, *range(len(order), cells.shape[1])]]
+def _counted(kinds: dict[str, int]) -> str:
+    return ", ".join(f"{count} {kind}" for kind, count in kinds.items())
 
 
-def order_hex27_faces(points: FloatArray, cells: IntArray) -> IntArray:
-    """Put the last seven nodes of 27-node hexes into gmsh's order (six faces, centre) by where they
-    lie.
+def _note_left_out(path: Path, raw: RawMesh) -> list[str]:
+    if not raw.left_out:
+        return []
+    return [
+        f"{path.name}: left out what is no solid cell, with its stiffness and mass: {_counted(raw.left_out)}; "
+        f"taken are {raw.cell_count} solid cells"
+    ]
 
-    Raises:
-        MeshError: Most cells do not have one node near the middle of each face.
-    """
-    corners = points[cells[:, :8]]
-    targets = np.stack(
-        [*(corners[:, list(facet)].mean(axis=1) for facet in FACETS["hex"]), corners.mean(axis=1)],
-        axis=1,
+
+def _choose_solid(path: Path, raw: RawMesh, solid: str | None) -> NDArray[np.bool_]:
+    """Which cells of the file to take, ``(n_cells,)``."""
+    if solid is None or solid == WHOLE_FILE:
+        return np.ones(raw.cell_count, dtype=bool)
+    known = {name.upper(): name for name in reversed(raw.groups)}
+    name = solid if solid in raw.groups else known.get(solid.upper())
+    if name is None:
+        shown = ", ".join(list(raw.groups)[: 4 * NAMED]) or "none"
+        raise MeshError(
+            f"{path.name} has no set of solid cells called {solid!r}; available: {shown}"
+        )
+    chosen = np.zeros(raw.cell_count, dtype=bool)
+    chosen[np.concatenate(raw.groups[name])] = True
+    return chosen
+
+
+def _material_numbers(raw: RawMesh) -> IntArray:
+    """Number of the material of each cell, -1 where the file tells none."""
+    keys = {
+        key: number for number, key in enumerate(dict.fromkeys(one.key for one in raw.sections))
+    }
+    materials = np.full(raw.cell_count, -1, dtype=np.int64)
+    for one in raw.sections:
+        if one.key is not None:
+            materials[one.cells] = keys[one.key]
+    return materials
+
+
+def _check_materials(path: Path, raw: RawMesh) -> list[str]:
+    """Refuse several materials; remark on sets of cells that may be of several."""
+    told = [one for one in raw.sections if one.key is not None]
+    remedy = (
+        'a component has one material: write solid = { mesh = "...", solid = "NAME" } for a component of each, or '
+        f'solid = "{WHOLE_FILE}" to take them all as one'
     )
-    nodes = points[cells[:, 20:]]
-    nearest = np.argmin(
-        np.linalg.norm(targets[:, :, None, :] - nodes[:, None, :, :], axis=3), axis=2
-    )
-    orders, votes = np.unique(nearest, axis=0, return_counts=True)
-    order = orders[np.argmax(votes)]  # distorted cells may vote otherwise
-    if len(set(order.tolist())) != 7:
-        raise MeshError("27-node hexes whose face nodes are not near the middle of their faces")
-    return np.hstack([cells[:, :20], cells[:, 20:][:, order]])
+    if len({one.key for one in told}) > 1:
+        raise MeshError(
+            f"{path.name} holds cells of {len({one.key for one in told})} materials: {_list_sections(told)}; {remedy}"
+        )
+    untold = [one for one in raw.sections if one.key is None]
+    parts = [one for one in untold if len(np.unique(one.cells)) < raw.cell_count]
+    if not parts:
+        return []
+    return [
+        f"{path.name} does not say whether its sets of cells are of one material, and they are taken as one: "
+        f"{_list_sections(parts)}; {remedy} without this line"
+    ]
 
 
-def kinds_message(path: Path, kinds: Sequence[str]) -> str:
-    """What to tell the user of a file that does not hold exactly one kind of solid cell."""
-    found = (
-        f"holds {len(kinds)} kinds of solid cells ({', '.join(kinds)})"
-        if kinds
-        else "holds no solid cells"
+def _list_sections(sections: Sequence[Section]) -> str:
+    shown = [
+        f"{one.name} ({', '.join(word for word in (one.material, f'{len(one.cells)} cells') if word)})"
+        for one in sections[:NAMED]
+    ]
+    return ", ".join(shown) + (", ..." if len(sections) > NAMED else "")
+
+
+def _make_one_kind(
+    path: Path, points: FloatArray, every: Sequence[SolidCells], numbers: IntArray
+) -> tuple[FloatArray, IntArray, CellKind, list[str]]:
+    """Points, cells of one kind and what was done to make them one."""
+    families = [cells.family for cells in every]
+    cells = every[0]
+    collapsed = any((np.diff(np.sort(one.corners, axis=1), axis=1) == 0).any() for one in every)
+    if len(every) == 1 and not collapsed:
+        if cells.family == "hex" and (cells.nodes >= 0).all():
+            return points, cells.nodes, "hex27", []
+        if not (cells.middles >= 0).any() and cells.family in ("tet", "hex"):
+            return points, cells.corners, "tet4" if cells.family == "tet" else "hex8", []
+    points, filled = fill_middles(path, points, every, numbers)
+    if not collapsed and families == ["tet"]:
+        return points, filled[0].nodes, "tet10", []
+    if not collapsed and families == ["hex"]:
+        return points, filled[0].nodes[:, : NODE_COUNTS["hex20"]], "hex20", []
+    points, tets, _ = cut_to_tets(points, filled)
+    counts = {FAMILY_NAMES[one.family]: len(one.index) for one in every}
+    return (
+        points,
+        tets,
+        "tet10",
+        [f"{_counted(counts)} were cut into {len(tets)} second-order tets of the same shape"],
     )
-    return f"{path.name} {found}; write a mesh of one kind: tets with 4 or 10 nodes, or hexes with 8, 20 or 27"
+
+
+def _assemble_facets(raw: RawMesh, kind: CellKind, *, cut: bool) -> dict[str, IntArray]:
+    """Corners of the facets of each named surface set, of the number that faces of the cells have."""
+    wanted = len(FACETS["tet" if kind.startswith("tet") else "hex"][0])
+    facets = {}
+    for name, blocks in raw.facets.items():
+        own = [cut_facets(block) if cut and block.shape[1] == 4 else block for block in blocks]
+        fitting = [block for block in own if block.shape[1] == wanted] or own[:1]
+        facets[name] = np.concatenate(fitting).astype(np.int64)
+    return facets
+
+
+def _find_cut(
+    every: Sequence[SolidCells], rest: Sequence[SolidCells], kind: CellKind, *, cut: bool
+) -> dict[str, IntArray]:
+    """Facets that the cells of a part share with the other cells of the file, as a named set."""
+    wanted = len(FACETS["tet" if kind.startswith("tet") else "hex"][0])
+    own, other = list_faces(every), list_faces(rest)
+    _, first, counts = np.unique(
+        np.concatenate([own.keys, np.unique(other.keys, axis=0)]),
+        axis=0, return_index=True, return_counts=True,
+    )  # fmt: skip
+    shared = own.nodes[np.sort(first[counts > 1])]
+    quads = shared[:, 3] >= 0
+    blocks = [shared[~quads, :3], shared[quads]]
+    if cut:
+        blocks[1] = cut_facets(blocks[1])
+    fitting = [block for block in blocks if block.shape[1] == wanted and len(block)]
+    return {CUT_SET: np.concatenate(fitting)} if fitting else {}
 
 
 def _drop_unused_points(data: MeshData) -> MeshData:
     used = np.unique(data.cells)
     place = np.full(len(data.points), -1, dtype=np.int64)
     place[used] = np.arange(len(used))
-    nodes = {name: place[members] for name, members in data.node_sets.items()}
+    nodes = {name: place[members[members >= 0]] for name, members in data.node_sets.items()}
     return MeshData(
         data.points[used],
         place[data.cells],
         data.kind,
-        {name: place[facets] for name, facets in data.facets.items()},
+        {name: np.where(rows < 0, -1, place[rows]) for name, rows in data.facets.items()},
         {name: members[members >= 0] for name, members in nodes.items()},
+        remarks=data.remarks,
     )

@@ -17,7 +17,8 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.solids import MeshFile
 from headstock.meshing.component_mesh import IntArray
 from headstock.meshing.errors import MeshError
-from headstock.meshing.files.cells import MESHIO_SOLIDS, RawMesh, assemble_mesh, guard_reader
+from headstock.meshing.files.cells import guard_reader
+from headstock.meshing.files.raw_mesh import RawMesh, is_solid
 from headstock.meshing.process.job import MeshData, MeshJob
 from headstock.meshing.process.worker import serve_job
 
@@ -47,16 +48,20 @@ SIDES = {
         (0, 3, 2, 1),
         (4, 5, 6, 7),
     ),
+    "wedge": ((0, 1, 4, 3), (1, 2, 5, 4), (0, 3, 5, 2), (0, 2, 1), (3, 4, 5)),
+    "pyramid": ((0, 1, 4), (1, 2, 4), (2, 3, 4), (0, 4, 3), (0, 3, 2, 1)),
 }
 LONGEST_NAME = 32
+# what carries stiffness or mass and is no solid cell
+OTHER = "other"
+OTHER_TYPES = ("SPH", "CIR", "BAR", "BEA", "TRU", "ROD", "EDG", "SPR", "NUL", "POI")
 
 
-def read_exodus_mesh(path: Path) -> MeshData:
-    """Read an ``.exo`` file; its side sets and node sets become named sets.
+def read_exodus(path: Path) -> RawMesh:
+    """Read an ``.exo`` file; its side sets and node sets become named sets, its blocks groups.
 
     Raises:
-        MeshError: The package netCDF4 is missing, or the file holds no or several kinds of solid
-            cells.
+        MeshError: The package netCDF4 is missing, or the file holds cells that are not read.
     """
     if not HAS_NETCDF:
         raise MeshError(f"{path.name}: {NO_NETCDF}")
@@ -68,14 +73,19 @@ def read_exodus_mesh(path: Path) -> MeshData:
             (_block_kind(path, variables[name]), np.asarray(variables[name][:], dtype=np.int64) - 1)
             for name in _numbered(variables, "connect")
         ]
-        raw.solids = [block for block in blocks if block[0].startswith(MESHIO_SOLIDS)]
+        names = dict(_named_sets(variables, "connect", "eb", "block"))
+        for place, (kind, nodes) in zip(_numbered(variables, "connect"), blocks, strict=True):
+            if is_solid(kind):
+                raw.add_section(names[place], raw.add_cells(kind, nodes), "", None)
+            elif kind == OTHER:
+                raw.left_out[str(variables[place].elem_type)] += len(nodes)
         for name, label in _named_sets(variables, "elem_ss", "ss", "side_set"):
             elements = np.asarray(variables[name][:], dtype=np.int64) - 1
             sides = np.asarray(variables[name.replace("elem", "side")][:], dtype=np.int64)
             _add_side_set(path, raw, blocks, label=label, elements=elements, sides=sides)
         for name, label in _named_sets(variables, "node_ns", "ns", "node_set"):
             raw.add_nodes(label, np.asarray(variables[name][:], dtype=np.int64) - 1)
-    return assemble_mesh(path, raw)
+    return raw
 
 
 def _read_points(path: Path, variables: Mapping[str, "netCDF4.Variable[Any]"]) -> FloatArray:
@@ -97,12 +107,17 @@ def _read_points(path: Path, variables: Mapping[str, "netCDF4.Variable[Any]"]) -
 
 def _block_kind(path: Path, block: "netCDF4.Variable[Any]") -> str:
     """The kind of the cells of a block by meshio's name, such as ``tetra10``."""
-    family = FAMILIES.get(str(getattr(block, "elem_type", ""))[:3].upper(), "")
+    kind = str(getattr(block, "elem_type", "")).upper()
+    family = FAMILIES.get(kind[:3], "")
     if len(block.shape) != 2:
         raise MeshError(f"{path.name}: {block.name} is no table of nodes; the file is damaged")
     count = block.shape[1]
+    if not family and not kind.startswith(OTHER_TYPES):
+        raise MeshError(
+            f"{path.name}: {block.name} holds cells of type {kind!r}, which are not read"
+        )
     if not family:
-        return "other"  # points, bars, arbitrary polyhedra
+        return OTHER
     return family if count == CORNERS[family] else f"{family}{count}"
 
 
@@ -147,7 +162,7 @@ def _add_side_set(
         inside = (elements >= start) & (elements < start + len(cells))
         own, numbers = cells[elements[inside] - start], sides[inside]
         start += len(cells)
-        if not kind.startswith(MESHIO_SOLIDS):
+        if not is_solid(kind):
             raw.add_facets(label, kind, own)
             continue
         table = SIDES.get(kind.rstrip("0123456789"), ())
@@ -201,7 +216,7 @@ def perform_job(job: MeshJob) -> MeshData:
     """Read an Exodus mesh."""
     if not isinstance(job.solid, MeshFile):
         raise MeshError(f"a {type(job.solid).__name__} is no mesh file")
-    return guard_reader(job.solid.path, read_exodus_mesh)
+    return guard_reader(job.solid.path, read_exodus, job.solid.solid)
 
 
 if __name__ == "__main__":

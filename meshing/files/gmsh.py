@@ -6,20 +6,22 @@ from typing import Any, BinaryIO
 import gmsh
 import numpy as np
 
-from headstock.meshing.component_mesh import CellKind, IntArray
-from headstock.meshing.elements.topology import NODE_COUNTS
+from headstock.meshing.component_mesh import IntArray
 from headstock.meshing.errors import MeshError
-from headstock.meshing.files.cells import kinds_message
-from headstock.meshing.process.job import MeshData
+from headstock.meshing.files.families import SolidFamily
+from headstock.meshing.files.raw_mesh import RawMesh
 
-GMSH_KINDS: dict[int, CellKind] = {4: "tet4", 11: "tet10", 5: "hex8", 17: "hex20", 12: "hex27"}
+# gmsh's names of families of cells begin so
+FAMILIES: dict[str, SolidFamily] = {
+    "Tetrahedron": "tet", "Pyramid": "pyramid", "Prism": "wedge", "Hexahedron": "hex",
+}  # fmt: skip
 
 
-def read_gmsh_mesh(path: Path) -> MeshData:
-    """Read a ``.msh`` file; its physical surfaces become named surface sets.
+def read_gmsh(path: Path) -> RawMesh:
+    """Read a ``.msh`` file; its physical surfaces become named surface sets, its physical volumes groups.
 
     Raises:
-        MeshError: The file is no gmsh mesh, or holds no or several kinds of solid cells.
+        MeshError: The file is no gmsh mesh, or holds cells that are not read.
     """
     with path.open("rb") as file:  # gmsh would run a script that only calls itself .msh
         if not file.read(64).lstrip().startswith(b"$MeshFormat"):
@@ -30,21 +32,34 @@ def read_gmsh_mesh(path: Path) -> MeshData:
         gmsh.option.setNumber("General.Terminal", 0)
         gmsh.open(str(path))
         tags, coordinates, _ = gmsh.model.mesh.getNodes()
-        types, _, nodes = gmsh.model.mesh.getElements(3)
-        found = {
-            int(kind): np.asarray(block, dtype=np.int64)
-            for kind, block in zip(types, nodes, strict=True)
-        }
-        names = [str(gmsh.model.mesh.getElementProperties(kind)[0]) for kind in found]
-        if len(found) != 1 or next(iter(found)) not in GMSH_KINDS:
-            raise MeshError(kinds_message(path, names))
-        kind = GMSH_KINDS[next(iter(found))]
-        row = np.full(int(tags.max()) + 1, -1, dtype=np.int64)
+        row = np.full(int(tags.max(initial=0)) + 1, -1, dtype=np.int64)
         row[np.asarray(tags, dtype=np.int64)] = np.arange(len(tags))
-        cells = row[next(iter(found.values()))].reshape(-1, NODE_COUNTS[kind])
-        return MeshData(coordinates.reshape(-1, 3), cells, kind, _gmsh_surfaces(row))
+        raw = RawMesh(np.asarray(coordinates, dtype=float).reshape(-1, 3))
+        owned = {int(tag): _add_cells(raw, int(tag), row) for _, tag in gmsh.model.getEntities(3)}
+        for dim, group in gmsh.model.getPhysicalGroups(3):
+            entities = gmsh.model.getEntitiesForPhysicalGroup(dim, group)
+            cells = [owned[int(tag)] for tag in entities if int(tag) in owned]
+            name = str(gmsh.model.getPhysicalName(dim, group)) or f"volume_{group}"
+            raw.add_section(name, np.concatenate([*cells, np.zeros(0, dtype=np.int64)]), "", None)
+        for name, facets in _gmsh_surfaces(row).items():
+            raw.facets[name] = facets
+        return raw
     finally:
         gmsh.finalize()
+
+
+def _add_cells(raw: RawMesh, entity: int, row: IntArray) -> IntArray:
+    """Add the cells of a volume, and return what they count as."""
+    found = [np.zeros(0, dtype=np.int64)]
+    types, tags, nodes = gmsh.model.mesh.getElements(3, entity)
+    for kind, numbers, block in zip(types, tags, nodes, strict=True):
+        name, _, _, count, _, _ = gmsh.model.mesh.getElementProperties(kind)
+        family = FAMILIES.get(str(name).split()[0])
+        if family is None:
+            raise MeshError(f"cells of the kind {name} are not read")
+        rows = row[np.asarray(block, dtype=np.int64)].reshape(-1, count)
+        found.append(raw.add_solids(family, rows, numbers=np.asarray(numbers, dtype=np.int64)))
+    return np.concatenate(found)
 
 
 def _check_counts(path: Path) -> None:
@@ -92,9 +107,9 @@ def _count_section(file: BinaryIO, section: bytes, version: bytes) -> tuple[int,
     raise MeshError(f"{section.decode()} has no end; the file is cut short")
 
 
-def _gmsh_surfaces(row: IntArray) -> dict[str, IntArray]:
+def _gmsh_surfaces(row: IntArray) -> dict[str, list[IntArray]]:
     """Corners of the elements of each physical surface; unnamed ones go by their number."""
-    result: dict[str, IntArray] = {}
+    result: dict[str, list[IntArray]] = {}
     for dim, group in gmsh.model.getPhysicalGroups(2):
         parts: list[Any] = []
         for entity in gmsh.model.getEntitiesForPhysicalGroup(dim, group):
@@ -102,8 +117,6 @@ def _gmsh_surfaces(row: IntArray) -> dict[str, IntArray]:
             for kind, block in zip(types, nodes, strict=True):
                 _, _, _, count, _, corners = gmsh.model.mesh.getElementProperties(kind)
                 parts.append(row[np.asarray(block, dtype=np.int64)].reshape(-1, count)[:, :corners])
-        if parts and len({part.shape[1] for part in parts}) == 1:
-            result[str(gmsh.model.getPhysicalName(dim, group)) or str(group)] = np.concatenate(
-                parts
-            )
+        if parts:
+            result[str(gmsh.model.getPhysicalName(dim, group)) or str(group)] = parts
     return result

@@ -23,13 +23,8 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.solids import MeshFile
 from headstock.meshing.component_mesh import IntArray
 from headstock.meshing.errors import MeshError
-from headstock.meshing.files.cells import (
-    MESHIO_FACETS,
-    MESHIO_SOLIDS,
-    RawMesh,
-    assemble_mesh,
-    guard_reader,
-)
+from headstock.meshing.files.cells import guard_reader
+from headstock.meshing.files.raw_mesh import MESHIO_FACETS, RawMesh, is_solid
 from headstock.meshing.process.job import MeshData, MeshJob
 from headstock.meshing.process.worker import serve_job
 
@@ -43,6 +38,9 @@ MED_KINDS = {
     "TE4": "tetra", "T10": "tetra10", "HE8": "hexahedron", "H20": "hexahedron20", "H27": "hexahedron27",
     "PE6": "wedge", "P15": "wedge15", "P18": "wedge18", "PY5": "pyramid", "P13": "pyramid13",
 }  # fmt: skip
+
+MED_OTHERS = ("PO1", "SE2", "SE3", "SE4", "POG", "POG2", "PG1", "PG2")
+MOST_GROUPS = 50  # values of more kinds number cells
 
 
 class GuardedXdmf(XdmfReader):  # type: ignore[misc]
@@ -109,7 +107,7 @@ def read_plain(group: h5py.Group, place: str) -> AnyArray:
     return np.asarray(group[()])
 
 
-def read_xdmf_mesh(path: Path, beside: Sequence[Path]) -> MeshData:
+def read_xdmf(path: Path, beside: Sequence[Path]) -> RawMesh:
     """Read an ``.xdmf`` file; integer values of surface elements become named sets.
 
     Elements may stand beside the solid cells in one grid, or in grids of their own, as dolfinx
@@ -121,7 +119,7 @@ def read_xdmf_mesh(path: Path, beside: Sequence[Path]) -> MeshData:
         beside: HDF5 files that it may read.
 
     Raises:
-        MeshError: The file holds no or several kinds of solid cells, or reaches for other files.
+        MeshError: The file holds cells that are not read, or reaches for other files.
     """
     text = path.read_bytes()
     if b"<!ENTITY" in text:
@@ -141,31 +139,39 @@ def read_xdmf_mesh(path: Path, beside: Sequence[Path]) -> MeshData:
         if topology is None:
             continue  # a field on a mesh that another grid holds
         blocks = list(_xdmf_cells(reader, topology))
-        if not any(kind.startswith(MESHIO_SOLIDS) for kind, _ in blocks):
+        if not any(is_solid(kind) for kind, _ in blocks):
             pending.append((grid, blocks))
             continue
         if raw is not None:
             if grid.find("Geometry") is not None:
                 raise MeshError(f"{path.name} holds several meshes; write one")
-            continue  # values on its cells
+            _add_tags(reader, grid, blocks, raw, [_find_cells(raw, *block) for block in blocks])
+            continue
         geometry = grid.find("Geometry")
         if geometry is None:
             raise MeshError(f"{path.name}: the grid with the solid cells has no coordinates")
-        raw = RawMesh(_xdmf_points(reader, geometry), _solid_blocks(blocks))
-        _add_tags(reader, grid, blocks, raw)
+        raw = RawMesh(_xdmf_points(reader, geometry))
+        _add_tags(reader, grid, blocks, raw, [raw.add_cells(*block) for block in blocks])
     if raw is None:
-        return assemble_mesh(path, RawMesh(np.zeros((0, 3))))
+        return RawMesh(np.zeros((0, 3)))
     for grid, blocks in pending:
         geometry = grid.find("Geometry")
         if geometry is not None:
             places = _same_places(raw.points, _xdmf_points(reader, geometry))
             blocks = [(kind, _renumber(places, nodes)) for kind, nodes in blocks]
-        _add_tags(reader, grid, blocks, raw)
-    return assemble_mesh(path, raw)
+        _add_tags(reader, grid, blocks, raw, [])
+    return raw
 
 
-def _solid_blocks(blocks: Sequence[tuple[str, IntArray]]) -> list[tuple[str, IntArray]]:
-    return [(kind, nodes) for kind, nodes in blocks if kind.startswith(MESHIO_SOLIDS)]
+def _find_cells(raw: RawMesh, kind: str, nodes: IntArray) -> IntArray:
+    """Which solid cells have the nodes of others, ``(n,)``; none where one of them has not."""
+    known: dict[bytes, int] = {}
+    for block in raw.solids if is_solid(kind) else ():
+        if block.nodes.shape[1] == nodes.shape[1]:
+            keys = np.sort(block.nodes, axis=1)
+            known |= {key.tobytes(): len(known) + place for place, key in enumerate(keys)}
+    found = [known.get(key.tobytes(), -1) for key in np.sort(nodes, axis=1)]
+    return np.array([] if -1 in found else found, dtype=np.int64)
 
 
 def _xdmf_points(reader: GuardedXdmf, geometry: ElementTree.Element) -> FloatArray:
@@ -227,10 +233,17 @@ def _add_tags(
     grid: ElementTree.Element,
     blocks: Sequence[tuple[str, IntArray]],
     raw: RawMesh,
+    cells: Sequence[IntArray],
 ) -> None:
-    """Sets of surface elements by the integer values that a grid gives its cells."""
-    if not any(kind.startswith(MESHIO_FACETS) for kind, _ in blocks):
-        return
+    """Sets of surface elements, and groups of solid cells, by the integer values that a grid gives them.
+
+    Args:
+        reader: Of the file.
+        grid: With the values.
+        blocks: Kind and nodes of its cells.
+        raw: What takes the sets.
+        cells: What the cells of each block count as among the solid ones; none of surface elements.
+    """
     for attribute in grid.findall("Attribute"):
         if attribute.get("Center") != "Cell":
             continue
@@ -243,11 +256,18 @@ def _add_tags(
                 f"{reader.filename.name}: {name} has {len(values)} values, the grid other many cells"
             )
         owners = np.split(values, np.cumsum([len(nodes) for _, nodes in blocks])[:-1])
+        solid = [(own, tags) for own, tags in zip(cells, owners, strict=False) if len(own)]
+        numbers = np.unique(np.concatenate([tags for _, tags in solid])) if solid else ()
+        for value in numbers if 1 < len(numbers) <= MOST_GROUPS else ():
+            own = np.concatenate([index[tags == value] for index, tags in solid])
+            raw.add_section(f"{name}_{value}", own, "", None)
         tagged = [
             (kind, nodes, tags)
             for (kind, nodes), tags in zip(blocks, owners, strict=True)
-            if kind.startswith(MESHIO_FACETS)
+            if kind.startswith(tuple(MESHIO_FACETS))
         ]
+        if not tagged:
+            continue
         found = np.unique(np.concatenate([tags for _, _, tags in tagged]))
         for value in found:
             for kind, nodes, tags in tagged:
@@ -269,11 +289,11 @@ def _renumber(places: IntArray, nodes: IntArray) -> IntArray:
     return places[nodes]
 
 
-def read_med_mesh(path: Path) -> MeshData:
+def read_med(path: Path) -> RawMesh:
     """Read a ``.med`` file; groups of surface elements and of nodes become named sets.
 
     Raises:
-        MeshError: The file holds no or several meshes, or no or several kinds of solid cells.
+        MeshError: The file holds no or several meshes, or cells that are not read.
     """
     with h5py.File(path, "r") as file:
         meshes = file.get("ENS_MAA")
@@ -298,19 +318,27 @@ def read_med_mesh(path: Path) -> MeshData:
             for number, names in groups[NODE_FAMILIES].items():
                 for group in names:
                     raw.add_nodes(group, np.flatnonzero(tags == number))
+        solids: dict[str, list[IntArray]] = {}
         for code, cells in step["MAI"].items():
             kind = MED_KINDS.get(code)
             if kind is None:
-                continue  # points, lines, polygons
+                if code in MED_OTHERS:
+                    continue  # points, lines, polygons
+                raise MeshError(f"{path.name}: cells of the type {code!r} are not read")
             nodes = read_plain(cells, "NOD").reshape(_node_count(kind), -1).T.astype(np.int64) - 1
-            if kind.startswith(MESHIO_SOLIDS):
-                raw.solids.append((kind, nodes))
-            elif "FAM" in cells:
-                tags = read_plain(cells, "FAM")
-                for number, names in groups[CELL_FAMILIES].items():
-                    for group in names:
+            own = raw.add_cells(kind, nodes)
+            if "FAM" not in cells:
+                continue
+            tags = read_plain(cells, "FAM")
+            for number, names in groups[CELL_FAMILIES].items():
+                for group in names:
+                    if is_solid(kind):
+                        solids.setdefault(group, []).append(own[tags == number])
+                    else:
                         raw.add_facets(group, kind, nodes[tags == number])
-    return assemble_mesh(path, raw)
+    for group, parts in solids.items():
+        raw.add_section(group, np.concatenate(parts), "", None)
+    return raw
 
 
 def _med_groups(families: h5py.Group) -> dict[int, list[str]]:
@@ -332,8 +360,8 @@ def perform_job(job: MeshJob) -> MeshData:
     if not isinstance(solid, MeshFile):
         raise MeshError(f"a {type(solid).__name__} is no mesh file")
     if solid.path.suffix.lower() == ".med":
-        return guard_reader(solid.path, read_med_mesh)
-    return guard_reader(solid.path, lambda path: read_xdmf_mesh(path, solid.beside))
+        return guard_reader(solid.path, read_med, solid.solid)
+    return guard_reader(solid.path, lambda path: read_xdmf(path, solid.beside), solid.solid)
 
 
 if __name__ == "__main__":

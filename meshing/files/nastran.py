@@ -1,113 +1,467 @@
-"""Reads finished meshes in Nastran's bulk data, cells by meshio, sets here."""
+"""Reads and writes bulk data of Nastran.
+
+Source: MSC Nastran Quick Reference Guide, "Format of Bulk Data Entries".
+"""
 
 import re
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
-import meshio
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import IntArray
 from headstock.meshing.errors import MeshError
-from headstock.meshing.files.cells import MESHIO_SOLIDS, RawMesh, assemble_mesh
-from headstock.meshing.process.job import MeshData
+from headstock.meshing.files.families import CORNERS, SolidFamily, upright_first
+from headstock.meshing.files.raw_mesh import RawMesh
 
+SOLIDS: dict[str, tuple[SolidFamily, int]] = {
+    "CTETRA": ("tet", 10), "CPYRAM": ("pyramid", 13), "CPYRA": ("pyramid", 13), "CPENTA": ("wedge", 15),
+    "CHEXA": ("hex", 20),
+}  # fmt: skip
+SURFACES = {
+    "CTRIA3": 3, "CTRIAR": 3, "CTRIA6": 6, "CQUAD4": 4, "CQUADR": 4, "CQUAD8": 8, "CQUAD": 9,
+}  # fmt: skip
+SHELL_PROPERTIES = ("PSHELL", "PCOMP", "PCOMPG")
+# what carries stiffness or mass and is no solid cell
+_OTHER_ELEMENT = re.compile(
+    r"C(BAR|BEAM3?|BEND|BUSH([12]D)?|CONEAX|DAMP[1-5]|ELAS[1-4]|FAST|GAP|MASS[1-4]|ONM[12]|ONROD|ROD|SEAM|SHEAR|TUBE|"
+    r"VISC|WELD|TRIAX6?|QUADX[48]?|TRAX[36]|PLST[NS][3468])|GENEL|RBAR1?|RBE([123]|2GS)|RROD|RTRPLT1?|RJOINT|RSPLINE|"
+    r"RSSCON|MPC"
+)
+# what begins with C and is no element of a structure
+_NO_ELEMENT = re.compile(
+    r"C(AERO[1-5]|AMPBLL|AXIF[N234]|BARAO|END|HBDY[EGIP]|LOAD|METHOD|MFREE|NTCT|OMBWLD|ONFIG|ONTRLT|ONVM?|ORD[123]\w|"
+    r"REEP|SET1?|SSCHD|SUP(ER|EXT|ORT)|Y\w+)"
+)
+SYSTEMS = ("CORD1R", "CORD1C", "CORD1S", "CORD2R", "CORD2C", "CORD2S")
+READ = {
+    *SOLIDS, *SURFACES, *SYSTEMS, "GRID", "GRDSET", "PSOLID", "MAT1", "SPC", "SPC1", "SET1",
+    *SHELL_PROPERTIES,
+}  # fmt: skip
 NODE_SET = "1"
 # as HyperMesh writes it: number, 1 for nodes or 2 for elements, name
 _SET_NAME = re.compile(r'\$HMSET\s+(\d+)\s+(\d+)\s*"([^"\n]+)"')
-LONGEST_RANGE = 100_000_000
+# an exponent may follow without its letter
+_SHORT_EXPONENT = re.compile(r"(?<=[\d.])([+-]\d+)$")
 REAL_COLUMNS, SMALL_REAL = 16, 1e-6
 SOLID_PROPERTY = 1
-SET_CARDS = ("SET1", "SPC1")
+FIELDS = 8  # of a line of small fields, and of a pair of lines of large ones
 
 
-def read_nastran_mesh(path: Path) -> MeshData:
+@dataclass
+class Line:
+    """One line of a card.
+
+    Attributes:
+        number: In the file.
+        name: Of the card, upper case; empty for a line that continues one.
+        label: Behind the sign of continuation.
+        fields: The four or eight fields of the line.
+        mark: What names the line that continues this one, without its first letter.
+    """
+
+    number: int
+    name: str
+    label: str
+    fields: list[str]
+    mark: str
+
+
+@dataclass
+class Card:
+    """A card with the lines that continue it.
+
+    Attributes:
+        place: Name of the file and number of the line, for messages.
+        name: Upper case, without ``*``.
+        fields: Behind the name.
+    """
+
+    place: str
+    name: str
+    fields: list[str]
+
+    def integer(self, index: int, default: int = 0) -> int:
+        """A field as a whole number; ``default`` where it is blank.
+
+        Raises:
+            MeshError: It is none.
+        """
+        text = self.fields[index] if index < len(self.fields) else ""
+        try:
+            return int(text) if text else default
+        except ValueError:
+            raise MeshError(
+                f"{self.place}: {self.name}: field {index + 2} is {text!r}, which is no whole number"
+            ) from None
+
+    def real(self, index: int) -> float:
+        """A field as a real number; zero where it is blank.
+
+        Raises:
+            MeshError: It is none.
+        """
+        text = self.fields[index] if index < len(self.fields) else ""
+        if not text:
+            return 0.0
+        try:
+            return float(_SHORT_EXPONENT.sub(r"E\1", text.upper().replace("D", "E")))
+        except ValueError:
+            raise MeshError(
+                f"{self.place}: {self.name}: field {index + 2} is {text!r}, which is no number"
+            ) from None
+
+    def vector(self, index: int) -> FloatArray:
+        """Three fields as real numbers."""
+        return np.array([self.real(index + axis) for axis in range(3)])
+
+
+def read_nastran(path: Path) -> RawMesh:
     """Read a ``.bdf`` file.
 
-    Surface elements become a set ``property_N`` per property, the nodes of ``SPC1`` cards a set
-    ``spc_N``, and those of ``SET1`` cards ``set_N``, or what a comment ``$HMSET`` calls it.
+    Surface elements become a set ``property_N`` per property, the nodes of ``SPC`` and ``SPC1`` cards a set
+    ``spc_N``, and those of ``SET1`` cards ``set_N``, or what a comment ``$HMSET`` calls it. Solids of
+    a property are the group ``property_N``.
 
     Raises:
-        MeshError: The file holds no or several kinds of solid cells, or refers to another file.
+        MeshError: A card cannot be read, is not known, or refers to another file.
     """
     text = path.read_text(encoding="utf-8", errors="replace")
-    for number, line in enumerate(text.splitlines(), 1):
-        # meshio passes over it, and the cells in the other file would be missing without a word
-        if line.lstrip()[:7].upper() == "INCLUDE":
+    cards: defaultdict[str, list[Card]] = defaultdict(list)
+    left_out: Counter[str] = Counter()
+    for card in _join_lines(path, _bulk_lines(path, text)):
+        if card.name in READ:
+            cards[card.name].append(card)
+        elif _OTHER_ELEMENT.fullmatch(card.name):
+            left_out[card.name] += 1
+        elif card.name.startswith("C") and not _NO_ELEMENT.fullmatch(card.name):
+            raise MeshError(
+                f"{card.place}: {card.name} is not known; solids are read from CTETRA, CPYRAM, CPENTA and CHEXA"
+            )
+    nodes = _Nodes(path, cards)
+    raw = RawMesh(nodes.positions())
+    _add_solids(raw, nodes, cards)
+    shells = {card.integer(0) for name in SHELL_PROPERTIES for card in cards[name]}
+    for name, count in SURFACES.items():
+        surfaces: defaultdict[int, list[list[int]]] = defaultdict(list)
+        corners = 3 if count in (3, 6) else 4
+        for card in cards[name]:
+            own = card.integer(1, card.integer(0))
+            surfaces[own].append([nodes.row(card, 2 + corner) for corner in range(corners)])
+            left_out[name] += own in shells
+        for number, rows in surfaces.items():
+            kind = "triangle" if corners == 3 else "quad"
+            raw.add_facets(f"property_{number}", kind, np.array(rows, dtype=np.int64))
+    raw.left_out = +left_out
+    for name, members in _node_sets(text, cards, nodes):
+        if len(members):
+            raw.add_nodes(name, members)
+    return raw
+
+
+def _bulk_lines(path: Path, text: str) -> Iterator[Line]:
+    """Lines of the bulk data section, or of the whole file where none begins.
+
+    Raises:
+        MeshError: A line refers to another file, or is of no known format.
+    """
+    rows = text.splitlines()
+    begin = 0
+    for number, row in enumerate(rows, 1):
+        words = row.partition("$")[0].upper().split()
+        if words[:1] == ["INCLUDE"] or row.lstrip()[:8].upper() in ("INCLUDE'", 'INCLUDE"'):
+            # the cells in the other file would be missing without a word
             raise MeshError(
                 f"{path.name}:{number}: INCLUDE is not supported; write the whole mesh into one file"
             )
-    mesh = meshio.read(path, file_format="nastran")
-    raw = RawMesh(np.asarray(mesh.points, dtype=float).reshape(-1, 3))
-    references = mesh.cell_data.get("nastran:ref", [None] * len(mesh.cells))
-    for block, properties in zip(mesh.cells, references, strict=True):
-        nodes = np.asarray(block.data, dtype=np.int64)
-        if block.type.startswith(MESHIO_SOLIDS):
-            raw.solids.append((block.type, nodes))
-        elif properties is not None:
-            for number in np.unique(properties):
-                raw.add_facets(f"property_{number}", block.type, nodes[properties == number])
-    row = {int(number): place for place, number in enumerate(mesh.points_id)}
-    for name, members in _node_sets(text):
-        # a SET1 card may also hold elements, whose numbers need not be those of nodes
-        found = [row[member] for member in members if member in row]
-        if found and len(found) == len(members):
-            raw.add_nodes(name, np.array(found, dtype=np.int64))
-    return assemble_mesh(path, raw)
-
-
-def _node_sets(text: str) -> Iterator[tuple[str, list[int]]]:
-    """Name and node numbers of each card that lists nodes."""
-    comments = {number: (kind, name) for number, kind, name in _SET_NAME.findall(text)}
-    for card, number, *rest in _cards(text):
-        kind, name = comments.get(number, (NODE_SET, f"set_{number}"))
-        if card == "SPC1":
-            yield f"spc_{number}", list(_expand(rest[1:]))
-        elif kind == NODE_SET:
-            yield name, list(_expand(rest))
-
-
-def _expand(words: list[str]) -> Iterator[int]:
-    """Numbers of a list in which ``2 THRU 5`` stands for all from 2 to 5."""
-    for place, word in enumerate(words):
-        if word.upper() == "THRU":
-            first, last = int(words[place - 1]), int(words[place + 1])
-            if not 0 < last - first < LONGEST_RANGE:
-                raise MeshError(f"{first} THRU {last} is no range of node numbers")
-            yield from range(first + 1, last)
-        elif word:
-            yield int(word)
-
-
-def _cards(text: str) -> Iterator[list[str]]:
-    """Fields of the cards that may list nodes, continuation lines joined."""
-    card: list[str] = []
-    for line in text.splitlines():
-        if not line.strip() or line.startswith("$"):
+        if words[:1] == ["BEGIN"]:
+            if begin or words[1:] != ["BULK"]:
+                raise MeshError(
+                    f"{path.name}:{number}: several bulk data sections are not read; write one part alone"
+                )
+            begin = number
+    for number, row in enumerate(rows[begin:], begin + 1):
+        line = row.partition("$")[0].rstrip()
+        if not line:
             continue
-        fields = _split(line)
-        if card and (line[0] in "+*, " or not fields[0]):
-            card += [word for word in fields[1:9] if word and not word.startswith("+")]
-            continue
-        if card:
-            yield card
-        name = fields[0].upper().rstrip("*")
-        listed = [word for word in fields[1:9] if word and not word.startswith("+")]
-        card = [name, *listed] if name in SET_CARDS and listed else []
-    if card:
-        yield card
+        if line.lstrip().upper().startswith("ENDDATA"):
+            return
+        yield _split_line(path, number, line)
 
 
-def _split(line: str) -> list[str]:
-    """Fields of a line: by commas, 16 columns wide where marked by ``*``, or else 8."""
+def _split_line(path: Path, number: int, line: str) -> Line:
     if "," in line:
-        return [word.strip() for word in line.split(",")]
-    width = 16 if "*" in line[:8] else 8
-    return [
-        line[:8].strip(),
-        *(line[i : i + width].strip() for i in range(8, min(len(line), 72), width)),
-    ]
+        head, *rest = (word.strip() for word in line.split(","))
+        width = FIELDS // 2 if "*" in head else FIELDS
+        if any(rest[width + 1 :]):
+            raise MeshError(
+                f"{path.name}:{number}: {len(rest)} fields behind the first, a line has {width} and a mark of continuation"
+            )
+        fields, mark = rest[:width], "".join(rest[width : width + 1])
+    else:
+        line = line.expandtabs(8)
+        head = line[:8].strip()
+        width = FIELDS // 2 if "*" in head else FIELDS
+        size = 64 // width
+        fields = [line[at : at + size].strip() for at in range(8, 72, size)]
+        mark = line[72:80].strip()
+    fields += [""] * (width - len(fields))
+    if head.startswith(("=", "*(")):
+        raise MeshError(
+            f"{path.name}:{number}: cards that repeat the one before ({head}) are not read; write them out"
+        )
+    continued = not head or head[0] in "+*"
+    return Line(
+        number, "" if continued else head.upper(), head[1:] if continued else "", fields, mark[1:]
+    )
+
+
+def _join_lines(path: Path, lines: Iterator[Line]) -> Iterator[Card]:
+    """Cards with the lines that continue them, which follow, or stand elsewhere and are found by their mark.
+
+    Raises:
+        MeshError: A line continues none.
+    """
+    every = list(lines)
+    marks: dict[str, int] = {}
+    for row, line in enumerate(every):
+        if line.mark:
+            marks[line.mark] = -1 if line.mark in marks else row
+    following: dict[int, int] = {}
+    for row, line in enumerate(every):
+        if line.name:
+            continue
+        before = row - 1
+        if line.label and (before < 0 or every[before].mark != line.label):
+            found = marks.get(line.label, -1)
+            before = before if found in (-1, row) else found
+        if before < 0 or before in following:
+            raise MeshError(f"{path.name}:{line.number}: there is no card that this line continues")
+        following[before] = row
+    for row, line in enumerate(every):
+        if not line.name:
+            continue
+        fields, place = list(line.fields), row
+        for _ in every:
+            if place not in following:
+                break
+            place = following[place]
+            if len(every[place].fields) == FIELDS and len(fields) % FIELDS:
+                fields += [""] * (FIELDS // 2)
+            fields += every[place].fields
+        yield Card(f"{path.name}:{line.number}", line.name.rstrip("*").rstrip(), fields)
+
+
+@dataclass
+class _Nodes:
+    """Grid points, and the coordinate systems they are given in."""
+
+    path: Path
+    cards: Mapping[str, Sequence[Card]]
+    rows: dict[int, int] = field(default_factory=dict)
+    given: list[tuple[int, FloatArray]] = field(default_factory=list)
+    frames: dict[int, tuple[str, FloatArray, FloatArray]] = field(default_factory=dict)
+    pending: list[int] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.systems: dict[int, tuple[Card, int]] = {}
+        for name in SYSTEMS:
+            for card in self.cards.get(name, ()):
+                # a card may hold two systems between grid points
+                for start in (0, 4) if name.startswith("CORD1") else (0,):
+                    number = card.integer(start, -1)
+                    if number > 0:
+                        self.systems[number] = (card, start)
+        default = next((card.integer(1) for card in self.cards.get("GRDSET", ())), 0)
+        for card in self.cards.get("GRID", ()):
+            number, own = card.integer(0, -1), (card.integer(1, default), card.vector(2))
+            if number < 1:
+                raise MeshError(f"{card.place}: a GRID without a number")
+            if number in self.rows:
+                known = self.given[self.rows[number]]
+                if known[0] != own[0] or not np.array_equal(known[1], own[1]):
+                    raise MeshError(f"{card.place}: grid point {number} is defined twice")
+                continue
+            self.rows[number] = len(self.given)
+            self.given.append(own)
+
+    def row(self, card: Card, index: int) -> int:
+        """Row of the grid point in a field; -1 where it is blank or zero."""
+        number = card.integer(index)
+        if not number:
+            return -1
+        if number not in self.rows:
+            raise MeshError(
+                f"{card.place}: {card.name} {card.integer(0)}: node {number} is used but not defined"
+            )
+        return self.rows[number]
+
+    def positions(self) -> FloatArray:
+        """Positions ``(n, 3)`` in the basic system."""
+        result = np.zeros((len(self.given), 3))
+        numbers = np.array([system for system, _ in self.given], dtype=np.int64)
+        values = np.array([own for _, own in self.given]).reshape(-1, 3)
+        for system in np.unique(numbers):
+            mine = numbers == system
+            result[mine] = self._place(int(system), values[mine])
+        return result
+
+    def _place(self, system: int, values: FloatArray) -> FloatArray:
+        """Basic coordinates ``(n, 3)`` of coordinates in a system."""
+        if system == 0:
+            return values
+        kind, origin, axes = self._frame(system)
+        first, second, third = values.T
+        angle = np.deg2rad(second)
+        if kind == "C":
+            values = np.stack([first * np.cos(angle), first * np.sin(angle), third], axis=1)
+        elif kind == "S":
+            # the second is the angle from the axis z
+            around, flat = np.deg2rad(third), first * np.sin(angle)
+            values = np.stack(
+                [flat * np.cos(around), flat * np.sin(around), first * np.cos(angle)], axis=1
+            )
+        return np.asarray(origin + values @ axes)
+
+    def _frame(self, system: int) -> tuple[str, FloatArray, FloatArray]:
+        """Kind, origin and axes (rows) of a system."""
+        if system in self.frames:
+            return self.frames[system]
+        if system not in self.systems:
+            raise MeshError(f"{self.path.name}: coordinate system {system} is used but not defined")
+        card, start = self.systems[system]
+        if system in self.pending:
+            raise MeshError(f"{card.place}: coordinate system {system} refers to itself")
+        self.pending.append(system)
+        if card.name.startswith("CORD1"):
+            points = np.concatenate([self._grid(card, start + 1 + i) for i in range(3)])
+        else:
+            own = np.stack([card.vector(2 + 3 * i) for i in range(3)])
+            points = self._place(card.integer(1), own)
+        self.pending.pop()
+        origin, on_axis, in_plane = points
+        z = on_axis - origin
+        y = np.cross(z, in_plane - origin)
+        size = np.linalg.norm(z) * np.linalg.norm(in_plane - origin)
+        if not np.linalg.norm(y) > 1e-10 * size:
+            raise MeshError(
+                f"{card.place}: the points of coordinate system {system} lie on one line"
+            )
+        x = np.cross(y, z)
+        axes = np.stack([axis / np.linalg.norm(axis) for axis in (x, y, z)])
+        self.frames[system] = (card.name[-1], origin, axes)
+        return self.frames[system]
+
+    def _grid(self, card: Card, index: int) -> FloatArray:
+        row = self.row(card, index)
+        if row < 0:
+            raise MeshError(f"{card.place}: {card.name} lacks a grid point")
+        system, values = self.given[row]
+        return self._place(system, values[None])
+
+
+def _add_solids(raw: RawMesh, nodes: _Nodes, cards: Mapping[str, Sequence[Card]]) -> None:
+    """Solid cells, and which property and material they have."""
+    properties: dict[int, list[IntArray]] = {}
+    for name, (family, most) in SOLIDS.items():
+        found = cards.get(name, ())
+        first = CORNERS[family]
+        rows = np.full((len(found), most), -1, dtype=np.int64)
+        numbers, owners = (np.zeros(len(found), dtype=np.int64) for _ in range(2))
+        for place, card in enumerate(found):
+            own = [nodes.row(card, index) for index in range(2, len(card.fields))]
+            if any(row >= 0 for row in own[most:]) or min([*own[:first], len(own) - first]) < 0:
+                raise MeshError(
+                    f"{card.place}: {name} {card.integer(0)} needs {first} corners and has at most {most} nodes"
+                )
+            rows[place, : len(own[:most])] = own[:most]
+            numbers[place] = card.integer(0)
+            owners[place] = card.integer(1, card.integer(0))
+        for chosen in ((rows[:, first:] >= 0).any(axis=1), (rows[:, first:] < 0).all(axis=1)):
+            block = rows[chosen]
+            straight = len(block) and (block[:, first:] < 0).all()
+            cells = raw.add_solids(
+                family,
+                block[:, :first] if straight else block,
+                edges=upright_first(family),
+                numbers=numbers[chosen],
+            )
+            for number in np.unique(owners[chosen]):
+                properties.setdefault(int(number), []).append(cells[owners[chosen] == number])
+    _refuse_repeated_numbers(nodes.path, raw)
+    solids = {card.integer(0): card for card in cards.get("PSOLID", ())}
+    values = {card.integer(0): card for card in cards.get("MAT1", ())}
+    for number, parts in properties.items():
+        cells = np.concatenate(parts)
+        if number not in solids:
+            raw.add_section(f"property_{number}", cells, "", None)
+            continue
+        material = solids[number].integer(1)
+        card = values.get(material)
+        if card is None:
+            raw.add_section(f"property_{number}", cells, f"material {material}", material)
+            continue
+        shown = {"E": 1, "nu": 3, "density": 4}
+        words = ", ".join(f"{word} = {card.real(at):g}" for word, at in shown.items())
+        key = tuple(card.real(at) for at in range(1, 5))
+        raw.add_section(f"property_{number}", cells, f"material {material}: {words}", key)
+
+
+def _refuse_repeated_numbers(path: Path, raw: RawMesh) -> None:
+    """Refuse different cells of one number; equal ones are counted with what is in the file twice."""
+    known: dict[int, bytes] = {}
+    for block in raw.solids:
+        for number, row in zip(block.numbers.tolist(), block.nodes, strict=True):
+            if known.setdefault(number, row.tobytes()) != row.tobytes():
+                raise MeshError(f"{path.name}: element {number} is defined twice")
+
+
+def _node_sets(
+    text: str, cards: Mapping[str, Sequence[Card]], nodes: _Nodes
+) -> Iterator[tuple[str, IntArray]]:
+    """Name and rows of the nodes of each card that lists nodes."""
+    known = np.array(sorted(nodes.rows), dtype=np.int64)
+    rows = np.array([nodes.rows[number] for number in known.tolist()], dtype=np.int64)
+
+    def find(card: Card, start: int) -> tuple[IntArray, bool]:
+        """Rows of the nodes that are listed, and whether all numbers are of nodes."""
+        mine = np.zeros(len(known), dtype=bool)
+        words = [word for word in card.fields[start:] if word]
+        single = []
+        for at, word in enumerate(words):
+            if word.upper() != "THRU":
+                single.append(word)
+                continue
+            try:
+                first, last = int(words[at - 1]), int(words[at + 1])
+            except (ValueError, IndexError):
+                raise MeshError(
+                    f"{card.place}: {card.name}: a range of numbers has no end"
+                ) from None
+            mine |= (known >= first) & (known <= last)
+        try:
+            numbers = np.array([int(word) for word in single], dtype=np.int64)
+        except (ValueError, OverflowError):
+            return rows[:0], False
+        mine |= np.isin(known, numbers)
+        return rows[mine], bool(np.isin(numbers, known).all()) and bool(mine.any())
+
+    for card in cards.get("SPC1", ()):
+        yield f"spc_{card.integer(0)}", find(card, 2)[0]
+    for card in cards.get("SPC", ()):
+        found = [nodes.rows[n] for n in (card.integer(1), card.integer(4)) if n in nodes.rows]
+        yield f"spc_{card.integer(0)}", np.array(found, dtype=np.int64)
+    comments = {number: (kind, name) for number, kind, name in _SET_NAME.findall(text)}
+    for card in cards.get("SET1", ()):
+        number = str(card.integer(0))
+        kind, name = comments.get(number, (NODE_SET, f"set_{number}"))
+        members, every = find(card, 1)
+        # a SET1 card may also hold elements, whose numbers need not be those of nodes
+        if kind == NODE_SET and every:
+            yield name, members
 
 
 def format_bulk_data(points: FloatArray, cells: IntArray, sets: Mapping[str, IntArray]) -> str:

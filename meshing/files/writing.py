@@ -20,12 +20,14 @@ from headstock.meshing.elements.topology import (
     corner_count,
 )
 from headstock.meshing.errors import MeshError
-from headstock.meshing.files.cells import MESHIO_KINDS, MIRRORED, VTK_EDGES
 from headstock.meshing.files.exodus import HAS_NETCDF, LONGEST_NAME, NO_NETCDF, add_side_sets
+from headstock.meshing.files.families import MIRRORED, VTK_EDGES, upright_first
 from headstock.meshing.files.nastran import format_bulk_data
 from headstock.meshing.formats import find_format
 
-KIND_NAMES: dict[CellKind, str] = {kind: name for name, kind in MESHIO_KINDS.items()}
+KIND_NAMES: dict[CellKind, str] = {
+    "tet4": "tetra", "tet10": "tetra10", "hex8": "hexahedron", "hex20": "hexahedron20", "hex27": "hexahedron27",
+}  # fmt: skip
 FACET_NAMES = {3: "triangle", 6: "triangle6", 4: "quad", 8: "quad8", 9: "quad9"}
 # faces of 27-node hexes by their corners, then None for the centre
 VTK_FACES = (
@@ -107,8 +109,7 @@ def _write_exodus(mesh: ComponentMesh, path: Path) -> None:
                 f"{path.name}: {name!r} is too long for Exodus, whose names have up to {LONGEST_NAME} letters"
             )
     family = cell_family(mesh.kind)
-    edges = VTK_EDGES[family] if family == "tet" else _upright_first(VTK_EDGES[family])
-    cells = _order_cells(mesh, edges, EXODUS_FACES)
+    cells = _order_cells(mesh, upright_first(family), EXODUS_FACES)
     written = meshio.Mesh(
         mesh.points, [(KIND_NAMES[mesh.kind], cells)], point_sets=_patch_nodes(mesh)
     )
@@ -169,15 +170,8 @@ def _write_nastran(mesh: ComponentMesh, path: Path) -> None:
     # meshio writes names of second-order cells that Nastran does not know, and ends at coordinates
     # near zero
     mesh = _with_twenty_nodes(mesh, path)
-    family = cell_family(mesh.kind)
-    edges = VTK_EDGES[family] if family == "tet" else _upright_first(VTK_EDGES[family])
-    cells = _order_cells(mesh, edges, ())
+    cells = _order_cells(mesh, upright_first(cell_family(mesh.kind)), ())
     path.write_text(format_bulk_data(mesh.points, cells, _patch_nodes(mesh)))
-
-
-def _upright_first(edges: tuple[tuple[int, int], ...]) -> tuple[tuple[int, int], ...]:
-    """Edges of a hex as Exodus and Nastran list them: the upright ones before the upper ones."""
-    return (*edges[:4], *edges[8:], *edges[4:8])
 
 
 def _write_gmsh(mesh: ComponentMesh, path: Path) -> None:

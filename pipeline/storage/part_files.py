@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.mass_properties import SolidProperties, closed_form_properties
-from headstock.meshing.components.meshing import describe_component, find_file_patch_faults
+from headstock.meshing.components.meshing import describe_component, find_file_faults
 from headstock.meshing.errors import MeshError, PartFileError, PatchError
 from headstock.pipeline.storage.content_keys import properties_key
 from headstock.pipeline.storage.store import Store, read_entry, write_entry
@@ -48,13 +48,14 @@ def find_missing_patches(scene: Scene) -> tuple[list[Problem], list[str]]:
     supports, loads = tuple(scene.machine.supports.values()), tuple(scene.machine.loads.values())
     for name, component in scene.machine.components.items():
         try:
-            faults = find_file_patch_faults(component, supports, loads)
+            faults, notes = find_file_faults(component, supports, loads)
         except PartFileError as error:
             key = ("components", name, "solid", "mesh")
             problems.append(scene.findings.describe(key, str(error)))
         except MeshError as error:
             remarks.append(f"patches are not checked: {error}")
         else:
+            remarks += [f"component {name!r}: {note}" for note in notes]
             problems += [_describe(scene, component, fault) for fault in faults]
     return problems, remarks
 

@@ -14,6 +14,8 @@ from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, BoolArray, FloatArr
 from headstock.geometry.parts.components import Component, Interface, Support
 from headstock.geometry.parts.patches import Outline, in_plane_axes, patch_outline
 from headstock.meshing.component_mesh import ComponentMesh, IntArray
+from headstock.meshing.elements.regions import are_whole_faces
+from headstock.meshing.elements.surface import extract_surface, find_facets
 from headstock.reduction.components.interface_patches import MeshPatch, measure_patch
 from headstock.reduction.components.rail_fits import RailFit, fit_rail
 from headstock.reduction.components.supports import HeldPoints, hold_points
@@ -190,7 +192,7 @@ def _merge_interfaces(
     hosts: dict[str, int] = {}
     for interface in ordered:
         patch = measure_patch(mesh, interface.name)
-        _refuse_point_like(component.name, interface, patch, warnings)
+        _refuse_point_like(component.name, interface, mesh, patch, warnings)
         host = next((i for i, node in enumerate(nodes) if _carries(node, interface, patch)), None)
         if host is None:
             host = len(nodes)
@@ -288,7 +290,11 @@ def _carries(node: BoundaryNode, interface: Interface, patch: MeshPatch) -> bool
 
 
 def _refuse_point_like(
-    component: str, interface: Interface, patch: MeshPatch, warnings: list[str]
+    component: str,
+    interface: Interface,
+    mesh: ComponentMesh,
+    patch: MeshPatch,
+    warnings: list[str],
 ) -> None:
     whole = all(
         part.shape == "whole" and not part.face.startswith("set:") for part in interface.patches
@@ -296,6 +302,11 @@ def _refuse_point_like(
     thin = len(patch.undetermined_rotations()) > 0
     if not thin and (whole or patch.facet_count >= MINIMUM_FACETS):
         return
+    if not thin:
+        surface = extract_surface(mesh.cells, mesh.kind)
+        chosen = find_facets(surface, mesh.patches[interface.name])
+        if are_whole_faces(mesh.points, surface, chosen):
+            return
     kind = "a point or a line" if thin else f"{patch.facet_count} facet(s)"
     text = (
         f"interface {interface.name} of component {component} is {kind} of the mesh: in 3D its compliance grows without bound "

@@ -117,7 +117,9 @@ def build_solid(table: SolidTable, folder: Path) -> Solid:
         return StepFile(resolve_file(folder, table.step, FILE_SUFFIXES["step"]), table.solid)
     if table.mesh is not None:
         path = resolve_file(folder, table.mesh, FILE_SUFFIXES["mesh"])
-        return MeshFile(path, 1.0 if table.unit is None else table.unit, _beside(path, folder))
+        chosen = None if table.solid is None else str(table.solid)
+        unit = 1.0 if table.unit is None else table.unit
+        return MeshFile(path, unit, _beside(path, folder), chosen)
     if table.superelement is not None:
         return SuperelementFile(
             resolve_file(folder, table.superelement, FILE_SUFFIXES["superelement"])

@@ -150,7 +150,7 @@ SOLID_KINDS = ("box", "tube", "plate", "column", "step", "mesh", "superelement",
 
 class SolidTable(StrictTable):
     """Exactly one of box, tube, plate, column, step, mesh, superelement, point_mass; `solid` goes
-    with step, `unit` with mesh, `inertia` with point_mass.
+    with step and mesh, `unit` with mesh, `inertia` with point_mass.
     """
 
     model_config = one_of(*SOLID_KINDS)
@@ -178,9 +178,10 @@ class SolidTable(StrictTable):
         if len(given) != 1:
             found = " and ".join(given) if given else "none"
             raise problem(f"needs exactly one of {', '.join(SOLID_KINDS)}; found {found}")
-        if self.solid is not None and self.step is None:
+        if self.solid is not None and self.step is None and self.mesh is None:
             raise problem(
-                '`solid` chooses a solid of a STEP file; write solid = { step = "part.step", solid = 1 }'
+                '`solid` chooses a solid of a file; write solid = { step = "part.step", solid = 1 }, or with mesh = the name '
+                "of a set of its cells"
             )
         if self.unit is not None and self.mesh is None:
             raise problem(

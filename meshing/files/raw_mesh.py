@@ -1,0 +1,193 @@
+"""What every reader of mesh files fills: points, solid cells by family, named sets, materials, and what it left
+out.
+"""
+
+from collections import Counter
+from collections.abc import Hashable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.meshing.component_mesh import IntArray
+from headstock.meshing.errors import MeshError
+from headstock.meshing.files.families import (
+    FAMILY_EDGES,
+    Group,
+    SolidFamily,
+    middle_groups,
+)
+
+# names that meshio gives to families of cells
+MESHIO_FAMILIES: dict[str, SolidFamily] = {
+    "tetra": "tet", "pyramid": "pyramid", "wedge": "wedge", "hexahedron": "hex",
+}  # fmt: skip
+MESHIO_FACETS = {"triangle": 3, "quad": 4}
+LONGEST_NAME = 100
+
+
+@dataclass(frozen=True, eq=False)
+class SolidBlock:
+    """Solid cells of one family and one number of nodes.
+
+    Attributes:
+        family: Of the cells.
+        nodes: ``(n, k)`` corners first; -1 where the file leaves out a node that is no corner.
+        groups: Corners whose middle each further node is, as the format has it.
+        ordered: Programs keep to that order.
+        numbers: ``(n,)`` numbers of the cells in the file.
+    """
+
+    family: SolidFamily
+    nodes: IntArray
+    groups: tuple[Group, ...]
+    ordered: bool
+    numbers: IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """Cells that the file gives one material.
+
+    Attributes:
+        name: Of a set in ``RawMesh.groups``.
+        cells: ``(n,)`` counted over all blocks.
+        material: Name of the material and its values, as a message shows them; empty where the file tells
+            none.
+        key: Equal for equal materials; None where the file tells none.
+    """
+
+    name: str
+    cells: IntArray
+    material: str = ""
+    key: Hashable = None
+
+
+@dataclass
+class RawMesh:
+    """What a file holds, in its own node order and orientation.
+
+    Attributes:
+        points: ``(n, 3)``.
+        solids: Blocks of solid cells; cells are counted over them all.
+        facets: Corners ``(n, 3 or 4)`` of the blocks of each named set of surface elements.
+        node_sets: Node numbers of each named set.
+        groups: Cells of each named set, which ``solid`` of a scene may choose.
+        sections: Which cells have which material.
+        left_out: How many elements of each kind are no solid cells and carry stiffness or mass.
+        notes: What else the user should know.
+    """
+
+    points: FloatArray
+    solids: list[SolidBlock] = field(default_factory=list)
+    facets: dict[str, list[IntArray]] = field(default_factory=dict)
+    node_sets: dict[str, list[IntArray]] = field(default_factory=dict)
+    groups: dict[str, list[IntArray]] = field(default_factory=dict)
+    sections: list[Section] = field(default_factory=list)
+    left_out: Counter[str] = field(default_factory=Counter)
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def cell_count(self) -> int:
+        """Number of solid cells so far."""
+        return sum(len(block.nodes) for block in self.solids)
+
+    def add_solids(
+        self,
+        family: SolidFamily,
+        nodes: IntArray,
+        *,
+        edges: tuple[tuple[int, int], ...] | None = None,
+        numbers: IntArray | None = None,
+    ) -> IntArray:
+        """Add a block of solid cells.
+
+        Args:
+            family: Of the cells.
+            nodes: ``(n, k)`` corners first.
+            edges: In the order in which the format lists their middles; where nodes lie decides as well.
+            numbers: ``(n,)`` of the cells in the file; counted from 1 where it has none.
+
+        Returns:
+            What the cells count as in groups and sections, ``(n,)``.
+
+        Raises:
+            MeshError: No cell of the family has that many nodes.
+        """
+        start = self.cell_count
+        groups = middle_groups(family, nodes.shape[1])
+        if groups is None:
+            raise MeshError(f"{family} cells with {nodes.shape[1]} nodes are not read")
+        if edges is not None and groups:
+            groups = (*edges, *groups[len(FAMILY_EDGES[family]) :])
+        count = start + np.arange(len(nodes))
+        if len(nodes):
+            own = count + 1 if numbers is None else numbers
+            block = SolidBlock(family, nodes.astype(np.int64), groups, edges is not None, own)
+            self.solids.append(block)
+        return count
+
+    def add_cells(self, kind: str, nodes: IntArray) -> IntArray:
+        """Add cells under the name that meshio gives to their kind; those that are no solids are passed over.
+
+        Args:
+            kind: Such as ``tetra10``.
+            nodes: ``(n, k)`` corners first.
+
+        Returns:
+            As `add_solids`.
+        """
+        family = MESHIO_FAMILIES.get(kind.rstrip("0123456789"))
+        if family is None:
+            return np.zeros(0, dtype=np.int64)
+        return self.add_solids(family, nodes)
+
+    def add_facets(self, name: str, kind: str, nodes: IntArray) -> None:
+        """Add surface elements to a named set; elements of other kinds are passed over.
+
+        Args:
+            name: Of the set.
+            kind: Of the elements, by meshio's name.
+            nodes: ``(n, k)``, corners first.
+        """
+        corners = MESHIO_FACETS.get(kind.rstrip("0123456789"))
+        if corners is not None and len(nodes):
+            self.facets.setdefault(clean_name(name), []).append(nodes[:, :corners])
+
+    def add_nodes(self, name: str, nodes: IntArray) -> None:
+        """Add nodes to a named set."""
+        self.node_sets.setdefault(clean_name(name), []).append(nodes)
+
+    def add_group(self, name: str, cells: IntArray) -> None:
+        """Add solid cells to a named set.
+
+        Args:
+            name: Of the set.
+            cells: Counted over all blocks, ``(n,)``.
+        """
+        if len(cells):
+            self.groups.setdefault(clean_name(name), []).append(cells)
+
+    def add_section(self, name: str, cells: IntArray, material: str, key: Hashable) -> None:
+        """Add solid cells to a named set that has one material.
+
+        Args:
+            name: As that of a group.
+            cells: As those of a group.
+            material: As in `Section`.
+            key: As in `Section`.
+        """
+        if len(cells):
+            self.add_group(name, cells)
+            self.sections.append(Section(clean_name(name), cells, material, key))
+
+
+def is_solid(kind: str) -> bool:
+    """Whether cells that meshio calls so are solids."""
+    return kind.rstrip("0123456789") in MESHIO_FAMILIES
+
+
+def clean_name(name: str) -> str:
+    """A name as messages may show it."""
+    shown = "".join(letter if letter.isprintable() else "?" for letter in name.strip())
+    return shown[:LONGEST_NAME] or "unnamed"
