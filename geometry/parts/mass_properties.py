@@ -46,6 +46,7 @@ class SolidProperties:
         inertia: ``(3, 3)`` about the centre for unit density [m^5].
         patch_areas: Area of each interface [m^2].
         patch_centroids: Centroid ``(3,)`` of each interface [m].
+        remarks: What the user should know of the file it is from.
     """
 
     volume: float
@@ -53,6 +54,7 @@ class SolidProperties:
     inertia: FloatArray
     patch_areas: dict[str, float] = field(default_factory=dict)
     patch_centroids: dict[str, FloatArray] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
 
 
 def closed_form_properties(component: Component) -> SolidProperties | None:

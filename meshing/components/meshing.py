@@ -155,7 +155,8 @@ def describe_component(component: Component) -> SolidProperties:
         mesh = finish_mesh(read_mesh_file(solid, what), component, groups)
         whole = integrate_mesh(mesh.points, mesh.cells, mesh.kind)
         areas, centroids = patch_moments(mesh.points, mesh.patches)
-        return SolidProperties(whole.volume, whole.center, whole.inertia, areas, centroids)
+        remarks = mesh.quality.remarks
+        return SolidProperties(whole.volume, whole.center, whole.inertia, areas, centroids, remarks)
     properties = closed_form_properties(component)
     if properties is None:
         properties = _describe_shape(_without_mesh_settings(component), groups).properties

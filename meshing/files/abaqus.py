@@ -33,6 +33,8 @@ _OTHER = re.compile(
     r"RAX2|GAP\w+|DGAP|FRAME[23]D|ELBOW\w+|JOINTC|JOINT[23]D|DRAG[23]D|HEATCAP|ITSCYL|ITT[23]1|LS[36S]|PSI\w+|SAX\w+|"
     r"CAX\w+|DCAX\w+|DC[12]D\w+|MAX\w+|MGAX\w+|CGAX\w+|CPEG\w+|F3D[34]|FAX2|U\d+)$"
 )
+# what stands between commas, which names in quotes may hold
+_QUOTED = re.compile(r'(?:"[^"]*"|[^,"])+')
 # nodes and corners of surface elements by the number in their type
 SURFACE_NODES = {"3": (3, 3), "6": (6, 3), "65": (6, 3), "4": (4, 4), "8": (8, 4), "9": (9, 4)}
 # corners of faces S1 .. S6
@@ -216,13 +218,14 @@ def _blocks(path: Path) -> Iterator[Block]:
                 block = _parse_keyword(f"{path.name}:{start}", head)
                 head, start = "", 0
             elif block is not None:
-                block.rows.append([word.strip() for word in text.split(",")])
+                words = _QUOTED.findall(text) if '"' in text else text.split(",")
+                block.rows.append([word.strip().strip('"') for word in words])
     if block is not None:
         yield block
 
 
 def _parse_keyword(place: str, text: str) -> Block:
-    first, *rest = re.findall(r'((?:"[^"]*"|[^,"])+)', text[1:]) or [""]
+    first, *rest = _QUOTED.findall(text[1:]) or [""]
     options = {}
     for option in rest:
         key, _, value = option.partition("=")
@@ -235,7 +238,13 @@ def _number(text: str) -> float:
 
 
 def _numbers(rows: Sequence[Sequence[str]]) -> list[float]:
-    return [_number(word) for row in rows for word in row]
+    """Numbers of data lines, without the blanks at their ends."""
+    found: list[float] = []
+    for row in rows:
+        while row and not row[-1]:
+            row = row[:-1]
+        found += [_number(word) for word in row]
+    return found
 
 
 class _DeckReader:
@@ -397,7 +406,7 @@ class _DeckReader:
                     raise ValueError(f"{first} to {last} is no range of numbers")
                 items.append(range(first, last + 1, step))
                 continue
-            items += [int(word) if word.isdigit() else word.strip('"').upper() for word in words]
+            items += [int(word) if word.isdigit() else word.upper() for word in words]
         instance = block.options.get("INSTANCE", "").upper()
         sets.setdefault(name, []).append(Members(block.place, instance, tuple(items)))
         if "INTERNAL" in block.options:
@@ -487,8 +496,8 @@ class _Assembly:
     def _find(self, one: Instance, text: str) -> tuple[Instance, str]:
         """The instance and the name or number that ``INSTANCE.NAME`` stands for."""
         owner, dot, rest = text.partition(".")
-        if dot and owner.strip('"') in self.by_name:
-            return self.by_name[owner.strip('"')], rest.strip('"')
+        if dot and owner in self.by_name:
+            return self.by_name[owner], rest
         return one, text
 
     def _members(

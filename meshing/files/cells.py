@@ -32,7 +32,6 @@ WHOLE_FILE = "*"
 # facets that a chosen part shares with the rest of its file
 CUT_SET = "cut"
 NAMED = 6
-FAMILY_NAMES = {"tet": "tets", "pyramid": "pyramids", "wedge": "wedges", "hex": "hexes"}
 
 
 def guard_reader(path: Path, reader: Callable[[Path], RawMesh], solid: str | None) -> MeshData:
@@ -102,7 +101,8 @@ def assemble_mesh(path: Path, raw: RawMesh, solid: str | None = None) -> MeshDat
         for name, members in raw.node_sets.items()
         if name not in facets
     }
-    return _drop_unused_points(MeshData(points, cells, kind, facets, nodes, remarks=remarks))
+    data = MeshData(points, cells, kind, facets, nodes, remarks=remarks)
+    return _drop_unused_points(data, whole=bool(chosen.all()))
 
 
 def _check_numbers(path: Path, raw: RawMesh) -> None:
@@ -204,6 +204,7 @@ def _make_one_kind(
     collapsed = any((np.diff(np.sort(one.corners, axis=1), axis=1) == 0).any() for one in every)
     if len(every) == 1 and not collapsed:
         if cells.family == "hex" and (cells.nodes >= 0).all():
+            fill_middles(path, points, every, numbers)
             return points, cells.nodes, "hex27", []
         if not (cells.middles >= 0).any() and cells.family in ("tet", "hex"):
             return points, cells.corners, "tet4" if cells.family == "tet" else "hex8", []
@@ -213,12 +214,15 @@ def _make_one_kind(
     if not collapsed and families == ["hex"]:
         return points, filled[0].nodes[:, : NODE_COUNTS["hex20"]], "hex20", []
     points, tets, _ = cut_to_tets(points, filled)
-    counts = {FAMILY_NAMES[one.family]: len(one.index) for one in every}
+    counts = {
+        one.family + ("es" if one.family == "hex" else "s") * (len(one.index) > 1): len(one.index)
+        for one in every
+    }
     return (
         points,
         tets,
         "tet10",
-        [f"{_counted(counts)} were cut into {len(tets)} second-order tets of the same shape"],
+        [f"{_counted(counts)} cut into {len(tets)} second-order tets of the same shape"],
     )
 
 
@@ -239,11 +243,10 @@ def _find_cut(
     """Facets that the cells of a part share with the other cells of the file, as a named set."""
     wanted = len(FACETS["tet" if kind.startswith("tet") else "hex"][0])
     own, other = list_faces(every), list_faces(rest)
-    _, first, counts = np.unique(
-        np.concatenate([own.keys, np.unique(other.keys, axis=0)]),
-        axis=0, return_index=True, return_counts=True,
-    )  # fmt: skip
-    shared = own.nodes[np.sort(first[counts > 1])]
+    order, starts, lengths = own.runs()
+    rim = order[starts[lengths == 1]]
+    known = set(map(tuple, other.keys.tolist()))
+    shared = own.nodes[[row for row in rim if tuple(own.keys[row].tolist()) in known]]
     quads = shared[:, 3] >= 0
     blocks = [shared[~quads, :3], shared[quads]]
     if cut:
@@ -252,16 +255,23 @@ def _find_cut(
     return {CUT_SET: np.concatenate(fitting)} if fitting else {}
 
 
-def _drop_unused_points(data: MeshData) -> MeshData:
+def _drop_unused_points(data: MeshData, *, whole: bool) -> MeshData:
+    """The mesh without points that no cell has; what is ``whole`` keeps facets with such points, of which
+    patches say that they are none.
+    """
     used = np.unique(data.cells)
     place = np.full(len(data.points), -1, dtype=np.int64)
     place[used] = np.arange(len(used))
     nodes = {name: place[members[members >= 0]] for name, members in data.node_sets.items()}
+    facets = {
+        name: np.where(rows < 0, -1, place[rows])[(place[rows] >= 0).all(axis=1) | whole]
+        for name, rows in data.facets.items()
+    }
     return MeshData(
         data.points[used],
         place[data.cells],
         data.kind,
-        {name: np.where(rows < 0, -1, place[rows]) for name, rows in data.facets.items()},
-        {name: members[members >= 0] for name, members in nodes.items()},
+        {name: rows for name, rows in facets.items() if len(rows)},
+        {name: members[members >= 0] for name, members in nodes.items() if (members >= 0).any()},
         remarks=data.remarks,
     )

@@ -4,7 +4,7 @@ and cut into tets where their families are mixed.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import combinations, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -318,23 +318,29 @@ def cut_to_tets(
         Points, tets ``(n, 10)`` and which cells of the file they are of.
     """
     edge_keys, edge_nodes = [], []
-    diagonal_keys, diagonal_places, tets, pieces = [], [], [], []
+    diagonals, bodies, tets, pieces = [], [], [], []
     for cells in every:
         edge_keys.append(_pair_keys(_edge_ends(cells).reshape(-1, 2), len(points)))
         edge_nodes.append(cells.middles.ravel())
         cut = cut_cells(cells)
         tets.append(cut.corners)
         pieces.append(cells.index[cut.rows])
-        pairs = cut.local[:, TET_EDGES]
-        for column in range(6):
-            keys, places = _middle_places(points, cells, cut, pairs[:, column])
-            diagonal_keys.append(keys)
-            diagonal_places.append(places)
+        used = np.sort(cut.local[:, TET_EDGES], axis=2)
+        # where corners of a cell are equal, a diagonal of its body may be one of a face
+        collapsed = np.flatnonzero((np.diff(np.sort(cells.corners, axis=1), axis=1) == 0).any(1))
+        for pair, group in _list_diagonals(cells.family):
+            rows = cut.rows[(used == pair).all(axis=2).any(axis=1)]
+            if len(group) == 4:
+                rows = np.concatenate([rows, collapsed])
+            ends = np.sort(cells.corners[rows][:, list(pair)], axis=1)
+            found = _pair_keys(ends, len(points)), _group_middles(points, cells, rows, group)
+            (diagonals if len(group) == 4 else bodies).append(found)
+    diagonals += [*bodies, (np.zeros(0, dtype=np.int64), np.zeros((0, 3)))]
     keys, first = np.unique(np.concatenate(edge_keys), return_index=True)
     nodes = np.concatenate(edge_nodes)[first]
-    others, where = np.unique(np.concatenate(diagonal_keys), return_index=True)
+    others, where = np.unique(np.concatenate([own for own, _ in diagonals]), return_index=True)
     new = ~np.isin(others, keys)
-    places = np.concatenate(diagonal_places)[where[new]]
+    places = np.concatenate([own for _, own in diagonals])[where[new]]
     keys = np.concatenate([keys, others[new]])
     nodes = np.concatenate([nodes, len(points) + np.arange(len(places))])
     order = np.argsort(keys)
@@ -344,30 +350,16 @@ def cut_to_tets(
     return np.vstack([points, places]), np.hstack([corners, middles]), np.concatenate(pieces)
 
 
-def _middle_places(
-    points: FloatArray, cells: SolidCells, cut: CutTets, pairs: IntArray
-) -> tuple[IntArray, FloatArray]:
-    """Keys ``(n,)`` of the diagonals among the edges of tets, and the middles that the cells put there."""
-    family, first = cells.family, CORNERS[cells.family]
-    groups, edges = all_groups(family), FAMILY_EDGES[family]
-    keys, places = [], []
+def _list_diagonals(family: SolidFamily) -> list[tuple[tuple[int, int], Group]]:
+    """Pairs of corners that are no edge, and the one quadrilateral face, or else the body, that they cross."""
+    edges = FAMILY_EDGES[family]
     known = {frozenset(edge) for edge in edges}
-    for low in range(first):
-        for high in range(low + 1, first):
-            if frozenset((low, high)) in known:
-                continue
-            mine = np.flatnonzero((np.sort(pairs, axis=1) == (low, high)).all(axis=1))
-            if not len(mine):
-                continue
-            rows = cut.rows[mine]
-            # the middle of the one quadrilateral face with both corners, or of the body
-            group = next((g for g in groups[len(edges) :] if {low, high} <= set(g)), groups[-1])
-            ends = np.sort(cells.corners[rows][:, [low, high]], axis=1)
-            keys.append(_pair_keys(ends, len(points)))
-            places.append(_group_middles(points, cells, rows, group))
-    if not keys:
-        return np.zeros(0, dtype=np.int64), np.zeros((0, 3))
-    return np.concatenate(keys), np.concatenate(places)
+    groups = all_groups(family)[len(edges) :]
+    return [
+        (pair, next((group for group in groups if set(pair) <= set(group)), groups[-1]))
+        for pair in combinations(range(CORNERS[family]), 2)
+        if frozenset(pair) not in known
+    ]
 
 
 def _group_middles(

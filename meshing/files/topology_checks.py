@@ -212,6 +212,8 @@ def check_one_solid(
             f"{path.name}: {len(crowded)} faces belong to more than two cells, the first to elements "
             f"{_listed(own)}: cells overlap; delete what is not of the part"
         )
+    if len(every) > 1:
+        _check_cuts(path, every, numbers, faces)
     pairs = starts[lengths == 2]
     left, right = faces.owners[order[pairs]], faces.owners[order[pairs + 1]]
     _check_connected(path, every, left, right, names)
@@ -232,6 +234,30 @@ def check_one_solid(
     )
     if len(inner):
         _refuse_overlaps(path, numbers, inner, outer)
+
+
+def _check_cuts(path: Path, every: Sequence[SolidCells], numbers: IntArray, pieces: Faces) -> None:
+    """Refuse quadrilaterals that meet two triangles cut across the other diagonal, a slit in the mesh.
+
+    Args:
+        path: Of the file, for messages.
+        every: Cells of all families.
+        numbers: Of the cells in the file.
+        pieces: Faces of the tets they are cut into.
+    """
+    order, starts, lengths = pieces.runs()
+    open_triangles = {tuple(key) for key in pieces.keys[order[starts[lengths == 1]], 1:].tolist()}
+    faces = list_faces(every)
+    order, starts, lengths = faces.runs()
+    rim = order[starts[lengths == 1]]
+    for row in rim[faces.nodes[rim, 3] >= 0]:
+        a, b, c, d = faces.nodes[row].tolist()
+        halves = [(a, b, c), (a, c, d)], [(b, c, d), (b, d, a)]
+        if all(tuple(sorted(half)) in open_triangles for pair in halves for half in pair):
+            raise MeshError(
+                f"{path.name}: element {numbers[faces.owners[row]]} has a face of four corners that meets two triangles "
+                "across the other diagonal, which leaves a slit; write pyramids between hexes and tets"
+            )
 
 
 def _refuse_overlaps(path: Path, numbers: IntArray, left: IntArray, right: IntArray) -> None:

@@ -23,7 +23,7 @@ def describe_solid(
     Args:
         component: Its material and placement play no part.
         store: Where they are kept; those with a closed form are not.
-        warn: Called with warnings of a store that cannot be read or written.
+        warn: Called with warnings of a store that cannot be read or written, and remarks on the part's file.
 
     Raises:
         MeshError: The solid cannot be built or a patch does not exist.
@@ -33,10 +33,12 @@ def describe_solid(
     key = properties_key(component)
     read = read_entry(store, key, SolidProperties)
     warn(read.warning)
-    if read.value is not None:
-        return read.value
-    properties = describe_component(component)
-    warn(write_entry(store, key, properties))
+    properties = read.value
+    if properties is None:
+        properties = describe_component(component)
+        warn(write_entry(store, key, properties))
+    for remark in properties.remarks:
+        warn(f"component {component.name!r}: {remark}")
     return properties
 
 

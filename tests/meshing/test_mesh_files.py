@@ -389,7 +389,7 @@ DECK = "*NODE\n1,0,0,0\n2,1,0,0\n3,0,1,0\n4,0,0,1\n5,1,1,0\n6,1,1,1\n7,0,1,1\n8,
         (
             "a.inp",
             DECK + "*ELEMENT, TYPE=C3D4\n1,1,2,3,4\n*ELEMENT, TYPE=C3D8\n2,1,2,5,3,4,8,6,7\n",
-            "overlap",
+            "meet in single nodes or edges",
         ),
         ("a.inp", DECK + "*ELEMENT, TYPE=C3D6\n1,1,2,3,4,5,6\n", "unusable"),
         ("a.inp", DECK + "*ELEMENT, TYPE=COH3D6\n1,1,2,3,4,5,6\n", "a.inp:10: .*COH3D6"),

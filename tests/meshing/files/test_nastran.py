@@ -1,0 +1,127 @@
+"""Bulk data in the forms that programs write it in: sixty decks of the same few blocks, and what
+another reader made of them.
+
+``expected.json`` holds the corners of every solid in the basic system and its number of further nodes, read by
+pyNastran 1.4.1 (the header up to BEGIN BULK cut off, ``punch=True``), which passes over GRDSET.
+"""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from headstock.geometry.frames import FloatArray
+from headstock.meshing.elements.quadratic import complete_hexes
+from headstock.meshing.elements.quality import integrate_mesh
+from headstock.meshing.errors import MeshError
+from headstock.meshing.files.cells import assemble_mesh
+from headstock.meshing.files.families import CORNERS
+from headstock.meshing.files.nastran import read_nastran
+from headstock.meshing.process.job import MeshData
+
+DECKS = Path(__file__).resolve().parents[2] / "data" / "nastran_forms"
+EXPECTED = json.loads((DECKS / "expected.json").read_text())
+# of the sheared cube that every deck is made of, and what stands on it
+CUBE = 11030.0
+ROUNDING = 2e-3  # of text with three decimals
+GRIDS = "GRID,1,,0.,0.,0.\nGRID,2,,1.,0.,0.\nGRID,3,,0.,1.,0.\nGRID,4,,0.,0.,1.\nGRID,5,,1.,1.,1.\n"
+
+
+def read_cells(path: Path) -> tuple[dict[str, FloatArray], dict[str, int]]:
+    """Corners of every solid, and its number of further nodes, by its number."""
+    raw = read_nastran(path)
+    corners, middles = {}, {}
+    for block in raw.solids:
+        first = CORNERS[block.family]
+        for number, row in zip(block.numbers, block.nodes, strict=True):
+            corners[str(number)] = raw.points[row[:first]]
+            middles[str(number)] = int((row[first:] >= 0).sum())
+    return corners, middles
+
+
+def read_text(path: Path, text: str) -> MeshData:
+    path.write_text(text)
+    return assemble_mesh(path, read_nastran(path))
+
+
+def volume(data: MeshData) -> float:
+    assert data.kind is not None
+    if data.kind == "hex20":
+        points, cells = complete_hexes(data.points, data.cells)
+        return integrate_mesh(points, cells, "hex27").volume
+    return integrate_mesh(data.points, data.cells, data.kind).volume
+
+
+@pytest.mark.parametrize("name", sorted(EXPECTED))
+def test_every_form_is_read_as_another_reader_reads_it(name: str) -> None:
+    corners, middles = read_cells(DECKS / name)
+    given = EXPECTED[name]
+    assert middles == given["middles"]
+    assert corners.keys() == given["corners"].keys()
+    for number, places in given["corners"].items():
+        assert np.allclose(corners[number], places, atol=ROUNDING, rtol=0)
+    data = assemble_mesh(DECKS / name, read_nastran(DECKS / name))
+    hexes = sum(len(places) == 8 for places in corners.values())
+    # one cube, two, or two with a pyramid on top
+    stacked = {0: 1.0, 1: 2.2, 2: 2.0}[hexes]
+    assert volume(data) == pytest.approx(stacked * CUBE, rel=1e-4)
+
+
+def test_the_default_system_of_grid_points_holds_where_they_name_none() -> None:
+    for name, alike in [("grdset.bdf", "cord2r.bdf"), ("grdset_zero.bdf", "cord2s.bdf")]:
+        corners, _ = read_cells(DECKS / name)
+        assert len(corners) == len(EXPECTED[alike]["corners"])
+        for number, places in EXPECTED[alike]["corners"].items():
+            assert np.allclose(corners[number], places, atol=ROUNDING, rtol=0)
+
+
+def test_lines_that_continue_a_card_are_found_by_their_mark(tmp_path: Path) -> None:
+    cell = f"{'CTETRA':<8}{1:>8}{1:>8}{1:>8}{2:>8}{3:>8}{4:>8}{6:>8}{7:>8}+T1\n"
+    grids = GRIDS + "GRID,6,,.5,0.,0.\nGRID,7,,.5,.5,0.\nGRID,8,,0.,.5,0.\n"
+    far = f"{'+T1':<8}{8:>8}\n"
+    for text in (cell + far + grids, cell + grids + far, far + grids + cell):
+        data = read_text(tmp_path / "part.bdf", "BEGIN BULK\n" + text + "ENDDATA\n")
+        assert data.kind == "tet10" and volume(data) == pytest.approx(1 / 6)
+
+
+@pytest.mark.parametrize(
+    ("cards", "words"),
+    [
+        ("INCLUDE 'rest.bdf'\n", "part.bdf:7: INCLUDE is not supported"),
+        ("CTETRA,1,1,1,2,3,9\n", "part.bdf:7: CTETRA 1: node 9 is used but not defined"),
+        ("CTETRA,1,1,1,2,3\n", "part.bdf:7: CTETRA 1 needs 4 corners"),
+        ("CTETRA,1,1,1,2,3,4,5,5,5,5,5,5\n", "part.bdf:7: 12 fields behind the first"),
+        ("CTETRA,1,1,1,2,3,x\n", "part.bdf:7: CTETRA: field 7 is 'x', which is no whole number"),
+        ("GRID,6,,1.x,0.,0.\nCTETRA,1,1,1,2,3,6\n", "part.bdf:7: GRID: field 4 is '1.x'"),
+        ("GRID,1,,9.,0.,0.\n", "part.bdf:7: grid point 1 is defined twice"),
+        ("GRID,6,7,1.,0.,0.\n", "coordinate system 7 is used but not defined"),
+        ("GRID,6,7,1.,0.,0.\nCORD1R,7,6,1,2\n", "coordinate system 7 refers to itself"),
+        ("GRID,6,7,1.,0.,0.\nCORD2R,7,0,0.,0.,0.,0.,0.,1.\n+,0.,0.,2.\n", "lie on one line"),
+        ("CIHEX1,1,1,1,2,3,4,5,1\n+,2,3\n", "part.bdf:7: CIHEX1 is not known"),
+        ("=,*(1),=\n", "part.bdf:7: cards that repeat the one before"),
+        ("BEGIN BULK SUPER=2\n", "several bulk data sections"),
+        ("CTETRA,1,1,1,2,3,4\nCTETRA,1,1,1,2,3,5\n", "element 1 is defined twice"),
+    ],
+)
+def test_what_cannot_be_read_is_named_with_its_line(tmp_path: Path, cards: str, words: str) -> None:
+    with pytest.raises(MeshError, match=words.replace("'", ".")):
+        read_text(tmp_path / "part.bdf", "BEGIN BULK\n" + GRIDS + cards + "ENDDATA\n")
+
+
+def test_two_properties_are_one_part_only_where_their_materials_are_equal(tmp_path: Path) -> None:
+    cells = (
+        "CTETRA,1,1,1,2,3,4\nCTETRA,2,2,2,5,3,4\nPSOLID,1,1\nPSOLID,2,2\nMAT1,1,2.1+5,,.3,7.85-9\n"
+    )
+    text = "BEGIN BULK\n" + GRIDS + cells + "MAT1,2,{},,.3,7.85-9\nENDDATA\n"
+    data = read_text(tmp_path / "part.bdf", text.format("210000."))
+    assert len(data.cells) == 2 and not data.remarks
+    with pytest.raises(
+        MeshError, match=r"2 materials: property_1 .*E = 210000.*property_2 .*E = 70000"
+    ):
+        read_text(tmp_path / "part.bdf", text.format("7.+4"))
+    raw = read_nastran(tmp_path / "part.bdf")
+    chosen = assemble_mesh(tmp_path / "part.bdf", raw, "property_1")
+    assert volume(chosen) == pytest.approx(1 / 6)
+    assert len(chosen.facets["cut"]) == 1
+    assert len(assemble_mesh(tmp_path / "part.bdf", raw, "*").cells) == 2

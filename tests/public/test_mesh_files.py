@@ -1,0 +1,425 @@
+"""Meshes of other programs: every legal form gives the mass and the frequency of the part, and what is no
+one part is refused by name, never counted twice and never fatal.
+"""
+
+import itertools
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import h5py
+import netCDF4
+import numpy as np
+import pytest
+
+import headstock as hs
+
+RHO = 7850.0
+LENGTH, WIDTH, CELLS = 200.0, 20.0, 5  # of a bar in millimetres, and its cells
+MASS = RHO * LENGTH * WIDTH**2 * 1e-9
+CORNERS = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
+WEDGES = [(0, 1, 2, 4, 5, 6), (0, 2, 3, 4, 6, 7)]
+# middles as Abaqus lists them
+HEX_EDGES = [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4)]
+HEX_EDGES += [(0, 4), (1, 5), (2, 6), (3, 7)]
+WEDGE_EDGES = [(0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)]
+SCENE = """
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.bar]
+solid = { mesh = "FILE", unit = "1 mm"MORE }
+material = "steel"
+fidelity = "FIDELITY"
+mesh = { allow_locking = true }
+interfaces = { foot = { face = "FOOT" }, head = { face = "HEAD" } }
+[joints.clamp]
+between = ["ground", "bar.foot"]
+JOINT
+[points]
+head = { tool = "bar.head", work = "ground" }
+[analyses.modal]
+count = 2
+"""
+SPRING = """kind = "spring"
+stiffness = { x = "1 N/um", y = "1 N/um", z = "1 N/um", rx = "1 N m/mrad", ry = "1 N m/mrad", rz = "1 N m/mrad" }
+"""
+STEEL = "*Material, name=Steel\n*Density\n 7.85e-09,\n*Elastic\n210000., 0.3\n"
+
+
+def write_scene(
+    path: Path, mesh: str, *, fidelity: str, ends: Sequence[str], more: str = ""
+) -> Path:
+    joint = 'kind = "rigid"' if fidelity == "elastic" else SPRING
+    text = SCENE
+    words = {"FILE": mesh, "FIDELITY": fidelity, "MORE": more, "JOINT": joint}
+    for key, value in (words | {"FOOT": ends[0], "HEAD": ends[1]}).items():
+        text = text.replace(key, value)
+    path.write_text(text)
+    return path
+
+
+class Bar:
+    """A bar along z, in cells one upon the other, as Abaqus numbers them."""
+
+    def __init__(self, *, wedges: bool = False, cells: int = CELLS) -> None:
+        self.points: list[tuple[float, ...]] = []
+        self.rows: dict[tuple[float, ...], int] = {}
+        edges, families = (WEDGE_EDGES, WEDGES) if wedges else (HEX_EDGES, [tuple(range(8))])
+        self.cells = []
+        for layer, family in itertools.product(range(cells), families):
+            corners = [self.place(layer, corner) for corner in family]
+            middles = [tuple(np.mean([corners[a], corners[b]], axis=0)) for a, b in edges]
+            self.cells.append([self.row(place) for place in [*corners, *middles]])
+
+    def place(self, layer: int, corner: int) -> tuple[float, ...]:
+        x, y, z = CORNERS[corner]
+        return x * WIDTH, y * WIDTH, (layer + z) * LENGTH / CELLS
+
+    def row(self, place: tuple[float, ...]) -> int:
+        if place not in self.rows:
+            self.rows[place] = len(self.points) + 1
+            self.points.append(place)
+        return self.rows[place]
+
+    def nodes(self) -> str:
+        return "".join(f"{n}, {x}, {y}, {z}\n" for n, (x, y, z) in enumerate(self.points, 1))
+
+    def elements(self, first: int = 1) -> str:
+        return "".join(
+            f"{number}, {', '.join(map(str, cell[:9]))},\n {', '.join(map(str, cell[9:]))}\n"
+            for number, cell in enumerate(self.cells, first)
+        )
+
+    def at(self, height: float) -> str:
+        return ", ".join(str(n) for n, place in enumerate(self.points, 1) if place[2] == height)
+
+    def sets(self) -> str:
+        foot, head = (self.at(height).split(", ") for height in (0.0, LENGTH))
+        lines = []
+        for name, members in (("FOOT", foot), ("HEAD", head)):
+            lines += [
+                f"*NSET, NSET={name}",
+                *(", ".join(members[i : i + 8]) for i in range(0, 9, 8)),
+            ]
+        return "\n".join(lines) + "\n"
+
+
+def flat(bar: Bar, kind: str) -> str:
+    return f"*NODE\n{bar.nodes()}*ELEMENT, TYPE={kind}, ELSET=BAR\n{bar.elements()}{bar.sets()}"
+
+
+def run(
+    folder: Path,
+    name: str,
+    text: str,
+    *,
+    fidelity: str = "elastic",
+    more: str = "",
+    ends: Sequence[str] = ("set:FOOT", "set:HEAD"),
+) -> hs.Results:
+    (folder / name).write_text(text)
+    return hs.run(write_scene(folder / "bar.toml", name, fidelity=fidelity, ends=ends, more=more))
+
+
+def refuse(folder: Path, name: str, text: str, *, more: str = "") -> str:
+    with pytest.raises(hs.HeadstockError) as error:
+        run(folder, name, text, fidelity="rigid", more=more, ends=("z-", "z+"))
+    return " ".join(str(error.value).split())
+
+
+def first_hz(result: hs.Results) -> float:
+    return float(result.modal[0].frequencies_hz[0])
+
+
+@pytest.fixture(scope="module")
+def straight_hz(tmp_path_factory: pytest.TempPathFactory) -> float:
+    return first_hz(run(tmp_path_factory.mktemp("flat"), "bar.inp", flat(Bar(), "C3D20R")))
+
+
+def cae(bar: Bar, kind: str, *, moves: str = "", extra: str = "", independent: bool = False) -> str:
+    """A deck as Abaqus/CAE writes it, of one part in one instance."""
+    mesh = f"*Node\n{bar.nodes()}*Element, type={kind}\n{bar.elements()}"
+    mesh += f"*Elset, elset=all, internal, generate\n 1, {len(bar.cells)}, 1\n"
+    mesh += "*Solid Section, elset=all, material=Steel\n,\n"
+    part, instance = ("", mesh) if independent else (mesh, "")
+    sets = bar.sets().replace("NSET=", "nset=").replace("FOOT", "Foot, instance=Bar-1")
+    sets = sets.replace("HEAD", "Head, instance=Bar-1")
+    return (
+        f"*Heading\n** Job name: Job-1 Model name: Model-1\n*Part, name=Bar\n{part}*End Part\n"
+        f"**\n*Assembly, name=Assembly\n**\n*Instance, name=Bar-1, part=Bar\n{moves}{instance}*End Instance\n"
+        f"**\n{extra}{sets}*End Assembly\n{STEEL}*Step, name=Step-1\n*Frequency\n10,\n*End Step\n"
+    )
+
+
+@pytest.mark.parametrize("independent", [False, True])
+def test_a_deck_of_cae_moved_and_turned_is_the_same_bar(
+    tmp_path: Path, straight_hz: float, independent: bool
+) -> None:
+    moves = " 300., -40., 7.\n 300., -40., 7., 301., -40., 8., 90.\n"
+    extra = (
+        "*Node\n 1, 0., 0., 500.\n*Element, type=MASS, elset=m\n1, 1\n*Mass, elset=m\n2.,\n"
+        "*Element, type=CONN3D2\n 2, 1, Bar-1.5\n*Element, type=B31\n3, Bar-1.5, Bar-1.6\n4, 1, Bar-1.7\n"
+    )
+    text = cae(Bar(), "C3D20", moves=moves, extra=extra, independent=independent)
+    result = run(tmp_path, "bar.inp", text)
+    assert result.components["bar"].mass_kg == pytest.approx(MASS, rel=1e-9)
+    assert first_hz(result) == pytest.approx(straight_hz, rel=1e-6)
+    said = [warning for warning in result.warnings if "left out" in warning]
+    assert len(said) == 1
+    assert "1 MASS, 1 CONN3D2, 2 B31; taken are 5 solid cells" in said[0]
+
+
+def test_wedges_are_cut_into_tets_of_the_same_part(tmp_path: Path, straight_hz: float) -> None:
+    result = run(tmp_path, "bar.inp", flat(Bar(wedges=True), "C3D15"))
+    assert result.components["bar"].mass_kg == pytest.approx(MASS, rel=1e-9)
+    # single tets through the section are stiffer than the hexes
+    assert first_hz(result) == pytest.approx(straight_hz, rel=0.02)
+    assert "10 wedges cut into 30 second-order tets" in " ".join(result.warnings)
+
+
+def test_short_lines_numbers_with_d_and_continued_keywords_are_read(tmp_path: Path) -> None:
+    bar = Bar()
+    short = "".join(
+        f"{n}" + (f", {x / 10:.4f}D1" if x or y or z else ",")
+        + (f", {y / 10:.4f}d+01" if y or z else "") + (f", {z}" if z else "") + "\n"
+        for n, (x, y, z) in enumerate(bar.points, 1)
+    )  # fmt: skip
+    head = "** a comment\n*Heading\n bar, with a comma,\n*nOde,\n nset = All\n"
+    text = f"{head}{short}*Element,\n Type=c3d20rh,\n elset=bar\n{bar.elements()}{bar.sets()}"
+    result = run(tmp_path, "bar.inp", text, fidelity="rigid")
+    assert result.components["bar"].mass_kg == pytest.approx(MASS, rel=1e-9)
+
+
+def test_a_nastran_deck_in_a_turned_cylindrical_system_is_the_same_bar(
+    tmp_path: Path, straight_hz: float
+) -> None:
+    bar = Bar()
+    # the third axis of the system is x of the bar, the first its z
+    lines = [
+        "sol 103",
+        "cend",
+        "begin bulk",
+        "cord2c,3,,0.,0.,0.,1.,0.,0.",
+        ",0.,0.,1.",
+        "grdset,,3",
+    ]
+    for number, (x, y, z) in enumerate(bar.points, 1):
+        # x, y, z of the system are z, -y and x of the bar
+        radius, angle = np.hypot(z, y), np.degrees(np.arctan2(-y, z))
+        lines.append(f"grid,{number},,{radius:.12g},{angle:.14g},{x:.12g} $ node")
+    order = [*range(12), 16, 17, 18, 19, 12, 13, 14, 15]
+    for number, cell in enumerate(bar.cells, 1):
+        words = [str(cell[place]) for place in order]
+        lines += [f"chexa   {number:>8}{1:>8}" + "".join(f"{word:>8}" for word in words[:6])]
+        lines += [f"{'':8}" + "".join(f"{word:>8}" for word in words[6:14])]
+        lines += [f"{'':8}" + "".join(f"{word:>8}" for word in words[14:])]
+    for number, height in ((1, 0.0), (2, LENGTH)):
+        lines += [f"spc1,{number},123456," + ",".join(bar.at(height).split(", ")[:6]) + ",+"]
+        lines += ["+," + ",".join(bar.at(height).split(", ")[6:])]
+    lines += ["conm2,90,1,,3.", "pshell,2,1,1.", "cquad4,91,2,1,2,3,4", "rbe2,92,1,123456,2,3"]
+    ends = ("set:spc_1", "set:spc_2")
+    result = run(tmp_path, "bar.bdf", "\n".join(lines) + "\n", ends=ends)
+    assert result.components["bar"].mass_kg == pytest.approx(MASS, rel=1e-9)
+    assert first_hz(result) == pytest.approx(straight_hz, rel=1e-6)
+    said = " ".join(result.warnings)
+    assert "1 CONM2, 1 RBE2, 1 CQUAD4; taken are 5 solid cells" in said
+
+
+def two_sections(bar: Bar, stiffness: str) -> str:
+    return (
+        flat(bar, "C3D20R")
+        + "*ELSET, ELSET=LOW, GENERATE\n1, 2\n*ELSET, ELSET=UP\n3, 4, 5\n"
+        + "*SOLID SECTION, ELSET=LOW, MATERIAL=Steel\n\n*SOLID SECTION, ELSET=UP, MATERIAL=Other\n\n"
+        + STEEL
+        + f"*MATERIAL, NAME=OTHER\n*ELASTIC\n{stiffness}, 0.3\n*DENSITY\n7.85D-9\n"
+    )
+
+
+def test_two_materials_of_a_file_are_named_and_taken_apart(tmp_path: Path) -> None:
+    said = refuse(tmp_path, "bar.inp", two_sections(Bar(), "70000."))
+    assert "2 materials: LOW (Steel, E = 210000" in said and "UP (Other, E = 70000" in said
+    assert 'solid = "NAME"' in said and 'solid = "*"' in said
+    for chosen, share in (("LOW", 0.4), ("up", 0.6), ("*", 1.0)):
+        result = run(
+            tmp_path, "bar.inp", two_sections(Bar(), "70000."), fidelity="rigid",
+            more=f', solid = "{chosen}"', ends=("z-", "set:cut" if share < 1.0 else "z+"),
+        )  # fmt: skip
+        assert result.components["bar"].mass_kg == pytest.approx(share * MASS, rel=1e-9)
+    equal = run(tmp_path, "bar.inp", two_sections(Bar(), "2.1E5"), fidelity="rigid")
+    assert equal.components["bar"].mass_kg == pytest.approx(MASS, rel=1e-9)
+    assert "LOW" not in " ".join(equal.warnings)
+    missing = refuse(tmp_path, "bar.inp", two_sections(Bar(), "1."), more=', solid = "MIDDLE"')
+    assert "no set of solid cells called 'MIDDLE'; available: BAR, LOW, UP" in missing
+
+
+def instances(*, apart: bool, tie: bool) -> str:
+    """Two instances of one part, the second one upon the first."""
+    bar = Bar(cells=1)
+    height = LENGTH / CELLS
+    part = f"*Part, name=P\n*Node\n{bar.nodes()}*Element, type=C3D20\n{bar.elements()}*End Part\n"
+    faces = (
+        "*Elset, elset=_up, internal, instance=A\n1,\n*Surface, type=ELEMENT, name=up\n_up, S2\n"
+    )
+    faces += (
+        "*Elset, elset=_on, internal, instance=B\n1,\n*Surface, type=ELEMENT, name=on\n_on, S1\n"
+    )
+    return (
+        part + "*Assembly, name=All\n*Instance, name=A, part=P\n*End Instance\n"
+        f"*Instance, name=B, part=P\n{5.0 if apart else 0.0}, 0., {height}\n*End Instance\n{faces}"
+        + ("*Tie, name=T, adjust=yes\non, up\n" if tie else "")
+        + "*End Assembly\n"
+    )
+
+
+def test_instances_are_one_part_where_they_are_tied_node_to_node(tmp_path: Path) -> None:
+    ends = ("z-", "z+")
+    both = run(tmp_path, "a.inp", instances(apart=False, tie=True), fidelity="rigid", ends=ends)
+    assert both.components["bar"].mass_kg == pytest.approx(2 * MASS / CELLS, rel=1e-9)
+    for apart, tie in ((True, True), (False, False)):
+        said = refuse(tmp_path, "a.inp", instances(apart=apart, tie=tie))
+        assert "falls into 2 parts that share no node" in said and '"A", "B"' in said
+    one = run(
+        tmp_path, "a.inp", instances(apart=True, tie=True), fidelity="rigid", more=', solid = "B"',
+        ends=ends,
+    )  # fmt: skip
+    assert one.components["bar"].mass_kg == pytest.approx(MASS / CELLS, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("added", "words"),
+    [
+        ("6, 5, 6, 7, 8, 1, 2, 3, 4\n", "holds 1 of its 6 solid cells twice"),
+        ("6, 5, 6, 7, 8, 91, 92, 93, 94\n", "faces belong to more than two cells"),
+        ("6, 107, 2, 3, 4, 108, 6, 7, 8\n", "1 pairs of cells overlap (elements 2 and 6)"),
+        ("6, 91, 92, 93, 94, 95, 96, 97, 98\n", "falls into 2 parts that share no node"),
+        ("6, 3, 101, 102, 103, 7, 104, 105, 106\n", "meet in single nodes or edges only"),
+    ],
+)
+def test_cells_that_are_no_one_solid_are_dropped_or_named(
+    tmp_path: Path, added: str, words: str
+) -> None:
+    bar = Bar()
+    eight = [cell[:8] for cell in bar.cells]
+    lines = [f"{n}, {', '.join(map(str, cell))}\n" for n, cell in enumerate(eight, 1)]
+    # by the numbers of the corners of the second cell
+    names = dict(zip("12345678", map(str, eight[1]), strict=True))
+    row = ", ".join(names.get(word, word) for word in added.strip().split(", ")[1:])
+    new = [(2.0, 2.0), (18.0, 2.0), (18.0, 18.0), (2.0, 18.0)]
+    nodes = [f"{91 + n}, {x}, {y}, 60.0\n" for n, (x, y) in enumerate(new)]
+    nodes += [f"{95 + n}, {x}, {y}, 300.0\n" for n, (x, y) in enumerate(new)]
+    nodes += ["107, 4.0, 4.0, 40.0\n", "108, 4.0, 4.0, 80.0\n"]
+    far = [(40.0, 20.0), (40.0, 40.0), (20.0, 40.0)]
+    for height, first in ((40.0, 101), (80.0, 104)):
+        nodes += [f"{first + n}, {x}, {y}, {height}\n" for n, (x, y) in enumerate(far)]
+    text = f"*NODE\n{bar.nodes()}{''.join(nodes)}*ELEMENT, TYPE=C3D8\n{''.join(lines)}6, {row}\n"
+    if "twice" in words:
+        result = run(tmp_path, "bar.inp", text, fidelity="rigid", ends=("z-", "z+"))
+        assert result.components["bar"].mass_kg == pytest.approx(MASS, rel=1e-9)
+        assert words in " ".join(result.warnings)
+        return
+    said = refuse(tmp_path, "bar.inp", text)
+    assert words in said
+
+
+TETS = [(0, 1, 3, 4), (1, 2, 3, 6), (4, 6, 5, 1), (4, 7, 6, 3), (1, 3, 4, 6)]
+CUBE = [tuple(WIDTH * value for value in corner) for corner in CORNERS]
+
+
+def write_msh(path: Path, cells: Sequence[Sequence[int]]) -> None:
+    lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$Nodes", "8"]
+    lines += [f"{n} {x} {y} {z}" for n, (x, y, z) in enumerate(CUBE, 1)]
+    lines += ["$EndNodes", "$Elements", str(len(cells))]
+    rows = [" ".join(str(node + 1) for node in cell) for cell in cells]
+    lines += [f"{n} 4 2 {1 + (n > 3)} {1 + (n > 3)} {row}" for n, row in enumerate(rows, 1)]
+    path.write_text("\n".join([*lines, "$EndElements", ""]))
+
+
+def write_xdmf(path: Path, cells: Sequence[Sequence[int]]) -> None:
+    def numbers(values: Iterable[Iterable[float]]) -> str:
+        return " ".join(str(value) for row in values for value in row)
+
+    path.write_text(
+        '<Xdmf Version="3.0"><Domain><Grid><Geometry GeometryType="XYZ"><DataItem Dimensions="8 3" Format="XML" '
+        f'Precision="8">{numbers(CUBE)}</DataItem></Geometry><Topology TopologyType="Tetrahedron"><DataItem '
+        f'DataType="Int" Precision="8" Dimensions="{len(cells)} 4" Format="XML">{numbers(cells)}</DataItem>'
+        "</Topology></Grid></Domain></Xdmf>"
+    )
+
+
+def write_exodus(path: Path, cells: Sequence[Sequence[int]]) -> None:
+    with netCDF4.Dataset(path, "w") as file:
+        for name, size in {"nodes": 8, "four": 4, "low": 3, "up": len(cells) - 3}.items():
+            file.createDimension(name, size)
+        for axis, values in zip("xyz", np.array(CUBE).T, strict=True):
+            file.createVariable(f"coord{axis}", "f8", ("nodes",))[:] = values
+        for number, (size, rows) in enumerate((("low", cells[:3]), ("up", cells[3:])), 1):
+            block = file.createVariable(f"connect{number}", "i4", (size, "four"))
+            block.elem_type = "TETRA"
+            block[:] = np.array(rows) + 1
+
+
+def write_med(
+    path: Path, points: np.ndarray, cells: np.ndarray, code: str, tags: Sequence[int] = ()
+) -> None:
+    with h5py.File(path, "w") as file:
+        mesh = file.create_group("ENS_MAA/part")
+        mesh.attrs["ESP"] = mesh.attrs["DIM"] = 3
+        step = mesh.create_group("-0000000000000000001-0000000000000000001")
+        step["NOE/COO"] = points.T.ravel()
+        step[f"MAI/{code}/NOD"] = cells.T.ravel() + 1
+        if len(tags):
+            step[f"MAI/{code}/FAM"] = np.array(tags)
+        for number, name in ((-1, "low"), (-2, "up")):
+            family = file.create_group(f"FAS/part/ELEME/FAM{number}")
+            family.attrs["NUM"] = number
+            family["GRO/NOM"] = np.array([list(name.encode().ljust(80, b"\0"))], dtype=np.int8)
+
+
+@pytest.mark.parametrize("suffix", [".msh", ".xdmf", ".exo", ".med"])
+def test_repeated_cells_are_counted_once_in_every_format(tmp_path: Path, suffix: str) -> None:
+    cells = [*TETS, TETS[0], TETS[3]]
+    path = tmp_path / f"cube{suffix}"
+    if suffix == ".med":
+        write_med(path, np.array(CUBE), np.array(cells), "TE4", [-1, -1, -1, -2, -2, -1, -2])
+    else:
+        {".msh": write_msh, ".xdmf": write_xdmf, ".exo": write_exodus}[suffix](path, cells)
+    scene = tmp_path / "cube.toml"
+    result = hs.run(write_scene(scene, path.name, fidelity="rigid", ends=("z-", "z+")))
+    assert result.components["bar"].mass_kg == pytest.approx(RHO * (WIDTH * 1e-3) ** 3, rel=1e-9)
+    said = " ".join(result.warnings)
+    assert "holds 2 of its 7 solid cells twice" in said
+    # groups and blocks may be of different materials, which these formats do not tell
+    groups = {".exo": "block_1 (3 cells), block_2 (4 cells)", ".med": "low (4 cells), up (3 cells)"}
+    assert groups.get(suffix, "") in said
+
+
+def test_inverted_curved_tets_of_a_file_are_straightened_and_counted(tmp_path: Path) -> None:
+    points, cells = [*CUBE], []
+    rows: dict[frozenset[int], int] = {}
+    for tet in TETS:
+        own = list(tet)
+        for a, b in [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]:
+            key = frozenset((tet[a], tet[b]))
+            if key not in rows:
+                rows[key] = len(points)
+                points.append(tuple(np.mean([points[tet[a]], points[tet[b]]], axis=0)))
+            own.append(rows[key])
+        cells.append(own)
+    bent = np.array(points)
+    bent[rows[frozenset((0, 1))]] += [0.0, 0.6 * WIDTH, 0.6 * WIDTH]
+    write_med(tmp_path / "cube.med", bent, np.array(cells), "T10")
+    scene = tmp_path / "cube.toml"
+    result = hs.run(write_scene(scene, "cube.med", fidelity="elastic", ends=("z+", "x+")))
+    assert "of the 5 curved tets of cube.med were inverted" in " ".join(result.warnings)
+    assert result.components["bar"].quality.repaired == 1
+
+
+def test_the_face_of_one_hex_is_an_area(tmp_path: Path) -> None:
+    result = run(tmp_path, "bar.inp", flat(Bar(), "C3D20"))
+    assert not any("singular" in warning for warning in result.warnings)
+    (tmp_path / "part.inp").write_text(flat(Bar(), "C3D20") + "*NSET, NSET=SIDE\n1, 2, 5, 6\n")
+    ends = ("set:SIDE", "z+")
+    scene = write_scene(tmp_path / "part.toml", "part.inp", fidelity="elastic", ends=ends)
+    with pytest.raises(hs.HeadstockError, match="single facet of a larger face"):
+        hs.run(scene)
