@@ -5,10 +5,15 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from headstock.meshing.errors import MeshError
 
 # an XDMF file names its arrays as FILE.h5:/PATH
-_HDF5_NAME = re.compile(rb"([^<>:\"\n]{1,255}\.(?:h5|hdf5)):", re.IGNORECASE)
+_HDF5_ENDING = re.compile(rb"(\.(?:h5|hdf5)):", re.IGNORECASE)
+_HDF5_STEM = re.compile(rb"[^<>:\"\n]+\Z")
+LONGEST_NAME, MOST_FILES = 255, 100
 
 
 @dataclass(frozen=True)
@@ -20,18 +25,20 @@ class MeshFormat:
         suffixes: Endings of its files, lower case.
         worker: Module whose worker process reads it.
         written: ``export --mesh`` writes it.
+        lines: It is a text of lines, which no reader could take as one.
     """
 
     name: str
     suffixes: tuple[str, ...]
     worker: str
     written: bool = True
+    lines: bool = False
 
 
 MESH_FORMATS = (
     MeshFormat("gmsh", (".msh",), "headstock.meshing.cad.worker"),
-    MeshFormat("Abaqus", (".inp",), "headstock.meshing.files.foreign", written=False),
-    MeshFormat("Nastran", (".bdf", ".nas"), "headstock.meshing.files.foreign"),
+    MeshFormat("Abaqus", (".inp",), "headstock.meshing.files.foreign", written=False, lines=True),
+    MeshFormat("Nastran", (".bdf", ".nas"), "headstock.meshing.files.foreign", lines=True),
     MeshFormat("XDMF", (".xdmf", ".xmf"), "headstock.meshing.files.hdf5"),
     MeshFormat("MED", (".med",), "headstock.meshing.files.hdf5"),
     MeshFormat("Exodus", (".exo", ".e", ".ex2"), "headstock.meshing.files.exodus"),
@@ -57,16 +64,23 @@ def find_format(path: Path, *, written: bool = False) -> MeshFormat:
     raise MeshError(f"{path.name}: mesh files end in {endings}")
 
 
-def files_beside(path: Path) -> tuple[str, ...]:
-    """Names of the HDF5 files that an XDMF file reads its arrays from; none for other formats.
+def list_array_files(path: Path) -> dict[str, NDArray[np.str_]]:
+    """``names`` of the HDF5 files that an XDMF file reads its arrays from.
 
     Raises:
-        MeshError: It names one in another folder.
+        MeshError: It names one in another folder, or too many.
     """
-    if find_format(path).name != "XDMF" or not path.stat().st_size:
-        return ()
+    found: set[bytes] = set()
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as text:
-        found = {match.group(1).strip() for match in _HDF5_NAME.finditer(text)}
+        # the ending first: looking for whole names takes time quadratic in the length of lines
+        for match in _HDF5_ENDING.finditer(text):
+            before = text[max(0, match.start() - LONGEST_NAME) : match.start()]
+            stem = _HDF5_STEM.search(before)
+            found |= {(stem[0] + match[1]).strip()} if stem is not None else set()
+            if len(found) > MOST_FILES:
+                raise MeshError(
+                    f"{path.name} reads arrays from more than {MOST_FILES} files; write one"
+                )
     names = sorted(name.decode(errors="replace") for name in found)
     for name in names:
         if "/" in name or "\\" in name or not name.isprintable():
@@ -74,4 +88,4 @@ def files_beside(path: Path) -> tuple[str, ...]:
                 f"{path.name} reads arrays from {name!r}, which is not beside it; "
                 "put the HDF5 file into the same folder and name it without a path"
             )
-    return tuple(names)
+    return {"names": np.array(names, dtype=np.str_)}

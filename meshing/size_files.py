@@ -2,10 +2,14 @@
 meshes, too.
 """
 
+import math
 import re
+from array import array
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from headstock.geometry.parts.size_field import DECIMALS, DIGITS, SizeField
 from headstock.meshing.errors import MeshError
@@ -27,20 +31,21 @@ def encode_sizes(field: SizeField) -> bytes:
     return "\n".join(['View "element sizes [m]" {', *lines, "};", ""]).encode()
 
 
-def read_sizes(path: Path) -> SizeField:
-    """Sizes from a view of scalar tetrahedra, in metres.
+def parse_sizes(path: Path) -> dict[str, NDArray[Any]]:
+    """``points``, ``tets`` and ``sizes`` of a `SizeField` from a view of scalar tetrahedra, in metres.
 
     Raises:
         MeshError: The file holds no such view, or sizes that are not above zero.
     """
+    numbers = array("d")
     try:
-        found = _TET.findall(path.read_text(encoding="utf-8"))
-        rows = np.array(
-            [[*map(float, f"{places},{values}".split(","))] for places, values in found]
-        )
+        for match in _TET.finditer(path.read_text(encoding="utf-8")):
+            row = [*map(float, f"{match[1]},{match[2]}".split(","))]
+            numbers.extend(row if len(row) == VALUES else [math.nan] * VALUES)
     except (OSError, ValueError) as error:
         raise MeshError(f"{path.name} cannot be read: {error}") from error
-    if rows.ndim != 2 or rows.shape[1] != VALUES:
+    rows = np.array(numbers).reshape(-1, VALUES)
+    if not len(rows) or np.isnan(rows).all(axis=1).any():
         raise MeshError(
             f"{path.name} holds no view of scalar tetrahedra; write SS(x,y,z,...){{s1,s2,s3,s4}}; for each, in metres"
         )
@@ -50,4 +55,4 @@ def read_sizes(path: Path) -> SizeField:
     corners, first, tets = np.unique(
         rows[:, :12].reshape(-1, 3), axis=0, return_index=True, return_inverse=True
     )
-    return SizeField(corners, tets.reshape(-1, 4), sizes[first])
+    return {"points": corners, "tets": tets.reshape(-1, 4), "sizes": sizes[first]}

@@ -15,7 +15,7 @@ from headstock.pipeline.storage.content_keys import MESH_CODE, REDUCTION_ROOMS
 
 ROOT = Path(__file__).resolve().parent.parent
 # A layer imports from those before it; scene and reduction stand side by side, and of meshing a
-# scene sees the sizes only.
+# scene sees the sizes, and the process that reads files of strangers.
 LAYERS = (
     "geometry",
     "meshing",
@@ -175,7 +175,7 @@ def may_import(importer: tuple[str, str], imported: tuple[str, str]) -> bool:
     (layer, room), (other, other_room) = importer, imported
     if layer != other:
         if (layer, other) == ("scene", "meshing"):
-            return other_room == ""
+            return other_room in ("", "process")
         order = (*LAYERS, DOOR)
         return order.index(other) < order.index(layer) and (layer, other) not in APART
     if room == other_room:

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
@@ -20,6 +21,7 @@ from headstock.meshing.errors import MeshError
 from headstock.meshing.files.cells import guard_reader
 from headstock.meshing.files.raw_mesh import RawMesh, is_solid
 from headstock.meshing.process.job import MeshData, MeshJob
+from headstock.meshing.process.plain_hdf5 import plain_objects
 from headstock.meshing.process.worker import serve_job
 
 HAS_NETCDF = importlib.util.find_spec("netCDF4") is not None
@@ -65,6 +67,10 @@ def read_exodus(path: Path) -> RawMesh:
     """
     if not HAS_NETCDF:
         raise MeshError(f"{path.name}: {NO_NETCDF}")
+    if h5py.is_hdf5(path):  # netCDF-4; the earlier format knows neither links nor compression
+        with h5py.File(path, "r") as content:
+            for _ in plain_objects(content, MeshError):
+                pass
     with netCDF4.Dataset(str(path)) as file:
         file.set_auto_mask(False)
         variables = file.variables

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
+from xml.parsers import expat
 
 import h5py
 import numpy as np
@@ -19,6 +20,7 @@ from meshio.xdmf.common import xdmf_idx_to_meshio_type, xdmf_to_meshio_type
 from meshio.xdmf.main import XdmfReader
 from numpy.typing import NDArray
 
+from headstock.geometry.errors import printable
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.solids import MeshFile
 from headstock.meshing.component_mesh import IntArray
@@ -26,6 +28,7 @@ from headstock.meshing.errors import MeshError
 from headstock.meshing.files.cells import guard_reader
 from headstock.meshing.files.raw_mesh import MESHIO_FACETS, RawMesh, is_solid
 from headstock.meshing.process.job import MeshData, MeshJob
+from headstock.meshing.process.plain_hdf5 import plain_objects, require_own_data
 from headstock.meshing.process.worker import serve_job
 
 MED_NAME_BYTES = 80
@@ -102,8 +105,9 @@ def read_plain(group: h5py.Group, place: str) -> AnyArray:
         if kind is not h5py.HardLink:
             raise MeshError(f"{place} is a link to another place, which is not followed")
         group = group[name]
-    if not isinstance(group, h5py.Dataset) or group.external or group.is_virtual:
+    if not isinstance(group, h5py.Dataset):
         raise MeshError(f"{place} is no array of this file")
+    require_own_data(group, printable(place), MeshError)
     return np.asarray(group[()])
 
 
@@ -122,11 +126,10 @@ def read_xdmf(path: Path, beside: Sequence[Path]) -> RawMesh:
         MeshError: The file holds cells that are not read, or reaches for other files.
     """
     text = path.read_bytes()
-    if b"<!ENTITY" in text:
-        raise MeshError(f"{path.name} defines entities, which are not expanded; export it again")
     try:
+        _refuse_entities(text, path.name)
         root = ElementTree.fromstring(text)
-    except ElementTree.ParseError as error:
+    except (ElementTree.ParseError, expat.ExpatError) as error:
         raise MeshError(f"{path.name} is no XML, or is cut short: {error}") from error
     if root.tag != "Xdmf":
         raise MeshError(f"{path.name} is no XDMF file: it begins with {root.tag[:80]!r}")
@@ -161,6 +164,17 @@ def read_xdmf(path: Path, beside: Sequence[Path]) -> RawMesh:
             blocks = [(kind, _renumber(places, nodes)) for kind, nodes in blocks]
         _add_tags(reader, grid, blocks, raw, [])
     return raw
+
+
+def _refuse_entities(text: bytes, name: str) -> None:
+    """Refuse entities, in whatever encoding they are written."""
+
+    def refuse(*_: object) -> None:
+        raise MeshError(f"{name} defines entities, which are not expanded; export it again")
+
+    parser = expat.ParserCreate()
+    parser.EntityDeclHandler = refuse
+    parser.Parse(text, True)
 
 
 def _find_cells(raw: RawMesh, kind: str, nodes: IntArray) -> IntArray:
@@ -296,6 +310,8 @@ def read_med(path: Path) -> RawMesh:
         MeshError: The file holds no or several meshes, or cells that are not read.
     """
     with h5py.File(path, "r") as file:
+        for _ in plain_objects(file, MeshError, ("ENS_MAA", "FAS")):
+            pass  # what is refused is refused before anything is read
         meshes = file.get("ENS_MAA")
         if not isinstance(meshes, h5py.Group) or len(meshes) != 1:
             raise MeshError(

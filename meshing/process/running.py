@@ -12,6 +12,7 @@ from headstock.meshing.errors import MeshError, MeshQualityError, PartFileError,
 from headstock.meshing.formats import find_format
 from headstock.meshing.process.isolation import WorkerEnd, WorkerLimits, run_isolated
 from headstock.meshing.process.job import MeshData, MeshJob, format_job, read_data
+from headstock.meshing.process.strangers import PART, require_size
 from headstock.meshing.process.worker import BAD_FILE, BAD_MESH, BAD_PATCH, REFUSED
 
 # what answers in the worker: `perform_job` there, which calls `mesh_shape` of meshing/cad/meshing.py
@@ -25,6 +26,7 @@ READING_FACTOR = 100
 READING_SECONDS = 8
 READING_SECONDS_PER_MB = 1.0
 WALL_FACTOR = 4.0
+LONGEST_LINE = 1_000_000
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
@@ -58,11 +60,16 @@ def run_job(
                 if path.exists()
                 else f"{what}: there is no file {path}"
             )
+        try:
+            require_size(path, PART, PartFileError)
+            if job.task == "file":
+                form = find_format(path)
+                worker = form.worker
+                if form.lines:
+                    _require_lines(path)
+        except MeshError as error:
+            raise type(error)(f"{what}: {error}") from error
         if job.task == "file":
-            try:
-                worker = find_format(path).worker
-            except MeshError as error:
-                raise MeshError(f"{what}: {error}") from error
             if isinstance(job.solid, MeshFile):
                 readable += job.solid.beside
             limits = _limit_reading(limits, readable)
@@ -75,6 +82,16 @@ def run_job(
             result.seek(0)
             return read_data(result)
         raise _failure(end, job, what)
+
+
+def _require_lines(path: Path) -> None:
+    """Refuse what is no text of lines before a reader takes all of it as one."""
+    with path.open("rb") as file:
+        start = file.read(LONGEST_LINE)
+    if b"\0" in start or (len(start) == LONGEST_LINE and b"\n" not in start):
+        raise PartFileError(
+            f"{path.name} is no text: its first megabyte has zero bytes, or no end of a line; export it again"
+        )
 
 
 def _limit_reading(limits: WorkerLimits, readable: Sequence[Path]) -> WorkerLimits:

@@ -32,7 +32,8 @@ from headstock.geometry.parts.components import (
 )
 from headstock.geometry.parts.skins import Skin
 from headstock.geometry.parts.solids import MeshFile, Solid, StepFile, SuperelementFile
-from headstock.meshing.formats import MESH_SUFFIXES, files_beside
+from headstock.meshing.formats import MESH_SUFFIXES
+from headstock.meshing.process.strangers import files_beside
 from headstock.pipeline.storage.json_texts import JsonValue
 from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.keys import find_keys, split_key, value_at

@@ -19,20 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.errors import HeadstockError, printable
+from headstock.meshing.process.plain_hdf5 import plain_objects
 from headstock.reduction.superelement import STORED_AS
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-# a small file can declare a data set of any size: what is not small must be there, or compressed by
-# no more than this
-SMALL_ARRAY = 64 << 20
-LARGEST_EXPANSION = 100
 NO_WORDS = "S1"
-MOST_OBJECTS = 100_000
-MOST_AXES = 8
 LARGEST_ITEM = 1 << 20  # bytes of a number or a word; the longest is the text of a scene
-PLAIN_FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32}
 
 
 class RecordError(HeadstockError):
@@ -43,9 +37,7 @@ def require_plain(file: h5py.File, *, attribute_axes: int = 0) -> None:
     """Refuse a file of which anything is not in the file itself or of a kind that records do not
     hold, before a value is read.
 
-    External storage, virtual data sets and links to other files would show what is in other files;
-    soft links and filters from plug-ins have no place in a record either. Nothing but heads of
-    objects is looked at.
+    Nothing but heads of objects is looked at.
 
     Args:
         file: As it was opened.
@@ -54,50 +46,15 @@ def require_plain(file: h5py.File, *, attribute_axes: int = 0) -> None:
     Raises:
         RecordError: Names the first such thing.
     """
-    seen: set[int] = set()
-    waiting: list[h5py.Group] = [file]
-    while waiting:
-        group = waiting.pop()
-        _require_plain_attributes(group, attribute_axes)
-        for name in group:
-            where = printable(f"{group.name.rstrip('/')}/{name}")
-            if not isinstance(group.get(name, getlink=True), h5py.HardLink):
-                raise RecordError(f"{where} is a link; a record file holds all of itself")
-            item = group[name]
-            address = h5py.h5o.get_info(item.id).addr
-            if address in seen or len(seen) >= MOST_OBJECTS:
-                raise RecordError(
-                    f"{where} is there twice, or the file holds more than {MOST_OBJECTS} objects"
-                )
-            seen.add(address)
-            if isinstance(item, h5py.Group):
-                waiting.append(item)
-            elif isinstance(item, h5py.Dataset):
-                _require_plain_attributes(item, attribute_axes)
-                _require_plain_dataset(item, where)
-            else:
-                raise RecordError(f"{where} is neither a group nor a data set")
-
-
-def _require_plain_dataset(item: h5py.Dataset, where: str) -> None:
-    settings = item.id.get_create_plist()
-    if settings.get_external_count() or item.is_virtual:
-        raise RecordError(
-            f"{where} takes its values from other files; a record file holds all of itself"
-        )
-    filters = {settings.get_filter(number)[0] for number in range(settings.get_nfilters())}
-    if not filters <= PLAIN_FILTERS:
-        raise RecordError(
-            f"{where} is packed by filters {sorted(filters)}; gzip, shuffle and checksums are known"
-        )
-    if (
-        item.dtype.kind not in "iufcS"
-        or item.dtype.itemsize > LARGEST_ITEM
-        or len(item.shape or ()) > MOST_AXES
-    ):
-        raise RecordError(
-            f"{where} holds values of type {printable(str(item.dtype))[:60]}; numbers and plain words are known"
-        )
+    _require_plain_attributes(file, attribute_axes)
+    for where, item in plain_objects(file, RecordError):
+        _require_plain_attributes(item, attribute_axes)
+        if isinstance(item, h5py.Dataset) and (
+            item.dtype.kind not in "iufcS" or item.dtype.itemsize > LARGEST_ITEM
+        ):
+            raise RecordError(
+                f"{where} holds values of type {printable(str(item.dtype))[:60]}; numbers and plain words are known"
+            )
 
 
 def _require_plain_attributes(item: h5py.Group | h5py.Dataset, most_axes: int) -> None:
@@ -236,13 +193,6 @@ def _dataset(group: h5py.Group, name: str, where: str) -> h5py.Dataset:
     inner = group.get(name)
     if not isinstance(inner, h5py.Dataset):
         raise RecordError(f"{where} must be a data set")
-    if inner.size is None:
-        raise RecordError(f"{where} has no shape")
-    wanted, stored = inner.size * max(inner.dtype.itemsize, 8), inner.id.get_storage_size()
-    if wanted > max(SMALL_ARRAY, LARGEST_EXPANSION * stored):
-        raise RecordError(
-            f"{where} claims {inner.size} values of {inner.dtype}, but the file holds {stored} bytes of them"
-        )
     return inner
 
 

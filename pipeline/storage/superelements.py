@@ -19,6 +19,7 @@ from headstock.geometry.errors import printable
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.carriages import DEGREE
 from headstock.meshing.process.isolation import WorkerLimits, accept_limits, run_isolated
+from headstock.meshing.process.strangers import PART, require_size
 from headstock.pipeline.storage.outputs import write_output
 from headstock.pipeline.storage.provenance import Provenance
 from headstock.pipeline.storage.records import (
@@ -42,7 +43,7 @@ MEMORY_BYTES = 768 << 20
 MEMORY_FACTOR = 20
 SECONDS = 8
 LONGEST_NAME = 200
-LARGEST_FILE = 4 << 30
+HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 MARKUP = set("<>&\"'`\\")
 CONSISTENCY = 1e-6  # relative, between numbers that say the same
 # a process that waits uses no processor time; a busy machine gives one little of it
@@ -81,13 +82,11 @@ def read_superelement(path: Path) -> Superelement:
         RecordError: The file is no superelement file, is damaged, or its arrays contradict each
             other.
     """
-    if path.exists() and not path.is_file():
-        raise RecordError(f"{path} cannot be read: it is no regular file")
+    require_size(path, PART, RecordError)
     try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise RecordError(
-                f"{path} is no superelement file: it has more than {LARGEST_FILE >> 30} GiB"
-            )
+        with path.open("rb") as file:
+            if file.read(len(HDF5_SIGNATURE)) != HDF5_SIGNATURE:
+                raise RecordError(f"{path} cannot be read: it is no HDF5 file")
         # once: what the worker finds sound is what is read, whoever writes to the file meanwhile
         content = path.read_bytes()
         _probe(content, path.name)

@@ -40,9 +40,10 @@ from headstock.geometry.parts.solids import (
     Tube,
 )
 from headstock.meshing.errors import MeshError
-from headstock.meshing.formats import MESH_SUFFIXES, files_beside
+from headstock.meshing.formats import MESH_SUFFIXES
+from headstock.meshing.process.strangers import ELEMENT_SIZES, files_beside, read_apart
 from headstock.meshing.size_files import SUFFIX as SIZES_SUFFIX
-from headstock.meshing.size_files import read_sizes
+from headstock.meshing.size_files import parse_sizes
 from headstock.meshing.sizing import (
     PATCH_CELLS,
     count_patch_cells,
@@ -138,7 +139,8 @@ def build_sizes(table: MeshTable, folder: Path) -> SizeField | None:
     if table.sizes is None:
         return None
     try:
-        return read_sizes(resolve_file(folder, table.sizes, (SIZES_SUFFIX,)))
+        path = resolve_file(folder, table.sizes, (SIZES_SUFFIX,), ELEMENT_SIZES)
+        return SizeField(**read_apart(path, ELEMENT_SIZES, parse_sizes, error=MeshError))
     except MeshError as error:
         raise ValueError(str(error)) from error
 

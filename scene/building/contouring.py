@@ -10,6 +10,7 @@ from headstock.geometry.machine.carriages import find_overhangs
 from headstock.geometry.machine.machine import Pose, find_limit_fault
 from headstock.geometry.machine.tool_travel import find_tool_travel
 from headstock.geometry.mechanisms.exechon import LENGTHS
+from headstock.meshing.process.strangers import CORNERS, RECORD, FileKind
 from headstock.scene.building.cutting import build_cut, part_side
 from headstock.scene.building.draft import Draft, check_name
 from headstock.scene.building.drives import FRICTION
@@ -78,8 +79,8 @@ def build_contouring(
     )
 
 
-def _find_file(folder: Path, name: str | None) -> Path | None:
-    return None if name is None else resolve_file(folder, name, FORCE_SUFFIXES)
+def _find_file(folder: Path, name: str | None, kind: FileKind = RECORD) -> Path | None:
+    return None if name is None else resolve_file(folder, name, FORCE_SUFFIXES, kind)
 
 
 def _build_contour(table: ContouringTable, folder: Path) -> SquareContour | PolylineContour:
@@ -101,7 +102,7 @@ def _build_contour(table: ContouringTable, folder: Path) -> SquareContour | Poly
             window=table.averaging,
             part=part,
         )
-    path, feeds = _find_file(folder, table.polyline_file), None
+    path, feeds = _find_file(folder, table.polyline_file, CORNERS), None
     if path is None:
         corners = np.array(table.polyline, dtype=float)
     else:

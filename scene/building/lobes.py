@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from headstock.meshing.process.strangers import RECEPTANCES
 from headstock.scene.building.cutting import build_mill, part_side, resolve_material
 from headstock.scene.building.draft import Draft, check_name, check_pose_names
 from headstock.scene.building.path import build_path
@@ -53,7 +54,7 @@ def build_lobes(scene: SceneTable, poses: tuple[str, ...], folder: Path) -> Lobe
         tool_modes=tuple(build_tool_mode(mode, table.up) for mode in table.tool_modes),
         tool_receptance=None
         if table.tool_receptance is None
-        else resolve_file(folder, table.tool_receptance, SUFFIXES),
+        else resolve_file(folder, table.tool_receptance, SUFFIXES, RECEPTANCES),
         checked=table.checked,
         low_immersion=table.low_immersion,
         poses=tuple(table.poses or poses),
@@ -118,7 +119,7 @@ def check_lobes(draft: Draft, findings: Findings) -> None:
             )
     if table.tool_receptance is not None:
         try:
-            resolve_file(draft.folder, table.tool_receptance, SUFFIXES)
+            resolve_file(draft.folder, table.tool_receptance, SUFFIXES, RECEPTANCES)
         except ValueError as error:
             findings.add((*KEY, "tool_receptance"), str(error))
     if scene.effects.get("damping", False) is False:

@@ -12,6 +12,7 @@ import numpy as np
 from headstock.geometry.errors import PoseError
 from headstock.geometry.machine.carriages import find_overhangs
 from headstock.geometry.machine.machine import Machine, find_limit_fault, position_units
+from headstock.meshing.process.strangers import WAYPOINTS
 from headstock.scene.building.draft import Draft, check_name, check_variant
 from headstock.scene.expansion.overrides import AS_WRITTEN, path_exists
 from headstock.scene.reading.axis_paths import AxisPath, PathFileError, read_path
@@ -165,7 +166,7 @@ def read_sweep_paths(scene: SceneTable, folder: Path, findings: Findings) -> dic
             continue
         key: KeyPath = ("sweeps", name, "path")
         try:
-            found[name] = read_path(resolve_file(folder, table.path, SUFFIXES))
+            found[name] = read_path(resolve_file(folder, table.path, SUFFIXES, WAYPOINTS))
         except (ValueError, PathFileError) as error:
             findings.add(key, str(error))
             continue

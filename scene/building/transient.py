@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.meshing.process.strangers import RECORD
 from headstock.scene.building.analyses import build_channels, check_probe_output
 from headstock.scene.building.draft import Draft, check_channel, check_name, check_pose_names
 from headstock.scene.reading.files import resolve_file
@@ -179,7 +180,7 @@ def _build_history(load: TimedLoadTable, table: TransientTable, folder: Path) ->
 
 
 def _read_record(load: TimedLoadTable, folder: Path) -> ForceRecord:
-    path = resolve_file(folder, load.file or "", RECORD_SUFFIXES)
+    path = resolve_file(folder, load.file or "", RECORD_SUFFIXES, RECORD)
     values = read_columns(path, RECORD_COLUMNS)
     return ForceRecord(values[:, 0], values[:, 1:])
 

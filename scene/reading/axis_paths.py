@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import FloatArray
+from headstock.meshing.process.strangers import WAYPOINTS, Arrays, read_apart
 from headstock.scene.reading.units import ANGLE, LENGTH, Unit, UnitError, read_unit, show_value
 
 EXAMPLE = "X [mm],Y [mm]"
-MOST_BYTES = 50_000_000
 MOST_WAYPOINTS = 100_000
 MOST_COLUMNS = 20
 _HEADING = re.compile(r"([A-Za-z_][A-Za-z0-9_-]{0,63})\s*(?:\[([^\[\]]*)\])?")
@@ -63,18 +63,21 @@ def read_path(path: Path) -> AxisPath:
             number, a row is too short or too long, or there are fewer than two or more than
             ``MOST_WAYPOINTS`` waypoints; says where.
     """
+    found = read_apart(path, WAYPOINTS, parse_path, error=PathFileError)
+    axes, units = (tuple(map(str, found[name])) for name in ("axes", "units"))
+    return AxisPath(path.name, axes, units, found["positions"], found["lines"])
+
+
+def parse_path(path: Path) -> Arrays:
+    """The fields of an `AxisPath` from a file, without a look at its size."""
     try:
-        if path.stat().st_size > MOST_BYTES:
-            raise PathFileError(
-                f"{path.name} has {path.stat().st_size / 1e6:.0f} MB; a path may have {MOST_BYTES / 1e6:.0f} MB"
-            )
         with path.open(newline="", encoding="utf-8-sig") as stream:
             return _read_rows(path.name, csv.reader(stream))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise PathFileError(f"{path.name} cannot be read: {error}") from error
 
 
-def _read_rows(name: str, rows: Iterator[list[str]]) -> AxisPath:
+def _read_rows(name: str, rows: Iterator[list[str]]) -> Arrays:
     axes, units = _read_head(name, next(rows, []))
     numbers, lines = array("d"), array("q")
     # lines of the file, not rows: an entry in quotes may hold line ends, but no number does
@@ -92,9 +95,12 @@ def _read_rows(name: str, rows: Iterator[list[str]]) -> AxisPath:
             f"{name} holds {len(lines)} waypoints; a path needs at least two, each in a line of its own"
         )
     positions = np.array(numbers).reshape(-1, len(axes)) + 0.0
-    return AxisPath(
-        name, axes, tuple(unit.dimension.unit for unit in units), positions, np.array(lines)
-    )
+    return {
+        "axes": np.array(axes),
+        "units": np.array([unit.dimension.unit for unit in units]),
+        "positions": positions,
+        "lines": np.array(lines),
+    }
 
 
 def _read_head(name: str, head: list[str]) -> tuple[tuple[str, ...], tuple[Unit, ...]]:

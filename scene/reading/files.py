@@ -7,6 +7,7 @@ import tomllib
 from datetime import date, datetime, time
 from pathlib import Path
 
+from headstock.meshing.process.strangers import PART, FileKind
 from headstock.scene.reading.findings import Findings, Origin
 from headstock.scene.reading.positions import KeyPath, find_lines
 
@@ -14,7 +15,6 @@ type TomlValue = str | int | float | bool | datetime | date | time | list[TomlVa
 type TomlTable = dict[str, TomlValue]
 
 MAX_BYTES = 1 << 20
-MAX_REFERENCED_BYTES = 4 << 30
 MAX_DEPTH = 50
 MAX_ENTRIES = 20_000
 CHARACTERS_OF_ENTRY = 100  # a text counts as one entry for each of these
@@ -76,19 +76,20 @@ def read_scene(path: Path, findings: Findings) -> TomlTable:
     return raw
 
 
-def resolve_file(folder: Path, text: str, suffixes: tuple[str, ...]) -> Path:
+def resolve_file(folder: Path, text: str, suffixes: tuple[str, ...], kind: FileKind = PART) -> Path:
     """Find a file that a scene refers to, inside the scene's own folder.
 
     Args:
         folder: Folder of the scene.
         text: Relative path as written.
         suffixes: Endings that are accepted, lower case.
+        kind: How large it may be.
 
     Returns:
         The absolute path with every link resolved.
 
     Raises:
-        ValueError: The path leaves the folder or is no regular file of an accepted kind; the
+        ValueError: The path leaves the folder or is no regular file of an accepted kind and size; the
             message says what to write.
     """
     shown = text if len(text) <= 100 else f"{text[:97]}..."
@@ -122,11 +123,8 @@ def resolve_file(folder: Path, text: str, suffixes: tuple[str, ...]) -> Path:
         raise ValueError(f"{shown!r} does not exist beside the scene")
     if not regular:
         raise ValueError(f"{shown!r} is not a regular file")
-    size = path.stat().st_size
-    if size > MAX_REFERENCED_BYTES:
-        raise ValueError(
-            f"{shown!r} is larger than {MAX_REFERENCED_BYTES / 2**30:.3g} GiB: {size / 2**30:.3g} GiB"
-        )
+    if refusal := kind.refusal(repr(shown), path.stat().st_size):
+        raise ValueError(refusal)
     return path
 
 

@@ -12,10 +12,10 @@ import numpy as np
 
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import FloatArray
+from headstock.meshing.process.strangers import RECORD, SMALL_BYTES, FileKind, read_apart
 
 HEADINGS = ("time", "fx", "fy", "fz")
 LARGEST_GAP = 5.0  # in typical sample distances: beyond it something is missing, not uneven
-MOST_BYTES = 500_000_000
 
 
 class ForceFileError(HeadstockError):
@@ -58,43 +58,50 @@ def read_columns(path: Path, headings: Sequence[str]) -> FloatArray:
     return values
 
 
-def read_numbers(path: Path, headings: Sequence[str]) -> FloatArray:
+def read_numbers(
+    path: Path,
+    headings: Sequence[str],
+    optional: Sequence[str] = (),
+    *,
+    kind: FileKind = RECORD,
+    most_rows: int | None = None,
+) -> FloatArray:
     """Read columns ``(n, k)`` of a CSV file.
 
     Args:
         path: Of the file.
         headings: Names of the columns in its first line, whatever their order there, without
             capitals.
+        optional: Names of columns that follow where they are all there.
+        kind: How large it may be.
+        most_rows: It may have; None for no limit but the size.
 
     Raises:
-        ForceFileError: A column is missing, an entry is no finite number, or there are fewer than
-            two rows; says where.
+        ForceFileError: A column is missing, an entry is no finite number, there are fewer than two
+            rows or too many, or it is too large; says where.
     """
+    names = (",".join(headings), ",".join(optional), str(most_rows or ""), kind.advice)
+    return read_apart(path, kind, parse_numbers, *names, error=ForceFileError)["values"]
+
+
+def parse_numbers(
+    path: Path, headings: str, optional: str, most_rows: str, advice: str
+) -> dict[str, FloatArray]:
+    """``values`` of a CSV file, without a look at its size; arguments as `read_numbers` joins them."""
+    wanted, more = headings.split(","), [name for name in optional.split(",") if name]
     try:
-        if path.stat().st_size > MOST_BYTES:
-            raise ForceFileError(
-                f"{path} has {path.stat().st_size / 1e6:.0f} MB; a record may have {MOST_BYTES / 1e6:.0f} MB"
-            )
         with path.open(newline="", encoding="utf-8-sig") as stream:
-            values = _read_values(path, csv.reader(stream), headings)
+            rows = csv.reader(stream)
+            columns = _find_columns(path, next(rows, []), wanted, more)
+            most = int(most_rows) if most_rows else None
+            values = _load_quickly(path, columns) if most is None else None
+            if values is None:
+                values = _read_values(path, rows, columns, most, advice)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ForceFileError(f"{path} cannot be read: {error}") from error
+        raise ForceFileError(f"{path.name} cannot be read: {error}") from error
     if len(values) < 2:
-        raise ForceFileError(f"{path} holds {len(values)} samples; at least two are needed")
-    return values
-
-
-def read_headings(path: Path) -> list[str]:
-    """Names of the columns of a CSV file, without units and capitals.
-
-    Raises:
-        ForceFileError: It cannot be read.
-    """
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            return _plain_names(next(csv.reader(stream), []))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ForceFileError(f"{path} cannot be read: {error}") from error
+        raise ForceFileError(f"{path.name} holds {len(values)} samples; at least two are needed")
+    return {"values": values}
 
 
 def resample_forces(record: ForceRecord, times: FloatArray) -> FloatArray:
@@ -147,27 +154,44 @@ def _impulse(record: ForceRecord, times: FloatArray, axis: int) -> FloatArray:
     return np.asarray(whole[left] + part * (force[left] + 0.5 * slope * part))
 
 
-def _read_values(path: Path, rows: Iterator[list[str]], headings: Sequence[str]) -> FloatArray:
+def _load_quickly(path: Path, columns: Sequence[int]) -> FloatArray | None:
+    """Columns ``(n, k)`` of finite numbers; None for what has to be looked at row by row."""
+    if path.stat().st_size <= SMALL_BYTES:
+        return None
+    try:
+        values = np.loadtxt(
+            path, delimiter=",", skiprows=1, usecols=columns, ndmin=2, comments=None, quotechar='"',
+            encoding="utf-8-sig",
+        )  # fmt: skip
+    except ValueError:
+        return None
+    return values if np.isfinite(values).all() else None
+
+
+def _read_values(
+    path: Path, rows: Iterator[list[str]], columns: list[int], most: int | None, advice: str
+) -> FloatArray:
     """Wanted columns ``(n, k)``, row by row: 8 bytes are kept of each number."""
-    columns, numbers = _find_columns(path, next(rows, []), headings), array("d")
+    numbers = array("d")
     for number, row in enumerate(rows, 2):
+        if most is not None and len(numbers) >= most * len(columns):
+            raise ForceFileError(f"{path.name}:{number}: more than {most} rows; {advice}")
         if row:
             numbers.extend(_read_row(path, number, row, columns))
-    return np.array(numbers).reshape(-1, len(headings))
+    return np.array(numbers).reshape(-1, len(columns))
 
 
-def _find_columns(path: Path, written: list[str], headings: Sequence[str]) -> list[int]:
-    found = _plain_names(written)
+def _find_columns(
+    path: Path, written: list[str], headings: Sequence[str], optional: Sequence[str]
+) -> list[int]:
+    found = [heading.strip().lower().split("[")[0].strip() for heading in written]
     missing = [name for name in headings if name not in found]
     if missing:
         raise ForceFileError(
-            f"{path}:1 has no column {', '.join(missing)}; the first line names the columns: {','.join(headings)}"
+            f"{path.name}:1 has no column {', '.join(missing)}; the first line names the columns: {','.join(headings)}"
         )
-    return [found.index(name) for name in headings]
-
-
-def _plain_names(written: Sequence[str]) -> list[str]:
-    return [heading.strip().lower().split("[")[0].strip() for heading in written]
+    more = optional if set(optional) <= set(found) else ()
+    return [found.index(name) for name in (*headings, *more)]
 
 
 def _read_row(path: Path, number: int, row: list[str], columns: list[int]) -> list[float]:
@@ -175,11 +199,11 @@ def _read_row(path: Path, number: int, row: list[str], columns: list[int]) -> li
         values = [float(row[column]) for column in columns]
     except (ValueError, IndexError) as error:
         raise ForceFileError(
-            f"{path}:{number} is no row of numbers: {','.join(row)[:80]!r}"
+            f"{path.name}:{number} is no row of numbers: {','.join(row)[:80]!r}"
         ) from error
     if not np.isfinite(values).all():
         raise ForceFileError(
-            f"{path}:{number} holds a value that is not finite: {','.join(row)[:80]!r}; cut the record, or fill the gap"
+            f"{path.name}:{number} holds a value that is not finite: {','.join(row)[:80]!r}; cut the record, or fill the gap"
         )
     return values
 
@@ -189,12 +213,12 @@ def _check_times(path: Path, times: FloatArray) -> None:
     if not (steps > 0.0).all():
         index = int(np.argmax(steps <= 0.0))
         raise ForceFileError(
-            f"{path}: time does not rise after {times[index]:.6g} s (sample {index + 1}); sort or cut the record"
+            f"{path.name}: time does not rise after {times[index]:.6g} s (sample {index + 1}); sort or cut the record"
         )
     typical = float(np.median(steps))
     if steps.max() > LARGEST_GAP * typical:
         index = int(np.argmax(steps))
         raise ForceFileError(
-            f"{path}: samples are missing between {times[index]:.6g} and {times[index + 1]:.6g} s: the gap is"
+            f"{path.name}: samples are missing between {times[index]:.6g} and {times[index + 1]:.6g} s: the gap is"
             f" {steps[index] / typical:.0f} times the usual distance of samples"
         )

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.meshing.process.strangers import CORNERS
 from headstock.scene.reading.forces import (
     ForceFileError,
     read_columns,
-    read_headings,
     read_numbers,
 )
 
@@ -34,18 +34,15 @@ def read_corners(path: Path) -> tuple[FloatArray, FloatArray | None]:
         ForceFileError: It cannot be read, has too many corners, or a feed rate that is not
             positive.
     """
-    fed = FEED_COLUMN in read_headings(path)
-    values = read_numbers(path, (*CORNER_COLUMNS, *([FEED_COLUMN] if fed else [])))
-    if len(values) > MOST_CORNERS:
-        raise ForceFileError(
-            f"{path} holds {len(values)} corners; a contour may have {MOST_CORNERS}, leave out those on straight lines"
-        )
-    if not fed:
+    values = read_numbers(
+        path, CORNER_COLUMNS, (FEED_COLUMN,), kind=CORNERS, most_rows=MOST_CORNERS
+    )
+    if values.shape[1] == len(CORNER_COLUMNS):
         return values, None
     feeds = values[:, 3]
     if not (feeds[1:] > 0.0).all():
         raise ForceFileError(
-            f"{path}:{int(np.argmax(feeds[1:] <= 0.0)) + 3} has a feed rate that is not positive"
+            f"{path.name}:{int(np.argmax(feeds[1:] <= 0.0)) + 3} has a feed rate that is not positive"
         )
     return values[:, :3], feeds
 

@@ -20,7 +20,7 @@ from headstock.meshing.errors import MeshError, PartFileError
 from headstock.meshing.files import exodus
 from headstock.meshing.files.exodus import read_exodus
 from headstock.meshing.files.writing import encode_mesh
-from headstock.meshing.formats import files_beside
+from headstock.meshing.process.strangers import files_beside
 
 pytestmark = pytest.mark.process
 
@@ -108,23 +108,22 @@ def test_arrays_of_another_size_than_stated_are_named(write: Callable[[str], Pat
         read_file(path)
 
 
-@pytest.mark.trials
 def test_a_bomb_of_compressed_zeros_is_stopped(write: Callable[[str], Path]) -> None:
     path = write("part.med")
     with h5py.File(path, "a") as file:
         replace_array(
             file,
             f"{STEP}/NOE/COO",
-            np.zeros(150_000_000),
+            None,
+            shape=(150_000_000,),
+            dtype=float,
             compression="gzip",
-            compression_opts=9,
             chunks=(10_000_000,),
         )
+        file[f"{STEP}/NOE/COO"][:3] = 1.0  # the others unpack to zeros
     assert path.stat().st_size < 4 << 20
-    start = time.monotonic()
-    with pytest.raises(MeshError, match=r"part.*(memory|processor time)"):
+    with pytest.raises(PartFileError, match=r"COO claims 150000000 values of float64"):
         read_file(path)
-    assert time.monotonic() - start < 60.0
 
 
 @pytest.mark.parametrize(
@@ -174,7 +173,7 @@ def test_arrays_that_lie_elsewhere_are_not_read(write: Callable[[str], Path], ki
             layout = h5py.VirtualLayout(data.shape, data.dtype)
             layout[:] = h5py.VirtualSource("other.h5", "x", data.shape)
             file.create_virtual_dataset(place, layout)
-    with pytest.raises(PartFileError, match=r"link to another place|no array of this file"):
+    with pytest.raises(PartFileError, match=r"is a link|from other files"):
         read_file(path)
 
 

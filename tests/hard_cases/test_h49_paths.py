@@ -13,7 +13,6 @@ import pytest
 from faults.runs import SCENE
 from headstock.geometry.parts.solids import MeshFile
 from headstock.scene.building.loader import load_scene
-from headstock.scene.reading import files as scene_files
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.scene import Scene
 
@@ -116,11 +115,9 @@ def test_the_same_file_under_its_own_name_is_found(folder: Path) -> None:
     assert load(folder, "inside.msh").machine.components["column"].solid == found
 
 
-def test_a_file_beyond_the_size_cap_is_refused_with_its_size(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(scene_files, "MAX_REFERENCED_BYTES", 5)
-    with pytest.raises(SceneError, match=r"'own.msh' is larger than"):
+def test_a_file_beyond_the_size_cap_is_refused_with_its_size(folder: Path) -> None:
+    os.truncate(folder / "own.msh", 5 << 30)  # without a byte of it on the disk
+    with pytest.raises(SceneError, match=r"'own.msh' has 5.4 GB; a file of a part may have"):
         load(folder, "own.msh")
 
 

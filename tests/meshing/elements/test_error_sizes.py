@@ -33,7 +33,7 @@ from headstock.meshing.elements.error_sizes import (
 from headstock.meshing.elements.surface import extract_surface
 from headstock.meshing.errors import MeshError
 from headstock.meshing.process.job import MeshJob, format_job, parse_job
-from headstock.meshing.size_files import encode_sizes, read_sizes
+from headstock.meshing.size_files import encode_sizes, parse_sizes
 from headstock.pipeline.accuracy.settings import give_sizes
 from headstock.reduction.components.elastic import find_cell_errors, reduce_elastic
 
@@ -172,7 +172,7 @@ def test_sizes_come_out_of_their_file_as_they_went_in(tmp_path: Path) -> None:
     field = spread_error(mesh, np.asarray(np.linspace(1.0, 2.0, len(mesh.cells))), 0.3)
     path = tmp_path / "part.pos"
     path.write_bytes(encode_sizes(field))
-    found = read_sizes(path)
+    found = SizeField(**parse_sizes(path))
     for name, array in vars(field).items():
         assert np.array_equal(getattr(found, name), array)
 
@@ -189,4 +189,4 @@ def test_a_file_of_other_things_is_refused(tmp_path: Path, text: str, said: str)
     path = tmp_path / "part.pos"
     path.write_text(text)
     with pytest.raises(MeshError, match=said):
-        read_sizes(path)
+        parse_sizes(path)

@@ -23,7 +23,8 @@ from headstock.meshing.components.meshing import mesh_component
 from headstock.meshing.elements.quality import integrate_mesh
 from headstock.meshing.errors import MeshError
 from headstock.meshing.files.writing import encode_mesh
-from headstock.meshing.formats import MESH_FORMATS, files_beside
+from headstock.meshing.formats import MESH_FORMATS
+from headstock.meshing.process.strangers import files_beside
 
 pytestmark = pytest.mark.process
 

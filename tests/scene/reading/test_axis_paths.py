@@ -1,11 +1,13 @@
 """Ways from files: read as a scene would read them, and refused with the line and what to write."""
 
+import dataclasses
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from headstock.meshing.process.strangers import WAYPOINTS
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading import axis_paths
 from headstock.scene.reading.axis_paths import PathFileError, read_path
@@ -116,8 +118,8 @@ def test_bytes_that_are_no_text_and_files_that_are_too_long_are_refused(
     monkeypatch.setattr(axis_paths, "MOST_WAYPOINTS", 3)
     with pytest.raises(PathFileError, match=r"way.csv:5: .* 3 waypoints"):
         read_path(write(tmp_path, "X [mm]\n1\n2\n3\n4\n"))
-    monkeypatch.setattr(axis_paths, "MOST_BYTES", 10)
-    with pytest.raises(PathFileError, match=r"way.csv has 0 MB; a path may have 0 MB"):
+    monkeypatch.setattr(axis_paths, "WAYPOINTS", dataclasses.replace(WAYPOINTS, most_bytes=10))
+    with pytest.raises(PathFileError, match=r"way.csv has 1.5e-05 MB; a path may have 1e-05 MB"):
         read_path(path)
 
 

@@ -1,0 +1,216 @@
+"""Files of strangers: how large each kind may be, and reading them in a process apart: ``python -m
+headstock.meshing.process.strangers``.
+
+Whoever reads a file that a scene or a command names asks here first. The size is looked at before
+anything else; what is not small is read by a worker process with limits of memory and time.
+"""
+
+import io
+import json
+import math
+import os
+import stat
+import sys
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from headstock.geometry.errors import HeadstockError
+from headstock.meshing.errors import MeshError
+from headstock.meshing.formats import find_format, list_array_files
+from headstock.meshing.process.isolation import (
+    WorkerEnd,
+    WorkerLimits,
+    accept_limits,
+    run_isolated,
+)
+
+type Arrays = Mapping[str, NDArray[Any]]
+type Reader = Callable[..., Arrays]
+
+MODULE = "headstock.meshing.process.strangers"
+REFUSED = 3
+SMALL_BYTES = 1 << 18  # read within a tenth of a second, whatever is in it
+# what honest tables need: up to 60 times their size in memory, 0.1 s of processor time per MB
+MEMORY_BYTES = 768 << 20
+MEMORY_FACTOR = 60
+LARGEST_MEMORY = 8 << 30
+SECONDS = 5.0
+SECONDS_PER_MB = 0.3
+WALL_FACTOR = 6.0  # a busy machine gives little of its processors
+KEPT = 4  # results that a process remembers
+
+
+@dataclass(frozen=True)
+class FileKind:
+    """A kind of files that others make.
+
+    Attributes:
+        name: With an article.
+        most_bytes: That one may have.
+        advice: What to do with a larger one.
+    """
+
+    name: str
+    most_bytes: int
+    advice: str
+
+    def refusal(self, name: str, size: int) -> str | None:
+        """What is wrong with a file of a size; None for nothing."""
+        if size <= self.most_bytes:
+            return None
+        return f"{name} has {show_size(size)}; {self.name} may have {show_size(self.most_bytes)}: {self.advice}"
+
+
+PART = FileKind("a file of a part", 4_000_000_000, "export it coarser")
+ELEMENT_SIZES = FileKind("a file of element sizes", 200_000_000, "write a coarser view")
+XDMF = FileKind("an XDMF file", 1_000_000_000, "write its arrays into an HDF5 file")
+CORNERS = FileKind("a table of corners", 1_000_000, "leave out those on straight lines")
+WAYPOINTS = FileKind("a path", 50_000_000, "write fewer waypoints, or cut it in two")
+RECORD = FileKind("a record", 500_000_000, "cut it, or keep fewer samples per second")
+RECEPTANCES = FileKind("a file of receptances", 50_000_000, "keep fewer frequencies")
+SUMMARY = FileKind("a summary", 200_000_000, "no run writes one as large")
+
+_known: dict[tuple[object, ...], Arrays] = {}
+
+
+def show_size(size: int) -> str:
+    """A number of bytes as a message has it."""
+    return f"{size / 1e9:.1f} GB" if size >= 1e9 else f"{size / 1e6:.3g} MB"
+
+
+def read_apart(
+    path: Path, kind: FileKind, reader: Reader, *arguments: str, error: type[HeadstockError]
+) -> Arrays:
+    """Read a file of strangers: a large one in a process apart, with limits.
+
+    Args:
+        path: Of the file.
+        kind: What it is to be.
+        reader: A function of a module. It takes the path and the arguments and raises ``error``.
+        arguments: For the reader.
+        error: Raised for everything that is wrong with the file.
+
+    Returns:
+        What the reader returns.
+    """
+    status = require_size(path, kind, error)
+    if status.st_size <= SMALL_BYTES:
+        return reader(path, *arguments)
+    place = (path.absolute(), status.st_ino, status.st_size, status.st_mtime_ns)
+    key = (*place, reader.__module__, reader.__qualname__, arguments)
+    if key not in _known:
+        found = _read_in_worker(path, status.st_size, reader, arguments, error)
+        while len(_known) >= KEPT:
+            del _known[next(iter(_known))]
+        _known[key] = found
+    return _known[key]
+
+
+def require_size(path: Path, kind: FileKind, error: type[HeadstockError]) -> os.stat_result:
+    """Refuse what is no regular file, or is larger than its kind.
+
+    Args:
+        path: Of the file.
+        kind: What it is to be.
+        error: Raised where it is not.
+    """
+    try:
+        status = path.stat()
+    except OSError as fault:
+        raise error(f"{path.name} cannot be read: {fault.strerror}") from fault
+    if not stat.S_ISREG(status.st_mode):
+        raise error(f"{path.name} cannot be read: it is no regular file")
+    if refusal := kind.refusal(path.name, status.st_size):
+        raise error(refusal)
+    return status
+
+
+def files_beside(path: Path) -> tuple[str, ...]:
+    """Names of the HDF5 files that an XDMF file reads its arrays from; none for other formats.
+
+    Raises:
+        MeshError: It names one in another folder, or is too large.
+    """
+    if find_format(path).name != "XDMF" or not path.stat().st_size:
+        return ()
+    return tuple(map(str, read_apart(path, XDMF, list_array_files, error=MeshError)["names"]))
+
+
+def _read_in_worker(
+    path: Path,
+    size: int,
+    reader: Reader,
+    arguments: tuple[str, ...],
+    error: type[HeadstockError],
+) -> Arrays:
+    seconds = SECONDS + SECONDS_PER_MB * size / 1e6
+    limits = WorkerLimits(
+        min(MEMORY_BYTES + MEMORY_FACTOR * size, LARGEST_MEMORY),
+        math.ceil(seconds),
+        WALL_FACTOR * seconds,
+    )
+    names = [f"{each.__module__}:{each.__qualname__}" for each in (reader, error)]
+    with tempfile.TemporaryFile() as result:
+        end = run_isolated(
+            MODULE,
+            [*names, json.dumps([str(path.absolute()), *arguments])],
+            limits=limits,
+            readable=[path.absolute()],
+            result=result,
+        )
+        if end.code != 0:
+            raise error(_explain(path.name, end))
+        result.seek(0)
+        with np.load(result, allow_pickle=False) as store:
+            found = {name: store[name] for name in store.files}
+    for array in found.values():
+        array.flags.writeable = False
+    return found
+
+
+def _explain(name: str, end: WorkerEnd) -> str:
+    if end.code == REFUSED:
+        return end.last_line
+    remedy = "check the file, which may be damaged"
+    if end.out_of_time:
+        return f"{name}: reading was stopped after {end.out_of_time}; {end.time_remedy or remedy}"
+    if end.out_of_memory:
+        return f"{name}: reading needed more than {end.memory_limit}; {end.memory_remedy or remedy}"
+    return (
+        f"{name}: the process that read it ended with code {end.code} ({end.last_line}); {remedy}"
+    )
+
+
+def main(arguments: list[str]) -> int:
+    """Read a file within limits; 0 its arrays are written, 3 it is refused and standard error says
+    why.
+    """
+    reader, error = (_find(text) for text in arguments[1:3])
+    _, _, content, result = accept_limits(arguments)
+    path, *others = json.loads(content)
+    try:
+        found = reader(Path(path), *others)
+    except error as fault:
+        sys.stderr.write("\n" + " ".join(str(fault).split()) + "\n")
+        return REFUSED
+    image = io.BytesIO()
+    np.savez(image, **found)
+    with open(int(result), "wb") as file:  # noqa: PTH123 (a number, not a path)
+        file.write(image.getbuffer())
+    return 0
+
+
+def _find(text: str) -> Any:
+    module, _, name = text.partition(":")
+    return getattr(import_module(module), name)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
