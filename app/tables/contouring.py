@@ -12,6 +12,7 @@ from headstock.pipeline.answers.contouring import (
     FaceSummary,
     StabilitySummary,
 )
+from headstock.pipeline.answers.estimates import CUTTING
 from headstock.pipeline.answers.milled_faces import MilledFaceSummary
 
 type MilledKey = Literal[
@@ -160,7 +161,11 @@ def contour_error_words(found: ContourSummary) -> str | None:
     if not sources:
         return f"{NO_BOUND} : nothing is known of {left_out}." if left_out else None
     rest = f" Not in ±: {left_out}." if left_out else ""
-    return f"± of gaps, forces, torques and profiles: the contour once more without {' and without '.join(sources)}.{rest}"
+    ways = [
+        f"with {source} at the ends of their ranges" if source == CUTTING else f"without {source}"
+        for source in sources
+    ]
+    return f"± of gaps, forces, torques and profiles: the contour once more {' and '.join(ways)}.{rest}"
 
 
 def limit_words(found: ContourSummary) -> str | None:

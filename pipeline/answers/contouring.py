@@ -10,7 +10,12 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import Answer
-from headstock.pipeline.answers.estimates import DISCRETISATION, Estimate
+from headstock.pipeline.answers.estimates import (
+    CUTTING,
+    DISCRETISATION,
+    Estimate,
+    combine_estimates,
+)
 from headstock.pipeline.answers.milled_faces import MilledFace, MilledFaceSummary
 from headstock.pipeline.answers.probe_motions import (
     ProbeMotion,
@@ -268,19 +273,20 @@ class ContourWorth:
     """What a contour is worth: the same contour of machines without a source of error.
 
     Attributes:
-        better: Sources of error to the contour without them.
+        better: Source of error to the contour without it; cutting coefficients and the key of one, to
+            the contour at an end of its range.
         unknown: Components with a mesh whose errors nothing shows.
         left_out: What is not looked at.
     """
 
-    better: Mapping[str, "ContourAnswer"] = field(default_factory=dict)
+    better: Mapping[tuple[str, str], "ContourAnswer"] = field(default_factory=dict)
     unknown: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
 
     def judge(
         self,
         own: FloatArray,
-        others: Mapping[str, FloatArray | None],
+        others: Mapping[tuple[str, str], FloatArray | None],
         covering: float = COVERING,
     ) -> list[Estimate]:
         """How far numbers ``(n,)`` may be off.
@@ -288,31 +294,34 @@ class ContourWorth:
         Args:
             own: The numbers.
             others: Source of error to the same without it; None where it has none.
-            covering: How often a change counts.
+            covering: How often a change counts; one by a range once.
         """
         estimates = []
         for place, value in enumerate(own):
-            sizes: dict[str, float | None] = {
-                source: None if other is None else covering * abs(float(other[place] - value))
-                for source, other in others.items()
-            }
+            parts = [
+                Estimate(
+                    {source: None if other is None else times * abs(float(other[place] - value))}
+                )
+                for (source, _), other in others.items()
+                for times in [1.0 if source == CUTTING else covering]
+            ]
             if self.unknown:
-                sizes[DISCRETISATION] = None
-            estimates.append(Estimate(sizes, self.left_out))
+                parts.append(Estimate({DISCRETISATION: None}))
+            estimates.append(combine_estimates([*parts, Estimate({}, self.left_out)]))
         return estimates
 
     def judge_face(self, face: ContourFace) -> dict[str, list[Estimate]]:
         """How far the sizes of a face may be off."""
         others = {
-            source: next((own for own in each.faces if own.number == face.number), None)
-            for source, each in self.better.items()
+            owner: next((own for own in each.faces if own.number == face.number), None)
+            for owner, each in self.better.items()
         }
         return {
             name: self.judge(
                 size,
                 {
-                    source: None if other is None else other.sizes.get(name)
-                    for source, other in others.items()
+                    owner: None if other is None else other.sizes.get(name)
+                    for owner, other in others.items()
                 },
             )
             for name, size in face.sizes.items()
@@ -321,15 +330,15 @@ class ContourWorth:
     def judge_profile(self, face: MilledFace) -> dict[str, Estimate]:
         """How far the parameters of a profile may be off."""
         others = {
-            source: next((own for own in each.milled if own.number == face.number), None)
-            for source, each in self.better.items()
+            owner: next((own for own in each.milled if own.number == face.number), None)
+            for owner, each in self.better.items()
         }
         return {
             name: self.judge(
                 np.array([size]),
                 {
-                    source: None if other is None else np.array([other.sizes[name]])
-                    for source, other in others.items()
+                    owner: None if other is None else np.array([other.sizes[name]])
+                    for owner, other in others.items()
                 },
             )[0]
             for name, size in face.sizes.items()
@@ -338,14 +347,14 @@ class ContourWorth:
     def judge_limit(self, face: FaceStability) -> Estimate:
         """How far a limit of stability may be off."""
         others = {
-            source: next((own for own in each.stability if own.number == face.number), None)
-            for source, each in self.better.items()
+            owner: next((own for own in each.stability if own.number == face.number), None)
+            for owner, each in self.better.items()
         }
         return self.judge(
             np.array([face.limit_depth]),
             {
-                source: None if other is None else np.array([other.limit_depth])
-                for source, other in others.items()
+                owner: None if other is None else np.array([other.limit_depth])
+                for owner, other in others.items()
             },
             covering=1.0,
         )[0]
@@ -444,7 +453,7 @@ class ContourAnswer(Answer):
             "assumptions": [*self.assumed, *([LOCKED_MOTORS] if self.stability else [])],
             "series": series,
             "probes": {name: probe.summarise() for name, probe in self.probes.items()},
-            "error_sources": list(self.worth.better),
+            "error_sources": list(dict.fromkeys(source for source, _ in self.worth.better)),
             "error_left_out": [
                 *self.worth.left_out,
                 *(f"the mesh of {name}, which shows no error" for name in self.worth.unknown),

@@ -14,6 +14,7 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.estimates import (
+    CUTTING,
     DISCRETISATION,
     Estimate,
     combine_estimates,
@@ -42,7 +43,7 @@ _PARTS = ("total", "quasi_static", "low_frequency", "dynamic")
 SIZES = ("peak", "span", "ramp_peak", "ramp_span", "quasi_static", "dynamic", "rms")
 ZONES = ("accelerating", "decelerating")
 # What a resonance does after a ramp goes up and down as it shifts: changes by a source of error times
-# this cover the true errors of 95 numbers in 100 (`validate axes-estimates`)
+# this cover the true errors of 95 numbers in 100 (`validate axes-estimates`); ranges are whole widths
 COVERING = 1.5
 # ``peak_um`` or ``peak_urad`` and so on, ``settling_s`` without a value where it never settles
 type ZoneSummary = dict[str, float | None]
@@ -190,8 +191,8 @@ class PathWorth:
 
     Attributes:
         base: Runs of the machine, one per feed.
-        better: Source of error, and the component alone that has it, to runs without it; an empty name
-            for all components.
+        better: Source of error, and the component alone that has it, to runs without it, an empty name
+            for all components; cutting coefficients and the key of one, to runs at an end of its range.
         unknown: Components with a mesh whose errors nothing shows.
         left_out: What is not looked at.
     """
@@ -217,10 +218,10 @@ class PathWorth:
                 Estimate(
                     {source: size},
                     self.left_out,
-                    {} if size is None or not component else {source: {component: size}},
+                    {} if size is None or not owner else {source: {owner: size}},
                 )
-                for (source, component), other in others.items()
-                for size in [_measure_change(own, other[name])]
+                for (source, owner), other in others.items()
+                for size in [_measure_change(own, other[name], source)]
             ]
             if self.unknown:
                 parts.append(Estimate({DISCRETISATION: None}))
@@ -228,9 +229,10 @@ class PathWorth:
         return found
 
 
-def _measure_change(own: float | None, changed: float | None) -> float | None:
+def _measure_change(own: float | None, changed: float | None, source: str) -> float | None:
     """What stands behind the ± of a number's size; None where one of them is missing."""
-    return None if own is None or changed is None else COVERING * abs(abs(changed) - abs(own))
+    covering = 1.0 if source == CUTTING else COVERING
+    return None if own is None or changed is None else covering * abs(abs(changed) - abs(own))
 
 
 @dataclass(frozen=True)

@@ -36,11 +36,12 @@ from headstock.pipeline.contours.lumped_contour import lumped_face_dynamics, run
 from headstock.pipeline.contours.milled_faces import mill_faces
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.repeats import ONCE
-from headstock.pipeline.stages.better_machines import repeat_without
+from headstock.pipeline.stages.better_machines import repeat_at_ends, repeat_without, silence
 from headstock.pipeline.stages.mechanism import placed_mechanism
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.scene.reading.forces import ForceRecord, read_forces, resampling_loss
 from headstock.scene.requests import ContouringRequest
+from headstock.solvers.milling.coefficients import CuttingCoefficients
 from headstock.solvers.milling.forces import describe_sense
 from headstock.solvers.milling.stability import (
     TipDynamics,
@@ -188,8 +189,8 @@ def _mill(
 def _judge_contour(
     state: RunState, request: ContouringRequest, record: ForceRecord | None, way: SampledWay | None
 ) -> ContourWorth:
-    """The contour once more, on the machine with finer meshes and more modes, and with the true
-    curved faces.
+    """The contour once more, on the machine with finer meshes and more modes, with the true curved
+    faces, and with cutting coefficients at the ends of their ranges.
     """
     found = repeat_without(
         state,
@@ -197,8 +198,21 @@ def _judge_contour(
         lambda machine: _mill(machine, request, record, way).answer,
         asked=request.estimate,
     )
-    better = {source: answer for (source, _), answer in found.better.items()}
-    return ContourWorth(better, found.unknown, found.left_out)
+    if request.cutting and record is None and request.estimate:
+        found = repeat_at_ends(
+            request.cut.coefficients,
+            lambda own: _mill(silence(state), _with_coefficients(request, own), None, way).answer,
+            found,
+        )
+    return ContourWorth(found.better, found.unknown, found.left_out)
+
+
+def _with_coefficients(
+    request: ContouringRequest, coefficients: CuttingCoefficients
+) -> ContouringRequest:
+    return dataclasses.replace(
+        request, cut=dataclasses.replace(request.cut, coefficients=coefficients)
+    )
 
 
 def explain_gaps(run: ContourRun) -> list[str]:

@@ -18,7 +18,7 @@ from headstock.pipeline.paths.path_model import choose_model
 from headstock.pipeline.paths.solved_moves import SolvedMoves
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.repeats import EACH
-from headstock.pipeline.stages.better_machines import repeat_without, silence
+from headstock.pipeline.stages.better_machines import repeat_at_ends, repeat_without, silence
 from headstock.pipeline.stages.motion_forces import add_to_drives
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.reduction.motions.path_errors import (
@@ -28,6 +28,7 @@ from headstock.reduction.motions.path_errors import (
 )
 from headstock.scene.requests import PathRequest
 from headstock.solvers.errors import ModelError, UnstableControlError
+from headstock.solvers.milling.coefficients import CuttingCoefficients
 from headstock.solvers.paths.response import (
     PathDeviation,
     filter_deviation,
@@ -191,7 +192,9 @@ def _judge_path(
     solved: SolvedMoves,
     solve: Callable[[RunState, PathRequest], SolvedMoves],
 ) -> PathWorth:
-    """The moves once more, in the pose of the middle, of the machine without each source of error."""
+    """The moves once more, in the pose of the middle, of the machine without each source of error, and
+    with cutting coefficients at the ends of their ranges.
+    """
     frozen = dataclasses.replace(request, follows_pose=False)
     found = repeat_without(
         state,
@@ -199,9 +202,22 @@ def _judge_path(
         lambda machine: _run_moves(frozen, solve(machine, frozen)),
         asked=request.estimate,
     )
+    if request.cut is not None and request.estimate:
+        found = repeat_at_ends(
+            request.cut.cut.coefficients,
+            lambda own: _run_moves(frozen, solve(silence(state), _with_coefficients(frozen, own))),
+            found,
+        )
     if found.better and request.follows_pose:
         solved = solve(silence(state), frozen)
     return PathWorth(_run_moves(frozen, solved), found.better, found.unknown, found.left_out)
+
+
+def _with_coefficients(request: PathRequest, coefficients: CuttingCoefficients) -> PathRequest:
+    if request.cut is None:
+        return request
+    cut = dataclasses.replace(request.cut.cut, coefficients=coefficients)
+    return dataclasses.replace(request, cut=dataclasses.replace(request.cut, cut=cut))
 
 
 def _run_moves(request: PathRequest, solved: SolvedMoves) -> tuple[PathRun, ...]:

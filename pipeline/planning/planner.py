@@ -55,7 +55,7 @@ from headstock.pipeline.planning.reductions import (
     choose_solver,
     is_dynamic,
 )
-from headstock.pipeline.planning.repeats import EACH, ONCE, list_repeats
+from headstock.pipeline.planning.repeats import EACH, ONCE, Improvement, list_repeats
 from headstock.pipeline.storage.content_keys import superelement_key
 from headstock.reduction.components.solver_choice import (
     SolverChoice,
@@ -66,6 +66,7 @@ from headstock.scene.requests import (
     PathRequest,
 )
 from headstock.scene.scene import Scene
+from headstock.solvers.milling.forces import MillingCut
 from headstock.solvers.milling.tool_path import plan_contour
 
 GRAVITY = "gravity"
@@ -442,13 +443,25 @@ def _way_stages(scene: Scene, components: dict[str, Component], dofs: int) -> li
             regenerative=waves,
         )
         what = contour.describe() + _name_acting(scene)
-        again = len(list_repeats(components, ONCE)) if contour.estimate else 0
+        again = _count_repeats(components, ONCE, contour.cut if contour.cutting else None)
+        again *= contour.estimate
         times = 1.0 + again * (1.0 if waves else CONTOUR_AGAIN)
         stages.append(Stage("contour", None, what, estimated_seconds=times * steps * per_step))
     if path is not None:
-        repeats = len(list_repeats(components, EACH)) if path.estimate else 0
+        cut = None if path.cut is None else path.cut.cut
+        repeats = path.estimate * _count_repeats(components, EACH, cut)
         stages.append(_path_stage(scene, path, dofs, repeats))
     return stages
+
+
+def _count_repeats(
+    components: dict[str, Component], improvements: Sequence[Improvement], cut: MillingCut | None
+) -> int:
+    """How often an analysis is repeated for its ±: without each source of error, and for each range of
+    the coefficients of its cut.
+    """
+    ranges = 0 if cut is None else len(cut.coefficients.ranges)
+    return len(list_repeats(components, improvements)) + ranges
 
 
 def _path_stage(scene: Scene, path: PathRequest, dofs: int, repeats: int) -> Stage:

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from headstock.pipeline.answers.estimates import CURVED_FACES, DISCRETISATION, REDUCTION
+from headstock.pipeline.answers.estimates import CURVED_FACES, CUTTING, DISCRETISATION, REDUCTION
 from headstock.pipeline.planning.repeats import (
     BOTH_AT_ONCE,
     FINER_MESH,
@@ -24,8 +24,10 @@ from headstock.solvers.errors import (
     ModelError,
     UnstableControlError,
 )
+from headstock.solvers.milling.coefficients import CuttingCoefficients
 
-Owner = tuple[str, str]  # source of error, and the component alone that has it; empty for all
+# source of error, and the component alone that has it, empty for all, or the key of a coefficient
+Owner = tuple[str, str]
 SOURCES = {
     FINER_MESH: DISCRETISATION,
     TRUE_FACES: CURVED_FACES,
@@ -77,6 +79,28 @@ def repeat_without[Found](
         except (ModelError, UnstableControlError, ConvergenceError, AccuracyError) as error:
             left_out.append(f"{' of '.join(filter(None, owner))}: {error}")
     return Repeated(better, _find_silent_meshes(state), tuple(left_out))
+
+
+def repeat_at_ends[Found](
+    coefficients: CuttingCoefficients,
+    solve: Callable[[CuttingCoefficients], Found],
+    found: Repeated[Found],
+) -> Repeated[Found]:
+    """What was repeated, with an analysis once more at the farther end of each range of the cutting
+    coefficients.
+
+    Args:
+        coefficients: Of the cut.
+        solve: The analysis with other coefficients.
+        found: What was repeated before.
+    """
+    better, left_out = dict(found.better), list(found.left_out)
+    for key in coefficients.ranges:
+        try:
+            better[CUTTING, key] = solve(coefficients.farther_end(key))
+        except (ModelError, UnstableControlError, ConvergenceError, AccuracyError) as error:
+            left_out.append(f"{key} of the {CUTTING}: {error}")
+    return Repeated(better, found.unknown, tuple(left_out))
 
 
 def list_better_machines(

@@ -124,10 +124,11 @@ def _find_chips(scene: SceneTable, table: Cutter) -> Chips:
         return USUAL_CHIPS
     low, high = min(feeds), max(feeds)
     feed, immersion = 0.5 * (low + high), table.radial_depth / table.mill.diameter
+    told = f"{1e3 * feed:.3g}" if low == high else f"{1e3 * low:.3g} to {1e3 * high:.3g}"
     return Chips(
         mean_chip_thickness(feed, min(immersion, 1.0)),
         (high - low) / (high + low),
-        f"mean of a chip at {1e3 * feed:.3g} mm per tooth and {100.0 * immersion:.3g} % immersion",
+        f"mean of a chip at {told} mm per tooth and {100.0 * immersion:.3g} % immersion",
     )
 
 

@@ -64,6 +64,16 @@ class CuttingCoefficients:
             key: max(abs(find(end) - value) for end in own.ends) for key, own in self.ranges.items()
         }
 
+    def farther_end(self, key: str) -> "CuttingCoefficients":
+        """The end of a range at which coefficients change most, the lower one of two alike."""
+
+        def change(end: "CuttingCoefficients") -> float:
+            pairs = zip((*end.chip, *end.edge), (*self.chip, *self.edge), strict=True)
+            # to what is no more than roundoff both ends are alike
+            return round(max(abs(other - own) / (abs(own) or 1.0) for other, own in pairs), 9)
+
+        return max(self.ranges[key].ends, key=change)
+
     def describe(self) -> str:
         """The numbers that count, in words."""
         numbers = [
