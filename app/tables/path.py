@@ -174,6 +174,7 @@ CRUISE_COLUMNS: tuple[Column[CruiseRow], ...] = (
 def path_error_words(path: PathSummary) -> list[str]:
     """Where the errors of a path come from, and what is not in them."""
     largest: dict[str, float] = {}
+    unknown: dict[str, None] = {}
     for run in path["feeds"]:
         for output in run["outputs"]:
             for zone, found in (
@@ -183,7 +184,10 @@ def path_error_words(path: PathSummary) -> list[str]:
                 unit = deviation_unit((output["dof"][0], output["dof"][1]))[0]
                 peak = abs(found[f"peak_{unit}"] or 0.0)
                 for source, size in output["error_share"][zone].items():
-                    share = (size or 0.0) / peak if peak else 0.0
+                    if size is None:
+                        unknown[source] = None
+                        continue
+                    share = size / peak if peak else 0.0
                     largest[source] = max(largest.get(source, 0.0), share)
     words = []
     if largest:
@@ -191,6 +195,8 @@ def path_error_words(path: PathSummary) -> list[str]:
             f"{source} up to {show_share(share)}" for source, share in largest.items()
         )
         words.append(f"± of a peak, from {parts}; in the pose of the middle")
+    if unknown:
+        words.append(f"{NO_BOUND} : nothing is known of {', '.join(unknown)}")
     if path["error_left_out"]:
         begin = "not in ±" if largest else f"{NO_BOUND} : nothing is known of"
         words.append(f"{begin}{':' if largest else ''} {'; '.join(path['error_left_out'])}")

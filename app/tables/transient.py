@@ -1,5 +1,7 @@
 """Rows of loads over time."""
 
+import math
+
 from headstock.app.tables.probes import list_motion_columns
 from headstock.app.tables.table import Cell, Column, PlainTable, show_percent, tabulate_curves
 from headstock.pipeline.answers.path import (
@@ -30,6 +32,14 @@ def _settled(row: MovedRow) -> Cell:
     return "at rest" if found["peak"] == 0.0 else "never" if found["final"] is None else "later"
 
 
+def _peak_error(row: MovedRow) -> float | None:
+    """NaN where errors were looked at and one of them is not known."""
+    found = row[1]
+    if not found["peak"]:
+        return None
+    return math.nan if found["error"] is None and found["error_share"] else found["error"]
+
+
 MOVED_COLUMNS: tuple[Column[MovedRow], ...] = (
     Column(lambda row: row[0], "at", "at", "At"),
     Column(lambda row: MOVED_UNITS[row[1]["unit"]], "unit", "in", "In"),
@@ -38,7 +48,7 @@ MOVED_COLUMNS: tuple[Column[MovedRow], ...] = (
         "peak",
         ">peak",
         "Peak",
-        error=lambda row: row[1]["error"] if row[1]["peak"] else None,
+        error=_peak_error,
     ),
     Column(lambda row: row[1]["error"], "± peak"),
     Column(lambda row: 1e3 * row[1]["peak_s"], "at [ms]", ">at ms", "at [ms]"),

@@ -29,6 +29,10 @@ LARGE_FIRST_DIGIT = 3  # an error that begins with it or more keeps one digit
 # power of ten of the last digit; below it numbers are written with an exponent
 LEAST_POSITIONAL = -9
 NO_BOUND = "± ?"
+WITHOUT_BOUND = {
+    REDUCTION: "no bound of the reduction error: the range lies beyond the cut-off of the modes kept",
+    DISCRETISATION: "nothing is known of the discretisation error",
+}
 FREE = "free"  # in place of a compliance that a free motion of the machine leaves open
 
 
@@ -206,13 +210,14 @@ def show_span(span: Sequence[float] | None) -> str:
 
 
 def largest_shares(modes: FrequencyErrors) -> dict[str, float]:
-    """Largest part [Hz] of each source over the elastic modes of a pose."""
+    """Largest part [Hz] of each source over the elastic modes of a pose where it is known."""
     shares = modes.get("error_share", [])[modes["rigid_count"] :]
-    sources = dict.fromkeys(source for share in shares for source in share)
-    return {
-        source: max((share[source] or 0.0 for share in shares if source in share), default=0.0)
-        for source in sources
-    }
+    largest: dict[str, float] = {}
+    for share in shares:
+        for source, size in share.items():
+            if size is not None:
+                largest[source] = max(largest.get(source, 0.0), size)
+    return largest
 
 
 def error_words(modes: FrequencyErrors) -> list[str]:
@@ -232,9 +237,7 @@ def error_words(modes: FrequencyErrors) -> list[str]:
             f"{NO_BOUND} : beyond the cut-off of the modes kept, where there is no bound; see the warnings"
         )
     if any(share.get(DISCRETISATION, 0.0) is None for share in shares):
-        words.append(
-            f"{NO_BOUND} : modes of imported parts take part whose mesh error their files do not state"
-        )
+        words.append(f"{NO_BOUND} : parts take part whose mesh error is not known")
     if any(share.get(MODEL, 0.0) is None for share in shares):
         words.append(
             f"{NO_BOUND} : with elastic bodies in place of rigid and segmented ones no mode has this shape"
@@ -253,19 +256,24 @@ def response_error_words(response: ResponseSummary) -> list[str]:
     found, left_out = response.get("error"), response.get("error_left_out")
     if not found:
         return [f"{NO_BOUND} : nothing is known of {'; '.join(left_out)}"] if left_out else []
-    if None in found.values():
-        return [
-            "no bound of the reduction error: the range lies beyond the cut-off of the modes kept"
-        ]
+    unknown = [
+        WITHOUT_BOUND.get(source, f"nothing is known of {source}")
+        for source, shares in found.items()
+        if shares is None
+    ]
     parts = [
         f"{source} {100 * shares['median_share']:.2g} % of a line in the median, at most {100 * shares['largest_share']:.2g} % at "
         f"{shares['largest_share_hz']:.4g} Hz"
         for source, shares in found.items()
         if isinstance(shares, dict)
     ]
-    words = [f"± covers 95 % of errors, from {'; '.join(parts)}"]
+    words = [f"{NO_BOUND} : {'; '.join(unknown)}"] if unknown else []
+    if parts:
+        words.append(f"± covers 95 % of errors, from {'; '.join(parts)}")
+    if unknown and parts:
+        words[-1] = f"known are {'; '.join(parts)}"
     bounded_to = found["bounded_to_hz"]
-    if isinstance(bounded_to, float) and bounded_to < response["to_hz"]:
+    if not unknown and isinstance(bounded_to, float) and bounded_to < response["to_hz"]:
         words.append(f"no bound above {bounded_to:.4g} Hz")
     if left_out:
         words.append(f"not in ±: {'; '.join(left_out)}")
@@ -297,16 +305,19 @@ def limit_error_words(lobes: Mapping[str, LobesSummary]) -> list[str]:
 def transient_words(transient: TransientSummary) -> list[str]:
     """What a settling time means, where the errors of peaks come from, and how the energy adds up."""
     words = [f"settled: within {100 * transient['settled_within']:g} % of the way, or of the peak"]
-    largest: dict[str, float] = {}
+    largest: dict[str, float | None] = {}
     for output in transient["outputs"].values():
         for source, size in output["error_share"].items():
-            share = (size or 0.0) / abs(output["peak"]) if output["peak"] else 0.0
-            largest[source] = max(largest.get(source, 0.0), share)
-    if largest:
-        parts = ", ".join(
-            f"{source} up to {show_share(share)}" for source, share in largest.items()
-        )
+            before = largest.get(source, 0.0)
+            share = 0.0 if size is None or not output["peak"] else size / abs(output["peak"])
+            largest[source] = None if size is None or before is None else max(before, share)
+    known = {source: share for source, share in largest.items() if share is not None}
+    if known:
+        parts = ", ".join(f"{source} up to {show_share(share)}" for source, share in known.items())
         words.append(f"± of a peak, from {parts}")
+    if len(known) < len(largest):
+        lacking = ", ".join(source for source in largest if source not in known)
+        words.append(f"{NO_BOUND} : nothing is known of {lacking}")
     if transient["error_left_out"]:
         words.append(f"not in ±: {'; '.join(transient['error_left_out'])}")
     energy = transient["energy"]

@@ -454,10 +454,7 @@ class ContourAnswer(Answer):
             "series": series,
             "probes": {name: probe.summarise() for name, probe in self.probes.items()},
             "error_sources": list(dict.fromkeys(source for source, _ in self.worth.better)),
-            "error_left_out": [
-                *self.worth.left_out,
-                *(f"the mesh of {name}, which shows no error" for name in self.worth.unknown),
-            ],
+            "error_left_out": list(self.worth.left_out),
         }
         if self.stability:
             summary["stability"] = [

@@ -411,22 +411,24 @@ def _summarise_error(curves: ResponseCurves) -> dict[str, LineErrors | float | N
     """
     if curves.error is None:
         return None
-    bounded = np.isfinite(curves.error).all(axis=(1, 2)) & np.isfinite(curves.receptance).all(
-        axis=(1, 2)
-    )
-    if not bounded.any():
-        return {**dict.fromkeys(curves.error_share), "bounded_to_hz": 0.0}
-    lines, sizes = (
-        curves.frequencies_hz[bounded],
-        np.abs(curves.receptance[bounded]).max(axis=(1, 2)),
-    )
-    found: dict[str, LineErrors | float | None] = {"bounded_to_hz": float(lines[-1])}
+    seen = np.isfinite(curves.receptance).all(axis=(1, 2))
+    bounded = seen & np.isfinite(curves.error).all(axis=(1, 2))
+    lines = curves.frequencies_hz[bounded]
+    found: dict[str, LineErrors | float | None] = {
+        "bounded_to_hz": float(lines[-1]) if len(lines) else 0.0
+    }
     for source, error in curves.error_share.items():
-        shares = error[bounded].max(axis=(1, 2)) / sizes
+        # where another source has no bound anywhere, this one still says what it knows
+        known = bounded if bounded.any() else seen & np.isfinite(error).all(axis=(1, 2))
+        if not known.any():
+            found[source] = None
+            continue
+        sizes = np.abs(curves.receptance[known]).max(axis=(1, 2))
+        shares = error[known].max(axis=(1, 2)) / sizes
         found[source] = {
             "median_share": float(np.median(shares)),
             "largest_share": float(shares.max()),
-            "largest_share_hz": float(lines[int(np.argmax(shares))]),
+            "largest_share_hz": float(curves.frequencies_hz[known][int(np.argmax(shares))]),
         }
     return found
 

@@ -349,10 +349,7 @@ class PathResult(Answer):
             "energy_error": self.energy_error,
             "poses": None if self.poses is None else self.poses.summarise(),
             "feeds": [_summarise_run(self, place) for place in range(len(self.runs))],
-            "error_left_out": [
-                *self.worth.left_out,
-                *(f"the mesh of {name}, which shows no error" for name in self.worth.unknown),
-            ],
+            "error_left_out": list(self.worth.left_out),
         }
 
     def judge_probe(self, place: int, name: str) -> ProbeMotion:

@@ -262,22 +262,22 @@ def _name_kinds(
 
 
 def name_what_is_left_out(parts: MachineParts) -> Estimate:
-    """What no estimate is made of: meshes of imported parts, and bodies that are no finite element
-    model.
+    """What no estimate is made of: meshes of imported parts and those that show nothing of their
+    error, and bodies that are no finite element model.
     """
     kinds: dict[str, list[str]] = {}
-    surfaces = []
+    others = []
     for name, part in parts.superelements.items():
         fidelity = parts.plan.components[name].fidelity
         if part.errors.missing_energy is None:
             kinds.setdefault(
                 "the mesh of" if fidelity == "elastic" else f"{fidelity} model of", []
             ).append(name)
-        elif part.errors.shape_stiffness is None and part.errors.missing_energy.any():
-            surfaces.append(f"the curved faces of {name}{_missed_volume(parts, name)}")
-    return Estimate(
-        {}, (*(f"{kind} {', '.join(names)}" for kind, names in kinds.items()), *surfaces)
-    )
+        elif not part.errors.missing_energy.any():
+            others.append(f"the mesh of {name}, which shows no error")
+        elif part.errors.shape_stiffness is None:
+            others.append(f"the curved faces of {name}{_missed_volume(parts, name)}")
+    return Estimate({}, (*(f"{kind} {', '.join(names)}" for kind, names in kinds.items()), *others))
 
 
 def _missed_volume(parts: MachineParts, name: str) -> str:

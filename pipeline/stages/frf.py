@@ -156,16 +156,13 @@ def estimate_response_errors(
 
 
 def find_error_sources(parts: MachineParts, coupled: CoupledMachine) -> ErrorSources:
-    """Components with modes left out or with a mesh, and their loss where it acts."""
-    lossy = DAMPING in parts.scene.effects and not parts.scene.modal_damping
+    """Components with modes left out or with a mesh, and their damping where it acts."""
     truncated, meshed = truncated_parts(coupled), meshed_parts(coupled)
-    names = [
-        name
-        for name in coupled.layout.superelements
-        if lossy and name in truncated.keys() | meshed.keys()
-    ]
+    if DAMPING not in parts.scene.effects:
+        return ErrorSources(truncated, meshed)
+    names = [n for n in coupled.layout.superelements if n in truncated.keys() | meshed.keys()]
     losses = {name: parts.plan.components[name].material.loss_factor for name in names}
-    return ErrorSources(truncated, meshed, losses)
+    return ErrorSources(truncated, meshed, losses, coupled.rayleigh)
 
 
 def _name_direct_loads(parts: MachineParts, response: FrequencyResponse) -> tuple[str, ...]:

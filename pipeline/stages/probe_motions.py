@@ -18,6 +18,7 @@ from headstock.pipeline.stages.probes import CYCLE_SAFETY, watched_rows
 from headstock.pipeline.stages.run_state import MachineParts
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.probes import PlacedProbe, place_probe
+from headstock.reduction.estimates.mesh_errors import SILENT_SHARE
 from headstock.reduction.estimates.probe_errors import (
     MOVED,
     SEEN,
@@ -94,6 +95,7 @@ def trace_motion(
     own: MovingModel,
     others: Mapping[str, MovingModel],
     *,
+    doubtful: Mapping[str, MovingModel],
     loads: Sequence[str],
     sampled: IndexArray,
     up_to_hz: float,
@@ -108,6 +110,7 @@ def trace_motion(
         probes: Of the machine.
         own: As computed.
         others: Source of error to a model without it; empty where none was sought.
+        doubtful: The same where modes without an estimate are as low as any may be.
         loads: The static load that each input is, whole; empty of others.
         sampled: ``(m,)`` which of the times are samples.
         up_to_hz: Modes up to here vibrate.
@@ -138,6 +141,13 @@ def trace_motion(
                 )
                 for source, other in others.items()
             }
+            sizes = np.array([mises.extreme.value, moved.extreme.value])
+            for source, other in doubtful.items():
+                seen_there = _see(name, probe, other.space, loads).whole
+                change = _compare(
+                    (own.motion, seen.whole), (other.motion, seen_there), always=False
+                )
+                changed[source] = np.where(change <= SILENT_SHARE * sizes, change, np.nan)
             motion = _judge(
                 motion,
                 probe,
@@ -350,7 +360,11 @@ def _judge(
     highest frequency that vibrates.
     """
     shares: list[dict[str, float | None]] = [
-        {source: float(change[kind]) for source, change in changed.items()} for kind in (0, 1)
+        {
+            source: None if np.isnan(change[kind]) else float(change[kind])
+            for source, change in changed.items()
+        }
+        for kind in (0, 1)
     ]
     reach = (2.0 * np.pi * up_to_hz) ** 2 / probe.limit
     beyond = reach / (1.0 - reach) if reach < 1.0 else None

@@ -13,7 +13,7 @@ from headstock.pipeline.answers.estimates import Estimate
 from headstock.pipeline.answers.transient import TRUNCATION, TransientAnswer, TransientCurves
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.control import drive_machine
-from headstock.pipeline.stages.machine import damp_system, warn_of_no_damping
+from headstock.pipeline.stages.machine import DAMPING, damp_system, warn_of_no_damping
 from headstock.pipeline.stages.motion_forces import (
     SteppedStates,
     find_largest_forces,
@@ -29,6 +29,8 @@ from headstock.pipeline.stages.probes import warn_of_singular
 from headstock.pipeline.stages.run_state import Outcome, PoseModel, RunState, Solved, pose_model
 from headstock.reduction.coupling.joint_forces import joint_outputs
 from headstock.reduction.coupling.probes import PlacedProbe
+from headstock.reduction.estimates.mesh_errors import SILENT_SHARE
+from headstock.reduction.motions.compliance_budget import strain_energies
 from headstock.scene.requests import LOAD, TimedLoad, TransientRequest
 from headstock.solvers.control.drive_loops import ClosedLoop, close_loops
 from headstock.solvers.control.drive_trains import DriveTrain
@@ -47,6 +49,7 @@ from headstock.solvers.linear.state_space import StateSpace
 from headstock.solvers.linear.transient import (
     EnergyBalance,
     Motion,
+    StiffnessLoss,
     TransientFigures,
     TransientModel,
     find_energy,
@@ -71,6 +74,7 @@ SMOOTHING = "smoothing of friction"
 # changes them by REMAINING times as much
 SHARPER = 0.1
 REMAINING = 1.0 / (1.0 - SHARPER**0.5)
+MOST_SOFTENED = 0.5  # of a frequency that an error may take
 ROUNDOFF = 1e-10  # of the largest displacement of its kind
 
 
@@ -88,6 +92,21 @@ class _Ready:
     linear: TransientModel
     watched: StateSpace
     rubbing: ClosedLoop | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Others:
+    """Models without a source of error, by source.
+
+    Attributes:
+        known: As far as estimates say.
+        doubtful: Of sources of which some modes have no estimate: these modes as low as any may be.
+        left_out: What is not looked at.
+    """
+
+    known: dict[str, _Ready] = field(default_factory=dict)
+    doubtful: dict[str, _Ready] = field(default_factory=dict)
+    left_out: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,21 +210,54 @@ class _LoadedMachine:
         every = few or model.linear.space.pairs is not None
         return self.prepare(None if every else BEYOND * self.request.up_to_hz)
 
-    def soften(self) -> tuple[dict[str, _Ready], tuple[str, ...]]:
-        """Source of error to the machine with natural frequencies as low as this source leaves
-        possible, and what is not looked at. Meshes and reductions make frequencies too high.
+    def _find_loss(self) -> StiffnessLoss | None:
+        """What damps the modes that vibrate along with the stiffness of components; None without the
+        effect damping, and of a lumped mechanism.
+        """
+        scene, coupled, near = self.machine.parts.scene, self.machine.coupled, self.near
+        if coupled is None or DAMPING not in scene.effects:
+            return None
+        energies = {
+            name: energy
+            for name, energy in strain_energies(coupled, near.shapes[:, near.rigid_count :]).items()
+            if name in coupled.offsets
+        }
+        count = near.shapes.shape[1] - near.rigid_count
+        whole = np.sum([np.zeros(count), *energies.values()], axis=0)
+        viscous, structural = np.zeros(count), np.zeros(count)
+        for name, energy in energies.items():
+            share = energy / np.where(whole > 0.0, whole, 1.0)
+            viscous += coupled.rayleigh[name].beta * share
+            structural += scene.machine.components[name].material.loss_factor * share
+        given = np.array(scene.modal_damping or (0.0,))
+        return StiffnessLoss(
+            viscous, structural, given[np.minimum(np.arange(count), len(given) - 1)]
+        )
+
+    def soften(self) -> _Others:
+        """With natural frequencies as low as each source of error leaves possible: meshes and
+        reductions make frequencies too high.
         """
         near = self.near
         estimates = self.machine.estimate_mode_errors(near)[near.rigid_count :]
         frequencies = near.frequencies_hz[near.rigid_count :]
-        found: dict[str, _Ready] = {}
+        loss = self._find_loss()
+        known: dict[str, _Ready] = {}
+        doubtful: dict[str, _Ready] = {}
         for source in dict.fromkeys(source for error in estimates for source in error.shares):
-            sizes = np.array([error.shares.get(source) or 0.0 for error in estimates])
-            factors = 1.0 - np.minimum(sizes / frequencies, 0.5)
-            softer = soften_system(self.system, near, factors)
-            found[source] = self.prepare(self.request.up_to_hz, softer)
+            sizes = [error.shares.get(source, 0.0) for error in estimates]
+            unknown = np.array([size is None for size in sizes])
+            factors = 1.0 - np.minimum(
+                np.array([size or 0.0 for size in sizes]) / frequencies, MOST_SOFTENED
+            )
+            softer = soften_system(self.system, near, factors, loss)
+            known[source] = self.prepare(self.request.up_to_hz, softer)
+            if unknown.any():
+                lowest = np.where(unknown, 1.0 - MOST_SOFTENED, factors)
+                softer = soften_system(self.system, near, lowest, loss)
+                doubtful[source] = self.prepare(self.request.up_to_hz, softer)
         left_out = dict.fromkeys(words for error in estimates for words in error.left_out)
-        return found, tuple(left_out)
+        return _Others(known, doubtful, tuple(left_out))
 
 
 def respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[TransientAnswer]:
@@ -234,15 +286,14 @@ def respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[Transi
     solution = _solve(model, request, histories, stepped)
     energy = _balance_energy(model, solution)
     errors: tuple[Estimate, ...] = (Estimate(),) * len(request.outputs)
-    solved: dict[str, _Solution] = {}
-    left_out: tuple[str, ...] = ()
-    others: dict[str, _Ready] = {}
+    others, solved, doubtful = _Others(), dict[str, _Solution](), dict[str, _Solution]()
     if judged and has_symmetric_terms(loaded.system):
-        others, left_out = _list_others(loaded, model)
-        solved = {
-            source: _solve(other, request, histories, stepped) for source, other in others.items()
-        }
-        errors = _compare_peaks(solution, solved, left_out)
+        others = _list_others(loaded, model)
+        solved, doubtful = (
+            {source: _solve(each, request, histories, stepped) for source, each in models.items()}
+            for models in (others.known, others.doubtful)
+        )
+        errors = _compare_peaks(solution, solved, doubtful, others.left_out)
     values, _ = stepped.evaluate()
     sampled = stepped.sampled
     loads = np.concatenate([values[:, 0], values[-1:, 1]])[sampled][:, : len(request.loads)]
@@ -256,13 +307,17 @@ def respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[Transi
         loaded.probes,
         MovingModel(model.watched, moved),
         {
-            source: MovingModel(others[source].watched, _step_states(other))
+            source: MovingModel(others.known[source].watched, _step_states(other))
             for source, other in solved.items()
+        },
+        doubtful={
+            source: MovingModel(others.doubtful[source].watched, _step_states(other))
+            for source, other in doubtful.items()
         },
         loads=[load.target if isinstance(load.target, str) else "" for load in request.loads],
         sampled=sampled,
         up_to_hz=request.up_to_hz,
-        left_out=left_out,
+        left_out=others.left_out,
     )
     drives = follow_drives(tuple(scene.drives.values()) if controlled else (), model.watched, moved)
     answer = TransientAnswer(
@@ -301,16 +356,14 @@ def respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[Transi
     return Solved(answer, tuple(warnings))
 
 
-def _list_others(
-    loaded: _LoadedMachine, model: _Ready
-) -> tuple[dict[str, _Ready], tuple[str, ...]]:
-    """By source of error, a model without it, and what is not looked at."""
-    softer, left_out = loaded.soften()
-    others = {TRUNCATION: loaded.widen(model)} | softer
+def _list_others(loaded: _LoadedMachine, model: _Ready) -> _Others:
+    """By source of error, models without it."""
+    softer = loaded.soften()
+    known = {TRUNCATION: loaded.widen(model)} | softer.known
     if model.rubbing is not None:
         sharper = sharpen_friction(model.rubbing, SHARPER)
-        others[SMOOTHING] = dataclasses.replace(model, rubbing=sharper)
-    return others, left_out
+        known[SMOOTHING] = dataclasses.replace(model, rubbing=sharper)
+    return dataclasses.replace(softer, known=known)
 
 
 def _explain_imbalance(
@@ -448,20 +501,27 @@ def _leave_out_roundoff(
 
 
 def _compare_peaks(
-    solution: _Solution, others: Mapping[str, _Solution], left_out: tuple[str, ...]
+    solution: _Solution,
+    others: Mapping[str, _Solution],
+    doubtful: Mapping[str, _Solution],
+    left_out: tuple[str, ...],
 ) -> tuple[Estimate, ...]:
-    """What each peak changes by in other models."""
-    return tuple(
-        Estimate(
-            {
-                source: (REMAINING if source == SMOOTHING else 1.0)
-                * abs(abs(other.figures[number].peak) - abs(own.peak))
-                for source, other in others.items()
-            },
-            left_out,
-        )
-        for number, own in enumerate(solution.figures)
-    )
+    """What each peak changes by in other models; unknown where modes without an estimate matter."""
+
+    def change(other: _Solution, number: int) -> float:
+        return abs(abs(other.figures[number].peak) - abs(solution.figures[number].peak))
+
+    found = []
+    for number, own in enumerate(solution.figures):
+        shares: dict[str, float | None] = {
+            source: (REMAINING if source == SMOOTHING else 1.0) * change(other, number)
+            for source, other in others.items()
+        }
+        for source, other in doubtful.items():
+            size = change(other, number)
+            shares[source] = size if size <= SILENT_SHARE * abs(own.peak) else None
+        found.append(Estimate(shares, left_out))
+    return tuple(found)
 
 
 def _target_of(load: TimedLoad) -> str:

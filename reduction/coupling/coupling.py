@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -78,6 +78,7 @@ class CoupledMachine:
         displaced: What prescribed displacements do, each a load of its name; None without any.
         geometric: ``(n_all, n_all)`` stiffness of the machine's weight in stacked dofs, which the
             system has; None where it does not count.
+        rayleigh: Damping by mass and stiffness of each component, which the system has.
     """
 
     system: SecondOrderSystem
@@ -93,6 +94,7 @@ class CoupledMachine:
     errors: ErrorLoads | None = None
     geometric: FloatArray | None = None
     displaced: ErrorLoads | None = None
+    rayleigh: Mapping[str, RayleighDamping] = field(default_factory=dict)
 
     @property
     def offset(self) -> FloatArray:
@@ -149,7 +151,8 @@ def couple(
     memo = memo or CouplingMemo()
     placements = place_components(machine, pose)
     layout = lay_out_dofs(superelements, {name: placements[name] for name in superelements})
-    matrices = component_matrices(layout, memo, _rayleigh_dampings(machine, superelements))
+    rayleigh = _rayleigh_dampings(machine, superelements)
+    matrices = component_matrices(layout, memo, rayleigh)
     springs = place_joints(machine, layout)
     shapes = couple_shapes(machine, layout)
     constraints, sources = _constraint_rows(layout, matrices, springs, shapes)
@@ -240,6 +243,7 @@ def couple(
         + (warn_of_stress(machine, layout) if machine.gravity_stiffening else ()),
         errors=errors,
         displaced=displaced,
+        rayleigh=rayleigh,
         geometric=geometric if machine.gravity_stiffening else None,
         fixed=fixed,
     )

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.components import RayleighDamping
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.estimates.frequency_errors import truncated_parts
 from headstock.reduction.estimates.mesh_errors import SILENT_SHARE, meshed_parts, silent_energies
@@ -52,7 +53,7 @@ def estimate_damping_errors(
 
     What a source of error changes of the dynamic stiffness, ``dD(s)``, moves a pole by ``-x^T dD x
     / (x^T (2 s M + C) x)``. Modes left out change it by ``-s^4 R(-s^2)`` (see ``Truncation``),
-    finer meshes by less stiffness. Poles that damping brings close to one another are
+    finer meshes by less stiffness; both carry the damping that goes with mass and stiffness. Poles that damping brings close to one another are
     ill-conditioned: where one moves by a tenth of the distance to the next, first-order changes say
     nothing, and a dashpot that swallows every wave leaves poles that no finer model has.
 
@@ -91,39 +92,48 @@ class _StiffnessChanges:
 
     def __init__(self, coupled: CoupledMachine) -> None:
         self._coupled = coupled
-        self._truncated = truncated_parts(coupled).values()
-        self._meshed = meshed_parts(coupled).values()
+        self._truncated, self._meshed = truncated_parts(coupled), meshed_parts(coupled)
 
     def project(self, pole: complex, shapes: ComplexArray) -> list[ComplexArray] | None:
         """``X^T dD X`` ``(k, k)`` for each source; None where a source is not known."""
         square = -(pole**2)
         if any(
-            not abs(square) < part.truncation.limit for part in self._truncated
+            not abs(square) < part.truncation.limit for part in self._truncated.values()
         ) or self._is_silent(shapes):
             return None
         found: list[ComplexArray] = []
-        for part in self._truncated:
+        for name, part in self._truncated.items():
             # sum of lambda^2 p p^T / (omega_k^2 - lambda) over the modes left out, at complex
             # lambda: first moment, and all of the series' rest as if at the lowest of them (see
             # ``most_participation``)
-            moments = part.truncation
-            seen = part.rows @ shapes
+            moments, seen = part.truncation, part.rows @ shapes
+            elastic, heavy = self._damped(name, pole)
+            ratio = square * heavy / elastic
             found.append(
-                square**2
+                square
+                * heavy
+                * ratio
                 * (
                     seen.T
-                    @ (moments.first + square / (1.0 - square / moments.limit) * moments.second)
+                    @ (moments.first + ratio / (1.0 - square / moments.limit) * moments.second)
                     @ seen
                 )
             )
-        for mesh in self._meshed:
+        for name, mesh in self._meshed.items():
+            elastic, heavy = self._damped(name, pole)
             strained, seen, shape = mesh.strain(shapes), mesh.rows @ shapes, mesh.shape
-            found.append(strained.T @ mesh.energy @ strained)
+            found.append(elastic * (strained.T @ mesh.energy @ strained))
             if shape is not None:
                 found.append(
-                    strained.T @ shape.stiffness @ strained - square * (seen.T @ shape.mass @ seen)
+                    elastic * (strained.T @ shape.stiffness @ strained)
+                    - square * heavy * (seen.T @ shape.mass @ seen)
                 )
         return found
+
+    def _damped(self, name: str, pole: complex) -> tuple[complex, complex]:
+        """Factors ``1 + s beta`` of a component's stiffness and ``1 + alpha / s`` of its mass."""
+        damping = self._coupled.rayleigh.get(name, RayleighDamping())
+        return 1.0 + damping.beta * pole, 1.0 + (damping.alpha / pole if pole else 0.0)
 
     def _is_silent(self, shapes: ComplexArray) -> bool:
         parts: FloatArray = np.hstack([shapes.real, shapes.imag])

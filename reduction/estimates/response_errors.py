@@ -9,6 +9,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, eigh
 
 from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.components import RayleighDamping
 from headstock.reduction.estimates.frequency_errors import TruncatedPart, new_directions
 from headstock.reduction.estimates.mesh_errors import MeshedPart
 from headstock.solvers.control.closed_response import ControlForces
@@ -42,21 +43,24 @@ class ErrorSources:
         truncated: Components that leave modes out.
         meshed: Components whose mesh has an estimate.
         loss_factors: By component, where they act in the system.
+        rayleigh: Damping by mass and stiffness, likewise.
     """
 
     truncated: Mapping[str, TruncatedPart] = field(default_factory=dict)
     meshed: Mapping[str, MeshedPart] = field(default_factory=dict)
     loss_factors: Mapping[str, float] = field(default_factory=dict)
+    rayleigh: Mapping[str, RayleighDamping] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
 class SystemChange:
-    """What is added to the stiffness ``(m, m)``, damping with it, and to the mass ``(m, m)`` of a
-    system.
+    """What is added to the stiffness ``(m, m)``, structural damping with it, to the mass ``(m, m)``
+    and to the viscous damping ``(m, m)`` of a system; None for none of that.
     """
 
     stiffness: ComplexArray
     mass: FloatArray
+    damping: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +72,26 @@ class MeshChanges:
     finer: SystemChange
     faces: SystemChange | None
     left_out: SystemChange | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Moments:
+    """Moments of the modes that a component leaves out, see ``Truncation``, in a trial space, and
+    how these modes are damped.
+
+    Attributes:
+        first: ``(m, m)``.
+        second: ``(m, m)``.
+        limit: Lowest ``omega_k^2`` [rad^2/s^2].
+        loss: One and the structural loss factor times i.
+        rayleigh: Their viscous damping.
+    """
+
+    first: FloatArray
+    second: FloatArray
+    limit: float
+    loss: complex
+    rayleigh: RayleighDamping
 
 
 class ResponseSpace:
@@ -114,45 +138,66 @@ class ResponseSpace:
             self._hysteretic[: self._rigid] = self._hysteretic[:, : self._rigid] = 0.0
         self._mass = space.T @ system.mass @ space
         self._damping = None if system.damping is None else space.T @ system.damping @ space
-        lossy = {
-            name: 1.0 + 1j * sources.loss_factors.get(name, 0.0)
-            for name in (*sources.truncated, *sources.meshed)
-        }
+        names = (*sources.truncated, *sources.meshed)
+        lossy = {name: 1.0 + 1j * sources.loss_factors.get(name, 0.0) for name in names}
+        rayleigh = {name: sources.rayleigh.get(name, RayleighDamping()) for name in names}
         self._moments = {}
         for name, part in sources.truncated.items():
             seen, moments = part.rows @ space, part.truncation
             first, second = seen.T @ moments.first @ seen, seen.T @ moments.second @ seen
-            self._moments[name] = first, second, moments.limit, lossy[name]
+            self._moments[name] = _Moments(
+                first, second, moments.limit, lossy[name], rayleigh[name]
+            )
         self.parts: dict[str, MeshChanges] = {}
-        missing: ComplexArray = np.zeros(self._mass.shape, dtype=complex)
-        shape, heavier = np.zeros_like(missing), np.zeros_like(self._mass)
-        beyond, nothing = np.zeros_like(missing), np.zeros_like(self._mass)
+        finer, corrected, surfaces = (list[SystemChange]() for _ in range(3))
         for name, meshed in sources.meshed.items():
             seen, strained = meshed.rows @ space, meshed.strain(space)
             strained[:, : self._rigid] = 0.0
-            own = lossy[name] * (strained.T @ meshed.energy @ strained)
-            missing += own
-            beyond += meshed.corrected * own
-            changes = [
+
+            def change(
+                stiffness: FloatArray,
+                mass: FloatArray,
+                loss: complex = lossy[name],
+                damped: RayleighDamping = rayleigh[name],
+            ) -> SystemChange:
+                # a component is damped by its own stiffness and mass
+                viscous = damped.alpha * mass + damped.beta * stiffness if damped else None
+                return SystemChange(loss * stiffness, mass, viscous)
+
+            own = change(-strained.T @ meshed.energy @ strained, np.zeros_like(self._mass))
+            finer.append(own)
+            if meshed.corrected:
+                corrected.append(own)
+            others = [
                 None
                 if each is None
-                else SystemChange(
-                    lossy[name] * (strained.T @ each.stiffness @ strained),
-                    seen.T @ each.mass @ seen,
-                )
+                else change(strained.T @ each.stiffness @ strained, seen.T @ each.mass @ seen)
                 for each in (meshed.faces, meshed.left_out)
             ]
-            self.parts[name] = MeshChanges(SystemChange(-own, nothing), *changes)
-            for change in changes:
-                if change is not None:
-                    shape += change.stiffness
-                    heavier += change.mass
-        self.finer = SystemChange(-missing, nothing)
-        stiffer = (SystemChange(beyond, nothing),) if beyond.any() else ()
-        self.meshes: tuple[SystemChange, ...] = (self.finer, *stiffer)
+            surfaces += [each for each in others if each is not None]
+            self.parts[name] = MeshChanges(own, *others)
+        self.finer = self._add_up(finer)
+        stiffer = self._add_up(corrected, -1.0)
+        self.meshes: tuple[SystemChange, ...] = (
+            (self.finer, stiffer) if stiffer.stiffness.any() else (self.finer,)
+        )
         # finer meshes and true faces may act together or against each other
-        faces = (SystemChange(shape, heavier), SystemChange(shape - missing, heavier))
-        self.faces: tuple[SystemChange, ...] = faces if shape.any() or heavier.any() else ()
+        shape = self._add_up(surfaces)
+        self.faces: tuple[SystemChange, ...] = (
+            (shape, self._add_up([shape, self.finer]))
+            if shape.stiffness.any() or shape.mass.any()
+            else ()
+        )
+
+    def _add_up(self, changes: Sequence[SystemChange], factor: float = 1.0) -> SystemChange:
+        """The sum of changes, times a factor."""
+        viscous = [each.damping for each in changes if each.damping is not None]
+        nothing = np.zeros_like(self._mass)
+        return SystemChange(
+            factor * np.sum([nothing + 0j, *(each.stiffness for each in changes)], axis=0),
+            factor * np.sum([nothing, *(each.mass for each in changes)], axis=0),
+            factor * np.sum(viscous, axis=0) if viscous else None,
+        )
 
     @property
     def limit(self) -> float:
@@ -192,6 +237,8 @@ class ResponseSpace:
                 np.where(moving, change.stiffness, change.stiffness.real)
                 - squares[:, None, None] * change.mass
             )
+            if change.damping is not None:
+                added = added + 1j * np.sqrt(squares)[:, None, None] * change.damping
             dynamic += np.broadcast_to(shares, squares.shape)[:, None, None] * added
         return dynamic
 
@@ -214,9 +261,10 @@ class ResponseSpace:
         hysteretic: FloatArray = np.asarray(added.stiffness.imag)
         if self._hysteretic is not None:
             hysteretic = hysteretic + self._hysteretic
+        viscous = [each for each in (self._damping, added.damping) if each is not None]
         return SecondOrderSystem(
             mass=symmetrise(self._mass + added.mass),
-            damping=None if self._damping is None else symmetrise(self._damping),
+            damping=symmetrise(np.sum(viscous, axis=0)) if viscous else None,
             stiffness=symmetrise(self._stiffness + added.stiffness.real),
             inputs={channel: self.loads[:, place] for place, channel in enumerate(inputs)},
             outputs={channel: self.rows[place] for place, channel in enumerate(outputs)},
@@ -249,12 +297,16 @@ class ResponseSpace:
         """
         shape = (len(squares), *self._mass.shape)
         least, most = np.zeros(shape, dtype=complex), np.zeros(shape, dtype=complex)
-        column = squares[:, None, None]
-        for name, (first, second, limit, lossy) in self._moments.items():
+        column, omega = squares[:, None, None], np.sqrt(squares)[:, None, None]
+        for name, own in self._moments.items():
             if only in (None, name):
-                least += column**2 / lossy * (first + column / lossy * second)
+                # viscous damping by mass and stiffness acts on modes left out as on those kept
+                loss = own.loss + 1j * omega * own.rayleigh.beta
+                inertia = column - 1j * omega * own.rayleigh.alpha
+                ratio = inertia / loss
+                least += inertia * ratio * (own.first + ratio * own.second)
                 most += (
-                    column**2 / lossy * (first + column / lossy / (1.0 - column / limit) * second)
+                    inertia * ratio * (own.first + ratio / (1.0 - column / own.limit) * own.second)
                 )
         return least, most
 

@@ -171,21 +171,47 @@ def prepare_transient(
     return TransientModel(modal_state_space(kept, tuple(inputs), tuple(outputs)), kept)
 
 
+@dataclass(frozen=True, eq=False)
+class StiffnessLoss:
+    """Damping of elastic modes ``(m,)`` that goes with their stiffness.
+
+    Attributes:
+        viscous: Over the stiffness [s], as of Rayleigh's damping.
+        structural: Loss factors.
+        ratios: Damping ratios given to modes.
+    """
+
+    viscous: FloatArray
+    structural: FloatArray
+    ratios: FloatArray
+
+
 def soften_system(
-    system: SecondOrderSystem, modes: ModalResult, factors: FloatArray
+    system: SecondOrderSystem,
+    modes: ModalResult,
+    factors: FloatArray,
+    loss: StiffnessLoss | None = None,
 ) -> SecondOrderSystem:
-    """A symmetric system with other natural frequencies, of the same shapes and dampers.
+    """A symmetric system with other natural frequencies, of the same shapes.
 
     Args:
         system: Any.
         modes: Its lowest undamped modes.
         factors: ``(m,)`` of the first elastic ones.
+        loss: Damping that goes with what becomes softer; None where dampers stay as they are.
     """
     moved = slice(modes.rigid_count, modes.rigid_count + len(factors))
     pushed = system.mass @ modes.shapes[:, moved]
     squares = (2.0 * np.pi * modes.frequencies_hz[moved]) ** 2
-    lost = (pushed * ((1.0 - factors**2) * squares)) @ pushed.T
-    return dataclasses.replace(system, stiffness=system.stiffness - lost)
+    lost = (1.0 - factors**2) * squares
+    stiffness = system.stiffness - (pushed * lost) @ pushed.T
+    damping, hysteretic = system.damping, system.hysteretic
+    if loss is not None and damping is not None:
+        viscous = loss.viscous * lost + 2.0 * loss.ratios * (1.0 - factors) * np.sqrt(squares)
+        damping = damping - (pushed * viscous) @ pushed.T
+    if loss is not None and hysteretic is not None:
+        hysteretic = hysteretic - (pushed * (loss.structural * lost)) @ pushed.T
+    return dataclasses.replace(system, stiffness=stiffness, damping=damping, hysteretic=hysteretic)
 
 
 def find_equilibrium(space: StateSpace, loads: FloatArray) -> FloatArray | None:

@@ -401,12 +401,12 @@ def find_held_outputs(posed: PosedModes, channels: PlantChannels) -> NDArray[np.
 
 
 def count_kept_modes(poses: Mapping[float, PoseModes], up_to_hz: float) -> tuple[int, float]:
-    """How many modes are kept everywhere: all up to a frequency, and on to the widest gap; and the
-    lowest frequency left out [Hz].
+    """How many modes are kept everywhere: all up to a frequency, one at least, and on to the widest
+    gap; and the lowest frequency left out [Hz].
     """
     frequencies = [pose.coordinates.omega / (2.0 * np.pi) for pose in poses.values()]
     most = min(len(part) for part in frequencies)
-    least = max(int(np.count_nonzero(part <= up_to_hz)) for part in frequencies)
+    least = max(1, *(int(np.count_nonzero(part <= up_to_hz)) for part in frequencies))
     if least >= most:
         return most, np.inf
     known = min(most, *(pose.motions.shape[1] for pose in poses.values()))
