@@ -71,6 +71,7 @@ from headstock.solvers.milling.tool_path import (
 from headstock.solvers.paths.linear_motion import even_nodes, interpolate_nodes
 from headstock.solvers.paths.sampled_motion import (
     LOAD_SPACING,
+    MOST_SAMPLES,
     NODE_SPACING,
     SampledMotion,
     follow_drives,
@@ -82,6 +83,8 @@ from headstock.solvers.paths.sampled_motion import (
 from headstock.solvers.paths.set_points import PathMotion
 from headstock.solvers.paths.varying_system import PlantChannels
 
+POSES_PER_PIECE = 6  # of a way, at the least, and as many again where they do not suffice
+SHORTEST = 1e-6  # of the whole way: closer bends are one
 STEPS_PER_SWING = 20  # of the highest mode that is kept: with fewer its frequency is off
 RESIDUAL_REACH = 4.0  # frequency at which what is left out gives way, in highest modes kept
 RESIDUAL_DAMPING = 0.3
@@ -120,6 +123,30 @@ class CoupledRun(ContourRun):
     """
 
     way: SampledWay
+
+
+def _list_breaks(plan: ContourPlan, rounding: float, end: float) -> list[float]:
+    """Times at which pieces of a contour's way meet, each followed by splines of its own [s].
+
+    Averages take so long to round a corner, half of that on either side of its bend. Of more bends
+    than poses may be taken there are no pieces: poses are then as dense as corners are.
+
+    Args:
+        plan: Of the contour.
+        rounding: Of a corner [s].
+        end: Of what is computed [s].
+    """
+    last = plan.path.span[1]
+    sides = (-0.5 * rounding, 0.0, 0.5 * rounding)
+    inner = [bend for bend in plan.bends.tolist() if rounding < bend < last - rounding]
+    bends = [bend + side for bend in inner for side in sides]
+    if POSES_PER_PIECE * len(bends) > MOST_SAMPLES:
+        bends = inner if POSES_PER_PIECE * len(inner) <= MOST_SAMPLES else []
+    breaks = [0.0]
+    for bend in sorted((rounding, *bends, last - rounding)):
+        if breaks[-1] + SHORTEST * end < bend < (1.0 - SHORTEST) * end:
+            breaks.append(bend)
+    return [*breaks, end]
 
 
 def run_coupled_contour(
@@ -194,8 +221,7 @@ def run_coupled_contour(
     )
     breaks = [0.0, end]
     if request.follows_pose:
-        bends = (*plan.bends, path.span[1] - AVERAGES * request.contour.window)
-        breaks[1:1] = sorted(float(time) for time in bends if time < end)
+        breaks = _list_breaks(plan, AVERAGES * request.contour.window, end)
     else:
         kept = place(plan.cuts[0].middle)
         place = lambda time: kept  # noqa: E731

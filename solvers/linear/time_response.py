@@ -158,7 +158,7 @@ def make_propagator(space: StateSpace, step: float) -> Propagator:
         return Propagator(transition, (ramp[0] - ramp[1]) @ space.b, ramp[1] @ space.b, step)
     transition, total, rising = _pair_integrals(space.pairs, step)
     count = len(transition)
-    force = space.b.reshape(count, 2, -1)
+    force = space.b.reshape(count, 2, space.b.shape[1])
     start, end = (
         np.einsum("mij,mjk->mik", part, force).reshape(space.b.shape)
         for part in (total - rising, rising)

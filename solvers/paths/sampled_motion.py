@@ -350,11 +350,15 @@ def _miss(
         whole = single @ np.abs(turn @ plant.loads) + np.abs(plant.direct)
         sizes = np.abs(plant.loads).max(axis=0, initial=0.0)
         sizes = np.maximum(sizes, ROUNDOFF * sizes.max(initial=1.0))
-        # in the natural modes of the pose, in which the stiffness is diagonal
+        # in the natural modes of the pose, in which the stiffness is diagonal. What couples two modes
+        # there by a share e of both frequencies changes these by its square, and the shapes by e times
+        # the lower over the higher of them
         by_size = (shares / omega)[:, None] * turn
         by_speed = (shares / np.sqrt(omega))[:, None] * turn
+        stiffer = np.abs(by_size @ off["stiffness"] @ by_size.T)
+        apart = np.minimum.outer(omega, omega) / np.maximum.outer(omega, omega)
         changes = (
-            by_size @ off["stiffness"] @ by_size.T,
+            stiffer * np.where(np.eye(len(omega), dtype=bool), 1.0, np.maximum(stiffer, apart)),
             by_speed @ off["damping"] @ by_speed.T,
             shares[:, None] * (turn @ off["loads"]) / sizes,
             (off["rows"] @ turn.T) * shares * invert_sizes(size(plant.rows)),
