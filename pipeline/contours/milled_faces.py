@@ -21,6 +21,7 @@ MOST_SAMPLES = 400_000
 MOST_LEFT_OUT = 0.2  # of a face, at either end; twice that where the tool enters or leaves
 ENTRIES = 1.5  # radii of the tool over which it enters and settles
 CELLS = 1000
+LEAST_SAMPLES = 4  # of a profile within its cut-off
 DETAIL = 2e-3  # length of the piece that is kept sample by sample [m]
 BEYOND = 0.5  # so much of the tool's radius is looked at beyond the ends of a face
 DEPTH_SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)  # heights at which the location error is told
@@ -58,10 +59,19 @@ def _mill_face(
     first = max(0.0, float(motion.along[0]) + beyond)
     last = min(cut.length, float(motion.along[-1]) - beyond)
     spacing = max(per_tooth / SAMPLES_PER_CUSP, cut.length / MOST_SAMPLES)
+    if request.cut_off < LEAST_SAMPLES * spacing:
+        raise ModelError(
+            f"the cut_off of {1e3 * request.cut_off:.3g} mm is shorter than {LEAST_SAMPLES} samples of it; write at least"
+            f" {1e3 * LEAST_SAMPLES * spacing:.2g} mm in [analyses.contouring]"
+        )
     places: FloatArray = np.asarray(np.arange(first, last, spacing))
     before, after = _left_out(request, run, cut)
     ends = np.searchsorted(places, [max(first, before), min(last, cut.length - after)])
     inside = slice(int(ends[0]), int(ends[1]))
+    if inside.stop <= inside.start:
+        raise ModelError(
+            "nothing of it is left beside its corners, which averages round; write a shorter averaging in [analyses.contouring]"
+        )
     height = 0.5 * milling.axial_depth
 
     def profile(positions: FloatArray, at: float) -> FloatArray:

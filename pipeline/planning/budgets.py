@@ -139,6 +139,15 @@ CONTROL_POINT_DOFS = 4
 # estimates are refused only where they exceed the limit by more than their own error; the run
 # itself stops at the limit
 TIME_MARGIN = 2.0
+# of a stage that goes a way, beyond which a slip of a key is likelier than patience; limits.time says
+# otherwise [s]
+MOST_WAY_SECONDS = 4.0 * 3600.0
+WAY_KEYS = {
+    "path": "write a lower sampling, higher feeds, a shorter residual_time or a higher lowpass in [analyses.path]",
+    "contour": "write a slower spindle, fewer steps_per_turn or a faster feed in [analyses.contouring]",
+}
+# of a contour per step in time, three-axis machine rigid, 29 000 to 600 000 steps
+CONTOUR_KB_PER_STEP = 0.6
 
 
 def contour_step_seconds(
@@ -283,6 +292,11 @@ def transient_seconds(rubbing_samples: float) -> float:
     if not rubbing_samples:
         return start
     return start + RUBBING_START + SECONDS_PER_RUBBING_SAMPLE * rubbing_samples
+
+
+def contour_memory_mb(steps: float) -> float:
+    """Peak memory of a contour of so many time steps [MB]."""
+    return BASE_MB + PATH_MB + 1e-3 * CONTOUR_KB_PER_STEP * steps
 
 
 def path_memory_mb(samples: float, outputs: int, *, rubbing: bool, watched: int = 0) -> float:
@@ -481,18 +495,30 @@ def check_cells(component: Component, cells: int, limit: int | None) -> None:
 
 
 def check_time(stages: Sequence[Stage], limit_s: float | None) -> None:
-    """Refuse stages that together would take far longer than the scene allows, if it says so.
+    """Refuse stages that together would take far longer than the scene allows, if it says so, else a
+    path or contour of many hours.
 
     Raises:
         BudgetError: Names the longest stage, the estimates and the limit.
     """
     total = sum(stage.estimated_seconds or 0.0 for stage in stages)
-    if limit_s is not None and total > TIME_MARGIN * limit_s:
+    if limit_s is None:
+        for stage in stages:
+            seconds = stage.estimated_seconds or 0.0
+            if stage.kind in WAY_KEYS and seconds > TIME_MARGIN * MOST_WAY_SECONDS:
+                raise BudgetError(
+                    f"stage {stage.kind} would take about {seconds:.2g} s, {seconds / 3600.0:.2g} hours; {WAY_KEYS[stage.kind]}, or allow"
+                    f' it by limits = {{ time = "{1.2 * seconds / 3600.0:.2g} h" }}'
+                )
+        return
+    if total > TIME_MARGIN * limit_s:
         longest = max(stages, key=lambda stage: stage.estimated_seconds or 0.0)
+        what, remedy = longest.kind, WAY_KEYS.get(longest.kind)
+        if longest.component is not None:
+            what += f" of component {longest.component!r} with about {longest.estimated_dofs or 0:.3g} dofs"
         raise BudgetError(
-            f"this run would take about {total:.3g} s, {longest.kind} of component {longest.component!r} with about"
-            f" {longest.estimated_dofs:.3g} dofs alone {longest.estimated_seconds:.3g} s, limits.time allows {limit_s:g} s;"
-            " write a larger mesh size or keep fewer modes"
+            f"this run would take about {total:.3g} s, {what} alone {longest.estimated_seconds:.3g} s, limits.time allows {limit_s:g} s;"
+            f" {remedy or 'write a larger mesh size or keep fewer modes'}"
         )
 
 

@@ -27,6 +27,7 @@ from headstock.pipeline.planning.budgets import (
     STAGE_SECONDS,
     check_cells,
     check_time,
+    contour_memory_mb,
     contour_step_seconds,
     displacement_dofs,
     iterative_memory_mb,
@@ -68,6 +69,7 @@ from headstock.scene.requests import (
 from headstock.scene.scene import Scene
 from headstock.solvers.milling.forces import MillingCut
 from headstock.solvers.milling.tool_path import plan_contour
+from headstock.solvers.paths.response import PADDING
 
 GRAVITY = "gravity"
 PROBED = 9  # numbers at a probe
@@ -446,7 +448,15 @@ def _way_stages(scene: Scene, components: dict[str, Component], dofs: int) -> li
         again = _count_repeats(components, ONCE, contour.cut if contour.cutting else None)
         again *= contour.estimate
         times = 1.0 + again * (1.0 if waves else CONTOUR_AGAIN)
-        stages.append(Stage("contour", None, what, estimated_seconds=times * steps * per_step))
+        stages.append(
+            Stage(
+                "contour",
+                None,
+                what,
+                estimated_memory_mb=contour_memory_mb(contour_steps(contour)),
+                estimated_seconds=times * steps * per_step,
+            )
+        )
     if path is not None:
         cut = None if path.cut is None else path.cut.cut
         repeats = path.estimate * _count_repeats(components, EACH, cut)
@@ -467,9 +477,14 @@ def _count_repeats(
 def _path_stage(scene: Scene, path: PathRequest, dofs: int, repeats: int) -> Stage:
     """The path of a machine of so many dofs, repeated in the pose of the middle for its ±."""
     samples = [(move.duration + path.residual_time) * path.sampling_hz for move in path.moves]
+    # before and after a record a low-pass rests for some of its periods
+    rest = 0.0 if path.low_pass is None else 2.0 * PADDING / path.low_pass.frequency_hz
     rubbing = any(drive.friction is not None for drive in scene.drives.values())
     memory = path_memory_mb(
-        max(samples), len(path.outputs), rubbing=rubbing, watched=_count_watched(scene)
+        max(samples) + rest * path.sampling_hz,
+        len(path.outputs),
+        rubbing=rubbing,
+        watched=_count_watched(scene),
     )
     if scene.mechanism is None:
         turns = 0.0

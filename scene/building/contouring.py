@@ -27,6 +27,7 @@ from headstock.scene.schema.mechanism import ContouringTable
 from headstock.scene.schema.scene import SceneTable
 from headstock.solvers.mechanisms.modes import PoseDamping
 from headstock.solvers.milling.tool_path import (
+    AVERAGES,
     SHORTEST_FACE,
     PolylineContour,
     SquareContour,
@@ -38,6 +39,7 @@ FORCE_SUFFIXES = (".csv",)
 PASSINGS = 2.0  # modes are kept up to so many times the frequency at which teeth pass
 LOOKS = 200  # places along a contour at which axes are compared with their limits
 UP = (0.0, 0.0, 1.0)  # along the tool
+SLOWEST = 1e-10  # feed per tooth [m]
 ONE_HEIGHT = 1e-9  # of corners [m]
 
 
@@ -143,6 +145,27 @@ def _check_way(table: ContouringTable, folder: Path, findings: Findings) -> None
         findings.add(
             (*KEY, key),
             f"has no straight cut of {1e3 * SHORTEST_FACE:g} mm beside the leads; a face is at least so long",
+        )
+        return
+    radius, passing = 0.5 * table.mill.diameter, table.spindle * table.mill.teeth / (2.0 * math.pi)
+    fastest, slowest = (choose(cut.feed for cut in plan.cuts) for choose in (max, min))
+    if fastest > radius * passing:
+        findings.add(
+            (*KEY, "feed" if table.feed == fastest else key),
+            f"leads the tool {1e3 * fastest / passing:.3g} mm further per tooth, and its radius is {1e3 * radius:g} mm: it would cut nothing in"
+            f' between; write at most "{60.0 * radius * passing:.3g} m/min", or a faster spindle',
+        )
+    elif slowest < SLOWEST * passing:
+        findings.add(
+            (*KEY, "feed" if table.feed == slowest else key),
+            f"leads the tool {1e9 * slowest / passing:.2g} nm further per tooth, less than an atom; write a faster feed, or a slower spindle",
+        )
+    longest = max(cut.length / cut.feed for cut in plan.cuts)
+    if AVERAGES * table.averaging > longest:
+        findings.add(
+            (*KEY, "averaging"),
+            f"rounds corners for {AVERAGES * table.averaging:.3g} s, and the tool takes {longest:.3g} s along the longest face, so that no"
+            f' straight part is left; write at most "{1e3 * longest / AVERAGES:.2g} ms"',
         )
 
 
