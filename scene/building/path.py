@@ -27,6 +27,7 @@ from headstock.solvers.paths.set_points import Ramp, SetPoint, find_move_fault
 KEY: KeyPath = ("analyses", "path")
 # times the inverse of the time constant: beyond it a ramp has less than 2 % of its spectrum, 1/(pi f T)
 RAMP_BAND = 16.0
+RAMP_SAMPLES = 10.0  # on a ramp, that a remedy asks for
 TOOTH_HARMONICS = 10  # of the passing of teeth
 
 
@@ -134,6 +135,13 @@ def _check_moves(scene: SceneTable, table: PathTable, findings: Findings) -> Non
         )
         return
     ramp = Ramp(table.ramp, table.time_constant, table.jerk_time or 0.0)
+    if ramp.duration * table.sampling < 1.0:
+        findings.add(
+            (*KEY, "sampling"),
+            f"is {table.sampling:g} Hz, and a ramp takes {1e3 * ramp.duration:g} ms: no sample falls on it; write at least"
+            f' "{math.ceil(RAMP_SAMPLES / ramp.duration):g} Hz", or a longer time_constant',
+        )
+        return
     wanted = SPEED if line.unit == "m" else ANGULAR_SPEED
     for index, feed in enumerate(table.feeds):
         key = (*KEY, "feeds", index)

@@ -346,7 +346,9 @@ def look_at_pose(
     Raises:
         ModelError: A damper acts on a dof without mass, or a matrix is not symmetric.
     """
-    up_to_hz = SEARCHED * channels.up_to_hz
+    # one mode is kept at least, with those close to it
+    elastic = posed.modes.frequencies_hz[posed.modes.rigid_count :]
+    up_to_hz = SEARCHED * max(channels.up_to_hz, float(elastic[0]) if len(elastic) else 0.0)
     count = max(least, int(np.count_nonzero(posed.modes.frequencies_hz <= up_to_hz)) + 1)
     modes = posed.modes if all_modes else keep_lowest(posed.modes, count=count)
     viscous = equivalent_viscous(posed.system, posed.modes)
