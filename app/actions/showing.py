@@ -163,7 +163,7 @@ def survey_part(
 
     Args:
         path: STEP or mesh file.
-        solid: Which solid of a STEP file.
+        solid: Which solid of a STEP file, or set of solid cells of a mesh file.
         unit: Length of one unit of a mesh file, such as ``1 mm``; None to guess it.
 
     Raises:
@@ -179,14 +179,12 @@ def survey_part(
             raise click.UsageError("--unit goes with a mesh file; a STEP file names its unit")
         step = StepFile(path.absolute(), solid)
         return step, survey_step(step)
-    if solid is not None:
-        raise click.UsageError("--solid goes with a STEP file; a mesh file holds one body")
     try:
         length = 1.0 if unit is None else parse_quantity(unit, LENGTH).value
     except UnitError as error:
         raise click.UsageError(f"--unit {error}") from error
     beside = tuple(path.absolute().parent / name for name in files_beside(path))
-    mesh = MeshFile(path.absolute(), length, beside)
+    mesh = MeshFile(path.absolute(), length, beside, None if solid is None else str(solid))
     return mesh, survey_mesh(mesh, unit)
 
 

@@ -258,7 +258,7 @@ def write_part_scene(
     choice = "" if solid is None else f", solid = {_quote(solid)}"
     shape = f"{{ step = {_quote(part.name)}{choice} }}"
     if unit is not None:
-        shape = f"{{ mesh = {_quote(part.name)}, unit = {_quote(unit)} }}"
+        shape = f"{{ mesh = {_quote(part.name)}, unit = {_quote(unit)}{choice} }}"
     text = SCENE.format(
         heading=f"A first scene for {part.name}, whose faces `headstock show {part.name}` numbers and draws.",
         scene=scene,

@@ -51,7 +51,11 @@ def show(
     ] = False,
     solid: Annotated[
         str | None,
-        typer.Option("--solid", metavar="NAME|N", help="Which solid of a STEP file with several."),
+        typer.Option(
+            "--solid",
+            metavar="NAME|N",
+            help="Which solid of a STEP file, set of cells of a mesh file, or * for all.",
+        ),
     ] = None,
     unit: Annotated[
         str | None,
@@ -103,7 +107,11 @@ def new(
     ] = None,
     solid: Annotated[
         str | None,
-        typer.Option("--solid", metavar="NAME|N", help="Which solid of a STEP file with several."),
+        typer.Option(
+            "--solid",
+            metavar="NAME|N",
+            help="Which solid of a STEP file, set of cells of a mesh file, or * for all.",
+        ),
     ] = None,
     unit: Annotated[
         str | None,

@@ -53,8 +53,10 @@ CONSTRAINTS = frozenset(
     ("COUPLING", "RIGID BODY", "MPC", "EQUATION", "KINEMATIC COUPLING", "DISTRIBUTING COUPLING", "FASTENER",
      "EMBEDDED ELEMENT", "SHELL TO SOLID COUPLING")
 )  # fmt: skip
+MESH_KEYWORDS = ("NODE", "ELEMENT", "NSET", "ELSET", "SURFACE", "SYSTEM")
 SHELL_SECTIONS = ("SHELL SECTION", "SHELL GENERAL SECTION", "MEMBRANE SECTION")
 LONGEST_RANGE = 10_000_000
+SURFACE_KINDS = ("ELEMENT", "NODE")
 COINCIDENT = 1e-6  # of the size of the mesh
 
 
@@ -120,7 +122,8 @@ class Scope:
     Attributes:
         nodes: Node number to position.
         elements: By type.
-        numbers: Nodes by element number, of all types.
+        numbers: Nodes by element number, of solids and surface elements.
+        others: Numbers of elements that are left out.
         node_sets: Members by name in upper case.
         element_sets: The same of elements.
         surfaces: Blocks of each named surface, by name in upper case.
@@ -132,6 +135,7 @@ class Scope:
     nodes: dict[int, tuple[float, float, float]] = field(default_factory=dict)
     elements: dict[str, Elements] = field(default_factory=dict)
     numbers: dict[int, list[int]] = field(default_factory=dict)
+    others: set[int] = field(default_factory=set)
     node_sets: dict[str, list[Members]] = field(default_factory=dict)
     element_sets: dict[str, list[Members]] = field(default_factory=dict)
     surfaces: dict[str, list[Block]] = field(default_factory=dict)
@@ -203,7 +207,7 @@ def _blocks(path: Path) -> Iterator[Block]:
     """Keyword blocks; a keyword line that ends in a comma goes on in the next."""
     block: Block | None = None
     head, start = "", 0
-    with path.open(encoding="utf-8", errors="replace") as file:
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
         for number, raw in enumerate(file, 1):
             text = raw.strip()
             if not text or text.startswith("**"):
@@ -263,9 +267,10 @@ class _DeckReader:
             MeshError: It holds something that is not known.
         """
         for block in _blocks(self.path):
-            if block.keyword in REFUSED or "INPUT" in block.options:
+            outside = block.keyword in MESH_KEYWORDS and "INPUT" in block.options
+            if block.keyword in REFUSED or outside:
                 raise MeshError(
-                    f"{block.place}: *{block.keyword}{', INPUT=' if 'INPUT' in block.options else ''} is not supported; write "
+                    f"{block.place}: *{block.keyword}{', INPUT=' if outside else ''} is not supported; write "
                     "all nodes and elements into one file"
                 )
             try:
@@ -316,7 +321,8 @@ class _DeckReader:
         if part not in self.deck.parts:
             raise MeshError(f"{block.place}: there is no part {part}")
         moves = [_numbers([row]) for row in block.rows if any(row)]
-        rotation, shift = np.eye(3), np.zeros(3)
+        rotation: FloatArray = np.eye(3)
+        shift: FloatArray = np.zeros(3)
         if moves and len(moves[0]) <= 3:
             shift = np.array((moves.pop(0) + [0.0] * 3)[:3])
         if moves:
@@ -332,7 +338,7 @@ class _DeckReader:
 
     def _add_nodes(self, block: Block) -> None:
         numbers = [int(row[0]) for row in block.rows]
-        places = np.array(
+        places: FloatArray = np.array(
             [[_number(word) for word in [*row[1:4], "", "", ""][:3]] for row in block.rows]
         ).reshape(-1, 3)
         kind = block.options.get("SYSTEM", "R").upper()
@@ -348,7 +354,8 @@ class _DeckReader:
         if self.system is not None:
             origin, axes = self.system
             places = origin + places @ axes
-        for number, (x, y, z) in zip(numbers, places.tolist(), strict=True):
+        for number, place in zip(numbers, places, strict=True):
+            x, y, z = (float(value) for value in place)
             if self.scope.nodes.setdefault(number, (x, y, z)) != (x, y, z) and np.isfinite(
                 x + y + z
             ):
@@ -367,8 +374,10 @@ class _DeckReader:
                     "C3D13, C3D15, C3D20 and C3D27 with what follows in letters"
                 )
             # a line that ends in a comma goes on in the next
-            ends = [bool(row[-1]) for row in block.rows]
-            self.deck.left_out[kind] += len(ends) - sum(not end for end in ends[:-1])
+            starts = [0, *(at for at, row in enumerate(block.rows[:-1], 1) if row[-1])]
+            found = [int(block.rows[at][0]) for at in starts if block.rows]
+            self.deck.left_out[kind] += len(found)
+            self.scope.others.update(found)
             return
         if solid is not None:
             count = used = int(solid[1])
@@ -401,7 +410,8 @@ class _DeckReader:
         for row in block.rows:
             words = [word for word in row if word]
             if any(key.startswith("GEN") for key in block.options):
-                first, last, step = (int(word) for word in [*words, "1"][:3])
+                first, last = int(words[0]), int(words[min(1, len(words) - 1)])
+                step = int(words[2]) if len(words) > 2 else 1
                 if step < 1 or (last - first) // step > LONGEST_RANGE:
                     raise ValueError(f"{first} to {last} is no range of numbers")
                 items.append(range(first, last + 1, step))
@@ -469,7 +479,7 @@ class _Assembly:
                     cells = raw.add_solids(
                         elements.family, rows, edges=VTK_EDGES[elements.family], numbers=numbers
                     )
-                    one.cells |= dict(zip(elements.nodes, cells.tolist(), strict=True))
+                    one.cells |= dict(zip(elements.nodes, map(int, cells), strict=True))
         solid = [one for one in self.instances if one.cells]
         for one in self.instances:
             if one.cells and len(solid) > 1:
@@ -545,12 +555,13 @@ class _Assembly:
             if nodes:
                 raw.add_nodes(self._name(one, name), np.array(nodes))
         for name in scope.node_sets:
-            members = self._members(one, name, "node")
-            rows = [
-                self.alias[owner.rows[number]] for owner, number in members if number in owner.rows
+            found = [
+                self.alias[owner.rows[number]]
+                for owner, number in self._members(one, name, "node")
+                if number in owner.rows
             ]
-            if rows and name not in scope.internal:
-                raw.add_nodes(self._name(one, name), np.array(rows))
+            if found and name not in scope.internal:
+                raw.add_nodes(self._name(one, name), np.array(found))
         for name in scope.element_sets:
             if name in scope.internal:
                 continue
@@ -561,11 +572,11 @@ class _Assembly:
                 continue
             for owner, number in members:
                 if number in owner.scope.numbers and number not in owner.cells:
-                    corners = self._rows(owner, owner.scope.numbers[number], str(number))
+                    sheet = self._rows(owner, owner.scope.numbers[number], str(number))
                     raw.add_facets(
                         self._name(one, name),
-                        "triangle" if len(corners) == 3 else "quad",
-                        np.array([corners]),
+                        "triangle" if len(sheet) == 3 else "quad",
+                        np.array([sheet]),
                     )
 
     def _name(self, one: Instance, name: str) -> str:
@@ -608,10 +619,14 @@ class _Assembly:
         facets: list[list[int]] = []
         nodes: list[int] = []
         for block in one.scope.surfaces[name]:
-            for row in block.rows:
+            kind = block.options.get("TYPE", "ELEMENT").upper()
+            # others are combined of surfaces, or analytical
+            for row in (
+                block.rows if kind in SURFACE_KINDS and "COMBINE" not in block.options else ()
+            ):
                 target, label = ([word.upper() for word in row] + [""])[:2]
                 owner, rest = self._find(one, target)
-                if block.options.get("TYPE", "ELEMENT").upper() == "NODE":
+                if kind == "NODE":
                     known = (
                         [(owner, int(rest))]
                         if rest.isdigit()
@@ -636,12 +651,14 @@ class _Assembly:
         self, block: Block, one: Instance, number: int, label: str, free: set[frozenset[int]]
     ) -> list[list[int]]:
         """Corners of the faces of an element that a surface names."""
+        if number in one.scope.others:
+            return []
         if number not in one.scope.numbers:
             raise MeshError(f"{block.place}: there is no element {number}")
         rows = self._rows(one, one.scope.numbers[number], str(number))
         family = next((e.family for e in one.scope.elements.values() if number in e.nodes), None)
         if family is None:
-            return [rows]
+            return [] if label.startswith("E") else [rows]  # E1 is an edge
         faces = SOLID_FACES[family]
         if not label:
             every = [[rows[corner] for corner in face] for face in faces]
@@ -684,8 +701,8 @@ class _Assembly:
             if (away > COINCIDENT * size).any():
                 self.deck.left_out["*TIE of meshes that do not match"] += 1
                 continue
-            for row, target in zip(own.tolist(), other[nearest].tolist(), strict=True):
-                self.alias[row] = self.alias[target]
+            for row, target in zip(own, other[nearest], strict=True):
+                self.alias[int(row)] = self.alias[int(target)]
 
     def _surface_nodes(self, one: Instance, name: str) -> IntArray:
         """Rows of all nodes on a surface, those between corners among them."""

@@ -242,11 +242,13 @@ def _find_cut(
 ) -> dict[str, IntArray]:
     """Facets that the cells of a part share with the other cells of the file, as a named set."""
     wanted = len(FACETS["tet" if kind.startswith("tet") else "hex"][0])
-    own, other = list_faces(every), list_faces(rest)
-    order, starts, lengths = own.runs()
-    rim = order[starts[lengths == 1]]
-    known = set(map(tuple, other.keys.tolist()))
-    shared = own.nodes[[row for row in rim if tuple(own.keys[row].tolist()) in known]]
+    rims = []
+    for faces in (list_faces(every), list_faces(rest)):
+        order, starts, lengths = faces.runs()
+        rims.append(np.hstack([faces.nodes, faces.keys])[order[starts[lengths == 1]]])
+    both = np.concatenate(rims)
+    _, first, counts = np.unique(both[:, 4:], axis=0, return_index=True, return_counts=True)
+    shared = both[np.sort(first[counts == 2]), :4]
     quads = shared[:, 3] >= 0
     blocks = [shared[~quads, :3], shared[quads]]
     if cut:

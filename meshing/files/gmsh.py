@@ -50,7 +50,7 @@ def read_gmsh(path: Path) -> RawMesh:
 
 def _add_cells(raw: RawMesh, entity: int, row: IntArray) -> IntArray:
     """Add the cells of a volume, and return what they count as."""
-    found = [np.zeros(0, dtype=np.int64)]
+    found: list[IntArray] = [np.zeros(0, dtype=np.int64)]
     types, tags, nodes = gmsh.model.mesh.getElements(3, entity)
     for kind, numbers, block in zip(types, tags, nodes, strict=True):
         name, _, _, count, _, _ = gmsh.model.mesh.getElementProperties(kind)

@@ -5,7 +5,7 @@ Source: MSC Nastran Quick Reference Guide, "Format of Bulk Data Entries".
 
 import re
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -22,7 +22,7 @@ SOLIDS: dict[str, tuple[SolidFamily, int]] = {
     "CHEXA": ("hex", 20),
 }  # fmt: skip
 SURFACES = {
-    "CTRIA3": 3, "CTRIAR": 3, "CTRIA6": 6, "CQUAD4": 4, "CQUADR": 4, "CQUAD8": 8, "CQUAD": 9,
+    "CTRIA3": 3, "CTRIAR": 3, "CTRIA6": 6, "CQUAD4": 4, "CQUADR": 4, "CQUAD8": 8, "CQUAD": 9, "CQUAD9": 9,
 }  # fmt: skip
 SHELL_PROPERTIES = ("PSHELL", "PCOMP", "PCOMPG")
 # what carries stiffness or mass and is no solid cell
@@ -61,6 +61,7 @@ class Line:
         label: Behind the sign of continuation.
         fields: The four or eight fields of the line.
         mark: What names the line that continues this one, without its first letter.
+        beyond: Number of fields behind the first where they are more than a line has, or else 0.
     """
 
     number: int
@@ -68,6 +69,7 @@ class Line:
     label: str
     fields: list[str]
     mark: str
+    beyond: int
 
 
 @dataclass
@@ -129,7 +131,7 @@ def read_nastran(path: Path) -> RawMesh:
     Raises:
         MeshError: A card cannot be read, is not known, or refers to another file.
     """
-    text = path.read_text(encoding="utf-8", errors="replace")
+    text = path.read_text(encoding="utf-8-sig", errors="replace")
     cards: defaultdict[str, list[Card]] = defaultdict(list)
     left_out: Counter[str] = Counter()
     for card in _join_lines(path, _bulk_lines(path, text)):
@@ -147,12 +149,15 @@ def read_nastran(path: Path) -> RawMesh:
     shells = {card.integer(0) for name in SHELL_PROPERTIES for card in cards[name]}
     for name, count in SURFACES.items():
         surfaces: defaultdict[int, list[list[int]]] = defaultdict(list)
+        unnamed = _unnamed_properties(cards[name], shells)
         corners = 3 if count in (3, 6) else 4
         for card in cards[name]:
             own = card.integer(1, card.integer(0))
             surfaces[own].append([nodes.row(card, 2 + corner) for corner in range(corners)])
             left_out[name] += own in shells
         for number, rows in surfaces.items():
+            if number in unnamed:
+                continue
             kind = "triangle" if corners == 3 else "quad"
             raw.add_facets(f"property_{number}", kind, np.array(rows, dtype=np.int64))
     raw.left_out = +left_out
@@ -160,6 +165,21 @@ def read_nastran(path: Path) -> RawMesh:
         if len(members):
             raw.add_nodes(name, members)
     return raw
+
+
+def _unnamed_properties(elements: Sequence[Card], known: Collection[int]) -> set[int]:
+    """Properties that are but the number of their one element, as they are where none is written.
+
+    Args:
+        elements: Of one kind.
+        known: Properties with a card.
+    """
+    count = Counter(card.integer(1, card.integer(0)) for card in elements)
+    return {
+        card.integer(0)
+        for card in elements
+        if card.integer(1, card.integer(0)) == card.integer(0) and count[card.integer(0)] == 1
+    } - set(known)
 
 
 def _bulk_lines(path: Path, text: str) -> Iterator[Line]:
@@ -193,13 +213,11 @@ def _bulk_lines(path: Path, text: str) -> Iterator[Line]:
 
 
 def _split_line(path: Path, number: int, line: str) -> Line:
+    beyond = 0
     if "," in line:
         head, *rest = (word.strip() for word in line.split(","))
         width = FIELDS // 2 if "*" in head else FIELDS
-        if any(rest[width + 1 :]):
-            raise MeshError(
-                f"{path.name}:{number}: {len(rest)} fields behind the first, a line has {width} and a mark of continuation"
-            )
+        beyond = len(rest) if any(rest[width + 1 :]) else 0
         fields, mark = rest[:width], "".join(rest[width : width + 1])
     else:
         line = line.expandtabs(8)
@@ -215,7 +233,12 @@ def _split_line(path: Path, number: int, line: str) -> Line:
         )
     continued = not head or head[0] in "+*"
     return Line(
-        number, "" if continued else head.upper(), head[1:] if continued else "", fields, mark[1:]
+        number,
+        "" if continued else head.upper(),
+        head[1:] if continued else "",
+        fields,
+        mark[1:],
+        beyond,
     )
 
 
@@ -244,15 +267,21 @@ def _join_lines(path: Path, lines: Iterator[Line]) -> Iterator[Card]:
     for row, line in enumerate(every):
         if not line.name:
             continue
-        fields, place = list(line.fields), row
-        for _ in every:
-            if place not in following:
-                break
+        fields, place, beyond = list(line.fields), row, line.beyond
+        while place in following:
             place = following[place]
             if len(every[place].fields) == FIELDS and len(fields) % FIELDS:
                 fields += [""] * (FIELDS // 2)
             fields += every[place].fields
-        yield Card(f"{path.name}:{line.number}", line.name.rstrip("*").rstrip(), fields)
+            beyond = max(beyond, every[place].beyond)
+        # meshio marks cells of second order so
+        name = line.name.rstrip("*").rstrip("_ ")
+        if name in READ and beyond:
+            raise MeshError(
+                f"{path.name}:{line.number}: {name}: {beyond} fields behind the first; a line has {FIELDS} and a mark of "
+                "continuation"
+            )
+        yield Card(f"{path.name}:{line.number}", name, fields)
 
 
 @dataclass
@@ -366,6 +395,8 @@ class _Nodes:
 def _add_solids(raw: RawMesh, nodes: _Nodes, cards: Mapping[str, Sequence[Card]]) -> None:
     """Solid cells, and which property and material they have."""
     properties: dict[int, list[IntArray]] = {}
+    solids = {card.integer(0): card for card in cards.get("PSOLID", ())}
+    values = {card.integer(0): card for card in cards.get("MAT1", ())}
     for name, (family, most) in SOLIDS.items():
         found = cards.get(name, ())
         first = CORNERS[family]
@@ -380,6 +411,7 @@ def _add_solids(raw: RawMesh, nodes: _Nodes, cards: Mapping[str, Sequence[Card]]
             rows[place, : len(own[:most])] = own[:most]
             numbers[place] = card.integer(0)
             owners[place] = card.integer(1, card.integer(0))
+        unnamed = _unnamed_properties(found, solids)
         for chosen in ((rows[:, first:] >= 0).any(axis=1), (rows[:, first:] < 0).all(axis=1)):
             block = rows[chosen]
             straight = len(block) and (block[:, first:] < 0).all()
@@ -389,21 +421,19 @@ def _add_solids(raw: RawMesh, nodes: _Nodes, cards: Mapping[str, Sequence[Card]]
                 edges=upright_first(family),
                 numbers=numbers[chosen],
             )
-            for number in np.unique(owners[chosen]):
-                properties.setdefault(int(number), []).append(cells[owners[chosen] == number])
+            for number in set(map(int, owners[chosen])) - unnamed:
+                properties.setdefault(number, []).append(cells[owners[chosen] == number])
     _refuse_repeated_numbers(nodes.path, raw)
-    solids = {card.integer(0): card for card in cards.get("PSOLID", ())}
-    values = {card.integer(0): card for card in cards.get("MAT1", ())}
     for number, parts in properties.items():
         cells = np.concatenate(parts)
         if number not in solids:
             raw.add_section(f"property_{number}", cells, "", None)
             continue
         material = solids[number].integer(1)
-        card = values.get(material)
-        if card is None:
+        if material not in values:
             raw.add_section(f"property_{number}", cells, f"material {material}", material)
             continue
+        card = values[material]
         shown = {"E": 1, "nu": 3, "density": 4}
         words = ", ".join(f"{word} = {card.real(at):g}" for word, at in shown.items())
         key = tuple(card.real(at) for at in range(1, 5))
@@ -414,8 +444,8 @@ def _refuse_repeated_numbers(path: Path, raw: RawMesh) -> None:
     """Refuse different cells of one number; equal ones are counted with what is in the file twice."""
     known: dict[int, bytes] = {}
     for block in raw.solids:
-        for number, row in zip(block.numbers.tolist(), block.nodes, strict=True):
-            if known.setdefault(number, row.tobytes()) != row.tobytes():
+        for number, row in zip(block.numbers, block.nodes, strict=True):
+            if known.setdefault(int(number), row.tobytes()) != row.tobytes():
                 raise MeshError(f"{path.name}: element {number} is defined twice")
 
 
@@ -424,7 +454,7 @@ def _node_sets(
 ) -> Iterator[tuple[str, IntArray]]:
     """Name and rows of the nodes of each card that lists nodes."""
     known = np.array(sorted(nodes.rows), dtype=np.int64)
-    rows = np.array([nodes.rows[number] for number in known.tolist()], dtype=np.int64)
+    rows = np.array([nodes.rows[int(number)] for number in known], dtype=np.int64)
 
     def find(card: Card, start: int) -> tuple[IntArray, bool]:
         """Rows of the nodes that are listed, and whether all numbers are of nodes."""

@@ -264,21 +264,21 @@ def cut_cells(cells: SolidCells) -> CutTets:
     """
     corners = cells.corners
     if cells.family == "tet":
-        rows = np.arange(len(corners))
-        return CutTets(corners, np.tile(np.arange(4), (len(corners), 1)), rows)
+        count = len(corners)
+        return CutTets(corners, np.tile(np.arange(4), (count, 1)), np.arange(count))
     tops = np.argmin(corners, axis=1)
-    local, owners = [], []
+    local: list[IntArray] = []
+    owners: list[IntArray] = []
     for top in range(corners.shape[1]):
-        rows = np.flatnonzero(tops == top)
+        mine = np.flatnonzero(tops == top)
         for face in FAMILY_FACES[cells.family]:
-            if top in face or not len(rows):
+            if top in face or not len(mine):
                 continue
-            for a, b, c in _cut_face(np.array(face), corners[rows][:, list(face)]):
-                local.append(np.stack([a, c, b, np.full(len(rows), top)], axis=1))
-                owners.append(rows)
-    places, rows = np.concatenate(local), np.concatenate(owners)
-    order = np.argsort(rows, kind="stable")
-    places, rows = places[order], rows[order]
+            for a, b, c in _cut_face(np.array(face), corners[mine][:, list(face)]):
+                local.append(np.stack([a, c, b, np.full(len(mine), top)], axis=1))
+                owners.append(mine)
+    order = np.argsort(np.concatenate(owners), kind="stable")
+    places, rows = np.concatenate(local)[order], np.concatenate(owners)[order]
     tets = np.take_along_axis(corners[rows], places, axis=1)
     whole = (np.diff(np.sort(tets, axis=1), axis=1) > 0).all(axis=1)
     return CutTets(tets[whole], places[whole], rows[whole])
@@ -318,7 +318,9 @@ def cut_to_tets(
         Points, tets ``(n, 10)`` and which cells of the file they are of.
     """
     edge_keys, edge_nodes = [], []
-    diagonals, bodies, tets, pieces = [], [], [], []
+    diagonals: list[tuple[IntArray, FloatArray]] = []
+    bodies: list[tuple[IntArray, FloatArray]] = []
+    tets, pieces = [], []
     for cells in every:
         edge_keys.append(_pair_keys(_edge_ends(cells).reshape(-1, 2), len(points)))
         edge_nodes.append(cells.middles.ravel())

@@ -246,12 +246,12 @@ def _check_cuts(path: Path, every: Sequence[SolidCells], numbers: IntArray, piec
         pieces: Faces of the tets they are cut into.
     """
     order, starts, lengths = pieces.runs()
-    open_triangles = {tuple(key) for key in pieces.keys[order[starts[lengths == 1]], 1:].tolist()}
+    open_triangles = {tuple(map(int, key)) for key in pieces.keys[order[starts[lengths == 1]], 1:]}
     faces = list_faces(every)
     order, starts, lengths = faces.runs()
     rim = order[starts[lengths == 1]]
     for row in rim[faces.nodes[rim, 3] >= 0]:
-        a, b, c, d = faces.nodes[row].tolist()
+        a, b, c, d = map(int, faces.nodes[row])
         halves = [(a, b, c), (a, c, d)], [(b, c, d), (b, d, a)]
         if all(tuple(sorted(half)) in open_triangles for pair in halves for half in pair):
             raise MeshError(

@@ -132,8 +132,8 @@ NOTES = {
     "Solid.inertia": "moments of inertia of a point mass about its x, y and z axes, which are principal ones; default: none, rotations do "
     "not accelerate it",
     "Solid.step": "STEP file; the unit is the file's own; `headstock show` numbers its faces",
-    "Solid.solid": "which solid of a STEP file, by number from 1 or by name; default: the only one, required where there are several; "
-    "of a mesh file the set of cells that the component is, by name, or `*` for all of them where the file has several materials",
+    "Solid.solid": "which solid of a STEP file, by number from 1 or by name; of a mesh file the set of its cells, by name, or `*` for all "
+    "where it has several materials; default: the only one, required where there are several",
     "Solid.mesh": "finished mesh: gmsh `.msh`, Abaqus `.inp`, Nastran `.bdf`, XDMF `.xdmf`, MED `.med`, Exodus `.exo`",
     "Solid.unit": "length of one unit of a mesh file; default: 1 m",
     "Solid.superelement": "reduced matrices in Headstock's own HDF5 layout, as `headstock export` writes them",

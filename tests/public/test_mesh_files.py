@@ -5,11 +5,13 @@ one part is refused by name, never counted twice and never fatal.
 import itertools
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import h5py
 import netCDF4
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import headstock as hs
 
@@ -353,14 +355,14 @@ def write_exodus(path: Path, cells: Sequence[Sequence[int]]) -> None:
             file.createDimension(name, size)
         for axis, values in zip("xyz", np.array(CUBE).T, strict=True):
             file.createVariable(f"coord{axis}", "f8", ("nodes",))[:] = values
-        for number, (size, rows) in enumerate((("low", cells[:3]), ("up", cells[3:])), 1):
-            block = file.createVariable(f"connect{number}", "i4", (size, "four"))
+        for number, (width, rows) in enumerate((("low", cells[:3]), ("up", cells[3:])), 1):
+            block = file.createVariable(f"connect{number}", "i4", (width, "four"))
             block.elem_type = "TETRA"
             block[:] = np.array(rows) + 1
 
 
 def write_med(
-    path: Path, points: np.ndarray, cells: np.ndarray, code: str, tags: Sequence[int] = ()
+    path: Path, points: NDArray[Any], cells: NDArray[Any], code: str, tags: Sequence[int] = ()
 ) -> None:
     with h5py.File(path, "w") as file:
         mesh = file.create_group("ENS_MAA/part")
@@ -412,7 +414,8 @@ def test_inverted_curved_tets_of_a_file_are_straightened_and_counted(tmp_path: P
     scene = tmp_path / "cube.toml"
     result = hs.run(write_scene(scene, "cube.med", fidelity="elastic", ends=("z+", "x+")))
     assert "of the 5 curved tets of cube.med were inverted" in " ".join(result.warnings)
-    assert result.components["bar"].quality.repaired == 1
+    quality = result.components["bar"].quality
+    assert quality is not None and quality.repaired == 1
 
 
 def test_the_face_of_one_hex_is_an_area(tmp_path: Path) -> None:

@@ -91,7 +91,7 @@ def test_lines_that_continue_a_card_are_found_by_their_mark(tmp_path: Path) -> N
         ("INCLUDE 'rest.bdf'\n", "part.bdf:7: INCLUDE is not supported"),
         ("CTETRA,1,1,1,2,3,9\n", "part.bdf:7: CTETRA 1: node 9 is used but not defined"),
         ("CTETRA,1,1,1,2,3\n", "part.bdf:7: CTETRA 1 needs 4 corners"),
-        ("CTETRA,1,1,1,2,3,4,5,5,5,5,5,5\n", "part.bdf:7: 12 fields behind the first"),
+        ("CTETRA,1,1,1,2,3,4,5,5,5,5,5,5\n", "part.bdf:7: CTETRA: 12 fields behind the first"),
         ("CTETRA,1,1,1,2,3,x\n", "part.bdf:7: CTETRA: field 7 is 'x', which is no whole number"),
         ("GRID,6,,1.x,0.,0.\nCTETRA,1,1,1,2,3,6\n", "part.bdf:7: GRID: field 4 is '1.x'"),
         ("GRID,1,,9.,0.,0.\n", "part.bdf:7: grid point 1 is defined twice"),
