@@ -28,7 +28,8 @@ from headstock.meshing.files.solid_cells import (
 NAMED = 3  # cells or groups in a message
 # of the size of a tet: how deep the middle of a face lies in what it only touches
 DEPTH = 1e-3
-CHUNK = 4000
+CHUNK = 1000
+SAME_PLACE = 1e-9  # of the size of the mesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,7 +217,7 @@ def check_one_solid(
         _check_cuts(path, every, numbers, faces)
     pairs = starts[lengths == 2]
     left, right = faces.owners[order[pairs]], faces.owners[order[pairs + 1]]
-    _check_connected(path, every, left, right, names)
+    _check_connected(path, points, every, left, right, names)
     tangled = any((signed_volumes(points, cells) <= 0.0).any() for cells in every)
     a, b, c = (points[tets[:, corner]] - points[tets[:, 0]] for corner in (1, 2, 3))
     if tangled or (np.einsum("ci,ci->c", a, np.cross(b, c)) <= 0.0).any():
@@ -275,7 +276,12 @@ def _listed(numbers: IntArray) -> str:
 
 
 def _check_connected(
-    path: Path, every: Sequence[SolidCells], left: IntArray, right: IntArray, names: Sequence[str]
+    path: Path,
+    points: FloatArray,
+    every: Sequence[SolidCells],
+    left: IntArray,
+    right: IntArray,
+    names: Sequence[str],
 ) -> None:
     """Refuse cells that hang together by less than faces."""
     index = np.unique(np.concatenate([cells.index for cells in every]))
@@ -295,6 +301,11 @@ def _check_connected(
         shown = ", ".join(f'"{name}"' for name in names[: 2 * NAMED])
         remedy += f'; solid = {{ mesh = "...", solid = "NAME" }} takes a set of cells: {shown}'
     if apart > 1:
+        middles = np.concatenate([points[cells.corners].mean(axis=1) for cells in every])
+        size = float(np.ptp(points, axis=0).max())
+        twice = len(cKDTree(middles).query_pairs(SAME_PLACE * size, output_type="ndarray"))
+        if twice:
+            remedy = f"{twice} cells lie in the same place as another, with nodes of their own: delete them, {remedy}"
         raise MeshError(
             f"{path.name}: the mesh falls into {apart} parts that share no node ({sizes}); {remedy}"
         )
@@ -344,7 +355,7 @@ def _find_covered_faces(
         face_owners: ``(m,)`` their cells.
     """
     corners = points[tets]
-    centers = corners.mean(axis=1)
+    centers, low, high = corners.mean(axis=1), corners.min(axis=1), corners.max(axis=1)
     radii = np.linalg.norm(corners - centers[:, None], axis=2).max(axis=1)
     inverse = np.linalg.inv(corners[:, 1:] - corners[:, :1])
     # height of a corner over the face opposite is one over the length of its gradient
@@ -364,7 +375,8 @@ def _find_covered_faces(
             if not len(face):
                 continue
             tet = mine[np.concatenate([np.array(found, dtype=np.int64) for found in near])]
-            other = owners[tet] != face_owners[face]
+            near_box = (low[tet] <= places[face]) & (places[face] <= high[tet])
+            other = near_box.all(axis=1) & (owners[tet] != face_owners[face])
             face, tet = face[other], tet[other]
             away = places[face] - corners[tet, 0]
             shares = np.einsum("ti,tij->tj", away, gradients[tet])

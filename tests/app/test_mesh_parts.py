@@ -4,7 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from headstock.app.command_line import main
+from headstock.app.actions.showing import survey_part
+from headstock.app.actions.starting import write_part_scene
+from headstock.meshing.errors import MeshError
 
 pytestmark = pytest.mark.process
 
@@ -16,14 +18,13 @@ DECK += "*ELEMENT, TYPE=C3D8, ELSET=UP\n2, 5, 6, 7, 8, 9, 10, 11, 12\n"
 DECK += "*SOLID SECTION, ELSET=LOW, MATERIAL=STEEL\n*SOLID SECTION, ELSET=UP, MATERIAL=ALU\n"
 
 
-def test_a_set_of_cells_is_shown_and_becomes_a_scene(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("bar.inp").write_text(DECK)
-    assert main(["show", "bar.inp"]) == 2
-    assert "LOW (STEEL, 1 cells), UP (ALU, 1 cells)" in " ".join(capsys.readouterr().err.split())
-    assert main(["show", "bar.inp", "--solid", "LOW", "--unit", "1 mm"]) == 0
-    assert "cut" in capsys.readouterr().out
-    assert main(["new", "mine", "--part", "bar.inp", "--unit", "1 mm", "--solid", "up"]) == 0
-    assert 'unit = "1 mm", solid = "up" }' in Path("mine/mine.toml").read_text()
+def test_a_set_of_cells_is_surveyed_and_becomes_a_scene(tmp_path: Path) -> None:
+    path = tmp_path / "bar.inp"
+    path.write_text(DECK)
+    with pytest.raises(MeshError, match=r"LOW \(STEEL, 1 cells\), UP \(ALU, 1 cells\)"):
+        survey_part(path, None, "1 mm")
+    _, survey = survey_part(path, "up", "1 mm")
+    assert max(survey.size) == pytest.approx(0.02)
+    assert "cut" in [one.name for one in survey.sets]
+    text = write_part_scene(path, survey, "bar.toml", solid="up", unit="1 mm")
+    assert 'solid = { mesh = "bar.inp", unit = "1 mm", solid = "up" }' in text
