@@ -6,7 +6,7 @@ Source: Abaqus Keywords Reference Guide; Analysis User's Guide, "Three-dimension
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -378,6 +378,7 @@ class _DeckReader:
             found = [int(block.rows[at][0]) for at in starts if block.rows]
             self.deck.left_out[kind] += len(found)
             self.scope.others.update(found)
+            self._name_elements(block, found)
             return
         if solid is not None:
             count = used = int(solid[1])
@@ -399,8 +400,11 @@ class _DeckReader:
                 self.deck.repeated += 1
             self.scope.numbers[number] = own.nodes[number] = nodes
             members.append(number)
+        self._name_elements(block, members)
+
+    def _name_elements(self, block: Block, numbers: Sequence[int]) -> None:
         if "ELSET" in block.options:
-            found = Members(block.place, "", tuple(members))
+            found = Members(block.place, "", tuple(numbers))
             self.scope.element_sets.setdefault(block.option("ELSET").upper(), []).append(found)
 
     def _add_set(self, block: Block) -> None:
@@ -454,12 +458,20 @@ class _Assembly:
         self.by_name = {one.name.upper(): one for one in instances}
         places, start = [], 0
         for one in instances:
-            if one.own.nodes or one.own.numbers:
-                one.scope = one.own
+            own = one.own
+            if own.nodes or own.numbers:
+                one.scope = own
+            elif own.node_sets or own.element_sets or own.surfaces:
+                one.scope = replace(
+                    one.scope,
+                    node_sets=one.scope.node_sets | own.node_sets,
+                    element_sets=one.scope.element_sets | own.element_sets,
+                    surfaces=one.scope.surfaces | own.surfaces,
+                )
             one.rows = {number: start + row for row, number in enumerate(one.scope.nodes)}
-            own = np.array(list(one.scope.nodes.values())).reshape(-1, 3)
-            places.append(own @ one.rotation.T + one.shift)
-            start += len(own)
+            nodes = np.array(list(one.scope.nodes.values())).reshape(-1, 3)
+            places.append(nodes @ one.rotation.T + one.shift)
+            start += len(nodes)
         self.raw = RawMesh(np.concatenate(places))
 
     def mesh(self) -> RawMesh:
@@ -488,9 +500,11 @@ class _Assembly:
             self._add_sections(one)
         if deck.repeated:
             raw.notes.append(f"{self.path.name} defines {deck.repeated} elements twice alike")
-        used = {id(one.scope) for one in self.instances} | {id(one.own) for one in self.instances}
+        used = {id(one.scope.elements) for one in self.instances}
         for name, scope in deck.parts.items():
-            if id(scope) not in used and any(kind.family for kind in scope.elements.values()):
+            if id(scope.elements) not in used and any(
+                kind.family for kind in scope.elements.values()
+            ):
                 raw.notes.append(f"{self.path.name}: part {name} stands in no instance: left out")
         raw.left_out.update(deck.left_out)
         return raw

@@ -55,7 +55,8 @@ def guard_reader(path: Path, reader: Callable[[Path], RawMesh], solid: str | Non
     try:
         return assemble_mesh(path, reader(path), solid)
     except MeshError as error:
-        raise PartFileError(str(error)) from error
+        text = str(error)
+        raise PartFileError(text if path.name in text else f"{path.name}: {text}") from error
     except MemoryError:
         raise
     except (Exception, SystemExit) as error:  # foreign readers raise anything, gmsh the bare class

@@ -83,7 +83,8 @@ def read_exodus(path: Path) -> RawMesh:
         for place, (kind, nodes) in zip(_numbered(variables, "connect"), blocks, strict=True):
             if is_solid(kind):
                 raw.add_section(names[place], raw.add_cells(kind, nodes), "", None)
-            elif kind == OTHER:
+            elif kind == OTHER or place.replace("connect", "attrib") in variables:
+                # sheets have their thickness as an attribute
                 raw.left_out[str(variables[place].elem_type)] += len(nodes)
         for name, label in _named_sets(variables, "elem_ss", "ss", "side_set"):
             elements = np.asarray(variables[name][:], dtype=np.int64) - 1

@@ -302,8 +302,8 @@ def _check_connected(
         remedy += f'; solid = {{ mesh = "...", solid = "NAME" }} takes a set of cells: {shown}'
     if apart > 1:
         middles = np.concatenate([points[cells.corners].mean(axis=1) for cells in every])
-        size = float(np.ptp(points, axis=0).max())
-        twice = len(cKDTree(middles).query_pairs(SAME_PLACE * size, output_type="ndarray"))
+        near = SAME_PLACE * float(np.ptp(points, axis=0).max())
+        twice = len(cKDTree(middles).query_pairs(near, output_type="ndarray"))
         if twice:
             remedy = f"{twice} cells lie in the same place as another, with nodes of their own: delete them, {remedy}"
         raise MeshError(
