@@ -25,6 +25,7 @@ from headstock.meshing.files.families import (
 )
 from headstock.meshing.files.raw_mesh import SolidBlock
 
+SAME_PLACE = 1e-9  # of the size of the mesh
 ORDER_SAMPLE = 5000  # cells that vote on the order of their nodes
 MOST_NODES: dict[SolidFamily, int] = {"tet": 10, "pyramid": 14, "wedge": 18, "hex": 27}
 TET_EDGES = np.array(EDGES["tet"])
@@ -196,7 +197,7 @@ def fill_middles(
         numbers: Of the cells in the file.
 
     Raises:
-        MeshError: Two cells have different nodes in the middle of an edge that they share.
+        MeshError: Two cells have nodes in different places in the middle of an edge that they share.
     """
     ends = np.concatenate([_edge_ends(cells).reshape(-1, 2) for cells in every])
     middles = np.concatenate([cells.middles.ravel() for cells in every])
@@ -207,12 +208,14 @@ def fill_middles(
     chosen = np.full(len(keys), -1, dtype=np.int64)
     np.maximum.at(chosen, edge, middles)
     other = np.flatnonzero((middles >= 0) & (middles != chosen[edge]))
+    apart = np.linalg.norm(points[middles[other]] - points[chosen[edge[other]]], axis=1)
+    other = other[apart > SAME_PLACE * float(np.ptp(points, axis=0).max())]
     if len(other):
         row = other[0]
         second = np.flatnonzero((edge == edge[row]) & (middles == chosen[edge[row]]))[0]
         raise MeshError(
-            f"{path.name}: elements {numbers[owners[row]]} and {numbers[owners[second]]} share an edge, but not "
-            "the node in its middle; merge coincident nodes"
+            f"{path.name}: elements {numbers[owners[row]]} and {numbers[owners[second]]} share an edge, but their "
+            "nodes in its middle lie apart: the mesh has a slit there; mesh the part again"
         )
     missing = chosen < 0
     chosen[missing] = len(points) + np.arange(int(missing.sum()))

@@ -19,6 +19,7 @@ from headstock.meshing.component_mesh import IntArray
 from headstock.meshing.errors import MeshError
 from headstock.meshing.files.families import CORNERS, FAMILY_EDGES, FAMILY_FACES
 from headstock.meshing.files.solid_cells import (
+    SAME_PLACE,
     SolidCells,
     cut_cells,
     mirror_cells,
@@ -29,7 +30,6 @@ NAMED = 3  # cells or groups in a message
 # of the size of a tet: how deep the middle of a face lies in what it only touches
 DEPTH = 1e-3
 CHUNK = 1000
-SAME_PLACE = 1e-9  # of the size of the mesh
 
 
 @dataclass(frozen=True, eq=False)
