@@ -180,10 +180,11 @@ def _refuse_entities(text: bytes, name: str) -> None:
 def _find_cells(raw: RawMesh, kind: str, nodes: IntArray) -> IntArray:
     """Which solid cells have the nodes of others, ``(n,)``; none where one of them has not."""
     known: dict[bytes, int] = {}
+    start = 0
     for block in raw.solids if is_solid(kind) else ():
-        if block.nodes.shape[1] == nodes.shape[1]:
-            keys = np.sort(block.nodes, axis=1)
-            known |= {key.tobytes(): len(known) + place for place, key in enumerate(keys)}
+        keys = np.sort(block.nodes, axis=1)
+        known |= {key.tobytes(): start + place for place, key in enumerate(keys)}
+        start += len(keys)
     found = [known.get(key.tobytes(), -1) for key in np.sort(nodes, axis=1)]
     return np.array([] if -1 in found else found, dtype=np.int64)
 

@@ -284,6 +284,32 @@ def test_mixed_grids_with_integers_become_sets(make_component: Make, tmp_path: P
     assert np.array_equal(mesh.patches["foot"], mesh.patches["z-"])
 
 
+def test_integers_of_solid_cells_are_sets_that_may_be_of_several_materials(
+    make_component: Make, tmp_path: Path
+) -> None:
+    # a cube of two wedges and, in a grid of values only, their tags as dolfinx writes them
+    wedges = [8, 0, 1, 2, 4, 5, 6, 8, 0, 2, 3, 4, 6, 7]
+    text = XDMF.format(
+        points=" ".join(map(str, CUBE.ravel())), count=len(wedges), mixed=" ".join(map(str, wedges))
+    )
+    attribute = text[text.index("<Attribute") : text.index("</Grid>")]
+    topology = text[text.index("<Topology") : text.index("</Topology>")] + "</Topology>"
+    tags = attribute.replace('Dimensions="3"', 'Dimensions="2"').replace("1 20 30", "5 9")
+    tags = tags.replace("facets", "part")
+    text = text.replace(attribute, "").replace(
+        "</Grid>", f'</Grid><Grid Name="part">{topology}{tags}</Grid>'
+    )
+    (tmp_path / "cube.xdmf").write_text(text)
+    whole = mesh_component(make_component(read_file(tmp_path / "cube.xdmf")))
+    assert whole.kind == "tet10" and whole.quality.volume == pytest.approx(1.0, rel=1e-14)
+    assert "part_5 (1 cells), part_9 (1 cells)" in " ".join(whole.quality.remarks)
+    solid = dataclasses.replace(read_file(tmp_path / "cube.xdmf"), solid="part_9")
+    half = mesh_component(make_component(solid, {"cut": Patch("set:cut")}))
+    assert half.quality.volume == pytest.approx(0.5, rel=1e-14)
+    areas, _ = patch_moments(half.points, half.patches)
+    assert areas["cut"] == pytest.approx(2**0.5, rel=1e-12)
+
+
 def test_curved_hexes_that_need_27_nodes_are_not_written_with_20(
     make_component: Make, tmp_path: Path
 ) -> None:
