@@ -3,11 +3,15 @@
 import math
 from dataclasses import astuple, dataclass
 
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
 from headstock.scene.building.draft import Draft
 from headstock.scene.expansion.cutting_catalogue import read_cutting_materials
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import SPEED
+from headstock.scene.scene import Scene
 from headstock.scene.schema.cutting import TYPICAL_RANGES, TYPICAL_RATIOS, CuttingTable
 from headstock.scene.schema.mechanism import ContouringTable, LobesTable, MillTable
 from headstock.scene.schema.path import PathCutTable
@@ -28,6 +32,7 @@ PLAUSIBLE = {
     "Kte": (0.0, 200e3, "N/mm", 1e-3),
     "chip_thickness": (1e-6, 1e-3, "mm", 1e3),
 }
+MOST_LEAD = 45.0  # between the travel and the plane across the tool [deg]
 MOST_ACROSS = 1.5  # of the tangential force
 THIN, THICK = 1e-6, 2e-3  # feed per tooth [m]
 
@@ -145,6 +150,20 @@ def _feeds_per_tooth(scene: SceneTable, table: Cutter) -> list[float]:
     return [feed * period for feed in feeds]
 
 
+def find_lead_fault(up: FloatArray, travel: FloatArray) -> str:
+    """Why a tool cannot mill along a travel; empty where it can.
+
+    Args:
+        up: ``(3,)`` along the tool.
+        travel: ``(3,)``.
+    """
+    along = abs(float(up @ travel)) / float(np.linalg.norm(up) * np.linalg.norm(travel))
+    lead = math.degrees(math.asin(min(along, 1.0)))
+    if lead <= MOST_LEAD:
+        return ""
+    return f"leads the tool along its own axis, at a lead angle of {lead:.3g} deg; a mill travels across its axis, up to {MOST_LEAD:g} deg"
+
+
 def list_cutters(scene: SceneTable) -> dict[KeyPath, Cutter]:
     """Everything in a scene that cuts, by its key."""
     analyses = scene.analyses
@@ -186,12 +205,45 @@ def check_cutting(draft: Draft, findings: Findings) -> None:
         _note(key, cutter, name, scene, findings)
 
 
+def check_cut_lead(scene: Scene, findings: Findings) -> None:
+    """Report a straight path that leads its mill along the tool's own axis."""
+    request = scene.analyses.path or scene.on_request.path
+    if request is None or request.cut is None:
+        return
+    start, end = request.path.start.positions, request.path.end.positions
+    moved = {name: end.get(name, 0.0) - start.get(name, 0.0) for name in request.path.axes}
+    machine = scene.machine
+    if scene.mechanism is not None:
+        travel = np.array([moved.get(name, 0.0) for name in "XYZ"])
+    elif any(axis.kind == "rotary" for axis in machine.axes.values()):
+        return  # they turn the directions of others; the run tells
+    else:
+        point = machine.points[request.cut.at]
+        travel = sum(
+            (
+                ((point.tool.component in axis.moves) - (point.work.component in axis.moves))
+                * moved[name]
+                * axis.direction
+                for name, axis in machine.axes.items()
+                if name in moved
+            ),
+            np.zeros(3),
+        )
+    if np.linalg.norm(travel) > 0.0 and (
+        fault := find_lead_fault(np.array(request.cut.up), travel)
+    ):
+        findings.add(
+            ("analyses", "path", "cut", "up"), f"{fault}; write another up, or another path"
+        )
+
+
 def _note(key: KeyPath, cutter: Cutter, name: str, scene: SceneTable, findings: Findings) -> None:
     """What is assumed of a material in a cut, and whether its chips are of ordinary thickness."""
     coefficients = resolve_material(scene, name, cutter)
-    own = name in scene.cutting
-    if not own or set(coefficients.ranges) - set(scene.cutting[name].ranges):
-        given = f"[{SECTION}.{name}]" if own else f"catalogue {name}"
+    own = scene.cutting.get(name)
+    # what is written in full is not told again; a tangent is, wherever its chips are from
+    if own is None or own.kc11 is not None or set(coefficients.ranges) - set(own.ranges):
+        given = f"[{SECTION}.{name}]" if own is not None else f"catalogue {name}"
         findings.assume((*key, "material"), f"{given}: {coefficients.describe()}")
     for feed in _feeds_per_tooth(scene, cutter):
         if not THIN <= feed <= THICK:

@@ -39,7 +39,7 @@ from headstock.scene.building.contouring import (
     check_contour_reach,
     check_contouring,
 )
-from headstock.scene.building.cutting import check_cutting
+from headstock.scene.building.cutting import check_cut_lead, check_cutting
 from headstock.scene.building.draft import Draft, collect_interfaces, collect_sections
 from headstock.scene.building.drives import build_control, build_drives, check_drives
 from headstock.scene.building.guide_errors import (
@@ -152,6 +152,7 @@ CHECKS_OF_ALL_ENTRIES: tuple[Callable[[Draft, Findings], None], ...] = (
 CHECKS_OF_THE_SCENE: tuple[Callable[[Scene, Findings], None], ...] = (
     check_carriages,
     check_path_carriages,
+    check_cut_lead,
     check_contour_reach,
 )
 

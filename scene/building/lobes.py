@@ -5,13 +5,18 @@ from pathlib import Path
 import numpy as np
 
 from headstock.meshing.process.strangers import RECEPTANCES
-from headstock.scene.building.cutting import build_mill, part_side, resolve_material
+from headstock.scene.building.cutting import (
+    build_mill,
+    find_lead_fault,
+    part_side,
+    resolve_material,
+)
 from headstock.scene.building.draft import Draft, check_name, check_pose_names
 from headstock.scene.building.path import build_path
 from headstock.scene.reading.files import resolve_file
 from headstock.scene.reading.findings import Findings, SceneError
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.requests import FEED, PARALLEL, LobesRequest, Travel
+from headstock.scene.requests import FEED, LobesRequest, Travel
 from headstock.scene.scene import Scene
 from headstock.scene.schema.mechanism import ToolModeTable
 from headstock.scene.schema.scene import SceneTable
@@ -112,10 +117,9 @@ def check_lobes(draft: Draft, findings: Findings) -> None:
                     (*KEY, "directions", index),
                     f"is the direction along a path, and the scene has none; write a sweep with a path, [analyses.path], or {FIXED}",
                 )
-        elif np.linalg.norm(np.cross(up, direction)) < PARALLEL:
+        elif fault := find_lead_fault(up, np.array(direction)):
             findings.add(
-                (*KEY, "directions", index),
-                "points along the tool; the tool travels across its axis: write another direction, or another up",
+                (*KEY, "directions", index), f"{fault}; write another direction, or another up"
             )
     if table.tool_receptance is not None:
         try:

@@ -111,7 +111,7 @@ def mill_profile(
             f"the motion of the tool covers {1e3 * places[0]:.4g} to {1e3 * places[-1]:.4g} mm of the face, not all of"
             f" {1e3 * positions[0]:.4g} to {1e3 * positions[-1]:.4g} mm"
         )
-    rates = np.abs(outward.derivative()(passes))
+    rates, speeds = np.abs(outward.derivative()(passes)), np.abs(along.derivative()(passes))
     parts = []
     for start in range(0, len(positions), CHUNK):
         wanted = positions[start : start + CHUNK]
@@ -123,6 +123,7 @@ def mill_profile(
             outward(passes[near]),
             radii[teeth[near]],
             float(rates[near].max()),
+            float(speeds[near].max()),
         )
         parts.append(_lowest_edges(spin * spindle, along, outward, teeth_near, wanted))
     return np.concatenate(parts)
@@ -138,6 +139,7 @@ class ToothPasses:
         outward: ``(p,)`` distance of the axis from the face [m].
         radii: ``(p,)`` of the teeth [m].
         rate: Fastest motion of the axis across the face [m/s].
+        speed: Fastest motion along it [m/s].
     """
 
     places: FloatArray
@@ -145,6 +147,7 @@ class ToothPasses:
     outward: FloatArray
     radii: FloatArray
     rate: float
+    speed: float
 
 
 def _lowest_edges(
@@ -160,6 +163,11 @@ def _lowest_edges(
     after = np.clip(np.searchsorted(passes.places, positions), 1, len(passes.places) - 1)
     found = np.full(len(positions), np.inf)
     lowest, largest = float(passes.outward.min()), float(passes.radii.max())
+    # milling up, the axis goes with the edge, which so reaches further than a circle: by at most its
+    # way in a quarter of a turn
+    wider = 1.0
+    if spindle < 0.0:
+        wider += 0.5 * np.pi * passes.speed / (abs(spindle) * float(passes.radii.min()))
     for shift in range(MOST_TEETH):
         nearest = np.inf
         for number in (after + shift, after - 1 - shift):
@@ -167,7 +175,7 @@ def _lowest_edges(
             number = np.where(inside, number, 0)
             distance = np.abs(passes.places[number] - positions)
             # a circle, deeper by as much as the axis moves while the tooth turns to the place
-            reached = np.sqrt(np.maximum(passes.radii[number] ** 2 - distance**2, 0.0))
+            reached = np.sqrt(np.maximum(passes.radii[number] ** 2 - (distance / wider) ** 2, 0.0))
             slack = passes.rate * distance / (abs(spindle) * passes.radii[number]) * SLACK
             deeper = inside & (passes.outward[number] - reached - slack < found)
             if deeper.any():
@@ -182,7 +190,7 @@ def _lowest_edges(
                 )
                 found[deeper] = np.minimum(found[deeper], edge)
             nearest = min(nearest, float(distance[inside].min(initial=np.inf)))
-        reach = np.sqrt(max(largest**2 - min(nearest, largest) ** 2, 0.0))
+        reach = np.sqrt(max(largest**2 - min(nearest / wider, largest) ** 2, 0.0))
         slack_left = passes.rate * nearest / (abs(spindle) * largest) * SLACK
         if lowest - reach - slack_left > found.max():
             return found

@@ -6,7 +6,7 @@ import scipy.optimize
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
-from headstock.solvers.milling.forces import EndMill
+from headstock.solvers.milling.forces import EndMill, Sense, spin_of
 from headstock.solvers.milling.milled_faces import (
     ToolMotion,
     measure_profile,
@@ -26,9 +26,10 @@ def move(length: float, off: FloatArray | float = 0.0, feed: float = FEED) -> To
     return ToolMotion(times, feed * times, outward)
 
 
-def cusp_of_trochoids(feed: float) -> float:
+def cusp_of_trochoids(feed: float, sense: Sense = "down") -> float:
     """Height at which two trochoids meet half-way between them, from their equations."""
-    per_turn = feed / SPINDLE  # of the axis per radian
+    # of the axis per radian; milling up an edge passes the face along the travel
+    per_turn = feed / SPINDLE * (1.0 if sense == "down" else -1.0)
     half = 0.5 * feed * 2.0 * np.pi / SPINDLE / 4
     psi = scipy.optimize.brentq(
         lambda angle: RADIUS * np.sin(angle) - per_turn * angle - half, 0.0, 0.5, xtol=1e-15
@@ -36,11 +37,12 @@ def cusp_of_trochoids(feed: float) -> float:
     return float(RADIUS * (1.0 - np.cos(psi)))
 
 
+@pytest.mark.parametrize("sense", ["down", "up"])
 @pytest.mark.parametrize("feed", [FEED, 0.5, 2.0])
-def test_cusps_of_a_rigid_machine_are_as_high_as_trochoids_say(feed: float) -> None:
+def test_cusps_of_a_rigid_machine_are_as_high_as_trochoids_say(feed: float, sense: Sense) -> None:
     positions = np.linspace(1e-3, 9e-3, 40_001, dtype=np.float64)
-    profile = mill_profile(MILL, SPINDLE, move(0.01, feed=feed), positions)
-    exact = cusp_of_trochoids(feed)
+    profile = mill_profile(MILL, SPINDLE, move(0.01, feed=feed), positions, sense=sense)
+    exact = cusp_of_trochoids(feed, sense)
     # the sampled peak may lie half a spacing from the cusp
     slope = feed * 2.0 * np.pi / SPINDLE / 4 / (2.0 * RADIUS)
     spacing = float(positions[1] - positions[0])
@@ -48,12 +50,13 @@ def test_cusps_of_a_rigid_machine_are_as_high_as_trochoids_say(feed: float) -> N
     assert 0.0 <= profile.min() < spacing**2 / RADIUS
     # Martellotti (1941): the mill draws a smaller circle as it climbs; f_z^2 / (8 R) for small feeds
     per_tooth, per_turn = feed * 2.0 * np.pi / SPINDLE / 4, feed / SPINDLE
+    per_turn *= 1.0 if sense == "down" else -1.0
     martellotti = per_tooth**2 / (8.0 * (RADIUS - 2.0 * per_turn))
     # R sin psi - p psi = f / 2 and h = R (1 - cos psi), in powers of psi: the series goes on with
     # psi^2 / 4, and the circle is (R - p)^2 / R, which is p^2 / R larger than Martellotti's
     first = per_tooth / (2.0 * (RADIUS - per_turn))
     series = martellotti * (1.0 + first**2 / 4.0 - (per_turn / RADIUS) ** 2)
-    assert exact == pytest.approx(series, rel=2.0 * (first + per_turn / RADIUS) ** 3)
+    assert exact == pytest.approx(series, rel=2.0 * (first + abs(per_turn) / RADIUS) ** 3)
 
 
 def test_parameters_of_cusps_are_those_of_parabolas() -> None:
@@ -89,7 +92,11 @@ def vibrate(times: FloatArray) -> ToolMotion:
 
 
 def removed_on_a_raster(
-    mill: EndMill, span: tuple[float, float], positions: FloatArray, height: float
+    mill: EndMill,
+    span: tuple[float, float],
+    positions: FloatArray,
+    height: float,
+    spin: float = 1.0,
 ) -> FloatArray:
     """Lowest place of any edge in cells around positions, edges sampled densely in time."""
     cell = float(positions[1] - positions[0])
@@ -99,7 +106,8 @@ def removed_on_a_raster(
     for tooth in range(mill.teeth):
         lag = 2.0 * np.pi * tooth / mill.teeth
         radius = RADIUS + mill.runout * np.cos(lag + mill.runout_angle)
-        theta = -SPINDLE * times - lag + 2.0 * height * np.tan(mill.helix) / mill.diameter
+        twist = 2.0 * height * np.tan(mill.helix) / mill.diameter
+        theta = spin * (-SPINDLE * times - lag + twist)
         near = np.sin(theta) < -0.9
         edge = dense.along[near] + radius * np.cos(theta[near])
         cells = np.rint((edge - positions[0]) / cell).astype(int)
@@ -110,7 +118,8 @@ def removed_on_a_raster(
     return found
 
 
-def test_a_vibrating_face_is_what_removal_on_a_raster_leaves() -> None:
+@pytest.mark.parametrize("sense", ["down", "up"])
+def test_a_vibrating_face_is_what_removal_on_a_raster_leaves(sense: Sense) -> None:
     positions: FloatArray = np.asarray(np.arange(1e-3, 3e-3, 5e-7))
     motion = vibrate(move(0.004).times)
     span = float(motion.times[0]), float(motion.times[-1])
@@ -118,8 +127,8 @@ def test_a_vibrating_face_is_what_removal_on_a_raster_leaves() -> None:
         (EndMill(0.02, 4, np.deg2rad(30.0)), 4e-3),
         (EndMill(0.02, 4, np.deg2rad(30.0), 1e-6, 0.3), 0.0),
     ):
-        profile = mill_profile(mill, SPINDLE, motion, positions, height)
-        raster = removed_on_a_raster(mill, span, positions, height)
+        profile = mill_profile(mill, SPINDLE, motion, positions, height, sense=sense)
+        raster = removed_on_a_raster(mill, span, positions, height, spin_of(sense))
         # a cell of the raster takes the lowest place within half a cell
         assert np.ptp(profile) > 2e-6
         slope = np.abs(np.gradient(profile, positions)).max()

@@ -56,6 +56,18 @@ def test_feed_is_kept_on_faces_and_the_block_stays_on_the_right() -> None:
         assert np.allclose((points.position - center)[:, :2] @ outward, 0.11, atol=1e-12)
 
 
+def test_a_block_on_the_left_is_gone_around_the_other_way_and_its_faces_look_outward() -> None:
+    right, left = plan_contour(CONTOUR), plan_contour(dataclasses.replace(CONTOUR, part="left"))
+    times = np.linspace(*right.path.span, 300, dtype=np.float64)
+    mirrored = right.path.at(times).position * [1.0, -1.0, 1.0] + [0.0, 2 * CONTOUR.center[1], 0.0]
+    assert np.allclose(left.path.at(times).position, mirrored, atol=1e-12)
+    assert [cut.at for cut in left.cuts] == ["lowest x", "lowest y", "highest x", "highest y"]
+    center = np.array([*CONTOUR.center, CONTOUR.height])
+    for cut in (*right.cuts, *left.cuts):
+        middle = cut.start + 0.5 * cut.length * cut.travel - center
+        assert np.allclose(middle, 0.5 * CONTOUR.side * cut.outward, atol=1e-12)
+
+
 def test_averages_cut_corners_by_as_much_as_they_shrink_a_circle() -> None:
     plan = plan_contour(CONTOUR)
     path, markers = plan.path, [cut.begins for cut in plan.cuts]
