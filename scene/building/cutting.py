@@ -161,7 +161,7 @@ def find_lead_fault(up: FloatArray, travel: FloatArray) -> str:
     lead = math.degrees(math.asin(min(along, 1.0)))
     if lead <= MOST_LEAD:
         return ""
-    return f"leads the tool along its own axis, at a lead angle of {lead:.3g} deg; a mill travels across its axis, up to {MOST_LEAD:g} deg"
+    return f"at a lead angle of {lead:.3g} deg; a mill travels across its axis, up to {MOST_LEAD:g} deg"
 
 
 def list_cutters(scene: SceneTable) -> dict[KeyPath, Cutter]:
@@ -233,7 +233,8 @@ def check_cut_lead(scene: Scene, findings: Findings) -> None:
         fault := find_lead_fault(np.array(request.cut.up), travel)
     ):
         findings.add(
-            ("analyses", "path", "cut", "up"), f"{fault}; write another up, or another path"
+            ("analyses", "path", "cut", "up"),
+            f"points along the path, {fault}; write another up, or another path",
         )
 
 

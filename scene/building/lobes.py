@@ -119,7 +119,8 @@ def check_lobes(draft: Draft, findings: Findings) -> None:
                 )
         elif fault := find_lead_fault(up, np.array(direction)):
             findings.add(
-                (*KEY, "directions", index), f"{fault}; write another direction, or another up"
+                (*KEY, "directions", index),
+                f"points along the tool, {fault}; write another direction, or another up",
             )
     if table.tool_receptance is not None:
         try:
