@@ -59,7 +59,7 @@ from headstock.pipeline.storage.outputs import PendingOutputs, prepare_output
 from headstock.pipeline.storage.provenance import Provenance
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.lobes import require_feed_of_run
-from headstock.scene.scene import Scene
+from headstock.scene.scene import Scene, acting_assumptions
 from headstock.solvers.ranks import make_on_root
 from headstock.solvers.shared_work import all_cores_on_root
 
@@ -346,7 +346,7 @@ def gather_results(
             for label in item.labels
         ),
         warnings=tuple(state.warnings),
-        assumptions=state.scene.assumptions,
+        assumptions=acting_assumptions(state.scene),
         failures=tuple(state.failures),
         files=files or {},
         provenance=provenance,

@@ -210,6 +210,16 @@ def keep_analyses(scene: Scene, names: Collection[str]) -> Scene:
     return dataclasses.replace(scene, analyses=Analyses(**kept))
 
 
+def acting_assumptions(scene: Scene) -> tuple[str, ...]:
+    """Assumptions, but those of analyses that are not run."""
+    idle = [
+        f"analyses.{item.name}."
+        for item in dataclasses.fields(Analyses)
+        if getattr(scene.analyses, item.name) is None
+    ]
+    return tuple(text for text in scene.assumptions if not text.startswith(tuple(idle)))
+
+
 def list_analyses(scene: Scene) -> dict[str, Request]:
     """Every analysis of a scene by name, on request or not."""
     return {

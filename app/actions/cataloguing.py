@@ -103,7 +103,7 @@ sense = "up"
   mean of a chip at the feed per tooth, which paths and contours know. Lobes take `feed_per_tooth`; without it 0.1 mm ± 50 % is assumed.
 - **Radial and axial forces.** Where a source gives the tangential force alone, the others are assumed ratios of it: {radial}, {axial}.
   Measured sets below have 0.21 to 0.47 and 0.28 to 0.29.
-- **What is told.** Terminal, report and `assumptions` in `summary.json` name the coefficients that count, with their chip thickness. Every
+- **What is told.** Terminal, report and `assumptions` in `summary.json` name all coefficients that have a range or a chip thickness. Every
   range is tried; the changes add up to the share *cutting coefficients* of ±.
 - **Sense and side.** Milling down (climb), a clockwise tool has the part on the right of its travel; milling up, on the left. `part_side`
   says otherwise, and the tool then turns the other way. In a slot both senses are equal.

@@ -112,7 +112,8 @@ def catalogue_coefficients(name: str, chips: Chips | None = None) -> CuttingCoef
 
 def _fill_in(own: CuttingTable, name: str, source: str, chips: Chips) -> CuttingCoefficients:
     """With typical ratios and the thickness of chips where these are left out."""
-    values, ranges = own.values, dict(own.ranges)
+    values = own.values
+    ranges: dict[str, float] = {**own.ranges}
     for ratio, across in (("radial_ratio", "Krc"), ("axial_ratio", "Kac")):
         if ratio not in values and across not in values:
             values[ratio], ranges[ratio] = TYPICAL_RATIOS[ratio], TYPICAL_RANGES[ratio]
@@ -190,19 +191,19 @@ def check_cutting(draft: Draft, findings: Findings) -> None:
                 f"is {1e3 * cutter.radial_depth:g} mm and the tool has {1e3 * cutter.mill.diameter:g} mm; take at most its diameter",
             )
             continue
-        name = cutter.material
-        if name is None or (name in written and name not in scene.cutting):
+        material = cutter.material
+        if material is None or (material in written and material not in scene.cutting):
             continue  # what is wrong with its own entry is said there
-        if name not in scene.cutting and name not in read_cutting_materials():
+        if material not in scene.cutting and material not in read_cutting_materials():
             names = [*sorted(written), *read_cutting_materials()]
-            hint = suggest_names(name, names, what="materials")
-            example = name if name.isidentifier() else "NAME"
+            hint = suggest_names(material, names, what="materials")
+            example = material if material.isidentifier() else "NAME"
             findings.add(
                 (*key, "material"),
-                f'there is no {name[:80]!r}; {hint}; or write [{SECTION}.{example}] with Ktc = "800 N/mm^2" and so on',
+                f'there is no {material[:80]!r}; {hint}; or write [{SECTION}.{example}] with Ktc = "800 N/mm^2" and so on',
             )
             continue
-        _note(key, cutter, name, scene, findings)
+        _note(key, cutter, material, scene, findings)
 
 
 def check_cut_lead(scene: Scene, findings: Findings) -> None:
@@ -242,8 +243,10 @@ def _note(key: KeyPath, cutter: Cutter, name: str, scene: SceneTable, findings: 
     """What is assumed of a material in a cut, and whether its chips are of ordinary thickness."""
     coefficients = resolve_material(scene, name, cutter)
     own = scene.cutting.get(name)
-    # what is written in full is not told again; a tangent is, wherever its chips are from
-    if own is None or own.kc11 is not None or set(coefficients.ranges) - set(own.ranges):
+    cuts = isinstance(cutter, LobesTable) or scene.effects.get("cutting_force", False) is not False
+    # what was measured is not assumed, and what a scene writes is known; a tangent is told anyway
+    told = coefficients.ranges if own is None else set(coefficients.ranges) - set(own.ranges)
+    if cuts and (told or coefficients.chip_thickness is not None):
         given = f"[{SECTION}.{name}]" if own is not None else f"catalogue {name}"
         findings.assume((*key, "material"), f"{given}: {coefficients.describe()}")
     for feed in _feeds_per_tooth(scene, cutter):

@@ -9,6 +9,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import headstock as hs
 
@@ -88,7 +89,7 @@ def mill(folder: Path, **settings: str) -> dict[str, dict[str, Any]]:
     return {each["dof"][1]: each for each in outputs}
 
 
-def cruise(folder: Path, **settings: str) -> np.ndarray:
+def cruise(folder: Path, **settings: str) -> NDArray[np.float64]:
     """Mean deviation along x, y, z at constant feed over whole turns of the spindle [m]."""
     mill(folder, **settings)
     with h5py.File(folder / "out" / "results.h5") as file:

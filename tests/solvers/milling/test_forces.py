@@ -87,7 +87,8 @@ def test_milling_down_a_tooth_leaves_at_the_finished_face_and_up_it_enters_there
     angles = engagement_angles(CUT.mill, CUT.radial_depth)
     assert np.degrees(angles) == pytest.approx([-90.0, -30.0])
     mill = EndMill(0.02, 1)
-    for sense, first, last in (("down", -30.0, -90.0), ("up", -90.0, -30.0)):
+    senses: dict[Sense, tuple[float, float]] = {"down": (-30.0, -90.0), "up": (-90.0, -30.0)}
+    for sense, (first, last) in senses.items():
         cut = dataclasses.replace(CUT, mill=mill, sense=sense)
         theta = tooth_angles(cut, one_turn(cut, 3600)[0])[0][:, 0, 0]
         inside = np.degrees(np.mod(theta[engaged(cut, theta) > 0.0] + np.pi, 2 * np.pi) - np.pi)
