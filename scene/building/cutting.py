@@ -113,7 +113,7 @@ def catalogue_coefficients(name: str, chips: Chips | None = None) -> CuttingCoef
 def _fill_in(own: CuttingTable, name: str, source: str, chips: Chips) -> CuttingCoefficients:
     """With typical ratios and the thickness of chips where these are left out."""
     values = own.values
-    ranges: dict[str, float] = {**own.ranges}
+    ranges: dict[str, float] = {str(key): share for key, share in own.ranges.items()}
     for ratio, across in (("radial_ratio", "Krc"), ("axial_ratio", "Kac")):
         if ratio not in values and across not in values:
             values[ratio], ranges[ratio] = TYPICAL_RATIOS[ratio], TYPICAL_RANGES[ratio]
