@@ -207,7 +207,9 @@ def try_models(
         trial.name for trial, each in zip(trials, planned, strict=True) if not isinstance(each, str)
     ]
     with _trial_store(comm, store) as cold:
-        importlib.import_module(ELASTIC_MODULE)  # PETSc starts on all ranks together
+        reduces = [stage.kind == "reduce" for each in runs for stage in each.plan.stages]
+        if make_on_root(comm, lambda: any(reduces)):
+            importlib.import_module(ELASTIC_MODULE)  # PETSc starts on all ranks together
         bench = _Bench(base, cold, announce, threads=1 if comm.size > 1 else None)
         bench.warm_up()
         announce("components as written")

@@ -23,21 +23,28 @@ ROOT = Path(__file__).resolve().parent.parent
 ELASTIC = {"dolfinx", "petsc4py", "slepc4py"}
 IMPORT = re.compile(r"^\s*(?:from ([\w.]+) import (\([^)]*\)|.*)|import ([\w.]+))", re.MULTILINE)
 DOCUMENTS = {"test_documents.py", "test_mechanism_document.py", "test_snippets.py"}
+SOURCE = {"test_contributing.py", "test_layering.py", "test_release_check.py", "test_tolerances.py"}
 # tests of workers' limits and of files of strangers: theirs mesh in processes of their own, as a
 # user's do; what others mesh is meshed in the process of the test
 WORKERS = re.compile(r"tests/(meshing/process|faults)/|test_h(11|44|45|46|48|50|51)_|test_doctor")
-# what `./headstock test --quick` leaves out
+# a module that is loaded by its name
+NAMED = re.compile(r'"(headstock\.[\w.]+)"')
+# what `./headstock test --quick` leaves out, but for the tests of the kind smoke
 SLOW_KINDS = (
     "fem",
+    "scenes",
     "process",
     "mpi",
     "faults",
     "trials",
     "slow",
+    "hard",
     "documents",
+    "source",
 )
 
 
+@functools.cache
 def imported_by(path: Path) -> set[str]:
     """Modules that the import statements of a file name, and the names it takes from them: any of
     these may be a module.
@@ -49,17 +56,49 @@ def imported_by(path: Path) -> set[str]:
 
 
 @functools.cache
-def uses_elements(path: Path) -> bool:
-    """Whether finite elements are imported along with a file."""
-    names = imported_by(path)
-    files = [
-        ROOT.joinpath(*name.split(".")[1:]).with_suffix(".py")
-        for name in names
-        if name.startswith("headstock.")
-    ]
-    return any(name.split(".")[0] in ELASTIC for name in names) or any(
-        uses_elements(file) for file in files if file.is_file()
-    )
+def own_modules() -> dict[str, Path]:
+    """Our modules, and those that tests share, by name; not `common`, which every run loads."""
+    found = {}
+    for layer in (typed.parent for typed in ROOT.glob("*/py.typed")):
+        for file in layer.rglob("*.py"):
+            words = file.relative_to(layer if layer.name == "api" else ROOT).with_suffix("").parts
+            found[".".join(("headstock", *words)).removesuffix(".__init__")] = file
+    for file in (ROOT / "tests").rglob("*.py"):
+        found[".".join(file.relative_to(ROOT / "tests").with_suffix("").parts)] = file
+    return {name: file for name, file in found.items() if file.stem != "common"}
+
+
+@functools.cache
+def element_modules(*, by_name: bool) -> frozenset[str]:
+    """Our modules that import finite elements, however indirectly."""
+    behind: dict[str, list[str]] = {}
+    for module, file in own_modules().items():
+        for name in names_in(file, by_name=by_name):
+            behind.setdefault(name, []).append(module)
+    edge = [module for name in behind if is_elastic(name) for module in behind[name]]
+    found = set(edge)
+    while edge:
+        beside = set(behind.get(edge.pop(), ())) - found
+        found |= beside
+        edge += beside
+    return frozenset(found)
+
+
+def names_in(path: Path, *, by_name: bool) -> set[str]:
+    """What a file imports; also by the names of modules in its texts, which are loaded when a scene
+    needs them.
+    """
+    return imported_by(path) | (set(NAMED.findall(path.read_text())) if by_name else set())
+
+
+def is_elastic(name: str) -> bool:
+    return name.split(".")[0] in ELASTIC
+
+
+def uses_elements(path: Path, *, by_name: bool) -> bool:
+    """Whether finite elements are imported along with a file, or may be while its tests run."""
+    reached = element_modules(by_name=by_name)
+    return any(is_elastic(name) or name in reached for name in names_in(path, by_name=by_name))
 
 
 @functools.cache
@@ -68,12 +107,19 @@ def kinds_of(path: Path) -> frozenset[str]:
     the file (``pytestmark``).
     """
     imports = {name.split(".")[0] for name in imported_by(path)}
+    text = path.read_text()
+    elements = uses_elements(path, by_name=False)
+    runs = any(word in text for word in ("run_alone", "run_command"))
     signs = {
-        "fem": uses_elements(path),
+        "fem": elements,
+        "scenes": runs or (not elements and uses_elements(path, by_name=True)),
+        "smoke": "pytestmark = pytest.mark.smoke" in text,
         "process": bool(imports & {"subprocess", "multiprocessing"}),
-        "mpi": any(word in path.read_text() for word in ("mpirun", "run_on_ranks", "rank_words")),
+        "mpi": any(word in text for word in ("mpirun", "run_on_ranks", "rank_words")),
         "faults": path.is_relative_to(ROOT / "tests" / "faults"),
+        "hard": path.is_relative_to(ROOT / "tests" / "hard_cases"),
         "documents": path.name in DOCUMENTS,
+        "source": path.name in SOURCE,
     }
     return frozenset(kind for kind, sign in signs.items() if sign)
 
@@ -82,7 +128,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--quick",
         action="store_true",
-        help=f"a minute: no tests of the kinds {', '.join(SLOW_KINDS)}",
+        help=f"a minute: one test of each capability (smoke), and none of the kinds {', '.join(SLOW_KINDS)}",
     )
     parser.addoption(
         "--none-skipped",
@@ -101,14 +147,16 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     if config.getoption("--quick"):
-        config.option.markexpr = " and ".join(f"not {kind}" for kind in SLOW_KINDS)
+        left_out = " and ".join(f"not {kind}" for kind in SLOW_KINDS)
+        config.option.markexpr = f"smoke or ({left_out})"
         sys.addaudithook(refuse_slow_kinds)
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     # not even imported: finite elements take seconds to load
     quick = config.getoption("--quick") and collection_path.name.startswith("test_")
-    return True if quick and kinds_of(collection_path) else None
+    kinds = kinds_of(collection_path) if quick else frozenset[str]()
+    return True if kinds and "smoke" not in kinds else None
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -161,10 +209,13 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
 
 
 def refuse_slow_kinds(event: str, details: tuple[object, ...]) -> None:
-    """Audit hook of a quick run: a test that does what its markers do not say fails."""
-    if not inside_a_test:
+    """Audit hook of a quick run: a test that does what its markers do not say fails. Commands may
+    ask the system for its name.
+    """
+    if not running:
         return
-    if event in ("subprocess.Popen", "os.fork", "os.posix_spawn"):
+    starts = event in ("subprocess.Popen", "os.fork", "os.posix_spawn")
+    if starts and running[0].get_closest_marker("smoke") is None:
         raise RuntimeError(
             f"this test starts a process: pytestmark = pytest.mark.process is missing ({details[0]})"
         )
@@ -174,7 +225,7 @@ def refuse_slow_kinds(event: str, details: tuple[object, ...]) -> None:
         )
 
 
-inside_a_test: list[str] = []
+running: list[pytest.Item] = []
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
@@ -190,14 +241,14 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
-    inside_a_test.append(item.nodeid)
+    running.append(item)
     try:
         with pytest.MonkeyPatch.context() as patch:
             if not WORKERS.search(item.path.as_posix()):
                 patch.setattr("headstock.meshing.process.running.run_isolated", work_here)
             return (yield)
     finally:
-        inside_a_test.clear()
+        running.clear()
 
 
 @pytest.fixture(scope="session")

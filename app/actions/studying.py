@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import functools
+import importlib
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -39,12 +40,12 @@ from headstock.studies.parameters.costs import weigh_costs
 from headstock.studies.parameters.records import StudyRecord
 from headstock.studies.parameters.runs import StudyJob, check_points, hash_scene, run_study
 from headstock.studies.parameters.tables import StudyTable, tabulate_study
-from headstock.validation.refinement.paper_elements import paper_points
 from headstock.validation.refinement.points import collect_points, measure_beam
 from headstock.validation.refinement.references import ReferenceBeam, reference_beam
 from headstock.validation.refinement.statements import judge_own, judge_statements
 
 TABLE_FILE, LISTING_FILE = "study.csv", "study.json"
+PAPER_MODULE = "headstock.validation.refinement.paper_elements"
 Extra = dict[str, bytes]  # further files of a study, by name
 
 
@@ -163,7 +164,8 @@ def _add_refinement(
     beam: ReferenceBeam, records: Sequence[StudyRecord], listing: StudyListing, extra: Extra
 ) -> None:
     """Figures, tables and statements of a refinement study."""
-    points = [*collect_points(beam, records), *paper_points(beam)]
+    paper = importlib.import_module(PAPER_MODULE)  # loads PETSc
+    points = [*collect_points(beam, records), *paper.paper_points(beam)]
     statements, own = judge_statements(beam, points), judge_own(beam, points)
     extra.update(
         {

@@ -22,7 +22,7 @@ from headstock.validation.references.rows import ValidationRow, rows_as_json
 
 QUANTITY = 38
 NUMBER = 13
-FIGURES_MODULE = "headstock.app.charts.refinement"
+FIGURES_MODULE = "headstock.app.charts.axis_kit"
 
 
 def print_validation(console: Console, rows: Sequence[ValidationRow]) -> None:

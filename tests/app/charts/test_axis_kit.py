@@ -1,6 +1,6 @@
 """Figures 17 and 18 are drawn from the rows of the validation, and from nothing else."""
 
-from headstock.app.charts.refinement import FIGURE_NAME, draw_axis_kit
+from headstock.app.charts.axis_kit import FIGURE_NAME, draw_axis_kit
 from headstock.validation.machines.axis_kit_cases import CASE, FIDELITIES, compliance_name
 from headstock.validation.machines.axis_kit_models import MEASURED_COMPLIANCE, VARIANTS
 from headstock.validation.references.rows import Target, ValidationRow, judge

@@ -22,6 +22,8 @@ from headstock.meshing.components.meshing import mesh_component
 from headstock.meshing.components.skins import PIXEL, mesh_skin, skin_size, thin_skin, unmeshed_skin
 from headstock.meshing.errors import MeshError
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[3]
 
 

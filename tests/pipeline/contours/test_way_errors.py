@@ -27,6 +27,8 @@ from headstock.solvers.milling.tool_path import plan_contour
 from headstock.validation.mechanisms.tripteor_machine import SCENE as TRIPTEOR
 from headstock.validation.mechanisms.tripteor_machine import load_tripteor
 
+pytestmark = pytest.mark.slow
+
 MILL = Path(__file__).parents[2] / "data" / "mill.toml"
 UNTIL = 0.2
 AIR = "effects.cutting_force=false"

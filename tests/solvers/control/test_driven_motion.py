@@ -22,6 +22,8 @@ from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.time_response import solve_stepped_response, solve_time_response
 from headstock.validation.machines.drive_cases import LOAD, TwoMasses, make_drive
 
+pytestmark = pytest.mark.slow
+
 CONTROL = AxisControl(
     position_gain=40.0, velocity_gain=2e4, integral_time=0.02, dead_time=2e-4, current_lag=1e-4
 )

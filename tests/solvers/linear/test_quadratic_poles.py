@@ -9,6 +9,8 @@ from headstock.solvers.linear.quadratic_pencils import state_eigenpairs
 from headstock.solvers.linear.quadratic_poles import SMALL, find_poles_within
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 
+pytestmark = pytest.mark.slow
+
 SIZE, INSIDE = 240, 24
 
 

@@ -48,6 +48,8 @@ from headstock.solvers.paths.linear_motion import (
 )
 from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
 
+pytestmark = pytest.mark.slow
+
 STEP = 5e-5
 CONTOUR = SquareContour(0.2, (0.0, 0.0), 0.2, 0.01, 0.02, 5.0 / 60.0, 0.01)
 

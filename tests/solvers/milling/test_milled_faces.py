@@ -14,6 +14,8 @@ from headstock.solvers.milling.milled_faces import (
     waviness_profile,
 )
 
+pytestmark = pytest.mark.slow
+
 MILL = EndMill(0.02, 4)
 RADIUS, SPINDLE, FEED = 0.01, 13000.0 * np.pi / 30.0, 5.0 / 60.0
 PER_TOOTH = FEED * 2.0 * np.pi / SPINDLE / 4

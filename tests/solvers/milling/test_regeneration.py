@@ -30,6 +30,8 @@ from headstock.solvers.milling.stability import largest_multiplier, milling_gain
 from headstock.solvers.paths.linear_motion import LinearMotion, Regeneration, march_linear
 from headstock.solvers.paths.rubbing import Rubbing
 
+pytestmark = pytest.mark.slow
+
 COEFFICIENTS = CuttingCoefficients((600e6, 180e6, 0.0), (18e3, 20e3, 0.0), "test")
 STEPS, TURNS, MASS, HZ, ZETA = 96, 120, 2.0, 700.0, 0.03
 SPINDLE = 2.0 * np.pi * 200.0

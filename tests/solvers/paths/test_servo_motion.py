@@ -18,6 +18,8 @@ from headstock.solvers.paths.rubbing import Rubbing
 from headstock.solvers.paths.servo_motion import ServoMotion, close_motors
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 
+pytestmark = pytest.mark.slow
+
 TABLE, SLIDE, SPRING, DAMPER = 200.0, 90.0, 5e7, 8e3
 TIP, MOTOR = ("tip", "z"), ("leg", "force")
 WHOLE = 0.3  # seconds

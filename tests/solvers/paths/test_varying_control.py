@@ -42,6 +42,8 @@ from headstock.solvers.paths.varying_system import (
 )
 from headstock.solvers.second_order import SecondOrderSystem
 
+pytestmark = pytest.mark.slow
+
 PATH, TIP, PUSH = ("path", "acceleration"), ("tip", "x"), ("tip", "x")
 LENGTH, LIMIT_HZ, UP_TO_HZ = 0.08, 4.0, 5000.0
 MOVE = SetPoint(LENGTH, 0.5, Ramp("linear", 0.02))

@@ -23,6 +23,8 @@ from headstock.solvers.paths.varying_system import (
 )
 from headstock.solvers.second_order import SecondOrderSystem
 
+pytestmark = pytest.mark.slow
+
 SOURCE, TIP = ("path", "acceleration"), ("tip", "x")
 LENGTH = 0.08
 # 30 g would be needed to stop a machine so: much happens within a few periods

@@ -8,6 +8,8 @@ from headstock.pipeline.contours.lumped_contour import run_lumped_contour
 from headstock.validation.mechanisms.contouring_cases import contour_request
 from headstock.validation.mechanisms.tripteor_machine import load_tripteor
 
+pytestmark = pytest.mark.slow
+
 
 def run_start(material: str, until: float) -> ContourRun:
     tripteor = load_tripteor()
