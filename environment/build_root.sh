@@ -36,8 +36,8 @@ require_unchanged() {
     fi
 }
 
-# Atomic: the root grows beside its place and is renamed when it is whole. The lock is inherited by the children, so it stays
-# taken while any part of a killed build still runs; whoever gets it next clears what that build left.
+# Atomic: the root grows beside its place and is renamed when it is whole. The lock is this shell's alone: it is free when the
+# shell has ended in whatever way, and the build ends with it (guarded). Whoever gets it next clears what that build left.
 build_root() {
     mkdir -p -- "$cache"
     exec 9>"$cache/build.lock"
@@ -52,10 +52,13 @@ build_root() {
         growing=$root.growing.$$ begun=$(date +%s)
         trap 'stop_build; exit 130' INT
         trap 'stop_build; exit 143' TERM HUP
+        mkfifo -- "$growing.guard"
+        exec 8<>"$growing.guard"
         fill_root "$growing" "$cache/build.log"
+        exec 8>&-
         trap - INT TERM HUP
         basename -- "$root" >"$growing/etc/headstock-root"
-        rm -f -- "$growing.pipe"
+        rm -f -- "$growing.pipe" "$growing.guard"
         rm -f -- "$cache/stamp-${root##*/}"
         mv -- "$growing" "$root"
         say "environment ready after $(($(date +%s) - begun)) s, $(du -sm -- "$root" | cut -f1) MB"
@@ -75,6 +78,7 @@ fill_root() {
         if bootstrap "$1" "$2" "deb $mirror $suite main" && [ -x "$1/usr/bin/python3" ]; then return; fi
     fi
     remove_tree "$1"
+    rm -f -- "$1.guard"
     tail -n 15 -- "$2" >&2
     fail "the environment could not be built; the whole log is $2"
 }
@@ -92,22 +96,32 @@ bootstrap() {
     for rule in $(left_out | tac | sed 's/^!/path-include=/; s/^\//path-exclude=\//'); do set -- --dpkgopt="$rule" "$@"; done
     # in the background and waited for, because a shell answers to signals only between foreground commands
     if [ "$me" = 0 ]; then
-        setsid mmdebstrap "$@" >>"$log" 2>&1 &
+        guarded mmdebstrap "$@" >>"$log" 2>&1 8>&- 9>&- &
         builder=$!
         wait "$builder"
     else
         mkfifo -- "$target.pipe"
-        tar -x -C "$target" --no-same-owner --exclude='./dev/*' <"$target.pipe" >>"$log" 2>&1 &
+        tar -x -C "$target" --no-same-owner --exclude='./dev/*' <"$target.pipe" >>"$log" 2>&1 8>&- 9>&- &
         unpacker=$!
         for word; do
             shift
             [ "$word" != "$target" ] || word=-
             set -- "$@" "$word"
         done
-        setsid mmdebstrap --mode=unshare --format=tar "$@" >"$target.pipe" 2>>"$log" &
+        guarded mmdebstrap --mode=unshare --format=tar "$@" >"$target.pipe" 2>>"$log" 8>&- 9>&- &
         builder=$!
         wait "$builder" && wait "$unpacker"
     fi
+}
+
+# guarded COMMAND ...: a session of its own, of which nothing is left when this shell ends, even by a signal that no shell can catch: the
+# other end of the pipe that one of its processes reads from is open in this shell only.
+guarded() {
+    exec setsid /bin/sh -c '
+        exec 7<"$1"
+        shift
+        (read -r _ <&7; kill -s KILL -- "-$$") </dev/null >/dev/null 2>&1 &
+        exec "$@" 7<&-' sh "$growing.guard" "$@"
 }
 
 stop_build() {
@@ -115,6 +129,7 @@ stop_build() {
     [ -z "${builder:-}" ] || kill -- "-$builder" 2>/dev/null || :
     wait 2>/dev/null || :
     remove_tree "$growing"
+    rm -f -- "$growing.guard"
     say "stopped; nothing was left behind"
 }
 

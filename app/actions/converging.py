@@ -52,6 +52,7 @@ from headstock.studies.parameters.convergence import (
 )
 from headstock.studies.parameters.features import MeshAdvice, try_features
 from headstock.studies.parameters.limits import MeshNeed, find_need
+from headstock.studies.parameters.records import POINTS_FILE
 from headstock.studies.parameters.runs import StudyJob, hash_scene
 
 MEASURE = "motions of surfaces, 1"  # its number rises when they are measured otherwise
@@ -221,11 +222,12 @@ def _publish(
         with_host=request.with_host,
     ).summarise()
     figure = draw_convergence(advice.found, advice.needs[0])
-    remarks = write_beside(folder, {} if figure is None else {"convergence.png": figure})
+    pictures = {} if figure is None else {"convergence.png": figure}
+    remarks = write_beside(folder, pictures)
     table, text = FILES
     write_output(folder / table, convergence_csv(advice.found))
     write_output(folder / text, dump_summary(listing).encode())
     if request.json_file is not None:
         write_output(request.json_file, dump_summary(listing).encode())
-    print_convergence(advice, folder=folder)
+    print_convergence(advice, folder=folder, files=[POINTS_FILE, table, *pictures])
     return remarks

@@ -30,7 +30,7 @@ from headstock.studies.parameters.convergence import (
 )
 from headstock.studies.parameters.features import FeatureTrial, MeshAdvice
 from headstock.studies.parameters.limits import Limit, MeshNeed, WatchedSeries, relative_errors
-from headstock.studies.parameters.records import POINTS_FILE
+
 from headstock.studies.parameters.runs import StudyProgress
 from headstock.studies.parameters.tables import median_seconds
 
@@ -65,8 +65,14 @@ def print_feature_trial(progress: StudyProgress) -> None:
     make_console().print(line, markup=False, soft_wrap=True)
 
 
-def print_convergence(advice: MeshAdvice, *, folder: Path) -> None:
-    """Meshes, numbers, needs, small features, and the sentence; files are in the folder."""
+def print_convergence(advice: MeshAdvice, *, folder: Path, files: Sequence[str]) -> None:
+    """Meshes, numbers, needs, small features, the sentence, and where it all is.
+
+    Args:
+        advice: What the meshes say.
+        folder: Of the results.
+        files: Names of what was written there.
+    """
     console, found = make_console(), advice.found
     console.print()
     _print_meshes(console, found)
@@ -76,8 +82,8 @@ def print_convergence(advice: MeshAdvice, *, folder: Path) -> None:
     print_remarks([f"left out: {failure[:ERROR_LENGTH]}" for failure in found.failures])
     console.print(f"no finer mesh: {found.end[:ERROR_LENGTH]}", markup=False)
     console.print(sum_up(advice), style="bold", markup=False)
-    files = f"{counted(len(found.records), 'mesh', 'meshes')}, results in {folder} ({POINTS_FILE}, convergence.csv, convergence.png)"
-    console.print(files, markup=False)
+    meshes = counted(len(found.records), "mesh", "meshes")
+    console.print(f"{meshes}, results in {folder} ({', '.join(files)})", markup=False)
 
 
 def sum_up(advice: MeshAdvice) -> str:

@@ -200,6 +200,8 @@ def read_summary(folder: Path) -> RunSummary:
         UnusableOutputError: There is none, or it is not one.
     """
     path = folder / SUMMARY_FILE
+    if folder.is_file():
+        raise UnusableOutputError(f"{folder} is a file; name the folder that a run has written")
     remedy = f"`headstock run SCENE -o {folder}` writes it anew, with what is in the store"
     try:
         summary = json.loads(path.read_text())

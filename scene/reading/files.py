@@ -6,7 +6,9 @@ import stat
 import tomllib
 from datetime import date, datetime, time
 from pathlib import Path
+from typing import Literal
 
+from headstock.meshing.formats import MESH_SUFFIXES
 from headstock.meshing.process.strangers import PART, FileKind
 from headstock.scene.reading.findings import Findings, Origin
 from headstock.scene.reading.positions import KeyPath, find_lines
@@ -19,6 +21,15 @@ MAX_DEPTH = 50
 MAX_ENTRIES = 20_000
 CHARACTERS_OF_ENTRY = 100  # a text counts as one entry for each of these
 CHARACTERS_OF_PLACE = 64  # of a name that is filled in for {n}
+TextKind = Literal["scene", "target"]
+# tables that only one kind has, and what to say where the other one is given
+OWN_TABLE: dict[TextKind, str] = {"scene": "components", "target": "cases"}
+SWAPPED: dict[TextKind, str] = {
+    "scene": "is a target file, not a scene: headstock identify SCENE TARGETS takes it in the second place",
+    "target": "is a scene, not a target file: headstock identify SCENE TARGETS takes the scene in the first place",
+}
+PART_SUFFIXES = (".step", ".stp", *MESH_SUFFIXES)
+UFF_SUFFIXES = (".uff", ".unv", ".uf")
 _POSITION = " (at "
 # tomllib needs time quadratic in the length of a dotted key, so long ones are refused before it
 # sees them
@@ -27,21 +38,23 @@ _DEEP_KEY = re.compile(
 )
 
 
-def read_scene(path: Path, findings: Findings) -> TomlTable:
-    """Parse a scene file; what keeps it from being read is raised at once, since nothing else can
-    be said then.
+def read_scene(path: Path, findings: Findings, kind: TextKind = "scene") -> TomlTable:
+    """Parse a scene or target file; what keeps it from being read is raised at once, since nothing
+    else can be said then.
 
     Args:
         path: A regular ``.toml`` file of at most 1 MiB.
         findings: Receives lines and origins of the keys.
+        kind: What it should be.
 
     Returns:
         The parsed tables.
 
     Raises:
-        SceneError: Not such a file, not UTF-8, not TOML, a key twice, or nested too deeply.
+        SceneError: Not such a file, not UTF-8, not TOML, a key twice, nested too deeply, or the
+            other kind of file.
     """
-    text = _read_text(path, findings)
+    text = _read_text(path, findings, kind)
     findings.lines = tuple(text.replace("\r\n", "\n").split("\n"))
     if _DEEP_KEY.search(text):
         findings.add_line(
@@ -71,6 +84,9 @@ def read_scene(path: Path, findings: Findings) -> TomlTable:
             None,
             f"values are nested more than {MAX_DEPTH} deep; a scene needs no more than ten levels",
         )
+        findings.raise_if_any()
+    if OWN_TABLE["scene" if kind == "target" else "target"] in raw and OWN_TABLE[kind] not in raw:
+        findings.add_line(None, SWAPPED[kind])
         findings.raise_if_any()
     findings.origins = {key: Origin(line) for key, line in positions.items()}
     return raw
@@ -128,11 +144,9 @@ def resolve_file(folder: Path, text: str, suffixes: tuple[str, ...], kind: FileK
     return path
 
 
-def _read_text(path: Path, findings: Findings) -> str:
+def _read_text(path: Path, findings: Findings, kind: TextKind) -> str:
     if path.suffix.lower() != ".toml":
-        part = path.suffix.lower() in (".step", ".stp")
-        remedy = "; `headstock new FOLDER --part FILE` writes one around a part" if part else ""
-        findings.add_line(None, f"a scene file ends in .toml{remedy}")
+        findings.add_line(None, _explain_ending(path.suffix.lower(), kind))
         findings.raise_if_any()
     try:
         # non-blocking, so that a pipe put in place of the file cannot hang the reader
@@ -162,6 +176,18 @@ def _read_text(path: Path, findings: Findings) -> str:
         findings.add_line(1, "begins with a byte-order mark; save it as UTF-8 without BOM")
         findings.raise_if_any()
     return text
+
+
+def _explain_ending(suffix: str, kind: TextKind) -> str:
+    """What to do with a file that is no TOML."""
+    if kind == "target":
+        text = "targets are read from a .toml file (docs/identification.md)"
+        values = "frequencies (frequencies = [...]) and shapes (modes = [{ frequency, vectors }])"
+        source = "a UFF file" if suffix in UFF_SUFFIXES else "measurements"
+        return f"{text}; write the {values} of {source} into [cases.NAME] of one"
+    if suffix in PART_SUFFIXES:
+        return "a scene file ends in .toml; `headstock new FOLDER --part FILE` writes one around a part"
+    return "a scene file ends in .toml"
 
 
 def _report_syntax(

@@ -255,7 +255,7 @@ def load_targets(
             what to write.
     """
     findings = Findings(str(path))
-    table = validate_against(TargetsTable, read_scene(path, findings), findings)
+    table = validate_against(TargetsTable, read_scene(path, findings, "target"), findings)
     written = load_scene(scene, overrides=overrides)
     _check_kind(written, findings)
     if table is None:
