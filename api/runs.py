@@ -12,8 +12,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import cast
 
-from mpi4py import MPI
-
 from headstock.arguments import check_call, read_keys, read_name, read_names, read_path, refuse
 from headstock.geometry.parts.components import Fidelity
 from headstock.machine import Machine, write_setting, write_settings
@@ -47,6 +45,7 @@ from headstock.scene.reading.watch_paths import MEASURED_NAMES
 from headstock.scene.scene import Scene, keep_analyses, list_analyses, require_name
 from headstock.scene.studies import Study
 from headstock.solvers.errors import ModelError
+from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root, share_from_root
 from headstock.studies.comparison import Comparison, compare_variants
 from headstock.studies.identification.descent import StartRecord

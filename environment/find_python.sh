@@ -19,7 +19,11 @@ modified() { stat -L -c %Y -- "$1" 2>/dev/null || echo none; }
 # Sets python and root. Order: asked for, the private root we are in, known to fit, built, probed, apt line, build.
 select_environment() {
     root=
-    if [ -n "${HEADSTOCK_PYTHON:-}" ]; then python=$HEADSTOCK_PYTHON; return; fi
+    if [ -n "${HEADSTOCK_PYTHON:-}" ]; then
+        # a path below the working folder, which is left now and then
+        case $HEADSTOCK_PYTHON in /*) python=$HEADSTOCK_PYTHON ;; */*) python=$(pwd -P)/$HEADSTOCK_PYTHON ;; *) python=$HEADSTOCK_PYTHON ;; esac
+        return
+    fi
     if [ -z "${HEADSTOCK_PRIVATE_ROOT:-}" ]; then
         if [ -e /etc/headstock-root ]; then python=/usr/bin/python3; return; fi
         known_python && return
@@ -46,7 +50,8 @@ known_python() {
 probe_pythons() {
     for candidate in python3 /usr/bin/python3; do
         candidate=$(command -v "$candidate") || continue
-        if package=$("$candidate" -c "$probe_code" 2>/dev/null); then
+        # what it loads looks for settings, and for code, where it stands
+        if package=$(cd -- "$project/environment" && "$candidate" -P -c "$probe_code" 2>/dev/null); then
             python=$candidate
             mkdir -p -- "$cache"
             printf '%s\n' "$python" "$(modified "$python")" "$package" "$(modified "$package")" >"$cache/python.$$"

@@ -91,7 +91,10 @@ case $installed$mode in notebook | docs) require_pip_group notebook || exit 1 ;;
 case $mode in
     program) set -- "$python" -P -m headstock.app.command_line "$@" ;;
     python) set -- "$python" "$@" ;;
-    notebook) set -- "$python" -m jupyterlab "$@" ;;
+    notebook)
+        # its server and its kernels import nothing of the working folder while they start; a kernel then looks there, as notebooks expect
+        export PYTHONSAFEPATH=1
+        set -- "$python" -P -m jupyterlab "$@" ;;
     docs) set -- "$python" -P "$project/docs/site/build.py" "$@" ;;
     release) set -- "$python" -P "$project/.ci/release_check.py" "$@" ;;
     test)
@@ -103,9 +106,9 @@ case $mode in
 esac
 if [ "$ranks" -gt 1 ] || is_rank; then
     # mpi4py's runner turns an exception on one rank into an abort of all, with that exit code
-    # of a script's own, which puts its folder in place of the first path: without -P that is not ours
+    # of a script's own, which puts its folder in place of the first path: that one is nothing
     case $mode in
-        python) shift; set -- "$python" -m mpi4py "$@" ;;
+        python) shift; export PYTHONPATH="/dev/null${PYTHONPATH:+:$PYTHONPATH}"; set -- "$python" -P -m mpi4py "$@" ;;
         program) shift 2; set -- "$python" -P -m mpi4py "$@" ;;
     esac
 fi

@@ -26,17 +26,18 @@ install_pip_group() {
 
 fill_pip_group() {
     growing=$group_folder.growing.$$
-    if [ -z "$root" ] && [ -n "${found_code:-}" ] && "$python" -P -c "$found_code" 2>/dev/null; then
+    if [ -z "$root" ] && [ -n "${found_code:-}" ] && (cd -- "$project/environment" && "$python" -P -c "$found_code" 2>/dev/null); then
         mkdir -- "$group_folder"
         return
     fi
     say "installing the packages of environment/${requirements##*/} (once)"
     if [ -n "${as_environment:-}" ]; then
-        (run_inside "$python" -m venv --system-site-packages --without-pip "$growing") >"$log" 2>&1 || { rm -rf -- "$growing"; return 1; }
+        (cd -- "$project/environment" && run_inside "$python" -P -m venv --system-site-packages --without-pip "$growing") >"$log" 2>&1 || { rm -rf -- "$growing"; return 1; }
     else
         set -- --target "$growing" "$@"
     fi
-    if ! (run_inside "$python" -m pip ${as_environment:+--python "$growing/bin/python3"} install --quiet --require-hashes --no-deps \
+    # from a folder of ours, and with -P: modules of the working folder are not pip's
+    if ! (cd -- "$project/environment" && run_inside "$python" -P -m pip ${as_environment:+--python "$growing/bin/python3"} install --quiet --require-hashes --no-deps \
         --no-build-isolation --disable-pip-version-check -r "$requirements" "$@") >"$log" 2>&1; then
         rm -rf -- "$growing"
         return 1

@@ -97,7 +97,7 @@ blas_kernels() {
     grep -qw avx512vl /proc/cpuinfo 2>/dev/null || return 0
     known=$cache/blas-$({ echo "$root"; grep -m 1 'model name' /proc/cpuinfo; } | sha256sum | cut -c1-12)
     if [ ! -f "$known" ]; then
-        seen=$(run_inside "$python" -P -c "$blas_code" 2>/dev/null) || seen=unknown
+        seen=$(cd -- "$project/environment" && run_inside "$python" -P -c "$blas_code" 2>/dev/null) || seen=unknown
         case $seen in Prescott | Core2 | Nehalem | Sandybridge | Generic) kernels=SkylakeX ;; *) kernels= ;; esac
         mkdir -p -- "$cache"
         echo "$kernels" >"$known.$$" && mv -f -- "$known.$$" "$known"
@@ -109,6 +109,17 @@ blas_code='
 import numpy.linalg, threadpoolctl
 print(*{library.get("architecture") for library in threadpoolctl.threadpool_info() if library["internal_api"] == "openblas"})
 '
+
+# named_folders LIST: a list of folders without its empty entries, which would be the working folder.
+named_folders() {
+    named=
+    rest=$1:
+    while [ -n "$rest" ]; do
+        first=${rest%%:*} rest=${rest#*:}
+        [ -z "$first" ] || named=$named${named:+:}$first
+    done
+    printf '%s\n' "$named"
+}
 
 export_settings() {
     OPENBLAS_CORETYPE=${OPENBLAS_CORETYPE:-}
@@ -127,6 +138,8 @@ export_settings() {
         inner_path=/usr/local/bin:/usr/bin:/bin:/usr/sbin:/sbin
         PYTHONPATH=
     fi
+    PYTHONPATH=$(named_folders "${PYTHONPATH:-}")
+    if [ -n "${LD_LIBRARY_PATH:-}" ]; then LD_LIBRARY_PATH=$(named_folders "$LD_LIBRARY_PATH"); export LD_LIBRARY_PATH; fi
     # an installed package is found without
     if [ -z "$installed" ]; then PYTHONPATH=$project/.typing${PYTHONPATH:+:$PYTHONPATH}; fi
     export PYTHONPATH="${PYTHONPATH:-}"

@@ -3,7 +3,6 @@ state space of a machine for MATLAB.
 """
 
 import dataclasses
-import importlib
 import io
 from functools import partial
 from pathlib import Path
@@ -11,8 +10,8 @@ from typing import Any
 
 import numpy as np
 import scipy.io
-from mpi4py import MPI
 
+from headstock.geometry.loading import load_library
 from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.solids import PointMass, SuperelementFile
 from headstock.meshing.formats import find_format
@@ -37,6 +36,7 @@ from headstock.scene.requests import Analyses, FrfRequest
 from headstock.scene.scene import Scene, require_name
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.state_space import StateSpace, to_state_space
+from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root, share_from_root
 from headstock.solvers.second_order import Channel, name_channel
 
@@ -232,7 +232,7 @@ def export_mesh(
 
 
 def _write_mesh(state: RunState, component: Component, path: Path) -> str:
-    writing = importlib.import_module(WRITING_MODULE)
+    writing = load_library(WRITING_MODULE)
     mesh, _ = load_or_make_mesh(state, component)
     with naming_output(path), PendingOutputs() as pending:
         for name, content in writing.encode_mesh(mesh, path).items():

@@ -6,8 +6,6 @@ import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from mpi4py import MPI
-
 from headstock.geometry.parts.solids import SuperelementFile
 from headstock.pipeline.accuracy.interface_errors import run_interfaces_stage
 from headstock.pipeline.accuracy.model_errors import (
@@ -60,6 +58,7 @@ from headstock.pipeline.storage.provenance import Provenance
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.lobes import require_feed_of_run
 from headstock.scene.scene import Scene, acting_assumptions
+from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
 from headstock.solvers.shared_work import all_cores_on_root
 

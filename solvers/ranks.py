@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
+from headstock.solvers.mpi import MPI
 
 SHARE_TAG, ROWS_TAG = 4711, 4713
 COLUMNS = 48  # sent at a time: what sending takes beside the values

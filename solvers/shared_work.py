@@ -16,9 +16,9 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import threadpoolctl
-from mpi4py import MPI
 
 from headstock.geometry.errors import HeadstockError
+from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import Node, SharedFailure, find_node, share_from_root
 
 RESULT_TAG = 4712

@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from mpi4py import MPI
-
 from headstock.geometry.errors import HeadstockError
 from headstock.pipeline.results.summary import RunSummary, summarise
 from headstock.pipeline.runner import run_scene
@@ -20,6 +18,7 @@ from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.scene import Scene, keep_analyses
 from headstock.scene.schema.effects import EFFECT_NAMES
+from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
 from headstock.solvers.shared_work import use_threads
 from headstock.studies.answers import Change, compare_answers
@@ -98,7 +97,7 @@ def try_effects(
     choice: SceneChoice,
     store: Store,
     *,
-    comm: MPI.Comm = MPI.COMM_SELF,
+    comm: MPI.Comm | None = None,
     announce: Callable[[str], None] = lambda text: None,
 ) -> list[EffectTrial]:
     """Run a scene as written, and once per effect with that effect switched the other way, each
@@ -107,7 +106,7 @@ def try_effects(
     Args:
         choice: The scene.
         store: Where meshes and superelements are kept: no time of theirs is counted.
-        comm: Ranks that share the runs.
+        comm: Ranks that share the runs; None for this one alone.
         announce: Called with what this rank runs.
 
     Returns:
@@ -118,6 +117,7 @@ def try_effects(
         HeadstockError: It cannot be run as written; on several ranks the cause of a
             ``SharedFailure``, as the other one.
     """
+    comm = comm or MPI.COMM_SELF
     scene = make_on_root(comm, lambda: load_choice(choice, ()))
     pairs = {effect: _switched_runs(effect, scene) for effect in EFFECT_NAMES}
     switches = list(dict.fromkeys([(), *(each for pair in pairs.values() for each in pair)]))
@@ -281,8 +281,8 @@ def _run_timed(scene: Scene, store: Store, *, least: int) -> _Run:
     return _Run(summary, times)
 
 
-def _run(scene: Scene, store: Store, comm: MPI.Comm = MPI.COMM_SELF) -> tuple[RunSummary, float]:
+def _run(scene: Scene, store: Store, comm: MPI.Comm | None = None) -> tuple[RunSummary, float]:
     with tempfile.TemporaryDirectory(prefix="headstock-effects-") as folder:
         begun = time.process_time()
-        results = run_scene(scene, Path(folder), comm=comm, store=store)
+        results = run_scene(scene, Path(folder), comm=comm or MPI.COMM_SELF, store=store)
         return summarise(results), time.process_time() - begun

@@ -11,8 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from mpi4py import MPI
-
 from headstock.geometry.errors import HeadstockError
 from headstock.pipeline.answers.estimates import show_share
 from headstock.pipeline.planning.budgets import BASE_MB
@@ -27,6 +25,7 @@ from headstock.pipeline.stages.shared_components import expect_job, make_superel
 from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.pipeline.storage.store import Store
 from headstock.scene.reading.findings import SceneError
+from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
 from headstock.solvers.shared_work import share_work, use_threads
 from headstock.studies.answers import Change, compare_answers
@@ -173,7 +172,7 @@ def try_models(
     *,
     kinds: Sequence[ModelKind] = MODEL_KINDS,
     trials: Sequence[ModelTrial] | None = None,
-    comm: MPI.Comm = MPI.COMM_SELF,
+    comm: MPI.Comm | None = None,
     announce: Callable[[str], None] = lambda text: None,
 ) -> list[ModelFinding]:
     """Run a scene as written, and once per change of its model, each on one rank; collective.
@@ -185,7 +184,7 @@ def try_models(
         store: Beside it lies the store of the trials while they run.
         kinds: What is changed.
         trials: The changes; None for all of these kinds.
-        comm: Ranks that share the runs.
+        comm: Ranks that share the runs; None for this one alone.
         announce: Called with what this rank runs.
 
     Returns:
@@ -196,6 +195,7 @@ def try_models(
         HeadstockError: It cannot be run as written; on several ranks the cause of a
             ``SharedFailure``, as the other one.
     """
+    comm = comm or MPI.COMM_SELF
     base = make_on_root(comm, lambda: plan_run(load_choice(choice, ())))
     if trials is None:
         trials = make_on_root(comm, lambda: list_model_trials(base.scene, base.plan, kinds))

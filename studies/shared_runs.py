@@ -3,8 +3,6 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from mpi4py import MPI
-
 from headstock.pipeline.planning.budgets import BASE_MB
 from headstock.pipeline.planning.node_memory import node_memory_bytes
 from headstock.pipeline.planning.plan import Plan
@@ -13,6 +11,7 @@ from headstock.pipeline.stages.run_state import RunState
 from headstock.pipeline.stages.shared_components import expect_job, prepare_components
 from headstock.pipeline.storage.store import Store
 from headstock.scene.scene import Scene
+from headstock.solvers.mpi import MPI
 from headstock.solvers.shared_work import share_work
 
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from mpi4py import MPI
 
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import DIRECTIONS, FloatArray
@@ -49,6 +48,7 @@ from headstock.scene.scene import Scene, deforming_parts
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.frequency_response import FrfModel
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
+from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
 from headstock.studies.answers import list_answers
 from headstock.studies.shared_runs import plan_run, share_runs

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.frf import PoseResponse
@@ -22,6 +21,7 @@ from headstock.reduction.motions.body_fields import BodyPlaces, choose_places, p
 from headstock.reduction.motions.mode_naming import name_modes
 from headstock.scene.scene import Scene
 from headstock.solvers.linear.frequency_response import evaluate_frf
+from headstock.solvers.mpi import MPI
 from headstock.solvers.second_order import ComplexArray
 from headstock.studies.answers import Change
 

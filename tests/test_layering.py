@@ -121,6 +121,25 @@ ADAPTERS = {
     "pyvista": {"app/pictures", "pipeline/results"},
     "vtkmodules": {"meshing/components"},
 }
+# Libraries that read files of the working folder while they start, and the modules that import them:
+# adapters of geometry/loading.py, and modules of meshing, which children and exports load there.
+LOADERS = {
+    "mpi4py": {"solvers/mpi.py"},
+    "h5py": {
+        "meshing/process/libraries.py",
+        *(f"meshing/files/{name}.py" for name in ("exodus", "hdf5", "writing")),
+    },
+    "basix": {"solvers/recovery/libraries.py"},
+    "matplotlib": {"app/pictures/libraries.py"},
+    "pyvista": {
+        "app/pictures/renderer.py",
+        *(f"pipeline/results/{name}.py" for name in ("meshes", "results", "files")),
+    },
+    **{
+        name: {"solvers/elastic/libraries.py"}
+        for name in ("dolfinx", "ffcx", "petsc4py", "slepc4py", "ufl")
+    },
+}
 
 MODULES = sorted(path for layer in (*LAYERS, DOOR) for path in (ROOT / layer).rglob("*.py"))
 FOLDERS = sorted({path.parent for path in MODULES})
@@ -244,6 +263,15 @@ def test_heavy_libraries_are_imported_only_in_their_adapter_folders() -> None:
             for name in libraries & set(ADAPTERS)
             if path.parent.relative_to(ROOT).as_posix() not in ADAPTERS[name]
         }
+
+    assert offenders(wrong) == {}
+
+
+def test_libraries_that_read_the_working_folder_are_imported_where_they_are_loaded_apart() -> None:
+    def wrong(path: Path) -> set[str]:
+        libraries = {name.split(".")[0] for name in IMPORTS[path]}
+        place = path.relative_to(ROOT).as_posix()
+        return {name for name in libraries & set(LOADERS) if place not in LOADERS[name]}
 
     assert offenders(wrong) == {}
 

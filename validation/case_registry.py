@@ -4,9 +4,8 @@ import difflib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from mpi4py import MPI
-
 from headstock.geometry.errors import HeadstockError
+from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
 from headstock.validation.coverage.cases import FRESH as FRESH_PARTS
 from headstock.validation.coverage.cases import (

@@ -11,7 +11,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import click
-from mpi4py import MPI
 
 from headstock.app.terminal.console import counted, make_console
 from headstock.app.terminal.guard import DONE
@@ -19,6 +18,7 @@ from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.storage.content_keys import canonical_json
 from headstock.pipeline.storage.outputs import claim_output, make_part, write_output
 from headstock.pipeline.storage.provenance import PROJECT
+from headstock.solvers.mpi import MPI
 from headstock.studies.sweeps.journals import read_journals
 from headstock.studies.sweeps.runs import SweepJob, sweep_key
 from headstock.studies.sweeps.slurm_jobs import (

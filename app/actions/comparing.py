@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import get_args
 
 import click
-from mpi4py import MPI
 
 from headstock.app.actions.running import claim_on_root, require_ranks
 from headstock.app.charts.comparison import draw_comparison
@@ -33,6 +32,7 @@ from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import suggest_names
 from headstock.scene.scene import deforming_parts
 from headstock.solvers.errors import ModelError
+from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
 from headstock.studies.comparison import Comparison, compare_variants
 from headstock.studies.comparison_summary import (

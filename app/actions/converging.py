@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import click
-from mpi4py import MPI
 
 from headstock.app.actions.running import require_ranks
 from headstock.app.actions.showing import STEP_SUFFIXES
@@ -39,6 +38,7 @@ from headstock.pipeline.storage.provenance import SceneChoice, trace_content
 from headstock.scene.building.loader import load_scene
 from headstock.scene.expansion.includes import scene_content
 from headstock.scene.scene import Scene
+from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
 from headstock.studies.parameters.convergence import (
     Convergence,

@@ -16,6 +16,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
+from headstock.geometry.loading import OWN_FOLDER
 from headstock.pipeline.storage.outputs import write_output
 from headstock.pipeline.storage.provenance import PROJECT
 
@@ -195,6 +196,7 @@ def run_child(command: list[str]) -> tuple[int, str]:
             text=True,
             timeout=TIME_LIMIT_S,
             env=environment,
+            cwd=OWN_FOLDER,
             check=False,
         )
     except subprocess.TimeoutExpired:

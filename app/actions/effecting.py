@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import click
-from mpi4py import MPI
 
 from headstock.app.actions.choosing import load_chosen
 from headstock.app.actions.publishing import EFFECTS_FILE, is_same_scene, renew_report
@@ -33,6 +32,7 @@ from headstock.scene.expansion.overrides import VARIANT_JOINER
 from headstock.scene.reading.findings import SceneError, suggest_names
 from headstock.scene.scene import Scene
 from headstock.scene.schema.effects import EFFECT_NAMES
+from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
 from headstock.studies.answers import UNITS, Change
 from headstock.studies.effects import (

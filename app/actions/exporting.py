@@ -7,7 +7,6 @@ from functools import partial
 from pathlib import Path
 
 import click
-from mpi4py import MPI
 
 from headstock.app.actions.running import require_ranks
 from headstock.app.terminal.console import warn_of_unused_accuracy
@@ -19,6 +18,7 @@ from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.units import FREQUENCY, UnitError, parse_quantity
 from headstock.scene.scene import Scene
+from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
 
 

@@ -8,8 +8,6 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from mpi4py import MPI
-
 from headstock.app.actions.running import claim_on_root, require_ranks
 from headstock.app.terminal.console import add_row, make_console, make_table, print_table
 from headstock.app.terminal.guard import DONE, FAILED
@@ -20,6 +18,7 @@ from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.keys import write_number
+from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
 from headstock.studies.identification.descent import StartRecord, fit
 from headstock.studies.identification.files import (

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import click
-from mpi4py import MPI
 
 from headstock.app.actions.choosing import load_chosen
 from headstock.app.actions.publishing import PARTS, publish_run
@@ -34,6 +33,7 @@ from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import claim_output, write_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.scene.scene import Scene
+from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import find_node, make_on_root, share_from_root
 from headstock.solvers.shared_work import NAMED_THREADS, free_cores
 

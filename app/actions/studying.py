@@ -9,8 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from mpi4py import MPI
-
 import headstock.validation
 from headstock.app.actions.running import require_ranks
 from headstock.app.charts.refinement import draw_refinement
@@ -35,6 +33,7 @@ from headstock.pipeline.storage.outputs import claim_output, write_beside, write
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import require_name
+from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root, share_from_root
 from headstock.studies.parameters.costs import weigh_costs
 from headstock.studies.parameters.records import StudyRecord

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import click
-from mpi4py import MPI
 
 from headstock.app.actions.cluster_jobs import ClusterRequest, sweep_on_slurm
 from headstock.app.actions.running import require_ranks
@@ -39,6 +38,7 @@ from headstock.pipeline.storage.outputs import (
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.scene.building.loader import load_scene, prepare_sweep
 from headstock.scene.scene import require_name
+from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root, share_from_root
 from headstock.studies.sweeps.files import SWEEP_FILE, SweepSummary, summarise_sweep, write_sweep
 from headstock.studies.sweeps.journals import FOLDER, remove_other_journals

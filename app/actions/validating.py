@@ -9,7 +9,6 @@ from itertools import groupby
 from pathlib import Path
 
 import click
-from mpi4py import MPI
 from rich.console import Console
 from rich.markup import escape
 
@@ -17,6 +16,7 @@ from headstock.app.actions.running import require_ranks
 from headstock.app.terminal.console import make_console, print_remarks
 from headstock.app.terminal.guard import DONE, FAILED
 from headstock.pipeline.storage.outputs import claim_output, write_beside, write_output
+from headstock.solvers.mpi import MPI
 from headstock.validation.case_registry import Case, SeedError, UnknownCaseError, run_validation
 from headstock.validation.references.rows import ValidationRow, rows_as_json
 

@@ -3,9 +3,9 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from headstock.app.charts.charts import INK, calm_axes, encode_figure, new_figure
+from headstock.app.pictures.libraries import Axes
 from headstock.pipeline.results.views import COLORS
 from headstock.validation.machines.axis_kit_cases import CASE, FIDELITIES, compliance_name
 from headstock.validation.machines.axis_kit_models import MEASURED_COMPLIANCE, VARIANTS

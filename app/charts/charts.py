@@ -11,13 +11,17 @@ from pathlib import Path
 from typing import Any, Literal, TypedDict
 
 import numpy as np
-from matplotlib.artist import Artist
-from matplotlib.axes import Axes
-from matplotlib.axis import Axis
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullFormatter, NullLocator
 
+from headstock.app.pictures.libraries import (
+    Artist,
+    Axes,
+    Axis,
+    Figure,
+    FigureCanvasAgg,
+    FuncFormatter,
+    NullFormatter,
+    NullLocator,
+)
 from headstock.app.tables.static import sort_shares, static_by_pose
 from headstock.app.texts.curves import (
     MOST_FIELDS,

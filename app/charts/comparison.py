@@ -7,7 +7,6 @@ import textwrap
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from headstock.app.charts.charts import (
     FAINT,
@@ -18,6 +17,7 @@ from headstock.app.charts.charts import (
     encode_figure,
     new_figure,
 )
+from headstock.app.pictures.libraries import Axes
 from headstock.app.tables.comparison import alike_rigid_modes, list_points, row_frequencies
 from headstock.app.texts.bounded_values import show_digits
 from headstock.geometry.frames import DIRECTIONS

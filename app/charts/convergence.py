@@ -5,9 +5,6 @@ over seconds.
 from collections.abc import Sequence
 from typing import Any
 
-from matplotlib.axes import Axes
-from matplotlib.lines import Line2D
-
 from headstock.app.charts.charts import (
     FAINT,
     INK,
@@ -20,6 +17,7 @@ from headstock.app.charts.charts import (
     new_figure,
 )
 from headstock.app.charts.study import COLORS, LINE
+from headstock.app.pictures.libraries import Axes, Line2D
 from headstock.studies.parameters.convergence import Convergence
 from headstock.studies.parameters.limits import MeshNeed, relative_errors
 

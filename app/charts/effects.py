@@ -5,12 +5,9 @@ saves or takes.
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter, MaxNLocator, NullLocator
-
 from headstock.app.charts.charts import FAINT, INK, add_legend, calm_axes, encode_figure, new_figure
 from headstock.app.charts.study import COLORS
+from headstock.app.pictures.libraries import FuncFormatter, Line2D, MaxNLocator, NullLocator, Patch
 from headstock.studies.effects_summary import EffectsSummary
 from headstock.studies.model_worth import CLEARLY
 

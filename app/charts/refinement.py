@@ -4,16 +4,19 @@ import math
 from collections.abc import Sequence
 from typing import Literal
 
-from matplotlib.axes import Axes
-from matplotlib.lines import Line2D
-from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
-
 from headstock.app.charts.charts import (
     INK,
     calm_axes,
     encode_figure,
     label_decades,
     new_figure,
+)
+from headstock.app.pictures.libraries import (
+    Axes,
+    FixedLocator,
+    FuncFormatter,
+    Line2D,
+    NullFormatter,
 )
 from headstock.validation.refinement.points import (
     KINDS,

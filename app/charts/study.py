@@ -8,11 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from matplotlib.axes import Axes
-from matplotlib.lines import Line2D
-from matplotlib.patheffects import withStroke
-from matplotlib.ticker import NullFormatter, NullLocator
-
 from headstock.app.charts.charts import (
     FAINT,
     INK,
@@ -24,6 +19,7 @@ from headstock.app.charts.charts import (
     line_style,
     new_figure,
 )
+from headstock.app.pictures.libraries import Axes, Line2D, NullFormatter, NullLocator, withStroke
 from headstock.scene.reading.units import DIMENSIONS, read_unit, unit_of
 from headstock.scene.studies import shorten_key, show_value
 from headstock.studies.parameters.costs import CostPoint, pareto_front, read_cost

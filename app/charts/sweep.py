@@ -4,9 +4,9 @@ import functools
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from headstock.app.charts.charts import DPI, INK, calm_axes, encode_figure, line_style, new_figure
+from headstock.app.pictures.libraries import Figure
 from headstock.app.tables.sweep_quantities import Quantity, list_quantities
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import SCENE_UNITS

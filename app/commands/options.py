@@ -12,9 +12,8 @@ import typer
 from headstock.app.terminal.guard import run_guarded
 
 if TYPE_CHECKING:
-    from mpi4py import MPI
-
     from headstock.pipeline.storage.provenance import Provenance, SceneChoice
+    from headstock.solvers.mpi import MPI
 
 
 def _check_file(path: Path | None) -> Path | None:

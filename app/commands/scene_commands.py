@@ -28,7 +28,7 @@ from headstock.app.commands.options import (
 from headstock.app.terminal.guard import run_guarded
 
 if TYPE_CHECKING:
-    from mpi4py import MPI
+    from headstock.solvers.mpi import MPI
 
 
 def check(

@@ -8,13 +8,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import hsv_to_rgb
-from matplotlib.figure import Figure
-from matplotlib.patheffects import withStroke
 from PIL import Image
 from scipy.ndimage import distance_transform_edt, find_objects
 
+from headstock.app.pictures.libraries import Figure, FigureCanvasAgg, hsv_to_rgb, withStroke
 from headstock.app.pictures.picture import Marks, Note, Picture, frame_picture
 from headstock.app.pictures.pictures import draw_pictures, open_window
 from headstock.geometry.errors import HeadstockError

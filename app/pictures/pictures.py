@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from headstock.app.pictures.picture import Picture, write_pictures
 from headstock.app.pictures.scenes import list_machine_pictures, list_mode_pictures
-from headstock.meshing.process.isolation import LAUNCHER_PREFIXES
+from headstock.geometry.loading import OWN_FOLDER
+from headstock.meshing.process.isolation import child_environment
 from headstock.pipeline.results.mode_files import file_stem
 from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.results.views import MachineView
@@ -134,13 +135,7 @@ def _run(kind: str, source: str, target: int, files: Sequence[int]) -> str | Non
         target: Number of the open file that it writes to.
         files: Numbers of open files that it inherits.
     """
-    environment = {
-        name: value for name, value in os.environ.items() if not name.startswith(LAUNCHER_PREFIXES)
-    }
-    environment |= {
-        "OMP_NUM_THREADS": "1",
-        "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
-    }
+    environment = child_environment(WORKER) | {"OMP_NUM_THREADS": "1"}
     if kind == "window":
         environment.pop(GL_WINDOW, None)
     else:
@@ -150,6 +145,7 @@ def _run(kind: str, source: str, target: int, files: Sequence[int]) -> str | Non
     try:
         child = subprocess.Popen(
             command,
+            cwd=OWN_FOLDER,
             env=environment,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,

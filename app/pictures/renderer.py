@@ -6,11 +6,14 @@ import io
 from dataclasses import replace
 
 import numpy as np
-import pyvista
 
 from headstock.app.pictures.picture import Marks, Picture, PictureFrame, frame_picture
 from headstock.geometry.frames import FloatArray
+from headstock.geometry.loading import load_library
 from headstock.meshing.component_mesh import IntArray
+
+if load_library("pyvista"):
+    import pyvista
 
 Color = tuple[float, float, float]
 EDGE_COLOR: Color = (0.10, 0.13, 0.18)

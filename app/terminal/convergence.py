@@ -30,7 +30,6 @@ from headstock.studies.parameters.convergence import (
 )
 from headstock.studies.parameters.features import FeatureTrial, MeshAdvice
 from headstock.studies.parameters.limits import Limit, MeshNeed, WatchedSeries, relative_errors
-
 from headstock.studies.parameters.runs import StudyProgress
 from headstock.studies.parameters.tables import median_seconds
 

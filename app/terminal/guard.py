@@ -41,7 +41,7 @@ def run_guarded(action: Callable[..., int], *, debug: bool) -> int:
     try:
         require_least_memory()
         if inspect.signature(action).parameters:
-            from mpi4py import MPI
+            from headstock.solvers.mpi import MPI
 
             comm = MPI.COMM_WORLD
             # messages of what failed half way are not taken for those about the end

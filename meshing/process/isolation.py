@@ -18,16 +18,21 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import BinaryIO
 
 from headstock.geometry.errors import OUT_OF_MEMORY
+from headstock.geometry.loading import OWN_FOLDER
 
 # gmsh may be linked with MPI: a worker that sees its parent's launcher variables would join the
 # parent's job
 LAUNCHER_PREFIXES = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "MPI_")
 # a process with threads is not let into a user namespace
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+# what a child imports besides the standard library
+CODE = {"headstock", "numpy", "scipy", "gmsh", "meshio", "h5py", "netCDF4"}
+CODE |= {"basix", "matplotlib", "PIL", "pyvista", "vtkmodules"}
 GRACE_SECONDS = 2
 SCRATCH_BYTES = 64 << 20
 # what shared libraries and Python are made of; of /etc only what the loader reads
@@ -165,22 +170,20 @@ def run_isolated(
     wanted, limits = limits, limits.within_shell()
     settings = {
         "parent": os.getpid(),
+        "folder": str(Path.cwd()),
         "readable": [str(path) for path in readable],
         **asdict(limits),
     }
     passed = [] if result is None else [result.fileno()]
     # -P: a module in the user's working folder must not stand in for ours
     command = [sys.executable, "-P", "-m", module, json.dumps(settings), *words, *map(str, passed)]
-    environment = {
-        name: value for name, value in os.environ.items() if not name.startswith(LAUNCHER_PREFIXES)
-    }
-    environment |= {**ONE_THREAD, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     given = (
         stdin.encode() if isinstance(stdin, str) else stdin if isinstance(stdin, bytes) else None
     )
     with subprocess.Popen(
         command,
-        env=environment,
+        cwd=OWN_FOLDER,
+        env=child_environment(module) | ONE_THREAD,
         stdin=subprocess.PIPE if isinstance(stdin, str | bytes) else stdin,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
@@ -199,6 +202,28 @@ def run_isolated(
     return WorkerEnd(code, errors.decode(errors="replace"), limits, wanted)
 
 
+def child_environment(module: str) -> dict[str, str]:
+    """Variables of a child that runs a module of ours: none of an MPI launcher, and of the places
+    where this Python looks for modules those that hold our code or a library, and no folder of a
+    script.
+    """
+    needed = CODE | {module.partition(".")[0]}
+    script = getattr(sys.modules["__main__"], "__file__", None) or sys.argv[0]
+    hidden = {Path.cwd(), Path(script).resolve().parent}
+    hidden -= {Path(path) for path in os.environ.get("PYTHONPATH", "").split(os.pathsep)}
+    paths = [
+        path
+        for path in sys.path
+        if Path(path).is_absolute()
+        and Path(path).resolve() not in hidden
+        and any(PathFinder.find_spec(name, [path]) for name in needed)
+    ]
+    environment = {
+        name: value for name, value in os.environ.items() if not name.startswith(LAUNCHER_PREFIXES)
+    }
+    return environment | {"PYTHONPATH": os.pathsep.join(paths)}
+
+
 def accept_limits(arguments: Sequence[str]) -> list[str]:
     """Take the limits that `run_isolated` wrote as the first argument; call it once everything
     is imported and nothing is read.
@@ -207,6 +232,7 @@ def accept_limits(arguments: Sequence[str]) -> list[str]:
         The other arguments.
     """
     settings = json.loads(arguments[0])
+    os.chdir(settings["folder"])
     _end_with_parent(settings["parent"])
     _set_limits(settings["memory_bytes"], settings["cpu_seconds"])
     isolate(settings["readable"])

@@ -4,9 +4,8 @@ name before a value is read.
 
 from collections.abc import Iterable, Iterator
 
-import h5py
-
 from headstock.geometry.errors import HeadstockError, printable
+from headstock.meshing.process.libraries import h5py
 
 # a small file can declare a data set of any size: what is not small must be there, or compressed by
 # no more than this
@@ -15,7 +14,7 @@ SMALL_FILE = 512 << 20  # of all data sets together
 LARGEST_EXPANSION = 100
 MOST_OBJECTS = 100_000
 MOST_AXES = 8
-PLAIN_FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32}
+PLAIN_FILTERS = {1, 2, 3}  # deflate, shuffle, fletcher32 (H5Zpublic.h)
 
 
 def plain_objects(

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from mpi4py import MPI
 
 from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.solids import PointMass, SuperelementFile
@@ -64,6 +63,7 @@ from headstock.pipeline.stages.shared_components import make_superelements
 from headstock.pipeline.storage.store import Store
 from headstock.scene.requests import Analyses, ModalRequest
 from headstock.scene.scene import AccuracyGoal, Scene
+from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
 
 MOST_ROUNDS = 9

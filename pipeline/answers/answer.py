@@ -5,7 +5,7 @@
 from collections.abc import Iterable
 from typing import ClassVar
 
-import h5py
+from headstock.meshing.process.libraries import h5py
 
 
 class Answer:
@@ -17,7 +17,7 @@ class Answer:
 
     units: ClassVar[dict[str, str]] = {}
 
-    def fill(self, file: h5py.File) -> None:
+    def fill(self, file: "h5py.File") -> None:
         """Write the arrays of the answer; there are none in most."""
 
 

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal, NotRequired, TypedDict
 
-import h5py
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.meshing.process.libraries import h5py
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.estimates import REDUCTION, Estimate, scale_shares
 from headstock.pipeline.answers.probes import ProbeCurves, ProbeCurvesSummary, parse_probe_curves
@@ -297,7 +297,7 @@ class PoseResponse(Answer):
             summary["probes"] = {probe.name: probe.summarise() for probe in curves.probes}
         return summary
 
-    def fill(self, file: h5py.File) -> None:
+    def fill(self, file: "h5py.File") -> None:
         """Write the curves."""
         fill_curves(file.create_group(f"frf/{self.curves.pose}"), self.curves)
 

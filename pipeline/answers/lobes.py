@@ -3,11 +3,11 @@
 from dataclasses import dataclass, field
 from typing import ClassVar, TypedDict
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
+from headstock.meshing.process.libraries import h5py
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.estimates import Estimate, scale_shares
 
@@ -251,7 +251,7 @@ class PoseLobes(Answer):
             "directions": [self._summarise(own) for own in self.directions],
         }
 
-    def fill(self, file: h5py.File) -> None:
+    def fill(self, file: "h5py.File") -> None:
         """Write limits and frequencies of chatter over the speeds."""
         group = file.create_group(f"lobes/{self.pose}")
         group["speeds"] = self.speeds

@@ -3,11 +3,11 @@
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-import h5py
 import numpy as np
 
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.machine import Pose
+from headstock.meshing.process.libraries import h5py
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.estimates import Estimate, FrequencyErrors, scale_parts
 from headstock.pipeline.storage.json_texts import check_finite
@@ -126,7 +126,7 @@ class PoseModes(Answer):
             summary["modes_below"] = self.below
         return summary
 
-    def fill(self, file: h5py.File) -> None:
+    def fill(self, file: "h5py.File") -> None:
         """Write frequencies, shapes and where the components are."""
         group = file.create_group(f"modal/{self.pose.name}")
         group["frequencies_hz"] = check_finite("natural frequencies", self.frequencies_hz)

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import ClassVar, NotRequired, TypedDict
 
-import h5py
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.meshing.process.libraries import h5py
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.estimates import (
     CUTTING,
@@ -357,7 +357,7 @@ class PathResult(Answer):
         changes = self.worth.judge(place, partial(_read_probe, name=name))
         return self.runs[place].probes[name].judge(changes)
 
-    def fill(self, file: h5py.File) -> None:
+    def fill(self, file: "h5py.File") -> None:
         """Write the curves of every feed, in the order of the scene."""
         feeds = file.create_group("path", track_order=True)
         for run in self.runs:

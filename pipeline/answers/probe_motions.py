@@ -7,11 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TypedDict
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
+from headstock.meshing.process.libraries import h5py
 from headstock.pipeline.answers.estimates import Estimate, combine_estimates, scale_shares
 from headstock.pipeline.answers.probes import MEGA, MICRO
 from headstock.solvers.stresses import STRESS_NAMES, largest_von_mises

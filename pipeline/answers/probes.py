@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar, TypedDict
 
-import h5py
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.meshing.process.libraries import h5py
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.estimates import Estimate
 from headstock.pipeline.storage.json_texts import check_finite
@@ -108,7 +108,7 @@ class ProbeAnswer(Answer):
         """
         return {name: _summarise_probe(name, probe) for name, probe in self.probes.items()}
 
-    def fill(self, file: h5py.File) -> None:
+    def fill(self, file: "h5py.File") -> None:
         """Write displacements and stresses, NaN for errors that nobody knows."""
         for name, probe in self.probes.items():
             group = file.create_group(f"probes/{self.pose}/{name}")

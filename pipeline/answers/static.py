@@ -3,10 +3,10 @@
 from dataclasses import dataclass, field
 from typing import ClassVar, NotRequired, TypedDict
 
-import h5py
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.meshing.process.libraries import h5py
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.estimates import Estimate, scale_parts, scale_shares
 from headstock.pipeline.storage.json_texts import check_finite, null_open
@@ -82,7 +82,7 @@ class StaticAnswer(Answer):
         """
         return {name: _summarise_point(name, point) for name, point in self.points.items()}
 
-    def fill(self, file: h5py.File) -> None:
+    def fill(self, file: "h5py.File") -> None:
         """Write compliances and displacements, NaN for what free motions leave open."""
         for name, point in self.points.items():
             group = file.create_group(f"static/{self.pose}/{name}")

@@ -5,10 +5,10 @@
 from dataclasses import dataclass
 from typing import ClassVar, TypedDict
 
-import h5py
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.meshing.process.libraries import h5py
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.estimates import Estimate, scale_shares
 from headstock.pipeline.answers.frf import split_channel
@@ -214,7 +214,7 @@ class TransientAnswer(Answer):
             "probes": {name: probe.summarise() for name, probe in self.probes.items()},
         }
 
-    def fill(self, file: h5py.File) -> None:
+    def fill(self, file: "h5py.File") -> None:
         """Write the curves."""
         group, curves = file.create_group(f"transient/{self.curves.pose}"), self.curves
         for name, texts in (

@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 from typing import ClassVar, TypedDict
 
-import h5py
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.meshing.process.libraries import h5py
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.estimates import Estimate, scale_parts, scale_shares
 from headstock.pipeline.answers.map import GridSummary, nest_grid
@@ -186,7 +186,7 @@ class VolumetricAnswer(Answer):
             else f"{'-' if line.travel[line.along] < 0.0 else ''}{'xyz'[line.along]}",
         }
 
-    def fill(self, file: h5py.File) -> None:
+    def fill(self, file: "h5py.File") -> None:
         """Write the positions and every source."""
         group = file.create_group(f"volumetric/{self.point}")
         for axis, values in zip(self.axes, self.positions, strict=True):

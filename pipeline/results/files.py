@@ -14,9 +14,9 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
-import h5py
 import numpy as np
 
+from headstock.meshing.process.libraries import h5py
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.frf import ResponseCurves, parse_curves
 from headstock.pipeline.answers.path import PathCurves, parse_path
@@ -122,7 +122,7 @@ def publish_summary(pending: PendingOutputs, folder: Path, results: Results) -> 
         pending.publish()
 
 
-def _fill(file: h5py.File, results: Results) -> None:
+def _fill(file: "h5py.File", results: Results) -> None:
     file.attrs["format"] = FORMAT
     file.attrs["version"] = VERSION
     file.attrs["name"] = results.name
@@ -145,7 +145,7 @@ def _fill(file: h5py.File, results: Results) -> None:
     mark_units(file, units)
 
 
-def _fill_record(file: h5py.File, results: Results) -> None:
+def _fill_record(file: "h5py.File", results: Results) -> None:
     """Everything but the view once more as one text, for ``open_results``; arrays that are in the
     file are named in it.
     """
@@ -172,7 +172,7 @@ def _fingerprint(array: AnyArray) -> tuple[str, tuple[int, ...], bytes]:
     return array.dtype.str, array.shape, hashlib.sha256(content).digest()
 
 
-def mark_units(file: h5py.File, units: Mapping[str, str]) -> None:
+def mark_units(file: "h5py.File", units: Mapping[str, str]) -> None:
     """Give every data set the attribute ``unit``: ``1`` for numbers without one, empty for words
     and indices.
 
@@ -242,7 +242,7 @@ def open_results(folder: Path) -> Results:
     """
     summary = read_summary(folder)
 
-    def read(file: h5py.File) -> Results:
+    def read(file: "h5py.File") -> Results:
         kinds = reachable_classes([Results, *Answer.__subclasses__()])
         coded = json.loads(file["record/text"][()].tobytes())
         found = decode_value(coded, kinds, lambda name: np.asarray(file[name][()]))
@@ -359,7 +359,7 @@ def read_histories(folder: Path) -> tuple[TransientCurves, ...]:
     )
 
 
-def _read_results[T](folder: Path, read: Callable[[h5py.File], T]) -> T:
+def _read_results[T](folder: Path, read: "Callable[[h5py.File], T]") -> T:
     path = folder / RESULTS_FILE
     summary = read_summary(folder)
     with _naming_damage(folder / SUMMARY_FILE):

@@ -5,9 +5,11 @@ from pathlib import Path
 import numpy as np
 
 from headstock.geometry.errors import HeadstockError
+from headstock.geometry.loading import load_library
 from headstock.pipeline.results.grids import COMPONENT, Grid
 
 try:
+    load_library("pyvista")
     import pyvista
 except ImportError as missing:
     raise HeadstockError(

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from mpi4py import MPI
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
@@ -21,6 +20,7 @@ from headstock.scene.requests import MapRequest
 from headstock.scene.scene import SceneMechanism
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.solvers.mechanisms.modes import linearise_poses, solve_pose_modes, tool_compliance
+from headstock.solvers.mpi import MPI
 from headstock.solvers.pairing.mode_tracking import SweptModes, track_modes, tracked_frequencies
 
 IndexArray = NDArray[np.intp]
@@ -54,7 +54,7 @@ def map_workspace(
     model: CompliantMechanism,
     request: MapRequest,
     *,
-    comm: MPI.Comm = MPI.COMM_SELF,
+    comm: MPI.Comm | None = None,
 ) -> WorkspaceMap | None:
     """Everything over the grid, poses shared out over the ranks; only rank 0 has the map, others
     None.
@@ -63,8 +63,9 @@ def map_workspace(
         mechanism: Of the scene, with its mounting.
         model: Its bodies and springs.
         request: Axes of the grid with their positions, and fixed positions of the others.
-        comm: Ranks that share the poses.
+        comm: Ranks that share the poses; None for this one alone.
     """
+    comm = comm or MPI.COMM_SELF
     shape = tuple(len(values) for _, values in request.axes)
     grid = np.stack(
         np.meshgrid(*(values for _, values in request.axes), indexing="ij"), axis=-1

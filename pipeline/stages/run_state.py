@@ -5,8 +5,6 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from mpi4py import MPI
-
 from headstock.geometry.errors import lacks_memory, out_of_memory, printable
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.drives import Drive
@@ -32,6 +30,7 @@ from headstock.reduction.superelement import Superelement
 from headstock.scene.scene import Scene
 from headstock.solvers.control.drive_trains import DriveTrain
 from headstock.solvers.linear.modal_analysis import ModalResult
+from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import SharedFailure
 from headstock.solvers.second_order import Channel, ComplexArray, SecondOrderSystem
 

@@ -7,8 +7,6 @@ import os
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
-from mpi4py import MPI
-
 from headstock.pipeline.planning.budgets import BASE_MB
 from headstock.pipeline.planning.kernels import add_kernels, list_missing
 from headstock.pipeline.planning.node_memory import (
@@ -33,6 +31,7 @@ from headstock.pipeline.stages.run_state import (
     run_stage,
 )
 from headstock.reduction.superelement import Superelement
+from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import find_node, make_on_root
 from headstock.solvers.shared_work import Job, share_work
 

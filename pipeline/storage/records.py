@@ -14,11 +14,11 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, unquote
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.errors import HeadstockError, printable
+from headstock.meshing.process.libraries import h5py
 from headstock.meshing.process.plain_hdf5 import plain_objects
 from headstock.reduction.superelement import STORED_AS
 
@@ -33,7 +33,7 @@ class RecordError(HeadstockError):
     """A file does not hold the record it should; says which field and what was found."""
 
 
-def require_plain(file: h5py.File, *, attribute_axes: int = 0) -> None:
+def require_plain(file: "h5py.File", *, attribute_axes: int = 0) -> None:
     """Refuse a file of which anything is not in the file itself or of a kind that records do not
     hold, before a value is read.
 

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import h5py
-
+from headstock.meshing.process.libraries import h5py
 from headstock.pipeline.storage.atomic_files import write_atomically
 from headstock.pipeline.storage.records import read_record, require_plain, write_record
 

@@ -11,7 +11,6 @@ import sys
 from pathlib import Path
 from typing import BinaryIO
 
-import h5py
 import numpy as np
 import scipy.linalg
 
@@ -19,6 +18,7 @@ from headstock.geometry.errors import printable
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.carriages import DEGREE
 from headstock.meshing.process.isolation import WorkerLimits, accept_limits, run_isolated
+from headstock.meshing.process.libraries import h5py
 from headstock.meshing.process.strangers import PART, require_size
 from headstock.pipeline.storage.outputs import write_output
 from headstock.pipeline.storage.provenance import Provenance

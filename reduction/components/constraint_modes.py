@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from mpi4py import MPI
 
 from headstock.geometry.frames import BoolArray, FloatArray, Frame, rigid_map, rigid_transfer
 from headstock.meshing.component_mesh import IntArray
@@ -21,6 +20,7 @@ from headstock.solvers.elastic.constrained_solver import (
     scale_motions,
 )
 from headstock.solvers.elastic.elasticity import ElasticOperators
+from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import max_over_ranks, sum_over_ranks
 
 DEPENDENCE_TOLERANCE = 1e-10

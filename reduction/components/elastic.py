@@ -5,7 +5,6 @@ import functools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Probe
@@ -59,6 +58,7 @@ from headstock.solvers.elastic.constrained_solver import ConstrainedSolver
 from headstock.solvers.elastic.elasticity import ElasticOperators, assemble_elasticity
 from headstock.solvers.elastic.split_estimates import estimate_split_errors
 from headstock.solvers.errors import AccuracyError, ConvergenceError, ModelError
+from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import RowBlocks, SharedFailure, order_rows
 from headstock.solvers.recovery.discretisation_error import (
     estimate_cell_errors,

@@ -4,7 +4,6 @@ import functools
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component, Load
@@ -12,6 +11,7 @@ from headstock.meshing.component_mesh import ComponentMesh, IntArray
 from headstock.reduction.components.interface_patches import measure_patch
 from headstock.reduction.requests import GRAVITY
 from headstock.solvers.elastic.elasticity import ElasticOperators
+from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
 
 AXES = "xyz"

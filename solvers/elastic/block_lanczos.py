@@ -4,9 +4,6 @@ reorthogonalisation, on SLEPc's basis vectors.
 
 import numpy as np
 import scipy.linalg
-from mpi4py import MPI
-from petsc4py import PETSc
-from slepc4py import SLEPc
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.elastic.eigenpairs import (
@@ -18,7 +15,9 @@ from headstock.solvers.elastic.eigenpairs import (
     select_pairs,
 )
 from headstock.solvers.elastic.eigenproblem import EigenProblem
+from headstock.solvers.elastic.libraries import PETSc, SLEPc
 from headstock.solvers.errors import ConvergenceError
+from headstock.solvers.mpi import MPI
 
 DEPENDENCE_TOLERANCE = 1e-10
 WELL_CONDITIONED = 1e-6

@@ -3,13 +3,13 @@
 from importlib import import_module
 from typing import Any
 
-import basix.ufl
-import dolfinx
 import numpy as np
-from mpi4py import MPI
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
+from headstock.solvers.elastic.libraries import dolfinx
+from headstock.solvers.mpi import MPI
+from headstock.solvers.recovery.libraries import basix
 
 RELEASE = tuple(int(part) for part in dolfinx.__version__.split(".")[:2])
 # the reader of gmsh models was renamed in 0.10

@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
-from petsc4py import PETSc
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import DEFAULT_EIGENSOLVER, Eigensolver
@@ -19,6 +18,7 @@ from headstock.solvers.elastic.eigenpairs import EigenPairs, ModeTarget
 from headstock.solvers.elastic.eigenproblem import EigenProblem, shell_inverse
 from headstock.solvers.elastic.factorization import full_block
 from headstock.solvers.elastic.krylov_schur import krylov_schur_pairs
+from headstock.solvers.elastic.libraries import PETSc
 from headstock.solvers.elastic.lobpcg import lobpcg_pairs
 from headstock.solvers.errors import AccuracyError
 

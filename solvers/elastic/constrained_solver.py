@@ -8,17 +8,17 @@ from types import TracebackType
 
 import numpy as np
 import scipy.linalg
-from mpi4py import MPI
 from numpy.typing import NDArray
-from petsc4py import PETSc
 
 from headstock.geometry.frames import BoolArray, FloatArray, rigid_map
 from headstock.geometry.parts.components import SolverMethod
 from headstock.solvers.elastic.elasticity import ElasticOperators
 from headstock.solvers.elastic.factorization import Factorization
 from headstock.solvers.elastic.iterative_inverse import IterativeInverse
+from headstock.solvers.elastic.libraries import PETSc
 from headstock.solvers.elastic.multigrid import Multigrid
 from headstock.solvers.errors import ConvergenceError, ModelError
+from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import max_over_ranks, sum_over_ranks
 
 RIGID_TOLERANCE = 1e-9

@@ -4,13 +4,12 @@ forces pass between them and all nodes.
 
 from dataclasses import dataclass
 
-import dolfinx
 import numpy as np
 import scipy.sparse
-from dolfinx import fem, la
-from mpi4py import MPI
 
 from headstock.geometry.frames import BoolArray, FloatArray
+from headstock.solvers.elastic.libraries import dolfinx, fem, la
+from headstock.solvers.mpi import MPI
 
 NO_WEIGHT = 1e-12  # of an interpolation: rounding of a shape function that vanishes at a node
 

@@ -4,7 +4,7 @@ the stiffness as a solver.
 
 from dataclasses import dataclass
 
-from petsc4py import PETSc
+from headstock.solvers.elastic.libraries import PETSc
 
 
 @dataclass(frozen=True, eq=False)

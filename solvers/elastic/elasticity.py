@@ -4,13 +4,8 @@ communicator.
 
 from dataclasses import dataclass
 
-import basix.ufl
-import dolfinx
 import numpy as np
 import scipy.sparse
-import ufl
-from dolfinx import fem, la
-from mpi4py import MPI
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
@@ -20,8 +15,11 @@ from headstock.solvers.elastic.compat import create_mesh, gmsh_cell_order
 from headstock.solvers.elastic.corner_level import CornerLevel, interpolate_corners
 from headstock.solvers.elastic.form_cache import compile_form
 from headstock.solvers.elastic.kernels import KernelPart, kernel_name
+from headstock.solvers.elastic.libraries import dolfinx, fem, la, ufl
 from headstock.solvers.errors import AccuracyError
+from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import rows_from_root, sum_over_ranks
+from headstock.solvers.recovery.libraries import basix
 
 CELL_TYPES = {
     "tet4": ("tetrahedron", 1),

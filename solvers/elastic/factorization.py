@@ -11,15 +11,14 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse
-from dolfinx import la
-from mpi4py import MPI
 from numpy.typing import NDArray
-from petsc4py import PETSc
 
 from headstock.geometry.errors import lacks_memory, out_of_memory
 from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.solvers.elastic.elasticity import ElasticOperators
+from headstock.solvers.elastic.libraries import PETSc, la
 from headstock.solvers.errors import ConvergenceError
+from headstock.solvers.mpi import MPI
 
 IntArray32 = NDArray[np.int32]
 METIS_OK = 1

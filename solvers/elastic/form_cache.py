@@ -13,14 +13,11 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-import ufl
-from dolfinx import fem
-from ffcx.options import FFCX_DEFAULT_OPTIONS
-from mpi4py import MPI
-
 from headstock.geometry.errors import lacks_memory, out_of_memory
 from headstock.solvers.elastic.kernels import form_cache_folder, kernel_link
+from headstock.solvers.elastic.libraries import fem, ffcx_options, ufl
 from headstock.solvers.errors import CompileError
+from headstock.solvers.mpi import MPI
 
 COMPILER_ARGUMENTS = ["-O3", "-march=native"]
 LOCK_FILE = ".lock"
@@ -53,7 +50,7 @@ def compile_form(form: ufl.Form, comm: MPI.Comm, name: str) -> fem.Form:
         "cffi_extra_compile_args": COMPILER_ARGUMENTS,
         "timeout": 60,
     }
-    defaults = {name: value for name, (_, value, _, _) in FFCX_DEFAULT_OPTIONS.items()}
+    defaults = {name: value for name, (_, value, _, _) in ffcx_options.FFCX_DEFAULT_OPTIONS.items()}
     with _sole_compiler(folder) if comm.rank == 0 else contextlib.nullcontext():
         try:
             compiled = fem.form(form, form_compiler_options=defaults, jit_options=options)

@@ -5,8 +5,6 @@ vector.
 from typing import NamedTuple
 
 import numpy as np
-from petsc4py import PETSc
-from slepc4py import SLEPc
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.elastic.eigenpairs import (
@@ -17,6 +15,7 @@ from headstock.solvers.elastic.eigenpairs import (
     select_pairs,
 )
 from headstock.solvers.elastic.eigenproblem import EigenProblem, shell_inverse
+from headstock.solvers.elastic.libraries import PETSc, SLEPc
 from headstock.solvers.errors import ConvergenceError
 
 FIRST_GUESS = 30  # modes up to a frequency

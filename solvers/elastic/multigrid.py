@@ -4,12 +4,12 @@ multigrid on first-order elements at its corners.
 
 import numpy as np
 import scipy.sparse
-from petsc4py import PETSc
 
 from headstock.geometry.frames import BoolArray, FloatArray, rigid_map
 from headstock.solvers.elastic.corner_level import CornerLevel
 from headstock.solvers.elastic.elasticity import ElasticOperators
 from headstock.solvers.elastic.factorization import apply_once
+from headstock.solvers.elastic.libraries import PETSc
 from headstock.solvers.errors import AccuracyError
 from headstock.solvers.ranks import sum_over_ranks
 

@@ -7,11 +7,10 @@ Lanczos search of the reduction.
 
 import numpy as np
 import scipy.sparse
-from petsc4py import PETSc
-from slepc4py import SLEPc
 
 from headstock.geometry.errors import lacks_memory, out_of_memory
 from headstock.geometry.frames import FloatArray
+from headstock.solvers.elastic.libraries import PETSc, SLEPc
 from headstock.solvers.errors import AccuracyError, ConvergenceError
 
 TOLERANCE = 1e-13  # of an eigenvalue of the inverse: asks for all digits there are

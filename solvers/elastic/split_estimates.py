@@ -6,13 +6,13 @@ import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
-from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Material
 from headstock.meshing.component_mesh import ComponentMesh, IntArray, SurfaceGaps
 from headstock.meshing.elements.topology import cell_family, cell_order
 from headstock.solvers.elastic.elasticity import ElasticOperators
+from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import RowBlocks, sum_over_ranks
 from headstock.solvers.recovery.discretisation_error import (
     SAMPLE_DEGREES,

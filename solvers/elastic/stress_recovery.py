@@ -4,7 +4,6 @@ mesh points.
 
 from dataclasses import dataclass
 
-import basix
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
@@ -13,6 +12,7 @@ from headstock.meshing.component_mesh import ComponentMesh, IntArray
 from headstock.solvers.elastic.compat import gmsh_cell_order
 from headstock.solvers.elastic.elasticity import CELL_TYPES
 from headstock.solvers.errors import ModelError
+from headstock.solvers.recovery.libraries import basix
 from headstock.solvers.stresses import PAIRS
 
 NODE_TOLERANCE = 1e-6

@@ -4,7 +4,6 @@ factorisation (Sturm count).
 
 import numpy as np
 import scipy.sparse
-from petsc4py import PETSc
 
 from headstock.geometry.errors import out_of_memory
 from headstock.geometry.frames import BoolArray, FloatArray
@@ -15,6 +14,7 @@ from headstock.solvers.elastic.factorization import (
     free_block,
     ordering_option,
 )
+from headstock.solvers.elastic.libraries import PETSc
 from headstock.solvers.errors import AccuracyError, ConvergenceError
 from headstock.solvers.ranks import sum_over_ranks
 

@@ -3,7 +3,6 @@
 """
 
 import dataclasses
-import importlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.geometry.loading import load_library
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.damping import equivalent_viscous
 from headstock.solvers.linear.modal_coordinates import (
@@ -236,7 +236,7 @@ def to_control(space: StateSpace) -> Any:
         ModelError: python-control is not installed.
     """
     try:
-        control = importlib.import_module("control")
+        control = load_library("control")
     except ImportError as error:
         raise ModelError(
             "python-control is not installed; install it by `pip install control`, or write a .mat file"

@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 
-import basix
 import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
@@ -25,6 +24,7 @@ from headstock.meshing.elements.topology import (
     shape_functions,
     shape_gradients,
 )
+from headstock.solvers.recovery.libraries import basix
 from headstock.solvers.stresses import SHEAR_PAIRS
 
 # single precision: errors of stresses are wanted, and they are far larger than its rounding

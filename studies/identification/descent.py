@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from mpi4py import MPI
 from scipy.optimize import least_squares
 from scipy.stats import norm, qmc
 
@@ -21,6 +20,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.pipeline.planning.node_memory import node_memory_bytes
 from headstock.pipeline.storage.store import default_store_root
 from headstock.solvers.errors import ConvergenceError
+from headstock.solvers.mpi import MPI
 from headstock.solvers.pairing.mode_pairing import match_frequencies
 from headstock.solvers.ranks import make_on_root
 from headstock.solvers.shared_work import Job, share_work
@@ -253,14 +253,14 @@ def fit(
     problem: FitProblem,
     observer: Callable[[StartRecord], None] = lambda record: None,
     *,
-    comm: MPI.Comm = MPI.COMM_SELF,
+    comm: MPI.Comm | None = None,
 ) -> tuple[StartRecord, ...]:
     """Run every start, each on one rank; collective.
 
     Args:
         problem: To be solved; the same on every rank.
         observer: Called on rank 0 with each start as it ends.
-        comm: Ranks that share the starts.
+        comm: Ranks that share the starts; None for this one alone.
 
     Returns:
         One record per start, in order; empty on other ranks.
@@ -269,6 +269,7 @@ def fit(
         ConvergenceError: No start could be computed; on several ranks the cause of a
             ``SharedFailure``.
     """
+    comm = comm or MPI.COMM_SELF
     starts = spread_starts(problem)
     records = share_work(
         comm,

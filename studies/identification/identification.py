@@ -9,7 +9,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component
@@ -23,6 +22,7 @@ from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.keys import write_number
 from headstock.scene.requests import ModalRequest
 from headstock.scene.scene import Scene
+from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root, share_from_root
 from headstock.studies.identification.cases import make_case
 from headstock.studies.identification.descent import StartRecord, fit
@@ -235,7 +235,7 @@ def identify(
     name: str,
     observer: Callable[[StartRecord], None] = lambda record: None,
     *,
-    comm: MPI.Comm = MPI.COMM_SELF,
+    comm: MPI.Comm | None = None,
 ) -> Identification:
     """Fit the parameters and say what is known of them; collective.
 
@@ -243,7 +243,7 @@ def identify(
         problem: Prepared cases and parameters; the same on every rank.
         name: For reports.
         observer: Called on rank 0 with each start as it ends.
-        comm: Ranks that share the starts.
+        comm: Ranks that share the starts; None for this one alone.
 
     Returns:
         The same on every rank.
@@ -252,6 +252,7 @@ def identify(
         ConvergenceError: No start could be computed; on several ranks the cause of a
             ``SharedFailure``.
     """
+    comm = comm or MPI.COMM_SELF
     starts = fit(problem, observer, comm=comm)
     return assess_starts(problem, name, share_from_root(comm, starts))
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from mpi4py import MPI
 from scipy.sparse import csr_array
 
 from headstock.geometry.errors import HeadstockError
@@ -32,6 +31,7 @@ from headstock.pipeline.results.views import ShiftArray
 from headstock.scene.reading.files import TomlValue
 from headstock.scene.scene import Scene
 from headstock.scene.studies import Study, StudyFamily
+from headstock.solvers.mpi import MPI
 from headstock.solvers.pairing.mode_pairing import ModeSet, pair_modes
 from headstock.solvers.ranks import make_on_root
 from headstock.studies.parameters.limits import (

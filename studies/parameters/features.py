@@ -5,12 +5,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from mpi4py import MPI
-
 from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.solids import StepFile
 from headstock.meshing.components.cad_survey import survey_step
 from headstock.scene.reading.files import TomlValue
+from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
 from headstock.studies.parameters.convergence import (
     Convergence,

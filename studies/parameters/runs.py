@@ -12,8 +12,6 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from mpi4py import MPI
-
 from headstock.geometry.errors import HeadstockError
 from headstock.pipeline.planning.budgets import BASE_MB
 from headstock.pipeline.planning.node_memory import node_memory_bytes
@@ -44,6 +42,7 @@ from headstock.scene.reading.keys import read_entries
 from headstock.scene.scene import Scene, keep_analyses
 from headstock.scene.studies import REFERENCE_RUN, Study, StudyPoint, expand_study, make_point
 from headstock.solvers.errors import CompileError
+from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import SharedFailure, make_on_root
 from headstock.solvers.shared_work import Job, share_work
 from headstock.studies.parameters.records import (

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal, NotRequired, TypedDict
 
-import h5py
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.meshing.process.libraries import h5py
 from headstock.pipeline.answers.lobes import MM, RPM
 from headstock.pipeline.answers.static import N_PER_UM, UM_PER_KN
 from headstock.pipeline.results.files import mark_units
@@ -58,7 +58,7 @@ def write_sweep(folder: Path, results: SweepResults) -> None:
     write_output(folder / SWEEP_FILE, image.getvalue())
 
 
-def _fill(file: h5py.File, results: SweepResults) -> None:
+def _fill(file: "h5py.File", results: SweepResults) -> None:
     sweep = results.sweep
     file.attrs["format"], file.attrs["version"] = FORMAT, VERSION
     file.attrs["name"], file.attrs["sweep"], file.attrs["kind"] = (

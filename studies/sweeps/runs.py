@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.feed import NO_FEED
@@ -33,6 +32,7 @@ from headstock.scene.building.lobes import refuse_still_feed
 from headstock.scene.requests import Analyses
 from headstock.scene.scene import Scene
 from headstock.scene.studies import Sweep, describe_positions, sweep_pose
+from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root, share_from_root
 from headstock.studies.sweeps.journals import (
     PoseResult,

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from mpi4py import MPI
 
 import headstock.geometry
 import headstock.meshing
@@ -52,6 +51,7 @@ from headstock.reduction.superelement import Superelement
 from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.linear.frequency_response import evaluate_frf, prepare_frf
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
+from headstock.solvers.mpi import MPI
 from headstock.solvers.pairing.mode_pairing import ModeSet, pair_modes
 from headstock.solvers.second_order import Channel, ComplexArray, input_columns, output_rows
 from headstock.validation.coverage.parts import (

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from mpi4py import MPI
 
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import FloatArray
@@ -33,6 +32,7 @@ from headstock.reduction.requests import ReductionRequest
 from headstock.solvers.elastic.stress_recovery import find_point_rows
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.static_response import solve_static
+from headstock.solvers.mpi import MPI
 from headstock.solvers.stresses import largest_von_mises
 from headstock.validation.coverage.cases import (
     CALIBRATION,

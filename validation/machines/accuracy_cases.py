@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 from scipy.stats import spearmanr
 
 from headstock.geometry.frames import FloatArray
@@ -24,6 +23,7 @@ from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.files import TomlTable
 from headstock.scene.scene import AccuracyGoal, Scene
+from headstock.solvers.mpi import MPI
 from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound, show
 
 CANTILEVER = PROJECT / "machines" / "cantilever.toml"

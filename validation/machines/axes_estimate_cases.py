@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.accuracy.rounds import replace_components
@@ -21,6 +20,7 @@ from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import Scene, keep_analyses
 from headstock.solvers.linear.volumetric import measure_range
+from headstock.solvers.mpi import MPI
 from headstock.validation.machines.drawn_axes import draw_axes
 from headstock.validation.references.rows import ValidationRow, judge_bound
 

@@ -6,10 +6,10 @@ import dataclasses
 from collections.abc import Mapping
 
 import numpy as np
-from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.static import UM_PER_KN
+from headstock.solvers.mpi import MPI
 from headstock.solvers.pairing.mode_pairing import ModePair, ModeSet, match_frequencies, pair_modes
 from headstock.validation.machines.axis_kit_models import (
     LISTED_TO_HZ,

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Machine
@@ -24,6 +23,7 @@ from headstock.reduction.superelement import Superelement
 from headstock.scene.building.loader import load_scene
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.static_response import solve_static
+from headstock.solvers.mpi import MPI
 
 Direction = Literal["X", "Y", "Z", "A", "B", "C"]
 VARIANTS = ("R", "BE", "CE", "YE", "YCE")

@@ -6,7 +6,6 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
@@ -16,6 +15,7 @@ from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import keep_analyses
+from headstock.solvers.mpi import MPI
 from headstock.validation.machines.axes_estimate_cases import (
     FINE_ACROSS,
     JudgedNumbers,

@@ -18,7 +18,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl, GuideFriction
@@ -38,6 +37,7 @@ from headstock.solvers.control.stability import (
 )
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.time_response import solve_time_response
+from headstock.solvers.mpi import MPI
 from headstock.solvers.second_order import Channel, ComplexArray, SecondOrderSystem
 from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound
 

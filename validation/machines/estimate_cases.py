@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.stats
-from mpi4py import MPI
 
 from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.geometry.machine.joints import Joint, JointEnd
@@ -34,6 +33,7 @@ from headstock.reduction.superelement import Superelement, Truncation, lowest_pa
 from headstock.scene.building.loader import load_scene
 from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.linear.modal_analysis import solve_modal
+from headstock.solvers.mpi import MPI
 from headstock.validation.machines.monolithic_machines import (
     MonolithicMachine,
     fix_carriages,

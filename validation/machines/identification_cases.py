@@ -8,11 +8,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.storage.store import Store
 from headstock.scene.reading.units import DIMENSIONS, parse_quantity
+from headstock.solvers.mpi import MPI
 from headstock.studies.identification.identification import (
     Identification,
     identify,

@@ -6,7 +6,6 @@ import time
 from collections.abc import Mapping
 
 import numpy as np
-from mpi4py import MPI
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.geometry.machine.machine import Machine, Pose
@@ -20,6 +19,7 @@ from headstock.reduction.superelement import Superelement
 from headstock.scene.building.loader import load_scene
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.static_response import solve_static
+from headstock.solvers.mpi import MPI
 from headstock.validation.machines.monolithic_machines import (
     MonolithicMachine,
     fix_carriages,

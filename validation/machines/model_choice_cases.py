@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from mpi4py import MPI
 
 import headstock.geometry
 import headstock.meshing
@@ -40,6 +39,7 @@ from headstock.pipeline.storage.store import Store, default_store_root, read_ent
 from headstock.scene.building.loader import load_scene
 from headstock.scene.requests import Analyses, ModalRequest, StaticRequest
 from headstock.scene.scene import AccuracyGoal, Scene
+from headstock.solvers.mpi import MPI
 from headstock.validation.coverage.parts import draw_part
 from headstock.validation.machines.drawn_machines import HIGHEST_HZ, draw_machine
 from headstock.validation.references.rows import ValidationRow, judge_bound

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from mpi4py import MPI
 
 import headstock.geometry
 import headstock.meshing
@@ -36,6 +35,7 @@ from headstock.reduction.motions.body_fields import BodyPlaces, choose_places, p
 from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import Scene
 from headstock.solvers.linear.frequency_response import evaluate_frf
+from headstock.solvers.mpi import MPI
 from headstock.validation.machines.drawn_machines import HIGHEST_HZ, draw_machine
 from headstock.validation.references.rows import ValidationRow, judge_bound, show
 

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse
-from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
 from headstock.geometry.frames import FloatArray, Frame, rigid_transfer, rotate_dofs
@@ -30,6 +29,7 @@ from headstock.reduction.components.rail_fits import fit_rail
 from headstock.reduction.rails import Rail, carriage_rows
 from headstock.solvers.elastic.elasticity import assemble_elasticity
 from headstock.solvers.elastic.sparse_eigenpairs import lowest_symmetric_pairs, solve_symmetric
+from headstock.solvers.mpi import MPI
 
 
 @dataclass(frozen=True, eq=False)

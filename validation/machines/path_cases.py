@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from mpi4py import MPI
 from scipy.integrate import solve_ivp
 
 from headstock.geometry.frames import FloatArray
@@ -46,6 +45,7 @@ from headstock.scene.scene import keep_analyses
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.modal_coordinates import undamped
+from headstock.solvers.mpi import MPI
 from headstock.solvers.paths.response import PathModel, solve_path
 from headstock.solvers.paths.set_points import Ramp, SetPoint, list_breaks, sample_move
 from headstock.solvers.paths.varying_response import solve_varying_path

@@ -10,7 +10,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.accuracy.rounds import replace_components
@@ -24,6 +23,7 @@ from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import AccuracyGoal, Scene
+from headstock.solvers.mpi import MPI
 from headstock.validation.machines.axis_kit_models import SCENE
 from headstock.validation.machines.drawn_machines import draw_machine
 from headstock.validation.references.rows import ValidationRow, judge_bound, show

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.stats
-from mpi4py import MPI
 from scipy.sparse.linalg import splu
 
 from headstock.geometry.frames import FloatArray
@@ -34,6 +33,7 @@ from headstock.scene.building.loader import load_scene
 from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.linear.frequency_response import FrequencyResponse, evaluate_frf, prepare_frf
 from headstock.solvers.linear.modal_analysis import solve_modal
+from headstock.solvers.mpi import MPI
 from headstock.solvers.second_order import Channel, ComplexArray, input_columns, output_rows
 from headstock.validation.machines.accuracy_cases import CANTILEVER, LARGEST_FACTOR, LEAST_RANK
 from headstock.validation.machines.estimate_cases import (

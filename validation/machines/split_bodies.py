@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.joints import Joint, JointEnd
@@ -22,6 +21,7 @@ from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.linear.modal_analysis import solve_modal
+from headstock.solvers.mpi import MPI
 from headstock.validation.parts.closed_form_cases import STEEL
 from headstock.validation.parts.structured_meshes import (
     integrate_over_cells,

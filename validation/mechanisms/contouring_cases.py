@@ -10,7 +10,6 @@ import time
 
 import numpy as np
 import scipy.special
-from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.contours.contour_run import ContourRun, face_instants, high_share
@@ -29,6 +28,7 @@ from headstock.solvers.milling.stability import (
     single_frequency_limit,
     tip_dynamics,
 )
+from headstock.solvers.mpi import MPI
 from headstock.solvers.paths.linear_motion import LinearMotion, Regeneration, march_linear
 from headstock.validation.mechanisms.tripteor_machine import SCENE, Tripteor, load_tripteor
 from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound, show

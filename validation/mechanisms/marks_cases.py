@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Iterator
 
 import numpy as np
-from mpi4py import MPI
 
 from headstock.pipeline.contours.contouring import face_stability
 from headstock.pipeline.contours.lumped_contour import lumped_face_dynamics, run_lumped_contour
@@ -15,6 +14,7 @@ from headstock.scene.requests import ContouringRequest
 from headstock.solvers.mechanisms.modes import PoseDamping
 from headstock.solvers.milling.tool_dynamics import ToolMode
 from headstock.solvers.milling.tool_path import PolylineContour, SquareContour
+from headstock.solvers.mpi import MPI
 from headstock.validation.mechanisms.contouring_cases import contour_request
 from headstock.validation.mechanisms.tripteor_machine import load_tripteor
 from headstock.validation.references.rows import ValidationRow, show

@@ -8,7 +8,6 @@ from itertools import product
 
 import numpy as np
 import scipy.linalg
-from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.closures import (
@@ -33,6 +32,7 @@ from headstock.solvers.mechanisms.partitioning import (
     driven_forces,
     partition_dynamics,
 )
+from headstock.solvers.mpi import MPI
 from headstock.validation.mechanisms.absolute_bodies import (
     AbsoluteState,
     AbsoluteSystem,

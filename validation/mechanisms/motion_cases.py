@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.integrate
-from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.closures import closure_residual
@@ -27,6 +26,7 @@ from headstock.solvers.mechanisms.motion import (
     project_start,
 )
 from headstock.solvers.mechanisms.partitioning import Drive
+from headstock.solvers.mpi import MPI
 from headstock.validation.mechanisms.absolute_bodies import (
     AbsoluteState,
     AbsoluteSystem,

@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import NotRequired, TypedDict
 
 import numpy as np
-from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.exechon import survey_tool_poses
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.mechanisms.modes import linearise_poses, solve_pose_modes, tool_compliance
+from headstock.solvers.mpi import MPI
 from headstock.solvers.pairing.mode_pairing import correlate_modes
 from headstock.validation.mechanisms.tripteor_legs import (
     PLATFORM_PARTS,

@@ -7,7 +7,6 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
-from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.machine import Pose, place_components
@@ -24,6 +23,7 @@ from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.superelement import Superelement
 from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import Scene
+from headstock.solvers.mpi import MPI
 from headstock.validation.mechanisms.tripod_beams import ElasticLeg, RigidPart, solve_tripod
 from headstock.validation.mechanisms.tripteor_machine import SCENE
 

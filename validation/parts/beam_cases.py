@@ -6,11 +6,11 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray, rigid_map
 from headstock.geometry.parts.components import Component, MeshSettings, Support
 from headstock.meshing.component_mesh import CellKind
+from headstock.solvers.mpi import MPI
 from headstock.validation.parts.closed_form_cases import (
     CANTILEVER,
     FIXED_BEAM,

@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import (
@@ -20,6 +19,7 @@ from headstock.geometry.parts.components import (
 )
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.component_mesh import CellKind
+from headstock.solvers.mpi import MPI
 from headstock.validation.references.bending import (
     cantilever_force_deflection,
     cantilever_moment_deflection,

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 import scipy.sparse
-from mpi4py import MPI
 
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import BoolArray, FloatArray, rigid_map
@@ -30,6 +29,7 @@ from headstock.solvers.elastic.constrained_solver import ConstrainedSolver, rigi
 from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.elastic.elasticity import ElasticOperators, assemble_elasticity
 from headstock.solvers.elastic.sparse_eigenpairs import lowest_symmetric_pairs, solve_symmetric
+from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import share_from_root, sum_over_ranks
 
 _BLOCK = 6

@@ -7,7 +7,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.joints import Joint, JointEnd
@@ -25,6 +24,7 @@ from headstock.solvers.linear.frequency_response import solve_frf
 from headstock.solvers.linear.state_space import to_state_space
 from headstock.solvers.linear.static_response import solve_static
 from headstock.solvers.linear.time_response import solve_time_response
+from headstock.solvers.mpi import MPI
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 from headstock.solvers.stresses import STRESS_NAMES
 from headstock.validation.parts.closed_form_cases import DEEP_BEAM, face_interface, mesh_settings

@@ -7,11 +7,11 @@ from typing import get_args
 
 import numpy as np
 import scipy.linalg
-from mpi4py import MPI
 
 from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.geometry.parts.components import Component, Eigensolver, MeshSettings
 from headstock.geometry.parts.solids import Box
+from headstock.solvers.mpi import MPI
 from headstock.validation.parts.closed_form_cases import STEEL
 from headstock.validation.parts.component_models import (
     FullModes,

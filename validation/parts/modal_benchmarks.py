@@ -5,7 +5,6 @@ column, SDLL02.
 import dataclasses
 
 import numpy as np
-from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.joints import Joint, JointEnd
@@ -21,6 +20,7 @@ from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.linear.modal_analysis import solve_modal
+from headstock.solvers.mpi import MPI
 from headstock.validation.parts.beam_cases import beam_mode_kinds
 from headstock.validation.parts.closed_form_cases import (
     BLOCK,

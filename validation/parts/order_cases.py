@@ -3,11 +3,11 @@
 from typing import Literal
 
 import numpy as np
-from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Material
 from headstock.meshing.component_mesh import CellKind
+from headstock.solvers.mpi import MPI
 from headstock.validation.parts.closed_form_cases import ROD, STEEL
 from headstock.validation.parts.component_models import (
     FullModel,

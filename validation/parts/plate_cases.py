@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
-from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component, Interface, MeshSettings, Patch, Support
@@ -16,6 +15,7 @@ from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement_checks import check_superelement
 from headstock.solvers.elastic.eigenpairs import ModeTarget
+from headstock.solvers.mpi import MPI
 from headstock.validation.parts.closed_form_cases import STEEL
 from headstock.validation.parts.component_models import shared_mesh
 from headstock.validation.references.rows import Target, ValidationRow, judge, show

@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Callable
 
 import numpy as np
-from mpi4py import MPI
 from scipy.interpolate import BSpline, make_interp_spline
 
 from headstock.geometry.frames import FloatArray
@@ -16,6 +15,7 @@ from headstock.meshing.elements.surface import extract_surface
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.rails import Rail, carriage_rows, place_knots
 from headstock.reduction.requests import ReductionRequest
+from headstock.solvers.mpi import MPI
 from headstock.validation.parts.structured_meshes import lattice_mesh, straight_lattice
 from headstock.validation.references.rows import ValidationRow, judge_bound, show
 

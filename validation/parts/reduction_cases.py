@@ -2,7 +2,6 @@
 
 import numpy as np
 import scipy.linalg
-from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component
@@ -12,6 +11,7 @@ from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import rigid_motions
 from headstock.solvers.elastic.eigenpairs import ModeTarget
+from headstock.solvers.mpi import MPI
 from headstock.validation.parts.closed_form_cases import (
     COLUMN_SIZE,
     STEEL,

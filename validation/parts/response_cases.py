@@ -6,7 +6,6 @@ import dataclasses
 
 import numpy as np
 import scipy.sparse.linalg
-from mpi4py import MPI
 
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.machine.joints import Joint, JointEnd
@@ -20,6 +19,7 @@ from headstock.solvers.linear.frequency_response import solve_frf
 from headstock.solvers.linear.modal_coordinates import keep_modes, to_modal_coordinates
 from headstock.solvers.linear.state_space import to_state_space
 from headstock.solvers.linear.time_response import solve_time_response
+from headstock.solvers.mpi import MPI
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 from headstock.validation.parts.closed_form_cases import (
     COLUMN_SIZE,

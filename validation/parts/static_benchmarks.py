@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component, Interface, Load, Material, Patch
@@ -18,6 +17,7 @@ from headstock.meshing.component_mesh import ComponentMesh
 from headstock.reduction.components.interface_patches import measure_patch
 from headstock.reduction.components.nodal_loads import assemble_loads
 from headstock.solvers.elastic.stress_recovery import find_point_rows
+from headstock.solvers.mpi import MPI
 from headstock.solvers.stresses import STRESS_NAMES
 from headstock.validation.parts.component_models import full_displacement, full_model, shared_mesh
 from headstock.validation.parts.structured_meshes import refine_lattice, write_lattice

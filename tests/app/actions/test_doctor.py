@@ -50,7 +50,8 @@ def imported_packages(code: str) -> set[str]:
             found.add(node.module)
         elif (
             isinstance(node, ast.Call)
-            and ast.unparse(node.func).split(".")[-1] in {"import_module", "__import__"}
+            and ast.unparse(node.func).split(".")[-1]
+            in {"import_module", "load_library", "__import__"}
             and isinstance(node.args[0], ast.Constant)
         ):
             found.add(str(node.args[0].value))
