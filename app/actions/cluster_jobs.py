@@ -300,6 +300,7 @@ def _await_command(submission: Submission, folder: Path) -> int:
             f"job {submission.job} ended without an exit code ({describe_states(states) or 'forgotten by Slurm'}); "
             f"its log: {log}; the same command again submits it once more"
         ) from error
+    make_part(folder / FOLDER)  # which is no link
     # the same command again is a new job
     code_file.unlink()
     (folder / FOLDER / SUBMISSION_FILE).unlink()

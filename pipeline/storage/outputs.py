@@ -14,6 +14,7 @@ import hashlib
 import itertools
 import json
 import os
+import re
 import stat
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -32,6 +33,8 @@ LIST_FILE = ".headstock-files"
 # a list is shortened beyond this size: many runs into one folder, of which only the last counts
 LIST_BYTES = 1 << 18
 Written = dict[str, list[str]]
+# a file, or a part and a file
+_LISTED = re.compile(r"(?!\.{1,2}(/|$))[^/\0]+(/(?!\.{1,2}$)[^/\0]+)?")
 
 
 class OutputError(HeadstockError):
@@ -230,14 +233,19 @@ def replace_outputs(folder: Path, part: str, files: Mapping[str, bytes]) -> list
             for name in [
                 name for name in written if name.startswith(f"{part}/") and name not in names
             ]:
-                path, digests = folder / name, written.pop(name)
-                remove_abandoned(path)
-                if not os.path.lexists(path):
+                digests = written.pop(name)
+                if not os.path.lexists(folder / part):
                     continue
-                if _is_own(path, digests):
-                    path.unlink()
-                else:
-                    remarks.append(f"{path} is of an earlier run and was changed since: it is kept")
+                with _unlinked(folder, name) as path:
+                    remove_abandoned(path)
+                    if not os.path.lexists(path):
+                        continue
+                    if _is_own(path, digests):
+                        path.unlink()
+                        continue
+                remarks.append(
+                    f"{folder / name} is of an earlier run and was changed since: it is kept"
+                )
             _replace_list(folder, written)
     return remarks
 
@@ -256,8 +264,9 @@ def remove_outputs(folder: Path, names: Iterable[str]) -> None:
     with naming_output(folder):
         listed = _read_list(folder)
         for name in names:
-            if os.path.lexists(folder / name) and not _is_taken(folder, name, listed):
-                (folder / name).unlink()
+            if _holds(folder, name, listed.get(name, ())):
+                with _unlinked(folder, name) as path:
+                    path.unlink()
 
 
 def make_part(folder: Path) -> None:
@@ -327,8 +336,8 @@ def _write_all(folder: Path, files: Mapping[str, bytes]) -> tuple[set[str], list
             folder, {name: hashlib.sha256(content).hexdigest() for name, content in chosen.items()}
         )
         for name, content in chosen.items():
-            with naming_output(folder / name):
-                write_atomically(folder / name, content)
+            with naming_output(folder / name), _unlinked(folder, name) as path:
+                write_atomically(path, content)
     return set(chosen), remarks
 
 
@@ -361,8 +370,41 @@ def _refuse_other(folder: Path) -> None:
         )
 
 
+@contextlib.contextmanager
+def _unlinked(folder: Path, name: str) -> Iterator[Path]:
+    """The path of a file in an output folder or in a part of it, by way of the open folder that
+    holds it: whatever is done there is done in that folder, where no link leads.
+
+    Raises:
+        TakenOutputError: The part is a link, or no folder.
+    """
+    part, _, file = name.rpartition("/")
+    flags = os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC
+    with contextlib.ExitStack() as stack:
+        handle = os.open(folder, flags)
+        stack.callback(os.close, handle)
+        if part:
+            _refuse_other(folder / part)  # says so in words; the kernel makes sure
+            handle = os.open(part, flags | os.O_NOFOLLOW, dir_fd=handle)
+            stack.callback(os.close, handle)
+        yield Path(f"/proc/self/fd/{handle}", file)
+
+
+def _holds(folder: Path, name: str, digests: Sequence[str]) -> bool:
+    """Whether a file of the folder, or of a part that is no link, has one of the digests."""
+    try:
+        with _unlinked(folder, name) as path:
+            return _is_own(path, digests)
+    except (FileNotFoundError, TakenOutputError):
+        return False
+
+
 def _is_taken(folder: Path, name: str, listed: Mapping[str, Sequence[str]]) -> bool:
-    return os.path.lexists(folder / name) and not _is_own(folder / name, listed.get(name, ()))
+    try:
+        with _unlinked(folder, name) as path:
+            return os.path.lexists(path) and not _is_own(path, listed.get(name, ()))
+    except FileNotFoundError:
+        return False
 
 
 def _is_own(path: Path, digests: Sequence[str]) -> bool:
@@ -403,15 +445,15 @@ def _read_handle(handle: int) -> bytes:
 
 
 def _parse_list(content: bytes) -> Written:
-    """Entries of a list; a line that a killed process did not finish, or that leads out of the
-    folder, is none.
+    """Entries of a list; a line that a killed process did not finish, or that names anything but a
+    file of the folder or of a part of it, is none.
     """
     written: Written = {}
     for line in content.splitlines():
         with contextlib.suppress(ValueError, KeyError, TypeError):
             entry = json.loads(line)
             name, digest = str(entry["file"]), str(entry["sha256"])
-            if not name.startswith("/") and ".." not in name.split("/"):
+            if _LISTED.fullmatch(name):
                 # the same digest again goes to the end
                 written[name] = [
                     *(known for known in written.get(name, []) if known != digest),
@@ -445,7 +487,8 @@ def _note(folder: Path, digests: Mapping[str, str]) -> None:
         return
     with _open_list(folder) as handle:
         before = _read_handle(handle)
-        if len(before) > LIST_BYTES:
+        # what has a second name elsewhere is not appended to, either
+        if len(before) > LIST_BYTES or os.fstat(handle).st_nlink > 1:
             _replace_list(folder, _shorten(folder, _parse_list(before), digests))
             return
         text = b"\n" * (bool(before) and not before.endswith(b"\n")) + _format_list(
@@ -460,8 +503,7 @@ def _shorten(folder: Path, written: Written, digests: Mapping[str, str]) -> Writ
     """
     short: Written = {}
     for name, known in written.items():
-        path = folder / name
-        has = [digest for digest in known[:-1] if os.path.lexists(path) and _is_own(path, [digest])]
+        has = [digest for digest in known[:-1] if _holds(folder, name, [digest])]
         short[name] = [*has, known[-1]]
     for name, digest in digests.items():
         short[name] = [*short.get(name, []), digest]

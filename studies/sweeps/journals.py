@@ -194,6 +194,7 @@ def read_journals(folder: Path, key: str) -> dict[bytes, PoseResult]:
 
 def remove_other_journals(folder: Path, key: str) -> None:
     """Remove journals of other contents that no living process writes."""
+    make_part(folder / FOLDER)  # which is no link
     for path in (folder / FOLDER).glob(f"*{SUFFIX}"):
         if path.name.startswith(key[:KEY_LETTERS]):
             continue
