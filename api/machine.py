@@ -2,6 +2,7 @@
 file, changed, and saved as TOML.
 """
 
+import os
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,7 +19,7 @@ from pydantic import BaseModel
 from headstock.arguments import read_keys, read_name, read_path
 from headstock.frozen import freeze_table
 from headstock.pipeline.storage.atomic_files import write_atomically
-from headstock.pipeline.storage.content_keys import file_digests
+from headstock.pipeline.storage.content_keys import file_digest, file_digests
 from headstock.pipeline.storage.outputs import naming_output
 from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.scene.building.loader import build_scene, read_tables
@@ -266,12 +267,17 @@ class Machine(Noun, schema=SceneTable):
             findings.add_line(None, f"a scene file ends in .toml; write {target.stem}.toml")
         copies: list[str] = []
         for name, digest in file_digests(source, self.scene.raw):
-            if not (target.parent / name).exists():
+            place = target.parent / name
+            if not place.parent.resolve().is_relative_to(target.parent.resolve()):
+                findings.add_line(
+                    None, f"{place.parent} leads out of {target.parent} by a link; save elsewhere"
+                )
+            elif not os.path.lexists(place):
                 copies.append(name)
-            elif digest not in dict(file_digests(target.parent, self.scene.raw)).values():
+            elif place.is_symlink() or not place.is_file() or file_digest(place) != digest:
                 findings.add_line(
                     None,
-                    f"{target.parent / name} is another file than the machine's; save elsewhere",
+                    f"{place} is another file than the machine's; save elsewhere",
                 )
         findings.raise_if_any()
         for name in copies:

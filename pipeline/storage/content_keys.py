@@ -286,10 +286,10 @@ def _solid_content(component: Component) -> Solid | dict[str, JsonValue]:
         # the arrays of an XDMF file lie in others, which it names
         beside = solid.beside if isinstance(solid, MeshFile) else ()
         if beside:
-            details["beside"] = {path.name: _file_digest(path) for path in beside}
+            details["beside"] = {path.name: file_digest(path) for path in beside}
         return {
             "type": type(solid).__name__,
-            "content": _file_digest(solid.path),
+            "content": file_digest(solid.path),
             "suffix": solid.path.suffix.lower(),
             **details,
         }
@@ -315,12 +315,13 @@ def file_digests(folder: Path, raw: TomlTable) -> Iterator[tuple[str, str]]:
         str(value_at(raw, key)) for pattern in FILE_KEYS for key in find_keys(raw, pattern)
     ]:
         path = folder / name
-        yield name, _file_digest(path)
+        yield name, file_digest(path)
         if path.suffix.lower() in MESH_SUFFIXES:
             for other in files_beside(path):
-                yield str(Path(name).parent / other), _file_digest(path.parent / other)
+                yield str(Path(name).parent / other), file_digest(path.parent / other)
 
 
-def _file_digest(path: Path) -> str:
+def file_digest(path: Path) -> str:
+    """SHA-256 of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -119,6 +119,12 @@ def resolve_file(folder: Path, text: str, suffixes: tuple[str, ...], kind: FileK
         raise ValueError(
             f"{shown!r} is not a path inside the scene's folder; write a relative path with / such as parts/bed.step"
         )
+    if os.path.normpath(text).split("/")[0] == "..":
+        # also where it comes back: the same name beside a copy of the scene would be another file
+        raise ValueError(
+            f"{shown!r} lies outside the scene's folder, or goes through another one; write the path from the scene's folder"
+            " on, or copy the file next to the scene"
+        )
     if Path(text).suffix.lower() == ".geo":
         raise ValueError(
             f"{shown!r} is a gmsh script, which can run commands; mesh it yourself and give the .msh"

@@ -13,6 +13,7 @@ import pytest
 
 import headstock as hs
 
+MACHINES = Path(__file__).resolve().parents[2] / "machines"
 LENGTH = "components.head.at[2]"
 WATCH = "modal.frequencies_hz[0]"
 SCENE = """
@@ -175,3 +176,49 @@ def test_a_machine_that_buckles_under_gravity_says_so(scene: Path) -> None:
         hs.run(heavy)
     stiff = heavy.change(set={"joints.foot.stiffness.rx": 9.9e3})
     assert 0.0 < hs.run(stiff).modes["reference"].frequencies_hz[0] < 0.1
+
+
+BLOCK_SCENE = """
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.part]
+solid = { step = "FILE" }
+material = "steel"
+[components.part.interfaces]
+foot = { face = "z-" }
+"""
+
+
+@pytest.mark.parametrize("name", ["../mine/part.step", "parts/../../mine/part.step"])
+def test_a_name_that_leaves_the_folder_and_comes_back_is_refused(tmp_path: Path, name: str) -> None:
+    """Beside a copy of the scene the same name is another file: `save` would have written it."""
+    folder = tmp_path / "mine"
+    (folder / "parts").mkdir(parents=True)
+    (folder / "part.step").write_text("ISO-10303-21;\n")
+    scene = folder / "scene.toml"
+    scene.write_text(BLOCK_SCENE.replace("FILE", name))
+    with pytest.raises(hs.SceneError, match="outside the scene's folder"):
+        hs.check(scene)
+
+
+def test_a_copy_of_a_machine_writes_nothing_through_links(tmp_path: Path) -> None:
+    source, target, victim = tmp_path / "source", tmp_path / "target", tmp_path / "victim"
+    (source / "parts").mkdir(parents=True)
+    target.mkdir()
+    victim.mkdir()
+    (source / "parts" / "part.step").write_bytes((MACHINES / "step_column.step").read_bytes())
+    scene = source / "scene.toml"
+    text = (MACHINES / "step_column.toml").read_text()
+    scene.write_text(text.replace('"step_column.step"', '"parts/part.step"'))
+    machine = hs.load(scene)
+    (target / "parts").symlink_to(victim)
+    with pytest.raises(hs.SceneError, match="link"):
+        machine.save(target / "scene.toml")
+    (target / "parts").unlink()
+    (target / "parts").mkdir()
+    (target / "parts" / "part.step").symlink_to(victim / "new.step")  # which leads nowhere yet
+    with pytest.raises(hs.SceneError):
+        machine.save(target / "scene.toml")
+    assert list(victim.iterdir()) == []
