@@ -14,6 +14,7 @@ import os
 import resource
 import shutil
 import signal
+import site
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -215,6 +216,7 @@ def child_environment(module: str) -> dict[str, str]:
         path
         for path in sys.path
         if Path(path).is_absolute()
+        and path not in site.getsitepackages()  # which the child has by itself
         and Path(path).resolve() not in hidden
         and any(PathFinder.find_spec(name, [path]) for name in needed)
     ]

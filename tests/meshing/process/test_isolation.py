@@ -230,3 +230,33 @@ run_job(MeshJob("mesh", Box((100.0, 40.0, 1000.0)), size=6.0, straight=True), wh
     last = done.stderr.strip().splitlines()[-1]
     assert "column: " in last
     assert "ulimit -v" in last and "8 GiB" in last
+
+
+@pytest.mark.usefixtures("_namespaces")
+def test_a_worker_of_a_script_does_not_see_the_scripts_folder(tmp_path: Path) -> None:
+    modules, folder = tmp_path / "modules", tmp_path / "mine"
+    for place in (modules, folder):
+        place.mkdir()
+    (folder / "random.py").write_text(
+        "raise SystemExit('imported from the folder of the script')\n"
+    )
+    (modules / "isolated_code.py").write_text(
+        "import sys\nfrom pathlib import Path\nimport random\n"
+        "from headstock.meshing.process.isolation import accept_limits\naccept_limits(sys.argv[1:])\n"
+        f"print(list(Path({str(folder)!r}).glob('*')), file=sys.stderr)\n"
+    )
+    # the script itself is not to meet the module that it would shadow
+    (folder / "script.py").write_text(
+        "import sys\nown = sys.path.pop(0)\n"
+        "from headstock.meshing.process.isolation import WorkerLimits, run_isolated\nsys.path.insert(0, own)\n"
+        "print(run_isolated('isolated_code', [], limits=WorkerLimits(1 << 30, 20, 60.0)).errors.strip())\n"
+    )
+    paths = [os.environ.get("PYTHONPATH", ""), str(modules)]
+    done = subprocess.run(
+        [sys.executable, folder / "script.py"],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(paths)},
+        capture_output=True,
+        text=True,
+    )
+    assert done.stdout == "[]\n", done.stderr
