@@ -16,6 +16,7 @@ from headstock.validation.coverage.cases import (
     cover_new_parts,
 )
 from headstock.validation.coverage.probe_cases import check_probes, check_probes_smoke
+from headstock.validation.coverage.search_cases import check_search, check_search_smoke
 from headstock.validation.machines.accuracy_cases import (
     check_beam_accuracy,
     check_machine_accuracy,
@@ -331,6 +332,20 @@ CASES: tuple[Case, ...] = (
         "estimates",
         "the same over 12 STEP parts whose meshes follow the errors of the one before",
         on_root(check_adapted_coverage),
+        on_request=True,
+    ),
+    Case(
+        "coverage-search",
+        "estimates",
+        "what searches for 1 % call met on twelve rings, tubes and bent bars",
+        on_root(check_search),
+        on_request=True,
+    ),
+    Case(
+        "coverage-search-smoke",
+        "estimates",
+        "the same on two of them",
+        on_root(check_search_smoke),
         on_request=True,
     ),
     Case(

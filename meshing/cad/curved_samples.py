@@ -44,6 +44,36 @@ def _elbow(sizes: Sizes) -> None:
     occ.remove(ring, recursive=True)
 
 
+def _bow(sizes: Sizes) -> None:
+    """A bent bar of rectangular section: a part of a ring."""
+    occ, wide, high = gmsh.model.occ, sizes["wide"], sizes["high"]
+    section = occ.addRectangle(sizes["bend"] - wide / 2, -high / 2, 0, wide, high)
+    occ.rotate([(2, section)], 0, 0, 0, 1, 0, 0, 1.5707963267948966)
+    occ.revolve([(2, section)], 0, 0, 0, 0, 0, 1, sizes["bow"] / sizes["bend"])
+    occ.remove([(2, section)], recursive=True)
+
+
+def _hairpin(sizes: Sizes) -> None:
+    """A bar of rectangular section that is bent by half a turn, with two straight legs."""
+    occ, bend, leg = gmsh.model.occ, sizes["bend"], sizes["leg"]
+    wide, high = sizes["wide"], sizes["high"]
+    places = ((bend, -leg), (bend, 0), (0, 0), (-bend, 0), (-bend, -leg))
+    first, second, middle, third, last = (occ.addPoint(x, y, 0) for x, y in places)
+    top = occ.addPoint(0, bend, 0)
+    line = [
+        occ.addLine(first, second),
+        occ.addCircleArc(second, middle, top),
+        occ.addCircleArc(top, middle, third),
+        occ.addLine(third, last),
+    ]
+    section = occ.addRectangle(bend - wide / 2, -high / 2, 0, wide, high)
+    occ.rotate([(2, section)], 0, 0, 0, 1, 0, 0, 1.5707963267948966)
+    occ.translate([(2, section)], 0, -leg, 0)
+    occ.addPipe([(2, section)], occ.addWire(line))
+    occ.remove([(2, section)], recursive=True)
+    occ.remove([(0, middle)], recursive=True)
+
+
 def _block(sizes: Sizes) -> None:
     """A block with rounded upright edges and a cross bore."""
     occ, x, y, z = gmsh.model.occ, sizes["x"], sizes["y"], sizes["z"]
@@ -74,6 +104,8 @@ SAMPLES: dict[str, Callable[[Sizes], None]] = {
     "ball": _ball,
     "cone": _cone,
     "elbow": _elbow,
+    "bow": _bow,
+    "hairpin": _hairpin,
     "block": _block,
     "angle": _angle,
 }

@@ -175,7 +175,7 @@ def _refine(
     for (name, kind), ratio in wanted.items():
         if isinstance(parts[name].solid, MeshFile) and kind == DISCRETISATION:
             return Verdict(True, scene, found, failure=f"the {kind} of {name} cannot be refined")
-        if kind == DISCRETISATION and parts[name].fidelity == "polynomial":
+        if parts[name].fidelity == "polynomial" and (kind == DISCRETISATION or ratio == 0.0):
             # more degrees would pay no longer
             finer[name] = start_component(
                 dataclasses.replace(finer[name], fidelity="elastic"),

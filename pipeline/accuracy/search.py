@@ -56,7 +56,7 @@ from headstock.pipeline.answers.estimates import show_share
 from headstock.pipeline.planning.budgets import BudgetError
 from headstock.pipeline.planning.plan import Plan, Stage
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.planning.reductions import FRF_MARGIN
+from headstock.pipeline.planning.reductions import EXACT_MARGIN, FRF_MARGIN
 from headstock.pipeline.planning.resources import Cost, measure
 from headstock.pipeline.stages.run_state import ReducedComponent, RunState
 from headstock.pipeline.stages.shared_components import make_superelements
@@ -130,12 +130,11 @@ def _start_scene(scene: Scene, accuracy: float) -> Scene:
     need it coarse, and never rough; rounds teach how fine it must be.
     """
     goal = _goal(scene).to
-    modes_to = _modes_to(scene.analyses, goal)
     parts = scene.machine.components
     if _goal(scene).models != "none":
         # what deforms by its volume says what cheaper models would leave out
         parts = {
-            name: _make_deform(part) if _is_ours(scene, name) else part
+            name: _make_deform(part, scene.analyses) if _is_ours(scene, name) else part
             for name, part in parts.items()
         }
     chosen = [part for part in parts.values() if is_chosen(part)]
@@ -144,7 +143,7 @@ def _start_scene(scene: Scene, accuracy: float) -> Scene:
         name: start_component(
             part,
             max(accuracy, START_ACCURACY if one else COARSE_ACCURACY),
-            modes_to,
+            _modes_to(part, scene.analyses, goal),
             rough_for=goal if goal >= ROUGH_ACCURACY and not one else None,
         )
         if is_chosen(part)
@@ -169,9 +168,17 @@ def _is_ours(scene: Scene, name: str) -> bool:
     return _goal(scene).models == "all" or part.fidelity != "rigid"
 
 
-def _make_deform(part: Component) -> Component:
-    return dataclasses.replace(
-        part, fidelity="polynomial" if suits_polynomials(part) else "elastic"
+def _make_deform(part: Component, analyses: Analyses) -> Component:
+    suits = suits_polynomials(part, _highest_wanted(analyses))
+    return dataclasses.replace(part, fidelity="polynomial" if suits else "elastic")
+
+
+def _highest_wanted(analyses: Analyses) -> float:
+    """Highest frequency that is named [Hz]; 0 where they are counted."""
+    modal, frf = analyses.modal, analyses.frf
+    return max(
+        0.0 if modal is None or modal.up_to_hz is None else modal.up_to_hz,
+        0.0 if frf is None else frf.to_hz,
     )
 
 
@@ -280,7 +287,10 @@ def _choose_bodies(scene: Scene, refined: _Refined, note: Note) -> ModelChoice |
     """The cheapest models within the accuracy; None where none are to be chosen. Collective."""
     goal, state = _goal(scene), refined.state
     ours = [name for name in scene.machine.components if _is_ours(scene, name)]
-    if goal.models == "none" or not ours or refined.failure or state.failures:
+    # where there are no numbers, nothing tells what a cheaper model leaves out
+    if goal.models == "none" or not (ours and refined.quantities) or refined.failure:
+        return None
+    if state.failures:
         return None
     return make_on_root(state.comm, functools.partial(_choose_models, refined, ours, goal.to, note))
 
@@ -475,15 +485,16 @@ def _round_analyses(analyses: Analyses) -> Analyses:
     return Analyses(static=analyses.static, modal=modal, frf=lines)
 
 
-def _modes_to(analyses: Analyses, accuracy: float) -> float | None:
-    """Up to where modes are kept at first; None where frequencies are counted, so that nothing is
-    known of their height yet.
+def _modes_to(part: Component, analyses: Analyses, accuracy: float) -> float | None:
+    """Up to where modes of a part are kept at first; None where frequencies are counted, so that
+    nothing is known of their height yet.
     """
     modal, frf = analyses.modal, analyses.frf
-    reaches = (
-        [] if modal is None or modal.up_to_hz is None else [mode_margin(accuracy) * modal.up_to_hz]
-    )
-    reaches += [] if frf is None else [FRF_MARGIN * frf.to_hz]
+    reaches = []
+    if modal is not None and modal.up_to_hz is not None:
+        reaches.append(mode_margin(part, accuracy) * modal.up_to_hz)
+    if frf is not None:
+        reaches.append((FRF_MARGIN if part.interfaces else EXACT_MARGIN) * frf.to_hz)
     return max(reaches, default=None)
 
 

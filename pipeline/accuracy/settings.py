@@ -33,11 +33,17 @@ from headstock.meshing.sizing import (
     largest_extent,
     thinnest_feature,
 )
+from headstock.pipeline.planning.reductions import EXACT_MARGIN
+from headstock.reduction.components.round_sections import polynomial_limit
 from headstock.solvers.recovery.discretisation_error import STOUT, UNSEEN_SHARE, WIDE
 
 # Just below the thickness: two hexes across, of which recovery sees the error of torsion (one hex
 # across: a quarter of it).
 START_SHARE = 0.95
+# Two tets through a wall, where they are few: of single ones as thick as long recovery sees 0.6 of
+# what shear through the wall misses.
+TWO_THROUGH, MOST_TWO_THROUGH = 0.45, 8_000
+WALL = 3.0  # thicknesses: what is less wide is a bar
 START_ACCURACY = 0.01  # that first meshes may reach; a tighter one starts with finer ones
 COARSE_ACCURACY = 0.03
 FEWEST_ALONG = 3
@@ -104,13 +110,18 @@ def is_chosen(component: Component) -> bool:
     )
 
 
-def suits_polynomials(component: Component) -> bool:
+def suits_polynomials(component: Component, highest_hz: float) -> bool:
     """Whether polynomials are a cheap stand-in for the finite elements of a component: tubes, whose
-    curved walls take many, held at whole faces.
+    curved walls take many, held at whole faces and far from ovalizing.
+
+    Args:
+        component: Elastic.
+        highest_hz: Highest frequency wanted [Hz]; 0 where nobody knows.
     """
     patches = [patch for item in component.interfaces.values() for patch in item.patches]
     return (
         isinstance(component.solid, Tube)
+        and highest_hz < polynomial_limit(component.solid, component.material)
         and all(patch.shape == "whole" and ":" not in patch.face for patch in patches)
         and not any(item.flexible for item in component.interfaces.values())
     )
@@ -145,10 +156,12 @@ def start_component(
     )
 
 
-def mode_margin(accuracy: float) -> float:
-    """How many times the highest frequency wanted the modes must reach so that they take their
-    share of the error.
+def mode_margin(component: Component, accuracy: float) -> float:
+    """How many times the highest frequency wanted the modes of a component must reach so that they
+    take their share of the error; without interfaces they are those of the machine itself.
     """
+    if not component.interfaces:
+        return EXACT_MARGIN
     return MODE_MARGIN * max(
         1.0, math.pow(MODE_ERROR / (REDUCTION_SHARE * accuracy), 1.0 / MODE_RATE)
     )
@@ -261,7 +274,8 @@ def refine_modes(
         highest_hz: Highest frequency that is reported of the machine [Hz].
     """
     factor = min(4.0, max(1.3, (1.0 / ratio) ** (1.0 / MODE_RATE))) if ratio > 0.0 else 2.0
-    reach = max(factor * cutoff_hz, MODE_MARGIN * highest_hz)
+    margin = MODE_MARGIN if component.interfaces else EXACT_MARGIN
+    reach = max(factor * cutoff_hz, margin * highest_hz)
     settings = dataclasses.replace(
         component.reduction, modes_to_hz=float(f"{reach:.3g}"), modes=None
     )
@@ -300,7 +314,9 @@ def _start_mesh(component: Component, accuracy: float) -> MeshSettings:
     size = _round(min(START_SHARE * thinnest, largest_extent(solid) / FEWEST_ALONG))
     cells = _choose_cells(component, size)
     size = _round(
-        _widen_hexes(component, solid, size) if cells == "hex" else _widen_tets(solid, size)
+        _widen_hexes(component, solid, size)
+        if cells == "hex"
+        else _size_tets(solid, size, fine=accuracy <= START_ACCURACY)
     )
     grading = COARSE_GRADING if accuracy >= COARSE_ACCURACY else START_GRADING
     while step < 1.0 and estimate_tets(solid_volume(solid), thinnest, step * size) > DEFAULT_CELLS:
@@ -323,11 +339,22 @@ def _widen_hexes(component: Component, solid: ParametricSolid, size: float) -> f
     return min(size, most)
 
 
-def _widen_tets(solid: ParametricSolid, size: float) -> float:
-    """The size of a first mesh of tets: where it would have many they are up to three times as wide
-    as walls are thick, which costs hardly any accuracy.
+def _size_tets(solid: ParametricSolid, size: float, *, fine: bool) -> float:
+    """The size of a first mesh of tets: two through a wall where a fine mesh has few of them; where it
+    would have many they are up to three times as wide as walls are thick, which costs hardly any
+    accuracy.
     """
     volume, thinnest = solid_volume(solid), thinnest_feature(solid)
+    # of bars recovery sees what their sides show
+    walled = (
+        isinstance(solid, Tube) and solid.inner_diameter > 0.0 and solid.length > WALL * thinnest
+    )
+    if (
+        fine
+        and walled
+        and estimate_tets(volume, thinnest, TWO_THROUGH * thinnest) <= MOST_TWO_THROUGH
+    ):
+        return min(size, TWO_THROUGH * thinnest)
     while size < WIDE * thinnest and estimate_tets(volume, thinnest, size) > MOST_START_TETS:
         size = min(SIZE_STEP * size, WIDE * thinnest)
     return size

@@ -66,6 +66,7 @@ from headstock.solvers.recovery.discretisation_error import (
     mesh_safety,
     sees_errors,
 )
+from headstock.solvers.recovery.free_sides import find_free_sides
 
 # Recovered stresses follow a singularity no better than those of the elements: over blocks, sheets,
 # plates and tubes cells at rigid faces showed 0.35 to 0.4 of the energy that they missed, those at
@@ -344,6 +345,7 @@ def find_cell_errors(
         scaled_material(component, mesh),
         element.recovery.basis @ motions,
         _rim_weights(component, mesh, surface),
+        find_free_sides(mesh),
     )
 
 

@@ -2,6 +2,7 @@
 same boundary and modal dofs as finite elements.
 """
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ from headstock.geometry.parts.solids import Box, Plate, Tube
 from headstock.reduction.components.interface_patches import MeshPatch
 from headstock.reduction.components.polynomial_space import PolynomialSpace, build_space
 from headstock.reduction.components.rail_fits import RailFit, fit_rail, free_rails
+from headstock.reduction.components.round_sections import polynomial_limit
 from headstock.reduction.components.segmented import segment_skin
 from headstock.reduction.rails import CONTROL_POINT_DOFS, ControlPoint, control_point_motion
 from headstock.reduction.requests import GRAVITY, ReductionRequest
@@ -146,6 +148,8 @@ def reduce_polynomial(
     whole = _condense(component, fine, boundary, rigid)
     rough = _condense(component, coarse, _prescribe(component, coarse, areas, maps, rails), rigid)
     modes = _find_modes(whole, density, request.modes)
+    limit = polynomial_limit(component.solid, component.material)
+    modes = dataclasses.replace(modes, reach_hz=min(modes.reach_hz, limit))
     fields = np.hstack([whole.psi, modes.shapes])
     stiffness = scipy.linalg.block_diag(whole.stiffness, np.diag(modes.squares))
     mass = density * fields.T @ fields

@@ -20,6 +20,7 @@ from headstock.solvers.recovery.discretisation_error import (
     ShapeChange,
     estimate_mesh_errors,
 )
+from headstock.solvers.recovery.free_sides import FreeSides, find_free_sides
 from headstock.solvers.recovery.patch_recovery import corner_patches, gauss_places
 
 CELLS_TAG = 4714
@@ -34,12 +35,14 @@ class _Piece:
         nodes: ``(n,)`` points of the whole mesh behind its points.
         weights: ``(n_cells,)`` what the energies of its cells count.
         counted: Number of its own cells.
+        sides: Where single tetrahedra fill it, and free sides there; None for nowhere.
     """
 
     mesh: ComponentMesh
     nodes: IntArray
     weights: FloatArray
     counted: int
+    sides: FreeSides | None
 
 
 def estimate_split_errors(
@@ -61,7 +64,11 @@ def estimate_split_errors(
     comm, count = operators.comm, fields.rows.shape[2]
     if comm.size == 1 and mesh is not None:
         return estimate_mesh_errors(
-            mesh, material, fields.rows.reshape(3 * fields.total, count), weights
+            mesh,
+            material,
+            fields.rows.reshape(3 * fields.total, count),
+            weights,
+            sides=find_free_sides(mesh),
         )
     if mesh is None or weights is None:
         comm.send(operators.cells, dest=0, tag=CELLS_TAG)
@@ -78,7 +85,12 @@ def estimate_split_errors(
     )
     if piece.counted:
         found = estimate_mesh_errors(
-            piece.mesh, material, own, piece.weights, counted=piece.counted
+            piece.mesh,
+            material,
+            own,
+            piece.weights,
+            counted=piece.counted,
+            sides=piece.sides,
         )
     return MeshErrors(
         sum_over_ranks(comm, found.missing_energy),
@@ -99,7 +111,8 @@ def _deal_pieces(mesh: ComponentMesh, operators: ElasticOperators, weights: Floa
     samples, _ = gauss_places(
         mesh.kind, SAMPLE_DEGREES[cell_family(mesh.kind), cell_order(mesh.kind)]
     )
-    patches = corner_patches(mesh, len(samples))
+    sides = find_free_sides(mesh)
+    patches = corner_patches(mesh, len(samples), sides)
     open_gaps = np.ones(0 if mesh.gaps is None else len(mesh.gaps.facets), dtype=bool)
     for rank in reversed(range(comm.size)):
         cells = operators.cells if rank == 0 else comm.recv(source=rank, tag=CELLS_TAG)
@@ -120,7 +133,13 @@ def _deal_pieces(mesh: ComponentMesh, operators: ElasticOperators, weights: Floa
             gaps=gaps,
             missing=None if mesh.missing is None else mesh.missing.within(cells),
         )
-        piece = _Piece(part, nodes, weights[around], len(cells))
+        piece = _Piece(
+            part,
+            nodes,
+            weights[around],
+            len(cells),
+            None if sides is None else sides.within(nodes, around),
+        )
         if rank:
             comm.send(piece, dest=rank, tag=CELLS_TAG)
     return piece

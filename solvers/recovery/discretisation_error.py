@@ -22,6 +22,7 @@ from headstock.meshing.elements.topology import (
     cell_order,
     shape_functions,
 )
+from headstock.solvers.recovery.free_sides import FreeSides
 from headstock.solvers.recovery.patch_recovery import (
     BLOCK_VALUES,
     COMPONENTS,
@@ -179,6 +180,7 @@ def estimate_mesh_errors(
     weights: FloatArray | None = None,
     *,
     counted: int | None = None,
+    sides: FreeSides | None = None,
 ) -> MeshErrors:
     """Energy products of the discretisation errors of displacement fields, and what the part's true
     surface changes.
@@ -195,6 +197,7 @@ def estimate_mesh_errors(
         weights: ``(n_cells,)`` what the energies of cells are multiplied by; None for 1.
         counted: Number of leading cells whose energies count; the others help to recover stresses.
             None for all.
+        sides: Where single tetrahedra fill the part, and its free sides there; None for none.
 
     Returns:
         Symmetric matrices; ``missing_energy`` is positive semidefinite.
@@ -210,7 +213,7 @@ def estimate_mesh_errors(
         nothing = np.zeros((0, 0))
         none = ShapeChange(nothing, nothing)
         return MeshErrors(nothing, none, None if mesh.missing is None else none)
-    taken, smooth = _recover(mesh, material, displacement, counted)
+    taken, smooth = _recover(mesh, material, displacement, counted, sides)
     energy = np.zeros((count, count))
     for _, rows in _stress_changes(
         mesh, material, displacement, taken, smooth, weights=weights, counted=counted
@@ -228,6 +231,7 @@ def estimate_cell_errors(
     material: Material,
     displacement: FloatArray,
     weights: FloatArray | None = None,
+    sides: FreeSides | None = None,
 ) -> FloatArray:
     """Squared energy norms ``(n_cells, k)`` of the discretisation errors of displacement fields in
     each cell, see ``estimate_mesh_errors``: their sums are the diagonal of its ``missing_energy``.
@@ -237,8 +241,9 @@ def estimate_cell_errors(
         material: Its material.
         displacement: ``(3 n_points, k)`` of the mesh points [m].
         weights: ``(n_cells,)`` what the energies of cells are multiplied by; None for 1.
+        sides: Where single tetrahedra fill the part, and its free sides there; None for none.
     """
-    taken, smooth = _recover(mesh, material, displacement, None)
+    taken, smooth = _recover(mesh, material, displacement, None, sides)
     found = np.zeros((len(mesh.cells), displacement.shape[1]))
     for cells, rows in _stress_changes(
         mesh, material, displacement, taken, smooth, weights=weights, counted=None
@@ -291,14 +296,20 @@ def recover_at_nodes(
 
 
 def _recover(
-    mesh: ComponentMesh, material: Material, displacement: FloatArray, counted: int | None
+    mesh: ComponentMesh,
+    material: Material,
+    displacement: FloatArray,
+    counted: int | None,
+    sides: FreeSides | None = None,
 ) -> tuple[StressArray, StressArray]:
     """Stresses sampled in cells, and those recovered at the nodes of the counted ones."""
     samples, _ = gauss_places(
         mesh.kind, SAMPLE_DEGREES[cell_family(mesh.kind), cell_order(mesh.kind)]
     )
     taken = _sample_stresses(mesh, material, displacement, samples)
-    return taken, recover_stresses(mesh, samples, taken, wanted=counted)
+    return taken, recover_stresses(
+        mesh, samples, taken, wanted=counted, sides=None if sides is None else (sides, material)
+    )
 
 
 def _stress_changes(

@@ -24,6 +24,12 @@ from headstock.meshing.elements.topology import (
     shape_functions,
     shape_gradients,
 )
+from headstock.solvers.recovery.free_sides import (
+    SAMPLES_BESIDE_SIDES,
+    FreeSides,
+    prepare_fit,
+    raise_powers,
+)
 from headstock.solvers.recovery.libraries import basix
 from headstock.solvers.stresses import SHEAR_PAIRS
 
@@ -165,21 +171,33 @@ class CornerPatches:
         return found
 
 
-def corner_patches(mesh: ComponentMesh, samples: int) -> CornerPatches:
+def corner_patches(
+    mesh: ComponentMesh, samples: int, sides: FreeSides | None = None
+) -> CornerPatches:
     """The patches of a mesh.
 
     Args:
         mesh: Any kind of cells.
         samples: Number of places in each cell where stresses are sampled.
+        sides: Free ones where single tetrahedra fill the part; None for none.
     """
     corners, own = np.unique(mesh.cells[:, : corner_count(mesh.kind)], return_inverse=True)
     own = own.reshape(len(mesh.cells), -1)
-    enough = SAMPLES_PER_COEFFICIENT[cell_family(mesh.kind)] * len(_exponents(mesh.kind)) / samples
-    return CornerPatches(corners, own, _gather_patches(own, len(corners), enough=enough))
+    wanted = np.full(
+        len(corners), SAMPLES_PER_COEFFICIENT[cell_family(mesh.kind)] * len(_exponents(mesh.kind))
+    )
+    if sides is not None:
+        wanted[sides.alone[corners]] = SAMPLES_BESIDE_SIDES
+    return CornerPatches(corners, own, _gather_patches(own, len(corners), wanted / samples))
 
 
 def recover_stresses(
-    mesh: ComponentMesh, places: FloatArray, taken: StressArray, *, wanted: int | None = None
+    mesh: ComponentMesh,
+    places: FloatArray,
+    taken: StressArray,
+    *,
+    wanted: int | None = None,
+    sides: tuple[FreeSides, Material] | None = None,
 ) -> StressArray:
     """Nodal values ``(n_points, m)`` of stresses that are continuous and of the order of the
     displacement, from samples in every cell.
@@ -193,12 +211,14 @@ def recover_stresses(
         places: ``(n_places, 3)`` reference places of the samples in each cell.
         taken: ``(n_cells, n_places, m)`` the samples.
         wanted: Number of leading cells on which values are needed; None for all.
+        sides: Free ones where single tetrahedra fill the part, and its material; there polynomials
+            are fitted to both. None for none.
 
     Source: Zienkiewicz and Zhu (1992), Int. J. Numer. Meth. Engng. 33, 1331-1364, superconvergent
     patch recovery.
     """
     powers = _exponents(mesh.kind)
-    found = corner_patches(mesh, len(places))
+    found = corner_patches(mesh, len(places), None if sides is None else sides[0])
     corners, patches = found.corners, found.cells
     near = _gather_points(mesh, found.own, len(corners))
     used = np.unique(found.own[:wanted])
@@ -206,6 +226,30 @@ def recover_stresses(
     shares = 1.0 / np.maximum(np.bincount(near.entries, minlength=len(mesh.points)), 1)
     where = np.matmul(shape_functions(mesh.kind, places), mesh.points[mesh.cells])
     smooth = np.zeros((len(mesh.points), taken.shape[2]), dtype=np.float32)
+
+    def add(points: IntArray, values: FloatArray | StressArray) -> None:
+        reached, slots = np.unique(points, return_inverse=True)
+        pairs = np.arange(points.size + 1)
+        gather = scipy.sparse.csc_matrix(
+            (np.ones(points.size, dtype=np.float32), slots.ravel(), pairs)
+        ).tocsr()
+        smooth[reached] += gather @ values.reshape(points.size, -1).astype(np.float32, copy=False)
+
+    if sides is not None:
+        alone = sides[0].alone[corners[used]]
+        fit, beside, used = prepare_fit(mesh, sides[1], sides[0]), used[alone], used[~alone]
+        for rows in _alike(patches, near, beside, taken.shape[1] * taken.shape[2]):
+            (cells, real), (points, met) = patches.table(rows), near.table(rows)
+            middle = mesh.points[corners[rows]][:, None]
+            offsets = np.where(real[..., None, None] > 0.0, where[cells] - middle[:, None], np.nan)
+            terms, lengths = fit.fit(
+                offsets.reshape(len(rows), -1, 3),
+                [around[own > 0.0] for around, own in zip(cells, real, strict=True)],
+                middle[:, 0],
+                taken[cells].reshape(len(rows), -1, taken.shape[2]),
+            )
+            ends = raise_powers((mesh.points[points] - middle) / lengths[:, None, None])
+            add(points, np.matmul(ends * (met * shares[points])[..., None], terms))
     for rows in _alike(patches, near, used, taken.shape[1] * taken.shape[2]):
         (cells, real), (points, met) = patches.table(rows), near.table(rows)
         middle = mesh.points[corners[rows]][:, None]
@@ -217,13 +261,7 @@ def recover_stresses(
             met * shares[points],
             powers,
         )
-        values = np.matmul(operators, taken[cells].reshape(len(rows), -1, taken.shape[2]))
-        reached, slots = np.unique(points, return_inverse=True)
-        pairs = np.arange(points.size + 1)
-        gather = scipy.sparse.csc_matrix(
-            (np.ones(points.size, dtype=np.float32), slots.ravel(), pairs)
-        ).tocsr()
-        smooth[reached] += gather @ values.reshape(points.size, -1)
+        add(points, np.matmul(operators, taken[cells].reshape(len(rows), -1, taken.shape[2])))
     return smooth
 
 
@@ -295,13 +333,13 @@ def _monomials(places: FloatArray, powers: IntArray) -> FloatArray:
     return result
 
 
-def _gather_patches(own: IntArray, count: int, *, enough: float) -> _Lists:
+def _gather_patches(own: IntArray, count: int, enough: FloatArray) -> _Lists:
     """Cells around each corner.
 
     Args:
         own: ``(n_cells, corners per cell)`` number of each corner.
         count: Number of corners.
-        enough: Least number of cells, where three more rings bring them.
+        enough: ``(n_v,)`` least number of cells, where three more rings bring them.
     """
     starts = np.arange(0, own.size + 1, own.shape[1])
     corners_of = scipy.sparse.csr_matrix(

@@ -289,7 +289,7 @@ def _round_step(random: Random, file: Path) -> _Drawn:
     radius = _range(random, 0.04, 0.08)
     choice = int(random.integers(3))
     if choice == 0:
-        _write(file, "ball", radius=radius, height=_range(random, 1.2, 1.6) * radius)
+        write_step(file, "ball", radius=radius, height=_range(random, 1.2, 1.6) * radius)
         return _Drawn(StepFile(file), _whole("z-"), _whole("z+"), 3.0 * radius, (0.12, 0.08), 0.045)
     if choice == 1:
         sizes = {
@@ -298,9 +298,9 @@ def _round_step(random: Random, file: Path) -> _Drawn:
             "top": 0.7 * radius,
             "bore": 0.4 * radius,
         }
-        _write(file, "cone", **sizes)
+        write_step(file, "cone", **sizes)
         return _Drawn(StepFile(file), _whole("z-"), _whole("z+"), 3.0 * radius, (0.12, 0.08), 0.045)
-    _write(
+    write_step(
         file,
         "elbow",
         bend=_range(random, 2.2, 4.0) * radius,
@@ -314,7 +314,7 @@ def _milled_step(random: Random, file: Path) -> _Drawn:
     """A block with a bore and rounded edges from a STEP file."""
     x, y, z = _range(random, 0.06, 0.12), _range(random, 0.06, 0.12), _range(random, 0.12, 0.25)
     least = min(x, y)
-    _write(
+    write_step(
         file,
         "block",
         x=x,
@@ -408,7 +408,7 @@ def _angle_step(random: Random, file: Path) -> _Drawn:
     """An angle with a sharp inner edge and a bore, from a STEP file."""
     x, y, z = _range(random, 0.08, 0.16), _range(random, 0.05, 0.12), _range(random, 0.1, 0.2)
     thick = _range(random, 0.012, 0.025)
-    _write(
+    write_step(
         file,
         "angle",
         x=x,
@@ -428,7 +428,7 @@ ADAPTED_KINDS: dict[str, Callable[[Random, Path], _Drawn]] = {
 }
 
 
-def _write(file: Path, kind: str, **sizes: float) -> None:
+def write_step(file: Path, kind: str, **sizes: float) -> None:
     """Write a curved solid; sizes in metres."""
     scaled = json.dumps({name: 1e3 * size for name, size in sizes.items()})
     command = [

@@ -1,0 +1,393 @@
+"""Whether a search for an accuracy keeps what it promises on slender parts, through whose sections
+single tetrahedra reach: rings, tubes and bent bars, thick and thin, all of them free.
+
+Beside each stands the truth of two swept grids of hexahedra with 27 nodes on the exact shape,
+extrapolated from what they move by: neither tetrahedra nor an estimate of an error have a part in it.
+"""
+
+import dataclasses
+import functools
+import hashlib
+import math
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+import headstock.geometry
+import headstock.meshing
+import headstock.pipeline
+import headstock.reduction
+import headstock.solvers
+from headstock.geometry.errors import HeadstockError
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.machine import Machine, Pose
+from headstock.geometry.parts.components import Component, Material
+from headstock.geometry.parts.solids import Solid, StepFile, Tube
+from headstock.meshing.component_mesh import ComponentMesh, MeshQuality
+from headstock.meshing.elements.quality import mesh_volume
+from headstock.pipeline.results.results import Results
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.storage.content_keys import code_fingerprint
+from headstock.pipeline.storage.store import Store, default_store_root, read_entry, write_entry
+from headstock.reduction.components.elastic import reduce_elastic
+from headstock.reduction.requests import ReductionRequest
+from headstock.scene.requests import Analyses, ModalRequest
+from headstock.scene.scene import AccuracyGoal, Scene
+from headstock.solvers.elastic.eigenpairs import ModeTarget
+from headstock.validation.coverage.parts import write_step
+from headstock.validation.parts.structured_meshes import node_places
+from headstock.validation.references.rows import ValidationRow, judge_bound, show
+
+CASE, SMOKE = "coverage-search", "coverage-search-smoke"
+ASKED = 0.01
+STEEL = Material("steel", 210e9, 0.3, 7850.0)
+COVERED, LARGEST_MEDIAN = 0.95, 4.0
+CLEAR = 1e-5  # true errors above which a ratio means something
+# errors of their grids fall with the fourth power of the size; what they leave if they fell with the
+# third is how far the truth is unknown
+RATE, SLOW_RATE, FINER = 4.0, 3.0, 1.5
+SURE = 0.2  # of ±: what may be unknown of the truth
+
+
+@dataclass(frozen=True)
+class SlenderPart:
+    """A part of the suite.
+
+    Attributes:
+        name: Of it.
+        solid: Its shape; or of a curved solid its kind and lengths [m].
+        up_to_hz: How far its frequencies are asked for.
+        grid: Hexahedra of the coarser true grid: through the section, across or around it, along.
+    """
+
+    name: str
+    solid: Tube | tuple[str, dict[str, float]]
+    up_to_hz: float
+    grid: tuple[int, int, int]
+
+    @property
+    def is_round(self) -> bool:
+        """Whether its section is a ring."""
+        return isinstance(self.solid, Tube) or self.solid[0] == "elbow"
+
+
+PARTS = (
+    SlenderPart("thin ring", Tube(0.24, 0.216, 0.02), 6500.0, (3, 56, 3)),
+    SlenderPart("flat ring", Tube(0.2, 0.15, 0.012), 9000.0, (4, 56, 2)),
+    SlenderPart("stout ring", Tube(0.16, 0.1, 0.04), 14000.0, (3, 32, 4)),
+    SlenderPart("thick tube", Tube(0.1, 0.05, 0.14), 22000.0, (3, 32, 8)),
+    SlenderPart("thin tube", Tube(0.09, 0.08, 0.2), 6500.0, (2, 56, 14)),
+    SlenderPart("long tube", Tube(0.06, 0.03, 0.3), 14000.0, (3, 20, 18)),
+    SlenderPart("bush", Tube(0.04, 0.008, 0.3), 14000.0, (4, 20, 20)),
+    SlenderPart(
+        "bow", ("bow", {"bend": 0.12, "wide": 0.02, "high": 0.03, "bow": 0.19}), 12000.0, (4, 6, 20)
+    ),
+    SlenderPart(
+        "open ring",
+        ("bow", {"bend": 0.08, "wide": 0.014, "high": 0.014, "bow": 0.42}),
+        5500.0,
+        (4, 4, 48),
+    ),
+    SlenderPart(
+        "bent pipe", ("elbow", {"bend": 0.12, "radius": 0.02, "bore": 0.012}), 14000.0, (3, 24, 18)
+    ),
+    SlenderPart(
+        "bent rod", ("elbow", {"bend": 0.1, "radius": 0.012, "bore": 0.004}), 14000.0, (3, 20, 20)
+    ),
+    SlenderPart(
+        "hairpin",
+        ("hairpin", {"bend": 0.04, "leg": 0.06, "wide": 0.014, "high": 0.02}),
+        9000.0,
+        (4, 6, 36),
+    ),
+)
+SMOKE_PARTS = (PARTS[0], PARTS[7])
+
+
+@dataclass(frozen=True, eq=False)
+class SlenderTruth:
+    """What is true of a part.
+
+    Attributes:
+        frequencies_hz: ``(n,)`` elastic ones.
+        doubt: ``(n,)`` how well they are known [Hz].
+    """
+
+    frequencies_hz: FloatArray
+    doubt: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class SearchedPart:
+    """How a search ended.
+
+    Attributes:
+        name: Of the part.
+        met: The search says that the accuracy is kept.
+        errors: ``(n,)`` true errors over the numbers.
+        given: ``(n,)`` ± over the numbers; NaN where there is none.
+        unsure: ``(n,)`` how well the truth is known, over the numbers.
+        seconds: Processor time of all its stages.
+        failure: What ended the search; empty for nothing.
+    """
+
+    name: str
+    met: bool
+    errors: FloatArray
+    given: FloatArray
+    unsure: FloatArray
+    seconds: float
+    failure: str = ""
+
+
+def check_search() -> list[ValidationRow]:
+    """Whether what searches call met is met on the twelve parts, and ± covers their numbers."""
+    return judge_searches(CASE, [_recall(part) for part in PARTS])
+
+
+def check_search_smoke() -> list[ValidationRow]:
+    """The same on two of them."""
+    return judge_searches(SMOKE, [_recall(part) for part in SMOKE_PARTS])
+
+
+def judge_searches(case: str, parts: Sequence[SearchedPart]) -> list[ValidationRow]:
+    """Rows of a suite.
+
+    Args:
+        case: Its name.
+        parts: How the searches ended.
+    """
+    errors, given, unsure = (
+        np.concatenate([getattr(part, name) for part in parts])
+        for name in ("errors", "given", "unsure")
+    )
+    sure = unsure <= SURE * given
+    clear = sure & (errors > CLEAR)
+    furthest = max(parts, key=lambda part: part.errors.max(initial=0.0))
+    short = [part.name for part in parts if not part.met]
+    wrong = [part.name for part in parts if part.met and part.errors.max() > ASKED]
+    return [
+        judge_bound(
+            case,
+            f"parts that a search for {100.0 * ASKED:g} % does not reach, or calls met that are not",
+            float(len(short) + len(wrong)),
+            0.0,
+            f"{len(parts)} parts; {', '.join([*short, *wrong]) or 'none'}; furthest: {furthest.name},"
+            f" {100.0 * furthest.errors.max(initial=0.0):.2g} %",
+        ),
+        judge_bound(
+            case,
+            "share of numbers that ± does not cover",
+            float(np.mean(~(errors[sure] <= given[sure]))),
+            1.0 - COVERED,
+            f"{sure.sum()} numbers, of {(~sure).sum()} the truth is not sure enough or ± is unknown;"
+            f" {_by_part(parts)}",
+        ),
+        judge_bound(
+            case,
+            "± over true error, median",
+            float(np.median(given[clear] / errors[clear])),
+            LARGEST_MEDIAN,
+            f"{clear.sum()} numbers with errors above {CLEAR:g}",
+        ),
+        show(
+            case,
+            "processor time of a search, median",
+            float(np.median([part.seconds for part in parts])),
+            "s",
+            ", ".join(f"{part.name} {part.seconds:.2g}" for part in parts),
+        ),
+    ]
+
+
+def _by_part(parts: Sequence[SearchedPart]) -> str:
+    return ", ".join(
+        f"{part.name} {np.mean(part.errors[sure] <= part.given[sure]):.2f}"
+        for part in parts
+        if (sure := part.unsure <= SURE * part.given).any()
+    )
+
+
+def _recall(part: SlenderPart) -> SearchedPart:
+    """A part from the store where it is there: a suite that was stopped goes on."""
+    layers = headstock.geometry, headstock.meshing, headstock.solvers, headstock.reduction
+    words = [repr(part), Path(__file__).read_text(), *map(code_fingerprint, layers)]
+    true_key = hashlib.sha256("\0".join(words).encode()).hexdigest()
+    words.append(code_fingerprint(headstock.pipeline))
+    key = hashlib.sha256("\0".join(words).encode()).hexdigest()
+    with tempfile.TemporaryDirectory(prefix="headstock-search-") as name:
+        scene = make_scene(part, Path(name))
+        truth = _keep(true_key, SlenderTruth, lambda: find_truth(part))
+        return _keep(key, SearchedPart, lambda: search_part(part, scene, truth))
+
+
+def _keep[T: SlenderTruth | SearchedPart](key: str, kind: type[T], measure: Callable[[], T]) -> T:
+    store = Store(default_store_root())
+    known = read_entry(store, key, kind).value
+    if known is None:
+        known = measure()
+        write_entry(store, key, known)
+    return known
+
+
+def make_scene(part: SlenderPart, folder: Path) -> Scene:
+    """A part alone, whose frequencies are asked for.
+
+    Args:
+        part: Of the suite.
+        folder: For its STEP file, where it has one.
+    """
+    solid: Solid
+    if isinstance(part.solid, Tube):
+        solid = part.solid
+    else:
+        file = folder / "part.step"
+        write_step(file, part.solid[0], **part.solid[1])
+        solid = StepFile(file)
+    machine = Machine(part.name, {"part": Component("part", solid, STEEL)}, {}, {})
+    return Scene(
+        part.name,
+        folder / "part.toml",
+        machine,
+        {"reference": Pose("reference")},
+        Analyses(None, ModalRequest(up_to_hz=part.up_to_hz)),
+        frozenset(),
+        (),
+        {},
+        model_errors=False,
+    )
+
+
+def find_truth(part: SlenderPart) -> SlenderTruth:
+    """The frequencies of a part from two swept grids.
+
+    Args:
+        part: Of the suite.
+    """
+    coarse, fine = (
+        _grid_frequencies(part, tuple(math.ceil(factor * count) for count in part.grid))
+        for factor in (1.0, FINER)
+    )
+    count = min(len(coarse), len(fine))
+    moved = coarse[:count] - fine[:count]
+    left, most = (moved / (FINER**rate - 1.0) for rate in (RATE, SLOW_RATE))
+    return SlenderTruth(fine[:count] - left, np.abs(most - left))
+
+
+def _grid_frequencies(part: SlenderPart, counts: tuple[int, ...]) -> FloatArray:
+    mesh = sweep_grid(counts, functools.partial(place_section, part.solid), part.is_round)
+    body = Component("part", Tube(1.0, 0.5, 1.0), STEEL)  # its shape is that of the mesh
+    target = ModeTarget(up_to_hz=1.1 * part.up_to_hz)
+    request = ReductionRequest(target, recovery=False, errors=False)
+    return reduce_elastic(body, mesh, comm=MPI.COMM_SELF, request=request).modal_frequencies_hz
+
+
+def place_section(solid: Tube | tuple[str, dict[str, float]], places: FloatArray) -> FloatArray:
+    """Points ``(n, 3)`` of a swept solid [m].
+
+    Args:
+        solid: Of a part.
+        places: ``(n, 3)`` through its section, across or around it, and along, 0 to 1; of a tube
+            around and along.
+    """
+    first, second, third = places.T
+    turn = 2.0 * np.pi * second
+    if isinstance(solid, Tube):
+        radius = 0.5 * (
+            solid.inner_diameter + (solid.outer_diameter - solid.inner_diameter) * first
+        )
+        return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), solid.length * third])
+    kind, sizes = solid
+    bend, leg = sizes["bend"], sizes.get("leg", 0.0)
+    if kind == "elbow":
+        radius = sizes["bore"] + (sizes["radius"] - sizes["bore"]) * first
+        out, up = radius * np.cos(turn), -radius * np.sin(turn)
+        bow = 0.5 * np.pi * bend
+    else:
+        out, up = sizes["wide"] * (first - 0.5), sizes["high"] * (0.5 - second)
+        bow = sizes.get("bow", np.pi * bend)
+    # along straight legs on both sides of the bend, whose ends lie on edges of the grid by thirds
+    reach = np.interp(third, [0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0], [-leg, 0.0, bow, bow + leg])
+    if leg == 0.0:
+        reach = bow * third
+    angle = np.clip(reach, 0.0, bow) / bend
+    straight = reach - np.clip(reach, 0.0, bow)
+    radial = np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
+    tangent = np.column_stack([-np.sin(angle), np.cos(angle), 0.0 * angle])
+    upright = np.array([0.0, 0.0, 1.0])
+    return np.asarray(
+        (bend + out)[:, None] * radial + straight[:, None] * tangent + up[:, None] * upright
+    )
+
+
+def sweep_grid(
+    counts: Sequence[int], place: Callable[[FloatArray], FloatArray], closed: bool
+) -> ComponentMesh:
+    """A grid of hexahedra with 27 nodes on an exact shape.
+
+    Args:
+        counts: Hexahedra along each of the three coordinates.
+        place: From ``(n, 3)`` coordinates, 0 to 1, to points [m].
+        closed: The second coordinate goes round.
+    """
+    number = np.array(counts)
+    cells = np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=-1).reshape(-1, 3)
+    nodes = 2 * cells[:, None] + np.round(2.0 * node_places("hex27")).astype(int)
+    lengths = 2 * number + 1
+    if closed:
+        nodes[..., 1] %= 2 * number[1]
+        lengths[1] -= 1
+    grid = np.stack(np.meshgrid(*map(np.arange, lengths), indexing="ij"), axis=-1).reshape(-1, 3)
+    points = place(grid / (2.0 * number))
+    flat = np.asarray(np.ravel_multi_index(tuple(np.moveaxis(nodes, -1, 0)), tuple(lengths)))
+    volume = mesh_volume(points, flat, "hex27")
+    quality = MeshQuality(1.0, 0, volume, float("nan"))
+    return ComponentMesh(points, flat, "hex27", straight=False, patches={}, quality=quality)
+
+
+def search_part(part: SlenderPart, scene: Scene, truth: SlenderTruth) -> SearchedPart:
+    """How far a search for an accuracy is off.
+
+    Args:
+        part: Of the suite.
+        scene: With it.
+        truth: Of the same part.
+    """
+    goal = dataclasses.replace(scene, accuracy=AccuracyGoal(ASKED))
+    try:
+        results = _run(goal)
+    except HeadstockError as error:
+        nothing = np.zeros(0)
+        return SearchedPart(part.name, False, nothing, nothing, nothing, 0.0, str(error))
+    (modes,) = results.modal
+    values = _elastic(results)
+    given = np.array(
+        [np.nan if one.total is None else one.total for one in modes.errors[modes.rigid_count :]]
+    )
+    count = min(len(values), len(truth.frequencies_hz))
+    values, given = values[:count], given[:count]
+    return SearchedPart(
+        part.name,
+        not results.failures,
+        np.abs(values - truth.frequencies_hz[:count]) / values,
+        given / values,
+        truth.doubt[:count] / values,
+        sum(record.cpu_seconds or 0.0 for record in results.stages),
+    )
+
+
+def _elastic(results: Results) -> FloatArray:
+    (modes,) = results.modal
+    return np.asarray(modes.frequencies_hz[modes.rigid_count :])
+
+
+def _run(scene: Scene) -> Results:
+    """All stages with an empty store."""
+    with tempfile.TemporaryDirectory(prefix="headstock-search-") as place:
+        return run_scene(
+            scene, Path(place) / "out", comm=MPI.COMM_SELF, store=Store(Path(place) / "store")
+        )
