@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from mpi4py import MPI
 
 import headstock.geometry
 import headstock.meshing
@@ -38,6 +37,7 @@ from headstock.reduction.requests import ReductionRequest
 from headstock.scene.requests import Analyses, ModalRequest
 from headstock.scene.scene import AccuracyGoal, Scene
 from headstock.solvers.elastic.eigenpairs import ModeTarget
+from headstock.solvers.mpi import MPI
 from headstock.validation.coverage.parts import write_step
 from headstock.validation.parts.structured_meshes import node_places
 from headstock.validation.references.rows import ValidationRow, judge_bound, show
