@@ -44,7 +44,7 @@ class StaticRequest:
 class ModalRequest:
     """Natural frequencies: a count or everything up to a frequency [Hz], in named poses.
 
-    ``from_hz``: modes below are counted and not listed.
+    ``from_hz``: modes below are counted and not listed. ``stated``: the count is the scene's own.
     ``spread``: also with every interface rigid and with every one averaging.
     """
 
@@ -53,6 +53,7 @@ class ModalRequest:
     poses: tuple[str, ...] = ()
     spread: bool = False
     from_hz: float = 0.0
+    stated: bool = True
 
     def describe(self) -> str:
         """In a few words: what is computed, and how far."""

@@ -228,6 +228,8 @@ def error_words(modes: FrequencyErrors) -> list[str]:
         words.append(
             f"{below} mode{'s' if below > 1 else ''} below the window of frequencies: not listed"
         )
+    if len(sources := modes.get("damping_from", [])) > 1:
+        words.append(f"damping ratios add up from {'; '.join(sources)}")
     if modes.get("interface_spread_hz"):
         words.append("interfaces: lowest and highest with every interface averaging or rigid")
     if modes.get("error_left_out"):

@@ -48,6 +48,7 @@ class FrequencyErrors(TypedDict):
     error_left_out: list[str]
     modes_below: NotRequired[int]
     interface_spread_hz: NotRequired[list[tuple[float, float] | None]]
+    damping_from: NotRequired[list[str]]
 
 
 def combine_estimates(parts: Sequence[Estimate]) -> Estimate:

@@ -57,6 +57,7 @@ class PoseModes(Answer):
             rigid [Hz]; None where it has no partner, empty where none was requested.
         below: How many modes lie below the window of frequencies, rigid-body modes among them; the
             first one listed is number ``below + 1``.
+        damping_from: What the damping ratios add up from; empty without damping.
     """
 
     pose: Pose
@@ -75,6 +76,7 @@ class PoseModes(Answer):
     placements: dict[str, Frame] = field(default_factory=dict)
     spread_hz: tuple[tuple[float, float] | None, ...] = ()
     below: int = 0
+    damping_from: tuple[str, ...] = ()
     units: ClassVar[dict[str, str]] = {
         r"modal/.*/names": "",
         r"modal/.*/frequencies_hz": "Hz",
@@ -124,6 +126,8 @@ class PoseModes(Answer):
             summary["interface_spread_hz"] = list(self.spread_hz)
         if self.below:
             summary["modes_below"] = self.below
+        if self.damping_from:
+            summary["damping_from"] = list(self.damping_from)
         return summary
 
     def fill(self, file: "h5py.File") -> None:

@@ -50,6 +50,7 @@ from headstock.reduction.motions.body_motions import (
     FreeMotion,
     find_free_motions,
     free_motion_error,
+    name_families,
     rigid_dofs,
     solve_machine_static,
     warn_of_free_motions,
@@ -328,6 +329,25 @@ def damp_system(
     if DAMPING not in scene.effects:
         return dataclasses.replace(system, damping=None, hysteretic=None)
     return add_modal_damping(system, scene.modal_damping, modes) if scene.modal_damping else system
+
+
+def list_dampings(scene: Scene) -> tuple[str, ...]:
+    """List what the damping ratios of a scene's modes add up from."""
+    machine, ratios = scene.machine, scene.modal_damping
+    joints, parts = machine.joints.values(), machine.components.values()
+    owners = {
+        "loss factors of": [each.name for each in joints if each.loss_factor]
+        + sorted({each.material.name for each in parts if each.material.loss_factor}),
+        "dampers of": [each.name for each in joints if each.damping.any()],
+        "Rayleigh damping of": ["the machine"] * bool(machine.rayleigh)
+        + [each.name for each in parts if each.rayleigh],
+    }
+    given = ", ".join(f"{100.0 * ratio:g} %" for ratio in ratios)
+    of_modes = "every mode" if len(ratios) == 1 else "the first modes, the last of all others"
+    return (
+        *((f"{given} of {of_modes}",) if ratios else ()),
+        *(f"{kind} {', '.join(name_families(names))}" for kind, names in owners.items() if names),
+    )
 
 
 def warn_of_no_damping(scene: Scene, system: SecondOrderSystem) -> tuple[str, ...]:

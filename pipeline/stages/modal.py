@@ -14,7 +14,13 @@ from headstock.pipeline.answers.estimates import Estimate
 from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.planning.interfaces import has_choice, recouple
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.stages.machine import DAMPING, CoupledPose, damp_system, warn_of_no_damping
+from headstock.pipeline.stages.machine import (
+    DAMPING,
+    CoupledPose,
+    damp_system,
+    list_dampings,
+    warn_of_no_damping,
+)
 from headstock.pipeline.stages.run_state import (
     Outcome,
     PoseModel,
@@ -48,6 +54,7 @@ LARGE_ERROR = 0.5  # of a damping ratio
 LARGE_LOSS = 0.3
 NO_DAMPING = 1e-9  # a damping ratio: roundoff
 KINDS: tuple[CouplingKind, ...] = ("average", "rigid")  # softer, stiffer
+MOST_NAMED = 6
 BEYOND = 1.5  # times as many modes: partners may change their order
 Span = tuple[float, float]
 
@@ -106,8 +113,11 @@ def solve_pose_modes(model: PoseModel, request: ModalRequest) -> Solved[PoseMode
         kinetic_share=named.kinetic_shares,
         shapes=model.expand(result.shapes),
         placements=dict(model.placements),
+        damping_from=list_dampings(model.parts.scene) if damped else (),
     )
     warnings = [*damping.warnings, *((warn_of_free_motions(unexpected),) if unexpected else ())]
+    if request.stated and request.count is not None and count < request.count:
+        warnings.append(_tell_missing(request.count, model, result))
     if request.from_hz:
         below = int(np.searchsorted(result.frequencies_hz, request.from_hz))
         below = max(below, modes.rigid_count)
@@ -115,6 +125,31 @@ def solve_pose_modes(model: PoseModel, request: ModalRequest) -> Solved[PoseMode
             warnings.append(_tell_neighbours(request, model.all_modes, below))
         modes = _leave_out_lower(modes, below)
     return Solved(modes, tuple(warnings))
+
+
+def _tell_missing(wanted: int, model: PoseModel, found: ModalResult) -> str:
+    """Why there are fewer modes than are wanted.
+
+    Args:
+        wanted: How many the scene asks for.
+        model: Whose modes they are.
+        found: All that there are.
+    """
+    size, without = len(model.system.mass), found.infinite_count
+    freedom = f"{size} degree{'s' if size != 1 else ''} of freedom"
+    words = (
+        f"{len(found.frequencies_hz)} modes of the {wanted} of modal.count: the model has {freedom}"
+    )
+    if without:
+        masses = {name: part.mass_kg for name, part in model.parts.superelements.items()}
+        lightest = sorted(masses, key=lambda name: masses[name])[: min(without, MOST_NAMED)]
+        named = ", ".join(f"{name} ({masses[name]:.3g} kg)" for name in lightest)
+        words += f", {without} of them without mass or inertia beside the others, so that their frequencies count as infinite; the lightest: {named}"
+    if size < wanted:
+        words += (
+            "; elastic or segmented bodies, or more of their modes (reduction.modes_to), give more"
+        )
+    return words
 
 
 def _leave_out_lower(modes: PoseModes, below: int) -> PoseModes:

@@ -32,7 +32,14 @@ def build_modal(scene: SceneTable, poses: tuple[str, ...]) -> ModalRequest | Non
     if modal is None:
         return None
     count = DEFAULT_MODES if modal.count is None and modal.up_to is None else modal.count
-    return ModalRequest(count, modal.up_to, tuple(modal.poses or poses), modal.spread, modal.start)
+    return ModalRequest(
+        count,
+        modal.up_to,
+        tuple(modal.poses or poses),
+        modal.spread,
+        modal.start,
+        stated=modal.count is not None,
+    )
 
 
 def build_frf(scene: SceneTable, poses: tuple[str, ...]) -> FrfRequest | None:

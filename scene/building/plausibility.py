@@ -28,7 +28,6 @@ MOST_DEFLECTION = (
 )
 MOST_MODES = 3000
 DEFORMING = ("elastic", "polynomial")
-MOST_LOSS = 1.0  # of rubber and damping layers
 
 
 def check_numbers(draft: Draft, findings: Findings) -> None:
@@ -46,16 +45,11 @@ def check_numbers(draft: Draft, findings: Findings) -> None:
                 (*key, "E"),
                 f"sound would travel at {speed:.3g} m/s, outside {low:g} to {high:g} m/s; {hint}",
             )
-        if material.loss_factor > MOST_LOSS:
-            findings.warn((*key, "loss_factor"), _large_loss(material.loss_factor))
         if not DENSITIES[0] <= material.rho <= DENSITIES[1]:
             findings.warn(
                 (*key, "rho"),
                 f"{material.rho:.3g} kg/m^3 is outside {DENSITIES[0]:g} to {DENSITIES[1]:g} kg/m^3",
             )
-    for name, joint in scene.joints.items():
-        if joint.loss_factor > MOST_LOSS:
-            findings.warn(("joints", name, "loss_factor"), _large_loss(joint.loss_factor))
     for name, solid in solids.items():
         box = bounding_box(solid)
         sizes = [high - low for low, high in box] if box else []
@@ -100,13 +94,6 @@ def _texts(value: object) -> Iterator[str]:
     elif isinstance(value, list):
         for inner in value:
             yield from _texts(inner)
-
-
-def _large_loss(factor: float) -> str:
-    return (
-        f"a loss factor of {factor:g} takes more in a cycle than 2 pi times the strain energy; "
-        f'write "{factor:g} %" if per cent were meant'
-    )
 
 
 def check_mounts(draft: Draft, findings: Findings) -> None:

@@ -55,7 +55,7 @@ class FamilyTable(StrictTable):
     size: str
     factor: Annotated[float, Field(gt=1.0)]
     rotation_factor: Annotated[float | None, Field(gt=1.0)] = None
-    loss_factor: Annotated[float, Field(gt=0.0)]
+    loss_factor: Annotated[float, Field(gt=0.0, lt=1.0)]
     loss_factor_range: Annotated[list[float], Field(min_length=2, max_length=2)]
     preload: str
     derived: str

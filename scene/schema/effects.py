@@ -13,6 +13,7 @@ from headstock.scene.reading.units import (
     parse_quantity,
     show_value,
 )
+from headstock.scene.schema.types import find_damping_fault
 
 # on or off, without a value
 CONTOUR_EFFECTS = ("coriolis", "cutting_force", "regeneration")
@@ -22,7 +23,6 @@ GUIDE_ERRORS = "guide_errors"
 PLAIN_EFFECTS = (*CONTOUR_EFFECTS, *DRIVE_EFFECTS, GRAVITY_STIFFENING, GUIDE_ERRORS)
 EFFECT_NAMES = ("gravity", "damping", *PLAIN_EFFECTS)
 STANDARD_GRAVITY = 9.80665
-MOST_RATIO = 1e3  # of a mode to critical damping; what is more is a slip
 
 
 def find_effect_fault(name: str, value: object) -> str:
@@ -52,7 +52,7 @@ def find_effect_fault(name: str, value: object) -> str:
 
 def read_modal_damping(value: object) -> tuple[float, ...]:
     """Damping ratios of the modes: of ``{ modal = 0.02 }``, or of a list for the first, second, ...
-    and all other modes; from 1 on a mode returns without oscillating.
+    and all other modes.
 
     Raises:
         UnitError: It is neither a flag nor a table of damping, or a ratio is none.
@@ -65,14 +65,12 @@ def read_modal_damping(value: object) -> tuple[float, ...]:
         parse_quantity(item, RATIO).value if isinstance(item, str) else item for item in given
     ]
     for ratio in ratios:
-        if (
-            isinstance(ratio, bool)
-            or not isinstance(ratio, int | float)
-            or not 0.0 <= ratio <= MOST_RATIO
-        ):
+        if isinstance(ratio, bool) or not isinstance(ratio, int | float):
             raise UnitError(
-                f'{show_value(ratio)} is no damping ratio from 0 to {MOST_RATIO:g}; write for example 0.02 or "2 %"'
+                f'{show_value(ratio)} is no damping ratio; write for example 0.02 or "2 %"'
             )
+        if fault := find_damping_fault(float(ratio), "damping ratio"):
+            raise UnitError(f"modal {fault}")
     if not ratios:
         raise UnitError("holds no damping ratio; write { modal = 0.02 }")
     return tuple(float(ratio) for ratio in ratios)

@@ -197,7 +197,6 @@ def _require(test: Callable[[float], bool], rule: str) -> Callable[[float], floa
     return check
 
 
-MOST_LOSS = 1e3  # a loss factor above is a slip
 LEAST = 1e-30  # what is smaller is a slip of units, and its powers would vanish [SI]
 
 
@@ -390,33 +389,46 @@ _SHARE = JsonForm(
         "maximum": 1.0,
     }
 )
-DampingShare = Annotated[
-    float, BeforeValidator(lambda value: read_share(value, "damping ratio")), _SHARE
-]
 
 
-def _read_loss_factor(value: object) -> float:
-    factor = _read_ratio(value)
-    if not 0.0 <= factor <= MOST_LOSS:
-        raise problem(
-            f'is {factor:g}; a loss factor lies between 0 and {MOST_LOSS:g}; write for example 0.02 or "2 %"'
-        )
-    return factor
+def _damping(what: str) -> BeforeValidator:
+    """A share of damping: what reaches 100 % is per cent written as a number."""
+
+    def read(value: object) -> float:
+        share = _read_ratio(value)
+        if fault := find_damping_fault(share, what):
+            raise problem(fault)
+        return share
+
+    return BeforeValidator(read)
 
 
-LossFactor = Annotated[
-    float,
-    BeforeValidator(_read_loss_factor),
-    JsonForm(
-        {
-            "description": "ratio from 0",
-            "examples": [0.02, "2 %"],
-            **RATIO_FORM,
-            "minimum": 0.0,
-            "maximum": MOST_LOSS,
-        }
-    ),
-]
+def find_damping_fault(share: float, what: str) -> str:
+    """Say why a number is no share of damping; empty where it is one.
+
+    Args:
+        share: Damping ratio or loss factor [-].
+        what: Which of both.
+    """
+    if 0.0 <= share < 1.0:
+        return ""
+    meant = f'"{share:g} %"' if 1.0 <= share < 100.0 else '0.02 or "2 %"'
+    return (
+        f"is {share:g} ({100.0 * share:g} %); a {what} lies between 0 and 1 (100 %); write {meant}"
+    )
+
+
+_DAMPING = JsonForm(
+    {
+        "description": "ratio from 0, below 1",
+        "examples": [0.02, "2 %"],
+        **RATIO_FORM,
+        "minimum": 0.0,
+        "exclusiveMaximum": 1.0,
+    }
+)
+DampingShare = Annotated[float, _damping("damping ratio"), _DAMPING]
+LossFactor = Annotated[float, _damping("loss factor"), _DAMPING]
 
 NotNegativeShare = Annotated[
     float, BeforeValidator(lambda value: read_share(value, "share")), _SHARE
