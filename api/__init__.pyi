@@ -116,6 +116,7 @@ class Joint(Noun, schema=joints.JointTable):
         loss_factor: Quantity | None = ...,
         errors: _Table | None = ...,
         allow_negative: bool | None = ...,
+        soft: bool | None = ...,
     ) -> None: ...
 
 class Load(Noun, schema=loads.LoadTable):

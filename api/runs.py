@@ -19,6 +19,7 @@ from headstock.pipeline.accuracy.search import plan_first_round
 from headstock.pipeline.planning.kernels import add_compiling
 from headstock.pipeline.planning.plan import Plan, StageRecord
 from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.preview.doubts import doubt_machine
 from headstock.pipeline.preview.free_motions import free_motion_warnings
 from headstock.pipeline.results.files import (
     FIGURES_FOLDER,
@@ -118,7 +119,8 @@ def check(machine: Source) -> tuple[str, ...]:
         for name, problems in scene.deferred.items()
         for problem in problems
     ]
-    return (*scene.warnings, *lacking, *free_motion_warnings(scene), *remarks)
+    doubts = doubt_machine(scene)
+    return (*scene.warnings, *lacking, *free_motion_warnings(scene), *doubts, *remarks)
 
 
 def plan(machine: Source) -> Plan:

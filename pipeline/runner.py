@@ -23,6 +23,7 @@ from headstock.pipeline.planning.budgets import check_elapsed
 from headstock.pipeline.planning.plan import Plan, Stage, StageRecord
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.planning.resources import Cost
+from headstock.pipeline.preview.doubts import doubt_machine
 from headstock.pipeline.results.files import (
     RESULTS_FILE,
     SUMMARY_FILE,
@@ -217,7 +218,7 @@ class _StageRunner:
             mesh_factors: Component to what its estimates of mesh errors are multiplied by.
         """
         state = RunState(scene, plan, self.comm, self.store, reduced=dict(reduced or {}))
-        for message in (*scene.warnings, *plan.warnings):
+        for message in (*scene.warnings, *plan.warnings, *doubt_machine(scene, read=False)):
             state.warn(message)
         if reduced is None:
             make_superelements(state, announce=self._begin, observer=self._record)

@@ -9,6 +9,7 @@ from typing import TypedDict
 
 from headstock.app.terminal.console import counted, make_console, print_assumptions, print_remarks
 from headstock.pipeline.planning.plan import Plan, StageKind
+from headstock.pipeline.preview.doubts import doubt_machine
 from headstock.pipeline.preview.free_motions import free_motion_warnings
 from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import write_output
@@ -51,7 +52,13 @@ def check_scene(
         for name, problems in scene.deferred.items()
         for problem in problems
     ]
-    warnings = [*scene.warnings, *lacking, *free_motion_warnings(scene), *remarks]
+    warnings = [
+        *scene.warnings,
+        *lacking,
+        *free_motion_warnings(scene),
+        *doubt_machine(scene),
+        *remarks,
+    ]
     print_remarks(warnings)
     _write(json_file, path, warnings=warnings, assumptions=scene.assumptions)
     return 0

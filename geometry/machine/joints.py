@@ -106,6 +106,7 @@ class Joint:
             stiffness [-].
         layer: Stiffness per area over the patches of both ends, beside ``stiffness``; None without.
         errors: Of the rail or the screw it slides along; None without.
+        soft: It is meant to deflect visibly under the weight that it carries.
     """
 
     name: str
@@ -122,6 +123,7 @@ class Joint:
     second_axis: FloatArray | None = None
     layer: ContactLayer | None = None
     errors: RailErrors | None = None
+    soft: bool = False
 
     @property
     def connects(self) -> bool:

@@ -46,6 +46,8 @@ class SolidProperties:
         inertia: ``(3, 3)`` about the centre for unit density [m^5].
         patch_areas: Area of each interface [m^2].
         patch_centroids: Centroid ``(3,)`` of each interface [m].
+        box: ``(2, 3)`` lowest and highest coordinates of the solid [m].
+        patch_boxes: The same of each interface.
         remarks: What the user should know of the file it is from.
     """
 
@@ -54,6 +56,8 @@ class SolidProperties:
     inertia: FloatArray
     patch_areas: dict[str, float] = field(default_factory=dict)
     patch_centroids: dict[str, FloatArray] = field(default_factory=dict)
+    box: FloatArray = field(default_factory=lambda: np.zeros((2, 3)))
+    patch_boxes: dict[str, FloatArray] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
 
 
@@ -65,7 +69,9 @@ def closed_form_properties(component: Component) -> SolidProperties | None:
     if isinstance(solid, PointMass):
         centers: dict[str, FloatArray] = {name: np.zeros(3) for name in component.interfaces}
         inertia = np.diag(solid.inertia) / solid.mass
-        return SolidProperties(1.0, np.zeros(3), inertia, dict.fromkeys(centers, 1.0), centers)
+        boxes: dict[str, FloatArray] = {name: np.zeros((2, 3)) for name in centers}
+        areas = dict.fromkeys(centers, 1.0)
+        return SolidProperties(1.0, np.zeros(3), inertia, areas, centers, patch_boxes=boxes)
     if isinstance(solid, Tube):
         whole = tube_properties(solid)
     elif isinstance(solid, Box | Plate) or (
@@ -74,14 +80,57 @@ def closed_form_properties(component: Component) -> SolidProperties | None:
         whole = box_sum_properties(planar_boxes(solid))
     else:
         return None
-    areas: dict[str, float] = {}
+    areas = {}
     centroids: dict[str, FloatArray] = {}
     for name, interface in component.interfaces.items():
         moment = interface_moment(solid, interface)
         if moment is None:
             return None
         areas[name], centroids[name] = moment
-    return SolidProperties(whole.volume, whole.center, whole.inertia, areas, centroids)
+    return SolidProperties(
+        whole.volume,
+        whole.center,
+        whole.inertia,
+        areas,
+        centroids,
+        _solid_box(solid),
+        {
+            name: _join_boxes([_patch_box(solid, patch) for patch in interface.patches])
+            for name, interface in component.interfaces.items()
+        },
+    )
+
+
+def _solid_box(solid: PlanarSolid | Tube) -> FloatArray:
+    if isinstance(solid, Tube):
+        radius = solid.outer_diameter / 2
+        return np.array([[-radius, -radius, 0.0], [radius, radius, solid.length]])
+    return _join_boxes([np.array(ends) for sign, *ends in planar_boxes(solid) if sign > 0.0])
+
+
+def _patch_box(solid: PlanarSolid | Tube, patch: Patch) -> FloatArray:
+    """Box ``(2, 3)`` around a patch that has a closed form."""
+    box = _solid_box(solid)
+    if patch.face not in FACE_DIRECTIONS:
+        return box  # curved faces of a tube go all around it
+    axis, sign = FACE_DIRECTIONS[patch.face]
+    box[:, axis] = box[1 if sign > 0.0 else 0, axis]
+    if isinstance(solid, Tube) or (face := named_planar_face(solid, patch.face)) is None:
+        return box
+    first, second = in_plane_axes(axis)
+    if patch.shape == "disk":
+        radius, center = patch.size[0] / 2, np.array(patch.center)[[first, second]]
+        box[:, [first, second]] = center + np.array([[-radius], [radius]])
+    else:
+        rects = np.array(patch_rects(face, patch) or face.rects)
+        box[:, first] = rects[:, 0].min(), rects[:, 1].max()
+        box[:, second] = rects[:, 2].min(), rects[:, 3].max()
+    return box
+
+
+def _join_boxes(boxes: list[FloatArray]) -> FloatArray:
+    ends = np.array(boxes)
+    return np.stack([ends[:, 0].min(axis=0), ends[:, 1].max(axis=0)])
 
 
 def solid_volume(solid: PlanarSolid | Tube) -> float:

@@ -311,7 +311,15 @@ def _measure(volume: int, faces: dict[str, list[int]]) -> SolidProperties:
         inertia,
         areas,
         centroids,
+        _box(3, [volume]),
+        {name: _box(2, tags) for name, tags in faces.items()},
     )
+
+
+def _box(dimension: int, tags: list[int]) -> FloatArray:
+    """Box ``(2, 3)`` around shapes."""
+    ends = np.array([gmsh.model.occ.getBoundingBox(dimension, tag) for tag in tags])
+    return np.stack([ends[:, :3].min(axis=0), ends[:, 3:].max(axis=0)])
 
 
 def _choose_growth(job: MeshJob, imprints: Imprints, size: float) -> float | None:

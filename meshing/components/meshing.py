@@ -155,14 +155,25 @@ def describe_component(component: Component) -> SolidProperties:
         mesh = finish_mesh(read_mesh_file(solid, what), component, groups)
         whole = integrate_mesh(mesh.points, mesh.cells, mesh.kind)
         areas, centroids = patch_moments(mesh.points, mesh.patches)
-        remarks = mesh.quality.remarks
-        return SolidProperties(whole.volume, whole.center, whole.inertia, areas, centroids, remarks)
+        boxes = {name: _box_of(mesh.points[facets]) for name, facets in mesh.patches.items()}
+        return SolidProperties(
+            *(whole.volume, whole.center, whole.inertia, areas, centroids),
+            box=_box_of(mesh.points),
+            patch_boxes=boxes,
+            remarks=mesh.quality.remarks,
+        )
     properties = closed_form_properties(component)
     if properties is None:
         properties = _describe_shape(_without_mesh_settings(component), groups).properties
     if properties is None:
         raise MeshError(f"{what}: the CAD kernel returned no properties")
     return properties
+
+
+def _box_of(points: FloatArray) -> FloatArray:
+    """Lowest and highest coordinates ``(2, 3)`` of points ``(..., 3)``."""
+    flat = points.reshape(-1, 3)
+    return np.stack([flat.min(axis=0), flat.max(axis=0)])
 
 
 @dataclasses.dataclass(frozen=True)

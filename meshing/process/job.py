@@ -210,6 +210,8 @@ def scale_properties(properties: SolidProperties, scale: float) -> SolidProperti
         properties.inertia * scale**5,
         {name: area * scale**2 for name, area in properties.patch_areas.items()},
         {name: centroid * scale for name, centroid in properties.patch_centroids.items()},
+        properties.box * scale,
+        {name: box * scale for name, box in properties.patch_boxes.items()},
     )
 
 
@@ -219,6 +221,8 @@ class _Properties(TypedDict):
     inertia: tuple[list[float], ...]
     patch_areas: dict[str, float]
     patch_centroids: dict[str, tuple[float, ...]]
+    box: list[list[float]]
+    patch_boxes: dict[str, list[list[float]]]
 
 
 def _read_properties(data: _Properties) -> SolidProperties:
@@ -226,4 +230,9 @@ def _read_properties(data: _Properties) -> SolidProperties:
         name: np.array(value, dtype=float) for name, value in data["patch_centroids"].items()
     }
     center, inertia = np.array(data["center"], dtype=float), np.array(data["inertia"], dtype=float)
-    return SolidProperties(data["volume"], center, inertia, data["patch_areas"], centroids)
+    boxes = {name: np.array(box, dtype=float) for name, box in data["patch_boxes"].items()}
+    return SolidProperties(
+        *(data["volume"], center, inertia, data["patch_areas"], centroids),
+        box=np.array(data["box"], dtype=float),
+        patch_boxes=boxes,
+    )

@@ -8,8 +8,9 @@ import numpy as np
 
 from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.skins import Skin
-from headstock.geometry.parts.solids import Box, StepFile
+from headstock.geometry.parts.solids import Box, MeshFile, StepFile
 from headstock.meshing.component_mesh import POOR_QUALITY, MeshQuality
+from headstock.meshing.mesh_units import doubt_mesh_size
 from headstock.meshing.step_units import doubt_size
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.estimates import DISCRETISATION, REDUCTION, Estimate
@@ -288,10 +289,16 @@ def _warn_of_large_errors(state: RunState) -> list[str]:
 
 
 def _size_warnings(component: Component, reduced: ReducedComponent) -> list[str]:
-    """What makes the unit of a STEP file doubtful."""
-    if not isinstance(component.solid, StepFile) or reduced.skin is None:
+    """What makes the unit of a STEP or mesh file doubtful."""
+    solid, skin = component.solid, reduced.skin
+    if not isinstance(solid, StepFile | MeshFile) or skin is None:
         return []
-    doubt = doubt_size(component.solid.path, float(np.ptp(reduced.skin.points, axis=0).max()))
+    extent = float(np.ptp(skin.points, axis=0).max())
+    doubt = (
+        doubt_size(solid.path, extent)
+        if isinstance(solid, StepFile)
+        else doubt_mesh_size(solid, extent, reduced.superelement.mass_kg)
+    )
     return [] if doubt is None else [f"component {component.name!r}: {doubt}"]
 
 

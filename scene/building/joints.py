@@ -364,6 +364,7 @@ def build_joint(name: str, table: JointTable) -> Joint:
         length=table.length,
         screw=None if table.screw is None else build_shaft(table.screw),
         loss_factor=table.loss_factor,
+        soft=table.soft,
         second_axis=np.array(table.normal)
         if table.kind == "universal" and table.normal is not None
         else None,

@@ -73,7 +73,6 @@ from headstock.scene.building.path import (
 )
 from headstock.scene.building.plausibility import (
     check_mode_counts,
-    check_mounts,
     check_numbers,
     check_unused_interfaces,
 )
@@ -137,7 +136,6 @@ CHECKS_OF_ENTRIES: tuple[Callable[[Draft, Findings], None], ...] = (
     check_comparison,
     check_numbers,
     check_unused_interfaces,
-    check_mounts,
     check_mode_counts,
 )
 # These need all entries: what is not there is then missing, and not just refused.

@@ -1,31 +1,25 @@
-"""Numbers of a scene that look wrong: densities, sizes, weights, soft mounts, and frequencies far
-above anything useful.
+"""Numbers of a scene that look wrong: densities, sizes, weights, and frequencies far above anything
+useful. What joints and weights do to each other is in ``pipeline/preview/doubts.py``.
 """
 
 import math
 from collections.abc import Iterator
-
-import numpy as np
 
 from headstock.geometry.parts.components import weigh_modes
 from headstock.geometry.parts.mass_properties import solid_volume
 from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Solid, Tube
 from headstock.scene.building.components import bounding_box
 from headstock.scene.building.draft import Draft
-from headstock.scene.building.joints import build_joint, find_joint_faults, sound_joints
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.schema.components import ComponentTable
-from headstock.scene.schema.effects import STANDARD_GRAVITY
 from headstock.scene.schema.scene import SceneTable
 
 SOUND_SPEEDS = (500.0, 15000.0)
 DENSITIES = (100.0, 25000.0)
-SIZES = (1e-5, 100.0)
+# of the thinnest and the longest side, and of the longest at least [m]
+SIZES, LEAST_LENGTH = (1e-5, 50.0), 1e-4
 MASS_RATIOS = (0.05, 20.0)  # of a written mass to that of the solid
-MOST_DEFLECTION = (
-    1.0  # under the own weight on springs to ground [m]; air springs of 1 Hz have 0.25 m
-)
 MOST_MODES = 3000
 DEFORMING = ("elastic", "polynomial")
 
@@ -53,11 +47,13 @@ def check_numbers(draft: Draft, findings: Findings) -> None:
     for name, solid in solids.items():
         box = bounding_box(solid)
         sizes = [high - low for low, high in box] if box else []
-        if sizes and not (SIZES[0] <= min(sizes) and max(sizes) <= SIZES[1]):
+        if sizes and not (
+            SIZES[0] <= min(sizes) and max(sizes) >= LEAST_LENGTH and max(sizes) <= SIZES[1]
+        ):
             text = " x ".join(f"{size:.3g}" for size in sizes)
             findings.warn(
                 ("components", name, "solid"),
-                f"measures {text} m; a machine part is {SIZES[0]:g} to {SIZES[1]:g} m",
+                f"measures {text} m; a machine part is {LEAST_LENGTH:g} to {SIZES[1]:g} m long and no thinner than {SIZES[0]:g} m; check the units",
             )
         _check_weight(name, solid, scene, findings)
         if scene.components[name].mesh.order == 1 and scene.components[name].fidelity == "elastic":
@@ -94,43 +90,6 @@ def _texts(value: object) -> Iterator[str]:
     elif isinstance(value, list):
         for inner in value:
             yield from _texts(inner)
-
-
-def check_mounts(draft: Draft, findings: Findings) -> None:
-    """Springs to ground carry the weight of what is known of the machine without a deflection of
-    metres.
-    """
-    scene, solids = draft.table, draft.solids
-    grounded = {
-        name: table
-        for name, table in sound_joints(scene).items()
-        if any(end.component is None for end in table.between)
-    }
-    joints = [
-        build_joint(name, table) for name, table in grounded.items() if not find_joint_faults(table)
-    ]
-    if (
-        not joints
-        or scene.supports
-        or len(joints) < len(grounded)
-        or any(joint.fixed for joint in joints)
-    ):
-        return
-    tables = scene.components
-    known = [
-        tables[name].mass or _own_mass(tables[name], solid, scene) or 0.0
-        for name, solid in solids.items()
-    ]
-    stiffness = sum(joint.rotation @ joint.stiffness[:3, :3] @ joint.rotation.T for joint in joints)
-    stiffest = float(np.linalg.eigvalsh(stiffness)[-1])
-    deflection = math.inf if stiffest <= 0.0 else sum(known) * STANDARD_GRAVITY / stiffest
-    if deflection > MOST_DEFLECTION:
-        names = ", ".join(grounded)
-        findings.warn(
-            ("joints", next(iter(grounded)), "stiffness"),
-            f"{names}: {sum(known):.3g} kg on {stiffest:.3g} N/m in the stiffest direction would sink by {deflection:.3g} m under their "
-            "weight; check the unit",
-        )
 
 
 def check_mode_counts(draft: Draft, findings: Findings) -> None:

@@ -42,6 +42,7 @@ class FamilyTable(StrictTable):
         size: What the number in the name is.
         factor: The stiffness of a real one lies within the value divided and multiplied by this.
         rotation_factor: The same of rotations; as ``factor`` where there is none.
+        soft: Whether it deflects visibly under the weight it carries.
         loss_factor: Structural damping as a share of the stiffness.
         loss_factor_range: Where that of a real one lies.
         preload: Which one the values are for.
@@ -53,6 +54,7 @@ class FamilyTable(StrictTable):
     title: str
     kind: Literal["linear_guide", "ball_screw", "bearing", "mount"]
     size: str
+    soft: bool = False
     factor: Annotated[float, Field(gt=1.0)]
     rotation_factor: Annotated[float | None, Field(gt=1.0)] = None
     loss_factor: Annotated[float, Field(gt=0.0, lt=1.0)]
@@ -99,6 +101,8 @@ def read_catalogue() -> dict[str, CatalogueEntry]:
             if own.screw:
                 keys["screw"] = {**own.screw}
             keys["loss_factor"] = family.loss_factor
+            if family.soft:
+                keys["soft"] = True
             entries[f"{stem}_{size}"] = CatalogueEntry(f"{stem}_{size}", stem, family, keys)
     return entries
 

@@ -118,3 +118,4 @@ class JointTable(StrictTable):
     loss_factor: LossFactor = 0.0
     errors: RailErrorsTable | None = None
     allow_negative: Flag = False
+    soft: Flag = False

@@ -208,6 +208,7 @@ NOTES = {
     "Joint.damping": "viscous damping of its directions, the same keys; used with the effect `damping`",
     "Joint.loss_factor": "structural damping as a share of its stiffness; used with the effect `damping`",
     "Joint.allow_negative": "accept a negative stiffness or damping",
+    "Joint.soft": "accept that it deflects by more than a millimetre under the weight it carries, as air springs and rubber mounts do",
     "Axis.joints": "joints across which the axis moves",
     "Axis.joint": "the joint across which it moves, where there is only one",
     "Axis.direction": "direction of travel; default: the joint's own axis",

@@ -193,42 +193,6 @@ def test_an_interface_that_nothing_refers_to_may_average(tmp_path: Path) -> None
     assert load_scene(write_scene(tmp_path, text)).warnings == ()
 
 
-@pytest.mark.parametrize(("stiffness", "count"), [("200 N/m", 1), ("20 kN/m", 0)])
-def test_a_machine_that_would_sink_by_metres_on_its_mounts_is_warned_of(
-    tmp_path: Path, stiffness: str, count: int
-) -> None:
-    text = """
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.bed]
-solid = { box = ["1 m", "0.5 m", "0.25 m"] }
-material = "steel"
-fidelity = "rigid"
-[components.bed.interfaces]
-bottom = { face = "z-" }
-"""
-    for number, (x, y) in enumerate([(400, 200), (-400, 200), (400, -200), (-400, -200)]):
-        text += f"""[joints.mount_{number}]
-between = ["bed.bottom", "ground"]
-kind = "mount"
-at = ["{x} mm", "{y} mm", "0 mm"]
-stiffness = {{ vertical = "{stiffness}", horizontal = "{stiffness}" }}
-"""
-    found = [
-        warning
-        for warning in load_scene(write_scene(tmp_path, text + "[analyses.modal]\n")).warnings
-        if "would sink" in warning
-    ]
-    assert len(found) == count
-    if found:
-        assert all(
-            word in found[0] for word in ("mount_0, mount_1, mount_2, mount_3", "981 kg", "800 N/m")
-        )
-        assert "by 12 m" in found[0]
-
-
 def test_what_an_analysis_on_request_lacks_is_a_problem_once_it_is_asked_for(
     tmp_path: Path,
 ) -> None:

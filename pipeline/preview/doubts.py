@@ -1,0 +1,262 @@
+"""What looks like a slip in a machine before anything is computed: parts of a size that no part has,
+joints whose ends lie far apart, supports that sink under their weight.
+"""
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.errors import HeadstockError
+from headstock.geometry.frames import FloatArray, Frame
+from headstock.geometry.machine.joints import Joint, JointEnd
+from headstock.geometry.machine.machine import Machine, Pose, place_components
+from headstock.geometry.parts.components import Component, Support
+from headstock.geometry.parts.mass_properties import SolidProperties, closed_form_properties
+from headstock.geometry.parts.solids import MeshFile, PointMass, SuperelementFile
+from headstock.meshing.mesh_units import doubt_mesh_size
+from headstock.pipeline.planning.planner import choose_poses
+from headstock.pipeline.storage.part_files import describe_solid
+from headstock.pipeline.storage.store import Store, default_store_root
+from headstock.reduction.components.rigid import reduce_rigid
+from headstock.reduction.coupling.channels import GRAVITY
+from headstock.reduction.coupling.coupling import couple
+from headstock.reduction.motions.body_motions import name_families, split_number
+from headstock.scene.scene import Scene
+from headstock.solvers.linear.static_response import solve_balanced
+
+MOST_DEFLECTION = 1e-3  # of a support or joint under the weight that it carries [m]
+SLIDING = ("linear_guide", "ball_screw", "prismatic")
+TOUCHING = 0.01  # of the larger interface: areas that near lie on each other
+POINT_REACH = 1.0  # of a point mass from the area that carries it [m]
+EVERY_DOF = (0, 1, 2, 3, 4, 5)
+
+type Parts = Mapping[str, SolidProperties]
+
+
+@dataclass(frozen=True, eq=False)
+class _Area:
+    """A box around an interface where it stands.
+
+    Attributes:
+        frame: Of its component.
+        box: ``(2, 3)`` in that frame [m].
+        point_mass: Whether it is the place of a mass without a shape.
+    """
+
+    frame: Frame
+    box: FloatArray
+    point_mass: bool
+
+    @property
+    def size(self) -> float:
+        """Longest side [m]."""
+        return float(np.ptp(self.box, axis=0).max())
+
+    @property
+    def middle(self) -> FloatArray:
+        """``(3,)`` in the machine frame [m]."""
+        return np.asarray(self.frame.origin + self.frame.rotation @ self.box.mean(axis=0))
+
+    @property
+    def places(self) -> FloatArray:
+        """``(27, 3)`` places all over it in the machine frame [m]."""
+        levels = [self.box[0], self.box.mean(axis=0), self.box[1]]
+        local = np.array(
+            [[levels[i][0], levels[j][1], levels[k][2]] for i, j, k in _GRID], dtype=float
+        )
+        return np.asarray(self.frame.origin + local @ self.frame.rotation.T)
+
+    def distance(self, places: FloatArray) -> float:
+        """Shortest distance of places ``(n, 3)`` in the machine frame from the box [m]."""
+        local = (places - self.frame.origin) @ self.frame.rotation
+        outside = np.maximum(np.maximum(self.box[0] - local, local - self.box[1]), 0.0)
+        return float(np.linalg.norm(outside, axis=1).min())
+
+
+_GRID = list(itertools.product(range(3), repeat=3))
+
+
+def doubt_machine(scene: Scene, *, read: bool = True) -> tuple[str, ...]:
+    """Warnings of what looks like a slip; empty where nothing does.
+
+    Args:
+        scene: As loaded.
+        read: Ask the CAD kernel and mesh files for sizes, where they are not kept; without it only
+            parts with a closed form are looked at.
+    """
+    parts = _describe_parts(scene.machine, read=read)
+    pose = next(iter(choose_poses(scene).values()))
+    warnings = [
+        f"component {name!r}: {doubt}"
+        for name, properties in parts.items()
+        for doubt in [_doubt_part(scene.machine.components[name], properties)]
+        if doubt
+    ]
+    try:
+        warnings += _doubt_joints(scene.machine, parts, pose)
+        warnings += _doubt_deflections(scene.machine, parts, pose)
+    except (HeadstockError, ValueError):
+        pass  # a pose or a joint that cannot be had is the matter of its own stage
+    return tuple(warnings)
+
+
+def _describe_parts(machine: Machine, *, read: bool) -> Parts:
+    store, found = Store(default_store_root()), {}
+    for name, part in machine.components.items():
+        if isinstance(part.solid, SuperelementFile):
+            continue
+        closed = closed_form_properties(part)
+        if closed is None and read:
+            try:
+                closed = describe_solid(part, store)
+            except HeadstockError:
+                continue  # its own stage says so
+        if closed is not None:
+            found[name] = closed
+    return found
+
+
+def _doubt_part(component: Component, properties: SolidProperties) -> str | None:
+    if not isinstance(component.solid, MeshFile):
+        return None
+    mass = component.mass or component.material.density * properties.volume
+    extent = float(np.ptp(properties.box, axis=0).max())
+    return doubt_mesh_size(component.solid, extent, mass)
+
+
+def _doubt_joints(machine: Machine, parts: Parts, pose: Pose) -> list[str]:
+    """Joints whose ends lie farther apart than their larger interface; of joints that differ by a
+    number the farthest.
+    """
+    frames = place_components(machine, pose)
+    along = {
+        joint: axis.direction
+        for axis in machine.axes.values()
+        if axis.kind == "linear"
+        for joint in axis.joints
+    }
+    worst: dict[str, tuple[float, str]] = {}
+    for name, joint in machine.joints.items():
+        areas = [_area_of(end, machine, parts, frames) for end in joint.ends]
+        known = [area for area in areas if area is not None]
+        screw = machine.joints.get(name.removesuffix("_shaft"))
+        slides = joint.kind in SLIDING or (screw is not None and screw.kind == "ball_screw")
+        free = joint.rotation[:, 0] if slides else along.get(name)
+        found = _doubt_distance(joint, known, free)
+        stem = split_number(name)[0]
+        if found is not None and found[0] > worst.get(stem, (0.0, ""))[0]:
+            worst[stem] = found
+    return [words for _, words in worst.values()]
+
+
+def _area_of(
+    end: JointEnd, machine: Machine, parts: Parts, frames: Mapping[str, Frame]
+) -> _Area | None:
+    """Where an end is; None of ground and where it is not known."""
+    if end.component not in parts or end.interface not in parts[end.component].patch_boxes:
+        return None
+    point = isinstance(machine.components[end.component].solid, PointMass)
+    return _Area(frames[end.component], parts[end.component].patch_boxes[end.interface], point)
+
+
+def _doubt_distance(
+    joint: Joint, areas: list[_Area], free: FloatArray | None
+) -> tuple[float, str] | None:
+    """How far the ends of a joint are apart [m] and what is said of it; None where they meet.
+
+    Args:
+        joint: The joint.
+        areas: Of its ends, as far as they are known.
+        free: ``(3,)`` direction that it slides along, in which ends may lie apart.
+    """
+    if len(areas) < 2 or all(area.point_mass for area in areas):
+        return None
+    first, second = areas
+    limit = max(area.size for area in areas)
+    if first.point_mass or second.point_mass:
+        limit = max(limit, POINT_REACH)
+    apart = second.middle - first.middle
+    shift = np.zeros(3) if free is None else (apart @ free) * free
+    distance = float(np.linalg.norm(apart - shift))
+    gap = min(first.distance(second.places - shift), second.distance(first.places + shift))
+    if distance <= limit or gap <= TOUCHING * limit:
+        return None
+    ends = " and ".join(str(end) for end in joint.ends)
+    across = "" if free is None else " across its direction of travel"
+    return (
+        distance,
+        f"joint {joint.name}: the middles of {ends} are {_show_length(distance)} apart{across}, and the larger of both measures "
+        f"{_show_length(max(area.size for area in areas))}; check `at` of both components and the interfaces that the joint names",
+    )
+
+
+def _show_length(length: float) -> str:
+    return f"{1e3 * length:.3g} mm" if length < 1.0 else f"{length:.3g} m"
+
+
+def _doubt_deflections(machine: Machine, parts: Parts, pose: Pose) -> list[str]:
+    """Joints that deflect under the weight that they carry, with every body rigid; nothing where
+    that is not known, or where gravity moves what nothing holds.
+    """
+    if machine.mechanism is not None or len(parts) < len(machine.components):
+        return []
+    bodies = {
+        name: reduce_rigid(part, parts[name])
+        for name, part in machine.components.items()
+        if part.interfaces
+    }
+    held = {
+        joint.name: joint
+        for support in machine.supports.values()
+        if (joint := _hold(support, machine)) is not None
+    }
+    bare = dataclasses.replace(
+        machine,
+        joints={
+            name: dataclasses.replace(joint, errors=None) for name, joint in machine.joints.items()
+        }
+        | held,
+        components={name: machine.components[name] for name in bodies},
+        points={},
+        loads={},
+        displacements={},
+        gravity_stiffening=False,
+    )
+    coupled = couple(bodies, bare, pose, gravity=np.array(machine.gravity))
+    balance = solve_balanced(coupled.system, coupled.loads[GRAVITY][:, None])
+    if not balance.balanced[0]:
+        return []
+    moved = balance.displacements[:, 0]
+    sunk = {
+        spring.name: (deflection, float(spring.stiffness[:3, :3].max()))
+        for spring in coupled.joint_springs
+        for stretch in [(spring.rows @ moved)[:3] * (spring.stiffness[:3, :3].diagonal() > 0.0)]
+        if (deflection := float(np.linalg.norm(stretch))) > MOST_DEFLECTION
+        and not machine.joints[spring.name].soft
+    }
+    warnings = []
+    for family, names in name_families(sunk).items():
+        deflection, stiffness = max(sunk[name] for name in names)
+        frequency = math.sqrt(np.linalg.norm(machine.gravity) / deflection) / (2.0 * math.pi)
+        grounded = any(end.component is None for end in machine.joints[names[0]].ends)
+        what = "sinks" if grounded else "gives"
+        warnings.append(
+            f"joint {family} {what} by {_show_length(deflection)} under the weight it carries, with {stiffness:.3g} N/m at most, "
+            f"as a mount of {frequency:.2g} Hz; check the unit of its stiffness, or write soft = true where an air spring or rubber is meant"
+        )
+    return warnings
+
+
+def _hold(support: Support, machine: Machine) -> Joint | None:
+    """A rigid joint to ground in place of a support, which is at least as stiff; None for a body
+    without an interface that it could act at.
+    """
+    interfaces = machine.components[support.component].interfaces
+    if not interfaces:
+        return None
+    end = JointEnd(support.component, next(iter(interfaces)))
+    return Joint(f"supports.{support.name}", (end, JointEnd()), "rigid", fixed=EVERY_DOF)

@@ -1,0 +1,236 @@
+"""What looks like a slip is said with its size and a remedy, and nothing else is."""
+
+from pathlib import Path
+
+import pytest
+
+import headstock as hs
+
+ROOT = Path(__file__).resolve().parents[2]
+MACHINES = [path for path in (ROOT / "machines").glob("*.toml") if "_targets" not in path.stem]
+HEAD = """
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[analyses.modal]
+"""
+BED = """
+[components.bed]
+solid = { box = ["1 m", "500 mm", "250 mm"] }
+material = "steel"
+fidelity = "rigid"
+[components.bed.interfaces]
+bottom = { face = "z-" }
+top = { face = "z+" }
+"""
+BLOCK = """
+[components.block]
+solid = { box = ["100 mm", "60 mm", "200 mm"] }
+material = "steel"
+at = ["PLACE", "0 mm", "250 mm"]
+fidelity = "rigid"
+[components.block.interfaces]
+foot = { face = "z-" }
+[joints.screws]
+between = ["block.foot", "bed.top"]
+kind = "rigid"
+[joints.floor]
+between = ["bed.bottom", "ground"]
+kind = "rigid"
+"""
+FEET = """
+[joints.foot]
+between = ["bed.bottom", "ground"]
+kind = "mount"
+places = [["400 mm", "200 mm", "0 mm"], ["-400 mm", "200 mm", "0 mm"], ["0 mm", "-200 mm", "0 mm"]]
+stiffness = { vertical = "STIFFNESS", horizontal = "STIFFNESS" }
+"""
+
+
+def warnings_of(folder: Path, text: str) -> list[str]:
+    path = folder / "scene.toml"
+    path.write_text(HEAD + text)
+    return list(hs.check(path))
+
+
+@pytest.mark.parametrize("path", MACHINES, ids=lambda path: path.stem)
+def test_machines_that_ship_have_no_slips(path: Path) -> None:
+    assert [text for text in hs.check(path) if "apart" in text or "under the weight" in text] == []
+
+
+RIGID = 'kind = "rigid"\n[joints.floor]'
+GUIDE = (
+    'kind = "linear_guide"\naxis = "AXIS"\nstiffness = { lateral = "1 N/um", normal = "1 N/um" }\n'
+    "[joints.floor]"
+)
+PAD = ', disk = { center = ["0 mm", "0 mm"], diameter = "40 mm" } }'
+
+
+@pytest.mark.parametrize(
+    ("place", "joint", "words"),
+    [
+        ("0 mm", RIGID, ""),
+        ("540 mm", RIGID, ""),  # over the edge of the bed, but on it
+        ("4.6 m", RIGID, "4.6 m apart"),
+        # along its travel a carriage may be anywhere, across it not
+        ("1.4 m", GUIDE.replace("AXIS", "x"), ""),
+        ("1.4 m", GUIDE.replace("AXIS", "y"), "1.4 m apart across its direction of travel"),
+    ],
+)
+def test_ends_of_a_joint_that_lie_apart(tmp_path: Path, place: str, joint: str, words: str) -> None:
+    text = BED + BLOCK.replace("PLACE", place).replace(RIGID, joint)
+    found = [each for each in warnings_of(tmp_path, text) if "apart" in each]
+    assert len(found) == bool(words)
+    for each in found:
+        assert words in each
+        assert all(part in each for part in ("block.foot and bed.top", "measures 1 m", "`at`"))
+
+
+@pytest.mark.parametrize(
+    ("height", "words"), [("0.27 m", ""), ("0.381 m", "131 mm"), ("6.25 m", "6 m")]
+)
+def test_ends_of_small_interfaces(tmp_path: Path, height: str, words: str) -> None:
+    text = (
+        (BED + BLOCK)
+        .replace('"z+" }', f'"z+"{PAD}')
+        .replace('foot = { face = "z-" }', f'foot = {{ face = "z-"{PAD}')
+    )
+    text = text.replace('"PLACE", "0 mm", "250 mm"', f'"0 mm", "0 mm", "{height}"')
+    found = [each for each in warnings_of(tmp_path, text) if "apart" in each]
+    assert len(found) == bool(words)
+    assert all(f"{words} apart" in each and "40 mm" in each for each in found)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (FEET.replace("STIFFNESS", "200 N/m"), "foot_1..3 sinks by 24.1 m"),
+        (FEET.replace("STIFFNESS", "200 N/um"), ""),
+        (FEET.replace("STIFFNESS", "30 N/mm").replace("kind", "soft = true\nkind"), ""),
+        ('[joints.spring]\nfrom = "catalogue:air_spring_5kN"\nbetween = ["bed.bottom", "ground"]\n'
+         "places = [['400 mm', '200 mm', '0 m'], ['-400 mm', '200 mm', '0 m'], ['0 m', '-200 mm', '0 m']]\n", ""),
+        # on a plate whose own feet are too soft
+        (
+            '[components.plate]\nsolid = { box = ["1 m", "1 m", "50 mm"] }\nmaterial = "steel"\nfidelity = "rigid"\n'
+            'at = ["0 mm", "0 mm", "-50 mm"]\ninterfaces = { low = { face = "z-" }, high = { face = "z+" } }\n'
+            '[joints.bolts]\nbetween = ["bed.bottom", "plate.high"]\nkind = "rigid"\n'
+            '[joints.pad]\nbetween = ["plate.low", "ground"]\nkind = "mount"\n'
+            'stiffness = { vertical = "900 N/mm", horizontal = "1 kN/mm", tilt = "1 kN m/mrad", torsion = "1 kN m/mrad" }\n',
+            "pad sinks by 15 mm",
+        ),
+        # hanging from the ceiling
+        (
+            '[joints.rope]\nbetween = ["bed.top", "ground"]\nkind = "spring"\n'
+            'stiffness = { x = "1 N/um", y = "1 N/um", z = "1 N/um", rx = "1 kN m/mrad", ry = "1 kN m/mrad", rz = "1 kN m/mrad" }\n',
+            "rope sinks by 9.62 mm",
+        ),
+        # masses only
+        (
+            '[components.mass]\nsolid = { point_mass = "2 t" }\n[joints.hung]\nbetween = ["mass.center", "ground"]\n'
+            'kind = "spring"\nstiffness = { x = "1 N/um", y = "1 N/um", z = "4 N/um" }\n'
+            '[joints.floor]\nbetween = ["bed.bottom", "ground"]\nkind = "rigid"\n',
+            "hung sinks by 4.9 mm",
+        ),
+    ],
+)  # fmt: skip
+def test_a_support_that_sinks(tmp_path: Path, text: str, words: str) -> None:
+    found = [each for each in warnings_of(tmp_path, BED + text) if "under the weight" in each]
+    assert len(found) == bool(words)
+    assert all(words in each and "soft = true" in each for each in found)
+
+
+BAR = """*NODE
+1, 0, 0, 0
+2, {0}, 0, 0
+3, {0}, {0}, 0
+4, 0, {0}, 0
+5, 0, 0, {0}
+6, {0}, 0, {0}
+7, {0}, {0}, {0}
+8, 0, {0}, {0}
+*ELEMENT, TYPE=C3D8, ELSET=ALL
+1, 1, 2, 3, 4, 5, 6, 7, 8
+"""
+MESH = """
+[components.part]
+solid = { mesh = "part.inp"UNIT }
+material = "steel"
+fidelity = "rigid"
+interfaces = { foot = { face = "z-" } }
+[joints.floor]
+between = ["part.foot", "ground"]
+kind = "bolted"
+stiffness = { normal = "1e5 N/um", shear = "1e5 N/um", tilt = "1e9 N m/rad", torsion = "1e9 N m/rad" }
+soft = true
+"""
+
+
+@pytest.mark.parametrize(
+    ("size", "unit", "words"),
+    [
+        (300, "", 'unit = "1 mm" (0.3 m)'),
+        (12, "", 'unit = "1 inch" (0.305 m)'),
+        (300, ', unit = "1 mm"', ""),
+        (1.5, "", ""),
+        (0.05, ', unit = "1 mm"', 'unit = "1 m" (0.05 m)'),
+        (12, ', unit = "1 inch"', ""),
+    ],
+)
+def test_the_unit_of_a_mesh_in_doubt(tmp_path: Path, size: float, unit: str, words: str) -> None:
+    (tmp_path / "part.inp").write_text(BAR.format(size))
+    found = [
+        each for each in warnings_of(tmp_path, MESH.replace("UNIT", unit)) if "part.inp" in each
+    ]
+    assert len(found) == bool(words)
+    assert all(words in each for each in found)
+    ran = [each for each in hs.run(tmp_path / "scene.toml").warnings if "part.inp" in each]
+    assert len(ran) == bool(words)
+
+
+@pytest.mark.parametrize(
+    "setting",
+    [
+        {"effects": {"damping": {"modal": 2}}},
+        {"effects": {"damping": {"modal": ["2 %", "100 %"]}}},
+        {"materials.steel.loss_factor": 1.0},
+        {"joints.foot_1.loss_factor": "150 %"},
+        {
+            "analyses.lobes": {
+                "speeds": ["3000 rpm", "6000 rpm", 2],
+                "mill": {"diameter": "20 mm", "teeth": 4},
+                "material": "al7075-t6",
+                "radial_depth": "5 mm",
+                "tool_modes": [
+                    {"name": "a", "frequency": "900 Hz", "damping": 4, "stiffness": "60 N/um"}
+                ],
+            }
+        },
+    ],
+)
+def test_damping_of_a_hundred_per_cent_is_refused(
+    tmp_path: Path, setting: dict[str, object]
+) -> None:
+    path = tmp_path / "scene.toml"
+    points = '[points]\ntcp = { tool = "bed.top", work = "ground" }\n'
+    path.write_text(HEAD + BED + points + FEET.replace("STIFFNESS", "200 N/um"))
+    with pytest.raises(hs.SceneError, match=r"lies between 0 and 1 \(100 %\)"):
+        hs.load(path, set=setting)
+
+
+def test_fewer_modes_than_asked_for_have_a_reason(tmp_path: Path) -> None:
+    path = tmp_path / "scene.toml"
+    chain = '[chains.c]\nfrom = "ground"\naxis = "x"\nmasses = ["1 kg", "2e-19 kg", "1 kg"]\n'
+    springs = 'stiffness = ["1 N/um", "2 N/um", "1 N/um"]\n'
+    path.write_text(f"[analyses.modal]\ncount = 3\n{chain}{springs}")
+    (found,) = [each for each in hs.run(path).warnings if "modal.count" in each]
+    assert all(words in found for words in ("2 modes of the 3", "c_2 (2e-19 kg)", "inertia"))
+    path.write_text(f"[analyses.modal]\n{chain}{springs}".replace("2e-19", "2"))
+    assert [each for each in hs.run(path).warnings if "modal.count" in each] == []
+    (found,) = [
+        each
+        for each in hs.run(hs.load(path, set={"analyses.modal.count": 9})).warnings
+        if "modal.count" in each
+    ]
+    assert "3 modes of the 9" in found
+    assert "3 degrees of freedom" in found
