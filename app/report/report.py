@@ -106,6 +106,7 @@ from headstock.app.texts.bounded_values import (
     transient_words,
 )
 from headstock.app.texts.curves import overlaid_responses
+from headstock.app.texts.remarks import fold_remarks
 from headstock.geometry.frames import DIRECTIONS
 from headstock.geometry.machine.machine import show_position
 from headstock.pipeline.answers.estimates import show_share
@@ -545,6 +546,7 @@ def report_environment() -> jinja2.Environment:
     }
     environment.filters |= filters
     environment.globals |= {
+        "fold_remarks": fold_remarks,
         "draw_budget": draw_budget,
         "draw_stack": draw_stack,
         "draw_frequencies": draw_frequencies,

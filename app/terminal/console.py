@@ -15,6 +15,7 @@ from rich.segment import Segment
 from rich.table import Column, Table
 from rich.text import Text
 
+from headstock.app.texts.remarks import fold_remarks
 from headstock.scene.scene import Scene
 
 WIDTH_WITHOUT_TERMINAL = 100
@@ -67,7 +68,7 @@ def make_console(*, stderr: bool = False) -> Console:
 def print_remarks(remarks: Sequence[str]) -> None:
     """What the user should know: warnings of a run, or of how its results were written."""
     console = make_console()
-    for remark in remarks:
+    for remark in fold_remarks(remarks):
         console.print(f"warning: {remark}", style="yellow", markup=False)
 
 

@@ -494,19 +494,29 @@ def _acts(spring: PlacedJoint, part: SpringDirection) -> bool:
 
 
 def _ratio_warnings(parts: Sequence[SpringDirection], most_compliant: SpringDirection) -> list[str]:
-    warnings = []
+    """A warning per joint that is far stiffer than the most compliant one, with its stiffest
+    direction; a contact layer has one direction per deformation shape.
+
+    Args:
+        parts: Of all joints, the stiffest first.
+        most_compliant: The last of them.
+    """
+    stiff: dict[str, list[SpringDirection]] = {}
     for part in parts:
-        ratio = abs(part.level / most_compliant.level)
-        if ratio <= STIFF_RATIO:
+        if abs(part.level / most_compliant.level) <= STIFF_RATIO:
             break
-        text = (
-            f"joint {part.joint}, {part.dof}: {part.stiffness:.3g} is {ratio:.2g} times as stiff as "
-            f"joint {most_compliant.joint}, {most_compliant.dof} ({most_compliant.stiffness:.3g})"
-        )
+        stiff.setdefault(part.joint, []).append(part)
+    warnings = []
+    for joint, found in stiff.items():
+        first, ratio = found[0], abs(found[0].level / most_compliant.level)
+        more = f" (and {len(found) - 1} more of its directions)" if len(found) > 1 else ""
         remedy = (
             "check the units of both"
             if ratio > ABSURD_RATIO
             else "it acts as rigid; hold the dof instead if that is meant"
         )
-        warnings.append(f"{text}; {remedy}")
+        warnings.append(
+            f"joint {joint}, {first.dof}{more}: {first.stiffness:.3g} is {ratio:.2g} times as stiff as "
+            f"joint {most_compliant.joint}, {most_compliant.dof} ({most_compliant.stiffness:.3g}); {remedy}"
+        )
     return warnings
