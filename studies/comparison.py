@@ -7,6 +7,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray, rigid_map
 from headstock.pipeline.answers.frf import ResponseCurves
+from headstock.pipeline.results.short_forms import ShortForm, list_few
 from headstock.pipeline.stages.run_state import PoseModel
 from headstock.reduction.motions.body_fields import BodyPlaces, choose_places, machine_field
 from headstock.solvers.pairing.mode_pairing import SAME_MODE, ModeSet, correlate_modes, pair_modes
@@ -86,6 +87,33 @@ class Comparison:
     not_computed: dict[str, str]
     columns: tuple[str, ...]
     not_compared: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return self._short_form().text()
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        return self._short_form().html()
+
+    def _short_form(self) -> ShortForm:
+        facts = [
+            ("pose", self.pose),
+            ("variants", list_few(self.columns)),
+            ("reference", self.reference),
+            ("rows", f"{len(self.rows)} modes"),
+        ]
+        rows = [
+            [
+                row.name,
+                *(
+                    f"{row.cells[name].frequency_hz:.5g}" if name in row.cells else "-"
+                    for name in self.columns
+                ),
+            ]
+            for row in self.rows
+        ]
+        head = ["mode", *(f"{name} [Hz]" for name in self.columns)]
+        return ShortForm(f"Comparison of variants of {self.scene}", facts, head, rows)
 
 
 @dataclass(eq=False)

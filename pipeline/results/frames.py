@@ -25,6 +25,25 @@ def make_frame(results: Results, name: str) -> pandas.DataFrame:
     return pandas.DataFrame(TABLES[name](results))
 
 
+def frame_columns(columns: Mapping[str, Column]) -> pandas.DataFrame:
+    """A frame of columns; those of numbers alone, or of none, are floats.
+
+    Args:
+        columns: Head to the value in each row.
+    """
+    numbers = {
+        name: [float(value) if isinstance(value, int | float) else value for value in values]
+        if all(value is None or type(value) in (int, float) for value in values)
+        else values
+        for name, values in columns.items()
+    }
+    frame = pandas.DataFrame(numbers)
+    for name, values in numbers.items():
+        if all(value is None or isinstance(value, float) for value in values):
+            frame[name] = frame[name].astype(float)
+    return frame
+
+
 def _list_modes(results: Results) -> list[Mapping[str, object]]:
     return [
         {

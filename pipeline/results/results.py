@@ -1,8 +1,9 @@
 """``Results``: everything that a run found, with its warnings, costs and provenance."""
 
 import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 from headstock.geometry.errors import HeadstockError
@@ -14,6 +15,7 @@ from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.answers.static import PointCompliance, StaticAnswer
 from headstock.pipeline.planning.plan import StageRecord
 from headstock.pipeline.results.grids import MESH_MODULE, Grid, pose_numbers, surface_grid
+from headstock.pipeline.results.short_forms import ShortForm, list_few, show_value
 from headstock.pipeline.results.views import MachineView, pick_name
 from headstock.pipeline.storage.provenance import Provenance
 
@@ -21,7 +23,40 @@ if TYPE_CHECKING:
     import pandas
     import pyvista
 
+# of which a few lines say something of their own
+SHOWN_ANSWERS = ("PoseModes", "StaticAnswer", "PoseResponse")
+
 type MeshReader = Callable[[str, str | None], pyvista.UnstructuredGrid]
+
+
+type Frame = pandas.DataFrame
+
+
+def frame_columns(columns: Mapping[str, list[object]]) -> Frame:
+    """A pandas frame of columns; those of numbers alone, or of none, are floats.
+
+    Args:
+        columns: Head to the value in each row.
+
+    Raises:
+        HeadstockError: pandas is missing.
+    """
+    frame: Frame = _load_frames().frame_columns(columns)
+    return frame
+
+
+def _load_frames() -> ModuleType:
+    """The module that makes pandas frames.
+
+    Raises:
+        HeadstockError: pandas is missing.
+    """
+    try:
+        return importlib.import_module("headstock.pipeline.results.frames")
+    except ModuleNotFoundError as missing:
+        raise HeadstockError(
+            "tables are pandas': pip install pandas, or start with ./headstock python"
+        ) from missing
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +124,43 @@ class Results:
     volumes: Callable[[str, str], Grid | None] | None = None
     saved_mesh: MeshReader | None = None
 
+    def __repr__(self) -> str:
+        return self._short_form().text()
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        return self._short_form().html()
+
+    def _short_form(self) -> ShortForm:
+        mass = sum(facts.mass_kg for facts in self.components.values())
+        facts = [("components", f"{list_few(list(self.components))}; {mass:.4g} kg")]
+        rows = []
+        for pose, modes in self.modes.items():
+            found = modes.frequencies_hz
+            span = f"{found[0]:.4g} to {found[-1]:.4g} Hz" if len(found) else "none"
+            facts.append((f"modes[{pose!r}]", f"{len(found)}, {span}"))
+            rows += [
+                (pose, str(modes.below + number + 1), f"{hz:.5g}", show_value(error), name)
+                for number, (hz, error, name) in enumerate(
+                    zip(found.tolist(), modes.error_hz, modes.mode_names, strict=True)
+                )
+            ]
+        for pose, points in self.static.items():
+            facts.append((f"static[{pose!r}]", f"compliance at {list_few(list(points))}"))
+        for pose, response in self.frf.items():
+            lines = response.curves.frequencies_hz
+            facts.append((f"frf[{pose!r}]", f"{len(lines)} lines up to {lines[-1]:.4g} Hz"))
+        kinds = dict.fromkeys(type(answer).__name__ for answer in self.answers)
+        if others := [kind for kind in kinds if kind not in SHOWN_ANSWERS]:
+            facts.append(("also", list_few(others)))
+        facts += [
+            (name, str(len(texts)))
+            for name, texts in (("warnings", self.warnings), ("failures", self.failures))
+            if texts
+        ]
+        head = ("pose", "mode", "Hz", "± Hz", "name") if rows else ()
+        return ShortForm(f"Results of {self.name}", facts, head, rows)
+
     @property
     def static(self) -> dict[str, dict[str, PointCompliance]]:
         """Pose name to point name to compliance."""
@@ -126,13 +198,7 @@ class Results:
             KeyError: There is no such table; the message has those that are.
             HeadstockError: pandas is missing.
         """
-        try:
-            frames = importlib.import_module("headstock.pipeline.results.frames")
-        except ModuleNotFoundError as missing:
-            raise HeadstockError(
-                "tables are pandas': pip install pandas, or start with ./headstock python"
-            ) from missing
-        frame: pandas.DataFrame = frames.make_frame(self, table)
+        frame: pandas.DataFrame = _load_frames().make_frame(self, table)
         return frame
 
     def mesh(self, component: str, pose: str | None = None) -> "pyvista.UnstructuredGrid":

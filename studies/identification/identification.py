@@ -13,6 +13,7 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component
 from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.results.short_forms import ShortForm, list_few
 from headstock.pipeline.stages.components import ELASTIC_MODULE
 from headstock.pipeline.stages.run_state import RunState
 from headstock.pipeline.stages.shared_components import make_superelements, prepare_components
@@ -168,6 +169,22 @@ class Identification:
     statistics: FitStatistics
     problem: FitProblem
     point: FitPoint
+
+    def __repr__(self) -> str:
+        return self._short_form().text()
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        return self._short_form().html()
+
+    def _short_form(self) -> ShortForm:
+        facts = [
+            ("parameters", list_few(list(self.values))),
+            ("targets", str(len(self.outcomes))),
+            ("starts", f"{len(self.starts)}, {'converged' if self.converged else 'not converged'}"),
+        ]
+        rows = [[name, f"{value:.6g}"] for name, value in self.values.items()]
+        return ShortForm(f"Fit {self.name}", facts, ["parameter", "value [SI]"], rows)
 
     @property
     def values(self) -> dict[str, float]:

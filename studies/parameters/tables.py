@@ -10,6 +10,9 @@ from typing import TypeGuard
 
 from scipy.optimize import brentq
 
+from headstock.pipeline.results.results import Frame, frame_columns
+from headstock.pipeline.results.short_forms import ShortForm, list_few
+from headstock.pipeline.results.short_forms import show_value as show_cell
 from headstock.scene.reading.files import TomlValue
 from headstock.scene.reading.units import DIMENSIONS, LENGTH, UnitError, parse_quantity
 from headstock.scene.reading.watch_paths import (
@@ -28,6 +31,19 @@ TRUSTED_ORDER = 0.5
 UNCHANGED = 1e-12
 MESH_SIZE = re.compile(r"components\.[^.]+\.mesh\.size")
 PROPORTION_TOLERANCE = 1e-6
+# of names in summary.json, longer endings first
+RESULT_UNITS = {
+    "_um_per_kN": "um/kN",
+    "_N_per_um": "N/um",
+    "seconds": "s",
+    "_hz": "Hz",
+    "_kg": "kg",
+    "_mm": "mm",
+    "_um": "um",
+    "_mb": "MB",
+    "_rpm": "rpm",
+}
+WATCHED_NAME = re.compile(r"[A-Za-z_][\w-]*")
 
 
 @dataclass(frozen=True)
@@ -153,6 +169,74 @@ class StudyTable:
     columns: tuple[str, ...]
     rows: tuple[StudyRow, ...]
     series: tuple[SizeSeries, ...] = field(default=())
+
+    def __repr__(self) -> str:
+        return self._short_form().text()
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        return self._short_form().html()
+
+    def to_pandas(self) -> Frame:
+        """A row per point as a pandas frame: varied and watched values as floats in SI units, or in
+        those that a name says, with the unit in the head; NaN where there is none.
+
+        Raises:
+            HeadstockError: pandas is missing.
+        """
+        return frame_columns(self._columns())
+
+    def _columns(self) -> dict[str, list[object]]:
+        """Heads with units, and the value of every row."""
+        columns: dict[str, list[object]] = {}
+        if any(row.record.family for row in self.rows):
+            columns["family"] = [row.record.family for row in self.rows]
+        for key in self.varied:
+            numbers = varied_numbers(self, key)
+            if numbers is None:
+                columns[key] = [_varied_text(row, key) for row in self.rows]
+            else:
+                columns[_with_unit(key, numbers.unit)] = list(numbers.values)
+        for name in self.columns:
+            columns[_with_unit(name, unit_of_result(name))] = [
+                row.values.get(name) for row in self.rows
+            ]
+        columns["status"] = [row.record.status for row in self.rows]
+        if any(row.record.error for row in self.rows):
+            columns["error"] = [row.record.error for row in self.rows]
+        return columns
+
+    def _short_form(self) -> ShortForm:
+        failed = sum(row.record.status == "failed" for row in self.rows)
+        facts = [("points", f"{len(self.rows)}{f', {failed} failed' if failed else ''}")]
+        for name, keys in (("varied", self.varied), ("watched", self.columns)):
+            if keys:
+                facts.append((name, list_few(keys)))
+        columns = self._columns()
+        rows = [[show_cell(cell) for cell in row] for row in zip(*columns.values(), strict=True)]
+        return ShortForm(f"Study {self.study.name}", facts, list(columns), rows)
+
+
+def _with_unit(name: str, unit: str) -> str:
+    return f"{name} [{unit}]" if unit else name
+
+
+def _varied_text(row: StudyRow, key: str) -> str | None:
+    return show_value(row.record.varied[key]) if key in row.record.varied else None
+
+
+def unit_of_result(path: str) -> str:
+    """Unit of a watched number by the end of its name; empty where that says none.
+
+    Args:
+        path: As watched, indices included.
+    """
+    names = WATCHED_NAME.findall(path)
+    for name in reversed(names):
+        for ending, unit in RESULT_UNITS.items():
+            if name.endswith(ending):
+                return unit
+    return ""
 
 
 def tabulate_study(study: Study, records: Sequence[StudyRecord]) -> StudyTable:

@@ -13,6 +13,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.estimates import Estimate
 from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.answers.static import PointCompliance
+from headstock.pipeline.results.short_forms import ShortForm, list_few
 from headstock.pipeline.stages.machine import couple_pose
 from headstock.pipeline.stages.mechanism import build_mechanism, place_pose
 from headstock.pipeline.stages.modal import solve_pose_modes
@@ -30,6 +31,8 @@ from headstock.solvers.pairing.mode_tracking import (
 )
 from headstock.solvers.second_order import Channel
 from headstock.studies.sweeps.journals import FIGURES, PoseResult, PoseState, SingleArray
+
+MOST_SHOWN = 6  # modes of a sweep in a notebook
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,6 +136,38 @@ class SweepResults:
     warnings: tuple[str, ...] = ()
     mode_names: tuple[str, ...] = ()
     sampled_errors: tuple[SampledErrors, ...] = ()
+
+    def __repr__(self) -> str:
+        return self._short_form().text()
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        return self._short_form().html()
+
+    def _short_form(self) -> ShortForm:
+        states = {state: self.states.count(state) for state in dict.fromkeys(self.states)}
+        counts = ", ".join(f"{count} {state}" for state, count in states.items())
+        facts = [("poses", f"{len(self.states)} of axes {list_few(self.sweep.axes)}: {counts}")]
+        if len(found := self.frequencies_hz[~np.isnan(self.frequencies_hz)]):
+            span = f"{found.min():.4g} to {found.max():.4g} Hz"
+            facts.append(("frequencies_hz", f"{self.frequencies_hz.shape[1]} modes, {span}"))
+        if self.points:
+            facts.append(("points", list_few(list(self.points))))
+        if self.limits:
+            facts.append(("limits", list_few(list(self.limits))))
+        if self.warnings:
+            facts.append(("warnings", str(len(self.warnings))))
+        count = min(MOST_SHOWN, self.frequencies_hz.shape[1])
+        rows = [
+            [
+                sweep_pose(self.sweep, number).name,
+                state,
+                *(f"{hz:.5g}" for hz in self.frequencies_hz[number, :count]),
+            ]
+            for number, state in enumerate(self.states)
+        ]
+        head = ["pose", "state", *(f"mode {number + 1} [Hz]" for number in range(count))]
+        return ShortForm(f"Sweep {self.sweep.name} of {self.name}", facts, head, rows)
 
     @property
     def failed(self) -> tuple[int, ...]:
