@@ -3,7 +3,7 @@ CSV; and what is in an error.
 
 An error keeps two digits where it begins with 1 or 2, else one, and is never rounded down; its
 value ends at the same decimal. A value has at most five significant digits: an error below its last
-one is shown as less than that digit.
+one is shown as less than that digit. Where no error is known it has three, whatever model it is of.
 """
 
 import math
@@ -25,6 +25,7 @@ from headstock.pipeline.answers.lobes import LobesSummary
 from headstock.pipeline.answers.transient import TransientSummary
 
 MOST_DIGITS = 5  # significant ones of a value, however small its error is
+UNKNOWN_DIGITS = 3  # of a value whose error nobody knows
 LARGE_FIRST_DIGIT = 3  # an error that begins with it or more keeps one digit
 # power of ten of the last digit; below it numbers are written with an exponent
 LEAST_POSITIONAL = -9
@@ -168,7 +169,7 @@ class _Rounded:
 
 def _round(value: float, error: float | None) -> _Rounded:
     if error is None or not math.isfinite(error):
-        return _Rounded(None, below=False, last=_last_digit(value))
+        return _Rounded(None, below=False, last=_last_digit(value, UNKNOWN_DIGITS))
     # nine digits: a unit of roundoff is no reason to round up
     exact, finest = Decimal(f"{abs(error):.9e}"), _last_digit(value)
     if finest is not None and exact < finest:
@@ -190,12 +191,8 @@ def _error_digit(error: Decimal) -> Decimal:
     return Decimal(1).scaleb(place - 1 if error.scaleb(-place) < LARGE_FIRST_DIGIT else place)
 
 
-def _last_digit(value: float) -> Decimal | None:
-    return (
-        Decimal(1).scaleb(Decimal(repr(float(value))).adjusted() - MOST_DIGITS + 1)
-        if value
-        else None
-    )
+def _last_digit(value: float, digits: int = MOST_DIGITS) -> Decimal | None:
+    return Decimal(1).scaleb(Decimal(repr(float(value))).adjusted() - digits + 1) if value else None
 
 
 def _write(number: Decimal) -> str:

@@ -39,8 +39,8 @@ from headstock.pipeline.results.summary import RunSummary
         (0.62393, 0.0000761, "0.62393", "± 0.00008", 0.00008),
         (1.2345e-12, 2.0e-14, "1.234e-12", "± 2.0e-14", 2.0e-14),
         (0.1 + 0.2, 0.3 * 0.1, "0.30", "± 0.03", 0.03),  # roundoff is no reason to round up
-        (77.4321, None, "77.432", "± ?", None),
-        (77.4321, float("nan"), "77.432", "± ?", None),
+        (77.4321, None, "77.4", "± ?", None),
+        (77.4321, float("nan"), "77.4", "± ?", None),
     ],
 )
 def test_a_value_ends_where_its_error_ends_and_the_error_is_never_rounded_down(
@@ -175,7 +175,7 @@ def test_terminal_and_csv_have_the_same_errors_and_the_damped_frequencies(
     assert modes.rows[0][:7] == (1, 100.123456, 0.13, 100.103431, 0.13, 0.02, 0.0004)
     assert modes.rows[1][:7] == (2, 7.5, None, 0.0, 0.0, 1.1, None)
     assert re.search(r"1 +100\.12 +± 0\.13 +100\.10 +± 0\.13 +2\.00 % +± 0\.04 %", printed)
-    assert re.search(r"2 +7\.5000 +± \? +overdamped +110 % +± \?", printed)
+    assert re.search(r"2 +7\.50 +± \? +overdamped +110 % +± \?", printed)
     assert "± 0.27" in printed
     assert [row[4] for row in tables["compliance_reference_tcp"].rows] == [0.27, None, 7e-5]
     assert "Natural modes in pose left (Y = 30 mm, B = 5.72958 deg)" in printed
@@ -188,7 +188,7 @@ def test_a_compliance_across_two_directions_is_as_coarse_as_the_coarser_and_symm
     errors = {"x": 0.7, "y": 0.06, "z": 0.00015}
     shown = [show_compliances(matrix, column, errors) for column in range(3)]
     assert shown == [["367.9", "0", "0"], ["0", "60.81", "0.90"], ["0", "0.90", "0.59256"]]
-    assert show_compliances(matrix, 0, {}) == ["367.92", "0", "0"]
+    assert show_compliances(matrix, 0, {}) == ["368", "0", "0"]
 
 
 def test_the_table_of_the_whole_compliance_has_a_row_per_load_and_units_in_its_head() -> None:
