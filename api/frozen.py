@@ -16,8 +16,8 @@ def _refuse(self: object, *args: object, **keys: object) -> NoReturn:
 class FrozenTable(dict[str, TomlValue]):
     """A table that is read like any other and not written; a copy of it can be."""
 
-    __setitem__ = __delitem__ = __ior__ = _refuse  # type: ignore[assignment]
-    clear = pop = popitem = setdefault = update = _refuse  # type: ignore[assignment]
+    __setitem__ = __delitem__ = __ior__ = _refuse
+    clear = pop = popitem = setdefault = update = _refuse
 
     def __deepcopy__(self, memo: dict[int, Any]) -> TomlTable:
         return {key: thaw(value) for key, value in self.items()}
@@ -29,8 +29,8 @@ class FrozenTable(dict[str, TomlValue]):
 class FrozenList(list[TomlValue]):
     """A list that is read like any other and not written; a copy of it can be."""
 
-    __setitem__ = __delitem__ = __iadd__ = __imul__ = _refuse  # type: ignore[assignment]
-    append = clear = extend = insert = pop = remove = reverse = sort = _refuse  # type: ignore[assignment]
+    __setitem__ = __delitem__ = __iadd__ = __imul__ = _refuse
+    append = clear = extend = insert = pop = remove = reverse = sort = _refuse
 
     def __deepcopy__(self, memo: dict[int, Any]) -> list[TomlValue]:
         return [thaw(value) for value in self]

@@ -94,7 +94,8 @@ class LumpedPose:
             name: placed.motion_at(point.tool, point.offset)
             for name, point in machine.points.items()
         }
-        if placed.motions.geometric is not None:
+        # of motors let go their drives hold what springs alone do not
+        if placed.motions.geometric is not None and placed.motions.stiffness.all():
             require_standing(np.diag(placed.motions.stiffness), placed.motions.geometric)
         system = pose_system(placed.model, placed.motions, channels)
         rayleigh = machine.rayleigh

@@ -213,6 +213,7 @@ def couple(
         ),
     )
     if machine.gravity_stiffening:
+        released = geometric is not None  # then drives hold what springs alone do not
         if geometric is None:
             geometric = find_gravity_stiffness(
                 system,
@@ -224,7 +225,8 @@ def couple(
                 basis=basis,
             )
         added = basis.T @ geometric @ basis
-        require_standing(system.stiffness, added)
+        if not released:
+            require_standing(system.stiffness, added)
         system = dataclasses.replace(system, stiffness=system.stiffness + added)
     return CoupledMachine(
         system=system,
