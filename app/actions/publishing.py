@@ -25,6 +25,7 @@ from headstock.app.tables.run import list_tables
 from headstock.app.tables.table import encode_csv
 from headstock.app.tables.transient import tabulate_transient
 from headstock.app.terminal.console import print_remarks
+from headstock.meshing.process.strangers import SUMMARY, require_size
 from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.answers.path import PathCurves
 from headstock.pipeline.answers.transient import TransientCurves
@@ -49,8 +50,10 @@ from headstock.pipeline.storage.outputs import (
 )
 from headstock.pipeline.storage.provenance import ProvenanceSummary
 from headstock.pipeline.storage.store import Store, default_store_root
+from headstock.pipeline.storage.typed_values import find_fault
 
 CHART_MODULE = "headstock.app.charts.effects"
+EFFECTS_MODULE = "headstock.studies.effects_summary"
 EFFECTS_FILE = "effects.json"  # beside the results of the scene that it is of
 PARTS = (TABLES_FOLDER, FIGURES_FOLDER, MODES_FOLDER, VOLUME_FOLDER)
 
@@ -120,11 +123,16 @@ def read_worth(folder: Path, summary: RunSummary) -> Worth | None:
     """What effects and models of the scene are worth, where ``effects.json`` of the same scene lies
     beside its results.
     """
+    path = folder / EFFECTS_FILE
     try:
-        content = json.loads((folder / EFFECTS_FILE).read_text())
-        if not is_same_scene(content["provenance"], summary["provenance"]):
+        require_size(path, SUMMARY, UnusableOutputError)
+        content = json.loads(path.read_text(encoding="utf-8"))
+        kind = importlib.import_module(EFFECTS_MODULE).EffectsSummary  # loads what studies need
+        if find_fault(content, kind) or not is_same_scene(
+            content["provenance"], summary["provenance"]
+        ):
             return None
-    except (OSError, ValueError, LookupError, TypeError):
+    except (OSError, UnusableOutputError, ValueError, LookupError, TypeError, RecursionError):
         return None
     charts = importlib.import_module(CHART_MODULE)  # loads matplotlib
     return Worth(content, charts.draw_worth(content))
@@ -162,17 +170,24 @@ def publish_again(
         OutputError: A file cannot be written.
     """
     try:
+        # before anything is overwritten: the numbers may contradict each other
         list_tables(summary)
         render_report(summary, view)
-    except (LookupError, TypeError, ValueError, AttributeError, jinja2.TemplateError) as error:
-        # before anything is overwritten: the file may be edited, or of another version
+        with ThreadPoolExecutor(1) as pool:
+            modes = pool.submit(draw_modes, summary, view)
+            more = (draw_charts(folder), modes.result())
+        return publish_run(folder, summary, view, curves, paths, histories, more=more)
+    except (
+        ArithmeticError,
+        AttributeError,
+        LookupError,
+        TypeError,
+        ValueError,
+        jinja2.TemplateError,
+    ) as error:
         raise UnusableOutputError(
             f"{folder / SUMMARY_FILE} holds something else than this version writes ({type(error).__name__}: {error}); run the scene again"
         ) from error
-    with ThreadPoolExecutor(1) as pool:
-        modes = pool.submit(draw_modes, summary, view)
-        more = (draw_charts(folder), modes.result())
-    return publish_run(folder, summary, view, curves, paths, histories, more=more)
 
 
 def _write_tables(

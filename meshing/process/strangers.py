@@ -76,6 +76,7 @@ WAYPOINTS = FileKind("a path", 50_000_000, "write fewer waypoints, or cut it in 
 RECORD = FileKind("a record", 500_000_000, "cut it, or keep fewer samples per second")
 RECEPTANCES = FileKind("a file of receptances", 50_000_000, "keep fewer frequencies")
 SUMMARY = FileKind("a summary", 200_000_000, "no run writes one as large")
+RESULTS = FileKind("a file of results", 16_000_000_000, "no run writes one as large")
 
 _known: dict[tuple[object, ...], Arrays] = {}
 
@@ -126,7 +127,7 @@ def require_size(path: Path, kind: FileKind, error: type[HeadstockError]) -> os.
     except OSError as fault:
         raise error(f"{path.name} cannot be read: {fault.strerror}") from fault
     if not stat.S_ISREG(status.st_mode):
-        raise error(f"{path.name} cannot be read: it is no regular file")
+        raise error(f"{path.name} is no regular file")
     if refusal := kind.refusal(path.name, status.st_size):
         raise error(refusal)
     return status

@@ -12,11 +12,12 @@ import json
 import re
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Never, cast
 
 import numpy as np
 
 from headstock.meshing.process.libraries import h5py
+from headstock.meshing.process.strangers import RESULTS, SUMMARY, require_size
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.frf import ResponseCurves, parse_curves
 from headstock.pipeline.answers.path import PathCurves, parse_path
@@ -48,6 +49,7 @@ from headstock.pipeline.storage.typed_json import (
     encode_value,
     reachable_classes,
 )
+from headstock.pipeline.storage.typed_values import find_fault
 from headstock.scene.reading.renamed_names import RESULT_FORMAT
 
 if TYPE_CHECKING:
@@ -204,11 +206,15 @@ def read_summary(folder: Path) -> RunSummary:
         raise UnusableOutputError(f"{folder} is a file; name the folder that a run has written")
     remedy = f"`headstock run SCENE -o {folder}` writes it anew, with what is in the store"
     try:
-        summary = json.loads(path.read_text())
+        if path.exists():
+            require_size(path, SUMMARY, RecordError)
+        summary = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse_constant)
     except OSError as error:
         raise UnusableOutputError(
             f"{path} cannot be read: {error.strerror or error}; {_find_other_results(folder) or remedy}"
         ) from error
+    except RecordError as error:
+        raise UnusableOutputError(f"{path} cannot be read: {error}; {remedy}") from error
     except (ValueError, RecursionError) as error:
         raise UnusableOutputError(f"{path} is not a summary: {error}; {remedy}") from error
     if not isinstance(summary, dict):
@@ -219,8 +225,15 @@ def read_summary(folder: Path) -> RunSummary:
         raise UnusableOutputError(
             f"{path} has format {found}, and this version reads format {RESULT_FORMAT}; {remedy}"
         )
-    # a damaged one shows where it is read: no program but this one writes it
+    if fault := find_fault(summary, RunSummary):
+        raise UnusableOutputError(
+            f"{path} was altered, or is of another version: {fault}; {remedy}"
+        )
     return cast(RunSummary, summary)
+
+
+def _refuse_constant(name: str) -> Never:
+    raise ValueError(f"it holds {name}, which no run writes")
 
 
 def _find_other_results(folder: Path) -> str:
@@ -246,9 +259,11 @@ def open_results(folder: Path) -> Results:
         kinds = reachable_classes([Results, *Answer.__subclasses__()])
         coded = json.loads(file["record/text"][()].tobytes())
         found = decode_value(coded, kinds, lambda name: np.asarray(file[name][()]))
-        if not isinstance(found, Results):
-            raise RecordError(f"record/text holds a {type(found).__name__}")
-        return dataclasses.replace(found, view=read_record(file["view"], MachineView))
+        if fault := find_fault(found, Results, "record/text"):
+            raise RecordError(fault)
+        return dataclasses.replace(
+            cast(Results, found), view=read_record(file["view"], MachineView)
+        )
 
     results = _read_results(folder, read)
     with _naming_damage(folder / SUMMARY_FILE):
@@ -365,6 +380,8 @@ def _read_results[T](folder: Path, read: "Callable[[h5py.File], T]") -> T:
     with _naming_damage(folder / SUMMARY_FILE):
         stated = summary["files"][RESULTS_FILE]["sha256"]
     with _naming_damage(path):
+        if path.exists():
+            require_size(path, RESULTS, RecordError)
         if stated != _digest_of(path):
             raise RecordError(f"it is damaged, or of another run than {SUMMARY_FILE}")
         with h5py.File(path, "r") as file:
@@ -387,6 +404,7 @@ def _naming_damage(path: Path) -> Iterator[None]:
         TypeError,
         ValueError,
         RuntimeError,
+        MemoryError,
     ) as error:
         raise UnusableOutputError(
             f"{path} cannot be read: {error}; `headstock run SCENE -o {path.parent}` writes it anew, with what is in the store"

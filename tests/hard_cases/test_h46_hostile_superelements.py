@@ -3,6 +3,7 @@ is refused by name before it is used.
 """
 
 import hashlib
+import json
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -321,9 +322,12 @@ def test_results_of_strangers_show_no_other_files_in_a_report(tmp_path: Path) ->
         file.attrs["format"] = "headstock results"
         file["view"] = h5py.ExternalLink(str(tmp_path / "other.h5"), "/")
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    (tmp_path / "summary.json").write_text(
-        f'{{"format": 2, "files": {{"results.h5": {{"sha256": "{digest}"}}}}}}'
-    )
+    totals = dict.fromkeys(("mass_kg", "full_dofs", "reduced_dofs", "seconds", "peak_rss_mb"), 0)
+    content = {"format": 2, "name": "x", "status": "done", "totals": totals}
+    content |= {name: {} for name in ("versions", "components", "static")}
+    content |= {name: [] for name in ("stages", "modal", "warnings", "failures")}
+    content["files"] = {"results.h5": {"sha256": digest}}
+    (tmp_path / "summary.json").write_text(json.dumps(content))
     with pytest.raises(OutputError, match="is a link"):
         read_view(tmp_path)
 

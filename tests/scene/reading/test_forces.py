@@ -1,9 +1,11 @@
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from headstock.geometry.frames import FloatArray
+from headstock.meshing.process.strangers import SMALL_BYTES
 from headstock.scene.reading.forces import (
     ForceFileError,
     ForceRecord,
@@ -11,6 +13,7 @@ from headstock.scene.reading.forces import (
     resample_forces,
     resampling_loss,
 )
+from headstock.scene.reading.tool_positions import read_corners
 
 
 def write(folder: Path, times: FloatArray, forces: FloatArray) -> Path:
@@ -98,3 +101,32 @@ def test_what_is_faster_than_the_steps_is_told() -> None:
     # equal parts of what the steps hold and of what they do not
     mixed = resampling_loss(ForceRecord(fine, low_frequency + np.sqrt(2.0) * fast), steps)
     assert mixed == pytest.approx(np.sqrt(0.5), rel=0.05)
+
+
+def test_corners_beyond_their_number_or_size_are_refused_soon(tmp_path: Path) -> None:
+    path = tmp_path / "corners.csv"
+    path.write_text("x,y,z\n" + "0,1,2\n" * 1_000_000)
+    start = time.process_time()
+    with pytest.raises(ForceFileError, match=r"corners.csv has 6 MB; a table of corners may"):
+        read_corners(path)
+    path.write_text("x,y,z\n" + "0,1,2\n" * 2001)
+    with pytest.raises(ForceFileError, match=r"corners.csv:2002: more than 2000 rows; leave out"):
+        read_corners(path)
+    assert time.process_time() - start < 1.0
+    path.write_text("x,y,z\n0,0,0\n1,0,0\n")
+    assert read_corners(path)[1] is None
+
+
+def test_a_long_record_is_read_apart_with_the_same_numbers_and_faults(tmp_path: Path) -> None:
+    path, rows = tmp_path / "long.csv", np.random.default_rng(1).random((9000, 3))
+    times = np.arange(9000) / 1e3
+    lines = [
+        f"{time!r},{x!r},{y!r},{z!r}"
+        for time, (x, y, z) in zip(times.tolist(), rows.tolist(), strict=True)
+    ]
+    path.write_text("\n".join(["time,fx,fy,fz", *lines]) + "\n")
+    assert path.stat().st_size > SMALL_BYTES
+    np.testing.assert_array_equal(read_forces(path).forces, rows)
+    path.write_text("\n".join(["time,fx,fy,fz", *lines[:8000], "8,1,2", *lines[8001:]]))
+    with pytest.raises(ForceFileError, match=r"long.csv:8002 is no row of numbers: '8,1,2'"):
+        read_forces(path)
