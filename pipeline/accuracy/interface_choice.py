@@ -4,6 +4,7 @@ which get how many deformation shapes, in which form.
 
 import dataclasses
 import functools
+import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
@@ -35,6 +36,9 @@ from headstock.solvers.ranks import make_on_root
 
 # tried one after the other; 24 is what `auto` means without an accuracy
 TRIED_SHAPES = (12, 24, 40, 60, 90)
+# Processor time [s] that trials of shapes may take. A trial costs about the square of its shapes: the
+# next one is begun where it is likely to end within that.
+TRIAL_SECONDS = 120.0
 INTERFACE_SHARE = 0.25  # of the accuracy, of every joint; the rest is for meshes and modes
 # the half-space under an interface says within a factor of three what its kind changes
 DOUBT_MARGIN = 5.0
@@ -117,21 +121,28 @@ def choose_shapes(
                 own if own.share <= allowed or own.unknown else ShapeChoice(joint, TRIED_SHAPES[0])
             )
     open_joints = [name for name, own in chosen.items() if own.shapes]
-    for count in TRIED_SHAPES:
-        if not open_joints:
+    last, spent = 0.0, 0.0  # of the trial before, and of all [s]
+    for step, count in enumerate(TRIED_SHAPES):
+        growth = (count / TRIED_SHAPES[max(step - 1, 0)]) ** 2
+        if not open_joints or spent + growth * last > TRIAL_SECONDS:
             break
+        begun = time.process_time()
         tried: dict[str, list[ShapeChoice]] = {name: [] for name in open_joints}
         for place in range(max(len(forms[name]) for name in open_joints)):
             for name in open_joints:
                 kind = forms[name][min(place, len(forms[name]) - 1)]
                 chosen[name] = dataclasses.replace(chosen[name], shapes=count, kind=kind)
-            found = _compare(run_round(give_chosen(start, chosen.values())))
+            state = run_round(give_chosen(start, chosen.values()))
+            found = _compare(state)
+            # processors of ranks differ, and all have to end alike
+            last = state.comm.bcast(time.process_time() - begun)
             for name in open_joints:
                 number, share = found.largest(name)
                 reason = found.left_out.get(name, "")
                 tried[name].append(
                     dataclasses.replace(chosen[name], number=number, share=share, reason=reason)
                 )
+        spent += last
         for name, choices in tried.items():
             best = min(choices, key=lambda each: each.share)
             other = [each.share for each in choices if each.kind != best.kind]
@@ -142,6 +153,11 @@ def choose_shapes(
     for name in open_joints:
         own = chosen[name]
         reason = f"it takes more than {show_share(INTERFACE_SHARE)} of the accuracy"
+        if own.shapes < TRIED_SHAPES[-1]:
+            reason += (
+                f" with {own.shapes} shapes, and trials of more would take longer than"
+                f" {TRIAL_SECONDS:g} s of processor time; write how many: flexible = {TRIED_SHAPES[-1]}"
+            )
         chosen[name] = dataclasses.replace(own, reason=reason)
     return list(chosen.values())
 

@@ -231,7 +231,10 @@ def search_settings(
     if comm.rank == 0:
         for own in shapes:
             note(Stage("joints", own.joint.name, own.reason or "the accuracy"), str(own), Cost())
-    refined = _refine_in_rounds(give_chosen(scene, shapes), run_round, note)
+    # where joints alone are too far off, finer meshes reach nothing
+    reachable = not any(own.reason for own in shapes)
+    most = MOST_ROUNDS if reachable else 1
+    refined = _refine_in_rounds(give_chosen(scene, shapes), run_round, note, most)
     choice = _choose_bodies(scene, refined, note)
     chosen, state, better = _run_chosen(refined, choice, run_round, note)
     answer = _conclude(scene, refined, choice, chosen, shapes)
@@ -249,7 +252,7 @@ def search_settings(
     )
 
 
-def _refine_in_rounds(scene: Scene, run_round: RunRound, note: Note) -> _Refined:
+def _refine_in_rounds(scene: Scene, run_round: RunRound, note: Note, most_rounds: int) -> _Refined:
     """Rounds of meshes and modes until every number is right, or none that is finer fits;
     collective.
     """
@@ -265,8 +268,8 @@ def _refine_in_rounds(scene: Scene, run_round: RunRound, note: Note) -> _Refined
         failure = verdict.failure
         if verdict.ends:
             break
-        if len(rounds) == MOST_ROUNDS:
-            failure = f"{MOST_ROUNDS} rounds were not enough"
+        if len(rounds) == most_rounds:
+            failure = f"{most_rounds} rounds were not enough" if most_rounds > 1 else ""
             break
         try:
             plan = plan_scene(verdict.scene)
