@@ -186,4 +186,4 @@ def _joined(corners: IntArray, chosen: NDArray[np.bool_], start: int) -> NDArray
         shape=(len(corners) + len(nodes),) * 2,
     )
     _, labels = connected_components(graph, directed=False)
-    return chosen & (labels[: len(corners)] == labels[start])
+    return np.asarray(chosen & (labels[: len(corners)] == labels[start]))
