@@ -1,5 +1,6 @@
 """Reads finished gmsh meshes (runs in the worker process)."""
 
+import tempfile
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -30,7 +31,10 @@ def read_gmsh(path: Path) -> RawMesh:
     gmsh.initialize(interruptible=False, readConfigFiles=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)
-        gmsh.open(str(path))
+        # gmsh runs a script beside a mesh, of its name and .opt: beside a link there is none
+        with tempfile.TemporaryDirectory() as place:
+            (link := Path(place, "mesh.msh")).symlink_to(path.absolute())
+            gmsh.open(str(link))
         tags, coordinates, _ = gmsh.model.mesh.getNodes()
         row = np.full(int(tags.max(initial=0)) + 1, -1, dtype=np.int64)
         row[np.asarray(tags, dtype=np.int64)] = np.arange(len(tags))
