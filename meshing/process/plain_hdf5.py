@@ -94,4 +94,4 @@ def require_own_data(item: h5py.Dataset, where: str, error: type[HeadstockError]
         raise error(
             f"{where} claims {item.size} values of {printable(str(item.dtype))[:60]}, but the file holds {held} bytes of them"
         )
-    return claimed
+    return int(claimed)

@@ -103,7 +103,8 @@ def _find_in_table(value: object, hint: Any, where: str) -> str | None:
 def _find_in_record(value: object, hint: Any, where: str) -> str | None:
     if not isinstance(value, hint) or not dataclasses.is_dataclass(value):
         return f"{where} is {_show(value)}, not a {hint.__name__}"
-    hints = _hints(type(value))
+    kind: Any = type(value)
+    hints = _hints(kind)
     faults = (
         find_fault(getattr(value, item.name), hints[item.name], f"{where}.{item.name}".lstrip("."))
         for item in dataclasses.fields(value)
@@ -136,7 +137,7 @@ def _is_control(sign: str) -> bool:
 
 
 @functools.cache
-def _hints(kind: type) -> dict[str, Any]:
+def _hints(kind: Any) -> dict[str, Any]:
     return typing.get_type_hints(kind)
 
 
