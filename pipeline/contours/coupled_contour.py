@@ -138,7 +138,7 @@ def _list_breaks(plan: ContourPlan, rounding: float, end: float) -> list[float]:
     """
     last = plan.path.span[1]
     sides = (-0.5 * rounding, 0.0, 0.5 * rounding)
-    inner = [bend for bend in plan.bends.tolist() if rounding < bend < last - rounding]
+    inner = [bend for bend in map(float, plan.bends) if rounding < bend < last - rounding]
     bends = [bend + side for bend in inner for side in sides]
     if POSES_PER_PIECE * len(bends) > MOST_SAMPLES:
         bends = inner if POSES_PER_PIECE * len(inner) <= MOST_SAMPLES else []

@@ -513,7 +513,8 @@ def check_time(stages: Sequence[Stage], limit_s: float | None) -> None:
         return
     if total > TIME_MARGIN * limit_s:
         longest = max(stages, key=lambda stage: stage.estimated_seconds or 0.0)
-        what, remedy = longest.kind, WAY_KEYS.get(longest.kind)
+        what: str = longest.kind
+        remedy = WAY_KEYS.get(longest.kind)
         if longest.component is not None:
             what += f" of component {longest.component!r} with about {longest.estimated_dofs or 0:.3g} dofs"
         raise BudgetError(

@@ -13,6 +13,7 @@ from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.dof_layout import turn_dofs
 from headstock.reduction.superelement_checks import rigid_motions
 from headstock.solvers.linear.modal_analysis import ModalResult
+from headstock.solvers.second_order import ComplexArray
 
 # share of the strain energy in dofs whose mesh error nobody knows: beyond it a number has no
 # estimate
@@ -70,13 +71,13 @@ class MeshedPart:
     corrected: bool = False
     rigid: FloatArray | None = None
 
-    def strain(self, motions: FloatArray) -> FloatArray:
+    def strain[Motions: (FloatArray, ComplexArray)](self, motions: Motions) -> Motions:
         """Its dofs ``(n_c, m)`` under motions of the machine ``(n, m)``, without its rigid motions:
         these miss no energy, but what rounding leaves of it would look large beside a soft mount.
         """
         return self.without_rigid(self.rows @ motions)
 
-    def without_rigid(self, own: FloatArray) -> FloatArray:
+    def without_rigid[Motions: (FloatArray, ComplexArray)](self, own: Motions) -> Motions:
         """Motions of its dofs, ``(n_c,)`` or ``(n_c, m)``, without their rigid part."""
         return own if self.rigid is None else own - self.rigid @ (self.rigid.T @ own)
 

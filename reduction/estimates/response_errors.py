@@ -233,12 +233,12 @@ class ResponseSpace:
                 np.sqrt(np.where(squares > 0.0, squares, self.rest))
             )
         if change is not None:
-            added = (
+            added: ComplexArray = (
                 np.where(moving, change.stiffness, change.stiffness.real)
                 - squares[:, None, None] * change.mass
             )
             if change.damping is not None:
-                added = added + 1j * np.sqrt(squares)[:, None, None] * change.damping
+                added += 1j * np.sqrt(squares)[:, None, None] * change.damping
             dynamic += np.broadcast_to(shares, squares.shape)[:, None, None] * added
         return dynamic
 
