@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from headstock.geometry.machine.carriages import DEGREE, rail_span
 from headstock.geometry.parts.components import (
     CellShape,
     Component,
@@ -44,6 +45,9 @@ START_SHARE = 0.95
 # what shear through the wall misses.
 TWO_THROUGH, MOST_TWO_THROUGH = 0.45, 8_000
 WALL = 3.0  # thicknesses: what is less wide is a bar
+# Intervals of the control points of a rail along one element of the second order: with two, fits
+# become ambiguous
+RAIL_INTERVALS = 1.5
 START_ACCURACY = 0.01  # that first meshes may reach; a tighter one starts with finer ones
 COARSE_ACCURACY = 0.03
 FEWEST_ALONG = 3
@@ -151,9 +155,8 @@ def start_component(
     if component.fidelity == "polynomial":
         return dataclasses.replace(component, reduction=reduction, mesh=MeshSettings())
     mesh = None if rough_for is None else _rough_grid(component, rough_for)
-    return dataclasses.replace(
-        component, reduction=reduction, mesh=mesh or _start_mesh(component, accuracy)
-    )
+    mesh = _resolve_rails(component, mesh or _start_mesh(component, accuracy))
+    return dataclasses.replace(component, reduction=reduction, mesh=mesh)
 
 
 def mode_margin(component: Component, accuracy: float) -> float:
@@ -200,7 +203,26 @@ def refine_mesh(component: Component, *, ratio: float, trials: tuple[Trial, ...]
         # what is left lies at the rims, where all hexahedra would have to be small
         size = min(mesh.size, WIDE * thinnest_feature(component.solid))
         finer = grade_mesh(component, size, FINE_GRADING)
-    return dataclasses.replace(component, mesh=finer)
+    return dataclasses.replace(component, mesh=_resolve_rails(component, finer))
+
+
+def _rail_limit(component: Component) -> float:
+    """Longest elements that tell the control points of its rails apart [m]; inf without rails."""
+    limit = math.inf
+    for interface in component.interfaces.values():
+        span = None if interface.rail is None else rail_span(component.solid, interface)
+        if span is not None and interface.rail is not None:
+            intervals = interface.rail.control_points - DEGREE
+            limit = min(limit, RAIL_INTERVALS * (span[1] - span[0]) / intervals)
+    return limit
+
+
+def _resolve_rails(component: Component, mesh: MeshSettings) -> MeshSettings:
+    """The mesh, or one of elements that tell the control points of rails apart."""
+    limit = _rail_limit(component)
+    if mesh.size is None or mesh.size <= limit:
+        return mesh
+    return dataclasses.replace(mesh, size=_round(0.99 * limit))
 
 
 def follows_errors(component: Component) -> bool:
@@ -211,6 +233,8 @@ def follows_errors(component: Component) -> bool:
 
 def give_sizes(component: Component, sizes: SizeField) -> Component:
     """The component with other element sizes from place to place."""
+    limit = _rail_limit(component)
+    sizes = dataclasses.replace(sizes, sizes=np.minimum(sizes.sizes, limit))
     mesh = MeshSettings(float(sizes.sizes.max()), sizes=sizes, details=component.mesh.details)
     return dataclasses.replace(component, mesh=mesh)
 

@@ -84,7 +84,7 @@ def fit_rail(component: str, interface: Interface, patch: MeshPatch) -> RailFit:
     for direction in range(3):
         weighted[direction::3] = patch.weights @ columns[direction::3]
     gram = columns.T @ weighted
-    _check_condition(component, interface, gram)
+    _check_condition(component, interface, gram, low, high)
     fitted = scipy.linalg.solve(gram, weighted.T, assume_a="pos").T
     kept = fitted.reshape(len(weighted), interface.rail.control_points, -1)[
         :, :, :CONTROL_POINT_DOFS
@@ -134,15 +134,18 @@ def _section_fields(patch: MeshPatch, axis: int, center: FloatArray) -> FloatArr
     return np.stack(fields, axis=2)
 
 
-def _check_condition(component: str, interface: Interface, gram: FloatArray) -> None:
+def _check_condition(
+    component: str, interface: Interface, gram: FloatArray, low: float, high: float
+) -> None:
     diagonal = gram.diagonal()
     if (diagonal > 0.0).all():
         scale = 1.0 / np.sqrt(diagonal)
         values = np.linalg.eigvalsh(scale[:, None] * gram * scale)
         if values[0] * CONDITION_LIMIT > values[-1]:
             return
-    control_points = 0 if interface.rail is None else interface.rail.control_points
+    control_points = DEGREE + 1 if interface.rail is None else interface.rail.control_points
+    longest = 1e3 * (high - low) / (control_points - DEGREE)
     raise ModelError(
         f"component {component}: the mesh has too few points along rail {interface.name} to tell its {control_points} control points apart, or the "
-        "rail has gaps; take elements no longer than two intervals of control points, or fewer control points"
+        f'rail has gaps; write a mesh size of "{longest:.3g} mm" or less, one interval of its control points'
     )
