@@ -117,6 +117,7 @@ def test_corners_beyond_their_number_or_size_are_refused_soon(tmp_path: Path) ->
     assert read_corners(path)[1] is None
 
 
+@pytest.mark.process
 def test_a_long_record_is_read_apart_with_the_same_numbers_and_faults(tmp_path: Path) -> None:
     path, rows = tmp_path / "long.csv", np.random.default_rng(1).random((9000, 3))
     lines = [
