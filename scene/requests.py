@@ -1,6 +1,7 @@
 """What is to be computed of a machine: one request per kind of analysis."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -20,6 +21,7 @@ from headstock.solvers.milling.forces import (
 )
 from headstock.solvers.milling.tool_dynamics import ToolMode
 from headstock.solvers.milling.tool_path import PolylineContour, SquareContour, describe_contour
+from headstock.solvers.milling.windows import expected_rows
 from headstock.solvers.paths.response import LowPass
 from headstock.solvers.paths.set_points import SetPoint
 from headstock.solvers.second_order import Channel, Motion
@@ -293,6 +295,11 @@ class Travel:
     along: tuple[float, float, float] | None = None
 
 
+def reach_of_chatter(up_to_hz: float, tool_hz: Sequence[float]) -> float:
+    """How high chatter is looked for: beyond the modes of machine, spindle and tool [Hz]."""
+    return max([up_to_hz, *(1.5 * hz for hz in tool_hz)])
+
+
 @dataclass(frozen=True, eq=False)
 class LobesRequest:
     """Stability lobes, in named poses.
@@ -310,8 +317,7 @@ class LobesRequest:
         deepest: Depth of cut up to which a limit is looked for [m].
         tool_modes: Of spindle and tool, from the machine to the tip.
         tool_receptance: File of measured receptances in their place.
-        checked: Share of the speeds at which the limit is checked.
-        low_immersion: Radial depth over diameter below which every limit is found by bisection.
+        checked: Share of the speeds at which the limit is looked for.
         poses: All of them when empty.
         path: Whose feed counts in a run; None without a path analysis.
         sense: Down or up milling.
@@ -330,8 +336,7 @@ class LobesRequest:
     deepest: float
     tool_modes: tuple[ToolMode, ...] = ()
     tool_receptance: Path | None = None
-    checked: float = 0.005
-    low_immersion: float = 0.1
+    checked: float = 1.0
     poses: tuple[str, ...] = ()
     path: MachinePath | None = None
     sense: Sense = "down"
@@ -361,10 +366,32 @@ class LobesRequest:
         """Radial depth over diameter."""
         return self.radial_depth / self.mill.diameter
 
+    def cut_at(self, speed: float, coefficients: CuttingCoefficients | None = None) -> MillingCut:
+        """The deepest cut at a speed of the spindle.
+
+        Args:
+            speed: [rad/s].
+            coefficients: Others than those of the material.
+        """
+        return MillingCut(
+            self.mill,
+            coefficients or self.coefficients,
+            speed,
+            self.deepest,
+            self.radial_depth,
+            sense=self.sense,
+        )
+
+    def rows_at(self, speed: float) -> float:
+        """Rows of the matrix whose multipliers say whether a cut at a speed [rad/s] is stable, besides
+        those of the machine's poles.
+        """
+        return expected_rows(self.cut_at(speed), self.reach_hz)
+
     @property
     def reach_hz(self) -> float:
         """How high chatter is looked for: beyond the modes of machine, spindle and tool [Hz]."""
-        return max([self.up_to_hz, *(1.5 * mode.hz for mode in self.tool_modes)])
+        return reach_of_chatter(self.up_to_hz, [mode.hz for mode in self.tool_modes])
 
     def describe(self) -> str:
         """In a few words: what is computed, and how far."""

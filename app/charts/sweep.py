@@ -80,6 +80,7 @@ def _draw_limits(summary: SweepSummary, limits: Mapping[str, LimitMap]) -> bytes
             shading="nearest",
             rasterized=True,
         )
+        frame.patch.set(hatch="////", edgecolor="#8c9bab")  # where no limit was looked for
         bar = figure.colorbar(mesh, ax=frame, extend="max")
         bar.ax.tick_params(labelsize=7)
         frame.scatter(

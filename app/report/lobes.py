@@ -4,7 +4,7 @@ on a screen of 400 pixels.
 """
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from markupsafe import Markup
@@ -23,34 +23,40 @@ HEADROOM = 1.15
 MOST_OVER_LOWEST = 12.0  # of the axis over the lowest limit: one deep pocket does not flatten lobes
 LETTER = 7.0  # width of a letter
 LABEL = 150.0  # width of the text at a best speed
-LOWEST, BEST, CHECKED = "#b5566e", "#6a9a5b", "#8a6bb0"
+LOWEST, BEST, UNKNOWN = "#b5566e", "#6a9a5b", "#8c9bab"
+MOST_DOTS = 60  # speeds that are dots on the line
 Scale = Callable[[float], float]
 Sign = Callable[[float, float, str], Markup]
 
 
-def draw_lobes(found: DirectionSummary, identity: str) -> Markup:
-    """The lobes of a direction of travel in a pose.
+def draw_lobes(found: DirectionSummary, identity: str, *, confirmed: bool) -> Markup:
+    """The lobes of a direction of travel in a pose: green below the border, hatched where nothing is
+    known of it.
 
     Args:
         found: Of the direction.
         identity: ``id`` in the page.
+        confirmed: Whether multipliers found the limits.
     """
     series = found["series"]
-    speeds = np.array(series["rpm"])
-    depths, plain = np.array(series["limit_depth_mm"]), np.array(series["zeroth_order_mm"])
-    highest = HEADROOM * float(min(depths.max(), MOST_OVER_LOWEST * max(depths.min(), 1e-6)))
+    speeds, depths = np.array(series["rpm"]), np.array(series["limit_depth_mm"], dtype=float)
+    errors = np.array(series["error_mm"], dtype=float)
+    known = np.isfinite(depths)
+    ends = (depths[known].min(), depths[known].max()) if known.any() else (1.0, 1.0)
+    highest = HEADROOM * float(min(ends[1], MOST_OVER_LOWEST * max(ends[0], 1e-6)))
     base = float(TITLE + HEIGHT)
 
     def across(value: float) -> float:
         return float(LEFT + (WIDTH - LEFT - RIGHT) * (value - speeds[0]) / (speeds[-1] - speeds[0]))
 
     def up(value: float) -> float:
-        return float(base - HEIGHT * min(value, highest) / highest)
+        return float(base - HEIGHT * min(max(value, 0.0), highest) / highest)
 
     parts = [
         svg.heading(
             4, TITLE - 12, f"Travel {found['name']}: limit depth of cut [mm]", size=SIZE + 1.0
-        )
+        ),
+        svg.hatching(f"{identity}_hatch", UNKNOWN),
     ]
     for value in even_ticks(0.0, highest, 5):
         parts.append(
@@ -65,37 +71,42 @@ def draw_lobes(found: DirectionSummary, identity: str) -> Markup:
         parts.append(svg.text(middle, base + 18, words, anchor="middle", size=SIZE))
     modes = list(dict.fromkeys(lobe["mode"] for lobe in found["lobes"]))
     colors = dict(zip(modes, itertools.cycle(COLORS), strict=False))
-    # limits that were found one by one would be spikes in the line: they are dots beside it
-    whole = found["bisected"] + sum(check["confirmed"] for check in found["checks"])
-    every = whole >= sum(lobe is not None for lobe in series["lobe"])
-    line = depths if every else plain
-    places = [(across(float(s)), up(float(d))) for s, d in zip(speeds, line, strict=True)]
-    outline = [(places[0][0], base), *places, (places[-1][0], base)]
-    parts.append(
-        Markup('<polygon points="{}" fill="#6a9a5b" opacity="0.10"/>').format(_points(outline))
-    )
-    if every:
-        zeroth = [(across(float(s)), up(float(d))) for s, d in zip(speeds, plain, strict=True)]
-        parts.append(_line(zeroth, "#8c9bab", 1.0, dashed=True))
-    for run in _runs(series["lobe"]):
-        lobe = series["lobe"][run[0]]
-        color = "#8c9bab" if lobe is None else colors[found["lobes"][lobe]["mode"]]
-        parts.append(_line(places[run[0] : run[-1] + 2], color, 1.8))
-    if not every:
-        known = dict(zip(series["rpm"], series["limit_depth_mm"], strict=True))
+    hatch, top = f"url(#{identity}_hatch)", up(highest)
+    for place in range(len(speeds) - 1):
+        left, right = across(float(speeds[place])), across(float(speeds[place + 1]))
+        if not known[place : place + 2].all():
+            parts.append(svg.area([(left, base), (left, top), (right, top), (right, base)], hatch))
+            continue
+        low = up(float(depths[place : place + 2].min()))
+        fill, opacity = ("#6a9a5b", 0.12) if confirmed else (hatch, 1.0)
+        area = [(left, base), (left, low), (right, low), (right, base)]
+        parts.append(svg.area(area, fill, opacity=opacity))
+    if (bounded := known & np.isfinite(errors)).sum() > 1:
+        for run in _runs(list(bounded)):
+            if bounded[run[0]]:
+                band = [(across(speeds[p]), up(depths[p] + errors[p])) for p in run]
+                band += [(across(speeds[p]), up(depths[p] - errors[p])) for p in reversed(run)]
+                parts.append(svg.area(band, UNKNOWN, opacity=0.25))
+    looked = [place for place in range(len(speeds)) if known[place]]
+    places = [(across(float(speeds[p])), up(float(depths[p]))) for p in looked]
+    for run in _runs([series["lobe"][place] for place in looked]):
+        lobe = series["lobe"][looked[run[0]]]
+        color = UNKNOWN if lobe is None else colors[found["lobes"][lobe]["mode"]]
         parts += [
-            _circle(across(check["rpm"]), up(known[check["rpm"]]), CHECKED)
-            for check in found["checks"]
+            _line(piece, color, 1.8) for piece in _pieces(looked, places, run[0], run[-1] + 2)
         ]
+    if len(looked) <= MOST_DOTS or len(looked) < len(speeds):
+        parts += [_circle(x, y, UNKNOWN, 2.0) for x, y in places]
     parts += [_mark_lowest(found, across, up), _mark_best(found, across, up)]
     dots = [("lowest limit, with its ±" if found["lowest_error_mm"] else "lowest limit", LOWEST)]
     dots += [("best speeds", BEST)] if found["best_speeds"] else []
-    dots += (
-        [("checked or found by Floquet multipliers", CHECKED)]
-        if found["checks"] and not every
-        else []
-    )
     legend, y = _legend(found, colors, dots if found["lowest"] else [], base + 42.0)
+    if not (confirmed and known.all()):
+        what = (
+            "hatched: nothing is known" if confirmed else "hatched: nothing confirms these limits"
+        )
+        y += LINE
+        legend.append(svg.text(float(LEFT), y, what, size=SIZE))
     return svg.picture(
         [*parts, *legend],
         identity=identity,
@@ -105,6 +116,18 @@ def draw_lobes(found: DirectionSummary, identity: str) -> Markup:
         label=f"Limit depth of cut over the speed of the spindle, travel {found['name']}",
         widest=WIDEST,
     )
+
+
+def _pieces(
+    looked: list[int], places: list[tuple[float, float]], first: int, end: int
+) -> list[list[tuple[float, float]]]:
+    """Lines between neighbouring speeds that were both looked at, of some places."""
+    pieces: list[list[tuple[float, float]]] = []
+    for number in range(first, min(end, len(looked))):
+        if number == first or looked[number] != looked[number - 1] + 1:
+            pieces.append([])
+        pieces[-1].append(places[number])
+    return [piece for piece in pieces if len(piece) > 1]
 
 
 def _legend(
@@ -149,7 +172,8 @@ def _mark_lowest(found: DirectionSummary, across: Scale, up: Scale) -> Markup:
 def _mark_best(found: DirectionSummary, across: Scale, up: Scale) -> Markup:
     parts = []
     taken: list[float] = []
-    line = list(zip(found["series"]["rpm"], found["series"]["limit_depth_mm"], strict=True))
+    series = zip(found["series"]["rpm"], found["series"]["limit_depth_mm"], strict=True)
+    line = [(speed, depth) for speed, depth in series if depth is not None]
     for best in found["best_speeds"]:
         x, y = across(best["rpm"]), up(best["limit_depth_mm"])
         parts.append(_circle(x, y, BEST))
@@ -177,24 +201,19 @@ def _stroke(x: float, y: float, color: str) -> Markup:
     return _line([(x - 8.0, y), (x + 8.0, y)], color, 3.0)
 
 
-def _circle(x: float, y: float, color: str) -> Markup:
-    return Markup('<circle cx="{:.1f}" cy="{:.1f}" r="4" fill="{}"/>').format(x, y, color)
+def _circle(x: float, y: float, color: str, radius: float = 4.0) -> Markup:
+    return Markup('<circle cx="{:.1f}" cy="{:.1f}" r="{:g}" fill="{}"/>').format(
+        x, y, radius, color
+    )
 
 
-def _line(
-    places: list[tuple[float, float]], color: str, width: float, *, dashed: bool = False
-) -> Markup:
-    dash = Markup(' stroke-dasharray="4 3"') if dashed else Markup("")
+def _line(places: list[tuple[float, float]], color: str, width: float) -> Markup:
     return Markup(
-        '<polyline points="{}" fill="none" stroke="{}" stroke-width="{}" stroke-linejoin="round"{}/>'
-    ).format(_points(places), color, width, dash)
+        '<polyline points="{}" fill="none" stroke="{}" stroke-width="{}" stroke-linejoin="round"/>'
+    ).format(svg.points(places), color, width)
 
 
-def _points(places: list[tuple[float, float]]) -> str:
-    return " ".join(f"{x:.1f},{y:.1f}" for x, y in places)
-
-
-def _runs(owners: list[int | None]) -> list[list[int]]:
+def _runs(owners: Sequence[object]) -> list[list[int]]:
     """Numbers of neighbours with the same owner."""
     return [
         [place for place, _ in group]

@@ -51,6 +51,32 @@ def text(
     ).format(x, y, size, anchor, color, faint, words)
 
 
+def hatching(identity: str, color: str) -> Markup:
+    """Slanted lines to fill areas with: ``url(#identity)``."""
+    return Markup(
+        '<defs><pattern id="{}" width="7" height="7" patternUnits="userSpaceOnUse" patternTransform="rotate(45)">'
+        '<rect width="2" height="7" fill="{}" opacity="0.45"/></pattern></defs>'
+    ).format(identity, color)
+
+
+def area(places: Iterable[tuple[float, float]], fill: str, *, opacity: float = 1.0) -> Markup:
+    """A filled area.
+
+    Args:
+        places: Of its corners.
+        fill: Colour, or a pattern.
+        opacity: From 0 to 1.
+    """
+    return Markup('<polygon points="{}" fill="{}" opacity="{:g}"/>').format(
+        points(places), fill, opacity
+    )
+
+
+def points(places: Iterable[tuple[float, float]]) -> str:
+    """Places as lines and areas take them."""
+    return " ".join(f"{x:.1f},{y:.1f}" for x, y in places)
+
+
 def heading(x: float, y: float, words: str, *, size: float = 11.5) -> Markup:
     """What a plot shows, above its left end.
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from headstock.app.tables.table import Column, PlainTable, show_percent
+from headstock.app.texts.bounded_values import show_bound, show_bounded
 from headstock.pipeline.answers.lobes import (
     BestSpeedSummary,
     DirectionSummary,
@@ -36,20 +37,22 @@ def _show_speed(value: float) -> str:
 
 
 def show_best_depth(best: BestSpeedSummary) -> str:
-    """Limit depth at a best speed [mm]; that it is above the deepest cut where there is none."""
-    return f"{'' if best['limited'] else 'above '}{best['limit_depth_mm']:.3g}"
+    """Limit depth at a best speed [mm], with its ±; that it is above the deepest cut where there is
+    none.
+    """
+    depth, error = best["limit_depth_mm"], best["error_mm"]
+    if not best["limited"]:
+        return f"above {depth:.3g}"
+    return (
+        f"{depth:.3g}"
+        if error is None
+        else f"{show_bounded(depth, error)} {show_bound(depth, error)}"
+    )
 
 
 def _tell_best(direction: DirectionSummary) -> str | None:
     best = direction["best_speeds"][:1]
     return f"{show_best_depth(best[0])} at {best[0]['rpm']:.0f}" if best else None
-
-
-def _tell_checks(direction: DirectionSummary) -> str:
-    if direction["checks"]:
-        confirmed = sum(check["confirmed"] for check in direction["checks"])
-        return f"{confirmed} of {len(direction['checks'])}"
-    return "bisected" if direction["bisected"] else "none"
 
 
 LOWEST_LOBE_COLUMNS: tuple[Column[LobeRow], ...] = (
@@ -80,7 +83,6 @@ LOWEST_LOBE_COLUMNS: tuple[Column[LobeRow], ...] = (
     Column(
         lambda row: _tell_best(row.direction), screen="<best mm, rpm", report="Best [mm at rpm]"
     ),
-    Column(lambda row: _tell_checks(row.direction), report="Limits confirmed"),
 )
 
 LOBE_COLUMNS: tuple[Column[LobeRow], ...] = (
@@ -132,6 +134,8 @@ def tabulate_limits(pose: str, found: LobesSummary) -> PlainTable:
         for *values, lobe in zip(
             direction["series"]["rpm"],
             direction["series"]["limit_depth_mm"],
+            direction["series"]["error_mm"],
+            direction["series"]["limited"],
             direction["series"]["zeroth_order_mm"],
             direction["series"]["chatter_hz"],
             direction["series"]["lobe"],
@@ -142,6 +146,8 @@ def tabulate_limits(pose: str, found: LobesSummary) -> PlainTable:
         "travel",
         "speed [rpm]",
         "limit depth [mm]",
+        "± [mm]",
+        "limited",
         "zeroth order [mm]",
         "chatter [Hz]",
         "mode",

@@ -293,7 +293,7 @@ def limit_error_words(lobes: Mapping[str, LobesSummary]) -> list[str]:
         parts = ", ".join(
             f"{source} up to {show_share(share)}" for source, share in largest.items()
         )
-        words.append(f"± of a lowest limit, carried through zeroth order, from {parts}")
+        words.append(f"± of a lowest limit from {parts}")
     left_out = dict.fromkeys(words for own in directions for words in own["error_left_out"])
     if left_out:
         what = "not in ±" if largest else "no ± of the lowest limits"

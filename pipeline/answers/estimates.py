@@ -11,6 +11,7 @@ CURVED_FACES = "curved faces"
 LEFT_OUT = "features left out"  # of a mesh
 MODEL = "model"  # of bodies that are no finite elements
 CUTTING = "cutting coefficients"
+BORDER = "border of stability"  # how near a search came to it
 INTERFACE = "interface"  # of rigid joints between elastic bodies
 
 

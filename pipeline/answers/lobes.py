@@ -1,12 +1,13 @@
 """Stability lobes as results: the types, and how they read in ``summary.json`` and ``results.h5``."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.meshing.process.libraries import h5py
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.estimates import Estimate, scale_shares
@@ -32,30 +33,25 @@ class LobeSummary(TypedDict):
 
 
 class BestSpeedSummary(TypedDict):
-    """A speed between two lobes; not limited where no cut up to the deepest one chatters."""
-
-    rpm: float
-    limit_depth_mm: float
-    limited: bool
-
-
-class LimitCheckSummary(TypedDict):
-    """Largest Floquet multipliers below a limit depth (at 0.45, 0.7 and 0.95 of it; in the sample of a
-    sweep at 0.95 alone) and at 1.05 of it; stable below one. Without a limit, the deepest cut has only
-    to be stable.
+    """A speed between two lobes with the ± of its limit; not limited where no cut up to the deepest one
+    chatters.
     """
 
     rpm: float
     limit_depth_mm: float
-    multipliers: list[float]
-    confirmed: bool
+    error_mm: float | None
+    limited: bool
 
 
 class LobeSeries(TypedDict):
-    """Over the speeds: null where there is no limit up to the deepest cut that was tried."""
+    """Over the speeds: the limit, null where it was not looked for, the deepest cut that was tried where
+    there is none; its ±, null where there is none; and what a single frequency says.
+    """
 
     rpm: list[float]
-    limit_depth_mm: list[float]
+    limit_depth_mm: list[float | None]
+    error_mm: list[float | None]
+    limited: list[bool]
     zeroth_order_mm: list[float]
     chatter_hz: list[float | None]
     lobe: list[int | None]
@@ -74,11 +70,8 @@ class DirectionSummary(TypedDict):
     chatter_error_hz: float | None
     chatter_error_share: dict[str, float | None]
     error_left_out: list[str]
-    lowest_any_speed_mm: float | None
     best_speeds: list[BestSpeedSummary]
     lobes: list[LobeSummary]
-    checks: list[LimitCheckSummary]
-    bisected: int
     series: LobeSeries
 
 
@@ -91,9 +84,12 @@ class LobesSummary(TypedDict):
     teeth: int
     diameter_mm: float
     tool: str
+    sense: str
     up_to_hz: float
+    modes_to_hz: float
     deepest_mm: float
     method: str
+    confirmed: bool
     directions: list[DirectionSummary]
 
 
@@ -122,43 +118,6 @@ class Lobe:
     part: str
 
 
-@dataclass(frozen=True)
-class LimitCheck:
-    """A limit depth checked by Floquet multipliers.
-
-    Attributes:
-        place: Index of the speed.
-        depth: By zeroth order [m].
-        below: Largest multiplier below the limit: at 0.45, 0.7 and 0.95 of it.
-        above: At 1.05 of it.
-        limited: False where no limit was found up to the deepest cut, which is the depth then.
-    """
-
-    place: int
-    depth: float
-    below: float
-    above: float
-    limited: bool = True
-
-    @property
-    def confirmed(self) -> bool:
-        """Stable below, unstable above where there is a limit."""
-        return self.below < 1.0 and (self.above >= 1.0 or not self.limited)
-
-
-@dataclass(frozen=True)
-class LimitErrors:
-    """How far the lowest limit may be off.
-
-    Attributes:
-        depth: Of the limit depth [m].
-        chatter: Of the frequency of chatter [Hz].
-    """
-
-    depth: Estimate = field(default_factory=Estimate)
-    chatter: Estimate = field(default_factory=Estimate)
-
-
 @dataclass(frozen=True, eq=False)
 class DirectionLobes:
     """Lobes of a direction of travel.
@@ -166,30 +125,49 @@ class DirectionLobes:
     Attributes:
         name: Of the direction of travel.
         direction: Machine frame.
-        depths: ``(n,)`` limit depth [m].
-        zeroth: ``(n,)`` the same by zeroth order.
-        chatter: ``(n,)`` angular frequency of chatter by zeroth order [rad/s]; NaN where there is none.
+        depths: ``(n,)`` limit depth [m]; the deepest that was looked for where there is none, NaN
+            where it was not looked for.
+        limited: ``(n,)`` whether there is a limit.
+        zeroth: ``(n,)`` limits of a single frequency (zeroth order) [m].
+        chatter: ``(n,)`` angular frequency of chatter [rad/s]; NaN where there is none.
         owner: ``(n,)`` index into the lobes; -1 for none.
-        lowest_any_speed: Limit depth at the worst speed of all, by zeroth order [m].
         lobes: Rising in speed.
         best: Indices of the speeds with the deepest limits between lobes, the deepest first.
-        checks: At a sample of speeds and at minima.
-        bisected: How many limits were found by bisection.
-        errors: Of the lowest limit.
+        depth_errors: Source of error to ``(n,)`` sizes in the limits [m]; NaN where there is no bound.
+        chatter_errors: The same in frequencies of chatter [Hz].
+        left_out: What is not in them, in plain words.
     """
 
     name: str
     direction: tuple[float, float, float]
     depths: FloatArray
+    limited: BoolArray
     zeroth: FloatArray
     chatter: FloatArray
     owner: NDArray[np.intp]
-    lowest_any_speed: float
     lobes: tuple[Lobe, ...]
     best: tuple[int, ...]
-    checks: tuple[LimitCheck, ...]
-    bisected: int
-    errors: LimitErrors = field(default_factory=LimitErrors)
+    depth_errors: Mapping[str, FloatArray] = field(default_factory=dict)
+    chatter_errors: Mapping[str, FloatArray] = field(default_factory=dict)
+    left_out: tuple[str, ...] = ()
+
+    @property
+    def errors(self) -> FloatArray:
+        """``(n,)`` ± of the limits [m]; NaN where there is none."""
+        if not self.depth_errors:
+            return np.full(len(self.depths), np.nan)
+        return np.asarray(sum(self.depth_errors.values()))
+
+    def estimate(self, place: int) -> tuple[Estimate, Estimate]:
+        """± of the limit [m] and of the frequency of chatter [Hz] at a speed."""
+        depth, chatter = (
+            {
+                source: float(sizes[place]) if np.isfinite(sizes[place]) else None
+                for source, sizes in errors.items()
+            }
+            for errors in (self.depth_errors, self.chatter_errors)
+        )
+        return Estimate(depth, self.left_out), Estimate(chatter, self.left_out)
 
     @property
     def lowest(self) -> Lobe | None:
@@ -210,9 +188,12 @@ class PoseLobes(Answer):
         diameter: Of the tool [m].
         teeth: Of the tool.
         tool: What stands between the machine and the tip, in plain words.
-        up_to_hz: Modes of the machine count up to here.
+        sense: Of milling, with the side of the part, in plain words.
+        up_to_hz: Modes of the machine count at least up to here.
+        modes_to_hz: Up to here they do, with those of spindle and tool.
         deepest: Depth up to which a limit was looked for [m].
         method: In plain words.
+        confirmed: Whether limits were found by multipliers; else a single frequency says so.
         speeds: ``(n,)`` [rad/s].
         directions: One per direction of travel.
     """
@@ -223,15 +204,18 @@ class PoseLobes(Answer):
     diameter: float
     teeth: int
     tool: str
+    sense: str
     up_to_hz: float
+    modes_to_hz: float
     deepest: float
     method: str
+    confirmed: bool
     speeds: FloatArray
     directions: tuple[DirectionLobes, ...]
     units: ClassVar[dict[str, str]] = {
         r"lobes/.*/speeds": "rad/s",
         r"lobes/.*/direction": "1",
-        r"lobes/.*/(limit_depth|zeroth_order)": "m",
+        r"lobes/.*/(limit_depth|limit_error|zeroth_order)": "m",
         r"lobes/.*/lowest_error": "m",
         r"lobes/.*/(chatter_hz|chatter_error_hz)": "Hz",
     }
@@ -245,9 +229,12 @@ class PoseLobes(Answer):
             "teeth": self.teeth,
             "diameter_mm": MM * self.diameter,
             "tool": self.tool,
+            "sense": self.sense,
             "up_to_hz": self.up_to_hz,
+            "modes_to_hz": self.modes_to_hz,
             "deepest_mm": MM * self.deepest,
             "method": self.method,
+            "confirmed": self.confirmed,
             "directions": [self._summarise(own) for own in self.directions],
         }
 
@@ -259,55 +246,46 @@ class PoseLobes(Answer):
             inner = group.create_group(own.name)
             inner["direction"] = np.array(own.direction)
             inner["limit_depth"], inner["zeroth_order"] = own.depths, own.zeroth
+            inner["limit_error"], inner["limited"] = own.errors, own.limited
             inner["chatter_hz"] = HZ * own.chatter
-            for name, error in (
-                ("lowest_error", own.errors.depth.total),
-                ("chatter_error_hz", own.errors.chatter.total),
-            ):
-                inner[name] = np.nan if error is None else error
+            lowest = own.lowest
+            depth, chatter = (
+                (Estimate(), Estimate()) if lowest is None else own.estimate(lowest.place)
+            )
+            for name, error in (("lowest_error", depth), ("chatter_error_hz", chatter)):
+                inner[name] = np.nan if error.total is None else error.total
 
     def _summarise(self, own: DirectionLobes) -> DirectionSummary:
         rpm = RPM * self.speeds
-        lowest, errors = own.lowest, own.errors
-        size = errors.depth.total
+        lowest, sizes = own.lowest, own.errors
+        depth, chatter = (Estimate(), Estimate()) if lowest is None else own.estimate(lowest.place)
+        size = depth.total
         return {
             "direction": list(own.direction),
             "name": own.name,
             "lowest": None if lowest is None else self._summarise_lobe(own, lowest),
             "lowest_error_mm": None if size is None else MM * size,
-            "lowest_error_share": scale_shares(errors.depth, MM),
-            "chatter_error_hz": errors.chatter.total,
-            "chatter_error_share": scale_shares(errors.chatter, 1.0),
-            "error_left_out": list(errors.depth.left_out),
-            "lowest_any_speed_mm": MM * own.lowest_any_speed
-            if np.isfinite(own.lowest_any_speed)
-            else None,
+            "lowest_error_share": scale_shares(depth, MM),
+            "chatter_error_hz": chatter.total,
+            "chatter_error_share": scale_shares(chatter, 1.0),
+            "error_left_out": list(own.left_out),
             "best_speeds": [
                 {
                     "rpm": float(rpm[place]),
                     "limit_depth_mm": float(MM * own.depths[place]),
-                    "limited": bool(own.depths[place] < self.deepest),
+                    "error_mm": _finite(MM * sizes[place]),
+                    "limited": bool(own.limited[place]),
                 }
                 for place in own.best
             ],
             "lobes": [self._summarise_lobe(own, lobe) for lobe in own.lobes],
-            "checks": [
-                {
-                    "rpm": float(rpm[check.place]),
-                    "limit_depth_mm": MM * check.depth,
-                    "multipliers": [check.below, check.above],
-                    "confirmed": check.confirmed,
-                }
-                for check in own.checks
-            ],
-            "bisected": own.bisected,
             "series": {
                 "rpm": list(map(float, rpm)),
-                "limit_depth_mm": list(map(float, MM * own.depths)),
+                "limit_depth_mm": list(map(_finite, MM * own.depths)),
+                "error_mm": list(map(_finite, MM * sizes)),
+                "limited": list(map(bool, own.limited)),
                 "zeroth_order_mm": list(map(float, MM * own.zeroth)),
-                "chatter_hz": [
-                    None if np.isnan(value) else float(HZ * value) for value in own.chatter
-                ],
+                "chatter_hz": list(map(_finite, HZ * own.chatter)),
                 "lobe": [None if value < 0 else int(value) for value in own.owner],
             },
         }
@@ -326,3 +304,8 @@ class PoseLobes(Answer):
             "mode_share": lobe.mode_share,
             "part": lobe.part,
         }
+
+
+def _finite(value: float) -> float | None:
+    """A number for JSON; None for NaN."""
+    return float(value) if np.isfinite(value) else None

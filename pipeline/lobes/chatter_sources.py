@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.lobes import Lobe
 from headstock.pipeline.lobes.cutting_point import CuttingPoint, turn_response
+from headstock.pipeline.lobes.limits import Limits
 from headstock.pipeline.stages.run_state import PoseModel
 from headstock.solvers.linear.modal_coordinates import modal_motion
-from headstock.solvers.milling.lobes import LobeDiagram, chatter_shapes
+from headstock.solvers.milling.lobes import chatter_shapes
 from headstock.solvers.milling.tool_dynamics import (
     MeasuredAssembly,
     couple_assembly,
@@ -21,23 +22,24 @@ from headstock.solvers.second_order import ComplexArray
 
 def group_lobes(
     point: CuttingPoint,
-    diagram: LobeDiagram,
-    depths: FloatArray,
+    limits: Limits,
     frame: FloatArray,
     machine: PoseModel,
     *,
     whole: bool,
 ) -> tuple[tuple[Lobe, ...], NDArray[np.intp]]:
     """Neighbouring speeds with the same waves of the same mode, and the lobe of each speed."""
+    depths = limits.depths
     owner = np.full(len(depths), -1, dtype=np.intp)
-    limited = np.flatnonzero(diagram.waves >= 0)
+    limited = np.flatnonzero(limits.limited)
     if not len(limited):
         return (), owner
     if not whole:
         limited = limited[[int(np.argmin(depths[limited]))]]
-    sources, shares = _find_sources(point, diagram, limited, frame)
-    waves = diagram.waves[limited]
-    new = (np.diff(limited) > 1) | (np.diff(waves) != 0) | (np.diff(sources) != 0)
+    sources, shares = _find_sources(point, limits, limited, frame)
+    waves = limits.waves[limited]
+    number = np.cumsum(np.isfinite(depths))[limited]  # among the speeds that were looked at
+    new = (np.diff(number) > 1) | (np.diff(waves) != 0) | (np.diff(sources) != 0)
     owner[limited] = np.concatenate([[0], np.cumsum(new)])
     names = _name_sources(machine, point, sorted({int(source) for source in sources}))
     lobes = []
@@ -51,7 +53,7 @@ def group_lobes(
                 place=place,
                 first=int(own[0]),
                 last=int(own[-1]),
-                waves=int(diagram.waves[place]),
+                waves=int(limits.waves[place]),
                 mode=name,
                 mode_hz=hz,
                 mode_share=float(shares[at]),
@@ -63,17 +65,17 @@ def group_lobes(
 
 def _find_sources(
     point: CuttingPoint,
-    diagram: LobeDiagram,
+    limits: Limits,
     places: NDArray[np.intp],
     frame: FloatArray,
 ) -> tuple[NDArray[np.intp], FloatArray]:
     """What contributes most to the motion that chatters at some speeds, ``(k,)`` numbers of modes of
     the machine and, after them, of parts of the assembly; and its share ``(k,)``.
     """
-    omega = diagram.chatter[places]
+    omega = limits.chatter[places]
     machine = point.model.form.evaluate(omega)
     tip = turn_response(couple_assembly(machine, omega, point.assembly), frame)
-    shapes = chatter_shapes(tip, point.stiffness, diagram.eigenvalues[places])
+    shapes = chatter_shapes(tip, point.stiffness, limits.eigenvalues[places])
     split = split_tip_motion(machine, omega, point.assembly, shapes.forces @ frame)
     weights = shapes.weights @ frame[:2]
     of_assembly = np.einsum("pnd,nd->np", split.parts, weights)

@@ -19,26 +19,38 @@ from headstock.solvers.linear.frequency_response import (
     prepare_frf,
     refine_grid,
 )
+from headstock.solvers.linear.modal_analysis import ModalResult
 from headstock.solvers.linear.modal_coordinates import reduce_to_modes
 from headstock.solvers.linear.response_forms import narrow_band
+from headstock.solvers.milling.collocation import stiffest_gain
+from headstock.solvers.milling.forces import Side, part_sign
 from headstock.solvers.milling.lobes import (
     LobeDiagram,
     Receptance,
     find_lobes,
     mean_cutting_stiffness,
 )
-from headstock.solvers.milling.stability import TipDynamics, TipPoles, find_poles, tip_dynamics
+from headstock.solvers.milling.stability import (
+    TipPoles,
+    find_poles,
+    settle_fastest,
+    tip_dynamics,
+)
 from headstock.solvers.milling.tool_dynamics import (
     Assembly,
     MeasuredAssembly,
     attach_tool_modes,
     couple_assembly,
 )
-from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
+from headstock.solvers.second_order import ComplexArray, SecondOrderSystem, output_rows
 
 LINES = 1200  # of the even grid
 BEYOND = 1.05  # of the highest line: up to there frequencies of chatter are refined
 REACHED = 0.01  # beyond it: peaks that still matter to the grid
+MOST_MODES = 160  # of a machine that are more than a static flexibility
+MATTERS = 0.02  # of what makes a mode chatter alone: a thinner share of it is static flexibility
+WEAK = 1e-3  # of the slowest turn of the spindle: springs under motions that nothing holds
+APART = 1e-5  # of the damping: by so much it is changed where poles are not apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +65,7 @@ class CuttingPoint:
         omega: ``(f,)`` grid of angular frequencies.
         machine: ``(f, 3, 3)`` its receptance there, machine axes.
         coupled: ``(f, 3, 3)`` that of the tip.
+        poles: The tip in coordinates of its own, machine axes; None where it is measured.
     """
 
     request: LobesRequest
@@ -62,6 +75,7 @@ class CuttingPoint:
     omega: FloatArray
     machine: ComplexArray
     coupled: ComplexArray
+    poles: TipPoles | None
 
     def tip(self, omega: FloatArray) -> ComplexArray:
         """Receptance of the tip ``(f, 3, 3)``, machine axes."""
@@ -73,7 +87,7 @@ class CuttingPoint:
     def stiffness(self) -> FloatArray:
         """``(3, 2)`` mean cutting stiffness per depth, axes of the travel [N/m^2]."""
         request = self.request
-        return mean_cutting_stiffness(request.mill, request.coefficients, request.radial_depth)
+        return mean_cutting_stiffness(request.cut_at(float(request.speeds[0])))
 
     def find_diagram(
         self, frame: FloatArray, tip: Receptance | None = None, omega: FloatArray | None = None
@@ -124,10 +138,13 @@ def prepare_point(machine: PoseModel) -> CuttingPoint:
             " [effects] damping = { modal = 0.02 }"
         )
     omega = spread_lines(request, assembly, poles)
-    model = dataclasses.replace(model, form=narrow_band(model.form, BEYOND * float(omega.max())))
+    tip = None if isinstance(assembly, MeasuredAssembly) else find_tip(request, system, modes)
+    fastest = 0.0 if tip is None else float(np.abs(tip.values).max(initial=0.0))
+    reach = BEYOND * max(float(omega.max()), fastest)
+    model = dataclasses.replace(model, form=narrow_band(model.form, reach))
     own = model.form.evaluate(omega)
     coupled = couple_assembly(own, omega, assembly)
-    return CuttingPoint(request, system, model, assembly, omega, own, coupled)
+    return CuttingPoint(request, system, model, assembly, omega, own, coupled, tip)
 
 
 def highest_hz(request: LobesRequest, assembly: Assembly) -> float:
@@ -156,26 +173,75 @@ def turn_response(response: ComplexArray, frame: FloatArray) -> ComplexArray:
 
 
 def travel_frame(
-    direction: tuple[float, float, float], up: tuple[float, float, float]
+    direction: tuple[float, float, float], up: tuple[float, float, float], part: Side
 ) -> FloatArray:
-    """``(3, 3)`` rows along the travel, away from the part on its right, and up along the tool."""
+    """``(3, 3)`` rows along the travel, away from the part on one side of it, and up along the tool."""
     axis = np.array(up) / np.linalg.norm(up)
     along = np.array(direction) - (np.array(direction) @ axis) * axis
     along /= np.linalg.norm(along)
-    return np.array([along, np.cross(axis, along), axis])
+    return np.array([along, part_sign(part) * np.cross(axis, along), axis])
 
 
-def reduced_tip(machine: PoseModel, point: CuttingPoint) -> TipDynamics | TipPoles:
-    """The tip in few coordinates, machine axes: modes of the machine up to the reach and residual
-    modes for the rest, spindle and tool on them; structural damping as viscous.
+def find_tip(request: LobesRequest, system: SecondOrderSystem, modes: ModalResult) -> TipPoles:
+    """The tip in coordinates of its own, machine axes: modes of the machine, spindle and tool on them,
+    and the static flexibility of all other modes; structural damping as viscous.
+
+    All modes take part that can matter in a cut as deep as limits are looked for, also those above
+    ``up_to``; the others move at once with the force, so that they cannot chatter.
+
+    Args:
+        request: What is asked for.
+        system: The machine with its damping.
+        modes: All its undamped modes.
+
+    Raises:
+        ModelError: It has no coordinates of its own.
     """
-    request, modes = point.request, machine.all_modes
     channels = [(request.at, direction) for direction in DIRECTIONS]
-    system = equivalent_viscous(point.system, modes)
-    small = reduce_to_modes(system, channels, request.reach_hz, modes)
+    system = equivalent_viscous(system, modes)
+    reach = max(request.reach_hz, _reach_of_modes(request, system, modes))
+    small = reduce_to_modes(system, channels, reach, modes)
+    at_once = len(small.mass) - int((modes.frequencies_hz <= reach).sum())
+    if modes.rigid_count:
+        small = _support_weakly(small, modes.rigid_count, float(request.speeds[0]))
     if request.tool_modes:
         small = attach_tool_modes(small, request.at, request.tool_modes)
     rows = np.array([small.outputs[channel] for channel in channels])
     damping = np.zeros_like(small.mass) if small.damping is None else small.damping
-    tip = tip_dynamics(small.mass, damping, small.stiffness, forced=rows)
-    return find_poles(tip) or tip
+    for share in (0.0, APART):
+        # critical damping leaves too few coordinates
+        tip = tip_dynamics(small.mass, (1.0 + share) * damping, small.stiffness, forced=rows)
+        if (poles := find_poles(tip)) is not None:
+            return settle_fastest(poles, at_once)
+    raise ModelError("the machine where it cuts has no poles of its own; change its damping")
+
+
+def _reach_of_modes(request: LobesRequest, system: SecondOrderSystem, modes: ModalResult) -> float:
+    """Frequency of the highest mode that can matter up to the deepest cut [Hz]."""
+    count = min(MOST_MODES, len(modes.frequencies_hz))
+    first = slice(modes.rigid_count, count)
+    shapes = modes.shapes[:, first]
+    rows = output_rows(system, [(request.at, direction) for direction in DIRECTIONS]) @ shapes
+    omega = 2.0 * np.pi * modes.frequencies_hz[first]
+    if system.damping is None or not len(omega):
+        return 0.0
+    damped = np.einsum("ij,ij->j", shapes, system.damping @ shapes)
+    gain = request.deepest * stiffest_gain(
+        request.mill, request.coefficients.chip, request.radial_depth, request.sense
+    )
+    matters = 2.0 * gain * (rows**2).sum(axis=0) > MATTERS * np.abs(damped) * omega
+    return float(modes.frequencies_hz[first][matters].max(initial=0.0))
+
+
+def _support_weakly(system: SecondOrderSystem, count: int, slowest: float) -> SecondOrderSystem:
+    """Modal coordinates whose rigid-body motions stand on springs far below the slowest turn of the
+    spindle, so that they have poles of their own.
+    """
+    omega = WEAK * slowest
+    stiffness, damping = system.stiffness.copy(), np.zeros_like(system.mass)
+    place = np.arange(count)
+    stiffness[place, place] += omega**2
+    damping[place, place] = 0.6 * omega
+    if system.damping is not None:
+        damping += system.damping
+    return dataclasses.replace(system, stiffness=stiffness, damping=damping)

@@ -1,104 +1,165 @@
-"""± of the lowest limits: what finer models would change of them."""
+"""± of limits: what finer models would change of them, and the search itself."""
 
 import dataclasses
-import functools
 
 import numpy as np
 
-from headstock.geometry.frames import DIRECTIONS, FloatArray
-from headstock.pipeline.answers.estimates import CURVED_FACES, DISCRETISATION, REDUCTION, Estimate
-from headstock.pipeline.answers.lobes import HZ, DirectionLobes, LimitErrors
-from headstock.pipeline.lobes.cutting_point import (
-    CuttingPoint,
-    highest_hz,
-    spread_lines,
-    travel_frame,
+from headstock.geometry.frames import DIRECTIONS, BoolArray, FloatArray
+from headstock.pipeline.answers.estimates import (
+    BORDER,
+    CURVED_FACES,
+    CUTTING,
+    DISCRETISATION,
+    REDUCTION,
 )
+from headstock.pipeline.answers.lobes import HZ, DirectionLobes
+from headstock.pipeline.lobes.cutting_point import CuttingPoint, find_tip, travel_frame
+from headstock.pipeline.lobes.limits import Limits, cuts_at_speeds
 from headstock.pipeline.stages.estimates import name_what_is_left_out
 from headstock.pipeline.stages.frf import find_error_sources
 from headstock.pipeline.stages.machine import damp_system
 from headstock.pipeline.stages.run_state import PoseModel
-from headstock.reduction.estimates.limit_errors import (
-    FinerModels,
-    LimitChanges,
-    LowestLimit,
-    change_models,
-    find_limit_changes,
-)
-from headstock.reduction.estimates.response_errors import (
-    ErrorSources,
-    SystemChange,
-    project_response,
-)
-from headstock.scene.requests import LobesRequest
-from headstock.solvers.linear.frequency_response import FrfModel, find_peaks, prepare_frf
-from headstock.solvers.milling.tool_dynamics import couple_assembly
-from headstock.solvers.second_order import ComplexArray, input_columns, output_rows
+from headstock.reduction.estimates.limit_errors import Border, find_border_changes
+from headstock.reduction.estimates.response_errors import SystemChange, project_response
+from headstock.solvers.linear.modal_analysis import solve_modal
+from headstock.solvers.milling.collocation import FINER
+from headstock.solvers.milling.coefficients import CuttingCoefficients
+from headstock.solvers.milling.stability import TipPoles, turn_tip
+from headstock.solvers.second_order import input_columns, output_rows
+
+BY_ONE_FREQUENCY = "a measured receptance, whose limits no multipliers confirm"
+Errors = dict[str, FloatArray]
 
 
-def judge_limits(
-    machine: PoseModel, point: CuttingPoint, found: tuple[DirectionLobes, ...]
+def estimate_limits(
+    machine: PoseModel,
+    point: CuttingPoint,
+    found: tuple[DirectionLobes, ...],
+    limits: tuple[Limits, ...],
 ) -> tuple[DirectionLobes, ...]:
-    """Directions of travel with the errors of their lowest limits; a limit found by bisection has
-    the relative error of its zeroth order.
+    """Directions of travel with the errors of their limits and frequencies of chatter.
+
+    Args:
+        machine: In the pose.
+        point: Where it cuts.
+        found: Directions of travel.
+        limits: Of each.
     """
-    request, coupled, parts = point.request, machine.coupled, machine.parts
+    left_out = name_what_is_left_out(machine.parts).left_out if machine.coupled else ()
+    if point.poles is None:
+        left_out = (*left_out, BY_ONE_FREQUENCY)
+        return tuple(dataclasses.replace(own, left_out=left_out) for own in found)
+    changes = _find_changes(machine, point, found, limits)
+    return tuple(
+        dataclasses.replace(
+            own,
+            depth_errors={
+                BORDER: border.search,
+                **depths,
+                **_spread_coefficients(point, own, border),
+            },
+            chatter_errors=chatter,
+            left_out=left_out,
+        )
+        for own, border, (depths, chatter) in zip(found, limits, changes, strict=True)
+    )
+
+
+def _spread_coefficients(point: CuttingPoint, own: DirectionLobes, limits: Limits) -> Errors:
+    """What ranges of the cutting coefficients make of limits [m]."""
+    request, poles = point.request, point.poles
+    if poles is None or not request.coefficients.ranges:
+        return {}
+    tip = turn_tip(poles, travel_frame(own.direction, request.up, request.part))
+    half = np.zeros(len(limits.depths))
+    for known in request.coefficients.ranges.values():
+        moved = [move_border(point, tip, limits, limits.limited, end).depth for end in known.ends]
+        half += limits.depths * np.abs(np.array(moved) - 1.0).max(axis=0)
+    return {CUTTING: half}
+
+
+def _find_changes(
+    machine: PoseModel,
+    point: CuttingPoint,
+    found: tuple[DirectionLobes, ...],
+    limits: tuple[Limits, ...],
+) -> list[tuple[Errors, Errors]]:
+    """Errors of limit depths [m] and of frequencies of chatter [Hz] by source, of each direction."""
+    request, coupled = point.request, machine.coupled
+    nothing: list[tuple[Errors, Errors]] = [({}, {}) for _ in found]
     if coupled is None:
-        return found
-    left_out = name_what_is_left_out(parts).left_out
-    models = _find_finer_models(machine, request, find_error_sources(parts, coupled))
-    if models is None:
-        nothing = LimitErrors(Estimate({}, left_out), Estimate({}, left_out))
-        return tuple(dataclasses.replace(own, errors=nothing) for own in found)
-
-    def find_lowest(frame: FloatArray, model: FrfModel) -> LowestLimit:
-        def tip(omega: FloatArray) -> ComplexArray:
-            return couple_assembly(model.form.evaluate(omega), omega, point.assembly)
-
-        poles = find_peaks(model, highest_hz(request, point.assembly))
-        diagram = point.find_diagram(frame, tip, spread_lines(request, point.assembly, poles))
-        place = int(np.argmin(diagram.depths))
-        return LowestLimit(float(diagram.depths[place]), float(diagram.chatter[place]))
-
-    judged = []
-    for own in found:
-        if own.lowest is not None:
-            find = functools.partial(find_lowest, travel_frame(own.direction, request.up))
-            changes = find_limit_changes(models, find)
-            scale = float(own.depths[own.lowest.place]) / changes.plain.depth
-            own = dataclasses.replace(own, errors=_list_errors(changes, scale, left_out))
-        judged.append(own)
-    return tuple(judged)
-
-
-def _find_finer_models(
-    machine: PoseModel, request: LobesRequest, sources: ErrorSources
-) -> FinerModels | None:
-    """The machine where it cuts as finer models may have it; None without any source of error."""
+        return nothing
+    sources = find_error_sources(machine.parts, coupled)
     if not (sources.truncated or sources.meshed):
-        return None
+        return nothing
     ports = [(request.at, direction) for direction in DIRECTIONS]
     channels = input_columns(machine.system, ports), output_rows(machine.system, ports)
     space = project_response(machine.system, sources, machine.all_modes, channels, request.reach_hz)
+    tips: dict[int, TipPoles] = {}
 
-    def respond(change: SystemChange | None) -> FrfModel:
-        # ratios of modes are those of the changed ones
-        system = damp_system(machine.parts.scene, space.changed_system(ports, ports, change))
-        return prepare_frf(system, inputs=ports, outputs=ports)
+    def tip_of(change: SystemChange | None) -> TipPoles:
+        if id(change) not in tips:
+            # ratios of modes are those of the changed ones
+            system = damp_system(machine.parts.scene, space.changed_system(ports, ports, change))
+            tips[id(change)] = find_tip(request, system, solve_modal(system))
+        return tips[id(change)]
 
-    return change_models(space, respond)
+    errors = []
+    for own, border in zip(found, limits, strict=True):
+        frame = travel_frame(own.direction, request.up, request.part)
+
+        def find(
+            change: SystemChange | None,
+            some: BoolArray,
+            frame: FloatArray = frame,
+            border: Limits = border,
+        ) -> Border:
+            return move_border(point, turn_tip(tip_of(change), frame), border, some)
+
+        changes = find_border_changes(space, find, border.chatter)
+        by_source = {
+            source: size
+            for source, size in (
+                (DISCRETISATION, changes.mesh),
+                (CURVED_FACES, changes.faces),
+                (REDUCTION, changes.modes),
+            )
+            if size is not None
+        }
+        errors.append(
+            (
+                {source: border.depths * size.depth for source, size in by_source.items()},
+                {source: HZ * size.chatter for source, size in by_source.items()},
+            )
+        )
+    return errors
 
 
-def _list_errors(changes: LimitChanges, scale: float, left_out: tuple[str, ...]) -> LimitErrors:
-    """Changes by source as estimates, those of depths times a scale."""
-    depths: dict[str, float | None] = {}
-    chatter: dict[str, float | None] = {}
-    for source, size in (
-        (DISCRETISATION, changes.mesh),
-        (CURVED_FACES, changes.faces),
-        (REDUCTION, changes.modes),
-    ):
-        if size is not None:
-            depths[source] = scale * size.depth if np.isfinite(size.depth) else None
-            chatter[source] = HZ * size.chatter if np.isfinite(size.chatter) else None
-    return LimitErrors(Estimate(depths, left_out), Estimate(chatter, left_out))
+def move_border(
+    point: CuttingPoint,
+    tip: TipPoles,
+    limits: Limits,
+    some: BoolArray,
+    coefficients: CuttingCoefficients | None = None,
+) -> Border:
+    """Where another machine or material chatters, by the growth it has at the limits of this one.
+
+    Args:
+        point: Where it cuts.
+        tip: Of the other machine, in the axes of the travel.
+        limits: Of this one.
+        some: ``(n,)`` at which speeds, all of which have a limit; NaN at others.
+        coefficients: Of the other material.
+    """
+    own = point.request.coefficients
+    # limits go with the inverse of the coefficients, all else is a small change
+    scale = 1.0 if coefficients is None else own.chip[0] / coefficients.chip[0]
+    depth, chatter = np.full((2, len(some)), np.nan)
+    cuts = cuts_at_speeds(point.request, tip, some, coefficients)
+    for place in np.flatnonzero(some):
+        if (cut := cuts[place]) is not None:
+            largest = cut.largest(scale * float(limits.depths[place]), FINER)
+            growth = np.log(np.abs(largest.value))
+            depth[place] = scale * (1.0 - growth / limits.slopes[place])
+            chatter[place] = cut.frequency(largest)
+    return Border(depth, chatter)

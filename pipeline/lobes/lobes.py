@@ -8,26 +8,38 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.feed import NO_FEED
 from headstock.geometry.machine.machine import Pose, free_axes
-from headstock.pipeline.answers.lobes import DirectionLobes, PoseLobes
+from headstock.pipeline.answers.lobes import HZ, RPM, DirectionLobes, PoseLobes
 from headstock.pipeline.lobes.chatter_sources import group_lobes
 from headstock.pipeline.lobes.cutting_point import (
     CuttingPoint,
+    highest_hz,
     lobes_request,
     prepare_point,
-    reduced_tip,
     travel_frame,
 )
-from headstock.pipeline.lobes.limit_checks import ISLANDS, Trials, best_speeds, choose_speeds
-from headstock.pipeline.lobes.limit_errors import judge_limits
+from headstock.pipeline.lobes.limit_errors import estimate_limits
+from headstock.pipeline.lobes.limits import (
+    Limits,
+    best_speeds,
+    choose_speeds,
+    find_limits,
+    limits_by_one_frequency,
+)
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.run_state import Outcome, PoseModel, RunState, Solved, pose_model
+from headstock.reduction.estimates.frequency_errors import truncated_parts
 from headstock.reduction.motions.feed import trace_feed
 from headstock.scene.requests import LobesRequest, Travel
 from headstock.solvers.errors import ModelError
-from headstock.solvers.milling.stability import TipDynamics, TipPoles, turn_tip
-from headstock.solvers.milling.tool_dynamics import MeasuredAssembly
+from headstock.solvers.milling.forces import describe_sense
+from headstock.solvers.milling.stability import turn_tip
 
 BESIDE = 1e-4  # of a path on which axes turn: how far beside a pose its direction is looked at
+LOW_IMMERSION = (
+    0.1  # radial depth over diameter below which limits of one frequency lack flip lobes
+)
+MULTIPLIERS = "Floquet multipliers at every speed (collocation in the cut), enclosed by secants"
+ONE_FREQUENCY = "a single frequency (zeroth order, Altintas and Budak 1995); nothing confirms it"
 RIGID_TOOL = "rigid: lobes above the machine's modes mean little without modes of spindle and tool"
 
 
@@ -40,13 +52,20 @@ def run_lobes_stage(state: RunState, stage: Stage) -> Outcome:
         solved = solve_lobes(model, _feed_of_path(model, lobes_request(model)))
     except ModelError as error:
         return Outcome(failures=(f"lobes in pose {model.pose.name}: {error}",))
-    lowest = min(
-        (float(own.depths.min()) for own in solved.answer.directions), default=float("nan")
+    return Outcome(
+        detail=_describe_limits(solved.answer), answers=(solved.answer,), warnings=solved.warnings
     )
-    checks = [check for own in solved.answer.directions for check in own.checks]
-    confirmed = sum(check.confirmed for check in checks)
-    detail = f"lowest limit depth {1e3 * lowest:.3g} mm, {confirmed} of {len(checks)} checked limits confirmed"
-    return Outcome(detail=detail, answers=(solved.answer,), warnings=solved.warnings)
+
+
+def _describe_limits(found: PoseLobes) -> str:
+    """Lowest limit, and how many speeds have one."""
+    depths = np.array([own.depths for own in found.directions])
+    known = np.isfinite(depths)
+    limited = sum(int(own.limited.sum()) for own in found.directions)
+    if not known.any():
+        return "no speed looked at"
+    lowest = f"lowest limit depth {1e3 * np.nanmin(depths):.3g} mm, " if limited else ""
+    return f"{lowest}limits at {limited} of {int(known.sum())} speeds"
 
 
 def _feed_of_path(model: PoseModel, request: LobesRequest) -> FloatArray:
@@ -92,35 +111,19 @@ def solve_lobes(
         machine: In the pose.
         feed: ``(3,)`` direction of the feed, machine frame; NaN where there is none, and then no
             lobes along it.
-        whole: Find the mode behind every lobe, check the best speeds, and look for unstable islands
-            below every limit that is checked; else below and at the lowest one only.
+        whole: Find the mode behind every lobe, and ± of limits; else the mode of the lowest one only.
 
     Raises:
         ModelError: A mode in the range has no damping.
     """
     point = prepare_point(machine)
     request = point.request
-    tip = None if isinstance(point.assembly, MeasuredAssembly) else reduced_tip(machine, point)
-    found = tuple(
-        _solve_direction(machine, point, travel, tip, whole=whole)
-        for travel in request.travels(feed)
-    )
+    solved = [
+        _solve_direction(machine, point, travel, whole=whole) for travel in request.travels(feed)
+    ]
+    found, limits = (tuple(each[place] for each in solved) for place in (0, 1))
     if whole:
-        found = judge_limits(machine, point, found)
-    low = request.immersion < request.low_immersion
-    warnings = [] if tip is None else _warn_of_checks(machine, found)
-    if tip is None and low:
-        warnings.append(
-            f"lobes: the immersion of {100.0 * request.immersion:.3g} % is low, and a measured receptance allows no Floquet"
-            " multipliers: flip lobes are not in the limits"
-        )
-    method = "zeroth order (Altintas and Budak 1995)"
-    if tip is None:
-        method += "; not checked: the tool's receptance is measured"
-    elif low:
-        method = "Floquet multipliers at every speed (full discretisation), by bisection"
-    else:
-        method += "; Floquet multipliers at minima and at a sample of speeds, bisection where they disagree"
+        found = estimate_limits(machine, point, found, limits)
     answer = PoseLobes(
         pose=machine.pose.name,
         material=request.material,
@@ -128,57 +131,45 @@ def solve_lobes(
         diameter=request.mill.diameter,
         teeth=request.mill.teeth,
         tool=_describe_tool(request),
+        sense=describe_sense(request.sense, request.part),
         up_to_hz=request.up_to_hz,
+        modes_to_hz=highest_hz(request, point.assembly)
+        if point.poles is None
+        else HZ * float(np.abs(point.poles.values).max(initial=0.0)),
         deepest=request.deepest,
-        method=method,
+        method=MULTIPLIERS if point.poles is not None else ONE_FREQUENCY,
+        confirmed=point.poles is not None,
         speeds=request.speeds,
         directions=found,
     )
-    return Solved(answer, tuple(warnings))
+    return Solved(answer, tuple(_warn_of_limits(machine, point, found)))
 
 
 def _solve_direction(
-    machine: PoseModel,
-    point: CuttingPoint,
-    travel: Travel,
-    tip: TipDynamics | TipPoles | None,
-    *,
-    whole: bool,
-) -> DirectionLobes:
+    machine: PoseModel, point: CuttingPoint, travel: Travel, *, whole: bool
+) -> tuple[DirectionLobes, Limits]:
     request = point.request
     if travel.along is None:
         raise ValueError("a direction of travel is not known")
-    frame = travel_frame(travel.along, request.up)
+    frame = travel_frame(travel.along, request.up, request.part)
     diagram = point.find_diagram(frame)
-    depths, checks, bisected = diagram.depths.copy(), [], 0
-    if tip is not None:
-        trials = Trials(request, turn_tip(tip, frame), diagram)
-        if request.immersion < request.low_immersion:
-            depths = np.array([trials.limit(place) for place in range(len(depths))])
-            bisected = len(depths)
-        else:
-            drawn = choose_speeds(request, machine.pose, diagram)
-            chosen = {*drawn, *(best_speeds(depths) if whole else ())}
-            lowest, thorough = int(np.argmin(depths)), whole or request.checked >= 1.0
-            for place in sorted(chosen):
-                islands = ISLANDS if thorough or place == lowest else ()
-                check, depths[place] = trials.check(place, islands)
-                checks.append(check)
-                bisected += not check.confirmed
-    lobes, owner = group_lobes(point, diagram, depths, frame, machine, whole=whole)
-    return DirectionLobes(
+    if point.poles is None:
+        limits = limits_by_one_frequency(diagram)
+    else:
+        limits = find_limits(point, frame, turn_tip(point.poles, frame), diagram)
+    lobes, owner = group_lobes(point, limits, frame, machine, whole=whole)
+    own = DirectionLobes(
         name=travel.name,
         direction=travel.along,
-        depths=depths,
+        depths=limits.depths,
+        limited=limits.limited,
         zeroth=diagram.depths,
-        chatter=diagram.chatter,
+        chatter=limits.chatter,
         owner=owner,
-        lowest_any_speed=diagram.lowest,
         lobes=lobes,
-        best=best_speeds(depths),
-        checks=tuple(checks),
-        bisected=bisected,
+        best=best_speeds(limits.depths) if point.poles is not None else (),
     )
+    return own, limits
 
 
 def _describe_tool(request: LobesRequest) -> str:
@@ -191,19 +182,31 @@ def _describe_tool(request: LobesRequest) -> str:
     )
 
 
-def _warn_of_checks(machine: PoseModel, found: tuple[DirectionLobes, ...]) -> list[str]:
-    """What checks did not confirm, in all directions of travel."""
-    failed = [
-        (float(own.depths[check.place] / check.depth - 1.0), own.name)
-        for own in found
-        for check in own.checks
-        if not check.confirmed
-    ]
-    if not failed:
-        return []
-    worst, travel = max(failed, key=lambda each: abs(each[0]))
-    return [
-        f"lobes in pose {machine.pose.name}: {len(failed)} of {sum(len(own.checks) for own in found)} checked limits are off, by up to"
-        f" {100.0 * worst:+.0f} % (travel {travel}); bisection has replaced these, others may be off as much: write checked = 1 in"
-        " [analyses.lobes] to check every speed"
-    ]
+def _warn_of_limits(
+    machine: PoseModel, point: CuttingPoint, found: tuple[DirectionLobes, ...]
+) -> list[str]:
+    """Limits that nothing confirms, speeds that were left out, and modes above those asked for."""
+    pose, request = machine.pose.name, point.request
+    if point.poles is None:
+        low = request.immersion < LOW_IMMERSION
+        return [
+            f"lobes in pose {pose}: the tool's receptance is measured, so limits are those of a single frequency and nothing confirms"
+            f" them{'; the immersion is low, and flip lobes are not in them' if low else ''}; give tool_modes in its place"
+        ]
+    warnings = []
+    wanted = choose_speeds(request)
+    skipped = np.any([wanted & np.isnan(own.depths) for own in found], axis=0)
+    if skipped.any():
+        fastest = RPM * float(request.speeds[skipped].max())
+        warnings.append(
+            f"lobes in pose {pose}: {int(skipped.sum())} of {int(wanted.sum())} speeds, up to {fastest:.0f} rpm, were not evaluated: too many"
+            " waves of the machine's modes between two teeth; begin with a higher speed"
+        )
+    highest = max((HZ * np.nanmax(own.chatter, initial=0.0) for own in found), default=0.0)
+    if highest > request.reach_hz and machine.coupled is not None:
+        if parts := truncated_parts(machine.coupled):
+            warnings.append(
+                f"lobes in pose {pose}: some limits chatter at up to {highest:.0f} Hz, above up_to = {request.up_to_hz:g} Hz, where modes of"
+                f' {", ".join(parts)} are left out; write up_to = "{1.2 * highest:.0f} Hz"'
+            )
+    return warnings

@@ -32,6 +32,7 @@ from headstock.pipeline.planning.budgets import (
     displacement_dofs,
     iterative_memory_mb,
     iterative_seconds,
+    lobes_seconds,
     mesh_memory_mb,
     mesh_seconds,
     path_memory_mb,
@@ -137,9 +138,7 @@ def plan_scene(
         stages += [
             dataclasses.replace(
                 stage,
-                estimated_seconds=transient_seconds(_count_rubbing_samples(scene))
-                if stage.kind == "respond"
-                else pose_seconds(stage.kind, dofs),
+                estimated_seconds=_seconds_in_pose(stage.kind, dofs, scene),
             )
             for stage in _pose_stages(pose, scene)
         ]
@@ -427,6 +426,15 @@ def _pose_stages(pose: Pose, scene: Scene) -> list[Stage]:
     if transient is not None and _is_requested(pose.name, transient.poses):
         stages.append(Stage("respond", None, transient.describe(), pose=pose.name))
     return stages
+
+
+def _seconds_in_pose(kind: StageKind, dofs: int, scene: Scene) -> float | None:
+    lobes = scene.analyses.lobes
+    if kind == "respond":
+        return transient_seconds(_count_rubbing_samples(scene))
+    if kind == "lobes" and lobes is not None:
+        return lobes_seconds(lobes, dofs)
+    return pose_seconds(kind, dofs)
 
 
 def _way_stages(scene: Scene, components: dict[str, Component], dofs: int) -> list[Stage]:

@@ -1,5 +1,5 @@
-"""How far the lowest limit depth of cut may be off: what finer meshes, true faces and the modes left
-out change of the machine's response, carried through the lobes of the changed response.
+"""How far limit depths of cut may be off: what finer meshes, true faces and the modes left out change
+of the machine where it cuts, and with it of the border of stability.
 """
 
 from collections.abc import Callable
@@ -7,105 +7,95 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.reduction.estimates.response_errors import ResponseSpace, SystemChange
-from headstock.solvers.linear.frequency_response import FrfModel
 
-
-@dataclass(frozen=True)
-class LowestLimit:
-    """The lowest limit over the speeds, or a distance of two.
-
-    Attributes:
-        depth: [m].
-        chatter: Its angular frequency [rad/s]; NaN where nothing chatters.
-    """
-
-    depth: float
-    chatter: float
-
-    def distance(self, other: "LowestLimit") -> "LowestLimit":
-        """Sizes of both differences."""
-        return LowestLimit(abs(self.depth - other.depth), abs(self.chatter - other.chatter))
-
-
-FindLowest = Callable[[FrfModel], LowestLimit]
-Respond = Callable[[SystemChange | None], FrfModel]
+GROUPS = 0.1  # logarithm of the frequency of chatter within which modes left out are the same
 
 
 @dataclass(frozen=True, eq=False)
-class FinerModels:
-    """A machine in a trial space, and what finer meshes and true faces make of its response.
+class Border:
+    """Where a machine chatters, over the speeds, or how far two are apart.
 
     Attributes:
-        space: The machine.
-        respond: Its response with a change, damped as the scene says.
-        plain: Without a change.
-        finer: With finer meshes, then with true faces too; none without a mesh.
+        depth: ``(n,)`` limits, or their distance, over those of the machine as it is.
+        chatter: ``(n,)`` angular frequency [rad/s].
     """
 
-    space: ResponseSpace
-    respond: Respond
-    plain: FrfModel
-    finer: tuple[FrfModel, ...]
+    depth: FloatArray
+    chatter: FloatArray
+
+    def distance(self, other: "Border") -> "Border":
+        """Sizes of both differences."""
+        return Border(np.abs(self.depth - other.depth), np.abs(self.chatter - other.chatter))
 
 
-def change_models(space: ResponseSpace, respond: Respond) -> FinerModels:
-    """Responses that all directions of travel share."""
-    changes = (space.finer, *space.faces) if space.sources.meshed else ()
-    return FinerModels(space, respond, respond(None), tuple(map(respond, changes)))
+# of the machine with a change, at some of the speeds
+FindBorder = Callable[[SystemChange | None, BoolArray], Border]
 
 
-@dataclass(frozen=True)
-class LimitChanges:
-    """Changes of a lowest limit by source, None where there is no such source.
+@dataclass(frozen=True, eq=False)
+class BorderChanges:
+    """Changes of a border by source, None where there is no such source.
 
     Attributes:
-        plain: The limit in the trial space.
         mesh: By finer meshes; NaN where modes without an estimate take part.
         faces: What true faces may add.
         modes: By the modes left out; NaN where there is no bound.
     """
 
-    plain: LowestLimit
-    mesh: LowestLimit | None
-    faces: LowestLimit | None
-    modes: LowestLimit | None
+    mesh: Border | None
+    faces: Border | None
+    modes: Border | None
 
 
-NO_BOUND = LowestLimit(np.nan, np.nan)
-
-
-def find_limit_changes(models: FinerModels, find: FindLowest) -> LimitChanges:
-    """How far the lowest limit of a direction of travel may be off.
+def find_border_changes(
+    space: ResponseSpace, find: FindBorder, chatter: FloatArray
+) -> BorderChanges:
+    """How far limits may be off.
 
     Args:
-        models: Of the machine.
-        find: The lowest limit with a response.
+        space: The machine in a trial space.
+        find: Its border with a change; NaN at other speeds than those asked for.
+        chatter: ``(n,)`` angular frequency of chatter; NaN where there is no limit.
     """
-    plain, space = find(models.plain), models.space
+    limited = np.isfinite(chatter)
+    plain = find(None, limited)
     mesh = faces = modes = None
-    if models.finer:
-        changes = [find(model).distance(plain) for model in models.finer]
-        reach = min(part.reach_hz for part in space.sources.meshed.values())
-        mesh = changes[0] if plain.chatter < 2.0 * np.pi * reach else NO_BOUND
+    if space.sources.meshed:
+        changes = [find(change, limited).distance(plain) for change in (space.finer, *space.faces)]
+        reach = 2.0 * np.pi * min(part.reach_hz for part in space.sources.meshed.values())
+        mesh = _where(chatter < reach, changes[0])
         if changes[1:]:
-            faces = LowestLimit(
-                max(0.0, *(each.depth - changes[0].depth for each in changes[1:])),
-                max(0.0, *(each.chatter - changes[0].chatter for each in changes[1:])),
+            faces = Border(
+                np.maximum(0.0, np.max([each.depth - mesh.depth for each in changes[1:]], axis=0)),
+                np.maximum(
+                    0.0, np.max([each.chatter - mesh.chatter for each in changes[1:]], axis=0)
+                ),
             )
     if space.sources.truncated:
-        modes = _add_modes(models, find, plain)
-    return LimitChanges(plain, mesh, faces, modes)
+        modes = _add_modes(space, find, chatter, plain)
+    return BorderChanges(mesh, faces, modes)
 
 
-def _add_modes(models: FinerModels, find: FindLowest, plain: LowestLimit) -> LowestLimit:
-    """By the least and the most that modes left out add at the frequency of chatter."""
-    square = plain.chatter**2
-    if not square < models.space.limit:
-        return NO_BOUND
-    least, most = (find(models.respond(each)) for each in models.space.linearise_modes(square))
-    first, second, apart = least.distance(plain), most.distance(plain), least.distance(most)
-    return LowestLimit(
-        max(first.depth, second.depth) + apart.depth,
-        max(first.chatter, second.chatter) + apart.chatter,
-    )
+def _add_modes(
+    space: ResponseSpace, find: FindBorder, chatter: FloatArray, plain: Border
+) -> Border:
+    """By the least and the most that modes left out add at the frequencies of chatter."""
+    unknown = np.full(len(chatter), np.nan)
+    found = Border(unknown.copy(), unknown.copy())
+    with np.errstate(invalid="ignore"):
+        bounded = chatter**2 < space.limit
+    group = np.round(np.log(np.where(bounded, chatter, 1.0)) / GROUPS)
+    for number in np.unique(group[bounded]):
+        some = bounded & (group == number)
+        square = float(np.median(chatter[some])) ** 2
+        least, most = (find(each, some) for each in space.linearise_modes(square))
+        first, second, apart = least.distance(plain), most.distance(plain), least.distance(most)
+        found.depth[some] = (np.maximum(first.depth, second.depth) + apart.depth)[some]
+        found.chatter[some] = (np.maximum(first.chatter, second.chatter) + apart.chatter)[some]
+    return found
+
+
+def _where(known: BoolArray, border: Border) -> Border:
+    return Border(np.where(known, border.depth, np.nan), np.where(known, border.chatter, np.nan))

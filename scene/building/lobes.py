@@ -16,12 +16,15 @@ from headstock.scene.building.path import build_path
 from headstock.scene.reading.files import resolve_file
 from headstock.scene.reading.findings import Findings, SceneError
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.requests import FEED, LobesRequest, Travel
+from headstock.scene.requests import FEED, LobesRequest, Travel, reach_of_chatter
 from headstock.scene.scene import Scene
-from headstock.scene.schema.mechanism import ToolModeTable
+from headstock.scene.schema.mechanism import LobesTable, ToolModeTable
 from headstock.scene.schema.scene import SceneTable
 from headstock.scene.studies import Sweep
+from headstock.solvers.milling.coefficients import CuttingCoefficients
+from headstock.solvers.milling.forces import EndMill, MillingCut
 from headstock.solvers.milling.tool_dynamics import ToolMode, across_axis
+from headstock.solvers.milling.windows import MOST_ROWS, expected_rows
 
 KEY: KeyPath = ("analyses", "lobes")
 SUFFIXES = (".csv",)
@@ -61,7 +64,6 @@ def build_lobes(scene: SceneTable, poses: tuple[str, ...], folder: Path) -> Lobe
         if table.tool_receptance is None
         else resolve_file(folder, table.tool_receptance, SUFFIXES, RECEPTANCES),
         checked=table.checked,
-        low_immersion=table.low_immersion,
         poses=tuple(table.poses or poses),
         path=None if path is None else build_path(scene, path),
         sense=table.sense,
@@ -105,6 +107,7 @@ def check_lobes(draft: Draft, findings: Findings) -> None:
         check_name((*KEY, "at"), table.at, "points", draft, findings)
     elif not draft.sections.get("points"):
         findings.add(KEY, 'there is no point where the tool cuts; write [points], or at = "tcp"')
+    _check_speeds(table, findings)
     up = np.array(table.up) / np.linalg.norm(table.up)
     has_path = scene.analyses.path is not None or any(
         sweep.path is not None for sweep in scene.sweeps.values()
@@ -132,6 +135,22 @@ def check_lobes(draft: Draft, findings: Findings) -> None:
             KEY,
             "without damping every cut chatters; write [effects] damping = true and give joints or materials damping,"
             " or damping = { modal = 0.02 }",
+        )
+
+
+def _check_speeds(table: LobesTable, findings: Findings) -> None:
+    """Report speeds so low that stability cannot be computed: too many waves between two teeth."""
+    hz = reach_of_chatter(table.up_to, [mode.frequency for mode in table.tool_modes])
+    mill, slowest = EndMill(table.mill.diameter, table.mill.teeth), table.speeds.low
+    none = CuttingCoefficients((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "")
+    rows = expected_rows(MillingCut(mill, none, slowest, 0.0, table.radial_depth), hz)
+    if rows > MOST_ROWS and table.tool_receptance is None:
+        rpm, waves = 30.0 / np.pi * slowest, 2.0 * np.pi * hz / (mill.teeth * slowest)
+        findings.add(
+            (*KEY, "speeds"),
+            f"at {rpm:.3g} rpm {waves:.0f} waves of {hz:g} Hz lie between two teeth, too many for multipliers; begin at"
+            f" {float(f'{1.05 * rpm * rows / MOST_ROWS:.2g}'):g} rpm or above"
+            + (", or write a lower up_to" if hz == table.up_to else ""),
         )
 
 

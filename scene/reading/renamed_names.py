@@ -17,6 +17,11 @@ SCENE_KEYS = {
     "Study.truth": "reference_run",
 }
 
+# keys that are gone, and why
+REMOVED_KEYS = {
+    "Lobes.low_immersion": "every speed is evaluated by Floquet multipliers at any immersion; remove the key",
+}
+
 RESULT_FORMAT = 2  # the number ``format`` of JSON files of results
 # keys of format 1, by file; ``effects`` writes its own with ``--json`` only
 RESULT_KEYS = {

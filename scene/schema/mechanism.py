@@ -304,8 +304,7 @@ class LobesTable(RequestTable):
     deepest: PositiveLength = 0.05
     tool_modes: Annotated[list[ToolModeTable], Field(max_length=12)] = []
     tool_receptance: Text | None = None
-    checked: NotNegativeShare = 0.005
-    low_immersion: NotNegativeShare = 0.1
+    checked: NotNegativeShare = 1.0
     poses: Names | None = None
 
     @model_validator(mode="after")

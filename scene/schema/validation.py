@@ -15,7 +15,7 @@ from headstock.scene.reading.expressions import is_expression
 from headstock.scene.reading.files import TomlTable, TomlValue
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.reading.renamed_names import SCENE_KEYS
+from headstock.scene.reading.renamed_names import REMOVED_KEYS, SCENE_KEYS
 from headstock.scene.reading.units import show_value
 from headstock.scene.schema.scene import SceneTable
 
@@ -102,6 +102,8 @@ def _unknown_key(root: type[BaseModel], path: KeyPath) -> str:
     label = "" if model is None else model.__name__.removesuffix("Table")
     if renamed := SCENE_KEYS.get(f"{label}.{key}"):
         return f"{key!r} is now called {renamed!r}; write {renamed}"
+    if reason := REMOVED_KEYS.get(f"{label}.{key}"):
+        return f"{key!r} is not needed: {reason}"
     keys = known_keys(path[:-1], root) or []
     return f"unknown key {key[:80]!r}; {suggest_names(path[-1], keys, what='known keys')}"
 

@@ -15,15 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.milling.forces import CuttingCoefficients, EndMill
+from headstock.solvers.milling.forces import MillingCut, engagement_angles
 from headstock.solvers.second_order import ComplexArray
 
 IndexArray = NDArray[np.intp]
 Receptance = Callable[[FloatArray], ComplexArray]
 REFINEMENTS = 6  # secant steps between two lines of the grid, at most
 SETTLED = 1e-8  # phase that is left where they end [rad]
-PEAKS = 0.9  # of the largest line: a peak between two lines may exceed it
-ZOOMS, ZOOM_LINES = 4, 17  # each zoom makes the lines around a peak eight times as dense
+ROUNDOFF = 1e-9  # of the larger eigenvalue
+SMALLEST_WAVE = 1e-9  # beside one: teeth that meet the wave in phase make no chip
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,6 @@ class LobeDiagram:
         chatter: ``(n,)`` angular frequency of chatter at the limit [rad/s]; NaN where there is none.
         waves: ``(n,)`` whole waves between two teeth; -1 where there are none.
         eigenvalues: ``(n,)`` eigenvalue of receptance times cutting stiffness there [1/m].
-        lowest: Limit depth at the worst speed of all, also beyond the range [m].
     """
 
     speeds: FloatArray
@@ -45,31 +44,24 @@ class LobeDiagram:
     chatter: FloatArray
     waves: IndexArray
     eigenvalues: ComplexArray
-    lowest: float
 
 
-def mean_cutting_stiffness(
-    mill: EndMill, coefficients: CuttingCoefficients, radial_depth: float
-) -> FloatArray:
+def mean_cutting_stiffness(cut: MillingCut) -> FloatArray:
     """``(3, 2)`` mean over a turn of the force along, away and up per depth of cut and per motion
     along and away since the tooth before [N/m^2].
 
     The helix has no part in it: over a turn every slice sees the same angles.
 
     Args:
-        mill: The tool.
-        coefficients: Of the material.
-        radial_depth: At most the diameter [m].
+        cut: Tool, material, radial depth and sense.
     """
-    depth = 1.0 - 2.0 * radial_depth / mill.diameter
-    # a tooth cuts from the middle of its front to where the finished face begins, see `engaged`
-    low, high = -0.5 * np.pi, -np.arcsin(np.clip(depth, -1.0, 1.0))
+    low, high = engagement_angles(cut.mill, cut.radial_depth)
     squares = 0.5 * (high - low) + 0.25 * (np.sin(2.0 * high) - np.sin(2.0 * low))
     mixed = 0.5 * (np.sin(high) ** 2 - np.sin(low) ** 2)
     sines = (high - low) - squares
     cosine, sine = np.sin(high) - np.sin(low), np.cos(low) - np.cos(high)
-    tangential, radial, axial = coefficients.chip
-    upwards = -np.sign(mill.helix or 1.0) * axial
+    tangential, radial, axial = cut.coefficients.chip
+    tangential, upwards = cut.spin * tangential, cut.upwards * axial
     stiffness = np.array(
         [
             [-tangential * mixed - radial * squares, -tangential * sines - radial * mixed],
@@ -77,7 +69,7 @@ def mean_cutting_stiffness(
             [upwards * cosine, upwards * sine],
         ]
     )
-    return np.asarray(stiffness * mill.teeth / (2.0 * np.pi))
+    return np.asarray(stiffness * cut.mill.teeth / (2.0 * np.pi))
 
 
 def chip_eigenvalues(response: ComplexArray, stiffness: FloatArray) -> ComplexArray:
@@ -151,46 +143,7 @@ def find_lobes(
     eigenvalues = np.zeros(len(speeds), dtype=complex)
     chatter[at[limited]], counts[at[limited]] = near[limited], waves[limited]
     eigenvalues[at[limited]] = level[limited]
-    # beyond the last line a refined frequency may lie a little deeper than any line
-    largest = max(_largest_real(receptance, stiffness, omega, values), *level.real)
-    return LobeDiagram(
-        speeds,
-        depths,
-        chatter,
-        counts,
-        eigenvalues,
-        0.5 / largest if largest > 0.0 else np.inf,
-    )
-
-
-def _largest_real(
-    receptance: Receptance, stiffness: FloatArray, omega: FloatArray, values: ComplexArray
-) -> float:
-    """Largest real part of an eigenvalue at any frequency [1/m], by lines ever denser around the peaks.
-
-    Args:
-        receptance: As in :func:`find_lobes`.
-        stiffness: ``(3, 2)``.
-        omega: ``(f,)`` [rad/s].
-        values: ``(f, 2)`` eigenvalues there.
-    """
-    level = values.real.max(axis=1)
-    before, after = np.append(-np.inf, level[:-1]), np.append(level[1:], -np.inf)
-    largest = float(level.max())
-    peaks = np.flatnonzero((level >= before) & (level >= after) & (level > PEAKS * largest))
-    low, high = omega[np.maximum(peaks - 1, 0)], omega[np.minimum(peaks + 1, len(omega) - 1)]
-    for _ in range(ZOOMS if largest > 0.0 else 0):
-        lines = np.linspace(low, high, ZOOM_LINES, axis=1)
-        half, root = _split_eigenvalues(receptance(lines.ravel()), stiffness)
-        level = (half.real + np.abs(root.real)).reshape(lines.shape)
-        best = np.argmax(level, axis=1)
-        largest = max(largest, float(level.max()))
-        rows = np.arange(len(peaks))
-        low, high = (
-            lines[rows, np.maximum(best - 1, 0)],
-            lines[rows, np.minimum(best + 1, ZOOM_LINES - 1)],
-        )
-    return largest
+    return LobeDiagram(speeds, depths, chatter, counts, eigenvalues)
 
 
 def _phase(values: ComplexArray) -> FloatArray:
@@ -291,8 +244,32 @@ def _refine(
 def _nearest(response: ComplexArray, stiffness: FloatArray, values: ComplexArray) -> ComplexArray:
     """Of both eigenvalues at each frequency the one nearest to a value ``(f,)``."""
     half, root = _split_eigenvalues(response, stiffness)
-    near = np.abs(half + root - values) <= np.abs(half - root - values)
-    return np.asarray(half + np.where(near, root, -root))
+    both = np.stack([half + root, half - root])
+    size = np.abs(both)
+    # one that is roundoff beside the other moves nothing
+    far = np.where(size < ROUNDOFF * size.max(axis=0), np.inf, np.abs(both - values))
+    return np.asarray(np.take_along_axis(both, np.argmin(far, axis=0)[None], axis=0)[0])
+
+
+def chatter_eigenvalues(
+    response: ComplexArray,
+    stiffness: FloatArray,
+    omega: FloatArray,
+    depths: FloatArray,
+    periods: FloatArray,
+) -> ComplexArray:
+    """``(n,)`` eigenvalues of receptance times mean cutting stiffness at frequencies of chatter,
+    nearest to those that chatter there at a limit depth [1/m].
+
+    Args:
+        response: ``(n, 3, 3)`` at the frequencies [m/N].
+        stiffness: ``(3, 2)`` per depth of cut.
+        omega: ``(n,)`` [rad/s].
+        depths: ``(n,)`` limits [m].
+        periods: ``(n,)`` from tooth to tooth [s].
+    """
+    wanted = 1.0 / (depths * (1.0 - np.exp(-1j * omega * periods) + SMALLEST_WAVE))
+    return _nearest(response, stiffness, wanted)
 
 
 @dataclass(frozen=True, eq=False)

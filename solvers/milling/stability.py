@@ -10,7 +10,6 @@ frequency (Altintas and Budak 1995, their zeroth order); this is an independent 
 constant engagement and close for many teeth in the cut.
 """
 
-import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -18,7 +17,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.solvers.milling.forces import MillingCut, regeneration_stiffness
 
 ComplexArray = NDArray[np.complexfloating]
@@ -59,11 +58,13 @@ class TipPoles:
         values: ``(q,)`` ``s`` [1/s].
         inputs: ``(q, r)`` ``B``, per force at the tip.
         outputs: ``(p, q)`` ``C``.
+        static: ``(p, r)`` ``D``, what moves at once with the force [m/N]: ``y = Re(C z) + D F``.
     """
 
     values: ComplexArray
     inputs: ComplexArray
     outputs: ComplexArray
+    static: FloatArray
 
 
 def find_poles(tip: TipDynamics) -> TipPoles | None:
@@ -83,21 +84,46 @@ def find_poles(tip: TipDynamics) -> TipPoles | None:
     # so that coordinates are as large as the motion they make
     seen = np.abs(outputs).max(axis=0)
     scale = np.where(seen > 0.0, seen, 1.0)
-    return TipPoles(values[above], (both * scale)[:, None] * pushed, np.asarray(outputs / scale))
+    return TipPoles(
+        values[above],
+        (both * scale)[:, None] * pushed,
+        np.asarray(outputs / scale),
+        np.zeros((len(outputs), tip.inputs.shape[1])),
+    )
 
 
-def turn_tip(tip: TipDynamics | TipPoles, frame: FloatArray) -> TipDynamics | TipPoles:
+def settle_fastest(tip: TipPoles, count: int) -> TipPoles:
+    """A tip whose so many fastest poles move at once with the force."""
+    kept = np.ones(len(tip.values), dtype=bool)
+    kept[np.argsort(np.abs(tip.values))[len(kept) - count :]] = False
+    return keep_poles(tip, kept)
+
+
+def keep_poles(tip: TipPoles, kept: BoolArray) -> TipPoles:
+    """A tip with some of its poles; the others move at once with the force.
+
+    Args:
+        tip: With all poles.
+        kept: ``(q,)`` which stay.
+    """
+    fast = ~kept
+    statics = ((tip.outputs[:, fast] / -tip.values[fast]) @ tip.inputs[fast]).real
+    return TipPoles(tip.values[kept], tip.inputs[kept], tip.outputs[:, kept], tip.static + statics)
+
+
+def turn_tip(tip: TipPoles, frame: FloatArray) -> TipPoles:
     """A tip in other axes, forces along all three and the chip along the first two.
 
     Args:
         tip: With forces and motions along three axes.
         frame: ``(3, 3)`` rows of the new axes.
     """
-    # by type, as the one is real and the other complex
-    if isinstance(tip, TipPoles):
-        outputs = (frame @ tip.outputs)[:2]
-        return dataclasses.replace(tip, inputs=tip.inputs @ frame.T, outputs=outputs)
-    return dataclasses.replace(tip, inputs=tip.inputs @ frame.T, outputs=(frame @ tip.outputs)[:2])
+    return TipPoles(
+        tip.values,
+        tip.inputs @ frame.T,
+        (frame @ tip.outputs)[:2],
+        (frame @ tip.static @ frame.T)[:2],
+    )
 
 
 def tip_dynamics(

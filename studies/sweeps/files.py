@@ -190,8 +190,7 @@ class SweepSummary(SweptAxes):
     condition_number: Numbers
     frf: dict[str, dict[str, Numbers]]
     lobes: dict[str, LimitMapSummary]
-    limits_checked: int
-    limits_confirmed: int
+    limits_confirmed: bool
     warnings: list[str]
     provenance: NotRequired[ProvenanceSummary]
 
@@ -224,8 +223,7 @@ def summarise_sweep(results: SweepResults) -> SweepSummary:
             for channel, values in results.figures.items()
         },
         "lobes": {name: _summarise_limits(limits) for name, limits in results.limits.items()},
-        "limits_checked": results.limit_checks[0],
-        "limits_confirmed": results.limit_checks[1],
+        "limits_confirmed": results.limits_confirmed,
         "warnings": list(results.warnings),
     }
 
@@ -270,15 +268,16 @@ def _summarise_point(point: PointMap) -> PointMapSummary:
 
 def _summarise_limits(limits: LimitMap) -> LimitMapSummary:
     rpm, everywhere = RPM * limits.speeds, MM * limits.everywhere
-    known = np.asarray(np.isfinite(limits.depths).all(axis=1))
-    filled = np.where(known[:, None], limits.depths, 0.0)
-    best = int(np.argmax(everywhere)) if known.any() else None
+    looked = np.isfinite(limits.depths)
+    known = np.asarray(looked.any(axis=1))
+    low, high = (np.where(looked, limits.depths, side) for side in (np.inf, -np.inf))
+    best = int(np.nanargmax(everywhere)) if np.isfinite(everywhere).any() else None
     return {
         "directions": _nulls(limits.directions),
-        "lowest_mm": _nulls(np.where(known, MM * filled.min(axis=1), np.nan)),
-        "lowest_rpm": _nulls(np.where(known, rpm[np.argmin(filled, axis=1)], np.nan)),
-        "best_mm": _nulls(np.where(known, MM * filled.max(axis=1), np.nan)),
-        "best_rpm": _nulls(np.where(known, rpm[np.argmax(filled, axis=1)], np.nan)),
+        "lowest_mm": _nulls(np.where(known, MM * low.min(axis=1), np.nan)),
+        "lowest_rpm": _nulls(np.where(known, rpm[np.argmin(low, axis=1)], np.nan)),
+        "best_mm": _nulls(np.where(known, MM * high.max(axis=1), np.nan)),
+        "best_rpm": _nulls(np.where(known, rpm[np.argmax(high, axis=1)], np.nan)),
         "chatter_hz": _nulls(limits.chatter_hz),
         "modes": list(limits.modes),
         "rpm": _nulls(rpm),

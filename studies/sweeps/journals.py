@@ -70,7 +70,7 @@ class PoseResult:
         limits: ``(d, n)`` limit depth of cut by direction of travel and speed of the spindle [m].
         chatter_hz: ``(d,)`` frequency of chatter at the lowest limit; NaN where there is none.
         chatter_modes: ``d`` names of the mode behind it.
-        limit_checks: ``(2,)`` how many limits were checked, and how many of them confirmed.
+        limits_confirmed: Whether multipliers found the limits.
     """
 
     positions: FloatArray
@@ -89,7 +89,7 @@ class PoseResult:
     limits: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     chatter_hz: FloatArray = field(default_factory=lambda: np.zeros(0))
     chatter_modes: tuple[str, ...] = ()
-    limit_checks: FloatArray = field(default_factory=lambda: np.zeros(0))
+    limits_confirmed: bool = True
 
     @property
     def identity(self) -> bytes:

@@ -222,13 +222,12 @@ def add_limits(model: PoseModel, found: PoseResult) -> PoseResult:
         limits.append(unknown if own is None else own.depths)
         chatter.append(np.nan if own is None or lowest is None else HZ * own.chatter[lowest.place])
         modes.append("" if lowest is None else lowest.mode)
-    checks = [check for own in solved.directions for check in own.checks]
     return replace(
         found,
         limits=np.array(limits),
         chatter_hz=np.array(chatter),
         chatter_modes=tuple(modes),
-        limit_checks=np.array([len(checks), sum(check.confirmed for check in checks)], dtype=float),
+        limits_confirmed=solved.confirmed,
     )
 
 

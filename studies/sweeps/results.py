@@ -63,7 +63,7 @@ class LimitMap:
     Attributes:
         directions: ``(n, 3)`` of the travel in each pose, machine frame; NaN where there is none.
         speeds: ``(s,)`` of the spindle [rad/s].
-        depths: ``(n, s)`` [m]; NaN where there is none.
+        depths: ``(n, s)`` [m]; NaN where none was looked for.
         chatter_hz: ``(n,)`` frequency of chatter at the lowest limit of each pose.
         modes: ``n`` names of the mode behind it.
     """
@@ -76,8 +76,8 @@ class LimitMap:
 
     @property
     def everywhere(self) -> FloatArray:
-        """``(s,)`` depth that is stable in every pose at a speed [m]."""
-        known = self.depths[np.isfinite(self.depths).all(axis=1)]
+        """``(s,)`` depth that is stable in every pose at a speed [m]; NaN where one was not looked at."""
+        known = self.depths[np.isfinite(self.depths).any(axis=1)]
         return known.min(axis=0) if len(known) else np.full(len(self.speeds), np.nan)
 
 
@@ -113,7 +113,7 @@ class SweepResults:
         condition: ``(n,)`` condition number of a mechanism; None for other machines.
         figures: Input port to ``(n, f)``, as ``FIGURES`` names them.
         limits: Limit depths of cut by the name of the direction of travel.
-        limit_checks: How many limits were checked by Floquet multipliers, and how many confirmed.
+        limits_confirmed: Whether multipliers found the limits of every pose.
         warnings: For the user.
         mode_names: Of the tracked modes, as they are called in one pose; empty where they were not
             named.
@@ -132,7 +132,7 @@ class SweepResults:
     condition: FloatArray | None
     figures: dict[Channel, FloatArray]
     limits: dict[str, LimitMap] = field(default_factory=dict)
-    limit_checks: tuple[int, int] = (0, 0)
+    limits_confirmed: bool = True
     warnings: tuple[str, ...] = ()
     mode_names: tuple[str, ...] = ()
     sampled_errors: tuple[SampledErrors, ...] = ()
@@ -232,7 +232,7 @@ def collect_results(
         condition=conditions[:, 0] if conditions.shape[1] else None,
         figures={channel: _figures(found, place) for place, channel in enumerate(channels)},
         limits=_map_limits(scene.analyses.lobes, found),
-        limit_checks=_count_checks(found),
+        limits_confirmed=all(result.limits_confirmed for result in found),
         warnings=remarks,
     )
 
@@ -254,12 +254,6 @@ def _map_limits(request: LobesRequest | None, found: Sequence[PoseResult]) -> di
         )
         for place, travel in enumerate(request.directions)
     }
-
-
-def _count_checks(found: Sequence[PoseResult]) -> tuple[int, int]:
-    counts = [result.limit_checks for result in found if len(result.limit_checks)]
-    checked, confirmed = np.sum(counts, axis=0) if counts else (0, 0)
-    return int(checked), int(confirmed)
 
 
 def weigh_shapes(shapes: SingleArray, superelements: Mapping[str, Superelement]) -> SingleArray:

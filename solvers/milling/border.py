@@ -1,0 +1,316 @@
+"""The border of stability over the speed of the spindle: the thinnest cut that chatters at every speed.
+
+Depths are scanned upwards, at a few speeds from one on that is safe at all, at the others from below
+the thinnest limit of these, and unstable islands are looked for where the growth of the largest multiplier has a maximum between two of them; the border
+is then enclosed by secants, and confirmed with more nodes. A limit of a neighbouring speed is tried
+here too, so that an island that one speed finds is followed to all others.
+"""
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.solvers.milling.collocation import FINER, Multiplier, PeriodicCut
+
+PILOTS = 16  # speeds at which depths are scanned from a safe one on
+SCAN_BEGIN = 0.5  # of the thinnest limit of these: from there on at all others
+SCAN_FACTOR, DENSE_FACTOR = 1.3, 1.8  # from depth to depth of a scan, and where speeds are dense
+DENSE = 0.12  # of a lobe: speeds that are nearer than that are dense
+ISLANDS = (0.965, 0.91)  # of a limit: islands lie close below it
+STAGGER = (0.0, 0.5, 0.25, 0.75)  # of that step, from speed to speed: neighbours look between
+NEAR = 0.04  # on either side of a depth that is expected: where it is tried
+BELOW = 0.99  # of a limit beside it: an island that a neighbour found has to be thinner than that
+SECANT_TOLERANCE = 1e-2  # relative: a secant step below it is the last one
+DEPTH_TOLERANCE = 2e-4  # relative: where enclosing ends
+FAR, SETTLED = (
+    3e-2,
+    1e-3,
+)  # relative: by so much more nodes may move a limit at first, and in the end
+CONFIRMATIONS = 4  # of a limit with these
+LARGEST_ERROR = 3e-3  # relative: with a larger one nodes are refined
+MOST_REFINEMENTS = 3  # of the nodes
+MOST_TRIALS = 200  # depths at a speed
+SMALLEST = 1e-12  # multiplier that has a logarithm
+OWN_SHARE = 0.9  # of the growth at a stable depth: what is above is that of what chatters
+
+
+@dataclass(frozen=True)
+class Limit:
+    """The thinnest cut that chatters at a speed.
+
+    Attributes:
+        depth: Axial depth [m]; the deepest that was looked for where none chatters; NaN where the
+            speed was not evaluated.
+        limited: Whether a cut chatters.
+        error: By how much nodes and secants may move the depth [m].
+        slope: Growth of what chatters over the relative depth, at the limit.
+        omega: Angular frequency of chatter [rad/s]; NaN where there is none.
+        waves: Whole waves between two teeth; -1 where there are none.
+    """
+
+    depth: float
+    limited: bool = False
+    error: float = 0.0
+    slope: float = math.nan
+    omega: float = math.nan
+    waves: int = -1
+
+
+NOT_EVALUATED = Limit(math.nan)
+
+
+@dataclass(eq=False)
+class _Speed:
+    """Depths tried at a speed, and the growth of the largest multiplier at each."""
+
+    cut: PeriodicCut
+    more: int = 0
+    tried: dict[float, float] = field(default_factory=dict)
+
+    def growth(self, depth: float) -> float:
+        """Logarithm of the largest multiplier: below zero where the cut is stable."""
+        if depth not in self.tried:
+            self.tried[depth] = _growth(self.cut.largest(depth, self.more))
+        return self.tried[depth]
+
+    def stable_below(self, depth: float) -> float:
+        """The deepest stable cut that was tried below a depth, zero for none [m]."""
+        return max(
+            (each for each, growth in self.tried.items() if each < depth and growth < 0.0),
+            default=0.0,
+        )
+
+    def refine(self) -> None:
+        """Take more nodes from now on."""
+        self.more += FINER
+        self.tried.clear()
+
+
+def _growth(multiplier: Multiplier) -> float:
+    return math.log(max(abs(multiplier.value), SMALLEST))
+
+
+def find_border(
+    cuts: Sequence[PeriodicCut | None],
+    expected: FloatArray,
+    *,
+    safe: float,
+    deepest: float,
+) -> list[Limit]:
+    """The limit at every speed.
+
+    Args:
+        cuts: At speeds that rise; None where a speed is not evaluated.
+        expected: ``(n,)`` depths near which limits are expected [m].
+        safe: Depth that is stable at every speed [m].
+        deepest: Depth up to which limits are looked for [m].
+    """
+    speeds = [None if cut is None else _Speed(cut) for cut in cuts]
+    limits = [NOT_EVALUATED] * len(cuts)
+    places = [place for place, speed in enumerate(speeds) if speed is not None]
+    pilots = places[:: max(1, len(places) // PILOTS)]
+    first, factor = min(safe, deepest), _choose_factor([cuts[place] for place in places], safe)
+    for place in (*pilots, *(each for each in places if each not in set(pilots))):
+        speed = speeds[place]
+        if speed is None or limits[place] is not NOT_EVALUATED:
+            continue
+        hint = _expect(limits, place) if factor == DENSE_FACTOR else math.nan
+        hint = hint if math.isfinite(hint) else float(expected[place])
+        begin = first * factor ** -STAGGER[place % len(STAGGER)]
+        limits[place] = _scan(speed, begin, deepest, hint, factor)
+        if place == pilots[-1]:
+            first = max(first, SCAN_BEGIN * min(limits[each].depth for each in pilots))
+    waiting = [place for place, limit in enumerate(limits) if limit.limited]
+    while waiting:
+        place = waiting.pop()
+        for beside in (place - 1, place + 1):
+            if not 0 <= beside < len(limits) or (speed := speeds[beside]) is None:
+                continue
+            depth, own = limits[place].depth, limits[beside].depth
+            if depth < BELOW * own and speed.growth(depth) >= 0.0:
+                low = max(
+                    (each for each, value in speed.tried.items() if each < depth and value < 0.0),
+                    default=0.0,
+                )
+                limits[beside] = _enclose(speed, low, depth, deepest)
+                waiting.append(beside)
+    return limits
+
+
+def _expect(limits: Sequence[Limit], place: int) -> float:
+    """Depth near which the limit of a speed is expected from those of the speeds before it [m]."""
+    last = [limits[place - back] for back in (1, 2) if place >= back]
+    if not (last and last[0].limited):
+        return math.nan
+    if len(last) == 2 and last[1].limited and last[0].waves == last[1].waves:
+        return last[0].depth * min(max(last[0].depth / last[1].depth, 0.8), 1.25)
+    return last[0].depth
+
+
+def _scan(
+    speed: _Speed, first: float, deepest: float, hint: float, factor: float
+) -> Limit:
+    """The thinnest limit at a speed, by depths rising from the first, each so many times the last."""
+    near = [side * hint for side in (1.0 - NEAR, 1.0 + NEAR) if side * hint < deepest]
+    depths: list[float] = []
+    depth = first
+    for _ in range(MOST_TRIALS):
+        depths.append(depth)
+        if speed.growth(depth) >= 0.0:
+            limit = _enclose(speed, depths[-2] if len(depths) > 1 else 0.0, depth, deepest)
+            return _look_below(speed, limit, deepest)
+        if (top := _find_island(speed, depths)) is not None:
+            return _enclose(speed, depths[-3], top, deepest)
+        if depth >= deepest:
+            break
+        ahead = [each for each in near if depth < each < factor * depth]
+        depth = min([*ahead, factor * depth, deepest])
+    if not _confirmed_stable(speed, deepest):
+        speed.refine()
+        return _scan(speed, first, deepest, hint, factor)
+    return Limit(deepest)
+
+
+def _look_below(speed: _Speed, limit: Limit, deepest: float) -> Limit:
+    """A limit, or an island close below it."""
+    for share in ISLANDS:
+        depth = share * limit.depth
+        if depth > 0.0 and speed.growth(depth) >= 0.0:
+            return _enclose(speed, speed.stable_below(depth), depth, deepest)
+    return limit
+
+
+def _choose_factor(cuts: Sequence[PeriodicCut | None], safe: float) -> float:
+    """From depth to depth of a scan: neighbours that are only a small part of a lobe apart look
+    between each other's depths.
+    """
+    some = [cut for cut in cuts if cut is not None]
+    apart = [
+        before.waves(safe) * abs(before.cut.tooth_period / after.cut.tooth_period - 1.0)
+        for before, after in itertools.pairwise(some)
+    ]
+    return DENSE_FACTOR if apart and max(apart) < DENSE else SCAN_FACTOR
+
+
+def _confirmed_stable(speed: _Speed, depth: float) -> bool:
+    return speed.more > 0 or _growth(speed.cut.largest(depth, speed.more + FINER)) < 0.0
+
+
+def _find_island(speed: _Speed, depths: Sequence[float]) -> float | None:
+    """A depth that chatters between the last three, which do not: where a parabola through their
+    growth rises above zero, or nearly.
+    """
+    if len(depths) < 3:
+        return None
+    places = np.log(depths[-3:])
+    low, middle, high = (speed.growth(each) for each in depths[-3:])
+    if not (middle > low and middle > high and middle > min(low, high) / 2.0):
+        return None
+    curve = np.polyfit(places - places[1], [low, middle, high], 2)
+    top = depths[-2] * math.exp(-0.5 * curve[1] / curve[0])
+    return top if speed.growth(top) >= 0.0 else None
+
+
+def _enclose(speed: _Speed, low: float, high: float, deepest: float) -> Limit:
+    """The limit between a stable depth, or none, and one that chatters; confirmed with more nodes."""
+    for _ in range(MOST_REFINEMENTS):
+        while low == 0.0:
+            # it chatters at the first depth: down to where it does not
+            if speed.growth(0.5 * high) < 0.0:
+                low = 0.5 * high
+            elif high < DEPTH_TOLERANCE * deepest * 1e-3:
+                return Limit(0.0, limited=True)
+            else:
+                high *= 0.5
+        for tolerance in (SECANT_TOLERANCE, DEPTH_TOLERANCE):
+            # two multipliers that pass one close together mislead a long secant
+            depth, slope = _find_crossing(speed, low, high, tolerance)
+            limit = _confirm(speed, depth, slope)
+            if limit.error < LARGEST_ERROR * limit.depth:
+                return limit
+        speed.refine()
+        low, high = low * (1.0 - FAR), high * (1.0 + FAR)
+        while speed.growth(low) >= 0.0:
+            low *= 1.0 - FAR
+        while speed.growth(high) < 0.0 and high < deepest:
+            high *= 1.0 + FAR
+        if speed.growth(high) < 0.0:
+            return Limit(deepest)
+    return limit
+
+
+def _confirm(speed: _Speed, depth: float, slope: float) -> Limit:
+    """A crossing with more nodes, by secants; its error is what is left to it.
+
+    Args:
+        speed: Where depths are tried.
+        depth: Of the crossing [m].
+        slope: Of the growth there, over the relative depth.
+    """
+    tried: list[tuple[float, float]] = []
+    left = math.inf
+    for _ in range(CONFIRMATIONS):
+        finer = speed.cut.largest(depth, speed.more + FINER)
+        growth, before = _growth(finer), left
+        if tried and depth != tried[-1][0] and growth != tried[-1][1]:
+            slope = (growth - tried[-1][1]) / math.log(depth / tried[-1][0])
+        left = growth / slope
+        if abs(left) > min(FAR, 0.5 * abs(before)):
+            break  # it lies elsewhere with these nodes
+        tried.append((depth, growth))
+        depth *= 1.0 - left
+        if abs(left) < SETTLED:
+            break
+    period, omega = speed.cut.cut.tooth_period, speed.cut.frequency(finer)
+    return Limit(
+        depth,
+        limited=True,
+        error=depth * (abs(left) + DEPTH_TOLERANCE),
+        slope=slope,
+        omega=omega,
+        waves=int(omega * period / (2.0 * math.pi)),
+    )
+
+
+def _find_crossing(
+    speed: _Speed, low: float, high: float, tolerance: float
+) -> tuple[float, float]:
+    """Depth at which the growth passes zero, and its slope over the relative depth: nearly a line,
+    but where another multiplier, which no cut excites, is larger; depths of that one enclose the
+    border only.
+
+    Args:
+        speed: Where depths are tried.
+        low: Depth that is stable [m].
+        high: One that is not [m].
+        tolerance: Relative step of a secant that is the last one.
+    """
+    growth = speed.growth
+    idle = OWN_SHARE * growth(low)
+    found = [depth for depth in (low, high) if growth(depth) > idle]
+    trial = 0.5 * (low + high)
+    if len(found) == 2:
+        trial = low - growth(low) * (high - low) / (growth(high) - growth(low))
+    while True:
+        value = growth(trial)
+        before = min(found, key=lambda each: abs(each - trial))
+        low, high = (trial, high) if value < 0.0 else (low, trial)
+        if value > idle and trial != before and value != growth(before):
+            slope = (value - growth(before)) / (trial - before)
+            ahead = trial - value / slope
+            if low < ahead < high and abs(ahead - trial) < tolerance * trial:
+                return ahead, ahead * slope
+            if high - low < DEPTH_TOLERANCE * low:
+                return trial, trial * slope
+            found.append(trial)
+            if low < ahead < high:
+                trial = ahead
+                continue
+        elif high - low < DEPTH_TOLERANCE * low:
+            slope = (growth(high) - growth(low)) / (high - low)
+            return 0.5 * (low + high), high * slope
+        trial = 0.5 * (low + high)
