@@ -22,8 +22,8 @@ from headstock.pipeline.stages.run_state import PoseModel
 from headstock.reduction.estimates.limit_errors import Border, find_border_changes
 from headstock.reduction.estimates.response_errors import SystemChange, project_response
 from headstock.solvers.linear.modal_analysis import solve_modal
-from headstock.solvers.milling.collocation import FINER
 from headstock.solvers.milling.coefficients import CuttingCoefficients
+from headstock.solvers.milling.collocation import FINER
 from headstock.solvers.milling.stability import TipPoles, turn_tip
 from headstock.solvers.second_order import input_columns, output_rows
 

@@ -9,8 +9,8 @@ from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.pipeline.lobes.cutting_point import CuttingPoint, turn_response
 from headstock.scene.requests import LobesRequest
 from headstock.solvers.milling.border import find_border
-from headstock.solvers.milling.collocation import PeriodicCut, safe_depth
 from headstock.solvers.milling.coefficients import CuttingCoefficients
+from headstock.solvers.milling.collocation import PeriodicCut, safe_depth
 from headstock.solvers.milling.lobes import LobeDiagram, chatter_eigenvalues
 from headstock.solvers.milling.stability import TipPoles
 from headstock.solvers.milling.windows import MOST_ROWS

@@ -153,10 +153,12 @@ def _solve_direction(
         raise ValueError("a direction of travel is not known")
     frame = travel_frame(travel.along, request.up, request.part)
     diagram = point.find_diagram(frame)
-    if point.poles is None:
-        limits = limits_by_one_frequency(diagram)
-    else:
-        limits = find_limits(point, frame, turn_tip(point.poles, frame), diagram)
+    poles = point.poles
+    limits = (
+        limits_by_one_frequency(diagram)
+        if poles is None
+        else find_limits(point, frame, turn_tip(poles, frame), diagram)
+    )
     lobes, owner = group_lobes(point, limits, frame, machine, whole=whole)
     own = DirectionLobes(
         name=travel.name,
@@ -203,10 +205,10 @@ def _warn_of_limits(
             " waves of the machine's modes between two teeth; begin with a higher speed"
         )
     highest = max((HZ * np.nanmax(own.chatter, initial=0.0) for own in found), default=0.0)
-    if highest > request.reach_hz and machine.coupled is not None:
-        if parts := truncated_parts(machine.coupled):
-            warnings.append(
-                f"lobes in pose {pose}: some limits chatter at up to {highest:.0f} Hz, above up_to = {request.up_to_hz:g} Hz, where modes of"
-                f' {", ".join(parts)} are left out; write up_to = "{1.2 * highest:.0f} Hz"'
-            )
+    parts = {} if machine.coupled is None else truncated_parts(machine.coupled)
+    if highest > request.reach_hz and parts:
+        warnings.append(
+            f"lobes in pose {pose}: some limits chatter at up to {highest:.0f} Hz, above up_to = {request.up_to_hz:g} Hz, where modes of"
+            f' {", ".join(parts)} are left out; write up_to = "{1.2 * highest:.0f} Hz"'
+        )
     return warnings

@@ -1,9 +1,10 @@
 """The border of stability over the speed of the spindle: the thinnest cut that chatters at every speed.
 
-Depths are scanned upwards, at a few speeds from one on that is safe at all, at the others from below
-the thinnest limit of these, and unstable islands are looked for where the growth of the largest multiplier has a maximum between two of them; the border
-is then enclosed by secants, and confirmed with more nodes. A limit of a neighbouring speed is tried
-here too, so that an island that one speed finds is followed to all others.
+Depths are scanned upwards: at a few speeds from one on that is safe at all, at the others from below the
+thinnest limit of these. Unstable islands are looked for where the growth of the largest multiplier has
+a maximum between depths, and close below each limit. The border is enclosed by secants and confirmed
+with more nodes. A limit of a neighbouring speed is tried as well, so that an island that one speed
+finds is followed to all others.
 """
 
 import itertools
@@ -18,20 +19,18 @@ from headstock.solvers.milling.collocation import FINER, Multiplier, PeriodicCut
 
 PILOTS = 16  # speeds at which depths are scanned from a safe one on
 SCAN_BEGIN = 0.5  # of the thinnest limit of these: from there on at all others
-SCAN_FACTOR, DENSE_FACTOR = 1.3, 1.8  # from depth to depth of a scan, and where speeds are dense
+SCAN_FACTOR, DENSE_FACTOR = 1.12, 1.8  # from depth to depth of a scan, and where speeds are dense
 DENSE = 0.12  # of a lobe: speeds that are nearer than that are dense
 ISLANDS = (0.965, 0.91)  # of a limit: islands lie close below it
 STAGGER = (0.0, 0.5, 0.25, 0.75)  # of that step, from speed to speed: neighbours look between
 NEAR = 0.04  # on either side of a depth that is expected: where it is tried
+INSIDE = 1.01  # of a limit beside it: in an island that a neighbour found
 BELOW = 0.99  # of a limit beside it: an island that a neighbour found has to be thinner than that
 SECANT_TOLERANCE = 1e-2  # relative: a secant step below it is the last one
 DEPTH_TOLERANCE = 2e-4  # relative: where enclosing ends
-FAR, SETTLED = (
-    3e-2,
-    1e-3,
-)  # relative: by so much more nodes may move a limit at first, and in the end
-CONFIRMATIONS = 4  # of a limit with these
-LARGEST_ERROR = 3e-3  # relative: with a larger one nodes are refined
+FAR = 3e-2  # relative: by so much more nodes may move a limit at once
+CLOSE = 1e-3  # relative: cuts so much thinner and deeper than a limit are stable and not
+CONFIRMATIONS = 4  # of a limit with more nodes
 MOST_REFINEMENTS = 3  # of the nodes
 MOST_TRIALS = 200  # depths at a speed
 SMALLEST = 1e-12  # multiplier that has a logarithm
@@ -46,7 +45,7 @@ class Limit:
         depth: Axial depth [m]; the deepest that was looked for where none chatters; NaN where the
             speed was not evaluated.
         limited: Whether a cut chatters.
-        error: By how much nodes and secants may move the depth [m].
+        error: It lies so near that depth [m].
         slope: Growth of what chatters over the relative depth, at the limit.
         omega: Angular frequency of chatter [rad/s]; NaN where there is none.
         waves: Whole waves between two teeth; -1 where there are none.
@@ -130,7 +129,7 @@ def find_border(
         for beside in (place - 1, place + 1):
             if not 0 <= beside < len(limits) or (speed := speeds[beside]) is None:
                 continue
-            depth, own = limits[place].depth, limits[beside].depth
+            depth, own = INSIDE * limits[place].depth, limits[beside].depth
             if depth < BELOW * own and speed.growth(depth) >= 0.0:
                 low = max(
                     (each for each, value in speed.tried.items() if each < depth and value < 0.0),
@@ -151,9 +150,7 @@ def _expect(limits: Sequence[Limit], place: int) -> float:
     return last[0].depth
 
 
-def _scan(
-    speed: _Speed, first: float, deepest: float, hint: float, factor: float
-) -> Limit:
+def _scan(speed: _Speed, first: float, deepest: float, hint: float, factor: float) -> Limit:
     """The thinnest limit at a speed, by depths rising from the first, each so many times the last."""
     near = [side * hint for side in (1.0 - NEAR, 1.0 + NEAR) if side * hint < deepest]
     depths: list[float] = []
@@ -228,9 +225,8 @@ def _enclose(speed: _Speed, low: float, high: float, deepest: float) -> Limit:
                 high *= 0.5
         for tolerance in (SECANT_TOLERANCE, DEPTH_TOLERANCE):
             # two multipliers that pass one close together mislead a long secant
-            depth, slope = _find_crossing(speed, low, high, tolerance)
-            limit = _confirm(speed, depth, slope)
-            if limit.error < LARGEST_ERROR * limit.depth:
+            limit = _confirm(speed, _find_crossing(speed, low, high, tolerance))
+            if limit.error < limit.depth:
                 return limit
         speed.refine()
         low, high = low * (1.0 - FAR), high * (1.0 + FAR)
@@ -240,48 +236,42 @@ def _enclose(speed: _Speed, low: float, high: float, deepest: float) -> Limit:
             high *= 1.0 + FAR
         if speed.growth(high) < 0.0:
             return Limit(deepest)
-    return limit
+    return NOT_EVALUATED
 
 
-def _confirm(speed: _Speed, depth: float, slope: float) -> Limit:
-    """A crossing with more nodes, by secants; its error is what is left to it.
+def _confirm(speed: _Speed, depth: float) -> Limit:
+    """A crossing with more nodes: cuts close below it are stable, close above it they are not.
 
     Args:
         speed: Where depths are tried.
         depth: Of the crossing [m].
-        slope: Of the growth there, over the relative depth.
     """
-    tried: list[tuple[float, float]] = []
-    left = math.inf
     for _ in range(CONFIRMATIONS):
-        finer = speed.cut.largest(depth, speed.more + FINER)
-        growth, before = _growth(finer), left
-        if tried and depth != tried[-1][0] and growth != tried[-1][1]:
-            slope = (growth - tried[-1][1]) / math.log(depth / tried[-1][0])
-        left = growth / slope
-        if abs(left) > min(FAR, 0.5 * abs(before)):
-            break  # it lies elsewhere with these nodes
-        tried.append((depth, growth))
-        depth *= 1.0 - left
-        if abs(left) < SETTLED:
+        low, high = (
+            speed.cut.largest((1.0 + side * CLOSE) * depth, speed.more + FINER) for side in (-1, 1)
+        )
+        ends = _growth(low), _growth(high)
+        slope = 0.5 * (ends[1] - ends[0]) / CLOSE
+        if slope <= 0.0:
             break
-    period, omega = speed.cut.cut.tooth_period, speed.cut.frequency(finer)
-    return Limit(
-        depth,
-        limited=True,
-        error=depth * (abs(left) + DEPTH_TOLERANCE),
-        slope=slope,
-        omega=omega,
-        waves=int(omega * period / (2.0 * math.pi)),
-    )
+        left = 0.5 * sum(ends) / slope  # relative, to where both ends say the border is
+        if ends[0] < 0.0 <= ends[1]:
+            period, omega = speed.cut.cut.tooth_period, speed.cut.frequency(high)
+            return Limit(
+                depth * (1.0 - left),
+                limited=True,
+                error=CLOSE * depth,
+                slope=slope,
+                omega=omega,
+                waves=int(omega * period / (2.0 * math.pi)),
+            )
+        depth *= 1.0 - min(max(left, -FAR), FAR)
+    return Limit(depth, limited=True, error=math.inf)
 
 
-def _find_crossing(
-    speed: _Speed, low: float, high: float, tolerance: float
-) -> tuple[float, float]:
-    """Depth at which the growth passes zero, and its slope over the relative depth: nearly a line,
-    but where another multiplier, which no cut excites, is larger; depths of that one enclose the
-    border only.
+def _find_crossing(speed: _Speed, low: float, high: float, tolerance: float) -> float:
+    """Depth at which the growth passes zero: nearly a line, but where another multiplier, which no
+    cut excites, is larger; depths of that one enclose the border only.
 
     Args:
         speed: Where depths are tried.
@@ -295,22 +285,15 @@ def _find_crossing(
     trial = 0.5 * (low + high)
     if len(found) == 2:
         trial = low - growth(low) * (high - low) / (growth(high) - growth(low))
-    while True:
+    while high - low > DEPTH_TOLERANCE * low:
         value = growth(trial)
         before = min(found, key=lambda each: abs(each - trial))
         low, high = (trial, high) if value < 0.0 else (low, trial)
+        ahead = 0.5 * (low + high)
         if value > idle and trial != before and value != growth(before):
-            slope = (value - growth(before)) / (trial - before)
-            ahead = trial - value / slope
+            ahead = trial - value * (trial - before) / (value - growth(before))
             if low < ahead < high and abs(ahead - trial) < tolerance * trial:
-                return ahead, ahead * slope
-            if high - low < DEPTH_TOLERANCE * low:
-                return trial, trial * slope
+                return ahead
             found.append(trial)
-            if low < ahead < high:
-                trial = ahead
-                continue
-        elif high - low < DEPTH_TOLERANCE * low:
-            slope = (growth(high) - growth(low)) / (high - low)
-            return 0.5 * (low + high), high * slope
-        trial = 0.5 * (low + high)
+        trial = ahead if low < ahead < high else 0.5 * (low + high)
+    return 0.5 * (low + high)

@@ -195,7 +195,9 @@ class PeriodicCut:
     def waves(self, depth: float) -> float:
         """Waves between two teeth of the fastest pole that matters in a cut of a depth."""
         _, tip, _, _ = self._poles(depth)
-        return float(np.abs(tip.values.imag).max(initial=0.0) * self.cut.tooth_period / (2.0 * np.pi))
+        return float(
+            np.abs(tip.values.imag).max(initial=0.0) * self.cut.tooth_period / (2.0 * np.pi)
+        )
 
     def rows(self, depth: float) -> int:
         """Rows of the matrix over a period at a depth: what a multiplier costs."""

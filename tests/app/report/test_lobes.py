@@ -13,6 +13,7 @@ TEXT = re.compile(
     r'<text x="([^"]+)" y="[^"]+" font-size="([^"]+)" text-anchor="([^"]+)"[^>]*>(.*?)<'
 )
 NARROWEST = 368.0  # picture on a page of 400 px
+GREEN = 'fill="#6a9a5b" opacity="0.12"'
 READABLE = 7.5  # height of a font [px]
 
 
@@ -41,17 +42,21 @@ def make_direction(lowest_at: float) -> DirectionSummary:
         "chatter_error_hz": 1.2,
         "chatter_error_share": {},
         "error_left_out": [],
-        "lowest_any_speed_mm": 0.4,
         "best_speeds": [
-            {"rpm": speed, "limit_depth_mm": depths[speeds.index(speed)], "limited": True}
+            {
+                "rpm": speed,
+                "limit_depth_mm": depths[speeds.index(speed)],
+                "error_mm": 0.012,
+                "limited": True,
+            }
             for speed in best
         ],
         "lobes": [lobe],
-        "checks": [],
-        "bisected": 0,
         "series": {
             "rpm": speeds,
-            "limit_depth_mm": depths,
+            "limit_depth_mm": list(depths),
+            "error_mm": [0.012] * len(speeds),
+            "limited": [True] * len(speeds),
             "zeroth_order_mm": depths,
             "chatter_hz": [125.0] * len(speeds),
             "lobe": [0] * len(speeds),
@@ -63,7 +68,7 @@ def make_direction(lowest_at: float) -> DirectionSummary:
 
 @pytest.mark.parametrize("lowest_at", [3000.0, 9000.0, 15000.0])
 def test_every_text_is_whole_and_large_enough_for_a_narrow_screen(lowest_at: float) -> None:
-    texts = TEXT.findall(str(draw_lobes(make_direction(lowest_at), "lobes")))
+    texts = TEXT.findall(str(draw_lobes(make_direction(lowest_at), "lobes", confirmed=True)))
     assert any(LONG in words for *_, words in texts)
     for x, size, anchor, words in texts:
         width = LETTER * len(words)
@@ -72,3 +77,15 @@ def test_every_text_is_whole_and_large_enough_for_a_narrow_screen(lowest_at: flo
         assert start + width < WIDTH + 0.5 * LETTER, words
         assert float(size) >= SIZE
     assert SIZE * NARROWEST / WIDTH > READABLE
+
+
+def test_what_is_not_known_is_hatched_and_never_green() -> None:
+    found = make_direction(9000.0)
+    whole = str(draw_lobes(found, "a", confirmed=True))
+    assert whole.count(GREEN) == 12 and "url(#a_hatch)" not in whole
+    found["series"]["limit_depth_mm"][4] = None
+    part = str(draw_lobes(found, "a", confirmed=True))
+    assert part.count(GREEN) == 10 and part.count("url(#a_hatch)") == 2
+    assert "hatched: nothing is known" in part
+    none = str(draw_lobes(found, "a", confirmed=False))
+    assert GREEN not in none and none.count("url(#a_hatch)") == 12

@@ -1,7 +1,5 @@
 """Few modes with residual ones answer as all of them do up to the limit, at rest exactly."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
@@ -10,13 +8,10 @@ from headstock.solvers.linear.frequency_response import solve_frf
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.modal_coordinates import reduce_to_modes, to_modal_coordinates
 from headstock.solvers.linear.static_response import solve_static
+from headstock.solvers.milling.border import find_border
+from headstock.solvers.milling.collocation import PeriodicCut, safe_depth
 from headstock.solvers.milling.forces import EndMill, MillingCut
-from headstock.solvers.milling.full_discretisation import (
-    cut_multiplier,
-    scan_limit_depth,
-    step_response,
-)
-from headstock.solvers.milling.stability import TipDynamics, tip_dynamics
+from headstock.solvers.milling.stability import find_poles, tip_dynamics
 from headstock.solvers.second_order import SecondOrderSystem
 
 CHANNELS = [("tip", axis) for axis in "xyz"]
@@ -65,16 +60,14 @@ def test_static_compliance_is_exact_and_the_response_close(chain: SecondOrderSys
 def _limit(system: SecondOrderSystem) -> float:
     rows = np.array([system.outputs[channel] for channel in CHANNELS])
     assert system.damping is not None
-    tip: TipDynamics = tip_dynamics(
-        system.mass, system.damping, system.stiffness, forced=rows, seen=rows[:2]
+    tip = find_poles(
+        tip_dynamics(system.mass, system.damping, system.stiffness, forced=rows, seen=rows[:2])
     )
+    assert tip is not None
     cut = MillingCut(EndMill(0.02, 3, 0.5), catalogue_coefficients("al7075-t6"), 300.0, 1e-3, 0.008)
-    response = step_response(tip, cut.tooth_period, 200)
-    return scan_limit_depth(
-        lambda depth: cut_multiplier(response, dataclasses.replace(cut, axial_depth=depth)),
-        2e-3,
-        0.1,
-    )
+    cuts, safe = [PeriodicCut(tip, cut)], safe_depth(tip, cut)
+    (limit,) = find_border(cuts, np.array([np.nan]), safe=safe, deepest=0.1)
+    return limit.depth
 
 
 def test_limit_of_stability_of_few_modes_is_that_of_all_dofs(chain: SecondOrderSystem) -> None:
