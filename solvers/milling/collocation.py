@@ -32,6 +32,8 @@ EXTRA_POINTS = 3  # of quadrature, besides the nodes
 NEGLIGIBLE = (
     3e-3  # of the inverse of a gain: receptance of all poles that move at once with the force
 )
+FAINT = 0.25  # of a loop gain that chatters: fast poles that stay below it follow the force at once
+ABOVE = 2.0  # times the fastest pole that does not: from there on poles are fast
 RANK = 1e-9  # of the largest motion: directions in which the tip does not move
 SQUARINGS = 10  # of the matrix over a period, at most
 FEWEST_SQUARINGS = 7  # before the first look at what is left
@@ -188,9 +190,24 @@ class PeriodicCut:
             small = np.zeros(len(order), dtype=bool)
             stiffest = self._stiffest * 2.0**level
             small[order] = np.cumsum(self._peaks[order]) * stiffest < NEGLIGIBLE
+            small |= self._find_fast(2.0 * stiffest * self._peaks)
             rest = np.abs(np.exp(tip.values[small] * self.cut.tooth_period)).max(initial=0.0)
             self._kept[level] = keep_poles(tip, ~small), ~small, float(rest)
         return level, *self._kept[level]
+
+    def _find_fast(self, gains: FloatArray) -> BoolArray:
+        """``(q,)`` poles far above all that may chatter, which together do not come near it.
+
+        Args:
+            gains: ``(q,)`` of the loop of chip and tip at each pole; one chatters.
+        """
+        speeds = np.abs(self._tip.values)
+        strong = gains >= FAINT
+        fast = speeds > ABOVE * speeds[strong].max(initial=np.inf if not strong.any() else 0.0)
+        order = np.argsort(-speeds)
+        faint = np.zeros(len(speeds), dtype=bool)
+        faint[order] = np.cumsum(gains[order]) < FAINT
+        return np.asarray(fast & faint)
 
     def waves(self, depth: float) -> float:
         """Waves between two teeth of the fastest pole that matters in a cut of a depth."""
