@@ -71,7 +71,6 @@ from headstock.validation.mechanisms.contouring_cases import (
     check_contour_stability,
     check_contouring,
     check_nonlinear_contour,
-    check_stability_methods,
     check_whole_nonlinear_contour,
 )
 from headstock.validation.mechanisms.marks_cases import check_marks
@@ -90,6 +89,7 @@ from headstock.validation.mechanisms.motion_cases import (
     check_million_steps,
     check_singular_passage,
 )
+from headstock.validation.mechanisms.stability_cases import check_stability_methods
 from headstock.validation.mechanisms.tripteor_cases import (
     check_compliances,
     check_elastic_legs,

@@ -9,9 +9,7 @@ import dataclasses
 import time
 
 import numpy as np
-import scipy.special
 
-from headstock.geometry.frames import FloatArray
 from headstock.pipeline.contours.contour_run import ContourRun, face_instants, high_share
 from headstock.pipeline.contours.contouring import cut_multiplier, face_stability
 from headstock.pipeline.contours.lumped_contour import lumped_face_dynamics, run_lumped_contour
@@ -21,15 +19,10 @@ from headstock.scene.building.loader import load_scene
 from headstock.scene.requests import ContouringRequest
 from headstock.solvers.mechanisms.modes import PoseDamping
 from headstock.solvers.milling.stability import (
-    TipDynamics,
-    floquet_multipliers,
-    largest_multiplier,
     milling_gains,
     single_frequency_limit,
-    tip_dynamics,
 )
 from headstock.solvers.mpi import MPI
-from headstock.solvers.paths.linear_motion import LinearMotion, Regeneration, march_linear
 from headstock.validation.mechanisms.tripteor_machine import SCENE, Tripteor, load_tripteor
 from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound, show
 
@@ -38,17 +31,6 @@ SOME = 0.3  # of the nonlinear solution, shown beside the linear one [s]
 FINER = 4  # times as many steps: an error of second order falls to a sixteenth
 FINER_UNTIL = 0.8  # the tool is well into face 1 then [s]
 LEG_STEPS = 8192
-# Insperger and Stepan (2004), Int. J. Numer. Meth. Eng. 61, 117-141, sec. 5: one mode, two teeth
-MASS, HZ, ZETA, CHIP, NORMAL, TEETH = 0.03993, 922.0, 0.011, 6e8, 2e8, 2
-# frequency of chatter over the natural one, waves between two cuts
-TURNING = (
-    (1.0213, 3),
-    (1.0057, 1),
-    (1.0471, 5),
-)
-MATHIEU = ((1.0, 0.05), (0.5, -0.1), (2.0, 0.2))  # parametric excitation, weight of the delay
-MARCHED_STEPS = 1600
-SLOTTING = ((5000.0, 0.2e-3), (5000.0, 1e-3), (15000.0, 1e-3))  # rpm, depth of cut [m]
 
 
 def contour_request(material: str, model: str = "linear") -> ContouringRequest:
@@ -283,13 +265,6 @@ def _leg_rows(case: str, material: str, tripteor: Tripteor, run: ContourRun) -> 
     ]
 
 
-def check_stability_methods(comm: MPI.Comm, steps: int = MARCHED_STEPS) -> list[ValidationRow]:
-    """Multipliers on borders known in closed form, and of a published milling case by marching its
-    equation in time.
-    """
-    return [*_turning_rows(), *_mathieu_rows(), *_milling_rows(steps)]
-
-
 def check_contour_stability(comm: MPI.Comm) -> list[ValidationRow]:
     """Depth of cut at which each face of the paper's block chatters: does regeneration single out
     face 3?
@@ -336,142 +311,6 @@ def check_contour_stability(comm: MPI.Comm) -> list[ValidationRow]:
         )
     rows += _damping_rows(case)
     return rows
-
-
-def one_mode() -> TipDynamics:
-    """The single mode of the published case."""
-    omega = 2.0 * np.pi * HZ
-    mass, damping, stiffness = (
-        MASS * np.eye(1),
-        2.0 * ZETA * omega * MASS * np.eye(1),
-        MASS * omega**2 * np.eye(1),
-    )
-    return tip_dynamics(mass, damping, stiffness, forced=np.eye(1))
-
-
-def _slotting_gain(times: FloatArray, period: float, depth: float) -> FloatArray:
-    """``(n,)`` force per motion of two teeth in a full slot, up-milling [N/m]."""
-    angle = np.pi * times / period
-    # one of two teeth is in the cut at any time
-    return np.asarray(
-        -depth
-        * (CHIP * np.cos(angle % np.pi) + NORMAL * np.sin(angle % np.pi))
-        * np.sin(angle % np.pi)
-    )
-
-
-def _turning_rows() -> list[ValidationRow]:
-    """Constant engagement: on the border of the lobes the largest multiplier is one (Tobias;
-    Altintas 2012, sec. 4.2).
-    """
-    case, tip, rows = "stability-closed-forms", one_mode(), []
-    omega = 2.0 * np.pi * HZ
-    for ratio, waves in TURNING:
-        chatter = ratio * omega
-        response = 1.0 / (MASS * (omega**2 - chatter**2 + 2j * ZETA * omega * chatter))
-        gain = 0.5 / response.real  # negative: the force works against the motion
-        # exp(-i omega T) = 1 - 1 / (gain response)
-        period = (2.0 * np.pi * waves - float(np.angle(1.0 - 1.0 / (gain * response)))) / chatter
-        errors = [
-            abs(largest_multiplier(tip, np.full((steps * waves, 1, 1), gain), period) - 1.0)
-            for steps in (30, 60, 120)
-        ]
-        name = f"turning at {ratio:g} times the natural frequency, {waves} waves"
-        rows.append(judge_bound(case, f"{name}: multiplier off one", errors[-1], 1e-3))
-        rows.append(
-            judge(
-                case,
-                f"{name}: order",
-                float(np.log2(errors[-2] / errors[-1])),
-                Target(2.0, "-", 0.1, "theory"),
-            )
-        )
-        factor = single_frequency_limit(tip, np.full((1, 1, 1), gain), period)
-        rows.append(
-            judge(
-                case,
-                f"{name}: limit by a single frequency",
-                factor,
-                Target(1.0, "-", 1e-4, "closed form"),
-            )
-        )
-    return rows
-
-
-def _mathieu_rows() -> list[ValidationRow]:
-    """``x'' + (delta + epsilon cos t) x = b x(t - 2 pi)``: borders by Mathieu's characteristic
-    values (Insperger and Stepan 2002).
-    """
-    case, rows, steps = "stability-closed-forms", [], 300
-    times = (np.arange(steps) + 0.5) * 2.0 * np.pi / steps
-    for epsilon, weight in MATHIEU:
-        for order, sign in ((0, 1.0), (1, -1.0)):
-            delta = float(scipy.special.mathieu_a(order, 2.0 * epsilon)) / 4.0 + sign * weight
-            tip = TipDynamics(
-                np.array([[0.0, 1.0], [-delta, 0.0]]),
-                np.array([[0.0], [1.0]]),
-                np.array([[1.0, 0.0]]),
-                1.0,
-            )
-            gains = (-epsilon * np.cos(times))[:, None, None]
-            found = floquet_multipliers(
-                tip, gains, 2.0 * np.pi, past=np.full((steps, 1, 1), -weight)
-            )
-            off = float(np.abs(found - sign).min())
-            name = f"delayed Mathieu equation, epsilon {epsilon:g}, b {weight:g}: a multiplier off {sign:+.0f}"
-            rows.append(judge_bound(case, name, off, 1e-3))
-    return rows
-
-
-def _milling_rows(steps: int) -> list[ValidationRow]:
-    """Largest multiplier by semi-discretisation and from the growth of a marched motion, both with
-    so many steps per tooth.
-    """
-    case, rows, allowed = "stability-published-milling", [], 5e-4 * (MARCHED_STEPS / steps) ** 2
-    for rpm, depth in SLOTTING:
-        period = 60.0 / (TEETH * rpm)
-        fine = _slotting_gain((np.arange(steps * 8) + 0.5) * period / (steps * 8), period, depth)
-        found = largest_multiplier(
-            one_mode(), fine.reshape(steps, 8).mean(axis=1)[:, None, None], period
-        )
-        marched = _marched_multiplier(period, depth, steps)
-        name = f"multiplier, slotting at {rpm:g} rpm, {1e3 * depth:g} mm"
-        rows.append(judge(case, name, found, Target(marched, "-", allowed, "marched in time")))
-    return rows
-
-
-def _marched_multiplier(period: float, depth: float, steps: int, turns: int = 60) -> float:
-    """Growth over a period of the two strongest waves in a marched motion."""
-    times = np.arange(steps * turns) * period / steps
-    omega = 2.0 * np.pi * HZ
-
-    def both(value: float) -> FloatArray:
-        return np.full((2, 1, 1), value)
-
-    tool = np.zeros((2, 3, 1))
-    tool[:, 0] = 1.0
-    motion = LinearMotion(
-        times=times,
-        nodes=times[[0, -1]],
-        mass=both(MASS),
-        damping=both(2.0 * ZETA * omega * MASS),
-        stiffness=both(MASS * omega**2),
-        tool=tool,
-        gravity_deflection=np.zeros((2, 1)),
-        load=np.zeros((len(times), 1)),
-    )
-    kick = np.zeros((len(times), 1))
-    kick[1:40] = 1.0
-    stiffness = np.zeros((len(times), 3, 3))
-    stiffness[:, 0, 0] = _slotting_gain(times, period, depth)
-    moved = (
-        march_linear(motion, kick, regeneration=Regeneration(stiffness, steps))
-        .compliant[:, 0]
-        .reshape(turns, steps)
-    )
-    before, now, after = moved[-3], moved[-2], moved[-1]
-    first, second = np.linalg.lstsq(np.stack([now, before], axis=1), after, rcond=None)[0]
-    return float(np.abs(np.roots([1.0, -first, -second])).max())
 
 
 def _damping_rows(case: str) -> list[ValidationRow]:

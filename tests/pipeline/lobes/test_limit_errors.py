@@ -41,7 +41,7 @@ tcp = { tool = "column.top", work = "ground" }
 [effects]
 damping = { modal = "3 %" }
 [analyses.lobes]
-speeds = ["3000 rpm", "15000 rpm", 200]
+speeds = ["9000 rpm", "12000 rpm", 30]
 mill = { diameter = "12 mm", teeth = 4, helix = "30 deg" }
 material = "al7075-t6"
 radial_depth = "12 mm"

@@ -5,17 +5,15 @@ steps.
 import pytest
 from mpi4py import MPI
 
-from headstock.validation.mechanisms.contouring_cases import (
-    check_contour_stability,
-    check_stability_methods,
-)
+from headstock.validation.mechanisms.contouring_cases import check_contour_stability
+from headstock.validation.mechanisms.stability_cases import check_stability_methods
 
 pytestmark = pytest.mark.slow
 
 
-def test_multipliers_meet_closed_forms_and_a_marched_motion() -> None:
+def test_multipliers_and_limits_meet_closed_forms_and_independent_methods() -> None:
     rows = check_stability_methods(MPI.COMM_SELF, 400)
-    assert len(rows) == 18
+    assert len(rows) == 42
     assert [row for row in rows if not row.passed] == []
 
 

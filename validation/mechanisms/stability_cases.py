@@ -1,0 +1,230 @@
+"""Stability of milling: multipliers by closed forms and by marching, and the border of ten scenes
+beside limits by independent methods.
+"""
+
+import dataclasses
+import tempfile
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import scipy.special
+from headstock.solvers.mpi import MPI
+
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.answers.answer import find_answers
+from headstock.pipeline.answers.lobes import RPM, PoseLobes
+from headstock.pipeline.runner import run_scene
+from headstock.scene.building.loader import load_scene
+from headstock.scene.requests import Analyses
+from headstock.solvers.milling.stability import (
+    TipDynamics,
+    floquet_multipliers,
+    largest_multiplier,
+    single_frequency_limit,
+    tip_dynamics,
+)
+from headstock.solvers.paths.linear_motion import LinearMotion, Regeneration, march_linear
+from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound
+
+SCENES = Path(__file__).parents[1] / "references" / "milling_limits"
+# Insperger and Stepan (2004), Int. J. Numer. Meth. Eng. 61, 117-141, sec. 5: one mode, two teeth
+MASS, HZ, ZETA, CHIP, NORMAL, TEETH = 0.03993, 922.0, 0.011, 6e8, 2e8, 2
+# frequency of chatter over the natural one, waves between two cuts
+TURNING = (
+    (1.0213, 3),
+    (1.0057, 1),
+    (1.0471, 5),
+)
+MATHIEU = ((1.0, 0.05), (0.5, -0.1), (2.0, 0.2))  # parametric excitation, weight of the delay
+MARCHED_STEPS = 1600
+SLOTTING = ((5000.0, 0.2e-3), (5000.0, 1e-3), (15000.0, 1e-3))  # rpm, depth of cut [m]
+
+
+def check_stability_methods(comm: MPI.Comm, steps: int = MARCHED_STEPS) -> list[ValidationRow]:
+    """Multipliers on borders known in closed form, and of a published milling case by marching its
+    equation in time; limits of ten scenes.
+    """
+    return [
+        *_turning_rows(),
+        *_mathieu_rows(),
+        *_milling_rows(steps),
+        *check_milling_limits(comm),
+    ]
+
+
+def check_milling_limits(comm: MPI.Comm) -> list[ValidationRow]:
+    """Limits of ten scenes, of one and two modes, immersions of 5 to 100 %, both senses, helix and
+    one to six teeth, beside converged ones by collocation of another program and by
+    semi-discretisation.
+    """
+    limits = tomllib.loads((SCENES / "limits.toml").read_text())
+    return [row for name in sorted(limits) for row in _limit_rows(name, limits[name], comm)]
+
+
+def _limit_rows(
+    name: str, limits: dict[str, dict[str, list[float]]], comm: MPI.Comm
+) -> Iterator[ValidationRow]:
+    scene = load_scene(SCENES / f"{name}.toml")
+    scene = dataclasses.replace(scene, analyses=Analyses(lobes=scene.analyses.lobes))
+    with tempfile.TemporaryDirectory(prefix="headstock-lobes-") as folder:
+        results = run_scene(scene, Path(folder), comm=comm)
+    (found,) = find_answers(results.answers, PoseLobes)
+    for own in found.directions:
+        reference = limits[own.name]
+        np.testing.assert_allclose(RPM * found.speeds, reference["rpm"], rtol=1e-5)
+        true = 1e-3 * np.array(reference["limit_mm"])
+        off = own.depths / true - 1.0
+        # digits of the table, and ± of the search
+        allowed = 1e-4 + np.nan_to_num(own.errors / true)
+        case, where = "milling-limits", f"{name}, travel {own.name}, {len(true)} speeds"
+        yield judge_bound(
+            case,
+            f"{where}: limit off, at most",
+            float(np.abs(off).max()),
+            0.01,
+            "semi-discretisation",
+        )
+        yield judge_bound(
+            case,
+            f"{where}: limit above the true one, over its ±",
+            max(0.0, float((off / allowed).max())),
+            1.0,
+        )
+
+
+def one_mode() -> TipDynamics:
+    """The single mode of the published case."""
+    omega = 2.0 * np.pi * HZ
+    mass, damping, stiffness = (
+        MASS * np.eye(1),
+        2.0 * ZETA * omega * MASS * np.eye(1),
+        MASS * omega**2 * np.eye(1),
+    )
+    return tip_dynamics(mass, damping, stiffness, forced=np.eye(1))
+
+
+def _slotting_gain(times: FloatArray, period: float, depth: float) -> FloatArray:
+    """``(n,)`` force per motion of two teeth in a full slot, up-milling [N/m]."""
+    angle = np.pi * times / period
+    # one of two teeth is in the cut at any time
+    return np.asarray(
+        -depth
+        * (CHIP * np.cos(angle % np.pi) + NORMAL * np.sin(angle % np.pi))
+        * np.sin(angle % np.pi)
+    )
+
+
+def _turning_rows() -> list[ValidationRow]:
+    """Constant engagement: on the border of the lobes the largest multiplier is one (Tobias;
+    Altintas 2012, sec. 4.2).
+    """
+    case, tip, rows = "stability-closed-forms", one_mode(), []
+    omega = 2.0 * np.pi * HZ
+    for ratio, waves in TURNING:
+        chatter = ratio * omega
+        response = 1.0 / (MASS * (omega**2 - chatter**2 + 2j * ZETA * omega * chatter))
+        gain = 0.5 / response.real  # negative: the force works against the motion
+        # exp(-i omega T) = 1 - 1 / (gain response)
+        period = (2.0 * np.pi * waves - float(np.angle(1.0 - 1.0 / (gain * response)))) / chatter
+        errors = [
+            abs(largest_multiplier(tip, np.full((steps * waves, 1, 1), gain), period) - 1.0)
+            for steps in (30, 60, 120)
+        ]
+        name = f"turning at {ratio:g} times the natural frequency, {waves} waves"
+        rows.append(judge_bound(case, f"{name}: multiplier off one", errors[-1], 1e-3))
+        rows.append(
+            judge(
+                case,
+                f"{name}: order",
+                float(np.log2(errors[-2] / errors[-1])),
+                Target(2.0, "-", 0.1, "theory"),
+            )
+        )
+        factor = single_frequency_limit(tip, np.full((1, 1, 1), gain), period)
+        rows.append(
+            judge(
+                case,
+                f"{name}: limit by a single frequency",
+                factor,
+                Target(1.0, "-", 1e-4, "closed form"),
+            )
+        )
+    return rows
+
+
+def _mathieu_rows() -> list[ValidationRow]:
+    """``x'' + (delta + epsilon cos t) x = b x(t - 2 pi)``: borders by Mathieu's characteristic
+    values (Insperger and Stepan 2002).
+    """
+    case, rows, steps = "stability-closed-forms", [], 300
+    times = (np.arange(steps) + 0.5) * 2.0 * np.pi / steps
+    for epsilon, weight in MATHIEU:
+        for order, sign in ((0, 1.0), (1, -1.0)):
+            delta = float(scipy.special.mathieu_a(order, 2.0 * epsilon)) / 4.0 + sign * weight
+            tip = TipDynamics(
+                np.array([[0.0, 1.0], [-delta, 0.0]]),
+                np.array([[0.0], [1.0]]),
+                np.array([[1.0, 0.0]]),
+                1.0,
+            )
+            gains = (-epsilon * np.cos(times))[:, None, None]
+            found = floquet_multipliers(
+                tip, gains, 2.0 * np.pi, past=np.full((steps, 1, 1), -weight)
+            )
+            off = float(np.abs(found - sign).min())
+            name = f"delayed Mathieu equation, epsilon {epsilon:g}, b {weight:g}: a multiplier off {sign:+.0f}"
+            rows.append(judge_bound(case, name, off, 1e-3))
+    return rows
+
+
+def _milling_rows(steps: int) -> list[ValidationRow]:
+    """Largest multiplier by semi-discretisation and from the growth of a marched motion, both with
+    so many steps per tooth.
+    """
+    case, rows, allowed = "stability-published-milling", [], 5e-4 * (MARCHED_STEPS / steps) ** 2
+    for rpm, depth in SLOTTING:
+        period = 60.0 / (TEETH * rpm)
+        fine = _slotting_gain((np.arange(steps * 8) + 0.5) * period / (steps * 8), period, depth)
+        found = largest_multiplier(
+            one_mode(), fine.reshape(steps, 8).mean(axis=1)[:, None, None], period
+        )
+        marched = _marched_multiplier(period, depth, steps)
+        name = f"multiplier, slotting at {rpm:g} rpm, {1e3 * depth:g} mm"
+        rows.append(judge(case, name, found, Target(marched, "-", allowed, "marched in time")))
+    return rows
+
+
+def _marched_multiplier(period: float, depth: float, steps: int, turns: int = 60) -> float:
+    """Growth over a period of the two strongest waves in a marched motion."""
+    times = np.arange(steps * turns) * period / steps
+    omega = 2.0 * np.pi * HZ
+
+    def both(value: float) -> FloatArray:
+        return np.full((2, 1, 1), value)
+
+    tool = np.zeros((2, 3, 1))
+    tool[:, 0] = 1.0
+    motion = LinearMotion(
+        times=times,
+        nodes=times[[0, -1]],
+        mass=both(MASS),
+        damping=both(2.0 * ZETA * omega * MASS),
+        stiffness=both(MASS * omega**2),
+        tool=tool,
+        gravity_deflection=np.zeros((2, 1)),
+        load=np.zeros((len(times), 1)),
+    )
+    kick = np.zeros((len(times), 1))
+    kick[1:40] = 1.0
+    stiffness = np.zeros((len(times), 3, 3))
+    stiffness[:, 0, 0] = _slotting_gain(times, period, depth)
+    moved = (
+        march_linear(motion, kick, regeneration=Regeneration(stiffness, steps))
+        .compliant[:, 0]
+        .reshape(turns, steps)
+    )
+    before, now, after = moved[-3], moved[-2], moved[-1]
+    first, second = np.linalg.lstsq(np.stack([now, before], axis=1), after, rcond=None)[0]
+    return float(np.abs(np.roots([1.0, -first, -second])).max())
