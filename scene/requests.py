@@ -1,7 +1,6 @@
 """What is to be computed of a machine: one request per kind of analysis."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -295,11 +294,6 @@ class Travel:
     along: tuple[float, float, float] | None = None
 
 
-def reach_of_chatter(up_to_hz: float, tool_hz: Sequence[float]) -> float:
-    """How high chatter is looked for: beyond the modes of machine, spindle and tool [Hz]."""
-    return max([up_to_hz, *(1.5 * hz for hz in tool_hz)])
-
-
 @dataclass(frozen=True, eq=False)
 class LobesRequest:
     """Stability lobes, in named poses.
@@ -386,12 +380,12 @@ class LobesRequest:
         """Rows of the matrix whose multipliers say whether a cut at a speed [rad/s] is stable, besides
         those of the machine's poles.
         """
-        return expected_rows(self.cut_at(speed), self.reach_hz)
+        return expected_rows(self.cut_at(speed), self.up_to_hz)
 
     @property
     def reach_hz(self) -> float:
         """How high chatter is looked for: beyond the modes of machine, spindle and tool [Hz]."""
-        return reach_of_chatter(self.up_to_hz, [mode.hz for mode in self.tool_modes])
+        return max([self.up_to_hz, *(1.5 * mode.hz for mode in self.tool_modes)])
 
     def describe(self) -> str:
         """In a few words: what is computed, and how far."""

@@ -16,7 +16,7 @@ from headstock.scene.building.path import build_path
 from headstock.scene.reading.files import resolve_file
 from headstock.scene.reading.findings import Findings, SceneError
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.requests import FEED, LobesRequest, Travel, reach_of_chatter
+from headstock.scene.requests import FEED, LobesRequest, Travel
 from headstock.scene.scene import Scene
 from headstock.scene.schema.mechanism import LobesTable, ToolModeTable
 from headstock.scene.schema.scene import SceneTable
@@ -140,7 +140,7 @@ def check_lobes(draft: Draft, findings: Findings) -> None:
 
 def _check_speeds(table: LobesTable, findings: Findings) -> None:
     """Report speeds so low that stability cannot be computed: too many waves between two teeth."""
-    hz = reach_of_chatter(table.up_to, [mode.frequency for mode in table.tool_modes])
+    hz = table.up_to
     mill, slowest = EndMill(table.mill.diameter, table.mill.teeth), table.speeds.low
     none = CuttingCoefficients((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "")
     rows = expected_rows(MillingCut(mill, none, slowest, 0.0, table.radial_depth), hz)
@@ -149,8 +149,8 @@ def _check_speeds(table: LobesTable, findings: Findings) -> None:
         findings.add(
             (*KEY, "speeds"),
             f"at {rpm:.3g} rpm {waves:.0f} waves of {hz:g} Hz lie between two teeth, too many for multipliers; begin at"
-            f" {float(f'{1.05 * rpm * rows / MOST_ROWS:.2g}'):g} rpm or above"
-            + (", or write a lower up_to" if hz == table.up_to else ""),
+            f" {float(f'{1.05 * rpm * rows / MOST_ROWS:.2g}'):g} rpm"
+            " or above, or write a lower up_to",
         )
 
 

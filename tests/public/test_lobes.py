@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import headstock as hs
+from headstock.app.command_line import main
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENES = ROOT / "validation" / "references" / "milling_limits"
@@ -23,8 +24,11 @@ def _own_store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def run_lobes(name: str, folder: Path, **changes: object) -> dict[str, np.ndarray]:
     """Columns of the table of limits of a scene, by heading; all directions in a row."""
-    keys = {f"analyses.lobes.{key}": value for key, value in changes.items()}
-    hs.run(SCENES / f"{name}.toml", output=folder, set=keys or None)
+    keys = [f"--set=analyses.lobes.{key}={json.dumps(value)}" for key, value in changes.items()]
+    scene = str(SCENES / f"{name}.toml")
+    assert (
+        main(["run", scene, "-o", str(folder), "--analysis", "lobes", "--no-figures", *keys]) == 0
+    )
     with (folder / "tables" / "limits_reference.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     return {head: np.array([row[head] for row in rows]) for head in rows[0]}
@@ -106,7 +110,7 @@ def test_what_cannot_be_computed_is_refused_by_its_key(
 ) -> None:
     keys = {f"analyses.lobes.{name}": value for name, value in changes.items()}
     with pytest.raises(hs.SceneError, match=re.escape(key)) as caught:
-        hs.run(SCENES / "slot.toml", set=keys)
+        hs.load(SCENES / "slot.toml", set=keys)
     assert text in str(caught.value)
 
 

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import scipy.special
-from headstock.solvers.mpi import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
@@ -25,6 +24,7 @@ from headstock.solvers.milling.stability import (
     single_frequency_limit,
     tip_dynamics,
 )
+from headstock.solvers.mpi import MPI
 from headstock.solvers.paths.linear_motion import LinearMotion, Regeneration, march_linear
 from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound
 
