@@ -116,7 +116,8 @@ def _find_stout(mesh: ComponentMesh, owners: IntArray, areas: FloatArray) -> NDA
     np.add.at(area, corners[owners], areas[:, None])
     np.add.at(count, corners[owners], 1.0)
     # an even triangle of a side has 0.43 times its square; a wall has two sides
-    return np.sqrt(2.3 * area / np.maximum(count, 1.0)) * area < STOUT_WALL * 2.0 * volume
+    widths = np.sqrt(2.3 * area / np.maximum(count, 1.0))
+    return np.asarray(widths * area < STOUT_WALL * 2.0 * volume)
 
 
 def _find_owners(mesh: ComponentMesh, facets: IntArray) -> IntArray:
@@ -160,7 +161,7 @@ class SideFit:
         offsets: FloatArray,
         cells: Sequence[IntArray],
         middles: FloatArray,
-        samples: FloatArray,
+        samples: FloatArray | NDArray[np.float32],
     ) -> tuple[FloatArray, FloatArray]:
         """Coefficients ``(n_v, n, m)`` of the polynomials around some corners, and the length
         ``(n_v,)`` that coordinates are divided by.
@@ -179,11 +180,11 @@ class SideFit:
         lengths = np.nanmax(np.abs(offsets), axis=(1, 2))
         table = np.where(real, raise_powers(offsets / lengths[:, None, None]), 0.0)
         alone = np.matmul(table.swapaxes(1, 2), table)
-        corners, size, width = *alone.shape[:2], samples.shape[2]
-        normal = np.zeros((corners, 6, size, 6, size))
+        corners, size, width = len(alone), alone.shape[1], samples.shape[2]
+        blocks = np.zeros((corners, 6, size, 6, size))
         for component in range(6):
-            normal[:, component, :, component] = alone
-        normal = normal.reshape(corners, 6 * size, 6 * size)
+            blocks[:, component, :, component] = alone
+        normal: FloatArray = blocks.reshape(corners, 6 * size, 6 * size)
         for row, around in enumerate(cells):
             facets = np.concatenate([self.of_cells[cell] for cell in around])
             terms = raise_powers((self.places[facets] - middles[row]) / lengths[row])

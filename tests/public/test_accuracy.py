@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import headstock as hs
 
@@ -40,7 +41,7 @@ def search(folder: Path, accuracy: str, *sizes: int) -> hs.Results:
     ],
 )
 def test_an_accuracy_of_one_percent_is_met_where_single_tets_fill_a_section(
-    tmp_path: Path, sizes: tuple[int, ...], truth: np.ndarray
+    tmp_path: Path, sizes: tuple[int, ...], truth: NDArray[np.float64]
 ) -> None:
     results = search(tmp_path, "1 %", *sizes)
     assert not results.failures
