@@ -96,7 +96,11 @@ def draw_lobes(found: DirectionSummary, identity: str, *, confirmed: bool) -> Ma
             _line(piece, color, 1.8) for piece in _pieces(looked, places, run[0], run[-1] + 2)
         ]
     if len(looked) <= MOST_DOTS or len(looked) < len(speeds):
-        parts += [_circle(x, y, UNKNOWN, 2.0) for x, y in places]
+        for (x, y), place in zip(places, looked, strict=True):
+            if confirmed and not known[max(place - 1, 0) : place + 2].all():
+                side = [(x - 1.0, base), (x - 1.0, y), (x + 1.0, y), (x + 1.0, base)]
+                parts.append(svg.area(side, BEST, opacity=0.6))
+            parts.append(_circle(x, y, UNKNOWN, 2.0))
     parts += [_mark_lowest(found, across, up), _mark_best(found, across, up)]
     dots = [("lowest limit, with its ±" if found["lowest_error_mm"] else "lowest limit", LOWEST)]
     dots += [("best speeds", BEST)] if found["best_speeds"] else []

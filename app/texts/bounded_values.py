@@ -280,7 +280,15 @@ def response_error_words(response: ResponseSummary) -> list[str]:
 
 
 def limit_error_words(lobes: Mapping[str, LobesSummary]) -> list[str]:
-    """Where the errors of the lowest limits come from, and what is not in them."""
+    """Directions without a limit, where the errors of the lowest limits come from, and what is not in
+    them.
+    """
+    words = [
+        f"pose {pose}, travel {own['name']}: no cut up to {found['deepest_mm']:g} mm chatters at a speed that was looked at"
+        for pose, found in lobes.items()
+        for own in found["directions"]
+        if own["lowest"] is None
+    ]
     directions = [own for found in lobes.values() for own in found["directions"]]
     largest: dict[str, float] = {}
     for own in directions:
@@ -288,7 +296,6 @@ def limit_error_words(lobes: Mapping[str, LobesSummary]) -> list[str]:
             if own["lowest"] is not None and size is not None:
                 share = size / own["lowest"]["limit_depth_mm"]
                 largest[source] = max(largest.get(source, 0.0), share)
-    words = []
     if largest:
         parts = ", ".join(
             f"{source} up to {show_share(share)}" for source, share in largest.items()
