@@ -33,6 +33,7 @@ CLOSE = 1e-3  # relative: cuts so much thinner and deeper than a limit are stabl
 CONFIRMATIONS = 4  # of a limit with more nodes
 MOST_REFINEMENTS = 3  # of the nodes
 MOST_TRIALS = 200  # depths at a speed
+NEUTRAL = 5e-7  # growth of a motion that neither grows nor decays
 SMALLEST = 1e-12  # multiplier that has a logarithm
 OWN_SHARE = 0.9  # of the growth at a stable depth: what is above is that of what chatters
 
@@ -90,7 +91,10 @@ class _Speed:
 
 
 def _growth(multiplier: Multiplier) -> float:
-    return math.log(max(abs(multiplier.value), SMALLEST))
+    """Logarithm of a multiplier, below zero for one that is one but for roundoff: a motion that
+    nothing holds and that moves tool and wave alike.
+    """
+    return math.log(max(abs(multiplier.value), SMALLEST)) - NEUTRAL
 
 
 def find_border(
@@ -225,8 +229,9 @@ def _enclose(speed: _Speed, low: float, high: float, deepest: float) -> Limit:
                 high *= 0.5
         for tolerance in (SECANT_TOLERANCE, DEPTH_TOLERANCE):
             # two multipliers that pass one close together mislead a long secant
-            limit = _confirm(speed, _find_crossing(speed, low, high, tolerance))
-            if limit.error < limit.depth:
+            crossing = _find_crossing(speed, low, high, tolerance)
+            limit = _confirm(speed, crossing, low, high)
+            if limit is not NOT_EVALUATED:
                 return limit
         speed.refine()
         low, high = low * (1.0 - FAR), high * (1.0 + FAR)
@@ -239,34 +244,52 @@ def _enclose(speed: _Speed, low: float, high: float, deepest: float) -> Limit:
     return NOT_EVALUATED
 
 
-def _confirm(speed: _Speed, depth: float) -> Limit:
+def _confirm(speed: _Speed, depth: float, low: float, high: float) -> Limit:
     """A crossing with more nodes: cuts close below it are stable, close above it they are not.
 
     Args:
         speed: Where depths are tried.
         depth: Of the crossing [m].
+        low: Depth that is stable [m].
+        high: One that is not [m].
     """
     for _ in range(CONFIRMATIONS):
-        low, high = (
-            speed.cut.largest((1.0 + side * CLOSE) * depth, speed.more + FINER) for side in (-1, 1)
-        )
-        ends = _growth(low), _growth(high)
-        slope = 0.5 * (ends[1] - ends[0]) / CLOSE
+        ends = [(1.0 - CLOSE) * depth, (1.0 + CLOSE) * depth]
+        growths = [_growth(speed.cut.largest(end, speed.more + FINER)) for end in ends]
+        if growths[0] < 0.0 <= growths[1]:
+            return _limit_between(speed, ends, growths)
+        slope = 0.5 * (growths[1] - growths[0]) / CLOSE
         if slope <= 0.0:
             break
-        left = 0.5 * sum(ends) / slope  # relative, to where both ends say the border is
-        if ends[0] < 0.0 <= ends[1]:
-            period, omega = speed.cut.cut.tooth_period, speed.cut.frequency(high)
-            return Limit(
-                depth * (1.0 - left),
-                limited=True,
-                error=CLOSE * depth,
-                slope=slope,
-                omega=omega,
-                waves=int(omega * period / (2.0 * math.pi)),
-            )
+        left = 0.5 * sum(growths) / slope  # relative, to where both ends say the border is
         depth *= 1.0 - min(max(left, -FAR), FAR)
-    return Limit(depth, limited=True, error=math.inf)
+    # another multiplier, which no cut excites, is nearly one: halves find the border all the same
+    ends = [low, high]
+    growths = [_growth(speed.cut.largest(end, speed.more + FINER)) for end in ends]
+    while growths[0] < 0.0 <= growths[1]:
+        if ends[1] - ends[0] < 2.0 * CLOSE * ends[0]:
+            return _limit_between(speed, ends, growths)
+        middle = 0.5 * (ends[0] + ends[1])
+        growth = _growth(speed.cut.largest(middle, speed.more + FINER))
+        side = 0 if growth < 0.0 else 1
+        ends[side], growths[side] = middle, growth
+    return NOT_EVALUATED
+
+
+def _limit_between(speed: _Speed, ends: Sequence[float], growths: Sequence[float]) -> Limit:
+    """The limit between a stable depth and one that is not, close to each other."""
+    slope = (growths[1] - growths[0]) / math.log(ends[1] / ends[0])
+    depth = ends[0] - growths[0] * (ends[1] - ends[0]) / (growths[1] - growths[0])
+    high = speed.cut.largest(ends[1], speed.more + FINER)
+    omega = speed.cut.frequency(high)
+    return Limit(
+        depth,
+        limited=True,
+        error=0.5 * (ends[1] - ends[0]),
+        slope=slope,
+        omega=omega,
+        waves=int(omega * speed.cut.cut.tooth_period / (2.0 * math.pi)),
+    )
 
 
 def _find_crossing(speed: _Speed, low: float, high: float, tolerance: float) -> float:
