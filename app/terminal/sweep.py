@@ -18,6 +18,7 @@ from headstock.app.terminal.console import (
 )
 from headstock.app.texts.bounded_values import show_bound
 from headstock.geometry.frames import FloatArray
+from headstock.pipeline.planning.budgets import lobes_seconds
 from headstock.scene.studies import describe_positions, moving_axes
 from headstock.studies.sweeps.files import PointMapSummary, SweepSummary
 from headstock.studies.sweeps.results import SweepResults
@@ -41,6 +42,15 @@ def print_sweep_header(job: SweepJob, *, ranks: int) -> None:
         style="bold",
         markup=False,
     )
+    if (lobes := job.scene.analyses.lobes) is not None:
+        each = lobes_seconds(lobes, 0)
+        every = each * len(sweep.positions)
+        whole = f"{every:.2g} s" if every < 120.0 else f"{every / 60.0:.2g} min"
+        hint = "" if lobes.checked < 1.0 else "; checked = 0.1 looks at a tenth of the speeds"
+        make_console().print(
+            f"  lobes: about {each:.2g} s of processor time in each pose, {whole} in all{hint}",
+            markup=False,
+        )
 
 
 def print_sweep(
