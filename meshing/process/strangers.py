@@ -172,7 +172,7 @@ def _read_in_worker(
         with np.load(result, allow_pickle=False) as store:
             found = {name: store[name] for name in store.files}
     for array in found.values():
-        array.flags.writeable = False
+        array.setflags(write=False)
     return found
 
 

@@ -38,8 +38,8 @@ def group_lobes(
         limited = limited[[int(np.argmin(depths[limited]))]]
     sources, shares = _find_sources(point, limits, limited, frame)
     waves = limits.waves[limited]
-    number = np.cumsum(np.isfinite(depths))[limited]  # among the speeds that were looked at
-    new = (np.diff(number) > 1) | (np.diff(waves) != 0) | (np.diff(sources) != 0)
+    ranks = np.cumsum(np.isfinite(depths))[limited]  # among the speeds that were looked at
+    new = (np.diff(ranks) > 1) | (np.diff(waves) != 0) | (np.diff(sources) != 0)
     owner[limited] = np.concatenate([[0], np.cumsum(new)])
     names = _name_sources(machine, point, sorted({int(source) for source in sources}))
     lobes = []

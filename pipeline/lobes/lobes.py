@@ -121,9 +121,9 @@ def solve_lobes(
     solved = [
         _solve_direction(machine, point, travel, whole=whole) for travel in request.travels(feed)
     ]
-    found, limits = (tuple(each[place] for each in solved) for place in (0, 1))
+    found = tuple(own for own, _ in solved)
     if whole:
-        found = estimate_limits(machine, point, found, limits)
+        found = estimate_limits(machine, point, found, tuple(limits for _, limits in solved))
     answer = PoseLobes(
         pose=machine.pose.name,
         material=request.material,

@@ -157,6 +157,8 @@ def _area_of(
     end: JointEnd, machine: Machine, parts: Parts, frames: Mapping[str, Frame]
 ) -> _Area | None:
     """Where an end is; None of ground and where it is not known."""
+    if end.component is None or end.interface is None:
+        return None
     if end.component not in parts or end.interface not in parts[end.component].patch_boxes:
         return None
     point = isinstance(machine.components[end.component].solid, PointMass)

@@ -142,7 +142,7 @@ class Results:
             rows += [
                 (pose, str(modes.below + number + 1), f"{hz:.5g}", show_value(error), name)
                 for number, (hz, error, name) in enumerate(
-                    zip(found.tolist(), modes.error_hz, modes.mode_names, strict=True)
+                    zip(map(float, found), modes.error_hz, modes.mode_names, strict=True)
                 )
             ]
         for pose, points in self.static.items():

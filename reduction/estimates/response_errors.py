@@ -233,7 +233,7 @@ class ResponseSpace:
                 np.sqrt(np.where(squares > 0.0, squares, self.rest))
             )
         if change is not None:
-            added: ComplexArray = (
+            added: ComplexArray = np.asarray(
                 np.where(moving, change.stiffness, change.stiffness.real)
                 - squares[:, None, None] * change.mass
             )

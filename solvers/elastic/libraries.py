@@ -6,12 +6,14 @@ from headstock.geometry.loading import Library
 
 if TYPE_CHECKING:
     import dolfinx as dolfinx
-    import ffcx.options as ffcx_options
     import ufl as ufl
     from dolfinx import fem as fem
     from dolfinx import la as la
+    from ffcx import options
     from petsc4py import PETSc as PETSc
     from slepc4py import SLEPc as SLEPc
+
+    ffcx_options = options
 else:
     dolfinx = Library("dolfinx")
     fem = Library("dolfinx.fem")

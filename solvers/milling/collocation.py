@@ -128,7 +128,7 @@ def stiffest_gain(mill: EndMill, chip: Three, radial_depth: float, sense: Sense)
     thin = 1e-3 * mill.diameter
     coefficients = CuttingCoefficients(chip, (0.0, 0.0, 0.0), "")
     cut = MillingCut(mill, coefficients, 1.0, thin, radial_depth, sense=sense)
-    times = np.linspace(0.0, cut.tooth_period, 96, endpoint=False)
+    times = np.linspace(0.0, cut.tooth_period, 96, endpoint=False, dtype=np.float64)
     gains = chip_stiffness(cut, times, np.array([thin]))[0]
     return float(np.linalg.norm(gains, axis=(1, 2)).max()) / thin
 
@@ -170,14 +170,15 @@ class PeriodicCut:
             full_matrices=False,
         )
         del right
-        self._axes = left[:, size > RANK * size.max(initial=0.0)]  # (p, k): where the tip moves
+        # (p, k): where the tip moves
+        self._axes: FloatArray = left[:, size > RANK * size.max(initial=0.0)]
         self._tip = TipPoles(
             tip.values, tip.inputs, self._axes.T @ tip.outputs, self._axes.T @ tip.static
         )
         peaks = np.linalg.norm(tip.inputs, axis=1) * np.linalg.norm(tip.outputs, axis=0)
         self._peaks = peaks / np.abs(tip.values.real)
         self._stiffest = _stiffest(cut)
-        self._kept: dict[int, tuple[TipPoles, FloatArray, float]] = {}
+        self._kept: dict[int, tuple[TipPoles, BoolArray, float]] = {}
         self._ready: dict[tuple[float, int, int], _Responses] = {}
 
     def _poles(self, depth: float) -> tuple[int, TipPoles, BoolArray, float]:
@@ -248,7 +249,7 @@ class PeriodicCut:
         its pole.
         """
         turn, period = 2.0 * np.pi, self.cut.tooth_period
-        pole = abs(self._tip.values[multiplier.pole].imag)
+        pole = float(abs(self._tip.values[multiplier.pole].imag))
         angle = float(np.angle(multiplier.value))
         waves = [round((pole * period - side * angle) / turn) for side in (1, -1)]
         found = [

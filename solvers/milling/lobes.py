@@ -269,7 +269,7 @@ def chatter_eigenvalues(
         periods: ``(n,)`` from tooth to tooth [s].
     """
     wanted = 1.0 / (depths * (1.0 - np.exp(-1j * omega * periods) + SMALLEST_WAVE))
-    return _nearest(response, stiffness, wanted)
+    return _nearest(response, stiffness, np.asarray(wanted))
 
 
 @dataclass(frozen=True, eq=False)

@@ -54,7 +54,7 @@ def divide_period(
     period, corners = cut.tooth_period, corner_times(cut, depth)
     start = float(corners[0])
     windows: list[Window] = []
-    for begin, end in itertools.pairwise([*(corners - start).tolist(), period]):
+    for begin, end in itertools.pairwise([*map(float, corners - start), period]):
         if end - begin < SHORTEST * period or not _cuts(cut, depth, start + 0.5 * (begin + end)):
             continue
         wanted = int(np.ceil(NODES_PER_WAVE * highest_hz * (end - begin)))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from headstock.app.charts.refinement import FIGURE_NAME
+from headstock.app.charts.axis_kit import FIGURE_NAME
 from headstock.app.command_line import main
 from headstock.pipeline.storage.outputs import LIST_FILE
 from headstock.validation.machines.axis_kit_cases import CASE, FIDELITIES, compliance_name

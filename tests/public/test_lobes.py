@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import headstock as hs
 from headstock.app.command_line import main
@@ -22,7 +23,7 @@ def _own_store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
 
 
-def run_lobes(name: str, folder: Path, **changes: object) -> dict[str, np.ndarray]:
+def run_lobes(name: str, folder: Path, **changes: object) -> dict[str, NDArray[np.str_]]:
     """Columns of the table of limits of a scene, by heading; all directions in a row."""
     keys = [f"--set=analyses.lobes.{key}={json.dumps(value)}" for key, value in changes.items()]
     scene = str(SCENES / f"{name}.toml")
@@ -34,7 +35,7 @@ def run_lobes(name: str, folder: Path, **changes: object) -> dict[str, np.ndarra
     return {head: np.array([row[head] for row in rows]) for head in rows[0]}
 
 
-def number(column: np.ndarray) -> np.ndarray:
+def number(column: NDArray[np.str_]) -> NDArray[np.float64]:
     return np.array([float(text) if text else np.nan for text in column])
 
 

@@ -4,6 +4,7 @@ out to has a limit.
 
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -51,8 +52,8 @@ def chain(count: int, form: str) -> str:
 
 
 def height(path: Path, variant: str | None = None) -> float:
-    solid = hs.load(path, variant=variant).components["block"].solid
-    return float(solid.box[2])
+    components: Any = hs.load(path, variant=variant).components  # nouns, by name
+    return float(components["block"].solid.box[2])
 
 
 def problem(path: Path, variant: str | None = None) -> str:

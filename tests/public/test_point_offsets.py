@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import headstock as hs
 
@@ -43,7 +44,7 @@ offset = ["30 mm", "-20 mm", "-100 mm"]
 """
 
 
-def carried(arm: np.ndarray) -> np.ndarray:
+def carried(arm: NDArray[np.float64]) -> NDArray[np.float64]:
     """``u + theta x r`` of the tip as a matrix ``(6, 6)``."""
     x, y, z = arm
     found = np.eye(6)
@@ -64,7 +65,7 @@ def test_the_tip_of_an_offset_moves_by_the_rotation_too(tmp_path: Path, fidelity
 
 
 def test_every_analysis_takes_the_offset_as_an_interface_there(tmp_path: Path) -> None:
-    settings = {
+    settings: dict[str, object] = {
         "components.ram.interfaces.side": {"face": "x+"},
         "analyses.static": {},
         "analyses.frf": {"from": "20 Hz", "to": "300 Hz", "points": 5, "adaptive": False},
@@ -85,7 +86,7 @@ def test_every_analysis_takes_the_offset_as_an_interface_there(tmp_path: Path) -
         "analyses.contouring.feed": "20 m/min",
         "analyses.contouring.steps_per_turn": 24,
     }
-    ways = {
+    ways: dict[str, dict[str, object]] = {
         "interface": {"points.tcp.tool": "ram.side"},
         "offset": {"points.tcp.offset": [0.075, 0.0, -0.25]},
     }

@@ -147,7 +147,7 @@ def test_a_run_has_its_answer(scene: Path, analysis: str) -> None:
     if table:
         scene.write_text(SCENE + f"[analyses.{analysis}]\n{table}\n")
     out = scene.parent / "out"
-    words = ["--analysis", analysis, "-o", out, "--no-figures"]
+    words: list[str | Path] = ["--analysis", analysis, "-o", out, "--no-figures"]
     assert command(scene.parent, "run", scene, *words)
     assert summary(out)[key]
     assert (out / "report.html").is_file()

@@ -119,7 +119,7 @@ def test_poles_that_matter_and_dominant_multipliers_are_all_there_is() -> None:
 def test_the_dominant_eigenvalue_is_the_largest_of_all() -> None:
     draw = np.random.default_rng(3)
     matrix = draw.standard_normal((90, 90)) / 12.0
-    value, vector = dominant_pair(matrix)
+    value, vector = dominant_pair(np.asarray(matrix))
     assert abs(value) == pytest.approx(np.abs(np.linalg.eigvals(matrix)).max(), rel=1e-4)
     np.testing.assert_allclose(matrix @ vector, value * vector, atol=1e-3)
 
@@ -151,7 +151,9 @@ def test_zeroth_order_is_exact_where_the_engagement_is_constant() -> None:
     """Four teeth in a full slot cut the same at every angle: a = 1 / (2 A Re G) of one mode."""
     _, zeta, stiffness = ONE_MODE[0]
     mill = EndMill(0.02, 4)
-    found = border_of(tip_of(ONE_MODE), mill, 0.02, np.linspace(3000.0, 3700.0, 71), 0.05)
+    found = border_of(
+        tip_of(ONE_MODE), mill, 0.02, np.linspace(3000.0, 3700.0, 71, dtype=np.float64), 0.05
+    )
     # the mean of a full slot: half of the radial coefficient of each tooth in the cut
     lowest = 2.0 * stiffness * zeta * (1.0 + zeta) / (0.5 * CHIP.chip[1] * mill.teeth * 0.5)
     depths = np.array([limit.depth for limit in found])
