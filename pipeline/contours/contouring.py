@@ -41,15 +41,11 @@ from headstock.pipeline.stages.mechanism import placed_mechanism
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.scene.reading.forces import ForceRecord, read_forces, resampling_loss
 from headstock.scene.requests import ContouringRequest
+from headstock.solvers.milling.border import find_border
 from headstock.solvers.milling.coefficients import CuttingCoefficients
+from headstock.solvers.milling.collocation import FINER, PeriodicCut, safe_depth
 from headstock.solvers.milling.forces import describe_sense
-from headstock.solvers.milling.stability import (
-    TipDynamics,
-    count_steps,
-    largest_multiplier,
-    limit_depth,
-    milling_gains,
-)
+from headstock.solvers.milling.stability import TipDynamics, require_poles
 from headstock.solvers.milling.tool_path import SquareContour, TraceFit, plan_contour
 
 DEEPEST = 0.2  # depth of cut up to which a limit is looked for [m]
@@ -74,12 +70,10 @@ def face_stability(
         face: Number of the straight cut, counted from zero.
         at: Which face it is, in words.
     """
-    return FaceStability(
-        face + 1,
-        at,
-        cut_multiplier(tip, request, request.cut.axial_depth),
-        limit_depth(lambda depth: cut_multiplier(tip, request, depth), DEEPEST),
-    )
+    poles, depth = require_poles(tip), request.cut.axial_depth
+    cut, safe = PeriodicCut(poles, request.cut), safe_depth(poles, request.cut)
+    (limit,) = find_border([cut], np.array([depth]), safe=safe, deepest=DEEPEST)
+    return FaceStability(face + 1, at, abs(cut.largest(depth, FINER).value), limit.depth)
 
 
 def cut_multiplier(tip: TipDynamics, request: ContouringRequest, depth: float) -> float:
@@ -90,10 +84,7 @@ def cut_multiplier(tip: TipDynamics, request: ContouringRequest, depth: float) -
         request: Tool and cut.
         depth: Axial depth of cut [m].
     """
-    cut = dataclasses.replace(request.cut, axial_depth=depth)
-    return largest_multiplier(
-        tip, milling_gains(cut, count_steps(tip, cut.tooth_period)), cut.tooth_period
-    )
+    return abs(PeriodicCut(require_poles(tip), request.cut).largest(depth, FINER).value)
 
 
 def evaluate_contour(

@@ -32,7 +32,7 @@ from headstock.solvers.milling.lobes import (
 )
 from headstock.solvers.milling.stability import (
     TipPoles,
-    find_poles,
+    require_poles,
     settle_fastest,
     tip_dynamics,
 )
@@ -50,7 +50,6 @@ REACHED = 0.01  # beyond it: peaks that still matter to the grid
 MOST_MODES = 160  # of a machine that are more than a static flexibility
 MATTERS = 0.02  # of what makes a mode chatter alone: a thinner share of it is static flexibility
 WEAK = 1e-3  # of the slowest turn of the spindle: springs under motions that nothing holds
-APART = 1e-5  # of the damping: by so much it is changed where poles are not apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,12 +207,8 @@ def find_tip(request: LobesRequest, system: SecondOrderSystem, modes: ModalResul
         small = attach_tool_modes(small, request.at, request.tool_modes)
     rows = np.array([small.outputs[channel] for channel in channels])
     damping = np.zeros_like(small.mass) if small.damping is None else small.damping
-    for share in (0.0, APART):
-        # critical damping leaves too few coordinates
-        tip = tip_dynamics(small.mass, (1.0 + share) * damping, small.stiffness, forced=rows)
-        if (poles := find_poles(tip)) is not None:
-            return settle_fastest(poles, at_once)
-    raise ModelError("the machine where it cuts has no poles of its own; change its damping")
+    tip = tip_dynamics(small.mass, damping, small.stiffness, forced=rows)
+    return settle_fastest(require_poles(tip), at_once)
 
 
 def _reach_of_modes(request: LobesRequest, system: SecondOrderSystem, modes: ModalResult) -> float:

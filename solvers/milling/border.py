@@ -18,6 +18,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.solvers.milling.collocation import FINER, Multiplier, PeriodicCut
 
 PILOTS = 16  # speeds at which depths are scanned from a safe one on
+THINNEST = 1e-6  # of the deepest cut: no thinner one is tried
 SCAN_BEGIN = 0.5  # of the thinnest limit of these: from there on at all others
 SCAN_FACTOR, DENSE_FACTOR = 1.12, 1.8  # from depth to depth of a scan, and where speeds are dense
 DENSE = 0.12  # of a lobe: speeds that are nearer than that are dense
@@ -116,7 +117,10 @@ def find_border(
     limits = [NOT_EVALUATED] * len(cuts)
     places = [place for place, speed in enumerate(speeds) if speed is not None]
     pilots = places[:: max(1, len(places) // PILOTS)]
-    first, factor = min(safe, deepest), _choose_factor([cuts[place] for place in places], safe)
+    first, factor = (
+        min(max(safe, THINNEST * deepest), deepest),
+        _choose_factor([cuts[place] for place in places], safe),
+    )
     for place in (*pilots, *(each for each in places if each not in set(pilots))):
         speed = speeds[place]
         if speed is None or limits[place] is not NOT_EVALUATED:

@@ -34,6 +34,7 @@ NEGLIGIBLE = (
 )
 FAINT = 0.25  # of a loop gain that chatters: fast poles that stay below it follow the force at once
 ABOVE = 2.0  # times the fastest pole that does not: from there on poles are fast
+SLOWEST = 1e-9  # of the fastest pole: rates below it are those of motions that nothing holds
 RANK = 1e-9  # of the largest motion: directions in which the tip does not move
 SQUARINGS = 10  # of the matrix over a period, at most
 FEWEST_SQUARINGS = 7  # before the first look at what is left
@@ -145,7 +146,8 @@ def safe_depth(tip: TipPoles, cut: MillingCut) -> float:
         tip: Motions along and away, forces along all axes.
         cut: Tool, material and radial depth.
     """
-    lines = 1j * np.abs(tip.values)
+    speeds = np.abs(tip.values)
+    lines = 1j * np.maximum(speeds, SLOWEST * speeds.max(initial=0.0))
     shares = (1.0 / (lines[:, None] - each) for each in (tip.values, tip.values.conj()))
     both = (tip.outputs, tip.outputs.conj()), (tip.inputs, tip.inputs.conj())
     response = tip.static + 0.5 * sum(
@@ -176,7 +178,8 @@ class PeriodicCut:
             tip.values, tip.inputs, self._axes.T @ tip.outputs, self._axes.T @ tip.static
         )
         peaks = np.linalg.norm(tip.inputs, axis=1) * np.linalg.norm(tip.outputs, axis=0)
-        self._peaks = peaks / np.abs(tip.values.real)
+        slowest = SLOWEST * np.abs(tip.values).max(initial=0.0)
+        self._peaks = peaks / np.maximum(np.abs(tip.values.real), slowest)
         self._stiffest = _stiffest(cut)
         self._kept: dict[int, tuple[TipPoles, BoolArray, float]] = {}
         self._ready: dict[tuple[float, int, int], _Responses] = {}

@@ -10,7 +10,7 @@ frequency (Altintas and Budak 1995, their zeroth order); this is an independent 
 constant engagement and close for many teeth in the cut.
 """
 
-from collections.abc import Callable
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,17 +18,15 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import BoolArray, FloatArray
+from headstock.solvers.errors import ModelError
 from headstock.solvers.milling.forces import MillingCut, regeneration_stiffness
 
 ComplexArray = NDArray[np.complexfloating]
 SAMPLES_PER_STEP = 8
-STEPS_PER_SWING = 40  # of the highest mode
-FEWEST_STEPS = 48
-BISECTIONS = 40
 LIMIT_POINTS = (
     40_000  # frequencies tried for a limit, up to three times the highest natural frequency
 )
-DEPTH_TOLERANCE = 1e-4  # relative
+SPREAD = 1e-6  # of the root of the largest rate: decay that sets equal poles apart
 CONDITION_LIMIT = 1e10  # of eigenvectors: beyond, poles are no coordinates
 
 
@@ -90,6 +88,22 @@ def find_poles(tip: TipDynamics) -> TipPoles | None:
         np.asarray(outputs / scale),
         np.zeros((len(outputs), tip.inputs.shape[1])),
     )
+
+
+def require_poles(tip: TipDynamics) -> TipPoles:
+    """A tip in coordinates of its own; where it has too few, decays are spread by a little.
+
+    Raises:
+        ModelError: They remain too few.
+    """
+    poles = find_poles(tip)
+    if poles is None:
+        size = len(tip.system)
+        spread = SPREAD * np.linalg.norm(tip.system, 2) ** 0.5 * np.linspace(0.5, 1.5, size)
+        poles = find_poles(dataclasses.replace(tip, system=tip.system - np.diag(spread)))
+    if poles is None:
+        raise ModelError("the machine where it cuts has no poles of its own; change its damping")
+    return poles
 
 
 def settle_fastest(tip: TipPoles, count: int) -> TipPoles:
@@ -213,28 +227,6 @@ def milling_gains(cut: MillingCut, steps: int) -> FloatArray:
     )
     gains = regeneration_stiffness(cut, fine)[:, :, :2]
     return np.asarray(gains.reshape(steps, SAMPLES_PER_STEP, *gains.shape[1:]).mean(axis=1))
-
-
-def count_steps(tip: TipDynamics, period: float) -> int:
-    """Steps per period that resolve both the engagement and the highest mode."""
-    return max(FEWEST_STEPS, round(STEPS_PER_SWING * tip.highest_hz * period))
-
-
-def limit_depth(multiplier: Callable[[float], float], deepest: float) -> float:
-    """Depth of cut at which the largest multiplier reaches one, by bisection [m].
-
-    The deepest where it never does, zero where the thinnest cut is unstable, as it may be without
-    damping.
-    """
-    if multiplier(deepest) < 1.0:
-        return deepest
-    low, high = 0.0, deepest
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if multiplier(middle) < 1.0 else (low, middle)
-        if high - low < DEPTH_TOLERANCE * high:
-            return 0.5 * (low + high)
-    return 0.0
 
 
 def single_frequency_limit(tip: TipDynamics, gains: FloatArray, period: float) -> float:
