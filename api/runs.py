@@ -19,6 +19,7 @@ from headstock.pipeline.accuracy.search import plan_first_round
 from headstock.pipeline.planning.kernels import add_compiling
 from headstock.pipeline.planning.plan import Plan, StageRecord
 from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.planning.rail_meshes import find_coarse_rails
 from headstock.pipeline.preview.doubts import doubt_machine
 from headstock.pipeline.preview.free_motions import free_motion_warnings
 from headstock.pipeline.results.files import (
@@ -112,7 +113,8 @@ def check(machine: Source) -> tuple[str, ...]:
     """
     scene = _machine(machine, "check").scene
     problems, remarks = find_missing_patches(scene)
-    if problems:
+    coarse, perhaps = find_coarse_rails(scene)
+    if problems := problems + coarse:
         raise SceneError(problems)
     lacking = [
         f"analysis {name}: {problem.place}: {problem.key}: {problem.message}"
@@ -120,7 +122,7 @@ def check(machine: Source) -> tuple[str, ...]:
         for problem in problems
     ]
     doubts = doubt_machine(scene)
-    return (*scene.warnings, *lacking, *free_motion_warnings(scene), *doubts, *remarks)
+    return (*scene.warnings, *lacking, *free_motion_warnings(scene), *doubts, *perhaps, *remarks)
 
 
 def plan(machine: Source) -> Plan:

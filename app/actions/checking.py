@@ -9,6 +9,7 @@ from typing import TypedDict
 
 from headstock.app.terminal.console import counted, make_console, print_assumptions, print_remarks
 from headstock.pipeline.planning.plan import Plan, StageKind
+from headstock.pipeline.planning.rail_meshes import find_coarse_rails
 from headstock.pipeline.preview.doubts import doubt_machine
 from headstock.pipeline.preview.free_motions import free_motion_warnings
 from headstock.pipeline.storage.json_texts import dump_summary
@@ -35,7 +36,8 @@ def check_scene(
     try:
         scene = load_scene(path, variant=variant, overrides=overrides)
         problems, remarks = find_missing_patches(scene)
-        if problems:
+        coarse, perhaps = find_coarse_rails(scene)
+        if problems := problems + coarse:
             raise SceneError(problems)
     except SceneError as error:
         found = [dataclasses.asdict(problem) for problem in error.problems]
@@ -57,6 +59,7 @@ def check_scene(
         *lacking,
         *free_motion_warnings(scene),
         *doubt_machine(scene),
+        *perhaps,
         *remarks,
     ]
     print_remarks(warnings)

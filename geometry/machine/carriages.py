@@ -34,14 +34,25 @@ def rail_span(solid: Solid, interface: Interface) -> Span | None:
     Raises:
         ValueError: The interface is no rail.
     """
+    pieces = rail_pieces(solid, interface)
+    if pieces is None:
+        return None
+    return min(low for low, _ in pieces), max(high for _, high in pieces)
+
+
+def rail_pieces(solid: Solid, interface: Interface) -> tuple[Span, ...] | None:
+    """Lowest and highest place of each patch of a rail along its axis, component frame [m]; None where
+    only a mesh knows.
+
+    Raises:
+        ValueError: The interface is no rail.
+    """
     if interface.rail is None:
         raise ValueError(f"interface {interface.name!r} is no rail")
     axis = "xyz".index(interface.rail.along)
     spans = [_patch_span(solid, patch, axis) for patch in interface.patches]
-    known = [span for span in spans if span is not None]
-    if len(known) < len(spans):
-        return None
-    return min(low for low, _ in known), max(high for _, high in known)
+    known = tuple(span for span in spans if span is not None)
+    return known if len(known) == len(spans) else None
 
 
 def _patch_span(solid: Solid, patch: Patch, axis: int) -> Span | None:

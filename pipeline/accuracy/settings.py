@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from headstock.geometry.machine.carriages import DEGREE, rail_span
+from headstock.geometry.machine.carriages import rail_pieces
 from headstock.geometry.parts.components import (
     CellShape,
     Component,
@@ -35,6 +35,7 @@ from headstock.meshing.sizing import (
     thinnest_feature,
 )
 from headstock.pipeline.planning.reductions import EXACT_MARGIN
+from headstock.reduction.components.rail_fits import longest_elements, merge_spans
 from headstock.reduction.components.round_sections import polynomial_limit
 from headstock.solvers.recovery.discretisation_error import STOUT, UNSEEN_SHARE, WIDE
 
@@ -45,9 +46,6 @@ START_SHARE = 0.95
 # what shear through the wall misses.
 TWO_THROUGH, MOST_TWO_THROUGH = 0.45, 8_000
 WALL = 3.0  # thicknesses: what is less wide is a bar
-# Intervals of the control points of a rail along one element of the second order: with two, fits
-# become ambiguous
-RAIL_INTERVALS = 1.5
 START_ACCURACY = 0.01  # that first meshes may reach; a tighter one starts with finer ones
 COARSE_ACCURACY = 0.03
 FEWEST_ALONG = 3
@@ -208,13 +206,15 @@ def refine_mesh(component: Component, *, ratio: float, trials: tuple[Trial, ...]
 
 def _rail_limit(component: Component) -> float:
     """Longest elements that tell the control points of its rails apart [m]; inf without rails."""
-    limit = math.inf
+    found = [math.inf]
     for interface in component.interfaces.values():
-        span = None if interface.rail is None else rail_span(component.solid, interface)
-        if span is not None and interface.rail is not None:
-            intervals = interface.rail.control_points - DEGREE
-            limit = min(limit, RAIL_INTERVALS * (span[1] - span[0]) / intervals)
-    return limit
+        pieces = None if interface.rail is None else rail_pieces(component.solid, interface)
+        if pieces is not None and interface.rail is not None:
+            count = interface.rail.control_points
+            found.append(
+                longest_elements(merge_spans(pieces), count, MeshSettings().order) or math.inf
+            )
+    return min(found)
 
 
 def _resolve_rails(component: Component, mesh: MeshSettings) -> MeshSettings:
@@ -222,7 +222,7 @@ def _resolve_rails(component: Component, mesh: MeshSettings) -> MeshSettings:
     limit = _rail_limit(component)
     if mesh.size is None or mesh.size <= limit:
         return mesh
-    return dataclasses.replace(mesh, size=_round(0.99 * limit))
+    return dataclasses.replace(mesh, size=limit)
 
 
 def follows_errors(component: Component) -> bool:

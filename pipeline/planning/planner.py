@@ -51,6 +51,7 @@ from headstock.pipeline.planning.node_memory import (
     check_memory,
 )
 from headstock.pipeline.planning.plan import Plan, Stage, StageKind
+from headstock.pipeline.planning.rail_meshes import find_coarse_rails
 from headstock.pipeline.planning.reductions import (
     MODE_MARGIN,
     choose_reduction,
@@ -63,6 +64,7 @@ from headstock.reduction.components.solver_choice import (
     SolverChoice,
 )
 from headstock.scene.building.components import bounding_box
+from headstock.scene.reading.findings import SceneError
 from headstock.scene.requests import (
     ContouringRequest,
     PathRequest,
@@ -103,7 +105,11 @@ def plan_scene(
 
     Raises:
         BudgetError: A mesh or a stage would be larger than allowed.
+        SceneError: A mesh does not tell the control points of a rail apart.
     """
+    coarse, perhaps = find_coarse_rails(scene)
+    if coarse:
+        raise SceneError(coarse)
     gravity = np.array(scene.machine.gravity) if GRAVITY in scene.effects else None
     components: dict[str, Component] = {}
     stages: list[Stage] = []
@@ -179,7 +185,7 @@ def plan_scene(
         poses=poses,
         with_modes=is_dynamic(scene.analyses),
         gravity=gravity,
-        warnings=(*_plan_warnings(components), *nothing_to_compare),
+        warnings=(*perhaps, *_plan_warnings(components), *nothing_to_compare),
     )
 
 

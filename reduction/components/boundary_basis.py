@@ -13,9 +13,11 @@ import scipy.linalg
 from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, BoolArray, FloatArray, Frame
 from headstock.geometry.parts.components import Component, Interface, Support
 from headstock.geometry.parts.patches import Outline, in_plane_axes, patch_outline
+from headstock.geometry.parts.solids import MeshFile
 from headstock.meshing.component_mesh import ComponentMesh, IntArray
 from headstock.meshing.elements.regions import are_whole_faces
 from headstock.meshing.elements.surface import extract_surface, find_facets
+from headstock.meshing.elements.topology import cell_order
 from headstock.reduction.components.interface_patches import MeshPatch, measure_patch
 from headstock.reduction.components.rail_fits import RailFit, fit_rail
 from headstock.reduction.components.supports import HeldPoints, hold_points
@@ -161,7 +163,13 @@ def build_boundary_basis(
             f"component {component.name}: interfaces share points with each other or with a support; {shared} of their dofs are coupled"
         )
     rails = tuple(
-        fit_rail(component.name, interface, measure_patch(mesh, name))
+        fit_rail(
+            component.name,
+            interface,
+            measure_patch(mesh, name),
+            order=cell_order(mesh.kind),
+            own_mesh=not isinstance(component.solid, MeshFile),
+        )
         for name, interface in component.interfaces.items()
         if interface.rail is not None
     )

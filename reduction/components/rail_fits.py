@@ -2,6 +2,9 @@
 weighted sums of the mesh's motion.
 """
 
+import functools
+import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -24,7 +27,18 @@ from headstock.solvers.errors import ModelError
 # of the fit, dofs scaled alike: 20 to 60 on any mesh that tells the control points apart, 1e6 where
 # it just fails to
 CONDITION_LIMIT = 1e3
+SURE_LIMIT = 100.0  # of a mesh that is recommended: it is cut a little otherwise than even rows
 THIN = 1e-12
+# Lengths of elements that are tried, in intervals of the control points: with two of the second
+# order there are fewer nodes than control points
+LENGTHS = (1.5, 1.25, 1.0, 0.8, 0.65, 0.5, 0.4, 0.3)
+# integral of the products of shape functions along an element of length 1
+LINE_MASS = {
+    1: np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0,
+    2: np.array([[4.0, 2.0, -1.0], [2.0, 16.0, 2.0], [-1.0, 2.0, 4.0]]) / 30.0,
+}
+
+type Spans = tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +64,9 @@ class RailFit:
     operator: FloatArray
 
 
-def fit_rail(component: str, interface: Interface, patch: MeshPatch) -> RailFit:
+def fit_rail(
+    component: str, interface: Interface, patch: MeshPatch, *, order: int = 2, own_mesh: bool = True
+) -> RailFit:
     """Least-squares fit of the motion of a strip by a spline of frames, ``integral |u - A d|^2 dA
     -> min``.
 
@@ -62,6 +78,8 @@ def fit_rail(component: str, interface: Interface, patch: MeshPatch) -> RailFit:
         component: Its name, for messages.
         interface: The rail, with its direction and its number of control points.
         patch: The strip on the mesh.
+        order: Of the elements.
+        own_mesh: The mesh follows a size; else it is that of a file.
 
     Raises:
         ModelError: The mesh is too coarse along the rail for its control points, or the rail has
@@ -84,7 +102,10 @@ def fit_rail(component: str, interface: Interface, patch: MeshPatch) -> RailFit:
     for direction in range(3):
         weighted[direction::3] = patch.weights @ columns[direction::3]
     gram = columns.T @ weighted
-    _check_condition(component, interface, gram, low, high)
+    if _condition(gram) >= CONDITION_LIMIT:
+        pieces = _covered(patch, axis)
+        fault = describe_coarse_rail(interface, pieces, order=order, own_mesh=own_mesh)
+        raise ModelError(f"component {component}: {fault}")
     fitted = scipy.linalg.solve(gram, weighted.T, assume_a="pos").T
     kept = fitted.reshape(len(weighted), interface.rail.control_points, -1)[
         :, :, :CONTROL_POINT_DOFS
@@ -134,18 +155,107 @@ def _section_fields(patch: MeshPatch, axis: int, center: FloatArray) -> FloatArr
     return np.stack(fields, axis=2)
 
 
-def _check_condition(
-    component: str, interface: Interface, gram: FloatArray, low: float, high: float
-) -> None:
+def _covered(patch: MeshPatch, axis: int) -> Spans:
+    """What elements cover along an axis [m]."""
+    pairs, place = patch.weights.tocoo(), patch.points[:, axis]
+    ends = np.sort(np.stack([place[pairs.row], place[pairs.col]], axis=1), axis=1)
+    return merge_spans(ends[ends[:, 1] > ends[:, 0]].tolist())
+
+
+def _condition(gram: FloatArray) -> float:
+    """Condition of the fit, dofs scaled alike; inf where it is singular."""
     diagonal = gram.diagonal()
-    if (diagonal > 0.0).all():
-        scale = 1.0 / np.sqrt(diagonal)
-        values = np.linalg.eigvalsh(scale[:, None] * gram * scale)
-        if values[0] * CONDITION_LIMIT > values[-1]:
-            return
-    control_points = DEGREE + 1 if interface.rail is None else interface.rail.control_points
-    longest = 1e3 * (high - low) / (control_points - DEGREE)
-    raise ModelError(
-        f"component {component}: the mesh has too few points along rail {interface.name} to tell its {control_points} control points apart, or the "
-        f'rail has gaps; write a mesh size of "{longest:.3g} mm" or less, one interval of its control points'
+    if not (diagonal > 0.0).all():
+        return math.inf
+    scale = 1.0 / np.sqrt(diagonal)
+    values = np.linalg.eigvalsh(scale[:, None] * gram * scale)
+    return float(values[-1] / values[0]) if values[0] > 0.0 else math.inf
+
+
+def merge_spans(spans: Sequence[Sequence[float]]) -> Spans:
+    """Spans that touch or overlap as one, in rising order."""
+    found: list[tuple[float, float]] = []
+    for low, high in sorted((float(low), float(high)) for low, high in spans):
+        if found and low <= found[-1][1] + THIN * abs(high):
+            found[-1] = found[-1][0], max(found[-1][1], high)
+        else:
+            found.append((low, high))
+    return tuple(found)
+
+
+def line_condition(lines: Sequence[FloatArray], control_points: int, order: int) -> float:
+    """Condition of the fit to rows of elements straight across the rail.
+
+    Elements, shape functions and splines are products then, and so is the fit: of the condition
+    this is the factor along the rail.
+
+    Args:
+        lines: Ends of the elements along the rail [m], ascending, of each of its pieces.
+        control_points: Number of control points.
+        order: Of the elements.
+    """
+    knots = place_knots(float(lines[0][0]), float(lines[-1][-1]), control_points)
+    gram = np.zeros((control_points, control_points))
+    for ends in lines:
+        starts, lengths = ends[:-1], np.diff(ends)
+        nodes = starts[:, None] + lengths[:, None] * np.linspace(0.0, 1.0, order + 1)
+        nodes = np.clip(nodes, knots[0], knots[-1])
+        splines = BSpline.design_matrix(nodes.ravel(), knots, DEGREE).toarray()
+        splines = splines.reshape(*nodes.shape, control_points)
+        gram += np.einsum("e,ij,eik,ejl->kl", lengths, LINE_MASS[order], splines, splines)
+    return _condition(gram)
+
+
+@functools.cache
+def longest_elements(pieces: Spans, control_points: int, order: int) -> float | None:
+    """Longest elements that tell the control points of a rail apart for sure [m]; None where no mesh
+    does, because the rail has gaps.
+
+    Args:
+        pieces: Where the rail is along its axis [m].
+        control_points: Number of control points.
+        order: Of the elements.
+    """
+    interval = (pieces[-1][1] - pieces[0][0]) / (control_points - DEGREE)
+    for length in LENGTHS:
+        size = float(f"{length * interval:.2e}")
+        lines = [
+            np.linspace(low, high, math.ceil((high - low) / size - 1e-6) + 1)
+            for low, high in pieces
+        ]
+        if line_condition(lines, control_points, order) < SURE_LIMIT:
+            return size
+    return None
+
+
+def describe_coarse_rail(
+    interface: Interface, pieces: Spans, *, order: int, own_mesh: bool = True
+) -> str:
+    """Why a mesh does not tell the control points of a rail apart, and what to write.
+
+    Args:
+        interface: The rail.
+        pieces: Where it is along its axis [m].
+        order: Of the elements.
+        own_mesh: The mesh follows a size; else it is that of a file.
+    """
+    count = DEGREE + 1 if interface.rail is None else interface.rail.control_points
+    longest = longest_elements(pieces, count, order)
+    what = f"along rail {interface.name} to tell its {count} control points apart"
+    if longest is None:
+        low, high = max(
+            ((end, start) for (_, end), (start, _) in itertools.pairwise(pieces)),
+            key=lambda gap: gap[1] - gap[0],
+            default=(pieces[0][0], pieces[-1][1]),
+        )
+        return (
+            f"no mesh has points enough {what}: it has a gap of {1e3 * (high - low):.3g} mm; close the gap, or write an interface for each "
+            "of its pieces"
+        )
+    size = f'"{1e3 * longest:.3g} mm"'
+    remedy = (
+        f"write a mesh size of {size} or less"
+        if own_mesh
+        else f"write a mesh file with elements of {size} or less along the rail"
     )
+    return f"the mesh has too few points {what}; {remedy}"
