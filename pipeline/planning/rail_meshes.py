@@ -90,7 +90,10 @@ def _judge(scene: Scene, component: Component, rail: Interface) -> tuple[bool, s
 
 
 def _rows(pieces: Spans, size: float) -> list[FloatArray]:
-    return [np.linspace(low, high, math.ceil((high - low) / size) + 1) for low, high in pieces]
+    return [
+        np.linspace(low, high, math.ceil((high - low) / size) + 1, dtype=np.float64)
+        for low, high in pieces
+    ]
 
 
 def _cut_lines(scene: Scene, component: Component, box: Box, axis: int) -> FloatArray | None:

@@ -159,7 +159,7 @@ def _covered(patch: MeshPatch, axis: int) -> Spans:
     """What elements cover along an axis [m]."""
     pairs, place = patch.weights.tocoo(), patch.points[:, axis]
     ends = np.sort(np.stack([place[pairs.row], place[pairs.col]], axis=1), axis=1)
-    return merge_spans(ends[ends[:, 1] > ends[:, 0]].tolist())
+    return merge_spans([(low, high) for low, high in ends if high > low])
 
 
 def _condition(gram: FloatArray) -> float:
@@ -220,7 +220,7 @@ def longest_elements(pieces: Spans, control_points: int, order: int) -> float | 
     for length in LENGTHS:
         size = float(f"{length * interval:.2e}")
         lines = [
-            np.linspace(low, high, math.ceil((high - low) / size - 1e-6) + 1)
+            np.linspace(low, high, math.ceil((high - low) / size - 1e-6) + 1, dtype=np.float64)
             for low, high in pieces
         ]
         if line_condition(lines, control_points, order) < SURE_LIMIT:
