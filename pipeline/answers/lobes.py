@@ -246,7 +246,7 @@ class PoseLobes(Answer):
             inner = group.create_group(own.name)
             inner["direction"] = np.array(own.direction)
             inner["limit_depth"], inner["zeroth_order"] = own.depths, own.zeroth
-            inner["limit_error"], inner["limited"] = own.errors, own.limited.astype(np.int8)
+            inner["limit_error"], inner["limited"] = own.errors, own.limited
             inner["chatter_hz"] = HZ * own.chatter
             lowest = own.lowest
             depth, chatter = (

@@ -27,6 +27,7 @@ from headstock.solvers.milling.collocation import FINER
 from headstock.solvers.milling.stability import TipPoles, turn_tip
 from headstock.solvers.second_order import input_columns, output_rows
 
+STEPS = 2  # towards the border of another machine, with the slope of this one
 BY_ONE_FREQUENCY = "a measured receptance, whose limits no multipliers confirm"
 Errors = dict[str, FloatArray]
 
@@ -158,8 +159,9 @@ def move_border(
     cuts = cuts_at_speeds(point.request, tip, some, coefficients)
     for place in np.flatnonzero(some):
         if (cut := cuts[place]) is not None:
-            largest = cut.largest(scale * float(limits.depths[place]), FINER)
-            growth = np.log(np.abs(largest.value))
-            depth[place] = scale * (1.0 - growth / limits.slopes[place])
-            chatter[place] = cut.frequency(largest)
+            share = scale
+            for _ in range(STEPS):
+                largest = cut.largest(share * float(limits.depths[place]), FINER)
+                share *= 1.0 - float(np.log(np.abs(largest.value)) / limits.slopes[place])
+            depth[place], chatter[place] = share, cut.frequency(largest)
     return Border(depth, chatter)

@@ -13,7 +13,6 @@ from headstock.solvers.milling.coefficients import CuttingCoefficients
 from headstock.solvers.milling.collocation import PeriodicCut, safe_depth
 from headstock.solvers.milling.lobes import LobeDiagram, chatter_eigenvalues
 from headstock.solvers.milling.stability import TipPoles
-from headstock.solvers.milling.windows import MOST_ROWS
 from headstock.solvers.second_order import ComplexArray
 
 BEST_SPEEDS = 3
@@ -88,11 +87,6 @@ def find_limits(
     request = point.request
     safe = safe_depth(tip, request.cut_at(float(request.speeds[0])))
     cuts = cuts_at_speeds(request, tip, choose_speeds(request))
-    usual = np.minimum(diagram.depths, request.deepest)
-    cuts = [
-        None if cut is None or cut.rows(float(depth)) > MOST_ROWS else cut
-        for cut, depth in zip(cuts, usual, strict=True)
-    ]
     found = find_border(cuts, diagram.depths, safe=safe, deepest=request.deepest)
     depths, chatter = (
         np.array([getattr(each, name) for each in found]) for name in ("depth", "omega")

@@ -50,7 +50,7 @@ def require_plain(file: "h5py.File", *, attribute_axes: int = 0) -> None:
     for where, item in plain_objects(file, RecordError):
         _require_plain_attributes(item, attribute_axes)
         if isinstance(item, h5py.Dataset) and (
-            item.dtype.kind not in "iufcS" or item.dtype.itemsize > LARGEST_ITEM
+            item.dtype.kind not in "biufcS" or item.dtype.itemsize > LARGEST_ITEM
         ):
             raise RecordError(
                 f"{where} holds values of type {printable(str(item.dtype))[:60]}; numbers and plain words are known"

@@ -16,6 +16,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.milling.collocation import FINER, Multiplier, PeriodicCut
+from headstock.solvers.milling.windows import MOST_ROWS
 
 PILOTS = 16  # speeds at which depths are scanned from a safe one on
 THINNEST = 1e-6  # of the deepest cut: no thinner one is tried
@@ -164,6 +165,9 @@ def _scan(speed: _Speed, first: float, deepest: float, hint: float, factor: floa
     depths: list[float] = []
     depth = first
     for _ in range(MOST_TRIALS):
+        if speed.cut.rows(depth) > MOST_ROWS:
+            # deeper cuts wake modes that are too fast to be followed
+            return Limit(depths[-1]) if depths else NOT_EVALUATED
         depths.append(depth)
         if speed.growth(depth) >= 0.0:
             limit = _enclose(speed, depths[-2] if len(depths) > 1 else 0.0, depth, deepest)

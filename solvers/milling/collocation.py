@@ -200,18 +200,15 @@ class PeriodicCut:
         return level, *self._kept[level]
 
     def _find_fast(self, gains: FloatArray) -> BoolArray:
-        """``(q,)`` poles far above all that may chatter, which together do not come near it.
+        """``(q,)`` poles far above all that may chatter, none of which comes near it.
 
         Args:
             gains: ``(q,)`` of the loop of chip and tip at each pole; one chatters.
         """
-        speeds = np.abs(self._tip.values)
-        strong = gains >= FAINT
-        fast = speeds > ABOVE * speeds[strong].max(initial=np.inf if not strong.any() else 0.0)
-        order = np.argsort(-speeds)
-        faint = np.zeros(len(speeds), dtype=bool)
-        faint[order] = np.cumsum(gains[order]) < FAINT
-        return np.asarray(fast & faint)
+        speeds, strong = np.abs(self._tip.values), gains >= FAINT
+        if not strong.any():
+            return strong
+        return np.asarray(~strong & (speeds > ABOVE * speeds[strong].max()))
 
     def waves(self, depth: float) -> float:
         """Waves between two teeth of the fastest pole that matters in a cut of a depth."""

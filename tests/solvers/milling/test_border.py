@@ -203,6 +203,9 @@ class Grown:
     def waves(self, depth: float) -> float:
         return 1.0
 
+    def rows(self, depth: float) -> int:
+        return 9
+
 
 def limit_of(grow: object, *, expected: float = math.nan) -> tuple[Limit, list[float]]:
     cut = Grown(MillingCut(EndMill(0.02, 2), CHIP, 700.0, 0.0, 0.01), grow, [])
