@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from headstock.app.texts.bounded_values import accuracy_words, model_words
+from headstock.pipeline.answers.estimates import known_part
 from headstock.pipeline.results.summary import RunSummary
 
 
@@ -111,6 +112,12 @@ def _judge_frequencies(summary: RunSummary) -> Note:
             "The column “± Hz” covers the error of each frequency in 95 % of cases; the line below the table names its sources."
             f" The reduction makes frequencies too high, not too low. {_say_what_meshes_do(summary, 'make them too high, too')}."
             " These modes are undamped.",
+        )
+    if any(known_part(share) for modes in summary["modal"] for share in modes["error_share"]):
+        return Note(
+            "Natural frequencies",
+            "No error is known from every source: the column “± Hz” holds what is known, and + ? stands for the sources"
+            " that the lines below the table name. These modes are undamped.",
         )
     return Note(
         "Natural frequencies",

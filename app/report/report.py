@@ -96,6 +96,7 @@ from headstock.app.texts.bounded_values import (
     limit_error_words,
     raise_digits,
     response_error_words,
+    shares_begin,
     show_bound,
     show_bounded,
     show_compliances,
@@ -109,7 +110,7 @@ from headstock.app.texts.curves import overlaid_responses
 from headstock.app.texts.remarks import fold_remarks
 from headstock.geometry.frames import DIRECTIONS
 from headstock.geometry.machine.machine import show_position
-from headstock.pipeline.answers.estimates import show_share
+from headstock.pipeline.answers.estimates import known_part, show_share
 from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.answers.path import PathCurves
 from headstock.pipeline.answers.static import PointSummary
@@ -343,9 +344,11 @@ def _bounded(value: float, error: float | None) -> Markup:
     return _data(value, _typeset(show_bounded(value, error)))
 
 
-def _bound(error: float | None, value: float | None) -> Markup:
-    """An error beside its value; its number is rounded up, which its class says."""
-    return _beside(error, show_bound(value, error))
+def _bound(error: float | None, value: float | None, known: float | None = None) -> Markup:
+    """An error beside its value; its number is rounded up, which its class says. Of one with unknown
+    sources, what is known.
+    """
+    return _beside(error, show_bound(value, error, known))
 
 
 def _beside(error: float | None, text: str) -> Markup:
@@ -517,6 +520,7 @@ def report_environment() -> jinja2.Environment:
         "number": show_number,
         "largest": _find_largest,
         "bound": _bound,
+        "known_part": known_part,
         "bounded": _bounded,
         "mode_rows": list_modes,
         "damped": _damped,
@@ -527,6 +531,7 @@ def report_environment() -> jinja2.Environment:
         ),
         "error_words": error_words,
         "largest_shares": largest_shares,
+        "shares_begin": shares_begin,
         "response_error_words": response_error_words,
         "moved": _moved,
         "shared_budget": shared_budget,

@@ -7,7 +7,13 @@ from dataclasses import replace
 
 from headstock.app.tables.frf import tabulate_response
 from headstock.app.tables.table import PlainTable, encode_csv
-from headstock.app.texts.bounded_values import bound_size, error_words, largest_shares, show_size
+from headstock.app.texts.bounded_values import (
+    bound_size,
+    error_words,
+    largest_shares,
+    shares_begin,
+    show_size,
+)
 from headstock.geometry.frames import DIRECTIONS
 from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.reduction.motions.mode_naming import WHOLE_MACHINE
@@ -55,7 +61,7 @@ def variant_error_words(summary: ComparisonSummary) -> list[str]:
             f"{source} up to {show_size(size)} Hz"
             for source, size in largest_shares(variant).items()
         ]
-        words = [f"± covers 95 % of errors, from {', '.join(sources)}"] if sources else []
+        words = [f"{shares_begin(variant)} {', '.join(sources)}"] if sources else []
         owners.setdefault("; ".join([*words, *error_words(variant)]), []).append(name)
     return [f"{', '.join(names)}: {words}" for words, names in owners.items() if words]
 

@@ -36,6 +36,7 @@ from headstock.app.terminal.console import (
 )
 from headstock.app.texts.bounded_values import show_bound, show_bounded, show_digits
 from headstock.geometry.frames import DIRECTIONS
+from headstock.pipeline.answers.estimates import known_part
 from headstock.studies.comparison_summary import (
     ComparisonSummary,
     EffortSummary,
@@ -209,7 +210,12 @@ def _add_point(rows: _Rows, point: str) -> None:
         for name, variant in variants.items():
             value = read_compliance(summary, name, point, j, j)
             if value is not None:
-                shown = _with_error(value, variant["static"][point]["error_um_per_kN"][direction])
+                own = variant["static"][point]
+                error, shares = (
+                    own["error_um_per_kN"][direction],
+                    own["error_share"].get(direction, {}),
+                )
+                shown = _with_error(value, error, shares)
                 cells[name] = "\n".join(filter(None, (shown, show_change(value, first))))
         rows.add(f"d{direction}/F{direction}", cells)
         if summary["verdicts"]:
@@ -229,8 +235,8 @@ def _add_point(rows: _Rows, point: str) -> None:
             rows.add(f"weak link {direction}", cells)
 
 
-def _with_error(value: float, error: float | None) -> str:
-    return f"{show_bounded(value, error)} {show_bound(value, error)}"
+def _with_error(value: float, error: float | None, shares: Mapping[str, float | None]) -> str:
+    return f"{show_bounded(value, error)} {show_bound(value, error, known_part(shares))}"
 
 
 def _mode_cell(summary: ComparisonSummary, row: RowSummary, name: str) -> str:
@@ -238,7 +244,9 @@ def _mode_cell(summary: ComparisonSummary, row: RowSummary, name: str) -> str:
     if cell is None:
         return _missing_cell(summary, row, variant)
     hz, elastic = cell["frequency_hz"], cell["number"] > variant["rigid_count"]
-    shown = _with_error(hz, cell["error_hz"]) if elastic else show_digits(hz, 4)
+    # modes beyond those asked for have an error, but no list of sources
+    shares = dict(enumerate(variant["error_share"], 1)).get(cell["number"], {})
+    shown = _with_error(hz, cell["error_hz"], shares) if elastic else show_digits(hz, 4)
     if cell["mac"] is None:
         return shown
     first = row["variants"][row["origin"]]

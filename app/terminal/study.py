@@ -19,7 +19,7 @@ from headstock.app.terminal.console import (
     spaced,
 )
 from headstock.app.terminal.refinement import StatementListing
-from headstock.app.texts.bounded_values import show_bound, show_bounded
+from headstock.app.texts.bounded_values import AND_MORE, show_bound, show_bounded, show_size
 from headstock.pipeline.storage.provenance import ProvenanceSummary
 from headstock.scene.reading.files import TomlValue
 from headstock.scene.reading.watch_paths import MEASURED_NAMES, Watched
@@ -31,6 +31,7 @@ from headstock.studies.parameters.tables import (
     SizeSeries,
     StudyRow,
     StudyTable,
+    known_head,
     median_seconds,
     series_title,
     shorten_columns,
@@ -235,6 +236,8 @@ def print_study(table: StudyTable, *, seconds: float, folder: Path) -> None:
         console.print(
             f"failed: {name.removeprefix(', ')}: {record.error}", style="bold red", markup=False
         )
+    for words in dict.fromkeys(words for row in table.rows for words in row.unknown):
+        console.print(f"  {AND_MORE} : {words}", markup=False)
     print_remarks(list(dict.fromkeys(problem for row in table.rows for problem in row.problems)))
     console.print(describe_timing(table), markup=False)
     done = len(table.rows) - len(failed)
@@ -292,6 +295,7 @@ def study_csv(table: StudyTable) -> bytes:
         for key, found in numbers.items()
     ]
     columns = [column for column in table.columns if column not in MEASURED_NAMES]
+    partly = [column for column in columns if any(column in row.known for row in table.rows)]
     timing = (
         "seconds",
         "seconds spread",
@@ -307,14 +311,23 @@ def study_csv(table: StudyTable) -> bytes:
             row.record.family,
             *(values[number] for values in varied),
             *(row.values.get(column) for column in columns),
+            *(row.known.get(column) for column in partly),
             *_timing_cells(row.record),
         )
         for number, row in enumerate(table.rows)
     )
-    return encode_csv(PlainTable("study", ("family", *heads, *columns, *timing), rows))
+    headings = ("family", *heads, *columns, *map(known_head, partly), *timing)
+    return encode_csv(PlainTable("study", headings, rows))
 
 
-class RowListing(TypedDict):
+class _Partly(TypedDict, total=False):
+    """Of errors with unknown sources: the sum of the known ones by column, and what they lack."""
+
+    known: dict[str, float]
+    unknown: list[str]
+
+
+class RowListing(_Partly):
     """A point of a study; seconds have an item per repeat, ``missing`` says which watched paths led
     nowhere.
     """
@@ -383,6 +396,7 @@ def list_study(table: StudyTable, scene: Path) -> StudyListing:
 
 def _list_row(row: StudyRow) -> RowListing:
     record = row.record
+    partly: _Partly = {"known": dict(row.known), "unknown": list(row.unknown)} if row.known else {}
     return {
         "family": record.family,
         "varied": record.varied,
@@ -390,6 +404,7 @@ def _list_row(row: StudyRow) -> RowListing:
         "error": record.error,
         "values": row.values,
         "missing": list(row.problems),
+        **partly,
         "measured": record.measured,
         "seconds": list(record.seconds),
         "cpu_seconds": list(record.cpu_seconds),
@@ -457,6 +472,8 @@ def _break_heading(text: str) -> str:
 
 def _show_cell(row: StudyRow, column: str, *, repeats: int) -> str:
     value = row.values.get(column)
+    if column in row.known:
+        return f"{show_size(row.known[column])} {AND_MORE}"
     if value is None:
         return "failed" if row.record.status == "failed" else "-"
     if column in MEASURED_NAMES:

@@ -73,6 +73,7 @@ from headstock.app.texts.bounded_values import (
     limit_error_words,
     model_words,
     response_error_words,
+    shares_begin,
     show_bound,
     show_bounded,
     show_compliances,
@@ -83,6 +84,7 @@ from headstock.app.texts.bounded_values import (
     transient_words,
 )
 from headstock.geometry.machine.machine import show_position
+from headstock.pipeline.answers.estimates import known_part
 from headstock.pipeline.answers.frf import ResponseSummary
 from headstock.pipeline.answers.lobes import LobesSummary
 from headstock.pipeline.answers.modal import ModesSummary
@@ -317,7 +319,8 @@ def _tell[Row](column: Column[Row], row: Row, scale: float) -> str:
 
 def _print_point(console: Console, place: str, point: PointSummary) -> None:
     errors = point.get("error_um_per_kN", {})
-    known = any(error is not None for error in errors.values())
+    parts = {name: known_part(each) for name, each in point.get("error_share", {}).items()}
+    known = any(error is not None for error in (*errors.values(), *parts.values()))
     table = make_table(
         "force",
         *(f">moves {direction}" for direction in "xyz"),
@@ -332,7 +335,11 @@ def _print_point(console: Console, place: str, point: PointSummary) -> None:
             table,
             direction,
             *moved,
-            *([show_bound(matrix[column][column], errors.get(direction))] if known else []),
+            *(
+                [show_bound(matrix[column][column], errors.get(direction), parts.get(direction))]
+                if known
+                else []
+            ),
         )
     print_table(console, f"Static compliance at {place} [µm/kN]", table)
     for direction, shares in shared_budget(point).items():
@@ -399,7 +406,9 @@ def _describe_pose(modes: ModesSummary) -> str:
 def _mode_table(modes: ModesSummary) -> Table:
     rows = list_modes(modes)
     damped = any(row.damping_ratio is not None for row in rows)
-    known = any(row.error_hz is not None for row in rows if not row.rigid)
+    known = any(
+        row.error_hz is not None or row.known_hz is not None for row in rows if not row.rigid
+    )
     spans = bool(modes.get("interface_spread_hz"))
     shared = any(len(row.energy_share) > 1 for row in rows)
     table = make_table(
@@ -414,7 +423,7 @@ def _mode_table(modes: ModesSummary) -> Table:
     for row in rows:
         cells = [str(row.number), "0" if row.rigid else show_bounded(row.hz, row.error_hz)]
         if known:
-            cells.append("" if row.rigid else show_bound(row.hz, row.error_hz))
+            cells.append("" if row.rigid else show_bound(row.hz, row.error_hz, row.known_hz))
         if damped:
             cells += show_damped(row.damped_hz, row.damped_error_hz, rigid=row.rigid)
             cells += show_damping_error(row.damping_ratio, row.damping_error, rigid=row.rigid)
@@ -433,7 +442,7 @@ def _print_error_shares(console: Console, modes: ModesSummary) -> None:
     found = ", ".join(
         f"{source} up to {show_size(size)} Hz" for source, size in largest_shares(modes).items()
     )
-    for words in [f"± covers 95 % of errors, from {found}"] * bool(found) + error_words(modes):
+    for words in [f"{shares_begin(modes)} {found}"] * bool(found) + error_words(modes):
         console.print(f"  {words}", markup=False)
     console.print()
 

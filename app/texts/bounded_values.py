@@ -18,6 +18,7 @@ from headstock.pipeline.answers.estimates import (
     MODEL,
     REDUCTION,
     FrequencyErrors,
+    known_part,
     show_share,
 )
 from headstock.pipeline.answers.frf import ResponseSummary
@@ -30,6 +31,7 @@ LARGE_FIRST_DIGIT = 3  # an error that begins with it or more keeps one digit
 # power of ten of the last digit; below it numbers are written with an exponent
 LEAST_POSITIONAL = -9
 NO_BOUND = "± ?"
+AND_MORE = "+ ?"  # behind the part of an error that is known, where other sources are not
 WITHOUT_BOUND = {
     REDUCTION: "no bound of the reduction error: the range lies beyond the cut-off of the modes kept",
     DISCRETISATION: "nothing is known of the discretisation error",
@@ -45,13 +47,20 @@ def bound_size(value: float | None, error: float | None) -> float | None:
     return None if size is None else float(size)
 
 
-def show_bound(value: float | None, error: float | None) -> str:
+def show_bound(value: float | None, error: float | None, known: float | None = None) -> str:
     """``± 0.6``, ``± <0.001`` below the last digit that the value may have, ``± ?`` where no error
-    is known; nothing without value.
+    is known, ``± 0.6 + ?`` where a part of it is; nothing without value.
+
+    Args:
+        value: What may be off.
+        error: By how much; None where a source has no bound.
+        known: Sum of the sources that have one.
     """
     if value is None:
         return ""
     found = _round(value, error)
+    if found.size is None and known is not None and math.isfinite(known):
+        return f"{show_bound(value, known)} {AND_MORE}"
     return NO_BOUND if found.size is None else f"± {'<' if found.below else ''}{_write(found.size)}"
 
 
@@ -217,9 +226,25 @@ def largest_shares(modes: FrequencyErrors) -> dict[str, float]:
     return largest
 
 
+def shares_begin(modes: FrequencyErrors) -> str:
+    """What stands before the largest shares of a pose: what ± covers, unless none is complete."""
+    shares = modes.get("error_share", [])[modes["rigid_count"] :]
+    complete = any(share and None not in share.values() for share in shares)
+    return "± covers 95 % of errors, from" if complete else "known of ±, not all:"
+
+
 def error_words(modes: FrequencyErrors) -> list[str]:
     """What is not in the errors of a pose's frequencies, and where there are none."""
     shares = modes.get("error_share", [])[modes["rigid_count"] :]
+
+    def mark(source: str) -> str | None:
+        """How modes read whose error lacks a source; None where none does."""
+        lacking = [share for share in shares if share.get(source, 0.0) is None]
+        partly = any(known_part(share) is not None for share in lacking)
+        wholly = any(known_part(share) is None for share in lacking)
+        marks = [NO_BOUND] * wholly + [f"± .. {AND_MORE}"] * partly
+        return ", ".join(marks) or None
+
     words = []
     if below := modes.get("modes_below", 0):
         words.append(
@@ -231,19 +256,19 @@ def error_words(modes: FrequencyErrors) -> list[str]:
         words.append("interfaces: lowest and highest with every interface averaging or rigid")
     if modes.get("error_left_out"):
         words.append(f"not in ±: {'; '.join(modes['error_left_out'])}")
-    if any(share.get(REDUCTION, 0.0) is None for share in shares):
+    if marked := mark(REDUCTION):
         words.append(
-            f"{NO_BOUND} : beyond the cut-off of the modes kept, where there is no bound; see the warnings"
+            f"{marked} : beyond the cut-off of the modes kept, where there is no bound; see the warnings"
         )
-    if any(share.get(DISCRETISATION, 0.0) is None for share in shares):
-        words.append(f"{NO_BOUND} : parts take part whose mesh error is not known")
-    if any(share.get(MODEL, 0.0) is None for share in shares):
+    if marked := mark(DISCRETISATION):
+        words.append(f"{marked} : parts take part whose mesh error is not known")
+    if marked := mark(MODEL):
         words.append(
-            f"{NO_BOUND} : with elastic bodies in place of rigid and segmented ones no mode has this shape"
+            f"{marked} : with elastic bodies in place of rigid and segmented ones no mode has this shape"
         )
-    if any(share.get(INTERFACE, 0.0) is None for share in shares):
+    if marked := mark(INTERFACE):
         words.append(
-            f"{NO_BOUND} : with deformation shapes at rigid joints no mode has this shape; see the warnings"
+            f"{marked} : with deformation shapes at rigid joints no mode has this shape; see the warnings"
         )
     return words
 

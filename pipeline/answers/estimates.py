@@ -38,6 +38,11 @@ class Estimate:
         sizes = [size for size in self.shares.values() if size is not None]
         return sum(sizes) if sizes and len(sizes) == len(self.shares) else None
 
+    @property
+    def known(self) -> float | None:
+        """Sum of the shares that are known, which is no bound where others are not; None without any."""
+        return known_part(self.shares)
+
 
 class FrequencyErrors(TypedDict):
     """What summaries say of the errors of natural frequencies, rigid-body modes first: by mode and
@@ -70,6 +75,11 @@ def combine_estimates(parts: Sequence[Estimate]) -> Estimate:
     return Estimate(
         shares, tuple(dict.fromkeys(words for part in parts for words in part.left_out)), owners
     )
+
+
+def known_part(shares: Mapping[str, float | None]) -> float | None:
+    """Sum of the shares that are known; None where none says anything: unknown is not zero."""
+    return sum(size for size in shares.values() if size is not None) or None
 
 
 def show_share(share: float | None) -> str:

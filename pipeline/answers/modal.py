@@ -92,6 +92,11 @@ class PoseModes(Answer):
         """
         return tuple(error.total for error in self.errors)
 
+    @property
+    def error_known_hz(self) -> tuple[float | None, ...]:
+        """What is known of each error where some sources are unknown, which is no bound then."""
+        return tuple(error.known for error in self.errors)
+
     def summarise(self) -> ModesSummary:
         """As they stand in ``summary.json``.
 

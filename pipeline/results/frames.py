@@ -51,6 +51,7 @@ def _list_modes(results: Results) -> list[Mapping[str, object]]:
             "mode": modes.below + number + 1,
             "frequency_hz": float(modes.frequencies_hz[number]),
             "error_hz": modes.error_hz[number],
+            "error_known_hz": modes.error_known_hz[number],
             "damping_ratio": modes.damping_ratio[number],
             "name": modes.mode_names[number],
         }

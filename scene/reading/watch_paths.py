@@ -6,7 +6,7 @@ program.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from headstock.scene.reading.renamed_names import RESULT_KEYS
@@ -88,6 +88,22 @@ def read_watch(path: WatchPath, summary: Mapping[str, object]) -> dict[str, Watc
     found: dict[str, Watched] = {}
     _follow(path.steps, summary, "", found)
     return found
+
+
+def find_entry(steps: Sequence[Step], summary: Mapping[str, object]) -> object:
+    """What a summary holds at the end of names and indices; None where they lead nowhere."""
+    value: object = summary
+    try:
+        for step in steps:
+            if isinstance(step, str):
+                value = _entry(value, _present_name(value, step), "")
+            elif isinstance(value, list):
+                value = value[step]
+            else:
+                return None
+    except (WatchError, IndexError):
+        return None
+    return value
 
 
 def _read_step(match: re.Match[str]) -> Step:

@@ -4,12 +4,13 @@ fine one: order and limit.
 
 import re
 import statistics
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeGuard
 
 from scipy.optimize import brentq
 
+from headstock.pipeline.answers.estimates import known_part
 from headstock.pipeline.results.results import Frame, frame_columns
 from headstock.pipeline.results.short_forms import ShortForm, list_few
 from headstock.pipeline.results.short_forms import show_value as show_cell
@@ -19,6 +20,7 @@ from headstock.scene.reading.watch_paths import (
     MEASURED_NAMES,
     Watched,
     WatchError,
+    find_entry,
     parse_watch,
     read_watch,
 )
@@ -43,6 +45,8 @@ RESULT_UNITS = {
     "_mb": "MB",
     "_rpm": "rpm",
 }
+# of an error, in whatever unit; its shares by source stand beside it
+ERROR_NAME = re.compile(r"((?:\w+_)?error)(?:_(?:hz|um|mm|mpa|um_per_kN))?")
 WATCHED_NAME = re.compile(r"[A-Za-z_][\w-]*")
 
 
@@ -124,11 +128,15 @@ class StudyRow:
         record: Its record.
         values: Watched value by column; a column that this point has not is missing.
         problems: Watched paths that led nowhere, in plain words.
+        known: Column of an error with unknown sources to the sum of those that are known.
+        unknown: What those errors lack, in plain words.
     """
 
     record: StudyRecord
     values: dict[str, Watched]
     problems: tuple[str, ...] = ()
+    known: dict[str, float] = field(default_factory=dict)
+    unknown: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,9 +206,12 @@ class StudyTable:
             else:
                 columns[_with_unit(key, numbers.unit)] = list(numbers.values)
         for name in self.columns:
-            columns[_with_unit(name, unit_of_result(name))] = [
-                row.values.get(name) for row in self.rows
-            ]
+            unit = unit_of_result(name)
+            columns[_with_unit(name, unit)] = [row.values.get(name) for row in self.rows]
+            if any(name in row.known for row in self.rows):
+                columns[_with_unit(known_head(name), unit)] = [
+                    row.known.get(name) for row in self.rows
+                ]
         columns["status"] = [row.record.status for row in self.rows]
         if any(row.record.error for row in self.rows):
             columns["error"] = [row.record.error for row in self.rows]
@@ -316,7 +327,35 @@ def _make_row(study: Study, record: StudyRecord) -> StudyRow:
                 values |= read_watch(path, record.summary)
             except WatchError as error:
                 problems.append(f"{text}: {error}")
-    return StudyRow(record, values, tuple(problems))
+    known: dict[str, float] = {}
+    unknown: list[str] = []
+    for column in (name for name, value in values.items() if value is None):
+        part, lacking = _known_part(column, record.summary or {})
+        if part is not None:
+            known[column] = part
+            unknown += lacking
+    return StudyRow(record, values, tuple(problems), known, tuple(dict.fromkeys(unknown)))
+
+
+def known_head(column: str) -> str:
+    """Heading of what is known of an error whose other sources are not."""
+    return f"{column} without unknown sources"
+
+
+def _known_part(column: str, summary: Mapping[str, object]) -> tuple[float | None, list[str]]:
+    """What is known of a watched error without a bound, and what it lacks; None of what is no error."""
+    steps = parse_watch(column).steps
+    for place, step in enumerate(steps):
+        named = ERROR_NAME.fullmatch(step) if isinstance(step, str) else None
+        if named is not None:
+            where, rest = steps[:place], steps[place + 1 :]
+            shares = find_entry((*where, f"{named[1]}_share", *rest), summary)
+            if isinstance(shares, dict) and (part := known_part(shares)) is not None:
+                sources = [f"{source}" for source, size in shares.items() if size is None]
+                left_out = find_entry((*where, "error_left_out"), summary)
+                others = left_out if isinstance(left_out, list) else []
+                return part, [f"not in {named[0]}: {'; '.join(sources + list(map(str, others)))}"]
+    return None, []
 
 
 def _size_series(

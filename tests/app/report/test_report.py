@@ -216,6 +216,7 @@ def test_a_report_says_so_when_errors_were_not_estimated(run_folder: Path) -> No
     count = len(summary["modal"][0]["error_hz"])
     for modes in summary["modal"]:
         modes["error_hz"] = [None] * len(modes["error_hz"])
+        modes["error_share"] = [{} for _ in modes["error_share"]]
     assert "was not estimated" in render_report(summary)
     summary["modal"][0]["error_hz"] = [0.25] * count
     changed = render_report(summary)
