@@ -164,7 +164,7 @@ def _print_notes(console: Console, summary: ComparisonSummary) -> None:
     text = (
         "Modes are paired by shape (MAC at sample points of each body); a MAC of "
         f"{summary['mac_threshold']:g} or more is the same mode. {MISSING} means that the variant "
-        "has none, a question mark after ± that the error is not estimated. Deviations are "
+        "has none, a question mark after ± that the error, or its rest, is not estimated. Deviations are "
         "relative to the first variant of a row. Seconds leave out error estimates; memory is "
         f"that of the whole process.{apart}"
     )

@@ -10,6 +10,7 @@ from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import MeshQuality
 from headstock.pipeline.answers.answer import Answer, find_answers
+from headstock.pipeline.answers.estimates import Estimate
 from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.answers.static import PointCompliance, StaticAnswer
@@ -140,9 +141,9 @@ class Results:
             span = f"{found[0]:.4g} to {found[-1]:.4g} Hz" if len(found) else "none"
             facts.append((f"modes[{pose!r}]", f"{len(found)}, {span}"))
             rows += [
-                (pose, str(modes.below + number + 1), f"{hz:.5g}", show_value(error), name)
-                for number, (hz, error, name) in enumerate(
-                    zip(map(float, found), modes.error_hz, modes.mode_names, strict=True)
+                (pose, str(modes.below + number + 1), f"{hz:.5g}", _show_error(estimate), name)
+                for number, (hz, estimate, name) in enumerate(
+                    zip(map(float, found), modes.errors, modes.mode_names, strict=True)
                 )
             ]
         for pose, points in self.static.items():
@@ -222,3 +223,9 @@ class Results:
         below = self.modes[name].below if name in self.modes else 0
         grid = volume or surface_grid(self.view, name, found, pose_numbers(self.modal, name), below)
         return importlib.import_module(MESH_MODULE).make_mesh(grid)
+
+
+def _show_error(error: Estimate) -> str:
+    """An error as a notebook shows it, ``0.3 + ?`` where other sources are not known."""
+    partly = error.total is None and error.known is not None
+    return f"{show_value(error.known)} + ?" if partly else show_value(error.total)

@@ -91,7 +91,9 @@ def test_a_run_marks_an_error_with_an_unknown_source_wherever_it_shows_it(
     with next((out / "tables").glob("modes_*.csv")).open() as file:
         row = next(csv.DictReader(file))
     assert row["± [Hz]"] == "" and float(row["± known, unknown sources apart [Hz]"]) > 0.0
-    known = hs.open(out).modal[0].error_known_hz[0]
+    results = hs.open(out)
+    assert " + ?" in results._repr_html_()
+    known = results.modal[0].error_known_hz[0]
     assert known == pytest.approx(modes["error_share"][0]["reduction"])
 
 
@@ -105,3 +107,16 @@ def test_an_error_of_known_sources_is_shown_as_before(
     assert "+ ?" not in printed and "± covers 95 % of errors" in printed
     with next((out / "tables").glob("modes_*.csv")).open() as file:
         assert "± known, unknown sources apart [Hz]" not in next(csv.reader(file))
+
+
+def test_a_comparison_marks_the_variant_whose_mesh_is_unknown(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene.write_text(BAR + '[variants.fine]\n"components.bar.mesh.size" = "10 mm"\n')
+    out = tmp_path / "out"
+    assert main(["compare", str(scene), "-o", str(out)]) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert printed.count(" + ?") >= 2
+    assert "as written: known of ±, not all: reduction" in printed
+    assert "fine: ± covers 95 % of errors, from" in printed
+    assert " + ?" in html.unescape((out / "compare.html").read_text())

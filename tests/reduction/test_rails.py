@@ -360,6 +360,11 @@ def test_more_stations_than_the_mesh_can_tell_apart_are_refused(mesh: ComponentM
         fit_rail("bar", rail_interface(40), measure_patch(mesh, "rail"))
 
 
+def test_the_remedy_for_the_mesh_of_a_file_is_no_mesh_size(mesh: ComponentMesh) -> None:
+    with pytest.raises(ModelError, match=r"write a mesh file with elements of \"[\d.]+ mm\""):
+        fit_rail("bar", rail_interface(40), measure_patch(mesh, "rail"), own_mesh=False)
+
+
 def test_stations_that_a_mesh_barely_tells_apart_are_refused(mesh: ComponentMesh) -> None:
     """Thirteen points along the rail for thirteen intervals can be solved for, with any answer
     between the points.

@@ -104,7 +104,7 @@ def test_one_table_tells_modes_compliances_weak_links_dofs_and_seconds(
     for row in summary["modes"]:
         cell = row["variants"]["as written"]
         if cell is not None:
-            assert f"{cell['frequency_hz']:#.4g}".rstrip(".")[:4] in printed
+            assert show_bounded(cell["frequency_hz"], cell["error_hz"]) in printed
     assert {path.name for path in out.iterdir()} >= {
         "compare.html", "compare.json", "modes.csv", "compliances.csv", "variants.csv", "frequencies.png", "compliances.png",
     }  # fmt: skip
