@@ -9,7 +9,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.carriages import rail_pieces
 from headstock.geometry.parts.components import Component, Interface
 from headstock.geometry.parts.solids import Box, Imported
-from headstock.meshing.components.meshing import element_size, patch_groups
+from headstock.meshing.components.meshing import element_size, has_plane_faces_only, patch_groups
 from headstock.meshing.elements.hex_grid import grid_lines
 from headstock.meshing.errors import MeshError
 from headstock.reduction.components.rail_fits import (
@@ -44,7 +44,11 @@ def find_coarse_rails(scene: Scene) -> tuple[list[Problem], list[str]]:
                 continue
             sure, words = found
             if sure:
-                key = ("mesh",) if component.mesh.size is not None else ("interfaces", rail.name)
+                key = (
+                    ("mesh", "size")
+                    if component.mesh.size is not None
+                    else ("interfaces", rail.name)
+                )
                 problems.append(scene.findings.describe(("components", name, *key), words))
             else:
                 warnings.append(f"component {name!r}: perhaps {words}")
@@ -85,7 +89,7 @@ def _judge(scene: Scene, component: Component, rail: Interface) -> tuple[bool, s
         for interface in component.interfaces.values()
         for patch in interface.patches
     )
-    plain = alone and not isinstance(component.solid, Imported)
+    plain = alone and has_plane_faces_only(component)  # curved faces have smaller elements
     return plain and fails(_rows(pieces, size / SURELY_LONGER)), words
 
 
