@@ -133,7 +133,7 @@ def load_library(name: str) -> ModuleType:
         with _lock:
             if name not in _loaded:
                 _load(name, start)
-    return sys.modules[name]
+    return importlib.import_module(name)
 
 
 def _load(name: str, start: _Start) -> None:

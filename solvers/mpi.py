@@ -7,4 +7,4 @@ from headstock.geometry.loading import Library
 if TYPE_CHECKING:
     from mpi4py import MPI as MPI
 else:
-    MPI = Library("mpi4py.MPI", annotated=("Comm", "Request"))
+    MPI = Library("mpi4py.MPI", annotated=("Comm",))

@@ -150,7 +150,7 @@ def _check_speeds(table: LobesTable, findings: Findings) -> None:
             (*KEY, "speeds"),
             f"at {rpm:.3g} rpm {waves:.0f} waves of {hz:g} Hz lie between two teeth, too many for multipliers; begin at"
             f" {float(f'{1.05 * rpm * rows / MOST_ROWS:.2g}'):g} rpm"
-            " or above, or write a lower up_to",
+            " or above",
         )
 
 

@@ -41,7 +41,11 @@ def become_other(folder: Path, name: str) -> None:
 DAMAGES: dict[str, tuple[Callable[[Path], object], str, str]] = {
     "missing": (shutil.rmtree, "summary.json", RUN),
     "of nobody": (partial(become_other, name="notes.txt"), "summary.json", RUN),
-    "file": (lambda folder: (shutil.rmtree(folder), folder.write_text("")), "summary.json", RUN),
+    "file": (
+        lambda folder: (shutil.rmtree(folder), folder.write_text("")),
+        "",
+        "is a file; name the folder that a run has written",
+    ),
     "summary cut": (lambda folder: cut(folder / "summary.json"), "summary.json", RUN),
     "summary is text": (
         lambda folder: (folder / "summary.json").write_bytes(b"\xff\xfe no text"),

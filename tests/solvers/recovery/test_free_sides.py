@@ -25,7 +25,7 @@ def test_sides_tell_the_warping_of_a_twisted_square_bar_of_single_tets() -> None
     true = shear * (PLANE - WARPED) * SIDE**4 * LENGTH
     facets = extract_surface(mesh.cells, mesh.kind).facets
     heights = mesh.points[facets, 2]
-    held = np.isclose(np.abs(heights - 0.5 * LENGTH), 0.5 * LENGTH).all(axis=1)
+    held = np.isclose(np.abs(heights - 0.5 * LENGTH), 0.5 * LENGTH, rtol=0.0, atol=1e-9).all(axis=1)
     mesh = dataclasses.replace(mesh, patches={"ends": facets[held]})
     sides = find_free_sides(mesh)
     assert sides is not None
