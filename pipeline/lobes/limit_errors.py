@@ -28,6 +28,7 @@ from headstock.solvers.milling.stability import TipPoles, turn_tip
 from headstock.solvers.second_order import input_columns, output_rows
 
 STEPS = 2  # towards the border of another machine, with the slope of this one
+FARTHEST = 0.5  # relative, of such a step
 BY_ONE_FREQUENCY = "a measured receptance, whose limits no multipliers confirm"
 Errors = dict[str, FloatArray]
 
@@ -162,6 +163,10 @@ def move_border(
             share = scale
             for _ in range(STEPS):
                 largest = cut.largest(share * float(limits.depths[place]), FINER)
-                share *= 1.0 - float(np.log(np.abs(largest.value)) / limits.slopes[place])
-            depth[place], chatter[place] = share, cut.frequency(largest)
+                step = float(np.log(np.abs(largest.value)) / limits.slopes[place])
+                if not abs(step) < FARTHEST:
+                    break  # too far for a slope: nothing bounds it
+                share *= 1.0 - step
+            else:
+                depth[place], chatter[place] = share, cut.frequency(largest)
     return Border(depth, chatter)

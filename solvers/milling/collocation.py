@@ -45,7 +45,7 @@ SMALL_MATRIX = 36  # rows up to which all eigenvalues take no longer
 
 
 class Multiplier(NamedTuple):
-    """The largest multiplier of a cut, and the pole whose motion is largest in it.
+    """The largest multiplier of a cut, and the pole whose motion makes the largest chip in it.
 
     Attributes:
         value: Complex, per tooth period.
@@ -303,7 +303,9 @@ class PeriodicCut:
         if not poles:
             return Multiplier(value, 0)
         size = np.linalg.norm(vector[-2 * poles :].reshape(2, poles), axis=0)
-        moved = size * np.linalg.norm(tip.outputs, axis=0)
+        # by the chip it makes: what hardly moves within a period meets its own wave
+        chip = np.minimum(np.abs(tip.values) * self.cut.tooth_period, 2.0)
+        moved = size * np.linalg.norm(tip.outputs, axis=0) * chip
         return Multiplier(value, int(np.flatnonzero(kept)[np.argmax(moved)]))
 
 
