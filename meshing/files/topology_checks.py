@@ -265,7 +265,7 @@ def _refuse_overlaps(path: Path, numbers: IntArray, left: IntArray, right: IntAr
     pairs = np.unique(np.sort(np.stack([left, right], axis=1), axis=1), axis=0)
     named = ", ".join(f"{numbers[a]} and {numbers[b]}" for a, b in pairs[:NAMED])
     raise MeshError(
-        f"{path.name}: {len(pairs)} pairs of cells overlap (elements {named}{', ...' if len(pairs) > NAMED else ''}); "
+        f"{path.name}: {len(pairs)} {'pair of cells overlaps' if len(pairs) == 1 else 'pairs of cells overlap'} (elements {named}{', ...' if len(pairs) > NAMED else ''}); "
         "delete what is not of the part"
     )
 
