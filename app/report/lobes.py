@@ -4,7 +4,9 @@ on a screen of 400 pixels.
 """
 
 import itertools
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from markupsafe import Markup
@@ -13,6 +15,7 @@ from headstock.app.report import svg
 from headstock.app.tables.lobes import show_best_depth
 from headstock.app.texts.bounded_values import show_bound, show_bounded
 from headstock.app.texts.curves import even_ticks
+from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.pipeline.answers.lobes import DirectionSummary
 
 WIDTH, LEFT, RIGHT, TITLE, HEIGHT, LINE = 600, 34, 14, 28, 230, 19
@@ -40,7 +43,6 @@ def draw_lobes(found: DirectionSummary, identity: str, *, confirmed: bool) -> Ma
     """
     series = found["series"]
     speeds, depths = np.array(series["rpm"]), np.array(series["limit_depth_mm"], dtype=float)
-    errors = np.array(series["error_mm"], dtype=float)
     known = np.isfinite(depths)
     ends = (depths[known].min(), depths[known].max()) if known.any() else (1.0, 1.0)
     highest = HEADROOM * float(min(ends[1], MOST_OVER_LOWEST * max(ends[0], 1e-6)))
@@ -71,36 +73,12 @@ def draw_lobes(found: DirectionSummary, identity: str, *, confirmed: bool) -> Ma
         parts.append(svg.text(middle, base + 18, words, anchor="middle", size=SIZE))
     modes = list(dict.fromkeys(lobe["mode"] for lobe in found["lobes"]))
     colors = dict(zip(modes, itertools.cycle(COLORS), strict=False))
-    hatch, top = f"url(#{identity}_hatch)", up(highest)
-    for place in range(len(speeds) - 1):
-        left, right = across(float(speeds[place])), across(float(speeds[place + 1]))
-        if not known[place : place + 2].all():
-            parts.append(svg.area([(left, base), (left, top), (right, top), (right, base)], hatch))
-            continue
-        low = up(float(depths[place : place + 2].min()))
-        fill, opacity = ("#6a9a5b", 0.12) if confirmed else (hatch, 1.0)
-        area = [(left, base), (left, low), (right, low), (right, base)]
-        parts.append(svg.area(area, fill, opacity=opacity))
-    if (bounded := known & np.isfinite(errors)).sum() > 1:
-        for run in _runs(list(bounded)):
-            if bounded[run[0]]:
-                band = [(across(speeds[p]), up(depths[p] + errors[p])) for p in run]
-                band += [(across(speeds[p]), up(depths[p] - errors[p])) for p in reversed(run)]
-                parts.append(svg.area(band, UNKNOWN, opacity=0.25))
-    looked = [place for place in range(len(speeds)) if known[place]]
-    places = [(across(float(speeds[p])), up(float(depths[p]))) for p in looked]
-    for run in _runs([series["lobe"][place] for place in looked]):
-        lobe = series["lobe"][looked[run[0]]]
-        color = UNKNOWN if lobe is None else colors[found["lobes"][lobe]["mode"]]
-        parts += [
-            _line(piece, color, 1.8) for piece in _pieces(looked, places, run[0], run[-1] + 2)
-        ]
-    if len(looked) <= MOST_DOTS or len(looked) < len(speeds):
-        for (x, y), place in zip(places, looked, strict=True):
-            if confirmed and not known[max(place - 1, 0) : place + 2].all():
-                side = [(x - 1.0, base), (x - 1.0, y), (x + 1.0, y), (x + 1.0, base)]
-                parts.append(svg.area(side, BEST, opacity=0.6))
-            parts.append(_circle(x, y, UNKNOWN, 2.0))
+    green = Fill("#6a9a5b", 0.12) if confirmed else Fill(f"url(#{identity}_hatch)", 1.0)
+    hatch = Fill(f"url(#{identity}_hatch)", 1.0)
+    lines = speeds, depths
+    parts += _fill_below(lines, known, across, up, (green, hatch))
+    parts += _draw_band(lines, np.array(series["error_mm"], dtype=float), across, up)
+    parts += _draw_border(found, colors, known, across, up, confirmed=confirmed)
     parts += [_mark_lowest(found, across, up), _mark_best(found, across, up)]
     dots = [("lowest limit, with its ±" if found["lowest_error_mm"] else "lowest limit", LOWEST)]
     dots += [("best speeds", BEST)] if found["best_speeds"] else []
@@ -120,6 +98,74 @@ def draw_lobes(found: DirectionSummary, identity: str, *, confirmed: bool) -> Ma
         label=f"Limit depth of cut over the speed of the spindle, travel {found['name']}",
         widest=WIDEST,
     )
+
+
+class Fill(NamedTuple):
+    """Colour or pattern of an area, and how opaque it is."""
+
+    paint: str
+    opacity: float
+
+
+def _fill_below(
+    lines: tuple[FloatArray, FloatArray],
+    known: BoolArray,
+    across: Scale,
+    up: Scale,
+    fills: tuple[Fill, Fill],
+) -> Iterator[Markup]:
+    """What is stable between two speeds, up to the lower limit of both; all of it in the other fill
+    where one is not known.
+    """
+    speeds, depths = lines
+    stable, unknown = fills
+    for place in range(len(speeds) - 1):
+        left, right = across(float(speeds[place])), across(float(speeds[place + 1]))
+        both = bool(known[place : place + 2].all())
+        height = up(float(depths[place : place + 2].min()) if both else math.inf)
+        corners = [(left, up(0.0)), (left, height), (right, height), (right, up(0.0))]
+        fill = stable if both else unknown
+        yield svg.area(corners, fill.paint, opacity=fill.opacity)
+
+
+def _draw_band(
+    lines: tuple[FloatArray, FloatArray], errors: FloatArray, across: Scale, up: Scale
+) -> Iterator[Markup]:
+    """The ± of the border, along neighbours that have one."""
+    speeds, depths = lines
+    bounded = np.isfinite(depths) & np.isfinite(errors)
+    for run in _runs(list(bounded)):
+        if bounded[run[0]] and len(run) > 1:
+            band = [(across(speeds[p]), up(depths[p] + errors[p])) for p in run]
+            band += [(across(speeds[p]), up(depths[p] - errors[p])) for p in reversed(run)]
+            yield svg.area(band, UNKNOWN, opacity=0.25)
+
+
+def _draw_border(
+    found: DirectionSummary,
+    colors: dict[str, str],
+    known: BoolArray,
+    across: Scale,
+    up: Scale,
+    *,
+    confirmed: bool,
+) -> Iterator[Markup]:
+    """The border in the colours of its modes, and dots where speeds stand alone or are few."""
+    series = found["series"]
+    looked = [int(place) for place in np.flatnonzero(known)]
+    places = [(across(series["rpm"][p]), up(series["limit_depth_mm"][p] or 0.0)) for p in looked]
+    for run in _runs([series["lobe"][place] for place in looked]):
+        lobe = series["lobe"][looked[run[0]]]
+        color = UNKNOWN if lobe is None else colors[found["lobes"][lobe]["mode"]]
+        for piece in _pieces(looked, places, run[0], run[-1] + 2):
+            yield _line(piece, color, 1.8)
+    if len(looked) > MOST_DOTS and len(looked) == len(known):
+        return
+    for (x, y), place in zip(places, looked, strict=True):
+        if confirmed and not known[max(place - 1, 0) : place + 2].all():
+            side = [(x - 1.0, up(0.0)), (x - 1.0, y), (x + 1.0, y), (x + 1.0, up(0.0))]
+            yield svg.area(side, BEST, opacity=0.6)
+        yield _circle(x, y, UNKNOWN, 2.0)
 
 
 def _pieces(

@@ -264,8 +264,9 @@ def _check_cuts(path: Path, every: Sequence[SolidCells], numbers: IntArray, piec
 def _refuse_overlaps(path: Path, numbers: IntArray, left: IntArray, right: IntArray) -> None:
     pairs = np.unique(np.sort(np.stack([left, right], axis=1), axis=1), axis=0)
     named = ", ".join(f"{numbers[a]} and {numbers[b]}" for a, b in pairs[:NAMED])
+    what = f"{len(pairs)} pairs of cells overlap" if len(pairs) > 1 else "a pair of cells overlaps"
     raise MeshError(
-        f"{path.name}: {len(pairs)} {'pair of cells overlaps' if len(pairs) == 1 else 'pairs of cells overlap'} (elements {named}{', ...' if len(pairs) > NAMED else ''}); "
+        f"{path.name}: {what} (elements {named}{', ...' if len(pairs) > NAMED else ''}); "
         "delete what is not of the part"
     )
 

@@ -132,21 +132,22 @@ def find_border(
         limits[place] = _scan(speed, begin, deepest, hint, factor)
         if place == pilots[-1]:
             first = max(first, SCAN_BEGIN * min(limits[each].depth for each in pilots))
+    _follow_islands(speeds, limits, deepest)
+    return limits
+
+
+def _follow_islands(speeds: Sequence[_Speed | None], limits: list[Limit], deepest: float) -> None:
+    """Try the limit of every speed at its neighbours, and theirs in turn where it chatters."""
     waiting = [place for place, limit in enumerate(limits) if limit.limited]
     while waiting:
         place = waiting.pop()
         for beside in (place - 1, place + 1):
             if not 0 <= beside < len(limits) or (speed := speeds[beside]) is None:
                 continue
-            depth, own = INSIDE * limits[place].depth, limits[beside].depth
-            if depth < BELOW * own and speed.growth(depth) >= 0.0:
-                low = max(
-                    (each for each, value in speed.tried.items() if each < depth and value < 0.0),
-                    default=0.0,
-                )
-                limits[beside] = _enclose(speed, low, depth, deepest)
+            depth = INSIDE * limits[place].depth
+            if depth < BELOW * limits[beside].depth and speed.growth(depth) >= 0.0:
+                limits[beside] = _enclose(speed, speed.stable_below(depth), depth, deepest)
                 waiting.append(beside)
-    return limits
 
 
 def _expect(limits: Sequence[Limit], place: int) -> float:

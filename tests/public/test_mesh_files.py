@@ -293,7 +293,7 @@ def test_instances_are_one_part_where_they_are_tied_node_to_node(tmp_path: Path)
     [
         ("6, 5, 6, 7, 8, 1, 2, 3, 4\n", "holds 1 of its 6 solid cells twice"),
         ("6, 5, 6, 7, 8, 91, 92, 93, 94\n", "faces belong to more than two cells"),
-        ("6, 107, 2, 3, 4, 108, 6, 7, 8\n", "1 pairs of cells overlap (elements 2 and 6)"),
+        ("6, 107, 2, 3, 4, 108, 6, 7, 8\n", "a pair of cells overlaps (elements 2 and 6)"),
         ("6, 91, 92, 93, 94, 95, 96, 97, 98\n", "falls into 2 parts that share no node"),
         ("6, 3, 101, 102, 103, 7, 104, 105, 106\n", "meet in single nodes or edges only"),
     ],
