@@ -67,11 +67,14 @@ NOT_EVALUATED = Limit(math.nan)
 
 @dataclass(eq=False)
 class _Speed:
-    """Depths tried at a speed, and the growth of the largest multiplier at each."""
+    """Depths tried at a speed, the growth of the largest multiplier at each, and the shares of a limit at
+    which islands are looked for.
+    """
 
     cut: PeriodicCut
     more: int = 0
     tried: dict[float, float] = field(default_factory=dict)
+    islands: Sequence[float] = field(default_factory=lambda: ISLANDS)
 
     def growth(self, depth: float) -> float:
         """Logarithm of the largest multiplier: below zero where the cut is stable."""
@@ -128,6 +131,8 @@ def find_border(
             continue
         hint = _expect(limits, place) if factor == DENSE_FACTOR else math.nan
         hint = hint if math.isfinite(hint) else float(expected[place])
+        if factor == DENSE_FACTOR:
+            speed.islands = ISLANDS[place % 2 :: 2]  # the neighbours look at the others
         begin = first * factor ** -STAGGER[place % len(STAGGER)]
         limits[place] = _scan(speed, begin, deepest, hint, factor)
         if place == pilots[-1]:
@@ -187,7 +192,7 @@ def _scan(speed: _Speed, first: float, deepest: float, hint: float, factor: floa
 
 def _look_below(speed: _Speed, limit: Limit, deepest: float) -> Limit:
     """A limit, or an island close below it."""
-    for share in ISLANDS:
+    for share in speed.islands:
         depth = share * limit.depth
         if depth > 0.0 and speed.growth(depth) >= 0.0:
             return _enclose(speed, speed.stable_below(depth), depth, deepest)
@@ -262,11 +267,13 @@ def _confirm(speed: _Speed, depth: float, low: float, high: float) -> Limit:
         low: Depth that is stable [m].
         high: One that is not [m].
     """
+    more = speed.more + FINER
     for _ in range(CONFIRMATIONS):
         ends = [(1.0 - CLOSE) * depth, (1.0 + CLOSE) * depth]
-        growths = [_growth(speed.cut.largest(end, speed.more + FINER)) for end in ends]
+        found = [speed.cut.largest(end, more) for end in ends]
+        growths = [_growth(each) for each in found]
         if growths[0] < 0.0 <= growths[1]:
-            return _limit_between(speed, ends, growths)
+            return _limit_between(speed, ends, found)
         slope = 0.5 * (growths[1] - growths[0]) / CLOSE
         if slope <= 0.0:
             break
@@ -274,28 +281,26 @@ def _confirm(speed: _Speed, depth: float, low: float, high: float) -> Limit:
         depth *= 1.0 - min(max(left, -FAR), FAR)
     # another multiplier, which no cut excites, is nearly one: halves find the border all the same
     ends = [low, high]
-    growths = [_growth(speed.cut.largest(end, speed.more + FINER)) for end in ends]
-    while growths[0] < 0.0 <= growths[1]:
+    found = [speed.cut.largest(end, more) for end in ends]
+    while _growth(found[0]) < 0.0 <= _growth(found[1]):
         if ends[1] - ends[0] < 2.0 * CLOSE * ends[0]:
-            return _limit_between(speed, ends, growths)
+            return _limit_between(speed, ends, found)
         middle = 0.5 * (ends[0] + ends[1])
-        growth = _growth(speed.cut.largest(middle, speed.more + FINER))
-        side = 0 if growth < 0.0 else 1
-        ends[side], growths[side] = middle, growth
+        between = speed.cut.largest(middle, more)
+        side = 0 if _growth(between) < 0.0 else 1
+        ends[side], found[side] = middle, between
     return NOT_EVALUATED
 
 
-def _limit_between(speed: _Speed, ends: Sequence[float], growths: Sequence[float]) -> Limit:
+def _limit_between(speed: _Speed, ends: Sequence[float], found: Sequence[Multiplier]) -> Limit:
     """The limit between a stable depth and one that is not, close to each other."""
-    slope = (growths[1] - growths[0]) / math.log(ends[1] / ends[0])
-    depth = ends[0] - growths[0] * (ends[1] - ends[0]) / (growths[1] - growths[0])
-    high = speed.cut.largest(ends[1], speed.more + FINER)
-    omega = speed.cut.frequency(high)
+    low, high = map(_growth, found)
+    omega = speed.cut.frequency(found[1])
     return Limit(
-        depth,
+        ends[0] - low * (ends[1] - ends[0]) / (high - low),
         limited=True,
         error=0.5 * (ends[1] - ends[0]),
-        slope=slope,
+        slope=(high - low) / math.log(ends[1] / ends[0]),
         omega=omega,
         waves=int(omega * speed.cut.cut.tooth_period / (2.0 * math.pi)),
     )
