@@ -84,7 +84,7 @@ SECONDS_OF_DOFS = {
 # of so many poles besides. Variant R of the three-axis machine and a slot of one mode, on a core of a virtual AMD
 # EPYC
 MULTIPLIERS_PER_LIMIT, ROWS_OF_POLES = 11, 30.0
-SECONDS_PER_ROW, SECONDS_PER_CUBIC_ROW = 1.2e-5, 3e-10
+SECONDS_PER_ROW, SECONDS_PER_CUBIC_ROW = 2.2e-5, 3e-10
 WRITE_START, SECONDS_PER_DRAWN_BODY = 0.025, 0.002
 DOFS_OF_A_BODY = 6
 STEPS_PER_SECOND = 3e4  # of a contour of a lumped mechanism
