@@ -67,14 +67,11 @@ NOT_EVALUATED = Limit(math.nan)
 
 @dataclass(eq=False)
 class _Speed:
-    """Depths tried at a speed, the growth of the largest multiplier at each, and the shares of a limit at
-    which islands are looked for.
-    """
+    """Depths tried at a speed, and the growth of the largest multiplier at each."""
 
     cut: PeriodicCut
     more: int = 0
     tried: dict[float, float] = field(default_factory=dict)
-    islands: Sequence[float] = field(default_factory=lambda: ISLANDS)
 
     def growth(self, depth: float) -> float:
         """Logarithm of the largest multiplier: below zero where the cut is stable."""
@@ -131,8 +128,6 @@ def find_border(
             continue
         hint = _expect(limits, place) if factor == DENSE_FACTOR else math.nan
         hint = hint if math.isfinite(hint) else float(expected[place])
-        if factor == DENSE_FACTOR:
-            speed.islands = ISLANDS[place % 2 :: 2]  # the neighbours look at the others
         begin = first * factor ** -STAGGER[place % len(STAGGER)]
         limits[place] = _scan(speed, begin, deepest, hint, factor)
         if place == pilots[-1]:
@@ -192,7 +187,7 @@ def _scan(speed: _Speed, first: float, deepest: float, hint: float, factor: floa
 
 def _look_below(speed: _Speed, limit: Limit, deepest: float) -> Limit:
     """A limit, or an island close below it."""
-    for share in speed.islands:
+    for share in ISLANDS:
         depth = share * limit.depth
         if depth > 0.0 and speed.growth(depth) >= 0.0:
             return _enclose(speed, speed.stable_below(depth), depth, deepest)
