@@ -75,9 +75,9 @@ def draw_lobes(found: DirectionSummary, identity: str, *, confirmed: bool) -> Ma
     colors = dict(zip(modes, itertools.cycle(COLORS), strict=False))
     green = Fill("#6a9a5b", 0.12) if confirmed else Fill(f"url(#{identity}_hatch)", 1.0)
     hatch = Fill(f"url(#{identity}_hatch)", 1.0)
-    lines = speeds, depths
-    parts += _fill_below(lines, known, across, up, (green, hatch))
-    parts += _draw_band(lines, np.array(series["error_mm"], dtype=float), across, up)
+    parts += _fill_below(speeds, depths, across, up, stable=green, unknown=hatch)
+    errors = np.array(series["error_mm"], dtype=float)
+    parts += _draw_band(speeds, depths, errors, across, up)
     parts += _draw_border(found, colors, known, across, up, confirmed=confirmed)
     parts += [_mark_lowest(found, across, up), _mark_best(found, across, up)]
     dots = [("lowest limit, with its ±" if found["lowest_error_mm"] else "lowest limit", LOWEST)]
@@ -108,17 +108,18 @@ class Fill(NamedTuple):
 
 
 def _fill_below(
-    lines: tuple[FloatArray, FloatArray],
-    known: BoolArray,
+    speeds: FloatArray,
+    depths: FloatArray,
     across: Scale,
     up: Scale,
-    fills: tuple[Fill, Fill],
+    *,
+    stable: Fill,
+    unknown: Fill,
 ) -> Iterator[Markup]:
     """What is stable between two speeds, up to the lower limit of both; all of it in the other fill
     where one is not known.
     """
-    speeds, depths = lines
-    stable, unknown = fills
+    known = np.isfinite(depths)
     for place in range(len(speeds) - 1):
         left, right = across(float(speeds[place])), across(float(speeds[place + 1]))
         both = bool(known[place : place + 2].all())
@@ -129,10 +130,9 @@ def _fill_below(
 
 
 def _draw_band(
-    lines: tuple[FloatArray, FloatArray], errors: FloatArray, across: Scale, up: Scale
+    speeds: FloatArray, depths: FloatArray, errors: FloatArray, across: Scale, up: Scale
 ) -> Iterator[Markup]:
     """The ± of the border, along neighbours that have one."""
-    speeds, depths = lines
     bounded = np.isfinite(depths) & np.isfinite(errors)
     for run in _runs(list(bounded)):
         if bounded[run[0]] and len(run) > 1:

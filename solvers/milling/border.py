@@ -131,7 +131,9 @@ def find_border(
         begin = first * factor ** -STAGGER[place % len(STAGGER)]
         limits[place] = _scan(speed, begin, deepest, hint, factor)
         if place == pilots[-1]:
-            first = max(first, SCAN_BEGIN * min(limits[each].depth for each in pilots))
+            # a narrow lobe between the pilots is seen by one frequency
+            known = [*expected, *(limits[each].depth for each in pilots)]
+            first = max(first, SCAN_BEGIN * float(np.nanmin([deepest, *known])))
     _follow_islands(speeds, limits, deepest)
     return limits
 
@@ -168,7 +170,8 @@ def _scan(speed: _Speed, first: float, deepest: float, hint: float, factor: floa
     for _ in range(MOST_TRIALS):
         if speed.cut.rows(depth) > MOST_ROWS:
             # deeper cuts wake modes that are too fast to be followed
-            return Limit(depths[-1]) if depths else NOT_EVALUATED
+            stable = bool(depths) and _confirmed_stable(speed, depths[-1])
+            return Limit(depths[-1]) if stable else NOT_EVALUATED
         depths.append(depth)
         if speed.growth(depth) >= 0.0:
             limit = _enclose(speed, depths[-2] if len(depths) > 1 else 0.0, depth, deepest)
