@@ -5,8 +5,8 @@ from typing import NotRequired, TypedDict
 
 import numpy as np
 
-from headstock.pipeline.answers.estimates import Estimate, FrequencyErrors, scale_shares
 from headstock.pipeline.answers.static import UM_PER_KN
+from headstock.pipeline.numbers.estimates import Estimate, FrequencyErrors, scale_shares
 from headstock.pipeline.storage.json_texts import check_finite, null_open
 from headstock.pipeline.storage.provenance import ProvenanceSummary
 from headstock.reduction.motions.compliance_budget import PointBudget, WeakLink

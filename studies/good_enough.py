@@ -5,7 +5,7 @@ import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from headstock.pipeline.answers.estimates import show_share
+from headstock.pipeline.numbers.estimates import show_share
 from headstock.scene.scene import Scene
 from headstock.studies.effects import EffectTrial, switch_effect
 from headstock.studies.model_trials import ModelKind

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Literal
 
 from headstock.geometry.errors import HeadstockError
-from headstock.pipeline.answers.estimates import show_share
+from headstock.pipeline.numbers.estimates import show_share
 from headstock.pipeline.planning.budgets import BASE_MB
 from headstock.pipeline.planning.node_memory import node_memory_bytes
 from headstock.pipeline.planning.plan import StageRecord

@@ -10,6 +10,7 @@ import scipy  # whose search of peaks, half a second, is loaded where it is used
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.frf import PoseResponse, ResponseCurves
+from headstock.pipeline.numbers.estimates import Estimate
 from headstock.pipeline.stages.frf import peaks_have_tops
 from headstock.solvers.linear.frequency_response import FrfModel, evaluate_frf, find_peaks
 from headstock.solvers.second_order import Channel, ComplexArray
@@ -179,7 +180,9 @@ def _describe_entry(
             peak_mode=figures.minimum_dynamic_stiffness_mode,
             most_negative_real=figures.most_negative_real,
             most_negative_real_hz=figures.most_negative_real_hz,
-            most_negative_real_error=figures.most_negative_real_error,
+            most_negative_real_error=response.errors.get(
+                response.figure_key(figures.channel), Estimate()
+            ).total,
             peaks=peaks,
             difference=difference,
         )

@@ -15,8 +15,8 @@ from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.parts.components import Fidelity
-from headstock.pipeline.answers.estimates import Estimate
 from headstock.pipeline.answers.frf import PoseResponse
+from headstock.pipeline.numbers.estimates import Estimate
 from headstock.pipeline.planning.plan import Stage, StageRecord
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.planning.resources import Cost, measure
@@ -30,6 +30,7 @@ from headstock.pipeline.stages.machine import CoupledPose
 from headstock.pipeline.stages.mechanism import LUMPED, build_mechanism, place_pose
 from headstock.pipeline.stages.run_state import PoseModel, RunState
 from headstock.pipeline.stages.shared_components import make_superelements
+from headstock.pipeline.stages.static import solve_points
 from headstock.pipeline.storage.store import Store
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.motions.compliance_budget import (
@@ -416,7 +417,7 @@ def _with_compliances(solution: VariantSolution, state: RunState) -> VariantSolu
 def _with_lumped_compliances(solution: VariantSolution, at: Sequence[str]) -> VariantSolution:
     """The same of a lumped mechanism, of whose errors nothing is known."""
     with measure() as cost:
-        solved = {name: solution.machine.solve_point(name).answer for name in at}
+        solved = solve_points(solution.machine, at).answer.points
     links: dict[str, dict[str, WeakLink | None]] = {}
     for name, point in solved.items():
         links[name] = {}

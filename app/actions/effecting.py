@@ -20,7 +20,7 @@ from headstock.app.terminal.guard import DONE
 from headstock.app.terminal.models import print_findings
 from headstock.app.terminal.progress import show_progress
 from headstock.geometry.errors import HeadstockError
-from headstock.pipeline.answers.estimates import show_share
+from headstock.pipeline.numbers.estimates import show_share
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.results.files import read_summary
 from headstock.pipeline.storage.json_texts import dump_summary

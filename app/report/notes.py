@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from headstock.app.texts.bounded_values import accuracy_words, model_words
-from headstock.pipeline.answers.estimates import known_part
+from headstock.pipeline.numbers.estimates import known_part
 from headstock.pipeline.results.summary import RunSummary
 
 

@@ -110,11 +110,11 @@ from headstock.app.texts.curves import overlaid_responses
 from headstock.app.texts.remarks import fold_remarks
 from headstock.geometry.frames import DIRECTIONS
 from headstock.geometry.machine.machine import show_position
-from headstock.pipeline.answers.estimates import known_part, show_share
 from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.answers.path import PathCurves
 from headstock.pipeline.answers.static import PointSummary
 from headstock.pipeline.answers.transient import TransientCurves
+from headstock.pipeline.numbers.estimates import known_part, show_share
 from headstock.pipeline.results.files import REPORT_FILE
 from headstock.pipeline.results.mode_files import file_stem
 from headstock.pipeline.results.summary import RunSummary

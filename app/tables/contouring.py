@@ -12,8 +12,8 @@ from headstock.pipeline.answers.contouring import (
     FaceSummary,
     StabilitySummary,
 )
-from headstock.pipeline.answers.estimates import CUTTING
 from headstock.pipeline.answers.milled_faces import MilledFaceSummary
+from headstock.pipeline.numbers.estimates import CUTTING
 
 type MilledKey = Literal[
     "location_error_um", "ra_um", "rz_um", "wt_um", "pt_um", "mark_at_start_um", "mark_at_end_um"

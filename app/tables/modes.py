@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 from headstock.app.tables.table import PlainTable
 from headstock.app.texts.bounded_values import bound_size
-from headstock.pipeline.answers.estimates import known_part
 from headstock.pipeline.answers.modal import ModesSummary
+from headstock.pipeline.numbers.estimates import known_part
 from headstock.pipeline.results.mode_files import file_stem
 
 

@@ -8,7 +8,6 @@ from headstock.app.tables.probes import list_motion_columns
 from headstock.app.tables.table import Column, PlainTable, show_deviation, tabulate_curves
 from headstock.app.texts.bounded_values import NO_BOUND
 from headstock.geometry.machine.machine import SCENE_UNITS
-from headstock.pipeline.answers.estimates import show_share
 from headstock.pipeline.answers.path import (
     CruiseSummary,
     FeedSummary,
@@ -17,6 +16,7 @@ from headstock.pipeline.answers.path import (
     ZoneSummary,
     deviation_unit,
 )
+from headstock.pipeline.numbers.estimates import show_share
 from headstock.solvers.second_order import name_channel
 
 PART_NAMES = {

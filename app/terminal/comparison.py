@@ -36,7 +36,7 @@ from headstock.app.terminal.console import (
 )
 from headstock.app.texts.bounded_values import show_bound, show_bounded, show_digits
 from headstock.geometry.frames import DIRECTIONS
-from headstock.pipeline.answers.estimates import known_part
+from headstock.pipeline.numbers.estimates import known_part
 from headstock.studies.comparison_summary import (
     ComparisonSummary,
     EffortSummary,

@@ -3,7 +3,7 @@
 import textwrap
 from collections.abc import Sequence
 
-from headstock.pipeline.answers.estimates import show_share
+from headstock.pipeline.numbers.estimates import show_share
 from headstock.studies.answers import UNITS, Change
 from headstock.studies.model_worth import ModelFinding, RunPrice
 

@@ -84,7 +84,6 @@ from headstock.app.texts.bounded_values import (
     transient_words,
 )
 from headstock.geometry.machine.machine import show_position
-from headstock.pipeline.answers.estimates import known_part
 from headstock.pipeline.answers.frf import ResponseSummary
 from headstock.pipeline.answers.lobes import LobesSummary
 from headstock.pipeline.answers.modal import ModesSummary
@@ -93,6 +92,7 @@ from headstock.pipeline.answers.path import PathSummary
 from headstock.pipeline.answers.static import PointSummary
 from headstock.pipeline.answers.transient import TransientSummary
 from headstock.pipeline.answers.volumetric import VolumetricSummary
+from headstock.pipeline.numbers.estimates import known_part
 from headstock.pipeline.planning.plan import Plan, StageRecord
 from headstock.pipeline.results.summary import RunSummary
 from headstock.scene.scene import Scene

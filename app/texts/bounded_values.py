@@ -12,7 +12,10 @@ from dataclasses import dataclass
 from decimal import ROUND_CEILING, ROUND_HALF_EVEN, Decimal
 
 from headstock.pipeline.answers.accuracy import AccuracySummary, ModelErrorsSummary
-from headstock.pipeline.answers.estimates import (
+from headstock.pipeline.answers.frf import ResponseSummary
+from headstock.pipeline.answers.lobes import LobesSummary
+from headstock.pipeline.answers.transient import TransientSummary
+from headstock.pipeline.numbers.estimates import (
     DISCRETISATION,
     INTERFACE,
     MODEL,
@@ -21,9 +24,6 @@ from headstock.pipeline.answers.estimates import (
     known_part,
     show_share,
 )
-from headstock.pipeline.answers.frf import ResponseSummary
-from headstock.pipeline.answers.lobes import LobesSummary
-from headstock.pipeline.answers.transient import TransientSummary
 
 MOST_DIGITS = 5  # significant ones of a value, however small its error is
 UNKNOWN_DIGITS = 3  # of a value whose error nobody knows

@@ -21,10 +21,10 @@ from headstock.pipeline.accuracy.interface_errors import (
 )
 from headstock.pipeline.accuracy.rounds import replace_components
 from headstock.pipeline.answers.answer import find_answers
-from headstock.pipeline.answers.estimates import show_share
 from headstock.pipeline.answers.interfaces import InterfaceErrorsAnswer
 from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.answers.static import StaticAnswer
+from headstock.pipeline.numbers.estimates import show_share
 from headstock.pipeline.planning.interfaces import GluedJoint, find_glued_joints
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.stages.estimates import doubt_compliances, doubt_frequencies
@@ -140,7 +140,12 @@ def choose_shapes(
                 number, share = found.largest(name)
                 reason = found.left_out.get(name, "")
                 tried[name].append(
-                    dataclasses.replace(chosen[name], number=number, share=share, reason=reason)
+                    dataclasses.replace(
+                        chosen[name],
+                        number="" if number is None else number.describe(),
+                        share=share,
+                        reason=reason,
+                    )
                 )
         spent += last
         for name, choices in tried.items():
@@ -193,7 +198,8 @@ def _judge_plain(
             judged[name] = ShapeChoice(own.joint, 0, unknown=found.left_out[name])
         else:
             number, share = found.largest(name)
-            judged[name] = ShapeChoice(own.joint, 0, number, share)
+            words = "" if number is None else number.describe()
+            judged[name] = ShapeChoice(own.joint, 0, words, share)
     return judged
 
 

@@ -5,25 +5,31 @@ deformation shapes in both forms, and the small coupled machines are compared.
 import dataclasses
 import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass
 
 import numpy as np
 
 from headstock.geometry.errors import HeadstockError
-from headstock.geometry.frames import DIRECTIONS, FloatArray
-from headstock.geometry.machine.machine import Pose
+from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import CouplingKind
-from headstock.pipeline.accuracy.response_changes import follow_numbers
-from headstock.pipeline.answers.estimates import INTERFACE, Estimate, combine_estimates, show_share
-from headstock.pipeline.answers.frf import DrivePointFigures, PoseResponse
+from headstock.pipeline.accuracy.followed import (
+    FOLLOWED,
+    MachineFamily,
+    follow_numbers,
+    list_damping_errors,
+    list_followed,
+)
+from headstock.pipeline.answers.answer import Answer
+from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.answers.interfaces import InterfaceErrorsAnswer, JointShapes
 from headstock.pipeline.answers.modal import PoseModes
-from headstock.pipeline.answers.static import PointCompliance, StaticAnswer
+from headstock.pipeline.numbers.changes import compare, to_errors
+from headstock.pipeline.numbers.estimates import INTERFACE, Estimate, show_share
+from headstock.pipeline.numbers.numbers import Key, Number, make_key
 from headstock.pipeline.planning.interfaces import GluedJoint, find_glued_joints, give_shapes
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.frf import frequency_grid, prepare_response
-from headstock.pipeline.stages.machine import CoupledPose, couple_pose
+from headstock.pipeline.stages.machine import CoupledPose
 from headstock.pipeline.stages.run_state import (
     MachineParts,
     Outcome,
@@ -37,14 +43,7 @@ from headstock.reduction.estimates.interface_errors import (
     bound_response_changes,
     shape_energies,
 )
-from headstock.reduction.estimates.model_errors import (
-    WatchedModes,
-    compare_modes,
-    split_change,
-    watch_modes,
-)
-from headstock.reduction.motions.body_fields import BodyPlaces, choose_places, place_motion
-from headstock.reduction.superelement import Superelement
+from headstock.reduction.estimates.model_errors import split_change
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.frequency_response import (
     FrfModel,
@@ -181,52 +180,21 @@ def _find_mismatches(parts: MachineParts, joints: list[GluedJoint]) -> dict[str,
     return found
 
 
-@dataclass(eq=False)
-class _Machines:
-    """The machine itself and with shapes, in every pose, coupled once each."""
+class _Family(MachineFamily):
+    """The machine, and with shapes in both forms."""
 
-    parts: MachineParts
-    shaped: ShapedMachines
-    posed: dict[tuple[CouplingKind | None, str], CoupledPose] = field(default_factory=dict)
+    def __init__(self, parts: MachineParts, shaped: ShapedMachines) -> None:
+        super().__init__(parts)
+        self.joints = shaped.joints
+        self.forms = {kind: self.change(own) for kind, own in shaped.forms.items()}
 
-    def at(self, kind: CouplingKind | None, pose: Pose) -> CoupledPose:
-        """With shapes in a form, or without any for None, in a pose."""
-        if (kind, pose.name) not in self.posed:
-            parts = self.parts if kind is None else self.shaped.forms[kind]
-            self.posed[kind, pose.name] = couple_pose(parts, pose)
-        return self.posed[kind, pose.name]
-
-    @cached_property
-    def places(self) -> dict[str, BodyPlaces]:
-        """Points that stand for the mass of each body."""
-        return {name: choose_places(part) for name, part in self.parts.superelements.items()}
-
-    @cached_property
-    def _plain_motions(self) -> dict[str, FloatArray]:
-        return self._move(self.parts.superelements)
-
-    def _move(self, elements: Mapping[str, Superelement]) -> dict[str, FloatArray]:
-        return {
-            name: place_motion(elements[name], chosen.points)
-            for name, chosen in self.places.items()
-        }
-
-    def watch(self, kind: CouplingKind | None, pose: Pose, count: int) -> WatchedModes:
-        """Modes of one of the machines."""
-        motions = (
-            self._plain_motions
-            if kind is None
-            else self._move(self.shaped.forms[kind].superelements)
-        )
-        return watch_modes(self.at(kind, pose).coupled, self.places, motions, count=count)
-
-    def split(self, pose: Pose, motions: FloatArray, size: float) -> dict[str, float]:
-        """Parts of a bound by joint, as their shapes hold energy in motions ``(n, m)`` of the
+    def split(self, pose: str, motions: FloatArray, size: float) -> dict[str, float]:
+        """Return parts of a bound by joint, as their shapes hold energy in motions ``(n, m)`` of the
         machine in the strong form, all together.
         """
-        machine = self.parts.scene.machine
-        joints = {joint.name: machine.joints[joint.name] for joint in self.shaped.joints}
-        energies = shape_energies(self.at(STRONG, pose).coupled, joints, motions)
+        machine = self.base.parts.scene.machine
+        joints = {joint.name: machine.joints[joint.name] for joint in self.joints}
+        energies = shape_energies(self.forms[STRONG].at(pose).coupled, joints, motions)
         return split_change(size, {name: float(energy.sum()) for name, energy in energies.items()})
 
 
@@ -234,24 +202,34 @@ def judge_interfaces(state: RunState, shaped: ShapedMachines) -> Outcome:
     """Put what shapes change into the ± of the frequencies, compliances and responses of a run; on
     rank 0.
     """
-    machines = _Machines(state.parts, shaped)
-    shares: dict[str, dict[str, float]] = {}
-    lines: dict[str, dict[str, float]] = {}
+    family = _Family(state.parts, shaped)
+    shares: dict[Key, dict[str, float]] = {}
+    lines: dict[Key, dict[str, float]] = {}
     lost: list[str] = []
+    names: dict[Key, str] = {}
     several = len(state.plan.poses) > 1
     for place, answer in enumerate(state.answers if shaped.joints else ()):
+        if not isinstance(answer, FOLLOWED):
+            continue
+        base = list_followed(answer)
+        errors = _compare_forms(family, answer, base)
+        for number in base:
+            names[number.key] = number.describe(several_poses=several)
+            if errors[number.key].total is None:
+                lost += [names[number.key]] if isinstance(answer, PoseModes) else []
+            else:
+                shares[number.key] = {
+                    joint: part / number.value
+                    for joint, part in errors[number.key].parts[INTERFACE].items()
+                }
         if isinstance(answer, PoseModes):
-            words = f" in pose {answer.pose.name}" if several else ""
-            state.answers[place] = _judge_modes(machines, answer, shares, lost, words)
-        elif isinstance(answer, StaticAnswer):
-            words = f" in pose {answer.pose}" if several else ""
-            state.answers[place] = _judge_compliances(machines, answer, shares, words)
-        elif isinstance(answer, PoseResponse):
-            words = f" in pose {answer.curves.pose}" if several else ""
-            judged = _judge_response(machines, answer, lines, words)
-            state.answers[place] = _judge_numbers(machines, judged, shares, words)
+            errors |= list_damping_errors(answer, errors, INTERFACE)
+        if isinstance(answer, PoseResponse):
+            answer, worst = _compare_lines(family, answer)
+            lines |= worst
+        state.answers[place] = answer.with_errors(errors, "add")
     found = InterfaceErrorsAnswer(
-        {joint.name: _describe(machines, joint) for joint in shaped.joints},
+        {joint.name: _describe(family, joint) for joint in shaped.joints},
         shares,
         lines,
         dict(shaped.failures),
@@ -262,90 +240,22 @@ def judge_interfaces(state: RunState, shaped: ShapedMachines) -> Outcome:
         f"{'numbers' if shares else 'lines'} by up to {show_share(largest)}",
         answers=(found,),
         warnings=(
-            *_warn_of_joints(machines, found),
+            *_warn_of_joints(shaped.joints, found, names, several=several),
             *_warn_of_lost(lost),
             *_warn_of_failures(shaped),
         ),
     )
 
 
-def _judge_modes(
-    machines: _Machines,
-    answer: PoseModes,
-    shares: dict[str, dict[str, float]],
-    lost: list[str],
-    words: str,
-) -> PoseModes:
-    count = answer.below + len(answer.frequencies_hz)
-    plain = machines.watch(None, answer.pose, count)
-    better = {kind: machines.watch(kind, answer.pose, count) for kind in (STRONG, WEAK)}
-    found = {kind: compare_modes(plain, modes, count=count) for kind, modes in better.items()}
-    errors = list(answer.errors)
-    damped, ratios = list(answer.damped_error_hz), list(answer.damping_error)
-    for mode in range(answer.rigid_count, len(answer.frequencies_hz)):
-        number = answer.below + mode
-        hz = float(answer.frequencies_hz[mode])
-        changes = {kind: float(each.changes_hz[number]) for kind, each in found.items()}
-        if np.isnan(list(changes.values())).any():
-            own, size = Estimate({INTERFACE: None}), None
-            lost.append(f"{number + 1} ({hz:.4g} Hz){words}")
-        else:
-            size = float(np.abs(list(changes.values())).max())
-            partner = found[STRONG].partners[number]
-            shape = better[STRONG].modes.shapes[:, [partner]]
-            parts = machines.split(answer.pose, shape, size)
-            own = Estimate({INTERFACE: size}, (), {INTERFACE: parts})
-            shares[f"frequency {number + 1} ({hz:.4g} Hz){words}"] = {
-                name: part / hz for name, part in parts.items()
-            }
-        errors[mode] = combine_estimates([errors[mode], own])
-        if mode < len(damped):
-            known = damped[mode]
-            damped[mode] = None if known is None or size is None else known + size
-        if mode < len(ratios) and ratios[mode]:
-            # nothing is known of a damping ratio with other interfaces
-            ratios[mode] = None
-    return dataclasses.replace(
-        answer,
-        errors=tuple(errors),
-        damped_error_hz=tuple(damped),
-        damping_error=tuple(ratios),
-    )
+def _compare_forms(family: _Family, answer: Answer, base: Sequence[Number]) -> dict[Key, Estimate]:
+    """Return the part that shapes have in the ± of numbers: the larger change of both forms, by joint."""
+    moved = {kind: follow_numbers(answer, family.base, own) for kind, own in family.forms.items()}
+    moves = {(str(kind), INTERFACE): compare(base, own.numbers) for kind, own in moved.items()}
 
+    def split(key: Key, size: float) -> dict[str, float]:
+        return family.split(str(key["pose"]), moved[STRONG].motion(key), size)
 
-def _judge_compliances(
-    machines: _Machines,
-    answer: StaticAnswer,
-    shares: dict[str, dict[str, float]],
-    words: str,
-) -> StaticAnswer:
-    pose = machines.parts.plan.poses[answer.pose]
-    points: dict[str, PointCompliance] = {}
-    for name, point in answer.points.items():
-        better = {
-            kind: machines.at(kind, pose).solve_point(name).answer.compliance
-            for kind in (STRONG, WEAK)
-        }
-        errors = dict(point.errors)
-        for axis, direction in enumerate(DIRECTIONS):
-            value = float(point.compliance[axis, axis])
-            changes = {kind: float(own[axis, axis]) - value for kind, own in better.items()}
-            if np.isnan(list(changes.values())).any() or value <= 0.0:
-                continue
-            size = float(np.abs(list(changes.values())).max())
-            motion = machines.at(STRONG, pose).push((name, direction))
-            parts = machines.split(pose, motion[:, None], size)
-            shares[f"{direction} compliance at {name}{words}"] = {
-                joint: part / value for joint, part in parts.items()
-            }
-            errors[direction] = combine_estimates(
-                [
-                    errors.get(direction, Estimate()),
-                    Estimate({INTERFACE: size}, (), {INTERFACE: parts}),
-                ]
-            )
-        points[name] = dataclasses.replace(point, errors=errors)
-    return dataclasses.replace(answer, points=points)
+    return to_errors(base, moves, join="largest", split=split)
 
 
 @dataclass(frozen=True, eq=False)
@@ -357,15 +267,14 @@ class _Responses:
     figures: Mapping[Channel, StabilityFigures]
 
 
-def _judge_response(
-    machines: _Machines, answer: PoseResponse, lines: dict[str, dict[str, float]], words: str
-) -> PoseResponse:
-    """A response with what shapes change in the ± of its lines and of its most negative real
-    parts; adds the line that changes most, over its largest entry.
+def _compare_lines(
+    family: _Family, answer: PoseResponse
+) -> tuple[PoseResponse, dict[Key, dict[str, float]]]:
+    """Return a response with what shapes change in the ± of its lines and of its most negative real
+    parts, and joints to their part of the line that changes most, over its largest entry.
     """
-    curves = answer.curves
-    pose = machines.parts.plan.poses[curves.pose]
-    found = {kind: _respond(machines.at(kind, pose), answer) for kind in (STRONG, WEAK)}
+    curves, pose = answer.curves, answer.curves.pose
+    found = {kind: _respond(own.at(pose), answer) for kind, own in family.forms.items()}
     change = bound_response_changes(
         curves.receptance, curves.frequencies_hz, [each.form for each in found.values()]
     )
@@ -373,53 +282,20 @@ def _judge_response(
     shares = change.max(axis=(1, 2)) / np.where(largest > 0.0, largest, np.inf)
     # at rest the compliance says it
     shares = np.where(curves.frequencies_hz > 0.0, shares, np.nan)
+    worst: dict[Key, dict[str, float]] = {}
     if np.isfinite(shares).any():
         line = int(np.nanargmax(shares))
         omega = 2.0 * np.pi * float(curves.frequencies_hz[line])
         channel = int(np.unravel_index(change[line].argmax(), change[line].shape)[1])
         motion = found[STRONG].model.direct.displacements(omega)[:, channel]
-        parts = machines.split(
+        parts = family.split(
             pose, np.stack([motion.real, motion.imag], axis=1), float(shares[line])
         )
-        at = f"the frequency response at {curves.frequencies_hz[line]:.4g} Hz{words}"
-        lines[at] = {name: part for name, part in parts.items() if np.isfinite(part)}
-    return dataclasses.replace(
-        answer,
-        curves=dataclasses.replace(curves, error_share={**curves.error_share, INTERFACE: change}),
-        figures=tuple(_judge_figures(own, list(found.values())) for own in answer.figures),
-    )
-
-
-def _judge_numbers(
-    machines: _Machines, answer: PoseResponse, shares: dict[str, dict[str, float]], words: str
-) -> PoseResponse:
-    """A response with what shapes change in the ± of its peaks and levels; adds to the shares."""
-    if not answer.numbers:
-        return answer
-    pose = machines.parts.plan.poses[answer.curves.pose]
-    count = max((own.mode for own in answer.numbers), default=-1) + 1
-    plain = machines.watch(None, pose, count)
-    better = {kind: machines.watch(kind, pose, count) for kind in (STRONG, WEAK)}
-    moved = {
-        kind: follow_numbers(answer.numbers, machines.at(kind, pose), plain, modes)
-        for kind, modes in better.items()
-    }
-    numbers = []
-    for own, *others in zip(answer.numbers, *moved.values(), strict=True):
-        size = max(abs(other.size - own.size) for other in others)
-        if np.isnan([other.size for other in others]).any():
-            error = Estimate({INTERFACE: None})
-        else:
-            shape = (
-                better[STRONG].modes.shapes[:, [others[0].mode]]
-                if own.kind == "peak"
-                else machines.at(STRONG, pose).push(own.output)[:, None]
-            )
-            parts = machines.split(pose, shape, size)
-            error = Estimate({INTERFACE: size}, (), {INTERFACE: parts})
-            shares[f"{own.name}{words}"] = {name: part / own.size for name, part in parts.items()}
-        numbers.append(dataclasses.replace(own, error=combine_estimates([own.error, error])))
-    return dataclasses.replace(answer, numbers=tuple(numbers))
+        key = make_key("response_line", pose=pose, line=f"{curves.frequencies_hz[line]:.4g} Hz")
+        worst[key] = {name: part for name, part in parts.items() if np.isfinite(part)}
+    curves = dataclasses.replace(curves, error_share={**curves.error_share, INTERFACE: change})
+    depths = _compare_depths(answer, list(found.values()))
+    return dataclasses.replace(answer, curves=curves).with_errors(depths, "add"), worst
 
 
 def _respond(model: CoupledPose, answer: PoseResponse) -> _Responses:
@@ -444,50 +320,53 @@ def _respond(model: CoupledPose, answer: PoseResponse) -> _Responses:
     )
 
 
-def _judge_figures(own: DrivePointFigures, responses: Sequence[_Responses]) -> DrivePointFigures:
-    """The figures of a drive point with what shapes change of the most negative real part."""
-    if own.most_negative_real is None or own.most_negative_real_error is None:
-        return own
-    depths = [
-        figures.most_negative_real
-        for each in responses
-        if (figures := each.figures.get(own.channel)) is not None
-    ]
-    known = [depth for depth in depths if depth is not None]
-    if len(known) < len(responses):
-        return dataclasses.replace(
-            own, most_negative_real_error=None, most_negative_real_error_share={}
-        )
-    size = max(abs(depth - own.most_negative_real) for depth in known)
-    return dataclasses.replace(
-        own,
-        most_negative_real_error=own.most_negative_real_error + size,
-        most_negative_real_error_share={**own.most_negative_real_error_share, INTERFACE: size},
-    )
+def _compare_depths(answer: PoseResponse, responses: Sequence[_Responses]) -> dict[Key, Estimate]:
+    """Return what shapes change of the most negative real parts that have ±."""
+    errors: dict[Key, Estimate] = {}
+    for own in answer.figures:
+        key = answer.figure_key(own.channel)
+        if own.most_negative_real is None or key not in answer.errors:
+            continue
+        depths = [
+            figures.most_negative_real
+            for each in responses
+            if (figures := each.figures.get(own.channel)) is not None
+        ]
+        sizes = [abs(depth - own.most_negative_real) for depth in depths if depth is not None]
+        size = max(sizes) if len(sizes) == len(responses) else None
+        errors[key] = Estimate({INTERFACE: size})
+    return errors
 
 
-def _describe(machines: _Machines, joint: GluedJoint) -> JointShapes:
+def _describe(family: _Family, joint: GluedJoint) -> JointShapes:
     """The shapes of a joint, as it is and as it was compared."""
     (component, interface), _ = joint.ends
     entries = [
         parts.superelements[component].interface_maps[interface].shapes
-        for parts in (machines.parts, machines.shaped.forms[STRONG])
+        for parts in (family.base.parts, family.forms[STRONG].parts)
     ]
     own, compared = (0 if entry is None else entry.count for entry in entries)
     return JointShapes(str(joint), own, compared)
 
 
-def _warn_of_joints(machines: _Machines, found: InterfaceErrorsAnswer) -> list[str]:
-    """A warning for every joint whose own part of a number is large, with the worst number."""
+def _warn_of_joints(
+    joints: Sequence[GluedJoint],
+    found: InterfaceErrorsAnswer,
+    names: Mapping[Key, str],
+    *,
+    several: bool,
+) -> list[str]:
+    """Return a warning for every joint whose own part of a number is large, with the worst number."""
     warnings = []
-    for joint in machines.shaped.joints:
+    for joint in joints:
         number, share = found.largest(joint.name)
-        if share < WRONG:
+        if number is None or share < WRONG:
             continue
         own = found.joints[joint.name].shapes
         what = f"{own} deformation shapes are" if own else "six motions of each are"
+        words = names.get(number) or f"the {number.describe(several_poses=several)}"
         warnings.append(
-            f"joint {joint.name}: {what} too few for {joint}: {number} may be off by {show_share(share)}; write"
+            f"joint {joint.name}: {what} too few for {joint}: {words} may be off by {show_share(share)}; write"
             f" coupling = {{ flexible = {max(ADVISED_SHAPES, 2 * own)} }} for both"
         )
     return warnings
@@ -497,7 +376,7 @@ def _warn_of_lost(lost: list[str]) -> list[str]:
     if not lost:
         return []
     return [
-        f"frequency {', '.join(lost)} has no mode of its shape where rigid joints have deformation shapes"
+        f"{', '.join(lost)} has no mode of its shape where rigid joints have deformation shapes"
     ]
 
 

@@ -7,22 +7,20 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from headstock.geometry.frames import DIRECTIONS, FloatArray
+from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.size_field import SizeField
 from headstock.meshing.elements.error_sizes import spread_error
-from headstock.pipeline.accuracy.quantities import (
-    Quantity,
-    name_compliance,
-    name_frequency,
-    say_place,
-)
-from headstock.pipeline.answers.frf import ResponseNumber
+from headstock.pipeline.accuracy.followed import list_followed
+from headstock.pipeline.accuracy.quantities import Quantity
+from headstock.pipeline.answers.modal import FREQUENCY
+from headstock.pipeline.numbers.numbers import Key
 from headstock.pipeline.stages.components import ELASTIC_MODULE, load_or_make_mesh
 from headstock.pipeline.stages.machine import CoupledPose, couple_pose
 from headstock.pipeline.stages.run_state import ReducedComponent, RunState
 from headstock.reduction.coupling.dof_layout import turn_dofs
 from headstock.reduction.motions.body_motions import solve_machine_static
 from headstock.scene.requests import LOAD
+from headstock.solvers.pairing.response_peaks import ResponsePeak
 from headstock.solvers.second_order import Channel
 
 MIXING = 0.02  # of omega^2: modes nearer to each other than that mix as if that far apart
@@ -62,43 +60,37 @@ def refine_sizes(
     return spread_error(mesh, missed, ratio, part.mesh.sizes)
 
 
-def _list_motions(state: RunState) -> Iterator[tuple[CoupledPose, str, FloatArray]]:
-    """Every number's motion ``(n,)`` of the machine, of such a height that the energy it strains is the
-    number's relative error.
+def _list_motions(state: RunState) -> Iterator[tuple[CoupledPose, Key, FloatArray]]:
+    """Yield every number's motion ``(n,)`` of the machine, of such a height that the energy it strains
+    is the number's relative error.
     """
     for modes in state.modal:
         model = couple_pose(state.parts, modes.pose)
-        place = say_place(state.modal, modes.pose.name)
         for index in range(modes.rigid_count, len(modes.frequencies_hz)):
-            number = modes.below + index
             square = (2.0 * np.pi * modes.frequencies_hz[index]) ** 2
-            yield (
-                model,
-                name_frequency(number + 1, place),
-                model.all_modes.shapes[:, number] * np.sqrt(0.5 / square),
-            )
+            shape = model.all_modes.shapes[:, modes.below + index]
+            yield model, modes.key(FREQUENCY, index), shape * np.sqrt(0.5 / square)
     for answer in state.static:
         model = couple_pose(state.parts, state.plan.poses[answer.pose])
-        place = say_place(state.static, answer.pose)
-        for name, point in answer.points.items():
-            for axis, direction in enumerate(DIRECTIONS):
-                if (compliance := float(point.compliance[axis, axis])) > 0.0:
-                    yield (
-                        model,
-                        name_compliance(name, direction, place),
-                        model.push((name, direction)) / np.sqrt(compliance),
-                    )
-
+        for number in list_followed(answer):
+            point, direction = str(number.key["point"]), str(number.key["direction"])
+            yield model, number.key, model.push((point, direction)) / np.sqrt(number.value)
     for response in state.responses:
         model = couple_pose(state.parts, state.plan.poses[response.curves.pose])
-        place = say_place(state.responses, response.curves.pose)
-        for entry in response.numbers:
-            motions = _move_peak(model, entry) if entry.kind == "peak" else _push(model, entry)
+        for height in response.heights:
+            ends = response.curves.outputs[height.output], response.curves.inputs[height.given]
+            motions = (
+                _move_peak(model, height.mode, ends)
+                if isinstance(height, ResponsePeak)
+                else _push(model, height.height, ends)
+            )
             for motion in motions:
-                yield model, f"{entry.key}{place}", motion
+                yield model, response.key(height), motion
 
 
-def _move_peak(model: CoupledPose, peak: ResponseNumber) -> Iterator[FloatArray]:
+def _move_peak(
+    model: CoupledPose, mode: int, ends: tuple[Channel, Channel]
+) -> Iterator[FloatArray]:
     """Motions of a peak ``phi_i phi_o / (2 zeta omega^2)``: that of its mode for the frequency, and per
     channel that of its mode and of all others, through which its shape changes there.
 
@@ -107,33 +99,33 @@ def _move_peak(model: CoupledPose, peak: ResponseNumber) -> Iterator[FloatArray]
     """
     modes = model.all_modes
     squares = (2.0 * np.pi * modes.frequencies_hz) ** 2
-    own, square = modes.shapes[:, peak.mode], squares[peak.mode]
+    own, square = modes.shapes[:, mode], squares[mode]
     yield own / np.sqrt(square)
     apart = squares - square
     # others at the same place mix with the mode by as much as their damping allows
     shares = apart / (apart**2 + (MIXING * square) ** 2)
-    shares[peak.mode] = 0.0
-    for channel in dict.fromkeys((peak.output, peak.given)):
+    shares[mode] = 0.0
+    for channel in dict.fromkeys(ends):
         moved = modes.shapes.T @ _load(model, channel)
-        if abs(moved[peak.mode]) < NODE * np.abs(moved).max():
+        if abs(moved[mode]) < NODE * np.abs(moved).max():
             continue
-        weights = shares * moved / moved[peak.mode]
+        weights = shares * moved / moved[mode]
         energy = float(weights**2 @ squares)
         if energy > 0.0:
             balance = np.sqrt(energy / square)
-            count = 2.0 if peak.output == peak.given else 1.0
+            count = 2.0 if ends[0] == ends[1] else 1.0
             yield own * np.sqrt(0.5 * count * balance)
             yield modes.shapes @ weights * np.sqrt(0.5 * count / balance)
 
 
-def _push(model: CoupledPose, level: ResponseNumber) -> Iterator[FloatArray]:
+def _push(model: CoupledPose, height: float, ends: tuple[Channel, Channel]) -> Iterator[FloatArray]:
     """Motions of a static level: those under loads at both channels, likewise."""
-    loads = [_load(model, channel) for channel in (level.output, level.given)]
+    loads = [_load(model, channel) for channel in ends]
     moved = [solve_machine_static(model.coupled, load).displacements for load in loads]
     soft = [float(load @ own) for load, own in zip(loads, moved, strict=True)]
     if min(soft) > 0.0:
         for own, energy in zip(moved, soft, strict=True):
-            yield own * np.sqrt(0.5 * np.sqrt(soft[0] * soft[1]) / (energy * level.size))
+            yield own * np.sqrt(0.5 * np.sqrt(soft[0] * soft[1]) / (energy * height))
 
 
 def _load(model: CoupledPose, channel: Channel) -> FloatArray:

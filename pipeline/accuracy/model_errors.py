@@ -5,17 +5,21 @@ their place, kept in the store, and the small coupled machines are compared.
 import dataclasses
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass
 
 import numpy as np
 
 from headstock.geometry.errors import HeadstockError
-from headstock.geometry.frames import DIRECTIONS, FloatArray
-from headstock.geometry.machine.machine import Pose
 from headstock.geometry.parts.components import Component
-from headstock.pipeline.accuracy.remembered import NUMBERS, Judged
-from headstock.pipeline.accuracy.response_changes import follow_numbers
+from headstock.pipeline.accuracy.followed import (
+    FOLLOWED,
+    ComparedMachine,
+    MachineFamily,
+    follow_numbers,
+    list_damping_errors,
+    list_followed,
+)
+from headstock.pipeline.accuracy.remembered import Judged
 from headstock.pipeline.accuracy.rounds import describe_settings, replace_components
 from headstock.pipeline.accuracy.settings import (
     COARSE_ACCURACY,
@@ -23,20 +27,16 @@ from headstock.pipeline.accuracy.settings import (
     are_equal,
     start_component,
 )
-from headstock.pipeline.answers.accuracy import BodyModel, ModelErrorsAnswer, NumberChange
+from headstock.pipeline.answers.accuracy import BodyModel, ModelErrorsAnswer
 from headstock.pipeline.answers.answer import Answer
-from headstock.pipeline.answers.estimates import MODEL, Estimate, show_share
-from headstock.pipeline.answers.frf import PoseResponse, ResponseNumber
+from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.answers.modal import PoseModes
-from headstock.pipeline.answers.static import PointCompliance, StaticAnswer
+from headstock.pipeline.numbers.changes import Moved, compare
+from headstock.pipeline.numbers.estimates import MODEL, Estimate, show_share
+from headstock.pipeline.numbers.numbers import Key, Number, make_key
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.planner import is_simple, plan_scene
-from headstock.pipeline.stages.frf import (
-    estimate_response_errors,
-    judge_numbers,
-    prepare_response,
-)
-from headstock.pipeline.stages.machine import CoupledPose, couple_pose
+from headstock.pipeline.stages.frf import estimate_response_errors, prepare_response
 from headstock.pipeline.stages.run_state import (
     MachineParts,
     Outcome,
@@ -44,13 +44,7 @@ from headstock.pipeline.stages.run_state import (
     RunState,
 )
 from headstock.pipeline.stages.shared_components import make_superelements
-from headstock.reduction.estimates.model_errors import (
-    WatchedModes,
-    compare_modes,
-    split_change,
-    watch_modes,
-)
-from headstock.reduction.motions.body_fields import BodyPlaces, choose_places, place_motion
+from headstock.reduction.estimates.model_errors import split_change
 from headstock.solvers.linear.frequency_response import evaluate_frf
 from headstock.solvers.linear.modal_analysis import keep_lowest
 from headstock.solvers.ranks import SharedFailure
@@ -93,37 +87,62 @@ def repeat_judgement(state: RunState, known: Judged) -> Outcome:
     """
     numbers = iter(known.numbers)
     state.answers[:] = [
-        next(numbers) if isinstance(answer, NUMBERS) else answer for answer in state.answers
+        next(numbers) if isinstance(answer, FOLLOWED) else answer for answer in state.answers
     ]
     return Outcome(detail=known.detail, answers=(known.changes,), warnings=known.warnings)
 
 
 def compare_models(state: RunState, better: BetterBodies) -> Judged:
-    """The numbers that a run found with the changes that better bodies make in their ±; on rank
+    """Return the numbers that a run found with the changes that better bodies make in their ±; on rank
     0.
     """
-    machines = _Machines(state.parts, better)
-    changes: dict[str, NumberChange] = {}
-    missing: list[str] = []
+    family = MachineFamily(state.parts)
+    together = family.change(better.parts)
+    alone = {
+        name: family.change(_replace_body(state.parts, better, name)) for name in better.components
+    }
     several = len(state.plan.poses) > 1
-    numbers: list[Answer] = []
+    changes: dict[Key, float | None] = {}
+    single: dict[str, dict[Key, float | None]] = {name: {} for name in alone}
+    missing: list[str] = []
+    answers: list[Answer] = []
     for answer in state.answers:
+        if not isinstance(answer, FOLLOWED):
+            continue
+        base = list_followed(answer)
+        moved = follow_numbers(answer, family.base, together, with_errors=True)
+        if isinstance(answer, PoseModes) and moved.missing:
+            missing.append(_name_missing(together, answer, moved.missing, several=several))
+        move = compare(base, moved.numbers)
+        moves = {
+            name: compare(base, follow_numbers(answer, family.base, machine).numbers)
+            for name, machine in alone.items()
+        }
+        for number in base:
+            changes[number.key] = _relative(move, number)
+            for name, own in moves.items():
+                single[name][number.key] = _relative(own, number)
+        errors = _replace_errors(base, move, moved.numbers, moves)
         if isinstance(answer, PoseModes):
-            numbers.append(_judge_modes(machines, answer, changes, missing, several=several))
-        elif isinstance(answer, StaticAnswer):
-            numbers.append(_judge_compliances(machines, answer, changes, several=several))
+            damping = list_damping_errors(answer, errors, MODEL)
+            answers.append(answer.with_errors(damping, "add").with_errors(errors, "replace"))
         elif isinstance(answer, PoseResponse):
-            numbers.append(_judge_response(machines, answer, changes, several=several))
+            lines, largest = _compare_lines(together, answer)
+            changes[make_key("response_line", pose=answer.curves.pose)] = largest
+            answers.append(lines.with_errors(errors, "replace"))
+        else:
+            answers.append(answer.with_errors(errors, "replace"))
     found = ModelErrorsAnswer(
         {
             name: BodyModel(state.plan.components[name].fidelity, describe_settings(part))
             for name, part in better.components.items()
         },
         changes,
+        single,
         tuple(missing),
         dict(better.failures),
     )
-    known = [abs(change.together) for change in changes.values() if change.together is not None]
+    known = [abs(change) for change in changes.values() if change is not None]
     warnings = [
         f"the machine of rigid and segmented bodies lacks {words}, which elastic ones show"
         for words in missing
@@ -133,12 +152,98 @@ def compare_models(state: RunState, better: BetterBodies) -> Judged:
         for name, why in better.failures.items()
     ]
     return Judged(
-        tuple(numbers),
+        tuple(answers),
         found,
         f"elastic bodies in place of {', '.join(better.components)} change numbers by up to "
         f"{show_share(max(known, default=0.0))}",
         tuple(warnings),
     )
+
+
+def _replace_body(parts: MachineParts, better: BetterBodies, name: str) -> MachineParts:
+    """Return the machine with one better body."""
+    components = {**parts.plan.components, name: better.components[name]}
+    return MachineParts(
+        parts.scene,
+        dataclasses.replace(parts.plan, components=components),
+        {**parts.reduced, name: better.parts.reduced[name]},
+    )
+
+
+def _name_missing(
+    machine: ComparedMachine, answer: PoseModes, missing: Sequence[int], *, several: bool
+) -> str:
+    """Return modes of the machine with better bodies that the other lacks, in plain words."""
+    pose, count = answer.pose.name, answer.below + len(answer.frequencies_hz)
+    modes = machine.watch(pose, count).modes
+    names = machine.at(pose).name_modes(keep_lowest(modes, count=max(missing) + 1)).names
+    listed = [f"{modes.frequencies_hz[index]:.4g} Hz ({names[index]})" for index in missing]
+    place = f" in pose {pose}" if several else ""
+    return f"{'a mode' if len(listed) == 1 else 'modes'} near {', '.join(listed)}{place}"
+
+
+def _replace_errors(
+    base: Sequence[Number],
+    move: Moved,
+    better: Sequence[Number],
+    singles: Mapping[str, Moved],
+) -> dict[Key, Estimate]:
+    """Return the ± of numbers: what better bodies change, and the ± of the machine that has them.
+
+    Args:
+        base: The numbers.
+        move: What all better bodies change.
+        better: The numbers with all of them, with their ±.
+        singles: Body to what it alone changes.
+    """
+    known = {number.key: number.error for number in better if number.error is not None}
+    left_out = next(iter(known.values()), Estimate()).left_out
+    errors: dict[Key, Estimate] = {}
+    for number in base:
+        key = number.key
+        if key in move.lost:
+            errors[key] = Estimate({MODEL: None}, left_out)
+            continue
+        own, size = known.get(key, Estimate()), abs(move.difference[key])
+        alone = {name: single.difference.get(key, np.nan) for name, single in singles.items()}
+        errors[key] = Estimate(
+            {MODEL: size, **own.shares},
+            own.left_out,
+            {MODEL: split_change(size, alone), **own.parts},
+        )
+    return errors
+
+
+def _relative(move: Moved, number: Number) -> float | None:
+    """Return a number's change over the number; None where it has no partner."""
+    return None if number.key in move.lost else move.difference[number.key] / number.value
+
+
+def _compare_lines(
+    machine: ComparedMachine, answer: PoseResponse
+) -> tuple[PoseResponse, float | None]:
+    """Return a response with what better bodies change in the ± of its lines, and the largest such
+    change over the largest entry of its line.
+    """
+    curves, model = answer.curves, machine.at(answer.curves.pose)
+    prepared = prepare_response(model)
+    response = evaluate_frf(prepared, curves.frequencies_hz)
+    estimate = estimate_response_errors(
+        model.parts, prepared.direct.system, model.coupled, model.all_modes, response
+    )
+    change = np.abs(response.receptance - curves.receptance)
+    largest = np.abs(curves.receptance).max(axis=(1, 2))
+    shares = change.max(axis=(1, 2)) / np.where(largest > 0.0, largest, np.inf)
+    # the depth of the real part would be that of another machine
+    depths = {
+        answer.figure_key(figures.channel): Estimate({MODEL: None}) for figures in answer.figures
+    }
+    found = dataclasses.replace(
+        answer,
+        curves=dataclasses.replace(curves, error_share={MODEL: change, **estimate.shares}),
+        error_left_out=estimate.left_out,
+    ).with_errors(depths, "replace")
+    return found, float(np.nanmax(shares)) if np.isfinite(shares).any() else None
 
 
 def make_better_bodies(state: RunState, names: Iterable[str]) -> BetterBodies:
@@ -213,246 +318,3 @@ def _modes_to(state: RunState) -> float | None:
     if not highest:
         return None
     return float(MODE_STEP ** math.ceil(math.log(MODE_MARGIN * max(highest), MODE_STEP)))
-
-
-@dataclass(frozen=True, eq=False)
-class _PosedMachines:
-    """The machine in a pose, with all better bodies, and with each of them alone."""
-
-    plain: CoupledPose
-    better: CoupledPose
-    singles: Mapping[str, CoupledPose]
-
-
-@dataclass(eq=False)
-class _Machines:
-    """The machine and those with better bodies in every pose, coupled once each."""
-
-    parts: MachineParts
-    bodies: BetterBodies
-    posed: dict[str, _PosedMachines] = field(default_factory=dict)
-
-    def at(self, pose: Pose) -> _PosedMachines:
-        """In a pose."""
-        if pose.name not in self.posed:
-            self.posed[pose.name] = _PosedMachines(
-                couple_pose(self.parts, pose),
-                couple_pose(self.bodies.parts, pose),
-                {name: couple_pose(self._with(name), pose) for name in self.bodies.components},
-            )
-        return self.posed[pose.name]
-
-    def _with(self, name: str) -> MachineParts:
-        """The machine with one better body."""
-        components = {**self.parts.plan.components, name: self.bodies.components[name]}
-        return MachineParts(
-            self.parts.scene,
-            dataclasses.replace(self.parts.plan, components=components),
-            {**self.parts.reduced, name: self.bodies.parts.reduced[name]},
-        )
-
-    @cached_property
-    def places(self) -> dict[str, BodyPlaces]:
-        """Points that stand for the mass of each body."""
-        return {name: choose_places(part) for name, part in self.parts.superelements.items()}
-
-    @cached_property
-    def _motions(self) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
-        """How those points move with the dofs of each body, as it is and as finite elements."""
-        own, better = (
-            {
-                name: place_motion(elements[name], chosen.points)
-                for name, chosen in self.places.items()
-                if name in wanted
-            }
-            for elements, wanted in (
-                (self.parts.superelements, self.parts.superelements),
-                (self.bodies.parts.superelements, self.bodies.components),
-            )
-        )
-        return own, better
-
-    def watch(self, model: CoupledPose, names: Iterable[str], count: int) -> WatchedModes:
-        """Modes of a model in which some bodies are finite elements."""
-        own, better = self._motions
-        motions = {**own, **{name: better[name] for name in names}}
-        return watch_modes(model.coupled, self.places, motions, count=count)
-
-
-def _judge_modes(
-    machines: _Machines,
-    answer: PoseModes,
-    changes: dict[str, NumberChange],
-    missing: list[str],
-    *,
-    several: bool,
-) -> PoseModes:
-    """Modes with what the models of bodies leave out in their ±; adds to the changes and to the
-    words about modes that are missing.
-    """
-    count, posed = answer.below + len(answer.frequencies_hz), machines.at(answer.pose)
-    place = f" in pose {answer.pose.name}" if several else ""
-    plain = machines.watch(posed.plain, (), count)
-    better = machines.watch(posed.better, machines.bodies.components, count)
-    together = compare_modes(plain, better, count=count)
-    # a body that alone is replaced may leave a mode without a partner
-    alone = {
-        name: compare_modes(plain, machines.watch(model, [name], count), count=count).changes_hz
-        for name, model in posed.singles.items()
-    }
-    last = max((*together.partners, *together.missing), default=-1) + 1
-    kept = keep_lowest(better.modes, count=max(1, last))
-    known = posed.better.estimate_mode_errors(kept)
-    errors = list(answer.errors)
-    damped, ratios = list(answer.damped_error_hz), list(answer.damping_error)
-    for mode in range(answer.rigid_count, len(answer.frequencies_hz)):
-        number = answer.below + mode
-        hz, change = float(answer.frequencies_hz[mode]), float(together.changes_hz[number])
-        singles = {name: float(found[number]) for name, found in alone.items()}
-        changes[f"frequency {number + 1}{place}"] = _relative(change, singles, hz)
-        if np.isnan(change):
-            errors[mode] = Estimate({MODEL: None}, known[0].left_out)
-        else:
-            errors[mode] = _add_model(known[together.partners[number]], change, singles)
-        if mode < len(damped):
-            own = damped[mode]
-            damped[mode] = None if own is None or np.isnan(change) else own + abs(change)
-        if mode < len(ratios) and ratios[mode]:
-            # a first-order estimate says nothing of a damping ratio with other bodies
-            ratios[mode] = None
-    if together.missing:
-        names = posed.better.name_modes(kept).names
-        each = [
-            f"{better.modes.frequencies_hz[index]:.4g} Hz ({names[index]})"
-            for index in together.missing
-        ]
-        missing.append(f"{'a mode' if len(each) == 1 else 'modes'} near {', '.join(each)}{place}")
-    return dataclasses.replace(
-        answer,
-        errors=tuple(errors),
-        damped_error_hz=tuple(damped),
-        damping_error=tuple(ratios),
-    )
-
-
-def _judge_compliances(
-    machines: _Machines,
-    answer: StaticAnswer,
-    changes: dict[str, NumberChange],
-    *,
-    several: bool,
-) -> StaticAnswer:
-    """Compliances with what the models of bodies leave out in their ±; adds to the changes."""
-    posed = machines.at(machines.parts.plan.poses[answer.pose])
-    place = f" in pose {answer.pose}" if several else ""
-    points: dict[str, PointCompliance] = {}
-    for name, point in answer.points.items():
-        better = posed.better.solve_point(name).answer
-        alone = {
-            body: np.diag(model.solve_point(name).answer.compliance)
-            for body, model in posed.singles.items()
-        }
-        errors = {}
-        for axis, direction in enumerate(DIRECTIONS):
-            value = float(point.compliance[axis, axis])
-            change = float(better.compliance[axis, axis]) - value
-            singles = {body: float(found[axis]) - value for body, found in alone.items()}
-            if np.isnan(change) or value <= 0.0:
-                errors[direction] = point.errors.get(direction, Estimate())
-                continue
-            changes[f"{direction} compliance at {name}{place}"] = _relative(change, singles, value)
-            errors[direction] = _add_model(better.errors[direction], change, singles)
-        points[name] = dataclasses.replace(point, errors=errors)
-    return dataclasses.replace(answer, points=points)
-
-
-def _judge_response(
-    machines: _Machines,
-    answer: PoseResponse,
-    changes: dict[str, NumberChange],
-    *,
-    several: bool,
-) -> PoseResponse:
-    """A response with what the models of bodies leave out in the ± of its lines and peaks; adds
-    their changes, of lines the largest, over the largest entry of its line.
-    """
-    curves = answer.curves
-    posed = machines.at(machines.parts.plan.poses[curves.pose])
-    model = posed.better
-    prepared = prepare_response(model)
-    response = evaluate_frf(prepared, curves.frequencies_hz)
-    estimate = estimate_response_errors(
-        model.parts, prepared.direct.system, model.coupled, model.all_modes, response
-    )
-    change = np.abs(response.receptance - curves.receptance)
-    largest = np.abs(curves.receptance).max(axis=(1, 2))
-    shares = change.max(axis=(1, 2)) / np.where(largest > 0.0, largest, np.inf)
-    place = f" in pose {curves.pose}" if several else ""
-    changes[f"a line of the frequency response{place}"] = NumberChange(
-        float(np.nanmax(shares)) if np.isfinite(shares).any() else None
-    )
-    numbers = _judge_numbers(machines, posed, answer.numbers, changes, place)
-    return dataclasses.replace(
-        answer,
-        curves=dataclasses.replace(curves, error_share={MODEL: change, **estimate.shares}),
-        # the change of their depth is that of another machine
-        figures=tuple(
-            dataclasses.replace(
-                own, most_negative_real_error=None, most_negative_real_error_share={}
-            )
-            for own in answer.figures
-        ),
-        error_left_out=estimate.left_out,
-        numbers=numbers,
-    )
-
-
-def _judge_numbers(
-    machines: _Machines,
-    posed: _PosedMachines,
-    numbers: Sequence[ResponseNumber],
-    changes: dict[str, NumberChange],
-    place: str,
-) -> tuple[ResponseNumber, ...]:
-    """Peaks and levels with what the models of bodies leave out in their ±; adds to the changes."""
-    if not numbers:
-        return ()
-    count = max((own.mode for own in numbers), default=-1) + 1
-    plain = machines.watch(posed.plain, (), count)
-
-    def follow(model: CoupledPose, names: Iterable[str]) -> tuple[ResponseNumber, ...]:
-        return follow_numbers(numbers, model, plain, machines.watch(model, names, count))
-
-    moved = follow(posed.better, machines.bodies.components)
-    alone = {name: follow(model, [name]) for name, model in posed.singles.items()}
-    known = iter(judge_numbers(posed.better, [own for own in moved if np.isfinite(own.size)]))
-    found = []
-    for index, (number, other) in enumerate(zip(numbers, moved, strict=True)):
-        change = other.size - number.size
-        singles = {name: own[index].size - number.size for name, own in alone.items()}
-        changes[f"{number.name}{place}"] = _relative(change, singles, number.size)
-        error = (
-            Estimate({MODEL: None})
-            if np.isnan(change)
-            else _add_model(next(known).error, change, singles)
-        )
-        found.append(dataclasses.replace(number, error=error))
-    return tuple(found)
-
-
-def _add_model(better: Estimate, change: float, singles: Mapping[str, float]) -> Estimate:
-    """The estimate of a number from that of the same number with better bodies, and the change that
-    these make.
-    """
-    return Estimate(
-        {MODEL: abs(change), **better.shares},
-        better.left_out,
-        {MODEL: split_change(abs(change), singles), **better.parts},
-    )
-
-
-def _relative(change: float, singles: Mapping[str, float], value: float) -> NumberChange:
-    return NumberChange(
-        None if np.isnan(change) else change / value,
-        {name: None if np.isnan(single) else single / value for name, single in singles.items()},
-    )

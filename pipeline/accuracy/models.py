@@ -9,22 +9,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.parts.components import Component, with_loaded_areas
 from headstock.geometry.parts.prismatic_bars import prismatic_bar
-from headstock.pipeline.accuracy.quantities import (
-    Quantity,
-    name_compliance,
-    name_frequency,
-    say_place,
+from headstock.pipeline.accuracy.followed import (
+    FOLLOWED,
+    MachineFamily,
+    follow_numbers,
+    list_followed,
 )
-from headstock.pipeline.accuracy.response_changes import follow_numbers
+from headstock.pipeline.accuracy.quantities import Quantity
 from headstock.pipeline.accuracy.rounds import describe_settings
 from headstock.pipeline.accuracy.settings import are_equal
 from headstock.pipeline.answers.accuracy import BodyChoice
-from headstock.pipeline.answers.estimates import show_share
+from headstock.pipeline.answers.modal import FREQUENCY
+from headstock.pipeline.numbers.changes import compare
+from headstock.pipeline.numbers.estimates import show_share
+from headstock.pipeline.numbers.numbers import Key
 from headstock.pipeline.planning.budgets import STAGE_SECONDS
-from headstock.pipeline.stages.machine import CoupledPose, couple_pose
 from headstock.pipeline.stages.run_state import (
     MachineParts,
     ReducedComponent,
@@ -34,9 +35,6 @@ from headstock.pipeline.stages.run_state import (
 from headstock.pipeline.storage.part_files import describe_solid
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.components.segmented import reduce_segmented
-from headstock.reduction.estimates.model_errors import WatchedModes, compare_modes, watch_modes
-from headstock.reduction.motions.body_fields import choose_places, place_motion
-from headstock.reduction.motions.compliance_budget import point_compliance
 from headstock.solvers.errors import ModelError
 
 SEGMENT_COUNTS = (4, 8, 16)
@@ -77,7 +75,7 @@ class ModelChoice:
     bodies: dict[str, BodyChoice]
     worst: str
     error: float
-    errors: Mapping[str, float]
+    errors: Mapping[Key, float]
 
 
 def choose_models(
@@ -109,16 +107,16 @@ def choose_models(
     trials = _Trials(state, bodies)
     errors = {quantity.key: quantity.error for quantity in quantities}
     doubts = {quantity.key: quantity.doubt for quantity in quantities}
-    alone: dict[tuple[str, int], Mapping[str, float]] = {}
+    alone: dict[tuple[str, int], Mapping[Key, float]] = {}
 
-    def changes(choice: Choice) -> Mapping[str, float]:
+    def changes(choice: Choice) -> Mapping[Key, float]:
         try:
             return trials.changes(choice)
         except ModelError:
             # nothing is left that could move
             return dict.fromkeys(errors, np.inf)
 
-    def total(key: str, change: float) -> float:
+    def total(key: Key, change: float) -> float:
         return add_change(errors[key], doubts[key], change)
 
     choice = dict.fromkeys(groups, 0)
@@ -235,8 +233,8 @@ def _tell(
     candidates: Sequence[Candidate],
     place: int,
     name: str,
-    alone: Mapping[tuple[str, int], Mapping[str, float]],
-    names: Mapping[str, str],
+    alone: Mapping[tuple[str, int], Mapping[Key, float]],
+    names: Mapping[Key, str],
 ) -> BodyChoice:
     """What is chosen, why, and what the next better model would cost and bring."""
     own = candidates[place]
@@ -264,90 +262,46 @@ def _tell(
 
 
 class _Trials:
-    """The machine of finite elements in every pose, and what other models of bodies change of its
-    numbers.
-    """
+    """The machine of finite elements, and what other models of bodies change of its numbers."""
 
     def __init__(self, state: RunState, bodies: Mapping[str, Sequence[Candidate]]) -> None:
         self._state, self._bodies = state, bodies
-        self._places = {
-            name: choose_places(part) for name, part in state.parts.superelements.items()
-        }
-        self._motions: dict[tuple[str, int], FloatArray] = {}
-        self._last = {name: len(candidates) - 1 for name, candidates in bodies.items()}
-        # how many modes are followed in each pose
-        self._counts = {
-            modes.pose.name: modes.below + len(modes.frequencies_hz) for modes in state.modal
-        }
-        for response in state.responses:
-            pose, highest = (
-                response.curves.pose,
-                max((own.mode for own in response.numbers), default=-1),
-            )
-            self._counts[pose] = max(self._counts.get(pose, 0), highest + 1)
-        self._modes = {
-            pose: self._watch(self._couple({}, pose), {}, count)
-            for pose, count in self._counts.items()
-        }
+        self._family = MachineFamily(state.parts)
+        # of equal bodies one superelement serves all, each under its own name
+        self._named: dict[tuple[str, int], ReducedComponent] = {}
 
-    def changes(self, choice: Choice) -> dict[str, float]:
-        """How much softer some bodies make each number, over it; inf for a mode that no longer has its
-        shape.
+    def changes(self, choice: Choice) -> dict[Key, float]:
+        """Return how much softer some bodies make each number, over it; inf for a mode that no longer has
+        its shape.
         """
-        models = {pose: self._couple(choice, pose) for pose in self._counts}
-        watched = {
-            pose: self._watch(models[pose], choice, count) for pose, count in self._counts.items()
-        }
-        found: dict[str, float] = {}
-        for modes in self._state.modal:
-            pose, count = modes.pose.name, modes.below + len(modes.frequencies_hz)
-            place = say_place(self._state.modal, pose)
-            compared = compare_modes(self._modes[pose], watched[pose], count=count)
-            for mode in range(max(modes.rigid_count, modes.below), count):
-                share = -compared.changes_hz[mode] / modes.frequencies_hz[mode - modes.below]
+        machine = self._family.change(self._replace_bodies(choice))
+        found: dict[Key, float] = {}
+        for answer in self._state.answers:
+            if not isinstance(answer, FOLLOWED):
+                continue
+            base = list_followed(answer)
+            moved = follow_numbers(answer, self._family.base, machine)
+            move = compare(base, moved.numbers)
+            for number in base:
                 # a mode among them that finite elements do not have is as wrong as one that lacks
-                lost = bool(compared.missing) or not np.isfinite(share)
-                found[name_frequency(mode + 1, place)] = np.inf if lost else float(share)
-        for answer in self._state.static:
-            model = models.get(answer.pose) or self._couple(choice, answer.pose)
-            place = say_place(self._state.static, answer.pose)
-            for name, point in answer.points.items():
-                compliance = point_compliance(model.coupled, name)
-                for axis, direction in enumerate(DIRECTIONS):
-                    before, after = point.compliance[axis, axis], compliance[axis, axis]
-                    if before > 0.0:
-                        found[name_compliance(name, direction, place)] = after / before - 1.0
-        for response in self._state.responses:
-            pose = response.curves.pose
-            place = say_place(self._state.responses, pose)
-            moved = follow_numbers(response.numbers, models[pose], self._modes[pose], watched[pose])
-            for number, other in zip(response.numbers, moved, strict=True):
-                share = other.size / number.size - 1.0
-                found[f"{number.key}{place}"] = float(share) if np.isfinite(share) else np.inf
+                if moved.missing or number.key in move.lost:
+                    found[number.key] = np.inf
+                    continue
+                share = move.difference[number.key] / number.value
+                found[number.key] = -share if number.key.kind == FREQUENCY else share
         return found
 
-    def _couple(self, choice: Choice, pose: str) -> CoupledPose:
+    def _replace_bodies(self, choice: Choice) -> MachineParts:
         state = self._state
-        picked = {name: self._bodies[name][place] for name, place in choice.items()}
-        components = {
-            name: dataclasses.replace(picked[name].component, name=name, placement=part.placement)
-            if name in picked
-            else part
-            for name, part in state.plan.components.items()
-        }
-        reduced = dict(state.reduced)
-        for name, each in picked.items():
-            element = dataclasses.replace(each.reduced.superelement, name=name)
-            reduced[name] = ReducedComponent(element)
+        components, reduced = dict(state.plan.components), dict(state.reduced)
+        for name, place in choice.items():
+            picked, part = self._bodies[name][place], components[name]
+            components[name] = dataclasses.replace(
+                picked.component, name=name, placement=part.placement
+            )
+            if (name, place) not in self._named:
+                element = dataclasses.replace(picked.reduced.superelement, name=name)
+                self._named[name, place] = ReducedComponent(element)
+            reduced[name] = self._named[name, place]
         plan = dataclasses.replace(state.plan, components=components)
-        return couple_pose(MachineParts(state.scene, plan, reduced), state.plan.poses[pose])
-
-    def _watch(self, model: CoupledPose, choice: Choice, count: int) -> WatchedModes:
-        elements = model.coupled.layout.superelements
-        motions = {}
-        for name, chosen in self._places.items():
-            key = name, choice.get(name, self._last.get(name, 0))
-            if key not in self._motions:
-                self._motions[key] = place_motion(elements[name], chosen.points)
-            motions[name] = self._motions[key]
-        return watch_modes(model.coupled, self._places, motions, count=count)
+        return MachineParts(state.scene, plan, reduced)

@@ -7,20 +7,23 @@ still move.
 
 import dataclasses
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from headstock.pipeline.answers.answer import Answer
-from headstock.pipeline.answers.estimates import CURVED_FACES, DISCRETISATION, REDUCTION, Estimate
+from headstock.pipeline.accuracy.followed import FOLLOWED, list_followed
+from headstock.pipeline.answers.frf import PoseResponse
+from headstock.pipeline.answers.modal import FREQUENCY
+from headstock.pipeline.numbers.changes import Owner
+from headstock.pipeline.numbers.estimates import CURVED_FACES, DISCRETISATION, REDUCTION, Estimate
+from headstock.pipeline.numbers.numbers import Key
 from headstock.pipeline.stages.run_state import RunState
 
 # What ± takes to cover 95 % of true errors (`validate coverage`), hexahedra with less in proportion,
 # counts until a component was refined: then its rounds tell how good its estimates are, between a
 # share of them and more than ± takes (LEAST_FACTOR, MOST_FACTOR).
 MESH_SAFETY = 1.55
-Owner = tuple[str, str]  # component, source of error
 Factors = Mapping[str, float]  # component to what the estimates of its mesh are multiplied by
 # errors are taken to fall with this power of the mesh size, or with that of their estimates where
 # these fall faster, and what that leaves counts half as much again
@@ -51,7 +54,7 @@ class Quantity:
             as well as too small.
     """
 
-    key: str
+    key: Key
     name: str
     value: float
     parts: Mapping[Owner, float]
@@ -82,25 +85,39 @@ class Quantity:
 
 
 def list_quantities(state: RunState) -> list[Quantity]:
-    """Every frequency, compliance, and peak and level of a frequency response that a run has found,
-    with its error in parts as estimated; on rank 0, after its analyses.
+    """Return every frequency, compliance, and peak and level of a frequency response that a run has
+    found, with its error in parts as estimated; on rank 0, after its analyses.
     """
-    return [*_list_frequencies(state), *_list_compliances(state), *_list_responses(state)]
-
-
-def name_frequency(number: int, place: str) -> str:
-    """Key of a natural frequency, counted from 1."""
-    return f"frequency {number}{place}"
-
-
-def name_compliance(point: str, direction: str, place: str) -> str:
-    """Key of a static compliance."""
-    return f"{direction} compliance at {point}{place}"
-
-
-def say_place(answers: Sequence[Answer], pose: str) -> str:
-    """Where a number was found, if there is more than one place."""
-    return f" in pose {pose}" if len(answers) > 1 else ""
+    corrected = frozenset(
+        name for name, part in state.reduced.items() if part.superelement.errors.corrected
+    )
+    several = len(state.plan.poses) > 1
+    found: list[Quantity] = []
+    for answer in state.answers:
+        if not isinstance(answer, FOLLOWED):
+            continue
+        response = isinstance(answer, PoseResponse)
+        places: dict[Key, float] = {}
+        if isinstance(answer, PoseResponse):
+            places = {answer.key(height): height.hz for height in answer.heights}
+        for number in list_followed(answer):
+            error, key = number.error or Estimate(), number.key
+            parts = _relative_parts(error, number.value) | _unseen_parts(state, error)
+            hz = number.value if key.kind == FREQUENCY else places.get(key)
+            if hz is not None and error.shares.get(REDUCTION, 0.0) is None:
+                parts |= {(name, REDUCTION): np.inf for name in _short_of(state, hz)}
+            found.append(
+                Quantity(
+                    key,
+                    number.describe(several_poses=several),
+                    number.value,
+                    parts,
+                    0.0 if response else _faces_of(error, number.value, corrected),
+                    frozenset() if response else corrected,
+                    response,
+                )
+            )
+    return found
 
 
 def count_safely(quantities: Sequence[Quantity], factors: Factors) -> list[Quantity]:
@@ -129,57 +146,6 @@ def worst_quantity(quantities: list[Quantity]) -> Quantity | None:
     return max(known, key=lambda quantity: quantity.error) if known else None
 
 
-def _list_frequencies(state: RunState) -> Iterator[Quantity]:
-    corrected = _list_corrected(state)
-    for modes in state.modal:
-        place = say_place(state.modal, modes.pose.name)
-        for index in range(modes.rigid_count, len(modes.frequencies_hz)):
-            hz = float(modes.frequencies_hz[index])
-            parts = _relative_parts(modes.errors[index], hz) | _unseen_parts(
-                state, modes.errors[index]
-            )
-            if modes.errors[index].shares.get(REDUCTION, 0.0) is None:
-                parts |= {(name, REDUCTION): np.inf for name in _short_of(state, hz)}
-            yield Quantity(
-                name_frequency(modes.below + index + 1, place),
-                f"frequency {modes.below + index + 1} ({hz:.4g} Hz){place}",
-                hz,
-                parts,
-                _faces_of(modes.errors[index], hz, corrected),
-                corrected,
-            )
-
-
-def _list_compliances(state: RunState) -> Iterator[Quantity]:
-    corrected = _list_corrected(state)
-    for answer in state.static:
-        place = say_place(state.static, answer.pose)
-        for name, point in answer.points.items():
-            for axis, (direction, error) in enumerate(point.errors.items()):
-                value = float(point.compliance[axis, axis])
-                if value > 0.0:
-                    what = name_compliance(name, direction, place)
-                    parts = _relative_parts(error, value) | _unseen_parts(state, error)
-                    faces = _faces_of(error, value, corrected)
-                    yield Quantity(what, what, value, parts, faces, corrected)
-
-
-def _list_responses(state: RunState) -> Iterator[Quantity]:
-    for answer in state.responses:
-        place = say_place(state.responses, answer.curves.pose)
-        for number in answer.numbers:
-            parts = _relative_parts(number.error, number.size) | _unseen_parts(state, number.error)
-            if number.error.shares.get(REDUCTION, 0.0) is None:
-                parts |= {(name, REDUCTION): np.inf for name in _short_of(state, number.hz)}
-            yield Quantity(
-                f"{number.key}{place}",
-                f"{number.name}{place}",
-                number.size,
-                parts,
-                response=True,
-            )
-
-
 def _relative_parts(error: Estimate, value: float) -> dict[Owner, float]:
     """Parts of an error as estimated, without what ± adds to cover 95 %; finer meshes follow curved
     faces, too.
@@ -204,12 +170,6 @@ def _unseen_parts(state: RunState, error: Estimate) -> dict[Owner, float]:
         if part.superelement.errors.missing_energy is not None
         and not part.superelement.errors.missing_energy.any()
     }
-
-
-def _list_corrected(state: RunState) -> frozenset[str]:
-    return frozenset(
-        name for name, part in state.reduced.items() if part.superelement.errors.corrected
-    )
 
 
 def _faces_of(error: Estimate, value: float, corrected: frozenset[str]) -> float:
@@ -249,7 +209,7 @@ def weigh_estimates(
     Source: Roache (1994), J. Fluids Eng. 116, 405-413, on the grid convergence index.
     """
     earlier = {quantity.key: quantity for quantity in before}
-    ratios: dict[str, tuple[Mapping[Owner, float], float]] = {}
+    ratios: dict[Key, tuple[Mapping[Owner, float], float]] = {}
     for quantity in after:
         moved = {
             owner: part

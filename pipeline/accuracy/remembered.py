@@ -14,6 +14,7 @@ from headstock.geometry.parts.components import (
     ReductionSettings,
     SegmentSettings,
 )
+from headstock.pipeline.accuracy.followed import FOLLOWED
 from headstock.pipeline.answers.accuracy import (
     AccuracyAnswer,
     AccuracyRound,
@@ -22,9 +23,6 @@ from headstock.pipeline.answers.accuracy import (
     ResponseAccuracy,
 )
 from headstock.pipeline.answers.answer import Answer
-from headstock.pipeline.answers.frf import PoseResponse
-from headstock.pipeline.answers.modal import PoseModes
-from headstock.pipeline.answers.static import StaticAnswer
 from headstock.pipeline.storage.content_keys import search_key
 from headstock.pipeline.storage.store import Store, read_entry, write_entry
 from headstock.pipeline.storage.typed_json import (
@@ -35,7 +33,6 @@ from headstock.pipeline.storage.typed_json import (
 )
 from headstock.scene.scene import Scene
 
-NUMBERS = (PoseModes, StaticAnswer, PoseResponse)  # that a comparison judges
 PIECE = 4096  # characters
 KEPT = ("fidelity", "mesh", "reduction", "segments")  # of a component
 SETTINGS = reachable_classes([MeshSettings, ReductionSettings, SegmentSettings])
@@ -131,7 +128,7 @@ def recall_judged(scene: Scene, store: Store) -> Judged | None:
     entry = read_entry(store, search_key(scene), JudgedNumbers).value
     if entry is None:
         return None
-    classes = reachable_classes([Judged, *NUMBERS])
+    classes = reachable_classes([Judged, *FOLLOWED])
     found = decode_value(json.loads("".join(entry.text)), classes)
     return found if isinstance(found, Judged) else None
 

@@ -12,7 +12,6 @@ from headstock.geometry.parts.solids import MeshFile
 from headstock.pipeline.accuracy.mesh_sizes import mean_size, refine_sizes
 from headstock.pipeline.accuracy.quantities import (
     Factors,
-    Owner,
     Quantity,
     count_safely,
     list_quantities,
@@ -31,7 +30,8 @@ from headstock.pipeline.accuracy.settings import (
     start_component,
 )
 from headstock.pipeline.answers.accuracy import AccuracyRound
-from headstock.pipeline.answers.estimates import DISCRETISATION, LEFT_OUT, show_share
+from headstock.pipeline.numbers.changes import Owner
+from headstock.pipeline.numbers.estimates import DISCRETISATION, LEFT_OUT, show_share
 from headstock.pipeline.stages.run_state import RunState
 from headstock.scene.scene import AccuracyGoal, Scene
 

@@ -52,7 +52,7 @@ from headstock.pipeline.answers.accuracy import (
     AccuracyRound,
     ResponseAccuracy,
 )
-from headstock.pipeline.answers.estimates import show_share
+from headstock.pipeline.numbers.estimates import show_share
 from headstock.pipeline.planning.budgets import BudgetError
 from headstock.pipeline.planning.plan import Plan, Stage
 from headstock.pipeline.planning.planner import plan_scene

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, NotRequired, TypedDict
 
 from headstock.pipeline.answers.answer import Answer
+from headstock.pipeline.numbers.numbers import Key
 
 
 class RoundSummary(TypedDict):
@@ -178,7 +179,7 @@ class BodyModelSummary(TypedDict):
 
 
 class NumberChangeSummary(TypedDict):
-    """The entry of a number: its relative change, None where it has no partner of its shape, and
+    """The entry of a number by its name: its relative change, None where it has no partner, and
     what each body alone changes of it.
     """
 
@@ -196,19 +197,6 @@ class ModelErrorsSummary(TypedDict):
 
 
 @dataclass(frozen=True)
-class NumberChange:
-    """What better bodies change of a number, over the number.
-
-    Attributes:
-        together: All of them; None where the number has no partner.
-        bodies: Body to what it alone changes; None where the number has no partner then.
-    """
-
-    together: float | None
-    bodies: Mapping[str, float | None] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
 class BodyModel:
     """A body that is no finite element model, and the one that it was compared with."""
 
@@ -222,22 +210,24 @@ class ModelErrorsAnswer(Answer):
 
     Attributes:
         bodies: By name.
-        numbers: By what they are, such as ``frequency 3``.
+        changes: What all bodies change together, over the number; None where it has no partner.
+        alone: Body to the same of it alone.
         missing: Modes that the machine of simple bodies lacks, in plain words.
         left_out: Bodies of which nothing is known, with the reason.
     """
 
     bodies: dict[str, BodyModel]
-    numbers: dict[str, NumberChange]
+    changes: Mapping[Key, float | None]
+    alone: Mapping[str, Mapping[Key, float | None]]
     missing: tuple[str, ...] = ()
     left_out: dict[str, str] = field(default_factory=dict)
 
     def largest(self, body: str) -> tuple[str, float]:
-        """The number that a body alone changes most, and by how much of it."""
+        """Return the number that a body alone changes most, and by how much of it."""
         found = {
-            number: abs(share)
-            for number, change in self.numbers.items()
-            if (share := change.bodies.get(body)) is not None
+            str(key): abs(share)
+            for key, share in self.alone.get(body, {}).items()
+            if share is not None
         }
         number = max(found, key=lambda name: found[name], default="")
         return number, found.get(number, 0.0)
@@ -256,8 +246,13 @@ class ModelErrorsAnswer(Answer):
         return {
             "bodies": bodies,
             "numbers": {
-                name: {"change": change.together, "bodies": dict(change.bodies)}
-                for name, change in self.numbers.items()
+                str(key): {
+                    "change": change,
+                    "bodies": {
+                        body: shares[key] for body, shares in self.alone.items() if key in shares
+                    },
+                }
+                for key, change in self.changes.items()
             },
             "missing": list(self.missing),
             "left_out": self.left_out,

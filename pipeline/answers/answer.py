@@ -2,20 +2,53 @@
 ``summarise`` says.
 """
 
-from collections.abc import Iterable
-from typing import ClassVar
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import ClassVar, Literal, Self
 
 from headstock.meshing.process.libraries import h5py
+from headstock.pipeline.numbers.estimates import Estimate, combine_estimates
+from headstock.pipeline.numbers.numbers import Key, Number, Numbers, Series
 
 
+@dataclass(frozen=True, eq=False)
 class Answer:
-    """What a stage found, frozen; the stages of several poses find one each.
+    """What a stage found; the stages of several poses find one each.
 
     Attributes:
+        errors: ± of its numbers, beside them.
         units: Pattern of the path of a data set in ``results.h5`` to its unit.
     """
 
     units: ClassVar[dict[str, str]] = {}
+    errors: Mapping[Key, Estimate] = field(default_factory=dict, kw_only=True)
+
+    def list_numbers(self) -> Iterable[Number]:
+        """Yield every number with its ±; there are none in some."""
+        return ()
+
+    @property
+    def numbers(self) -> Numbers:
+        """Every number with its ±, by key."""
+        return Numbers.collect(self.list_numbers())
+
+    def with_errors(self, new: Mapping[Key, Estimate], how: Literal["add", "replace"]) -> Self:
+        """Return the answer with other ±.
+
+        Args:
+            new: ± of some of its numbers, or a part of it.
+            how: Parts are added to what is known, or all of ± is replaced.
+        """
+        if how == "add":
+            new = {
+                key: combine_estimates([self.errors.get(key, Estimate()), error])
+                for key, error in new.items()
+            }
+        return replace(self, errors={**self.errors, **new})
+
+    def list_series(self) -> Iterable[Series]:
+        """Yield every line, grid and curve; there are none in most."""
+        return ()
 
     def fill(self, file: "h5py.File") -> None:
         """Write the arrays of the answer; there are none in most."""

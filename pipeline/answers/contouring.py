@@ -2,35 +2,27 @@
 thinned series.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import NotRequired, TypedDict
 
-import numpy as np
-
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.pipeline.answers.answer import Answer
-from headstock.pipeline.answers.estimates import (
-    CUTTING,
-    DISCRETISATION,
-    Estimate,
-    combine_estimates,
-)
 from headstock.pipeline.answers.milled_faces import MilledFace, MilledFaceSummary
+from headstock.pipeline.answers.motion_forces import list_forces
 from headstock.pipeline.answers.probe_motions import (
     ProbeMotion,
     ProbeMotionSummary,
     ProbeTrace,
 )
 from headstock.pipeline.answers.probes import MEGA
+from headstock.pipeline.numbers.estimates import Estimate
+from headstock.pipeline.numbers.numbers import Key, Number, Series, make_key
 from headstock.pipeline.storage.json_texts import check_finite
 from headstock.solvers.milling.tool_path import TraceFit
 from headstock.solvers.stresses import STRESS_NAMES
 
 UM = 1e6
-# what teeth and corners set swinging goes up and down as modes shift: changes of faces by a source of
-# error times this cover the true errors of 95 numbers in 100 (`validate contour-estimates`)
-COVERING = 2.0
 LOCKED_MOTORS = "limits of stability on faces are those of the machine with locked motors"
 
 
@@ -164,43 +156,64 @@ class ContourFace:
     torque_mean: FloatArray | None = None
     torque_span: FloatArray | None = None
 
-    @property
-    def sizes(self) -> dict[str, FloatArray]:
-        """Numbers that are judged, by their names."""
-        known = {
-            "outward": np.array([self.outward]),
-            "outward_span": np.array([self.outward_span]),
-            "gap_mean": self.gap_mean,
-            "gap_span": self.gap_span,
-            "drive_mean": self.drive_mean,
-            "drive_span": self.drive_span,
-        }
-        if self.torque_mean is not None and self.torque_span is not None:
-            known |= {"torque_mean": self.torque_mean, "torque_span": self.torque_span}
-        return known
-
-    def summarise(self, errors: Mapping[str, list[Estimate]]) -> FaceSummary:
-        """As it stands in ``summary.json``, with torques where they are known.
+    def list_numbers(self, drives: Sequence[str]) -> Iterator[Number]:
+        """Yield its numbers, without ±.
 
         Args:
-            errors: How far its sizes may be off.
+            drives: Names of the ``d`` drives.
+        """
+        face = self.number
+        yield Number(make_key("outward_gap", face=face, figure="mean"), self.outward, "m")
+        yield Number(make_key("outward_gap", face=face, figure="span"), self.outward_span, "m")
+        for figure, gap, forces, torques in (
+            ("mean", self.gap_mean, self.drive_mean, self.torque_mean),
+            ("span", self.gap_span, self.drive_span, self.torque_span),
+        ):
+            for direction, value in zip(DIRECTIONS, gap, strict=True):
+                key = make_key("contour_gap", face=face, direction=direction, figure=figure)
+                yield Number(key, float(value), "m")
+            for kind, unit, values in (
+                ("drive_force", "N", forces),
+                ("drive_torque", "N m", torques),
+            ):
+                for drive, value in zip(
+                    drives if values is not None else (),
+                    () if values is None else values,
+                    strict=True,
+                ):
+                    key = make_key(kind, face=face, drive=drive, figure=figure)
+                    yield Number(key, float(value), unit)
+
+    def summarise(self, drives: Sequence[str], errors: Mapping[Key, Estimate]) -> FaceSummary:
+        """Return it as it stands in ``summary.json``, with torques where they are known.
+
+        Args:
+            drives: Names of the drives.
+            errors: ± of numbers.
 
         Raises:
             AccuracyError: A result is not a finite number.
         """
+
+        def find(kind: str, figure: str, role: str, names: Sequence[str]) -> list[float | None]:
+            at: dict[str, str | int] = {"face": self.number, "figure": figure}
+            keys = [make_key(kind, **at, **({role: name} if role else {})) for name in names]
+            scale = UM if kind.endswith("gap") else 1.0
+            totals = [errors.get(key, Estimate()).total for key in keys]
+            return [None if total is None else scale * total for total in totals]
+
         what = f"contour on face {self.number}"
-        off = {name: [error.total for error in own] for name, own in errors.items()}
         found: FaceErrors = {
-            "outward_um": _scale(off["outward"])[0],
-            "outward_peak_to_peak_um": _scale(off["outward_span"])[0],
-            "mean_um": _scale(off["gap_mean"]),
-            "peak_to_peak_um": _scale(off["gap_span"]),
-            "drive_force_mean_n": off["drive_mean"],
-            "drive_force_peak_to_peak_n": off["drive_span"],
+            "outward_um": find("outward_gap", "mean", "", [""])[0],
+            "outward_peak_to_peak_um": find("outward_gap", "span", "", [""])[0],
+            "mean_um": find("contour_gap", "mean", "direction", DIRECTIONS),
+            "peak_to_peak_um": find("contour_gap", "span", "direction", DIRECTIONS),
+            "drive_force_mean_n": find("drive_force", "mean", "drive", drives),
+            "drive_force_peak_to_peak_n": find("drive_force", "span", "drive", drives),
         }
-        if "torque_mean" in off:
-            found["motor_torque_mean_nm"] = off["torque_mean"]
-            found["motor_torque_peak_to_peak_nm"] = off["torque_span"]
+        if self.torque_mean is not None:
+            found["motor_torque_mean_nm"] = find("drive_torque", "mean", "drive", drives)
+            found["motor_torque_peak_to_peak_nm"] = find("drive_torque", "span", "drive", drives)
         summary: FaceSummary = {
             "errors": found,
             "face": self.number,
@@ -229,10 +242,6 @@ def _show_trace(trace: ProbeTrace) -> ProbeSeriesSummary:
             for pair, own in zip(STRESS_NAMES, trace.stress.T, strict=True)
         },
     }
-
-
-def _scale(errors: list[float | None]) -> list[float | None]:
-    return [None if error is None else UM * error for error in errors]
 
 
 @dataclass(frozen=True)
@@ -269,98 +278,6 @@ class FaceStability:
 
 
 @dataclass(frozen=True, eq=False)
-class ContourWorth:
-    """What a contour is worth: the same contour of machines without a source of error.
-
-    Attributes:
-        better: Source of error to the contour without it; cutting coefficients and the key of one, to
-            the contour at an end of its range.
-        unknown: Components with a mesh whose errors nothing shows.
-        left_out: What is not looked at.
-    """
-
-    better: Mapping[tuple[str, str], "ContourAnswer"] = field(default_factory=dict)
-    unknown: tuple[str, ...] = ()
-    left_out: tuple[str, ...] = ()
-
-    def judge(
-        self,
-        own: FloatArray,
-        others: Mapping[tuple[str, str], FloatArray | None],
-        covering: float = COVERING,
-    ) -> list[Estimate]:
-        """How far numbers ``(n,)`` may be off.
-
-        Args:
-            own: The numbers.
-            others: Source of error to the same without it; None where it has none.
-            covering: How often a change counts; one by a range once.
-        """
-        estimates = []
-        for place, value in enumerate(own):
-            parts = [
-                Estimate(
-                    {source: None if other is None else times * abs(float(other[place] - value))}
-                )
-                for (source, _), other in others.items()
-                for times in [1.0 if source == CUTTING else covering]
-            ]
-            if self.unknown:
-                parts.append(Estimate({DISCRETISATION: None}))
-            estimates.append(combine_estimates([*parts, Estimate({}, self.left_out)]))
-        return estimates
-
-    def judge_face(self, face: ContourFace) -> dict[str, list[Estimate]]:
-        """How far the sizes of a face may be off."""
-        others = {
-            owner: next((own for own in each.faces if own.number == face.number), None)
-            for owner, each in self.better.items()
-        }
-        return {
-            name: self.judge(
-                size,
-                {
-                    owner: None if other is None else other.sizes.get(name)
-                    for owner, other in others.items()
-                },
-            )
-            for name, size in face.sizes.items()
-        }
-
-    def judge_profile(self, face: MilledFace) -> dict[str, Estimate]:
-        """How far the parameters of a profile may be off."""
-        others = {
-            owner: next((own for own in each.milled if own.number == face.number), None)
-            for owner, each in self.better.items()
-        }
-        return {
-            name: self.judge(
-                np.array([size]),
-                {
-                    owner: None if other is None else np.array([other.sizes[name]])
-                    for owner, other in others.items()
-                },
-            )[0]
-            for name, size in face.sizes.items()
-        }
-
-    def judge_limit(self, face: FaceStability) -> Estimate:
-        """How far a limit of stability may be off."""
-        others = {
-            owner: next((own for own in each.stability if own.number == face.number), None)
-            for owner, each in self.better.items()
-        }
-        return self.judge(
-            np.array([face.limit_depth]),
-            {
-                owner: None if other is None else np.array([other.limit_depth])
-                for owner, other in others.items()
-            },
-            covering=1.0,
-        )[0]
-
-
-@dataclass(frozen=True, eq=False)
 class ContourAnswer(Answer):
     """A contour that was run.
 
@@ -389,7 +306,8 @@ class ContourAnswer(Answer):
         fit: How measured positions were followed; None for the computed path.
         milled: Profiles of the faces that were milled from end to end.
         force_loss: Share of measured forces that is faster than the steps; None without them.
-        worth: How far the numbers may be off.
+        sources: Of error that ± has.
+        left_out: What is not in ±.
     """
 
     model: str
@@ -416,7 +334,43 @@ class ContourAnswer(Answer):
     force_loss: float | None = None
     compares_faces: bool = True
     fit: TraceFit | None = None
-    worth: ContourWorth = field(default_factory=ContourWorth)
+    sources: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
+
+    def list_numbers(self) -> Iterator[Number]:
+        """Yield the numbers of faces, cuts, profiles and probes."""
+        for figure, values in (
+            ("least", self.least_gravity_deflection),
+            ("most", self.most_gravity_deflection),
+        ):
+            for direction, value in zip(DIRECTIONS, values, strict=True):
+                key = make_key("gravity_deflection", direction=direction, figure=figure)
+                yield Number(key, float(value), "m")
+        numbers = [number for face in self.faces for number in face.list_numbers(self.drives)]
+        numbers += [
+            number
+            for face in self.stability
+            for number in (
+                Number(make_key("limit_depth", face=face.number), face.limit_depth, "m"),
+                Number(make_key("multiplier", face=face.number), face.multiplier, "1"),
+            )
+        ]
+        numbers += [
+            Number(make_key("profile", face=face.number, figure=name), size, "m")
+            for face in self.milled
+            for name, size in face.sizes.items()
+        ]
+        for number in numbers:
+            yield replace(number, error=self.errors.get(number.key))
+        yield from list_forces({}, {}, self.probes)
+
+    def list_series(self) -> Iterator[Series]:
+        """Yield gap and drive forces over time, thinned."""
+        axes = {"time [s]": self.times}
+        for number, direction in enumerate(DIRECTIONS):
+            yield Series(f"contour_gap(direction={direction})", axes, self.gap[:, number], "m")
+        for number, drive in enumerate(self.drives):
+            yield Series(f"drive_force(drive={drive})", axes, self.drive_forces[:, number], "N")
 
     def summarise(self) -> ContourSummary:
         """As it stands in ``summary.json``.
@@ -440,7 +394,7 @@ class ContourAnswer(Answer):
             "regeneration": self.regeneration,
             "coriolis": self.coriolis,
             "drives": list(self.drives),
-            "faces": [face.summarise(self.worth.judge_face(face)) for face in self.faces],
+            "faces": [face.summarise(self.drives, self.errors) for face in self.faces],
             "face_3_over_face_1": self._face_ratio(),
             "gravity_deflection_um": {
                 "minimum": check_finite(what, UM * self.least_gravity_deflection),
@@ -453,17 +407,18 @@ class ContourAnswer(Answer):
             "assumptions": [*self.assumed, *([LOCKED_MOTORS] if self.stability else [])],
             "series": series,
             "probes": {name: probe.summarise() for name, probe in self.probes.items()},
-            "error_sources": list(dict.fromkeys(source for source, _ in self.worth.better)),
-            "error_left_out": list(self.worth.left_out),
+            "error_sources": list(self.sources),
+            "error_left_out": list(self.left_out),
         }
         if self.stability:
             summary["stability"] = [
-                face.summarise(self.worth.judge_limit(face)) for face in self.stability
+                face.summarise(
+                    self.errors.get(make_key("limit_depth", face=face.number), Estimate())
+                )
+                for face in self.stability
             ]
         if self.milled:
-            summary["milled_faces"] = [
-                face.summarise(self.worth.judge_profile(face)) for face in self.milled
-            ]
+            summary["milled_faces"] = [face.summarise(self.errors) for face in self.milled]
         if self.fit is not None:
             summary["traces"] = {
                 "residual_rms_um": UM * self.fit.residual,

@@ -1,13 +1,24 @@
 """Loops of drives closed around the machine, as results: poles, and the figures of each drive."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NotRequired, TypedDict
 
 from headstock.pipeline.answers.answer import Answer
+from headstock.pipeline.numbers.numbers import Number, make_key
 from headstock.solvers.control.drive_trains import DriveTrain
 from headstock.solvers.control.margins import LoopMargins
 
 UM = 1e6
+MARGIN_UNITS = {
+    "gain": "1",
+    "gain_hz": "Hz",
+    "phase_deg": "deg",
+    "phase_hz": "Hz",
+    "sensitivity": "1",
+    "bandwidth_hz": "Hz",
+    "resonance": "1",
+}
 
 
 class PoleSummary(TypedDict):
@@ -151,6 +162,19 @@ class ControlAnswer(Answer):
     poles: tuple[ClosedLoopPole, ...]
     drives: tuple[ClosedLoopDrive, ...]
     verdict: str = ""
+
+    def list_numbers(self) -> Iterator[Number]:
+        """Yield the poles and, of stable loops, lag and margins of each drive."""
+        for number, pole in enumerate(self.poles, 1):
+            at: dict[str, str | int] = {"pose": self.pose, "pole": number}
+            yield Number(make_key("pole_frequency", **at), pole.frequency_hz, "Hz")
+            yield Number(make_key("pole_damping", **at), pole.damping_ratio, "1")
+        for drive in () if self.verdict else self.drives:
+            at = {"pose": self.pose, "drive": drive.train.name}
+            yield Number(make_key("velocity_lag", **at), drive.velocity_lag, "m")
+            for figure, unit in MARGIN_UNITS.items():
+                if (value := getattr(drive.margins, figure)) is not None:
+                    yield Number(make_key("loop_margin", figure=figure, **at), value, unit)
 
     def summarise(self) -> ControlSummary:
         """As it stands in ``summary.json``."""

@@ -2,7 +2,7 @@
 ``results.h5``.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal, NotRequired, TypedDict
 
@@ -11,14 +11,17 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.process.libraries import h5py
 from headstock.pipeline.answers.answer import Answer
-from headstock.pipeline.answers.estimates import REDUCTION, Estimate, scale_shares
 from headstock.pipeline.answers.probes import ProbeCurves, ProbeCurvesSummary, parse_probe_curves
 from headstock.pipeline.answers.static import N_PER_UM, UM_PER_KN
+from headstock.pipeline.numbers.estimates import REDUCTION, Estimate, scale_shares
+from headstock.pipeline.numbers.numbers import Key, Number, Series, make_key
 from headstock.solvers.linear.frequency_response import convert_receptance
+from headstock.solvers.pairing.response_peaks import ResponseLevel, ResponsePeak
 from headstock.solvers.second_order import Channel, ComplexArray, Motion, name_channel
 
 Spacing = Literal["linear", "log"]
 NumberKind = Literal["peak", "level"]
+type Height = ResponsePeak | ResponseLevel
 
 
 class DrivePointSummary(TypedDict):
@@ -28,7 +31,7 @@ class DrivePointSummary(TypedDict):
 
     dof: list[str]
     most_negative_real_hz: float | None
-    most_negative_real_error_share: dict[str, float]
+    most_negative_real_error_share: dict[str, float | None]
     minimum_dynamic_stiffness_hz: float | None
     minimum_dynamic_stiffness_mode: str
     truncation_share: float | None
@@ -108,8 +111,6 @@ class DrivePointFigures:
         minimum_dynamic_stiffness: Smallest dynamic stiffness; None where the response is unbounded.
         minimum_dynamic_stiffness_hz: Its frequency [Hz].
         minimum_dynamic_stiffness_mode: Name of the natural mode nearest to it.
-        most_negative_real_error: How far the most negative real part may be off; None without a bound.
-        most_negative_real_error_share: Source of error to its part.
         truncation_share: Share of the static compliance that the modes up to the highest frequency
             miss: what a sum over them without static correction would lack.
         lines_hz: Even steps of the range, whatever the machine [Hz].
@@ -125,65 +126,8 @@ class DrivePointFigures:
     minimum_dynamic_stiffness_hz: float | None
     minimum_dynamic_stiffness_mode: str
     truncation_share: float | None
-    most_negative_real_error: float | None = None
-    most_negative_real_error_share: Mapping[str, float] = field(default_factory=dict)
     lines_hz: tuple[float, ...] = ()
     lines: tuple[float | None, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class ResponseNumber:
-    """The height of a peak of an entry of a response, or its level below all resonances.
-
-    Attributes:
-        kind: Which of both.
-        output: Where motion is computed.
-        given: Where the load acts.
-        hz: Where it is [Hz].
-        size: Of the receptance there [m/N, ...].
-        mode: Index of the natural mode beside a peak, rigid-body modes counted; -1 for a level.
-        error: How far it may be off, in the unit of the size.
-    """
-
-    kind: NumberKind
-    output: Channel
-    given: Channel
-    hz: float
-    size: float
-    mode: int = -1
-    error: Estimate = field(default_factory=Estimate)
-
-    @property
-    def key(self) -> str:
-        """Which one, the same on every mesh."""
-        beside = f" at mode {self.mode + 1}" if self.kind == "peak" else ""
-        return f"{self.kind} of {' '.join(self.output)} under {' '.join(self.given)}{beside}"
-
-    @property
-    def name(self) -> str:
-        """In plain words."""
-        words = f"of {' '.join(self.output)} under {' '.join(self.given)}"
-        if self.kind == "peak":
-            return f"peak {words} at {self.hz:.4g} Hz"
-        return f"static level {words}"
-
-    def summarise(self) -> NumberSummary:
-        """As it stands in ``summary.json``."""
-        linear = self.output[1] in "xyz" and self.given[1] in "xyz"
-        scale = UM_PER_KN if linear else 1.0
-        total = self.error.total
-        size, error = scale * self.size, None if total is None else scale * total
-        summary: NumberSummary = {
-            "kind": self.kind,
-            "output": list(self.output),
-            "input": list(self.given),
-            "hz": self.hz,
-            "mode": self.mode + 1,
-            "error_share": scale_shares(self.error, scale),
-        }
-        if linear:
-            return summary | {"size_um_per_kN": size, "error_um_per_kN": error}
-        return summary | {"size_SI": size, "error_SI": error}
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,7 +199,8 @@ class PoseResponse(Answer):
         singular_hz: Frequencies on the pole of an undamped mode.
         figures: Of every drive point, which is input and output.
         error_left_out: What is not in the errors, in plain words.
-        numbers: Heights of the peaks that count, and levels below all resonances, of every entry.
+        peaks: That count, of every entry.
+        levels: Below all resonances, of every entry.
     """
 
     curves: ResponseCurves
@@ -265,7 +210,8 @@ class PoseResponse(Answer):
     singular_hz: tuple[float, ...]
     figures: tuple[DrivePointFigures, ...]
     error_left_out: tuple[str, ...] = ()
-    numbers: tuple[ResponseNumber, ...] = ()
+    peaks: tuple[ResponsePeak, ...] = ()
+    levels: tuple[ResponseLevel, ...] = ()
     units: ClassVar[dict[str, str]] = {
         r"frf/.*/(inputs|outputs)": "",
         r"frf/.*/frequencies_hz": "Hz",
@@ -273,6 +219,63 @@ class PoseResponse(Answer):
         r"frf/.*/probes/.*/(stress|von_mises)(_error_share/.*)?": "Pa per N, N m or whole load",
         r"frf/.*/(receptance|error|error_share/.*)": "SI: m or rad per N, N m or whole load, by outputs and inputs",
     }
+
+    @property
+    def heights(self) -> tuple[Height, ...]:
+        """Peaks, then levels."""
+        return (*self.peaks, *self.levels)
+
+    def key(self, height: Height) -> Key:
+        """Return the key of a peak or level."""
+        output, given = self.curves.outputs[height.output], self.curves.inputs[height.given]
+        at = {"output": " ".join(output), "input": " ".join(given)}
+        if isinstance(height, ResponseLevel):
+            return make_key("level", pose=self.curves.pose, **at)
+        return make_key("peak", pose=self.curves.pose, mode=height.mode + 1, **at)
+
+    def figure_key(self, channel: Channel) -> Key:
+        """Return the key of the most negative real part at a drive point."""
+        return make_key("negative_real", pose=self.curves.pose, output=" ".join(channel))
+
+    def list_heights(self) -> Iterator[Number]:
+        """Yield peaks and levels."""
+        curves = self.curves
+        for height in self.heights:
+            unit = _response_unit(curves.outputs[height.output], curves.inputs[height.given])
+            key = self.key(height)
+            yield Number(key, height.height, unit, self.errors.get(key))
+
+    def list_numbers(self) -> Iterator[Number]:
+        """Yield peaks, levels and what drive points say about cutting, then stress peaks at probes."""
+        yield from self.list_heights()
+        pose = self.curves.pose
+        for figures in self.figures:
+            soft = _response_unit(figures.channel, figures.channel)
+            stiff = "N/m" if soft == "m/N" else "N m/rad"
+            if figures.most_negative_real is not None:
+                key = self.figure_key(figures.channel)
+                yield Number(key, figures.most_negative_real, soft, self.errors.get(key))
+            if figures.minimum_dynamic_stiffness is not None:
+                key = make_key("dynamic_stiffness", pose=pose, output=" ".join(figures.channel))
+                yield Number(key, figures.minimum_dynamic_stiffness, stiff)
+        for probe in self.curves.probes:
+            for given, size, error in probe.list_peaks():
+                at = {"pose": pose, "probe": probe.name, "input": " ".join(given)}
+                yield Number(make_key("peak_frequency_stress", **at), size, "Pa/N", error)
+
+    def list_series(self) -> Iterator[Series]:
+        """Yield the receptance of every entry over frequency."""
+        curves = self.curves
+        axes = {"frequency [Hz]": curves.frequencies_hz}
+        for row, output in enumerate(curves.outputs):
+            for column, given in enumerate(curves.inputs):
+                yield Series(
+                    f"receptance(pose={curves.pose},output={' '.join(output)},input={' '.join(given)})",
+                    axes,
+                    curves.receptance[:, row, column],
+                    _response_unit(output, given),
+                    {source: size[:, row, column] for source, size in curves.error_share.items()},
+                )
 
     def summarise(self) -> ResponseSummary:
         """As it stands in ``summary.json``; the curves are in ``results.h5`` and ``tables/``."""
@@ -290,12 +293,35 @@ class PoseResponse(Answer):
             "singular_hz": list(self.singular_hz),
             "error": _summarise_error(curves),
             "error_left_out": list(self.error_left_out),
-            "drive_points": [_summarise_drive_point(figures) for figures in self.figures],
-            "peaks": [number.summarise() for number in self.numbers],
+            "drive_points": [
+                _summarise_drive_point(
+                    figures, self.errors.get(self.figure_key(figures.channel), Estimate())
+                )
+                for figures in self.figures
+            ],
+            "peaks": [self._summarise_height(height) for height in self.heights],
         }
         if curves.probes:
             summary["probes"] = {probe.name: probe.summarise() for probe in curves.probes}
         return summary
+
+    def _summarise_height(self, height: Height) -> NumberSummary:
+        output, given = self.curves.outputs[height.output], self.curves.inputs[height.given]
+        linear = output[1] in "xyz" and given[1] in "xyz"
+        scale = UM_PER_KN if linear else 1.0
+        own = self.errors.get(self.key(height), Estimate())
+        size, error = scale * height.height, None if own.total is None else scale * own.total
+        summary: NumberSummary = {
+            "kind": "level" if isinstance(height, ResponseLevel) else "peak",
+            "output": list(output),
+            "input": list(given),
+            "hz": height.hz,
+            "mode": 0 if isinstance(height, ResponseLevel) else height.mode + 1,
+            "error_share": scale_shares(own, scale),
+        }
+        if linear:
+            return summary | {"size_um_per_kN": size, "error_um_per_kN": error}
+        return summary | {"size_SI": size, "error_SI": error}
 
     def fill(self, file: "h5py.File") -> None:
         """Write the curves."""
@@ -354,18 +380,23 @@ def _parse_errors(group: h5py.Group) -> dict[str, FloatArray]:
     return {REDUCTION: group["error"][:]} if "error" in group else {}
 
 
+def _response_unit(output: Channel, given: Channel) -> str:
+    """Return the unit of a receptance."""
+    moved = "rad" if output[1].startswith("r") else "m"
+    return f"{moved}/{'(N m)' if given[1].startswith('r') else 'N'}"
+
+
 def split_channel(text: str) -> Channel:
     """The channel of a name such as ``tcp x``."""
     name, _, direction = text.rpartition(" ")
     return name, direction
 
 
-def _summarise_drive_point(figures: DrivePointFigures) -> DrivePointSummary:
+def _summarise_drive_point(figures: DrivePointFigures, off: Estimate) -> DrivePointSummary:
     linear = figures.channel[1] in "xyz"
     soft, stiff = (UM_PER_KN, N_PER_UM) if linear else (1.0, 1.0)
     static, worst, error = (
-        _scaled(value, soft)
-        for value in (figures.static, figures.most_negative_real, figures.most_negative_real_error)
+        _scaled(value, soft) for value in (figures.static, figures.most_negative_real, off.total)
     )
     chatter, most_compliant = (
         _scaled(value, stiff)
@@ -374,9 +405,7 @@ def _summarise_drive_point(figures: DrivePointFigures) -> DrivePointSummary:
     summary: DrivePointSummary = {
         "dof": list(figures.channel),
         "most_negative_real_hz": figures.most_negative_real_hz,
-        "most_negative_real_error_share": {
-            source: soft * size for source, size in figures.most_negative_real_error_share.items()
-        },
+        "most_negative_real_error_share": scale_shares(off, soft),
         "minimum_dynamic_stiffness_hz": figures.minimum_dynamic_stiffness_hz,
         "minimum_dynamic_stiffness_mode": figures.minimum_dynamic_stiffness_mode,
         "truncation_share": figures.truncation_share,

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import TypedDict
 
 from headstock.pipeline.answers.answer import Answer
+from headstock.pipeline.numbers.numbers import Key
 
 
 class JointShapesSummary(TypedDict):
@@ -41,26 +42,26 @@ class InterfaceErrorsAnswer(Answer):
 
     Attributes:
         joints: By name.
-        numbers: By what they are, such as ``frequency 3``: joint to its part of how far the number
-            may be off, over the number.
-        lines: By frequency response: joint to its part of how far the line that changes most may
-            be off, over the largest entry of that line.
+        parts: Joint to its part of how far numbers may be off, over the number.
+        lines: Joint to the same of the line of each frequency response that changes most, over the
+            largest entry of that line.
         left_out: Joints of which nothing is known, with the reason.
     """
 
     joints: dict[str, JointShapes]
-    numbers: dict[str, dict[str, float]]
-    lines: dict[str, dict[str, float]] = field(default_factory=dict)
+    parts: Mapping[Key, Mapping[str, float]]
+    lines: Mapping[Key, Mapping[str, float]] = field(default_factory=dict)
     left_out: Mapping[str, str] = field(default_factory=dict)
 
-    def largest(self, joint: str) -> tuple[str, float]:
-        """The number that a joint puts off most, and by how much of it; a line of a response only
-        where there is nothing else, since beside a peak little moves it much.
+    def largest(self, joint: str) -> tuple[Key | None, float]:
+        """Return the number that a joint puts off most, and by how much of it; a line of a response only
+        where there is nothing else, since next to a peak little moves it much.
         """
-        judged = self.numbers or self.lines
-        found = {number: parts.get(joint, 0.0) for number, parts in judged.items()}
-        number = max(found, key=lambda name: found[name], default="")
-        return number, found.get(number, 0.0)
+        found = {
+            number: parts.get(joint, 0.0) for number, parts in (self.parts or self.lines).items()
+        }
+        number = max(found, key=lambda key: found[key], default=None)
+        return number, found.get(number, 0.0) if number is not None else 0.0
 
     def summarise(self) -> InterfaceErrorsSummary:
         """As it stands in ``summary.json``."""
@@ -72,11 +73,11 @@ class InterfaceErrorsAnswer(Answer):
                 "shapes": joint.shapes,
                 "compared_with": joint.compared_with,
                 "largest": largest,
-                "number": number,
+                "number": "" if number is None else str(number),
             }
         return {
             "joints": joints,
-            "numbers": self.numbers,
-            "lines": self.lines,
+            "numbers": {str(key): dict(parts) for key, parts in self.parts.items()},
+            "lines": {str(key): dict(parts) for key, parts in self.lines.items()},
             "left_out": dict(self.left_out),
         }

@@ -1,6 +1,6 @@
 """Stability lobes as results: the types, and how they read in ``summary.json`` and ``results.h5``."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar, TypedDict
 
@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.meshing.process.libraries import h5py
 from headstock.pipeline.answers.answer import Answer
-from headstock.pipeline.answers.estimates import Estimate, scale_shares
+from headstock.pipeline.numbers.estimates import Estimate, scale_shares
+from headstock.pipeline.numbers.numbers import Number, Series, make_key
 
 MM = 1e3
 RPM = 30.0 / np.pi
@@ -219,6 +220,28 @@ class PoseLobes(Answer):
         r"lobes/.*/lowest_error": "m",
         r"lobes/.*/(chatter_hz|chatter_error_hz)": "Hz",
     }
+
+    def list_numbers(self) -> Iterator[Number]:
+        """Yield the lowest limit of each direction of travel and its frequency of chatter."""
+        for own in self.directions:
+            if (lowest := own.lowest) is not None:
+                depth, chatter = own.estimate(lowest.place)
+                at = {"pose": self.pose, "direction": own.name}
+                key = make_key("limit_depth", **at)
+                yield Number(key, float(own.depths[lowest.place]), "m", depth)
+                hz = HZ * float(own.chatter[lowest.place])
+                yield Number(make_key("chatter_frequency", **at), hz, "Hz", chatter)
+
+    def list_series(self) -> Iterator[Series]:
+        """Yield the limit over the speeds of each direction of travel, NaN where none was found."""
+        for own in self.directions:
+            yield Series(
+                f"limit_depth(pose={self.pose},direction={own.name})",
+                {"speed [rad/s]": self.speeds},
+                np.where(own.limited, own.depths, np.nan),
+                "m",
+                own.depth_errors,
+            )
 
     def summarise(self) -> LobesSummary:
         """As it stands in ``summary.json``."""

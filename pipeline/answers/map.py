@@ -1,5 +1,6 @@
 """A map over the poses of a lumped mechanism as a result: quantities on a grid of poses."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TypedDict
 
@@ -8,6 +9,7 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.tool_mechanism import TOOL_POINT
 from headstock.pipeline.answers.answer import Answer
+from headstock.pipeline.numbers.numbers import Series
 from headstock.pipeline.storage.json_texts import check_finite
 
 type Grid = list[Grid | float | None]  # an axis of the map at each depth
@@ -57,6 +59,15 @@ class WorkspaceMap(Answer):
     crossings: tuple[tuple[int, int], ...]
     tracking_breaks: int
     trend: float
+
+    def list_series(self) -> Iterator[Series]:
+        """Yield every quantity over the grid, in the unit that its name ends with."""
+        axes = {
+            f"{axis} [{'m' if axis in TOOL_POINT else 'rad'}]": values
+            for axis, values in zip(self.axes, self.positions, strict=True)
+        }
+        for name, values in self.quantities.items():
+            yield Series(f"map({name})", axes, values, "Hz" if name.endswith("_hz") else "1")
 
     def summarise(self) -> MapSummary:
         """As it stands in ``summary.json``."""

@@ -1,12 +1,14 @@
 """Positions of a closed-loop mechanism in a pose, as a result."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TypedDict
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.mechanisms.exechon import condition_numbers
+from headstock.geometry.mechanisms.exechon import LENGTHS, condition_numbers
 from headstock.geometry.mechanisms.tool_mechanism import ToolMechanism
 from headstock.pipeline.answers.answer import Answer
+from headstock.pipeline.numbers.numbers import Number, make_key
 
 
 class MechanismSummary(TypedDict):
@@ -29,6 +31,13 @@ class MechanismPose(Answer):
     pose: str
     coordinates: dict[str, float]
     condition_number: float
+
+    def list_numbers(self) -> Iterator[Number]:
+        """Yield the coordinates and the condition number."""
+        for name, value in self.coordinates.items():
+            key = make_key("joint_coordinate", pose=self.pose, joint=name)
+            yield Number(key, value, "m" if name in LENGTHS else "rad")
+        yield Number(make_key("condition_number", pose=self.pose), self.condition_number, "1")
 
     def summarise(self) -> MechanismSummary:
         """As it stands in ``summary.json``."""

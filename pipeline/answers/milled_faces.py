@@ -9,7 +9,8 @@ from typing import TypedDict
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.answers.estimates import Estimate
+from headstock.pipeline.numbers.estimates import Estimate
+from headstock.pipeline.numbers.numbers import Key, make_key
 from headstock.pipeline.storage.json_texts import check_finite
 from headstock.solvers.milling.milled_faces import ProfileParameters
 
@@ -129,11 +130,11 @@ class MilledFace:
             "mark_at_end": self.marks[1],
         }
 
-    def summarise(self, errors: Mapping[str, Estimate]) -> MilledFaceSummary:
-        """As it stands in ``summary.json``.
+    def summarise(self, errors: Mapping[Key, Estimate]) -> MilledFaceSummary:
+        """Return it as it stands in ``summary.json``.
 
         Args:
-            errors: How far its sizes may be off [m].
+            errors: ± of numbers [m].
 
         Raises:
             AccuracyError: A result is not a finite number.
@@ -175,7 +176,10 @@ class MilledFace:
                 "height_um": check_finite(what, UM * self.detail),
             },
             "errors": {
-                f"{name}_um": None if error.total is None else UM * error.total
-                for name, error in errors.items()
+                f"{name}_um": None if total is None else UM * total
+                for name in self.sizes
+                for total in [
+                    errors.get(make_key("profile", face=self.number, figure=name), Estimate()).total
+                ]
             },
         }

@@ -1,7 +1,8 @@
 """Natural modes as results: the type, and how it reads in ``summary.json`` and ``results.h5``."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -9,8 +10,14 @@ from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.machine import Pose
 from headstock.meshing.process.libraries import h5py
 from headstock.pipeline.answers.answer import Answer
-from headstock.pipeline.answers.estimates import Estimate, FrequencyErrors, scale_parts
+from headstock.pipeline.numbers.estimates import Estimate, FrequencyErrors, scale_parts
+from headstock.pipeline.numbers.numbers import Key, Number, make_key
 from headstock.pipeline.storage.json_texts import check_finite
+
+type ModeKind = Literal["frequency", "damping_ratio", "damped_frequency"]
+FREQUENCY: ModeKind = "frequency"
+DAMPING_RATIO: ModeKind = "damping_ratio"
+DAMPED_FREQUENCY: ModeKind = "damped_frequency"
 
 
 class ModesSummary(FrequencyErrors):
@@ -39,13 +46,9 @@ class PoseModes(Answer):
         pose: Axis positions.
         frequencies_hz: ``(m,)``, rigid-body modes first.
         rigid_count: How many of them are rigid-body modes.
-        errors: How far each may be off [Hz].
         damping_ratio: Of each; None without damping.
         damped_hz: Frequency of the damped oscillation [Hz]; zero where it is overdamped, None
             without damping.
-        damped_error_hz: How far each damped frequency may be off [Hz]; None where nobody knows,
-            zero where it is overdamped.
-        damping_error: How far each damping ratio may be off; None where nobody knows.
         mode_names: In plain words.
         energy_share: Per mode, share of the strain energy per component or joint.
         kinetic_share: Per mode, share of the kinetic energy per component.
@@ -63,15 +66,12 @@ class PoseModes(Answer):
     pose: Pose
     frequencies_hz: FloatArray
     rigid_count: int
-    errors: tuple[Estimate, ...]
     damping_ratio: tuple[float | None, ...]
     mode_names: tuple[str, ...]
     energy_share: tuple[dict[str, float], ...]
     kinetic_share: tuple[dict[str, float], ...]
     shapes: FloatArray
     damped_hz: tuple[float | None, ...] = ()
-    damped_error_hz: tuple[float | None, ...] = ()
-    damping_error: tuple[float | None, ...] = ()
     pose_units: dict[str, str] = field(default_factory=dict)
     placements: dict[str, Frame] = field(default_factory=dict)
     spread_hz: tuple[tuple[float, float] | None, ...] = ()
@@ -85,17 +85,31 @@ class PoseModes(Answer):
         r"modal/.*/rotation": "1",
     }
 
-    @property
-    def error_hz(self) -> tuple[float | None, ...]:
-        """Estimated error of each frequency, all sources together; None where there is no
-        estimate.
-        """
-        return tuple(error.total for error in self.errors)
+    def key(self, kind: ModeKind, index: int) -> Key:
+        """Return the key of a number of a mode, by its index in the arrays."""
+        return make_key(kind, pose=self.pose.name, mode=self.below + index + 1)
+
+    def list_errors(self, kind: ModeKind = "frequency") -> tuple[Estimate, ...]:
+        """Return the ± of a number of every mode; an overdamped frequency is zero for certain."""
+        count = range(len(self.frequencies_hz))
+        return tuple(self.errors.get(self.key(kind, index), Estimate()) for index in count)
 
     @property
-    def error_known_hz(self) -> tuple[float | None, ...]:
-        """What is known of each error where some sources are unknown, which is no bound then."""
-        return tuple(error.known for error in self.errors)
+    def error_hz(self) -> tuple[float | None, ...]:
+        """± of each frequency, all sources together; None where there is no estimate."""
+        return tuple(error.total for error in self.list_errors())
+
+    def list_numbers(self) -> Iterator[Number]:
+        """Yield frequencies and, with damping, ratios and damped frequencies, rigid-body modes first."""
+        for index, hz in enumerate(self.frequencies_hz):
+            for kind, unit, value in (
+                (FREQUENCY, "Hz", float(hz)),
+                (DAMPING_RATIO, "1", self.damping_ratio[index]),
+                (DAMPED_FREQUENCY, "Hz", self.damped_hz[index] if self.damped_hz else None),
+            ):
+                if value is not None:
+                    key = self.key(kind, index)
+                    yield Number(key, value, unit, self.errors.get(key))
 
     def summarise(self) -> ModesSummary:
         """As they stand in ``summary.json``.
@@ -103,6 +117,7 @@ class PoseModes(Answer):
         Raises:
             AccuracyError: A frequency is not a finite number.
         """
+        errors = self.list_errors()
         summary: ModesSummary = {
             "pose_name": self.pose.name,
             "pose": dict(self.pose.positions),
@@ -116,13 +131,13 @@ class PoseModes(Answer):
             ),
             "rigid_count": self.rigid_count,
             "error_hz": list(self.error_hz),
-            "error_share": [dict(error.shares) for error in self.errors],
-            "error_parts": [scale_parts(error) for error in self.errors],
-            "error_left_out": sorted({words for error in self.errors for words in error.left_out}),
+            "error_share": [dict(error.shares) for error in errors],
+            "error_parts": [scale_parts(error) for error in errors],
+            "error_left_out": sorted({words for error in errors for words in error.left_out}),
             "damping_ratio": list(self.damping_ratio),
-            "damping_error": list(self.damping_error or (None,) * len(self.damping_ratio)),
+            "damping_error": [error.total for error in self.list_errors(DAMPING_RATIO)],
             "damped_hz": list(self.damped_hz),
-            "damped_error_hz": list(self.damped_error_hz or (None,) * len(self.damped_hz)),
+            "damped_error_hz": [error.total for error in self.list_errors(DAMPED_FREQUENCY)],
             "mode_names": list(self.mode_names),
             "energy_share": list(self.energy_share),
             "kinetic_share": list(self.kinetic_share),

@@ -2,13 +2,14 @@
 ``summary.json``.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TypedDict
 
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.answers.estimates import Estimate
 from headstock.pipeline.answers.probe_motions import ProbeMotion
+from headstock.pipeline.numbers.estimates import Estimate
+from headstock.pipeline.numbers.numbers import Key, Number, make_key
 from headstock.solvers.watched_outputs import Extreme
 
 
@@ -79,27 +80,59 @@ class PathForces:
     probes: dict[str, ProbeMotion] = field(default_factory=dict)
 
 
-def summarise_drives(
+def list_forces(
     drives: Mapping[str, DriveExtremes],
-    torques: Mapping[str, Estimate],
-    followed: Mapping[str, Estimate],
+    joints: Mapping[str, Mapping[str, Extreme]],
+    probes: Mapping[str, ProbeMotion],
+    **at: str,
+) -> Iterator[Number]:
+    """Yield torques, position errors, joint forces and extremes at probes, without ±.
+
+    Args:
+        drives: By name.
+        joints: By name and direction.
+        probes: By name; with what their own meshes leave out in ±.
+        at: Roles of the keys: pose or feed.
+    """
+    for name, own in drives.items():
+        yield Number(make_key("motor_torque", drive=name, **at), own.torque.value, "N m")
+        key = make_key("position_error", drive=name, **at)
+        yield Number(key, own.position_error.value, "m")
+    for name, directions in joints.items():
+        for direction, force in directions.items():
+            unit = "N m" if direction.startswith("r") else "N"
+            key = make_key("joint_force", joint=name, direction=direction, **at)
+            yield Number(key, force.value, unit)
+    for name, probe in probes.items():
+        key = make_key("peak_stress", probe=name, **at)
+        yield Number(key, probe.von_mises.value, "Pa", probe.von_mises_error)
+        key = make_key("peak_displacement", probe=name, **at)
+        yield Number(key, probe.displacement.value, "m", probe.displacement_error)
+
+
+def summarise_drives(
+    drives: Mapping[str, DriveExtremes], errors: Mapping[Key, Estimate], **at: str
 ) -> dict[str, DriveForceSummary]:
-    """Drives by name as they stand in ``summary.json``.
+    """Return drives by name as they stand in ``summary.json``.
 
     Args:
         drives: What they did.
-        torques: How far their torques may be off [N m]; none where nobody says.
-        followed: The same of their position errors [m].
+        errors: ± of numbers.
+        at: Roles of their keys: pose or feed.
     """
+
+    def find_total(kind: str, name: str) -> float | None:
+        return errors.get(make_key(kind, drive=name, **at), Estimate()).total
+
     return {
         name: {
             "torque_nm": found.torque.value,
             "torque_s": found.torque.time,
-            "torque_off_nm": torques.get(name, Estimate()).total,
+            "torque_off_nm": find_total("motor_torque", name),
             "position_error_um": 1e6 * found.position_error.value,
             "position_error_s": found.position_error.time,
             "position_error_off_um": None
-            if (off := followed.get(name, Estimate()).total) is None
+            if (off := find_total("position_error", name)) is None
             else 1e6 * off,
         }
         for name, found in drives.items()
@@ -107,14 +140,14 @@ def summarise_drives(
 
 
 def summarise_joints(
-    joints: Mapping[str, Mapping[str, Extreme]],
-    errors: Mapping[str, Mapping[str, Estimate]],
+    joints: Mapping[str, Mapping[str, Extreme]], errors: Mapping[Key, Estimate], **at: str
 ) -> dict[str, dict[str, JointForceSummary]]:
-    """Joints by name, and their directions, as they stand in ``summary.json``.
+    """Return joints by name, and their directions, as they stand in ``summary.json``.
 
     Args:
         joints: Their forces.
-        errors: How far these may be off [N, N m]; none where nobody says.
+        errors: ± of numbers [N, N m].
+        at: Roles of their keys: pose or feed.
     """
     return {
         name: {
@@ -122,7 +155,9 @@ def summarise_joints(
                 "unit": "N m" if direction.startswith("r") else "N",
                 "force": found.value,
                 "force_s": found.time,
-                "error": errors.get(name, {}).get(direction, Estimate()).total,
+                "error": errors.get(
+                    make_key("joint_force", joint=name, direction=direction, **at), Estimate()
+                ).total,
             }
             for direction, found in directions.items()
         }

@@ -3,9 +3,8 @@
 """
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from functools import partial
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
 from typing import ClassVar, NotRequired, TypedDict
 
 import numpy as np
@@ -13,18 +12,12 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.process.libraries import h5py
 from headstock.pipeline.answers.answer import Answer
-from headstock.pipeline.answers.estimates import (
-    CUTTING,
-    DISCRETISATION,
-    Estimate,
-    combine_estimates,
-    scale_shares,
-)
 from headstock.pipeline.answers.frf import split_channel
 from headstock.pipeline.answers.motion_forces import (
     DriveExtremes,
     DriveForceSummary,
     JointForceSummary,
+    list_forces,
     summarise_drives,
     summarise_joints,
 )
@@ -34,6 +27,8 @@ from headstock.pipeline.answers.probe_motions import (
     ProbeTrace,
     parse_probe_trace,
 )
+from headstock.pipeline.numbers.estimates import Estimate, scale_shares
+from headstock.pipeline.numbers.numbers import Number, Series, make_key
 from headstock.solvers.paths.response import CruiseFigures, PathDeviation, ZoneFigures
 from headstock.solvers.paths.set_points import show_feed
 from headstock.solvers.second_order import Channel, name_channel
@@ -42,9 +37,7 @@ from headstock.solvers.watched_outputs import Extreme
 _PARTS = ("total", "quasi_static", "low_frequency", "dynamic")
 SIZES = ("peak", "span", "ramp_peak", "ramp_span", "quasi_static", "dynamic", "rms")
 ZONES = ("accelerating", "decelerating")
-# What a resonance does after a ramp goes up and down as it shifts: changes by a source of error times
-# this cover the true errors of 95 numbers in 100 (`validate axes-estimates`); ranges are whole widths
-COVERING = 1.5
+CRUISE = ("variation", "straightness", "amplitude")
 # ``peak_um`` or ``peak_urad`` and so on, ``settling_s`` without a value where it never settles
 type ZoneSummary = dict[str, float | None]
 
@@ -184,57 +177,6 @@ class PathRun:
     cruises: tuple[CruiseFigures | None, ...] = ()
 
 
-@dataclass(frozen=True, eq=False)
-class PathWorth:
-    """What a path is worth: the same runs of machines without a source of error, all in the pose of
-    the middle.
-
-    Attributes:
-        base: Runs of the machine, one per feed.
-        better: Source of error, and the component alone that has it, to runs without it, an empty name
-            for all components; cutting coefficients and the key of one, to runs at an end of its range.
-        unknown: Components with a mesh whose errors nothing shows.
-        left_out: What is not looked at.
-    """
-
-    base: tuple[PathRun, ...]
-    better: Mapping[tuple[str, str], tuple[PathRun, ...]]
-    unknown: tuple[str, ...]
-    left_out: tuple[str, ...]
-
-    def judge(
-        self, number: int, read: Callable[[PathRun], Mapping[str, float | None]]
-    ) -> dict[str, Estimate]:
-        """How far numbers of a run may be off, by their names.
-
-        Args:
-            number: Of the run.
-            read: What a run says of them; None for what has no number.
-        """
-        found = {}
-        others = {owner: read(runs[number]) for owner, runs in self.better.items()}
-        for name, own in read(self.base[number]).items():
-            parts = [
-                Estimate(
-                    {source: size},
-                    self.left_out,
-                    {} if size is None or not owner else {source: {owner: size}},
-                )
-                for (source, owner), other in others.items()
-                for size in [_measure_change(own, other[name], source)]
-            ]
-            if self.unknown:
-                parts.append(Estimate({DISCRETISATION: None}))
-            found[name] = combine_estimates([*parts, Estimate({}, self.left_out)])
-        return found
-
-
-def _measure_change(own: float | None, changed: float | None, source: str) -> float | None:
-    """What stands behind the ± of a number's size; None where one of them is missing."""
-    covering = 1.0 if source == CUTTING else COVERING
-    return None if own is None or changed is None else covering * abs(abs(changed) - abs(own))
-
-
 @dataclass(frozen=True)
 class FollowedPoses:
     """How the poses of a path were followed.
@@ -298,7 +240,7 @@ class PathResult(Answer):
         drives: Drives under control; empty where motors follow their set points.
         energy_error: By feed, error of the energy balance relative to its largest part; where
             friction acts.
-        worth: How far the numbers may be off.
+        left_out: What is not in the ± of its numbers.
     """
 
     start: dict[str, float]
@@ -314,7 +256,7 @@ class PathResult(Answer):
     low_frequency_modes: int
     poses: FollowedPoses | None
     runs: tuple[PathRun, ...]
-    worth: PathWorth
+    left_out: tuple[str, ...] = ()
     unit: str = "m"
     drives: tuple[str, ...] = ()
     energy_error: dict[str, float] = field(default_factory=dict)
@@ -349,13 +291,25 @@ class PathResult(Answer):
             "energy_error": self.energy_error,
             "poses": None if self.poses is None else self.poses.summarise(),
             "feeds": [_summarise_run(self, place) for place in range(len(self.runs))],
-            "error_left_out": list(self.worth.left_out),
+            "error_left_out": list(self.left_out),
         }
 
-    def judge_probe(self, place: int, name: str) -> ProbeMotion:
-        """What a probe saw on a run, with its errors."""
-        changes = self.worth.judge(place, partial(_read_probe, name=name))
-        return self.runs[place].probes[name].judge(changes)
+    def list_numbers(self) -> Iterator[Number]:
+        """Yield deviations of each zone, torques, forces and extremes at probes of every feed."""
+        for number in list_run_numbers(self.runs):
+            yield replace(number, error=self.errors.get(number.key))
+
+    def list_series(self) -> Iterator[Series]:
+        """Yield the deviation of every output over time."""
+        for run in self.runs:
+            deviation = run.curves.deviation
+            for number, channel in enumerate(run.curves.outputs):
+                yield Series(
+                    f"deviation(feed={run.curves.name},output={name_channel(channel)})",
+                    {"time [s]": deviation.times},
+                    deviation.total[:, number],
+                    _unit_of(channel),
+                )
 
     def fill(self, file: "h5py.File") -> None:
         """Write the curves of every feed, in the order of the scene."""
@@ -364,26 +318,43 @@ class PathResult(Answer):
             fill_path(feeds.create_group(run.curves.name.replace("/", " per ")), run.curves)
 
 
+def list_run_numbers(runs: Iterable[PathRun]) -> Iterator[Number]:
+    """Yield the numbers of runs; those at probes with what the mesh around them leaves out in ±."""
+    for run in runs:
+        feed = run.curves.name
+        for index, (channel, zones) in enumerate(zip(run.curves.outputs, run.figures, strict=True)):
+            at = {"feed": feed, "output": name_channel(channel)}
+            cruise = run.cruises[index] if run.cruises else None
+            for zone, figures in zip(ZONES, zones, strict=True):
+                for size in SIZES:
+                    key = make_key("path_deviation", zone=zone, figure=size, **at)
+                    yield Number(key, getattr(figures, size), _unit_of(channel))
+                settling = math.nan if figures.settling is None else figures.settling
+                yield Number(make_key("settling_time", zone=zone, **at), settling, "s")
+            for size in () if cruise is None else CRUISE:
+                key = make_key("path_deviation", zone="cruising", figure=size, **at)
+                yield Number(key, getattr(cruise, size), _unit_of(channel))
+        yield from list_forces(run.drives, run.joints, run.probes, feed=feed)
+
+
 def _summarise_run(answer: PathResult, place: int) -> FeedSummary:
-    run, worth = answer.runs[place], answer.worth
-    torques = worth.judge(
-        place, lambda each: {name: own.torque.value for name, own in each.drives.items()}
-    )
-    followed = worth.judge(
-        place, lambda each: {name: own.position_error.value for name, own in each.drives.items()}
-    )
+    run = answer.runs[place]
+    feed = run.curves.name
     summary: FeedSummary = {
-        "name": run.curves.name,
+        "name": feed,
         "acceleration": float(np.abs(run.curves.accelerations).max()),
-        "outputs": [
-            _summarise_output(run, number, worth, place) for number in range(len(run.figures))
-        ],
-        "drives": summarise_drives(run.drives, torques, followed),
-        "joints": summarise_joints(
-            run.joints,
-            {joint: worth.judge(place, partial(_read_forces, joint=joint)) for joint in run.joints},
-        ),
-        "probes": {name: answer.judge_probe(place, name).summarise() for name in run.probes},
+        "outputs": [_summarise_output(answer, run, number) for number in range(len(run.figures))],
+        "drives": summarise_drives(run.drives, answer.errors, feed=feed),
+        "joints": summarise_joints(run.joints, answer.errors, feed=feed),
+        "probes": {
+            name: probe.summarise(
+                *(
+                    answer.errors.get(make_key(kind, feed=feed, probe=name), Estimate())
+                    for kind in ("peak_stress", "peak_displacement")
+                )
+            )
+            for name, probe in run.probes.items()
+        },
     }
     if run.curves.unit == "m":
         summary["feed_mm_per_min"] = 6e4 * run.curves.feed
@@ -392,40 +363,27 @@ def _summarise_run(answer: PathResult, place: int) -> FeedSummary:
     return summary
 
 
-def _read_forces(run: PathRun, joint: str) -> dict[str, float | None]:
-    return {direction: force.value for direction, force in run.joints[joint].items()}
-
-
-def _read_probe(run: PathRun, name: str) -> dict[str, float | None]:
-    return run.probes[name].sizes
-
-
-def _read_sizes(run: PathRun, output: int, zone: int) -> dict[str, float | None]:
-    return {size: getattr(run.figures[output][zone], size) for size in SIZES}
-
-
-def _summarise_output(run: PathRun, number: int, worth: PathWorth, place: int) -> OutputSummary:
+def _summarise_output(answer: PathResult, run: PathRun, number: int) -> OutputSummary:
     channel, zones, frozen = (
         run.curves.outputs[number],
         run.figures[number],
         run.frozen_figures[number],
     )
     unit, factor = deviation_unit(channel)
-    judged = {
-        name: worth.judge(place, partial(_read_sizes, output=number, zone=zone))
-        for zone, name in enumerate(ZONES)
-    }
+
+    def find_error(zone: str, figure: str) -> Estimate:
+        at = {"feed": run.curves.name, "zone": zone, "output": name_channel(channel)}
+        return answer.errors.get(make_key("path_deviation", figure=figure, **at), Estimate())
+
     summary: OutputSummary = {
         "dof": list(channel),
         "accelerating": _summarise_zone(channel, zones[0], frozen[0]),
         "decelerating": _summarise_zone(channel, zones[1], frozen[1]),
         "errors": {
-            zone: {f"{size}_{unit}": _scale(error, factor) for size, error in errors.items()}
-            for zone, errors in judged.items()
+            zone: {f"{size}_{unit}": _scale(find_error(zone, size), factor) for size in SIZES}
+            for zone in ZONES
         },
-        "error_share": {
-            zone: scale_shares(errors["peak"], factor) for zone, errors in judged.items()
-        },
+        "error_share": {zone: scale_shares(find_error(zone, "peak"), factor) for zone in ZONES},
     }
     cruise = run.cruises[number] if run.cruises else None
     if cruise is not None:
@@ -441,19 +399,15 @@ def _summarise_output(run: PathRun, number: int, worth: PathWorth, place: int) -
             summary["cruising"]["period_mm"] = 1e3 * cruise.distance
         else:
             summary["cruising"]["period_deg"] = math.degrees(cruise.distance)
-        found = worth.judge(place, lambda each: _read_cruise(each, number))
         summary["errors"]["cruising"] = {
-            f"{name}_um": _scale(error, 1e6) for name, error in found.items()
+            f"{size}_um": _scale(find_error("cruising", size), 1e6) for size in CRUISE
         }
     return summary
 
 
-def _read_cruise(run: PathRun, number: int) -> dict[str, float | None]:
-    cruise = run.cruises[number] if run.cruises else None
-    return {
-        name: None if cruise is None else getattr(cruise, name)
-        for name in ("variation", "straightness", "amplitude")
-    }
+def _unit_of(channel: Channel) -> str:
+    """Return the SI unit of a deviation."""
+    return "rad" if channel[1].startswith("r") else "m"
 
 
 def _scale(error: Estimate, factor: float) -> float | None:

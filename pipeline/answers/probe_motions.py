@@ -3,7 +3,6 @@
 """
 
 import dataclasses
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TypedDict
 
@@ -12,8 +11,8 @@ from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.process.libraries import h5py
-from headstock.pipeline.answers.estimates import Estimate, combine_estimates, scale_shares
 from headstock.pipeline.answers.probes import MEGA, MICRO
+from headstock.pipeline.numbers.estimates import Estimate, scale_shares
 from headstock.solvers.stresses import STRESS_NAMES, largest_von_mises
 from headstock.solvers.watched_outputs import Extreme
 
@@ -70,7 +69,7 @@ class ProbeMotion:
         von_mises: The largest equivalent stress [Pa].
         stress: ``(6,)`` then [Pa].
         displacement: The largest size of the displacement [m].
-        von_mises_error: Of the largest equivalent stress; until judged of the mesh around it alone [Pa].
+        von_mises_error: Of the largest equivalent stress by the mesh around it [Pa].
         displacement_error: The same of the largest displacement [m].
         singular: What makes the stress there grow with every finer mesh; empty for nothing.
     """
@@ -84,32 +83,22 @@ class ProbeMotion:
     displacement_error: Estimate
     singular: str = ""
 
-    @property
-    def sizes(self) -> dict[str, float | None]:
-        """Numbers that are judged, by their names."""
-        return {"von_mises": self.von_mises.value, "displacement": self.displacement.value}
-
-    def judge(self, changes: Mapping[str, Estimate]) -> "ProbeMotion":
-        """With what sources of error change in its sizes, beside what the mesh around it does; nothing
-        where they are not known.
-        """
-        mises, moved = (
-            combine_estimates([changes[name], local]) if changes[name].shares else changes[name]
-            for name, local in zip(
-                self.sizes, (self.von_mises_error, self.displacement_error), strict=True
-            )
-        )
-        return dataclasses.replace(self, von_mises_error=mises, displacement_error=moved)
-
     def thin(self, some: NDArray[np.intp]) -> "ProbeMotion":
         """With some of the samples."""
         own = self.trace
         trace = ProbeTrace(own.name, own.displacement[some], own.stress[some])
         return dataclasses.replace(self, trace=trace)
 
-    def summarise(self) -> ProbeMotionSummary:
-        """As it stands in ``summary.json``."""
-        mises, moved = self.von_mises_error, self.displacement_error
+    def summarise(
+        self, mises: Estimate | None = None, moved: Estimate | None = None
+    ) -> ProbeMotionSummary:
+        """Return it as it stands in ``summary.json``.
+
+        Args:
+            mises: ± of the equivalent stress by all sources [Pa]; that of the mesh around it by default.
+            moved: The same of the displacement [m].
+        """
+        mises, moved = mises or self.von_mises_error, moved or self.displacement_error
         return {
             "component": self.component,
             "singular": self.singular,

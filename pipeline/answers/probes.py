@@ -2,16 +2,17 @@
 how they read in ``summary.json`` and ``results.h5``.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar, TypedDict
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.meshing.process.libraries import h5py
 from headstock.pipeline.answers.answer import Answer
-from headstock.pipeline.answers.estimates import Estimate
+from headstock.pipeline.numbers.estimates import Estimate
+from headstock.pipeline.numbers.numbers import Number, make_key
 from headstock.pipeline.storage.json_texts import check_finite
 from headstock.solvers.second_order import Channel, ComplexArray
 from headstock.solvers.stresses import STRESS_NAMES, largest_von_mises
@@ -100,6 +101,22 @@ class ProbeAnswer(Answer):
         r"probes/.*/stress(_error)?": "Pa",
     }
 
+    def list_numbers(self) -> Iterator[Number]:
+        """Yield displacements, stresses and equivalent stresses."""
+        for name, probe in self.probes.items():
+            at = {"pose": self.pose, "probe": name}
+            for direction, value, error in zip(
+                DIRECTIONS, probe.displacement, probe.displacement_errors, strict=True
+            ):
+                key = make_key("probe_displacement", direction=direction, **at)
+                yield Number(key, float(value), "m", error)
+            for component, value, error in (
+                *zip(STRESS_NAMES, probe.stress, probe.stress_errors, strict=True),
+                ("von_mises", largest_von_mises(probe.stress), probe.von_mises_error),
+            ):
+                key = make_key("probe_stress", component=component, **at)
+                yield Number(key, float(value), "Pa", error)
+
     def summarise(self) -> dict[str, ProbeSummary]:
         """Its probes as they stand in ``summary.json``.
 
@@ -161,6 +178,26 @@ class ProbeCurves:
         """How far it may be off by all sources together; None where none was sought."""
         parts = list(self.von_mises_error_share.values())
         return np.asarray(np.sum(parts, axis=0)) if parts else None
+
+    def list_peaks(self) -> Iterator[tuple[Channel, float, Estimate]]:
+        """Yield the largest equivalent stress under a load at each input [Pa per unit], with its ±."""
+        for column, given in enumerate(self.inputs):
+            mises = self.von_mises[:, column]
+            known = np.flatnonzero(np.isfinite(mises))
+            if len(known):
+                top = int(known[np.argmax(mises[known])])
+                yield (
+                    given,
+                    float(mises[top]),
+                    Estimate(
+                        {
+                            source: None
+                            if np.isnan(size[top, column])
+                            else float(size[top, column])
+                            for source, size in self.von_mises_error_share.items()
+                        }
+                    ),
+                )
 
     def summarise(self) -> ProbeCurvesSummary:
         """Where the equivalent stress is largest, by input."""

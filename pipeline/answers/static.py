@@ -1,14 +1,16 @@
 """Static compliances at points as results: the types, and how they read in both files."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import ClassVar, NotRequired, TypedDict
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray
 from headstock.meshing.process.libraries import h5py
 from headstock.pipeline.answers.answer import Answer
-from headstock.pipeline.answers.estimates import Estimate, scale_parts, scale_shares
+from headstock.pipeline.numbers.estimates import Estimate, scale_parts, scale_shares
+from headstock.pipeline.numbers.numbers import Key, Number, make_key
 from headstock.pipeline.storage.json_texts import check_finite, null_open
 
 UM_PER_KN = 1e9  # m/N
@@ -43,7 +45,6 @@ class PointCompliance:
         text: What it says about the weak link.
         displacement: ``(6,)`` motion under the scene's static loads [m, rad], NaN where a free
             motion leaves it open; None without loads.
-        errors: Direction x, y, z to how far the compliance in it may be off [m/N].
         free_motions: Motions of the machine that nothing holds.
         displacements: Load, ``gravity`` and ``guide_errors`` among them, to its part ``(6,)`` of
             the displacement.
@@ -53,7 +54,6 @@ class PointCompliance:
     budget: dict[str, dict[str, float]]
     text: str = ""
     displacement: FloatArray | None = None
-    errors: dict[str, Estimate] = field(default_factory=dict)
     free_motions: tuple[str, ...] = ()
     displacements: dict[str, FloatArray] = field(default_factory=dict)
 
@@ -74,13 +74,42 @@ class StaticAnswer(Answer):
         r"static/.*/displacements?(/.*)?": "SI: m, m, m, rad, rad, rad",
     }
 
+    def list_numbers(self) -> Iterator[Number]:
+        """Yield compliances in and across x, y, z, and displacements under the scene's loads."""
+        for name, point in self.points.items():
+            at = {"pose": self.pose, "point": name}
+            for row, output in enumerate(DIRECTIONS):
+                for column, given in enumerate(DIRECTIONS):
+                    direction = output if row == column else output + given
+                    key = make_key("compliance", direction=direction, **at)
+                    value = float(point.compliance[row, column])
+                    yield Number(key, value, "m/N", self.errors.get(key))
+            moved = {} if point.displacement is None else {"": point.displacement}
+            for load, values in (moved | point.displacements).items():
+                kind, own = ("load_displacement", {"load": load}) if load else ("displacement", {})
+                for direction, value in zip(DOF_NAMES, values, strict=True):
+                    unit = "rad" if direction.startswith("r") else "m"
+                    key = make_key(kind, direction=direction, **at, **own)
+                    yield Number(key, float(value), unit)
+
     def summarise(self) -> dict[str, PointSummary]:
         """Its points as they stand in ``summary.json``.
 
         Raises:
             AccuracyError: A compliance is not a number although no motion is free.
         """
-        return {name: _summarise_point(name, point) for name, point in self.points.items()}
+        return {
+            name: _summarise_point(name, point, self.list_errors(name))
+            for name, point in self.points.items()
+        }
+
+    def list_errors(self, point: str) -> dict[str, Estimate]:
+        """Return direction to ± of the compliance of a point [m/N]."""
+        return {
+            direction: self.errors[key]
+            for direction in DIRECTIONS
+            if (key := compliance_key(self.pose, point, direction)) in self.errors
+        }
 
     def fill(self, file: "h5py.File") -> None:
         """Write compliances and displacements, NaN for what free motions leave open."""
@@ -100,7 +129,14 @@ class StaticAnswer(Answer):
                 group[f"displacements/{load}"] = values
 
 
-def _summarise_point(name: str, point: PointCompliance) -> PointSummary:
+def compliance_key(pose: str, point: str, direction: str) -> Key:
+    """Return the key of a compliance."""
+    return make_key("compliance", pose=pose, point=point, direction=direction)
+
+
+def _summarise_point(
+    name: str, point: PointCompliance, errors: dict[str, Estimate]
+) -> PointSummary:
     what, free = f"static compliance at {name}", bool(point.free_motions)
     summary: PointSummary = {
         "compliance_um_per_kN": null_open(what, point.compliance[:3, :3] * UM_PER_KN, free=free),
@@ -115,17 +151,15 @@ def _summarise_point(name: str, point: PointCompliance) -> PointSummary:
         "text": point.text,
         "error_um_per_kN": {
             direction: None if error.total is None else UM_PER_KN * error.total
-            for direction, error in point.errors.items()
+            for direction, error in errors.items()
         },
         "error_share": {
-            direction: scale_shares(error, UM_PER_KN) for direction, error in point.errors.items()
+            direction: scale_shares(error, UM_PER_KN) for direction, error in errors.items()
         },
         "error_parts": {
-            direction: scale_parts(error, UM_PER_KN) for direction, error in point.errors.items()
+            direction: scale_parts(error, UM_PER_KN) for direction, error in errors.items()
         },
-        "error_left_out": sorted(
-            {words for error in point.errors.values() for words in error.left_out}
-        ),
+        "error_left_out": sorted({words for error in errors.values() for words in error.left_out}),
     }
     if point.displacement is not None:
         what = f"displacement of {name} under the static loads"

@@ -2,6 +2,7 @@
 ``results.h5``.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar, TypedDict
 
@@ -10,12 +11,12 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.process.libraries import h5py
 from headstock.pipeline.answers.answer import Answer
-from headstock.pipeline.answers.estimates import Estimate, scale_shares
 from headstock.pipeline.answers.frf import split_channel
 from headstock.pipeline.answers.motion_forces import (
     DriveExtremes,
     DriveForceSummary,
     JointForceSummary,
+    list_forces,
     summarise_drives,
     summarise_joints,
 )
@@ -26,6 +27,8 @@ from headstock.pipeline.answers.probe_motions import (
     ProbeTrace,
     parse_probe_trace,
 )
+from headstock.pipeline.numbers.estimates import Estimate, scale_shares
+from headstock.pipeline.numbers.numbers import Key, Number, Series, make_key
 from headstock.pipeline.storage.json_texts import check_finite
 from headstock.scene.requests import Motors
 from headstock.solvers.linear.transient import EnergyBalance, TransientFigures
@@ -128,7 +131,6 @@ class TransientAnswer(Answer):
     Attributes:
         curves: What is tabled and drawn.
         figures: Of each output.
-        errors: How far each peak may be off [m, rad].
         acts_on: What each load acts on, in words.
         shapes: Shape of each load.
         sizes: Largest value of each load, impulses among them.
@@ -147,7 +149,6 @@ class TransientAnswer(Answer):
 
     curves: TransientCurves
     figures: tuple[TransientFigures, ...]
-    errors: tuple[Estimate, ...]
     acts_on: tuple[str, ...]
     shapes: tuple[str, ...]
     sizes: tuple[float, ...]
@@ -173,15 +174,39 @@ class TransientAnswer(Answer):
         r"transient/.*/position_errors": "m",
     }
 
+    def list_numbers(self) -> Iterator[Number]:
+        """Yield figures of every output, then what drives, joints and probes took at most."""
+        pose = self.curves.pose
+        for channel, figures in zip(self.curves.outputs, self.figures, strict=True):
+            at = {"pose": pose, "output": name_channel(channel)}
+            unit = "rad" if channel[1].startswith("r") else "m"
+            for figure in ("peak", "start", "final"):
+                if (value := getattr(figures, figure)) is not None:
+                    key = make_key("time_deviation", figure=figure, **at)
+                    yield Number(key, value, unit, self.errors.get(key))
+            settling = np.nan if figures.settling is None else figures.settling
+            yield Number(make_key("settling_time", **at), settling, "s")
+        yield from list_forces(self.drives, self.joints, self.probes, pose=pose)
+
+    def list_series(self) -> Iterator[Series]:
+        """Yield the motion of every output over time."""
+        curves = self.curves
+        for number, channel in enumerate(curves.outputs):
+            yield Series(
+                f"displacement(pose={curves.pose},output={name_channel(channel)})",
+                {"time [s]": curves.times},
+                curves.displacements[:, number],
+                "rad" if channel[1].startswith("r") else "m",
+            )
+
     def summarise(self) -> TransientSummary:
         """As it stands in ``summary.json``; the curves are in ``results.h5`` and ``tables/``.
 
         Raises:
             AccuracyError: A displacement is not a finite number.
         """
-        check_finite(
-            f"transient analysis in pose {self.curves.pose}", self.curves.displacements.ravel()
-        )
+        pose = self.curves.pose
+        check_finite(f"transient analysis in pose {pose}", self.curves.displacements.ravel())
         return {
             "duration_s": self.duration,
             "sampling_hz": self.sampling_hz,
@@ -202,15 +227,17 @@ class TransientAnswer(Answer):
                 )
             },
             "outputs": {
-                name_channel(channel): _summarise_output(channel, figures, error)
-                for channel, figures, error in zip(
-                    self.curves.outputs, self.figures, self.errors, strict=True
+                name_channel(channel): _summarise_output(
+                    channel, figures, self.errors.get(peak_key(pose, channel), Estimate())
                 )
+                for channel, figures in zip(self.curves.outputs, self.figures, strict=True)
             },
             "energy": None if self.energy is None else _summarise_energy(self.energy),
-            "error_left_out": sorted({words for error in self.errors for words in error.left_out}),
-            "drives": summarise_drives(self.drives, {}, {}),
-            "joints": summarise_joints(self.joints, {}),
+            "error_left_out": sorted(
+                {words for error in self.errors.values() for words in error.left_out}
+            ),
+            "drives": summarise_drives(self.drives, {}, pose=pose),
+            "joints": summarise_joints(self.joints, {}, pose=pose),
             "probes": {name: probe.summarise() for name, probe in self.probes.items()},
         }
 
@@ -229,6 +256,11 @@ class TransientAnswer(Answer):
         group["torques"], group["position_errors"] = curves.torques, curves.position_errors
         for probe in curves.probes:
             probe.fill(group.create_group(f"probes/{probe.name}"))
+
+
+def peak_key(pose: str, channel: Channel) -> Key:
+    """Return the key of the peak of an output."""
+    return make_key("time_deviation", pose=pose, output=name_channel(channel), figure="peak")
 
 
 def parse_transient(pose: str, group: h5py.Group) -> TransientCurves:

@@ -1,5 +1,6 @@
 """Position errors of a tool over a volume as a result: the types, and how they read in both files."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar, TypedDict
 
@@ -8,8 +9,9 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.process.libraries import h5py
 from headstock.pipeline.answers.answer import Answer
-from headstock.pipeline.answers.estimates import Estimate, scale_parts, scale_shares
 from headstock.pipeline.answers.map import GridSummary, nest_grid
+from headstock.pipeline.numbers.estimates import Estimate, scale_parts, scale_shares
+from headstock.pipeline.numbers.numbers import Number, Series, make_key
 from headstock.pipeline.storage.json_texts import check_finite
 from headstock.solvers.linear.volumetric import AxisMotions, Squareness, measure_range
 
@@ -77,7 +79,7 @@ class VolumetricAnswer(Answer):
         budget: Direction x, y, z to the share of each part in the variation over the volume.
         lines: Error motions along each axis through the middle of the grid.
         squareness: Of each pair of linear axes.
-        errors: ``(n0, n1, ..., 6)`` how far the error of each pose may be off; NaN where nobody knows.
+        grid_errors: ``(n0, n1, ..., 6)`` how far the error of each pose may be off; NaN where nobody knows.
         range_errors: Source to how far its range may be off, in the order of the symbols.
         total_errors: The same of all sources together.
         largest_error: How far the largest error may be off.
@@ -95,7 +97,7 @@ class VolumetricAnswer(Answer):
     budget: dict[str, dict[str, float]]
     lines: tuple[AxisMotions, ...]
     squareness: tuple[Squareness, ...]
-    errors: FloatArray
+    grid_errors: FloatArray
     range_errors: dict[str, list[Estimate]]
     total_errors: list[Estimate]
     largest_error: Estimate
@@ -112,13 +114,47 @@ class VolumetricAnswer(Answer):
         """``(n0, n1, ..., 6)`` of all sources together."""
         return np.asarray(np.sum(list(self.sources.values()), axis=0))
 
+    def list_numbers(self) -> Iterator[Number]:
+        """Yield ranges by source, the largest error, deviations along axes and squareness."""
+        at = {"point": self.point}
+        every = {TOTAL: (self.total, self.total_errors)} | {
+            source: (values, self.range_errors.get(source, ()))
+            for source, values in self.sources.items()
+        }
+        for source, (values, errors) in every.items():
+            for number, size in enumerate(measure_range(values)):
+                key = make_key("volumetric_range", source=source, component=SYMBOLS[number], **at)
+                error = errors[number] if errors else None
+                yield Number(key, float(size), _unit_of(number), error)
+        largest = float(np.nanmax(np.linalg.norm(self.total[..., :3], axis=-1)))
+        yield Number(make_key("volumetric_error", **at), largest, "m", self.largest_error)
+        for line, errors in zip(self.lines, self.line_errors, strict=True):
+            for number, size in enumerate(line.deviations):
+                key = make_key("line_deviation", axis=line.axis, component=SYMBOLS[number], **at)
+                yield Number(key, float(size), _unit_of(number), errors[number])
+        for each, error in zip(self.squareness, self.squareness_errors, strict=True):
+            key = make_key("squareness", axes=f"{each.first}-{each.second}", **at)
+            yield Number(key, float(each.angle), "rad", error)
+
+    def list_series(self) -> Iterator[Series]:
+        """Yield the error over the grid by source and component."""
+        axes = {
+            f"{axis} [{self.axis_units[axis]}]": values
+            for axis, values in zip(self.axes, self.positions, strict=True)
+        }
+        for source, values in {TOTAL: self.total, **self.sources}.items():
+            for number, symbol in enumerate(SYMBOLS):
+                key = f"volumetric(point={self.point},source={source},component={symbol})"
+                errors = {"all": self.grid_errors[..., number]} if source == TOTAL else {}
+                yield Series(key, axes, values[..., number], _unit_of(number), errors)
+
     def summarise(self) -> VolumetricSummary:
         """As it stands in ``summary.json``."""
         total = self.total
         sizes = np.linalg.norm(total[..., :3], axis=-1)
         worst = np.unravel_index(int(np.nanargmax(sizes)), sizes.shape)
         every = {TOTAL: total, **self.sources}
-        grids = every | ({"error": self.errors} if np.isfinite(self.errors).any() else {})
+        grids = every | ({"error": self.grid_errors} if np.isfinite(self.grid_errors).any() else {})
         return {
             "axes": list(self.axes),
             "units": self.axis_units,
@@ -193,7 +229,12 @@ class VolumetricAnswer(Answer):
             group[f"positions/{axis}"] = values
         for source, values in self.sources.items():
             group[source.replace(" ", "_")] = values
-        group["error"] = self.errors
+        group["error"] = self.grid_errors
+
+
+def _unit_of(number: int) -> str:
+    """Return the unit of a component by its number."""
+    return "m" if number < 3 else "rad"
 
 
 def _scale(error: Estimate) -> float | None:

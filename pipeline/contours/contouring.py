@@ -14,7 +14,6 @@ from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.contouring import (
     ContourAnswer,
     ContourFace,
-    ContourWorth,
     FaceStability,
 )
 from headstock.pipeline.answers.milled_faces import MilledFace
@@ -34,9 +33,15 @@ from headstock.pipeline.contours.coupled_contour import (
 )
 from headstock.pipeline.contours.lumped_contour import lumped_face_dynamics, run_lumped_contour
 from headstock.pipeline.contours.milled_faces import mill_faces
+from headstock.pipeline.numbers.numbers import Number
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.repeats import ONCE
-from headstock.pipeline.stages.better_machines import repeat_at_ends, repeat_without, silence
+from headstock.pipeline.stages.better_machines import (
+    Repeated,
+    repeat_at_ends,
+    repeat_without,
+    silence,
+)
 from headstock.pipeline.stages.mechanism import placed_mechanism
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.scene.reading.forces import ForceRecord, read_forces, resampling_loss
@@ -177,25 +182,29 @@ def _mill(
     )
 
 
-def _judge_contour(
+def _repeat_contour(
     state: RunState, request: ContouringRequest, record: ForceRecord | None, way: SampledWay | None
-) -> ContourWorth:
-    """The contour once more, on the machine with finer meshes and more modes, with the true curved
-    faces, and with cutting coefficients at the ends of their ranges.
+) -> Repeated[tuple[Number, ...]]:
+    """Return the numbers of the contour once more, on the machine with finer meshes and more modes, with
+    the true curved faces, and with cutting coefficients at the ends of their ranges.
     """
     found = repeat_without(
         state,
         ONCE,
-        lambda machine: _mill(machine, request, record, way).answer,
+        lambda machine: tuple(_mill(machine, request, record, way).answer.list_numbers()),
         asked=request.estimate,
     )
     if request.cutting and record is None and request.estimate:
         found = repeat_at_ends(
             request.cut.coefficients,
-            lambda own: _mill(silence(state), _with_coefficients(request, own), None, way).answer,
+            lambda own: tuple(
+                _mill(
+                    silence(state), _with_coefficients(request, own), None, way
+                ).answer.list_numbers()
+            ),
             found,
         )
-    return ContourWorth(found.better, found.unknown, found.left_out)
+    return found
 
 
 def _with_coefficients(
@@ -268,8 +277,14 @@ def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
             )
     for reason in milled.reasons:
         state.warn(reason)
-    worth = _judge_contour(state, request, record, milled.way)
-    found = dataclasses.replace(found, force_loss=loss, worth=worth)
+    repeated = _repeat_contour(state, request, record, milled.way)
+    found = dataclasses.replace(
+        found,
+        force_loss=loss,
+        errors=repeated.estimate(tuple(found.list_numbers())),
+        sources=tuple(dict.fromkeys(source for _, source in repeated.better)),
+        left_out=repeated.left_out,
+    )
     reported = ", ".join(
         f"face {face.number} {1e6 * face.gap_mean[0]:+.1f} µm"
         for face in found.faces

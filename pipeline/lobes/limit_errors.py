@@ -5,16 +5,16 @@ import dataclasses
 import numpy as np
 
 from headstock.geometry.frames import DIRECTIONS, BoolArray, FloatArray
-from headstock.pipeline.answers.estimates import (
+from headstock.pipeline.answers.lobes import HZ, DirectionLobes
+from headstock.pipeline.lobes.cutting_point import CuttingPoint, find_tip, travel_frame
+from headstock.pipeline.lobes.limits import Limits, cuts_at_speeds
+from headstock.pipeline.numbers.estimates import (
     BORDER,
     CURVED_FACES,
     CUTTING,
     DISCRETISATION,
     REDUCTION,
 )
-from headstock.pipeline.answers.lobes import HZ, DirectionLobes
-from headstock.pipeline.lobes.cutting_point import CuttingPoint, find_tip, travel_frame
-from headstock.pipeline.lobes.limits import Limits, cuts_at_speeds
 from headstock.pipeline.stages.estimates import name_what_is_left_out
 from headstock.pipeline.stages.frf import find_error_sources
 from headstock.pipeline.stages.machine import damp_system

@@ -10,7 +10,9 @@ from collections.abc import Callable
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.motion_forces import PathForces
-from headstock.pipeline.answers.path import PathCurves, PathResult, PathRun, PathWorth
+from headstock.pipeline.answers.path import PathCurves, PathResult, PathRun, list_run_numbers
+from headstock.pipeline.numbers.estimates import Estimate
+from headstock.pipeline.numbers.numbers import Key, Number
 from headstock.pipeline.paths.driven_moves import drive_moves
 from headstock.pipeline.paths.ideal_motors import build_plant, move_freely
 from headstock.pipeline.paths.path_disturbances import disturb_freely, disturb_loop
@@ -159,6 +161,7 @@ def answer_path(
     except (UnstableControlError, ModelError) as error:
         return Outcome(detail="refused: see below", failures=(f"path analysis: {error}",))
     model, ramp = choose_model(request), request.moves[0].ramp
+    errors, left_out = _estimate_errors(state, request, solved, solve)
     answer = PathResult(
         start=dict(request.path.start.positions),
         end=dict(request.path.end.positions),
@@ -174,7 +177,8 @@ def answer_path(
         low_frequency_modes=slow_modes(frequencies_hz, model.low_frequency_limit_hz),
         poses=solved.poses,
         runs=_run_moves(request, solved),
-        worth=_judge_path(state, request, solved, solve),
+        errors=errors,
+        left_out=left_out,
         drives=tuple(state.scene.drives),
         energy_error=dict(state.energy_errors),
     )
@@ -186,31 +190,33 @@ def answer_path(
     )
 
 
-def _judge_path(
+def _estimate_errors(
     state: RunState,
     request: PathRequest,
     solved: SolvedMoves,
     solve: Callable[[RunState, PathRequest], SolvedMoves],
-) -> PathWorth:
-    """The moves once more, in the pose of the middle, of the machine without each source of error, and
-    with cutting coefficients at the ends of their ranges.
+) -> tuple[dict[Key, Estimate], tuple[str, ...]]:
+    """Return the ± of every number, and what is not in them: the moves once more, in the pose of the
+    middle, of the machine without each source of error, and with cutting coefficients at the ends of
+    their ranges.
     """
     frozen = dataclasses.replace(request, follows_pose=False)
+
+    def list_numbers(moves: SolvedMoves) -> tuple[Number, ...]:
+        return tuple(list_run_numbers(_run_moves(frozen, moves)))
+
     found = repeat_without(
-        state,
-        EACH,
-        lambda machine: _run_moves(frozen, solve(machine, frozen)),
-        asked=request.estimate,
+        state, EACH, lambda machine: list_numbers(solve(machine, frozen)), asked=request.estimate
     )
     if request.cut is not None and request.estimate:
         found = repeat_at_ends(
             request.cut.cut.coefficients,
-            lambda own: _run_moves(frozen, solve(silence(state), _with_coefficients(frozen, own))),
+            lambda own: list_numbers(solve(silence(state), _with_coefficients(frozen, own))),
             found,
         )
     if found.better and request.follows_pose:
         solved = solve(silence(state), frozen)
-    return PathWorth(_run_moves(frozen, solved), found.better, found.unknown, found.left_out)
+    return found.estimate(list_numbers(solved)), found.left_out
 
 
 def _with_coefficients(request: PathRequest, coefficients: CuttingCoefficients) -> PathRequest:

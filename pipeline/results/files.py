@@ -22,6 +22,7 @@ from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.frf import ResponseCurves, parse_curves
 from headstock.pipeline.answers.path import PathCurves, parse_path
 from headstock.pipeline.answers.transient import TransientCurves, parse_transient
+from headstock.pipeline.numbers.numbers import Numbers
 from headstock.pipeline.planning.plan import Stage, StageRecord
 from headstock.pipeline.results.grids import MESH_MODULE
 from headstock.pipeline.results.mode_files import MODES_FOLDER, VOLUME_FOLDER, file_stem
@@ -56,7 +57,7 @@ if TYPE_CHECKING:
     import pyvista
 
 FORMAT = "headstock results"
-VERSION = 2
+VERSION = 3
 RESULTS_FILE = "results.h5"
 SUMMARY_FILE = "summary.json"
 REPORT_FILE = "report.html"
@@ -74,7 +75,7 @@ OTHER_RESULTS = {
 # pattern of the path of a data set to its unit; answers name those of their own
 UNITS = {
     r"provenance/.*": "",
-    r"labels|record/text": "",
+    r"labels|record/text|numbers/.*": "",
     r"view/.*/(edges|nodes|triangles|cells)": "",
     r"view/.*/(origin|tool_place|work_place)|view/skins/.*/points": "m",
     r"view/.*/rotation|view/axes/.*": "1",
@@ -139,6 +140,7 @@ def _fill(file: "h5py.File", results: Results) -> None:
     if results.labels:
         file["labels"] = np.char.encode(np.array(results.labels), "utf-8")
     write_record(file.create_group("view", track_order=True), results.view)
+    results.numbers.write(file.create_group("numbers"))
     units = dict(UNITS)
     for answer in results.answers:
         answer.fill(file)
@@ -330,6 +332,16 @@ def read_mesh(
         f"{folder} has no mesh of {name!r} in {VOLUME_FOLDER}/{file} or {MODES_FOLDER}/{file};"
         " `headstock run SCENE --volume` writes them"
     )
+
+
+def read_numbers(folder: Path) -> Numbers:
+    """Return every number of a run with its ±, from ``results.h5``.
+
+    Raises:
+        UnusableOutputError: The file is missing, damaged, of an earlier version or of another run than the
+            summary.
+    """
+    return _read_results(folder, lambda file: Numbers.read(file["numbers"]))
 
 
 def read_curves(folder: Path) -> tuple[ResponseCurves, ...]:

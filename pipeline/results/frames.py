@@ -1,17 +1,19 @@
 """Results as pandas tables, one row per mode, entry, component, stage or line of a response."""
 
 from collections.abc import Callable, Mapping
-
-import pandas
+from typing import TYPE_CHECKING
 
 from headstock.geometry.frames import DOF_NAMES
-from headstock.pipeline.results.results import Results
+from headstock.pipeline.storage.frames import Frame, frame_columns
+
+if TYPE_CHECKING:
+    from headstock.pipeline.results.results import Results
 
 type Column = list[object]
 
 
-def make_frame(results: Results, name: str) -> pandas.DataFrame:
-    """A table of results.
+def make_frame(results: "Results", name: str) -> Frame:
+    """Return a table of results.
 
     Args:
         results: Of a run.
@@ -19,39 +21,24 @@ def make_frame(results: Results, name: str) -> pandas.DataFrame:
 
     Raises:
         KeyError: There is no such table.
+        HeadstockError: pandas is missing.
     """
     if name not in TABLES:
         raise KeyError(f"there is no table {name!r}; there are: {', '.join(TABLES)}")
-    return pandas.DataFrame(TABLES[name](results))
+    found = TABLES[name](results)
+    if isinstance(found, Mapping):
+        return frame_columns(found)
+    return frame_columns({head: [row[head] for row in found] for head in found[0]} if found else {})
 
 
-def frame_columns(columns: Mapping[str, Column]) -> pandas.DataFrame:
-    """A frame of columns; those of numbers alone, or of none, are floats.
-
-    Args:
-        columns: Head to the value in each row.
-    """
-    numbers = {
-        name: [float(value) if isinstance(value, int | float) else value for value in values]
-        if all(value is None or type(value) in (int, float) for value in values)
-        else values
-        for name, values in columns.items()
-    }
-    frame = pandas.DataFrame(numbers)
-    for name, values in numbers.items():
-        if all(value is None or isinstance(value, float) for value in values):
-            frame[name] = frame[name].astype(float)
-    return frame
-
-
-def _list_modes(results: Results) -> list[Mapping[str, object]]:
+def _list_modes(results: "Results") -> list[Mapping[str, object]]:
     return [
         {
             "pose": pose,
             "mode": modes.below + number + 1,
             "frequency_hz": float(modes.frequencies_hz[number]),
             "error_hz": modes.error_hz[number],
-            "error_known_hz": modes.error_known_hz[number],
+            "error_known_hz": modes.list_errors()[number].known,
             "damping_ratio": modes.damping_ratio[number],
             "name": modes.mode_names[number],
         }
@@ -60,7 +47,7 @@ def _list_modes(results: Results) -> list[Mapping[str, object]]:
     ]
 
 
-def _list_compliance(results: Results) -> list[Mapping[str, object]]:
+def _list_compliance(results: "Results") -> list[Mapping[str, object]]:
     return [
         {
             "pose": pose,
@@ -74,7 +61,7 @@ def _list_compliance(results: Results) -> list[Mapping[str, object]]:
     ]
 
 
-def _list_responses(results: Results) -> Mapping[str, Column]:
+def _list_responses(results: "Results") -> Mapping[str, Column]:
     columns: dict[str, Column] = {}
     for pose, response in results.frf.items():
         curves = response.curves
@@ -91,7 +78,7 @@ def _list_responses(results: Results) -> Mapping[str, Column]:
     return columns
 
 
-def _list_components(results: Results) -> list[Mapping[str, object]]:
+def _list_components(results: "Results") -> list[Mapping[str, object]]:
     return [
         {
             "component": name,
@@ -104,7 +91,7 @@ def _list_components(results: Results) -> list[Mapping[str, object]]:
     ]
 
 
-def _list_stages(results: Results) -> list[Mapping[str, object]]:
+def _list_stages(results: "Results") -> list[Mapping[str, object]]:
     return [
         {
             "stage": record.stage.kind,
@@ -117,7 +104,7 @@ def _list_stages(results: Results) -> list[Mapping[str, object]]:
     ]
 
 
-TABLES: dict[str, Callable[[Results], list[Mapping[str, object]] | Mapping[str, Column]]] = {
+TABLES: dict[str, Callable[["Results"], list[Mapping[str, object]] | Mapping[str, Column]]] = {
     "modes": _list_modes,
     "compliance": _list_compliance,
     "frf": _list_responses,

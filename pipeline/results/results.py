@@ -1,63 +1,33 @@
 """``Results``: everything that a run found, with its warnings, costs and provenance."""
 
 import importlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from types import ModuleType
+from functools import cached_property
 from typing import TYPE_CHECKING
 
-from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import MeshQuality
 from headstock.pipeline.answers.answer import Answer, find_answers
-from headstock.pipeline.answers.estimates import Estimate
 from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.answers.static import PointCompliance, StaticAnswer
+from headstock.pipeline.numbers.estimates import Estimate
+from headstock.pipeline.numbers.numbers import Number, Numbers, make_key
 from headstock.pipeline.planning.plan import StageRecord
 from headstock.pipeline.results.grids import MESH_MODULE, Grid, pose_numbers, surface_grid
 from headstock.pipeline.results.short_forms import ShortForm, list_few, show_value
 from headstock.pipeline.results.views import MachineView, pick_name
+from headstock.pipeline.storage.frames import Frame
 from headstock.pipeline.storage.provenance import Provenance
 
 if TYPE_CHECKING:
-    import pandas
     import pyvista
 
 # of which a few lines say something of their own
 SHOWN_ANSWERS = ("PoseModes", "StaticAnswer", "PoseResponse")
 
 type MeshReader = Callable[[str, str | None], pyvista.UnstructuredGrid]
-
-
-type Frame = pandas.DataFrame
-
-
-def frame_columns(columns: Mapping[str, list[object]]) -> Frame:
-    """A pandas frame of columns; those of numbers alone, or of none, are floats.
-
-    Args:
-        columns: Head to the value in each row.
-
-    Raises:
-        HeadstockError: pandas is missing.
-    """
-    frame: Frame = _load_frames().frame_columns(columns)
-    return frame
-
-
-def _load_frames() -> ModuleType:
-    """The module that makes pandas frames.
-
-    Raises:
-        HeadstockError: pandas is missing.
-    """
-    try:
-        return importlib.import_module("headstock.pipeline.results.frames")
-    except ModuleNotFoundError as missing:
-        raise HeadstockError(
-            "tables are pandas': pip install pandas, or start with ./headstock python"
-        ) from missing
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +113,7 @@ class Results:
             rows += [
                 (pose, str(modes.below + number + 1), f"{hz:.5g}", _show_error(estimate), name)
                 for number, (hz, estimate, name) in enumerate(
-                    zip(map(float, found), modes.errors, modes.mode_names, strict=True)
+                    zip(map(float, found), modes.list_errors(), modes.mode_names, strict=True)
                 )
             ]
         for pose, points in self.static.items():
@@ -191,7 +161,7 @@ class Results:
         responses = find_answers(self.answers, PoseResponse)
         return {response.curves.pose: response for response in responses}
 
-    def to_pandas(self, table: str) -> "pandas.DataFrame":
+    def to_pandas(self, table: str) -> Frame:
         """A table as a pandas frame, in SI units but for names that say another: ``modes``,
         ``compliance``, ``frf`` (receptance), ``components`` or ``stages``.
 
@@ -199,8 +169,22 @@ class Results:
             KeyError: There is no such table; the message has those that are.
             HeadstockError: pandas is missing.
         """
-        frame: pandas.DataFrame = _load_frames().make_frame(self, table)
+        frames = importlib.import_module("headstock.pipeline.results.frames")
+        frame: Frame = frames.make_frame(self, table)
         return frame
+
+    @cached_property
+    def numbers(self) -> Numbers:
+        """Every number with its place, unit and ±, by name such as ``frequency(pose=reference,mode=1)``."""
+        return Numbers.collect(
+            (
+                *(
+                    Number(make_key("mass", component=name), facts.mass_kg, "kg")
+                    for name, facts in self.components.items()
+                ),
+                *(number for answer in self.answers for number in answer.list_numbers()),
+            )
+        )
 
     def mesh(self, component: str, pose: str | None = None) -> "pyvista.UnstructuredGrid":
         """A component at its position in a pose [m], with its modes and responses as named arrays.

@@ -6,7 +6,15 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from headstock.pipeline.answers.estimates import CURVED_FACES, CUTTING, DISCRETISATION, REDUCTION
+from headstock.pipeline.numbers.changes import Owner, estimate_changes
+from headstock.pipeline.numbers.estimates import (
+    CURVED_FACES,
+    CUTTING,
+    DISCRETISATION,
+    REDUCTION,
+    Estimate,
+)
+from headstock.pipeline.numbers.numbers import Key, Number
 from headstock.pipeline.planning.repeats import (
     BOTH_AT_ONCE,
     FINER_MESH,
@@ -26,8 +34,6 @@ from headstock.solvers.errors import (
 )
 from headstock.solvers.milling.coefficients import CuttingCoefficients
 
-# source of error, and the component alone that has it, empty for all, or the key of a coefficient
-Owner = tuple[str, str]
 SOURCES = {
     FINER_MESH: DISCRETISATION,
     TRUE_FACES: CURVED_FACES,
@@ -50,6 +56,14 @@ class Repeated[Found]:
     better: dict[Owner, Found]
     unknown: tuple[str, ...]
     left_out: tuple[str, ...]
+
+    def estimate(
+        self: "Repeated[tuple[Number, ...]]", base: Sequence[Number]
+    ) -> dict[Key, Estimate]:
+        """Return the ± of numbers whose analysis was repeated."""
+        return estimate_changes(
+            base, self.better, unknown=bool(self.unknown), left_out=self.left_out
+        )
 
 
 def repeat_without[Found](
@@ -77,7 +91,7 @@ def repeat_without[Found](
         try:
             better[owner] = solve(machine)
         except (ModelError, UnstableControlError, ConvergenceError, AccuracyError) as error:
-            left_out.append(f"{' of '.join(filter(None, owner))}: {error}")
+            left_out.append(f"{' of '.join(filter(None, owner[::-1]))}: {error}")
     return Repeated(better, _find_silent_meshes(state), tuple(left_out))
 
 
@@ -97,7 +111,7 @@ def repeat_at_ends[Found](
     better, left_out = dict(found.better), list(found.left_out)
     for key in coefficients.ranges:
         try:
-            better[CUTTING, key] = solve(coefficients.farther_end(key))
+            better[key, CUTTING] = solve(coefficients.farther_end(key))
         except (ModelError, UnstableControlError, ConvergenceError, AccuracyError) as error:
             left_out.append(f"{key} of the {CUTTING}: {error}")
     return Repeated(better, found.unknown, tuple(left_out))
@@ -122,7 +136,7 @@ def list_better_machines(
                 better[name] = dataclasses.replace(part, superelement=improved)
         if better:
             replaced = dataclasses.replace(state, reduced={**state.reduced, **better})
-            found[SOURCES[own], names[0] if own.apart else ""] = silence(replaced)
+            found[names[0] if own.apart else "", SOURCES[own]] = silence(replaced)
     return found
 
 

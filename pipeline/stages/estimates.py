@@ -8,7 +8,8 @@ import numpy as np
 
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.parts.components import Material
-from headstock.pipeline.answers.estimates import (
+from headstock.pipeline.answers.static import UM_PER_KN
+from headstock.pipeline.numbers.estimates import (
     CURVED_FACES,
     DISCRETISATION,
     LEFT_OUT,
@@ -16,7 +17,6 @@ from headstock.pipeline.answers.estimates import (
     Estimate,
     combine_estimates,
 )
-from headstock.pipeline.answers.static import UM_PER_KN
 from headstock.pipeline.planning.interfaces import has_choice
 from headstock.pipeline.stages.run_state import MachineParts
 from headstock.reduction.coupling.coupling import CoupledMachine

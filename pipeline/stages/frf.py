@@ -11,21 +11,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.geometry.frames import BoolArray, FloatArray
-from headstock.pipeline.answers.estimates import (
+from headstock.pipeline.answers.frf import (
+    DrivePointFigures,
+    Height,
+    PoseResponse,
+    ResponseCurves,
+)
+from headstock.pipeline.answers.probes import ProbeCurves
+from headstock.pipeline.numbers.estimates import (
     CURVED_FACES,
     DISCRETISATION,
     LEFT_OUT,
     REDUCTION,
+    Estimate,
     combine_estimates,
 )
-from headstock.pipeline.answers.frf import (
-    DrivePointFigures,
-    PoseResponse,
-    ResponseCurves,
-    ResponseNumber,
-)
-from headstock.pipeline.answers.probes import ProbeCurves
-from headstock.pipeline.answers.response_numbers import list_numbers, place_levels, place_peaks
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.control import drive_machine, list_poles
 from headstock.pipeline.stages.estimates import estimate_parts, name_what_is_left_out
@@ -52,7 +52,7 @@ from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.probes import PlacedProbe, component_factors, place_probe
 from headstock.reduction.estimates.frequency_errors import truncated_parts
 from headstock.reduction.estimates.mesh_errors import meshed_parts
-from headstock.reduction.estimates.peak_errors import Respond, find_peak_errors
+from headstock.reduction.estimates.peak_errors import find_peak_errors
 from headstock.reduction.estimates.response_errors import (
     ErrorSources,
     ResponseErrors,
@@ -83,6 +83,12 @@ from headstock.solvers.linear.frequency_response import (
 )
 from headstock.solvers.linear.modal_analysis import ModalResult, keep_lowest
 from headstock.solvers.linear.modal_coordinates import ModalCoordinates, count_modes, keep_modes
+from headstock.solvers.pairing.response_peaks import (
+    ResponseLevel,
+    ResponsePeak,
+    find_levels,
+    find_response_peaks,
+)
 from headstock.solvers.second_order import (
     Channel,
     ComplexArray,
@@ -180,22 +186,21 @@ def _name_direct_loads(parts: MachineParts, response: FrequencyResponse) -> tupl
     return (f"modes left out that {', '.join(inside)} would excite directly",) if inside else ()
 
 
-def add_figure_errors(
+def estimate_figures(
     figures: tuple[DrivePointFigures, ...],
     response: FrequencyResponse,
     estimate: ResponseEstimate | None,
-) -> tuple[DrivePointFigures, ...]:
-    """The figures with the change of their most negative real part: a peak that moves keeps its
-    depth.
+) -> dict[Channel, Estimate]:
+    """Return the ± of most negative real parts by drive point: a peak that moves keeps its depth.
 
     Args:
-        figures: Figures of each drive point.
+        figures: Of each drive point.
         response: The response they were read from.
         estimate: Errors of its lines; None where there is no estimate.
     """
     if estimate is None or not estimate.shares:
-        return figures
-    found = []
+        return {}
+    found = {}
     for own in figures:
         row, column = response.outputs.index(own.channel), response.inputs.index(own.channel)
         plain = response.receptance[:, row, column]
@@ -208,7 +213,6 @@ def add_figure_errors(
             or own.most_negative_real_hz is None
             or not _reaches(response.frequencies_hz, bounded, own.most_negative_real_hz)
         ):
-            found.append(own)
             continue
         depths = [
             _deepest(plain[bounded] + change[bounded])
@@ -224,17 +228,10 @@ def add_figure_errors(
             )
             # nothing is known of the mesh near the deepest line: then nothing is known of the depth
             if softer is None:
-                found.append(own)
                 continue
             shares = {DISCRETISATION: abs(softer - depths[0])} | shares
-        found.append(
-            dataclasses.replace(
-                own,
-                most_negative_real_error=sum(shares.values()),
-                most_negative_real_error_share=shares,
-            )
-        )
-    return tuple(found)
+        found[own.channel] = Estimate(shares)
+    return found
 
 
 def _softer_depth(
@@ -451,6 +448,8 @@ def respond(
             {source: size[:, count:] for source, size in shares.items()},
         )
     modes_hz, names = _name_peaks(machine, model, judged=judged)
+    ports = _port_figures(request, model, figures, modes_hz=modes_hz, names=names)
+    peaks, levels = _find_heights(model, request) if judged else ((), ())
     found = PoseResponse(
         curves=ResponseCurves(
             machine.pose.name,
@@ -469,45 +468,57 @@ def respond(
         singular_hz=tuple(
             float(hz) for hz in response.frequencies_hz[response.singular.any(axis=(1, 2))]
         ),
-        figures=add_figure_errors(
-            _port_figures(
-                request,
-                model,
-                figures,
-                modes_hz=modes_hz,
-                names=names,
-            ),
-            response,
-            estimate,
-        ),
+        figures=ports,
         error_left_out=() if estimate is None else estimate.left_out,
-        numbers=_find_numbers(machine, model, request) if judged else (),
+        peaks=peaks,
+        levels=levels,
+    )
+    found = dataclasses.replace(
+        found,
+        errors={
+            **dict(
+                zip(map(found.key, found.heights), estimate_heights(machine, found), strict=True)
+            ),
+            **{
+                found.figure_key(channel): error
+                for channel, error in estimate_figures(ports, response, estimate).items()
+            },
+        },
     )
     warnings += [warn_of_singular(name, probe.singular) for name, probe in placed.items()]
     return Solved(found, tuple(warnings))
 
 
-def _find_numbers(
-    machine: PoseModel, model: FrfModel, request: FrfRequest
-) -> tuple[ResponseNumber, ...]:
-    """Peaks and levels with their errors; none under control, whose resonances are no natural modes."""
+def _find_heights(
+    model: FrfModel, request: FrfRequest
+) -> tuple[tuple[ResponsePeak, ...], tuple[ResponseLevel, ...]]:
+    """Return peaks and levels; of an entry and its reciprocal one the first stands for both. None under
+    control, whose resonances are no natural modes.
+    """
     if isinstance(model.form, ClosedResponse):
-        return ()
-    return judge_numbers(machine, list_numbers(model, request))
+        return (), ()
+
+    def place(height: Height) -> tuple[frozenset[Channel], int]:
+        ends = frozenset((model.outputs[height.output], model.inputs[height.given]))
+        return ends, -1 if isinstance(height, ResponseLevel) else height.mode
+
+    def once[H: Height](heights: Sequence[H]) -> tuple[H, ...]:
+        return tuple({place(each): each for each in reversed(heights)}.values())[::-1]
+
+    peaks = find_response_peaks(model, request.from_hz, request.to_hz)
+    return once(peaks), once(find_levels(model, request.from_hz))
 
 
-def judge_numbers(
-    machine: PoseModel, numbers: Sequence[ResponseNumber]
-) -> tuple[ResponseNumber, ...]:
-    """Peaks and levels of a response of a machine with their errors, as far as these are known.
+def estimate_heights(machine: PoseModel, answer: PoseResponse) -> list[Estimate]:
+    """Return the ± of peaks, then levels, of a response of a machine, as far as these are known.
 
     Args:
         machine: In its pose.
-        numbers: Of its response.
+        answer: Its response, or that of another model of it with peaks followed.
     """
     request, coupled = _frf_request(machine), machine.coupled
-    if coupled is None or not numbers:
-        return tuple(numbers)
+    if coupled is None or not answer.heights:
+        return [Estimate()] * len(answer.heights)
     bare = add_load_inputs(machine.system, machine.loads, request.inputs)
     sources = find_error_sources(machine.parts, coupled)
     channels = (input_columns(bare, request.inputs), output_rows(bare, request.outputs))
@@ -519,27 +530,9 @@ def judge_numbers(
         system = damp_system(machine.parts.scene, changed)
         return prepare_frf(system, inputs=request.inputs, outputs=request.outputs)
 
-    return _add_number_errors(numbers, request, space, respond)
-
-
-def _add_number_errors(
-    numbers: Sequence[ResponseNumber],
-    request: FrfRequest,
-    space: ResponseSpace,
-    respond: Respond,
-) -> tuple[ResponseNumber, ...]:
-    """The numbers with what each component's mesh and modes left out change of them.
-
-    Args:
-        numbers: Peaks, then levels.
-        request: Its channels.
-        space: The machine in its trial space, without the damping of modes.
-        respond: Its response with a change, damped as the scene says.
-    """
-    peaks, levels = place_peaks(numbers, request), place_levels(numbers, request)
-    found = find_peak_errors(space, respond, peaks, levels)
+    found = find_peak_errors(space, respond, answer.peaks, answer.levels)
     by_source = [
-        estimate_parts(source, sizes, len(numbers))
+        estimate_parts(source, sizes, len(answer.heights))
         for source, sizes in (
             (DISCRETISATION, found.finer),
             (CURVED_FACES, found.faces),
@@ -547,10 +540,7 @@ def _add_number_errors(
             (REDUCTION, found.modes),
         )
     ]
-    return tuple(
-        dataclasses.replace(number, error=combine_estimates(each))
-        for number, each in zip(numbers, zip(*by_source, strict=True), strict=True)
-    )
+    return [combine_estimates(each) for each in zip(*by_source, strict=True)]
 
 
 def _name_peaks(

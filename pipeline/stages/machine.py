@@ -15,9 +15,9 @@ from headstock.geometry.machine.machine import Pose
 from headstock.geometry.mechanisms.tool_mechanism import solve_pose
 from headstock.geometry.parts.skins import Skin
 from headstock.meshing.components.skins import PIXEL, skin_size, thin_skin
-from headstock.pipeline.answers.estimates import Estimate
 from headstock.pipeline.answers.mechanism import describe_state
-from headstock.pipeline.answers.static import PointCompliance
+from headstock.pipeline.answers.static import PointCompliance, compliance_key
+from headstock.pipeline.numbers.estimates import Estimate
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.results.views import (
     PoseView,
@@ -171,12 +171,15 @@ class CoupledPose:
                 found.shares,
                 "" if link is None else str(link),
                 displacements.pop(ALL_LOADS, None),
-                errors,
                 tuple(map(str, free)),
                 displacements,
             ),
             (warn_of_free_motions(self.undeclared(free) or free),) if free else (),
             failures,
+            {
+                compliance_key(self.pose.name, name, direction): error
+                for direction, error in errors.items()
+            },
         )
 
     def _displace(self, name: str) -> tuple[dict[str, FloatArray], tuple[str, ...]]:

@@ -14,9 +14,9 @@ from headstock.geometry.machine.machine import Pose
 from headstock.geometry.mechanisms.exechon import LEGS, LENGTHS
 from headstock.geometry.mechanisms.tool_mechanism import solve_pose
 from headstock.geometry.parts.skins import Skin
-from headstock.pipeline.answers.estimates import Estimate
 from headstock.pipeline.answers.mechanism import describe_state
 from headstock.pipeline.answers.static import PointCompliance
+from headstock.pipeline.numbers.estimates import Estimate
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.results.views import PointView, PoseView, ShiftArray
 from headstock.pipeline.stages.lumped_machine import (

@@ -3,6 +3,7 @@ by the kind of coupling.
 """
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,8 +11,14 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Pose, position_units
 from headstock.geometry.parts.components import CouplingKind
-from headstock.pipeline.answers.estimates import Estimate
-from headstock.pipeline.answers.modal import PoseModes
+from headstock.pipeline.answers.modal import (
+    DAMPED_FREQUENCY,
+    DAMPING_RATIO,
+    FREQUENCY,
+    PoseModes,
+)
+from headstock.pipeline.numbers.estimates import ALL_SOURCES, Estimate
+from headstock.pipeline.numbers.numbers import Key, make_key
 from headstock.pipeline.planning.interfaces import has_choice, recouple
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.machine import (
@@ -103,11 +110,9 @@ def solve_pose_modes(model: PoseModel, request: ModalRequest) -> Solved[PoseMode
         pose_units=position_units(model.parts.scene.machine),
         frequencies_hz=result.frequencies_hz,
         rigid_count=min(result.rigid_count, count),
-        errors=errors,
+        errors=_name_errors(model.pose.name, errors, damping),
         damping_ratio=damping.ratios or (None,) * count,
         damped_hz=damping.frequencies_hz or (None,) * count,
-        damping_error=damping.ratio_errors,
-        damped_error_hz=damping.frequency_errors_hz,
         mode_names=named.names,
         energy_share=named.strain_shares,
         kinetic_share=named.kinetic_shares,
@@ -158,17 +163,30 @@ def _leave_out_lower(modes: PoseModes, below: int) -> PoseModes:
         modes,
         frequencies_hz=modes.frequencies_hz[below:],
         rigid_count=0,
-        errors=modes.errors[below:],
         damping_ratio=modes.damping_ratio[below:],
         damped_hz=modes.damped_hz[below:],
-        damped_error_hz=modes.damped_error_hz[below:],
-        damping_error=modes.damping_error[below:],
         mode_names=modes.mode_names[below:],
         energy_share=modes.energy_share[below:],
         kinetic_share=modes.kinetic_share[below:],
         shapes=modes.shapes[:, below:],
         below=below,
     )
+
+
+def _name_errors(
+    pose: str, frequencies: Sequence[Estimate], damping: "_Damping"
+) -> dict[Key, Estimate]:
+    """Return the ± of frequencies, damping ratios and damped frequencies by key."""
+    kinds = {
+        FREQUENCY: frequencies,
+        DAMPING_RATIO: [Estimate({ALL_SOURCES: size}) for size in damping.ratio_errors],
+        DAMPED_FREQUENCY: [Estimate({ALL_SOURCES: size}) for size in damping.frequency_errors_hz],
+    }
+    return {
+        make_key(kind, pose=pose, mode=mode): error
+        for kind, errors in kinds.items()
+        for mode, error in enumerate(errors, 1)
+    }
 
 
 def _tell_neighbours(request: ModalRequest, every: ModalResult, below: int) -> str:

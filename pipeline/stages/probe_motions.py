@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.answers.estimates import DISCRETISATION, REDUCTION, Estimate
 from headstock.pipeline.answers.probe_motions import ProbeMotion, ProbeTrace
 from headstock.pipeline.answers.transient import TRUNCATION
+from headstock.pipeline.numbers.estimates import DISCRETISATION, REDUCTION, Estimate
 from headstock.pipeline.stages.machine import DAMPING
 from headstock.pipeline.stages.motion_forces import SteppedStates
 from headstock.pipeline.stages.probes import CYCLE_SAFETY, watched_rows

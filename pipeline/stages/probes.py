@@ -8,14 +8,14 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.answers.estimates import (
+from headstock.pipeline.answers.probes import ProbeAnswer, ProbeCurves, ProbeResponse
+from headstock.pipeline.numbers.estimates import (
     CURVED_FACES,
     DISCRETISATION,
     REDUCTION,
     Estimate,
     combine_estimates,
 )
-from headstock.pipeline.answers.probes import ProbeAnswer, ProbeCurves, ProbeResponse
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.estimates import estimate_parts, name_what_is_left_out
 from headstock.pipeline.stages.machine import DAMPING

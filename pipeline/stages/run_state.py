@@ -14,10 +14,11 @@ from headstock.geometry.parts.skins import Skin
 from headstock.meshing.component_mesh import ComponentMesh, MeshQuality
 from headstock.meshing.errors import MeshError, PatchError
 from headstock.pipeline.answers.answer import Answer, find_answers
-from headstock.pipeline.answers.estimates import Estimate
 from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.answers.static import PointCompliance, StaticAnswer
+from headstock.pipeline.numbers.estimates import Estimate
+from headstock.pipeline.numbers.numbers import Key
 from headstock.pipeline.planning.plan import Plan, Stage, StageRecord
 from headstock.pipeline.planning.resources import measure
 from headstock.pipeline.results.views import PoseView, ShiftArray
@@ -103,13 +104,19 @@ class MachineParts:
 
 @dataclass(frozen=True, eq=False)
 class Solved[T]:
-    """What an analysis found, and what is said with it: warnings, and parts of the analysis that
-    were refused.
+    """What an analysis found, and what is said with it.
+
+    Attributes:
+        answer: Of the analysis.
+        warnings: In plain words.
+        failures: Parts that were refused, with the reason.
+        errors: ± of the answer's numbers, where it does not hold them itself.
     """
 
     answer: T
     warnings: tuple[str, ...] = ()
     failures: tuple[str, ...] = ()
+    errors: Mapping[Key, Estimate] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,13 +1,21 @@
 """The static stage: compliance and its budget at points. Only rank 0 has anything to do."""
 
 import dataclasses
+from collections.abc import Iterable
 
 import numpy as np
 
 from headstock.geometry.frames import DIRECTIONS
 from headstock.pipeline.answers.static import PointCompliance, StaticAnswer
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.stages.run_state import Outcome, PoseMotions, RunState, Solved, pose_model
+from headstock.pipeline.stages.run_state import (
+    Outcome,
+    PoseModel,
+    PoseMotions,
+    RunState,
+    Solved,
+    pose_model,
+)
 from headstock.solvers.errors import ModelError
 
 
@@ -20,19 +28,12 @@ def run_static_stage(state: RunState, stage: Stage) -> Outcome:
     model, request = pose_model(state), state.scene.analyses.static
     if request is None:
         raise ValueError("a static stage needs a static analysis in the scene")
-    pose = model.pose.name
-    solved: dict[str, Solved[PointCompliance]] = {}
-    refused: tuple[str, ...] = ()
-    try:
-        for name in request.at:
-            solved[name] = model.solve_point(name)
-    except ModelError as error:
-        refused = (f"static analysis in pose {pose}: {error}",)
-    warnings = tuple(message for found in solved.values() for message in found.warnings)
-    failures = tuple(message for found in solved.values() for message in found.failures) + refused
-    if refused:
-        return Outcome(detail="refused: see below", warnings=warnings, failures=failures)
-    answer = StaticAnswer(pose, {name: found.answer for name, found in solved.items()})
+    solved = solve_points(model, request.at)
+    answer, pose = solved.answer, model.pose.name
+    if not answer.points:
+        return Outcome(
+            detail="refused: see below", warnings=solved.warnings, failures=solved.failures
+        )
     motions = {
         f"{name} {direction}": model.expand(model.push((name, direction)))
         for name, point in answer.points.items()
@@ -48,5 +49,31 @@ def run_static_stage(state: RunState, stage: Stage) -> Outcome:
     }
     state.views[pose] = dataclasses.replace(state.views[pose], pushes=single)
     return Outcome(
-        detail=", ".join(solved), answers=(answer,), warnings=warnings, failures=failures
+        detail=", ".join(answer.points),
+        answers=(answer,),
+        warnings=solved.warnings,
+        failures=solved.failures,
+    )
+
+
+def solve_points(model: PoseModel, at: Iterable[str]) -> Solved[StaticAnswer]:
+    """Return compliances at points with their ±; without points where a free motion leaves one of them
+    undetermined.
+    """
+    pose, solved = model.pose.name, dict[str, Solved[PointCompliance]]()
+    refused: tuple[str, ...] = ()
+    try:
+        for name in at:
+            solved[name] = model.solve_point(name)
+    except ModelError as error:
+        refused = (f"static analysis in pose {pose}: {error}",)
+    found = solved.values()
+    return Solved(
+        StaticAnswer(
+            pose,
+            {} if refused else {name: own.answer for name, own in solved.items()},
+            errors={key: error for own in found for key, error in own.errors.items()},
+        ),
+        tuple(message for own in found for message in own.warnings),
+        (*(message for own in found for message in own.failures), *refused),
     )

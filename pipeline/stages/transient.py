@@ -9,8 +9,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.answers.estimates import Estimate
-from headstock.pipeline.answers.transient import TRUNCATION, TransientAnswer, TransientCurves
+from headstock.pipeline.answers.transient import (
+    TRUNCATION,
+    TransientAnswer,
+    TransientCurves,
+    peak_key,
+)
+from headstock.pipeline.numbers.estimates import Estimate
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.control import drive_machine
 from headstock.pipeline.stages.machine import DAMPING, damp_system, warn_of_no_damping
@@ -335,7 +340,10 @@ def respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[Transi
             probes=tuple(probe.trace for probe in probes.values()),
         ),
         figures=solution.figures,
-        errors=errors,
+        errors={
+            peak_key(machine.pose.name, channel): error
+            for channel, error in zip(request.outputs, errors, strict=True)
+        },
         acts_on=tuple(_target_of(load) for load in request.loads),
         shapes=tuple(load.shape for load in request.loads),
         sizes=tuple(_largest(load, loads[:, number]) for number, load in enumerate(request.loads)),

@@ -19,12 +19,12 @@ from headstock.geometry.machine.machine import (
     travel_directions,
 )
 from headstock.geometry.mechanisms.tool_mechanism import TOOL_AXES, TOOL_POINT
-from headstock.pipeline.answers.estimates import (
+from headstock.pipeline.answers.volumetric import VolumetricAnswer
+from headstock.pipeline.numbers.estimates import (
     CURVED_FACES,
     DISCRETISATION,
     LEFT_OUT,
 )
-from headstock.pipeline.answers.volumetric import VolumetricAnswer
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.estimates import (
     Changes,
@@ -199,7 +199,7 @@ def _assemble(
         },
         lines=tuple(lines),
         squareness=tuple(read_squareness(total)),
-        errors=_size(every, total),
+        grid_errors=_size(every, total),
         range_errors={
             source: estimate_measures(
                 measure_range, sources[source], changes[source], first.left_out

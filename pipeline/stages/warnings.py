@@ -13,8 +13,9 @@ from headstock.meshing.component_mesh import POOR_QUALITY, MeshQuality
 from headstock.meshing.mesh_units import doubt_mesh_size
 from headstock.meshing.step_units import doubt_size
 from headstock.pipeline.answers.answer import find_answers
-from headstock.pipeline.answers.estimates import DISCRETISATION, REDUCTION, Estimate
 from headstock.pipeline.answers.interfaces import InterfaceErrorsAnswer
+from headstock.pipeline.answers.modal import FREQUENCY
+from headstock.pipeline.numbers.estimates import DISCRETISATION, REDUCTION, Estimate
 from headstock.pipeline.planning.interfaces import find_glued_joints, find_reach
 from headstock.pipeline.stages.run_state import ReducedComponent, RunState
 
@@ -251,20 +252,13 @@ def _mesh_share(state: RunState, component: str) -> float | None:
 
 
 def _stated_errors(state: RunState) -> list[tuple[str, float, Estimate]]:
-    """Frequencies and compliances with their names and what is behind ±."""
-    rows = [
-        (f"frequency {index + 1} ({hz:.4g} Hz)", float(hz), modes.errors[index])
-        for modes in state.modal
-        for index, hz in enumerate(modes.frequencies_hz)
-        if index >= modes.rigid_count
+    """Return frequencies and compliances with their names and ±."""
+    return [
+        (number.describe(), number.value, number.error)
+        for answer in (*state.modal, *state.static)
+        for number in answer.list_numbers()
+        if number.key.kind in (FREQUENCY, "compliance") and number.error is not None
     ]
-    rows += [
-        (f"the {direction} compliance at {name}", float(point.compliance[axis, axis]), error)
-        for answer in state.static
-        for name, point in answer.points.items()
-        for axis, (direction, error) in enumerate(point.errors.items())
-    ]
-    return rows
 
 
 def _warn_of_large_errors(state: RunState) -> list[str]:

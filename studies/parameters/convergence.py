@@ -24,7 +24,7 @@ from headstock.pipeline.accuracy.settings import (
     grade_mesh,
     is_chosen,
 )
-from headstock.pipeline.answers.estimates import DISCRETISATION
+from headstock.pipeline.numbers.estimates import DISCRETISATION
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.results.views import ShiftArray

@@ -10,10 +10,10 @@ from typing import TypeGuard
 
 from scipy.optimize import brentq
 
-from headstock.pipeline.answers.estimates import known_part
-from headstock.pipeline.results.results import Frame, frame_columns
+from headstock.pipeline.numbers.estimates import known_part
 from headstock.pipeline.results.short_forms import ShortForm, list_few
 from headstock.pipeline.results.short_forms import show_value as show_cell
+from headstock.pipeline.storage.frames import Frame, frame_columns
 from headstock.scene.reading.files import TomlValue
 from headstock.scene.reading.units import DIMENSIONS, LENGTH, UnitError, parse_quantity
 from headstock.scene.reading.watch_paths import (

@@ -10,19 +10,19 @@ from typing import NamedTuple
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.answers.estimates import Estimate
 from headstock.pipeline.answers.modal import PoseModes
-from headstock.pipeline.answers.static import PointCompliance
+from headstock.pipeline.answers.static import StaticAnswer
+from headstock.pipeline.numbers.estimates import Estimate
 from headstock.pipeline.results.short_forms import ShortForm, list_few
 from headstock.pipeline.stages.machine import couple_pose
 from headstock.pipeline.stages.mechanism import build_mechanism, place_pose
 from headstock.pipeline.stages.modal import solve_pose_modes
 from headstock.pipeline.stages.run_state import MachineParts, PoseModel
+from headstock.pipeline.stages.static import solve_points
 from headstock.reduction.superelement import Superelement
 from headstock.scene.requests import Analyses, LobesRequest, ModalRequest
 from headstock.scene.scene import Scene
 from headstock.scene.studies import Sweep, describe_positions, sweep_neighbours, sweep_pose
-from headstock.solvers.errors import ModelError
 from headstock.solvers.pairing.mode_tracking import (
     SweptModes,
     TrackedModes,
@@ -375,13 +375,13 @@ def name_tracked_modes(parts: MachineParts, results: SweepResults) -> SweepResul
             found, points = name_pose_modes(parts, results, int(number), with_static=not samples)
             names |= {int(mode): found.mode_names[index[number, mode]] for mode in here}
             errors = {
-                int(mode): found.errors[index[number, mode]]
+                int(mode): found.list_errors()[index[number, mode]]
                 for mode in here
                 if index[number, mode] >= found.rigid_count
             }
             samples.append(
                 SampledErrors(
-                    int(number), errors, {name: point.errors for name, point in points.items()}
+                    int(number), errors, {name: points.list_errors(name) for name in points.points}
                 )
             )
         if len(names) == index.shape[1]:
@@ -392,7 +392,7 @@ def name_tracked_modes(parts: MachineParts, results: SweepResults) -> SweepResul
 
 def name_pose_modes(
     parts: MachineParts, results: SweepResults, number: int, *, with_static: bool
-) -> tuple[PoseModes, dict[str, PointCompliance]]:
+) -> tuple[PoseModes, StaticAnswer]:
     """All modes of a pose with names and errors, and its compliances.
 
     Args:
@@ -421,10 +421,5 @@ def name_pose_modes(
         model = place_pose(alone, pose, build_mechanism(alone, superelements), superelements)
     else:
         model = couple_pose(alone, pose)
-    modes = solve_pose_modes(model, request).answer
-    try:
-        return modes, {
-            name: model.solve_point(name).answer for name in (() if static is None else static.at)
-        }
-    except ModelError:
-        return modes, {}
+    points = solve_points(model, () if static is None else static.at)
+    return solve_pose_modes(model, request).answer, points.answer

@@ -13,7 +13,7 @@ from mpi4py import MPI
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component, Material
 from headstock.geometry.parts.solids import Box
-from headstock.pipeline.answers.estimates import REDUCTION
+from headstock.pipeline.numbers.estimates import REDUCTION
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages.warnings import node_spacing, shortest_wave
@@ -75,7 +75,7 @@ def test_frequencies_beyond_the_modes_kept_have_a_warning_and_no_estimate(
 
 def test_the_estimate_grows_towards_the_cut_off(run: Callable[[str, int, int], Results]) -> None:
     fewer, more = run("25 mm", 3, 5).modal[0], run("25 mm", 24, 5).modal[0]
-    bounds = [error.shares[REDUCTION] for error in fewer.errors]
+    bounds = [error.shares[REDUCTION] for error in fewer.list_errors()]
     known = np.array([bound for bound in bounds if bound is not None])
     shares = known / fewer.frequencies_hz[: len(known)]
     assert shares[-1] > 10.0 * shares[0]

@@ -9,8 +9,8 @@ from mpi4py import MPI
 
 from common import make_box, make_component, present
 from headstock.geometry.parts.components import Interface, Patch, RailSettings
-from headstock.pipeline.answers.estimates import REDUCTION
 from headstock.pipeline.exports import export_superelement
+from headstock.pipeline.numbers.estimates import REDUCTION
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.records import RecordError
 from headstock.pipeline.storage.store import Store
@@ -59,7 +59,7 @@ def test_an_exported_superelement_gives_the_same_machine(tmp_path: Path, couplin
     second = run_scene(load_scene(imported), tmp_path / "b", comm=MPI.COMM_SELF, store=store)
     assert second.modal[0].frequencies_hz == pytest.approx(first.modal[0].frequencies_hz, rel=1e-12)
     bounds = [
-        [present(error.shares[REDUCTION]) for error in results.modal[0].errors]
+        [present(error.shares[REDUCTION]) for error in results.modal[0].list_errors()]
         for results in (first, second)
     ]
     assert bounds[1] == pytest.approx(bounds[0], rel=1e-6) and bounds[0][-1] > 0.0

@@ -47,7 +47,7 @@ def test_an_accuracy_of_one_percent_is_met_where_single_tets_fill_a_section(
     assert not results.failures
     (modes,) = results.modal
     found = modes.frequencies_hz[modes.rigid_count :]
-    given = np.array([error.total for error in modes.errors[modes.rigid_count :]])
+    given = np.array([error.total for error in modes.list_errors()[modes.rigid_count :]])
     assert len(found) == len(truth)
     off = np.abs(found - truth)
     assert (off <= 0.01 * truth).all()

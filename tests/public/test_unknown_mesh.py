@@ -93,7 +93,7 @@ def test_a_run_marks_an_error_with_an_unknown_source_wherever_it_shows_it(
     assert row["± [Hz]"] == "" and float(row["± known, unknown sources apart [Hz]"]) > 0.0
     results = hs.open(out)
     assert " + ?" in results._repr_html_()
-    known = results.modal[0].error_known_hz[0]
+    known = results.modal[0].list_errors()[0].known
     assert known == pytest.approx(modes["error_share"][0]["reduction"])
 
 

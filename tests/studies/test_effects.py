@@ -8,7 +8,7 @@ import pytest
 from common import sketch
 from headstock.app.actions.effecting import tell_trial
 from headstock.app.command_line import main
-from headstock.pipeline.answers.estimates import show_share
+from headstock.pipeline.numbers.estimates import show_share
 from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.pipeline.storage.store import Store

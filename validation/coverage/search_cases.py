@@ -366,7 +366,10 @@ def search_part(part: SlenderPart, scene: Scene, truth: SlenderTruth) -> Searche
     (modes,) = results.modal
     values = _elastic(results)
     given = np.array(
-        [np.nan if one.total is None else one.total for one in modes.errors[modes.rigid_count :]]
+        [
+            np.nan if one.total is None else one.total
+            for one in modes.list_errors()[modes.rigid_count :]
+        ]
     )
     count = min(len(values), len(truth.frequencies_hz))
     values, given = values[:count], given[:count]

@@ -13,9 +13,11 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from headstock.geometry.frames import FloatArray
+from headstock.pipeline.accuracy.followed import list_followed
 from headstock.pipeline.answers.accuracy import AccuracyAnswer
 from headstock.pipeline.answers.answer import find_answers
-from headstock.pipeline.answers.estimates import DISCRETISATION
+from headstock.pipeline.answers.static import StaticAnswer
+from headstock.pipeline.numbers.estimates import DISCRETISATION
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.provenance import PROJECT
@@ -192,18 +194,14 @@ def _numbers(results: Results) -> FloatArray:
 
 def _estimates(results: Results) -> FloatArray:
     """Relative discretisation errors of the same numbers."""
-    parts: list[float] = []
-    for modes in results.modal:
-        pairs = zip(modes.errors, modes.frequencies_hz, strict=True)
-        parts += [
-            (error.shares.get(DISCRETISATION) or 0.0) / hz
-            for error, hz in list(pairs)[modes.rigid_count :]
+    return np.array(
+        [
+            (number.error.shares.get(DISCRETISATION) or 0.0) / number.value
+            for answer in (*results.modal, *find_answers(results.answers, StaticAnswer))
+            for number in list_followed(answer)
+            if number.error is not None
         ]
-    for points in results.static.values():
-        for point in points.values():
-            sizes = zip(point.errors.values(), np.diag(point.compliance)[:3], strict=True)
-            parts += [(error.shares.get(DISCRETISATION) or 0.0) / value for error, value in sizes]
-    return np.array(parts)
+    )
 
 
 def _chosen(results: Results) -> str:

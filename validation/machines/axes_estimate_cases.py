@@ -4,6 +4,7 @@ beside the same machines of fine meshes with more modes.
 
 import dataclasses
 import tempfile
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,9 +13,10 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.accuracy.rounds import replace_components
 from headstock.pipeline.answers.answer import Answer, find_answers
-from headstock.pipeline.answers.estimates import Estimate
-from headstock.pipeline.answers.path import SIZES, PathResult, PathRun
+from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.answers.volumetric import VolumetricAnswer
+from headstock.pipeline.numbers.estimates import Estimate
+from headstock.pipeline.numbers.numbers import Number
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
@@ -120,7 +122,7 @@ def compare_axes(seed: int) -> dict[str, JudgedNumbers]:
         paths = [run(variant, "path", PathResult) for variant in (None, "controlled")]
     measures = pair_numbers(*map(_list_measures, (coarse, fine)), least=LEAST)
     poses = JudgedNumbers(
-        *(each.ravel() for each in (coarse.total, coarse.errors, fine.total, fine.errors))
+        *(each.ravel() for each in (coarse.total, coarse.grid_errors, fine.total, fine.grid_errors))
     )
     free, driven = (pair_numbers(*map(_list_path, both), least=0.0) for both in paths)
     seen = [_list_probes([answers[place] for answers in paths]) for place in (0, 1)]
@@ -183,48 +185,39 @@ def _list_measures(answer: VolumetricAnswer) -> tuple[FloatArray, FloatArray]:
     )
 
 
+PATH_KINDS = ("path_deviation", "motor_torque", "position_error", "joint_force")
+PROBE_KINDS = ("peak_stress", "peak_displacement")
+
+
 def _list_path(answer: PathResult) -> tuple[FloatArray, FloatArray]:
-    """Sizes ``(n,)`` of deviations, torques, position errors and forces of a path, and what stands
-    behind their ±.
+    """Return sizes ``(n,)`` of deviations on ramps, torques, position errors and forces of a path, and
+    their ±.
     """
-    values: list[float] = []
-    errors: list[float] = []
-    for place, run in enumerate(answer.runs):
-        judged = answer.worth.judge(place, _list_run)
-        for name, value in _list_run(run).items():
-            total = judged[name].total
-            values.append(abs(value or 0.0))
-            errors.append(np.inf if total is None else total)
-    return np.array(values), np.array(errors)
+    return _list_sizes(
+        number
+        for number in answer.list_numbers()
+        if number.key.kind in PATH_KINDS and number.key.get("zone") != "cruising"
+    )
 
 
 def _list_probes(answers: list[PathResult]) -> tuple[FloatArray, FloatArray]:
-    """Largest equivalent stresses and displacements ``(n,)`` at probes, and what stands behind their ±."""
+    """Return largest equivalent stresses and displacements ``(n,)`` at probes, and their ±."""
+    return _list_sizes(
+        number
+        for answer in answers
+        for number in answer.list_numbers()
+        if number.key.kind in PROBE_KINDS
+    )
+
+
+def _list_sizes(numbers: Iterable[Number]) -> tuple[FloatArray, FloatArray]:
     values: list[float] = []
     errors: list[float] = []
-    for answer in answers:
-        for place, run in enumerate(answer.runs):
-            for name in run.probes:
-                judged = answer.judge_probe(place, name)
-                values += [judged.von_mises.value, judged.displacement.value]
-                totals = (judged.von_mises_error.total, judged.displacement_error.total)
-                errors += [np.inf if total is None else total for total in totals]
+    for number in numbers:
+        total = None if number.error is None else number.error.total
+        values.append(abs(number.value))
+        errors.append(np.inf if total is None else total)
     return np.array(values), np.array(errors)
-
-
-def _list_run(run: PathRun) -> dict[str, float | None]:
-    found: dict[str, float | None] = {
-        f"{output} {zone} {size}": getattr(figures, size)
-        for output, zones in enumerate(run.figures)
-        for zone, figures in enumerate(zones)
-        for size in SIZES
-    }
-    for name, drive in run.drives.items():
-        found[f"torque {name}"] = drive.torque.value
-        found[f"position error {name}"] = drive.position_error.value
-    for name, joint in run.joints.items():
-        found |= {f"force {name} {direction}": own.value for direction, own in joint.items()}
-    return found
 
 
 def judge_numbers(case: str, what: str, machines: list[JudgedNumbers]) -> list[ValidationRow]:

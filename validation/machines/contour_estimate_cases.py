@@ -10,7 +10,6 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.contouring import ContourAnswer
-from headstock.pipeline.answers.estimates import Estimate
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
@@ -97,28 +96,23 @@ def compare_contours(
     return {kind: pair_numbers(coarse[kind], fine[kind], least=0.0) for kind in coarse}
 
 
+KINDS = {
+    "outward_gap": FACES,
+    "contour_gap": FACES,
+    "drive_force": FACES,
+    "drive_torque": FACES,
+    "profile": PROFILES,
+    "limit_depth": LIMITS,
+}
+
+
 def _list_numbers(answer: ContourAnswer) -> dict[str, tuple[FloatArray, FloatArray]]:
-    """Sizes ``(n,)`` of what a contour says, and what stands behind their ±."""
-    worth = answer.worth
+    """Return sizes ``(n,)`` of what a contour says, and their ±."""
     values: dict[str, list[float]] = {}
-    errors: dict[str, list[Estimate]] = {}
-    for face in answer.faces:
-        judged = worth.judge_face(face)
-        for name, sizes in face.sizes.items():
-            values.setdefault(FACES, []).extend(map(float, np.abs(sizes)))
-            errors.setdefault(FACES, []).extend(judged[name])
-    for profile in answer.milled:
-        known = worth.judge_profile(profile)
-        for name, size in profile.sizes.items():
-            values.setdefault(PROFILES, []).append(abs(float(size)))
-            errors.setdefault(PROFILES, []).append(known[name])
-    for limit in answer.stability:
-        values.setdefault(LIMITS, []).append(limit.limit_depth)
-        errors.setdefault(LIMITS, []).append(worth.judge_limit(limit))
-    return {
-        kind: (
-            np.array(sizes),
-            np.array([np.inf if each.total is None else each.total for each in errors[kind]]),
-        )
-        for kind, sizes in values.items()
-    }
+    errors: dict[str, list[float]] = {}
+    for number in answer.list_numbers():
+        if (kind := KINDS.get(number.key.kind)) is not None:
+            total = None if number.error is None else number.error.total
+            values.setdefault(kind, []).append(abs(number.value))
+            errors.setdefault(kind, []).append(np.inf if total is None else total)
+    return {kind: (np.array(sizes), np.array(errors[kind])) for kind, sizes in values.items()}

@@ -17,11 +17,12 @@ import headstock.pipeline
 import headstock.reduction
 import headstock.solvers
 from headstock.geometry.frames import FloatArray
+from headstock.pipeline.accuracy.followed import list_followed
 from headstock.pipeline.accuracy.rounds import replace_components
 from headstock.pipeline.accuracy.settings import start_component
 from headstock.pipeline.answers.answer import find_answers
-from headstock.pipeline.answers.estimates import DISCRETISATION, REDUCTION, Estimate
 from headstock.pipeline.answers.frf import PoseResponse
+from headstock.pipeline.numbers.estimates import DISCRETISATION, REDUCTION, Estimate
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.runner import HANDLERS
 from headstock.pipeline.stages.frf import estimate_response_errors, prepare_response
@@ -154,7 +155,7 @@ def _compare_modes(
     estimates = machines[1].estimate_mode_errors(watched[1].modes)
     rows = []
     for index in range(modes.rigid_count, count):
-        hz, error = float(modes.frequencies_hz[index]), modes.errors[index].total
+        hz, error = float(modes.frequencies_hz[index]), modes.list_errors()[index].total
         estimate = np.nan if error is None else error / hz
         partner = found.partners[index]
         if partner < 0:
@@ -186,12 +187,13 @@ def _expected_error(state: RunState, error: Estimate) -> float:
 def _compare_compliances(plain: RunState, true: RunState) -> list[list[float]]:
     rows = []
     (found,), (exact,) = plain.static, true.static
-    for name, point in found.points.items():
-        for axis, (direction, error) in enumerate(point.errors.items()):
-            value = float(point.compliance[axis, axis])
-            left = _expected_error(true, exact.points[name].errors[direction])
-            right = float(exact.points[name].compliance[axis, axis]) + left
-            estimate = np.nan if error.total is None else error.total / value
+    right_numbers = exact.numbers
+    for number in list_followed(found):
+        if number.error is not None:
+            value, there = number.value, right_numbers[number.key]
+            left = _expected_error(true, there.error or Estimate())
+            right = there.value + left
+            estimate = np.nan if number.error.total is None else number.error.total / value
             rows.append([1.0, abs(value - right) / value, estimate, UNSURE * left / value])
     return rows
 

@@ -6,7 +6,7 @@ meshes.
 import dataclasses
 import functools
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,8 @@ from headstock.pipeline.accuracy.rounds import replace_components
 from headstock.pipeline.accuracy.settings import start_component
 from headstock.pipeline.answers.accuracy import AccuracyAnswer
 from headstock.pipeline.answers.answer import find_answers
-from headstock.pipeline.answers.frf import PoseResponse, ResponseNumber
+from headstock.pipeline.answers.frf import PoseResponse
+from headstock.pipeline.numbers.numbers import Key, Number
 from headstock.pipeline.planning.reductions import FRF_MARGIN
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
@@ -83,8 +84,8 @@ def _compare(case: str, what: str, load: Load, *, searched: bool) -> list[Valida
         def run(one: Scene) -> Results:
             return run_scene(one, folder / "results", comm=MPI.COMM_SELF, store=store)
 
-        truth = _list_numbers(run(_refine(scene)))
-        rows = _judge_errors(case, what, *_pair(_list_numbers(run(scene)), truth))
+        truth = _list_heights(run(_refine(scene)))
+        rows = _judge_errors(case, what, *_pair(_list_heights(run(scene)), truth))
         if searched:
             found = run(dataclasses.replace(scene, accuracy=AccuracyGoal(ASKED)))
             rows += _judge_search(case, what, found, truth)
@@ -104,25 +105,25 @@ def _refine(scene: Scene) -> Scene:
     return replace_components(scene, fine)
 
 
-def _list_numbers(results: Results) -> dict[tuple[str, str], ResponseNumber]:
+def _list_heights(results: Results) -> dict[Key, Number]:
     return {
-        (response.curves.pose, number.key): number
+        number.key: number
         for response in find_answers(results.answers, PoseResponse)
-        for number in response.numbers
+        for number in response.list_heights()
     }
 
 
 def _pair(
-    found: dict[tuple[str, str], ResponseNumber], truth: dict[tuple[str, str], ResponseNumber]
+    found: Mapping[Key, Number], truth: Mapping[Key, Number]
 ) -> tuple[FloatArray, FloatArray]:
-    """True and estimated relative errors ``(n,)`` of the numbers of both; infinite where nobody
+    """Return true and estimated relative errors ``(n,)`` of the numbers of both; infinite where nobody
     knows.
     """
     shared = [key for key in found if key in truth]
-    true = [abs(found[key].size / truth[key].size - 1.0) for key in shared]
-    totals = [found[key].error.total for key in shared]
-    sizes = [np.inf if total is None else total for total in totals]
-    return np.array(true), np.array(sizes) / np.array([found[key].size for key in shared])
+    true = [abs(found[key].value / truth[key].value - 1.0) for key in shared]
+    errors = [found[key].error for key in shared]
+    sizes = [np.inf if error is None or error.total is None else error.total for error in errors]
+    return np.array(true), np.array(sizes) / np.array([found[key].value for key in shared])
 
 
 def _judge_errors(
@@ -143,10 +144,10 @@ def _judge_errors(
 
 
 def _judge_search(
-    case: str, what: str, results: Results, truth: dict[tuple[str, str], ResponseNumber]
+    case: str, what: str, results: Results, truth: Mapping[Key, Number]
 ) -> list[ValidationRow]:
     (answer,) = find_answers(results.answers, AccuracyAnswer)
-    true, _ = _pair(_list_numbers(results), truth)
+    true, _ = _pair(_list_heights(results), truth)
     said = answer.responses is not None and answer.responses.met
     seconds = sum(record.cpu_seconds for record in results.stages)
     return [

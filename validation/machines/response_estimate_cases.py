@@ -16,9 +16,9 @@ from headstock.geometry.machine.machine import Machine, Point, Pose
 from headstock.geometry.parts.components import Component, MeshSettings, ReductionSettings
 from headstock.geometry.parts.solids import HollowColumn
 from headstock.meshing.components.meshing import mesh_component
-from headstock.pipeline.answers.estimates import DISCRETISATION
 from headstock.pipeline.answers.frf import DrivePointFigures
-from headstock.pipeline.stages.frf import ResponseEstimate, add_figure_errors
+from headstock.pipeline.numbers.estimates import DISCRETISATION
+from headstock.pipeline.stages.frf import ResponseEstimate, estimate_figures
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.estimates.frequency_errors import truncated_parts
@@ -303,13 +303,16 @@ def _respond(coupled: CoupledMachine, places: FloatArray) -> _Found:
         figures.append(
             DrivePointFigures(channel, None, float(real[deepest]), hz, None, None, None, "", None)
         )
-    judged = add_figure_errors(tuple(figures), grid, ResponseEstimate(errors[1], space, ()))
+    known = estimate_figures(tuple(figures), grid, ResponseEstimate(errors[1], space, ()))
     return _Found(
         lines,
         changes[0],
-        np.array([own.most_negative_real for own in judged]),
+        np.array([own.most_negative_real for own in figures]),
         np.array(
-            [own.most_negative_real_error_share.get(DISCRETISATION, np.nan) for own in judged]
+            [
+                known[own.channel].shares[DISCRETISATION] if own.channel in known else np.nan
+                for own in figures
+            ]
         ),
     )
 

@@ -11,8 +11,8 @@ import pytest
 from headstock.app.tables.frf import tabulate_response
 from headstock.app.tables.table import encode_csv
 from headstock.app.texts.bounded_values import response_error_words
-from headstock.pipeline.answers.estimates import DISCRETISATION, REDUCTION
 from headstock.pipeline.answers.frf import PoseResponse, ResponseCurves, fill_curves, parse_curves
+from headstock.pipeline.numbers.estimates import DISCRETISATION, REDUCTION
 
 CHANNEL = ("tcp", "x")
 HZ = np.array([0.0, 10.0, 20.0])

@@ -10,14 +10,18 @@ from headstock.pipeline.accuracy.quantities import (
     count_safely,
     weigh_estimates,
 )
-from headstock.pipeline.answers.estimates import DISCRETISATION, REDUCTION
+from headstock.pipeline.numbers.estimates import DISCRETISATION, REDUCTION
+from headstock.pipeline.numbers.numbers import make_key
 
 COLUMN, BASE = ("column", DISCRETISATION), ("base", DISCRETISATION)
 
 
-def number(value: float, column: float, base: float = 0.0, key: str = "f1") -> Quantity:
+def number(value: float, column: float, base: float = 0.0, mode: int = 1) -> Quantity:
     return Quantity(
-        key, "frequency 1", value, {COLUMN: column, BASE: base, ("column", REDUCTION): 0.001}
+        make_key("frequency", pose="reference", mode=mode),
+        "frequency 1",
+        value,
+        {COLUMN: column, BASE: base, ("column", REDUCTION): 0.001},
     )
 
 
@@ -52,9 +56,9 @@ def test_estimates_that_are_too_large_count_less_and_never_nothing() -> None:
 
 
 def test_numbers_that_decide_tell_the_factor_of_a_component() -> None:
-    before = [number(105.0, 0.05), number(50.0, 0.05, key="f2"), number(9.9, 0.01, key="f3")]
+    before = [number(105.0, 0.05), number(50.0, 0.05, mode=2), number(9.9, 0.01, mode=3)]
     # the second stood still by chance; the third hardly depends on the mesh
-    after = [number(101.5, 0.02), number(50.0, 0.02, key="f2"), number(9.5, 0.004, key="f3")]
+    after = [number(101.5, 0.02), number(50.0, 0.02, mode=2), number(9.5, 0.004, mode=3)]
     factors = weigh_estimates(before, after, {"column": 0.6}, {})
     assert factors == weigh_estimates(before[:1], after[:1], {"column": 0.6}, {})
     assert 1.0 < factors["column"] < MOST_FACTOR

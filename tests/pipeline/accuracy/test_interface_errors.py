@@ -8,11 +8,11 @@ from mpi4py import MPI
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
-from headstock.pipeline.answers.estimates import INTERFACE
 from headstock.pipeline.answers.frf import PoseResponse, ResponseCurves
 from headstock.pipeline.answers.interfaces import InterfaceErrorsAnswer
 from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.answers.static import StaticAnswer
+from headstock.pipeline.numbers.estimates import INTERFACE
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
@@ -97,12 +97,11 @@ def numbers(results: Results) -> list[tuple[float, float, float]]:
     """Value, the interface's part of its ±, and all of it."""
     (modes,) = find_answers(results.answers, PoseModes)
     (static,) = find_answers(results.answers, StaticAnswer)
-    point = static.points["tip"]
-    found = [*zip(modes.frequencies_hz, modes.errors, strict=True)]
-    found += [(point.compliance[axis, axis], point.errors[d]) for axis, d in enumerate("xyz")]
     return [
-        (float(value), error.shares.get(INTERFACE) or 0.0, error.total or 0.0)
-        for value, error in found
+        (number.value, error.shares.get(INTERFACE) or 0.0, error.total or 0.0)
+        for answer in (modes, static)
+        for number in answer.list_numbers()
+        if (error := number.error) is not None
     ]
 
 
@@ -188,7 +187,9 @@ def test_lines_of_a_response_get_the_difference_to_joints_with_shapes(folder: Pa
         depth = own.most_negative_real
         assert depth is not None
         moved = max(abs(other.most_negative_real - depth) for other in others)
-        assert own.most_negative_real_error_share[INTERFACE] == pytest.approx(moved, rel=1e-3)
+        assert found.errors[found.figure_key(own.channel)].shares[INTERFACE] == pytest.approx(
+            moved, rel=1e-3
+        )
 
 
 def test_without_the_comparison_a_large_rigid_joint_is_named_and_a_flexible_one_is_not(

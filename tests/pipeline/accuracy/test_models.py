@@ -10,7 +10,7 @@ from mpi4py import MPI
 from headstock.pipeline.accuracy.models import add_change
 from headstock.pipeline.answers.accuracy import AccuracyAnswer
 from headstock.pipeline.answers.answer import find_answers
-from headstock.pipeline.answers.estimates import MODEL
+from headstock.pipeline.numbers.estimates import MODEL
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
@@ -99,7 +99,7 @@ def test_a_rough_accuracy_takes_lumped_bodies_and_is_true(folder: Path) -> None:
         "block": "rigid",
         "mast": "segmented",
     }
-    assert all(MODEL in error.shares for error in results.modal[0].errors)
+    assert all(MODEL in error.shares for error in results.modal[0].list_errors())
     entry = summarise(results)["accuracy"]["models"]["mast"]
     assert entry["model"] == models["mast"].model and entry["why"]
 

@@ -1,6 +1,5 @@
 """Peaks and static levels of responses are among the numbers that an accuracy steers, and are true."""
 
-import dataclasses
 import json
 from pathlib import Path
 
@@ -13,8 +12,9 @@ from headstock.app.command_line import main
 from headstock.app.texts.bounded_values import accuracy_words
 from headstock.pipeline.answers.accuracy import AccuracyAnswer
 from headstock.pipeline.answers.answer import find_answers
-from headstock.pipeline.answers.estimates import MODEL
-from headstock.pipeline.answers.frf import PoseResponse, ResponseNumber
+from headstock.pipeline.answers.frf import PoseResponse
+from headstock.pipeline.numbers.estimates import MODEL, Estimate
+from headstock.pipeline.numbers.numbers import Key, Number
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
@@ -75,13 +75,13 @@ def run(folder: Path, *overrides: str) -> Results:
 
 
 @pytest.fixture(scope="module")
-def truth(folder: Path) -> dict[str, ResponseNumber]:
+def truth(folder: Path) -> dict[Key, Number]:
     return numbers(run(folder, *FINE))
 
 
-def numbers(results: Results) -> dict[str, ResponseNumber]:
+def numbers(results: Results) -> dict[Key, Number]:
     (found,) = find_answers(results.answers, PoseResponse)
-    return {number.key: number for number in found.numbers}
+    return {number.key: number for number in found.list_heights()}
 
 
 def answer(results: Results) -> AccuracyAnswer:
@@ -89,32 +89,28 @@ def answer(results: Results) -> AccuracyAnswer:
     return found
 
 
-def compare(found: dict[str, ResponseNumber], truth: dict[str, ResponseNumber]) -> float:
+def compare(found: dict[Key, Number], truth: dict[Key, Number]) -> float:
     """Largest relative error; both have the same numbers."""
-    assert found.keys() == truth.keys() and {own.kind for own in found.values()} == {
-        "peak",
-        "level",
-    }
-    return max(abs(own.size / truth[key].size - 1.0) for key, own in found.items())
+    assert found.keys() == truth.keys() and {key.kind for key in found} == {"peak", "level"}
+    return max(abs(own.value / truth[key].value - 1.0) for key, own in found.items())
 
 
 def test_each_plus_minus_covers_the_true_error_and_is_not_far_above_it(
-    folder: Path, truth: dict[str, ResponseNumber]
+    folder: Path, truth: dict[Key, Number]
 ) -> None:
     found = numbers(run(folder))
     assert compare(found, truth) > 1e-3
     ratios = []
     for key, own in found.items():
-        true = abs(own.size - truth[key].size)
-        assert own.error.total is not None and own.error.total >= true
-        ratios += [own.error.total / true] if true > 1e-3 * own.size else []
+        true = abs(own.value - truth[key].value)
+        total = present(present(own.error).total)
+        assert total >= true
+        ratios += [total / true] if true > 1e-3 * own.value else []
     assert len(ratios) > 5 and np.median(ratios) < 4.0
 
 
 @pytest.mark.trials
-def test_an_accuracy_steers_peaks_and_says_so(
-    folder: Path, truth: dict[str, ResponseNumber]
-) -> None:
+def test_an_accuracy_steers_peaks_and_says_so(folder: Path, truth: dict[Key, Number]) -> None:
     results = run(folder, 'accuracy={ to = "1 %", models = "none" }')
     own = answer(results)
     assert own.met and own.responses is not None and own.responses.met
@@ -135,14 +131,14 @@ def test_an_accuracy_steers_peaks_and_says_so(
 
 
 def test_models_of_bodies_are_chosen_by_peaks_too_and_stand_behind_plus_minus(
-    folder: Path, truth: dict[str, ResponseNumber]
+    folder: Path, truth: dict[Key, Number]
 ) -> None:
     results = run(folder, 'accuracy={ to = "6 %" }')
     own = answer(results)
     assert own.met and own.models and own.responses is not None
     found = numbers(results)
     assert compare(found, truth) <= 0.06
-    assert all(MODEL in number.error.shares for number in found.values())
+    assert all(MODEL in present(number.error).shares for number in found.values())
 
 
 def test_the_table_and_the_report_show_peaks_with_their_plus_minus(
@@ -172,5 +168,5 @@ def test_the_table_and_the_report_show_peaks_with_their_plus_minus(
 def test_bodies_without_finite_elements_have_peaks_without_a_known_error(folder: Path) -> None:
     rigid = run(folder, "components.mast.fidelity=segmented", "components.block.fidelity=rigid")
     found = numbers(rigid)
-    assert found and all(own.error.total is None for own in found.values())
-    assert not any(dataclasses.asdict(own)["error"]["shares"] for own in found.values())
+    errors = [own.error or Estimate() for own in found.values()]
+    assert errors and all(error.total is None and not error.shares for error in errors)

@@ -7,9 +7,11 @@ import pytest
 
 from headstock.geometry.parts.components import Component, Material
 from headstock.geometry.parts.solids import Box
-from headstock.pipeline.accuracy.quantities import Owner, Quantity
+from headstock.pipeline.accuracy.quantities import Quantity
 from headstock.pipeline.accuracy.rounds import AIM, MeshScale, _wanted_ratios
-from headstock.pipeline.answers.estimates import DISCRETISATION, REDUCTION
+from headstock.pipeline.numbers.changes import Owner
+from headstock.pipeline.numbers.estimates import DISCRETISATION, REDUCTION
+from headstock.pipeline.numbers.numbers import make_key
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
 BASE = Component("base", Box((0.5, 0.4, 0.2)), STEEL)
@@ -19,9 +21,13 @@ MESH = {name: (name, DISCRETISATION) for name in PARTS}
 EQUAL = dict.fromkeys(PARTS, 1.0)
 
 
-def number(base: float, left: float, right: float = 0.0, key: str = "f1") -> Quantity:
+FIRST = make_key("frequency", pose="reference", mode=1)
+
+
+def number(base: float, left: float, right: float = 0.0, mode: int = 1) -> Quantity:
     parts = {MESH["base"]: base, MESH["left"]: left, MESH["right"]: right}
-    return Quantity(key, key, 100.0, parts)
+    key = make_key("frequency", pose="reference", mode=mode)
+    return Quantity(key, key.describe(), 100.0, parts)
 
 
 def left_over(quantity: Quantity, ratios: dict[Owner, float]) -> float:
@@ -30,7 +36,7 @@ def left_over(quantity: Quantity, ratios: dict[Owner, float]) -> float:
 
 def test_numbers_that_just_miss_refine_the_body_at_fault_alone_and_no_further_than_needed() -> None:
     just = number(0.028, 0.004)
-    ratios = _wanted_ratios([just, number(0.001, 0.001, key="f2")], 0.03, PARTS, EQUAL)
+    ratios = _wanted_ratios([just, number(0.001, 0.001, mode=2)], 0.03, PARTS, EQUAL)
     assert set(ratios) == {MESH["base"]}
     assert 0.8 * AIM * 0.03 < left_over(just, ratios) <= AIM * 0.03
 
@@ -48,7 +54,7 @@ def test_every_number_is_expected_to_be_right() -> None:
     for _ in range(50):
         parts = rng.uniform(0.0, 0.02, (5, 3))
         numbers = [
-            number(float(parts[row, 0]), float(parts[row, 1]), float(parts[row, 2]), key=f"f{row}")
+            number(float(parts[row, 0]), float(parts[row, 1]), float(parts[row, 2]), mode=row + 1)
             for row in range(len(parts))
         ]
         ratios = _wanted_ratios(numbers, 0.03, PARTS, EQUAL)
@@ -74,7 +80,7 @@ def test_a_body_that_needs_several_rounds_is_not_helped_by_refining_the_others()
 
 
 def test_a_part_without_a_bound_is_refined_whatever_it_costs() -> None:
-    unknown = Quantity("f1", "f1", 100.0, {("base", REDUCTION): np.inf, MESH["left"]: 0.001})
+    unknown = Quantity(FIRST, "f1", 100.0, {("base", REDUCTION): np.inf, MESH["left"]: 0.001})
     assert _wanted_ratios([unknown], 0.03, PARTS, EQUAL) == {("base", REDUCTION): 0.0}
 
 

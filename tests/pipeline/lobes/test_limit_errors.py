@@ -10,8 +10,8 @@ from common import present
 from headstock.app.report.report import render_report
 from headstock.app.texts.bounded_values import show_bound
 from headstock.pipeline.answers.answer import find_answers
-from headstock.pipeline.answers.estimates import DISCRETISATION, REDUCTION
 from headstock.pipeline.answers.lobes import HZ, DirectionLobes, PoseLobes
+from headstock.pipeline.numbers.estimates import DISCRETISATION, REDUCTION
 from headstock.pipeline.results.files import RESULTS_FILE
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise

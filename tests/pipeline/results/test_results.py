@@ -12,9 +12,10 @@ import pytest
 from headstock.geometry.frames import Frame
 from headstock.geometry.machine.machine import Pose
 from headstock.meshing.component_mesh import MeshQuality
-from headstock.pipeline.answers.estimates import REDUCTION, Estimate
 from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.answers.static import PointCompliance, StaticAnswer
+from headstock.pipeline.numbers.estimates import REDUCTION, Estimate
+from headstock.pipeline.numbers.numbers import make_key
 from headstock.pipeline.planning.plan import Stage, StageRecord
 from headstock.pipeline.results.files import add_results, publish_summary, read_summary
 from headstock.pipeline.results.results import ComponentFacts, Results
@@ -38,10 +39,16 @@ MODES = PoseModes(
     pose=Pose("config_1", {"X": 0.01}),
     frequencies_hz=np.array([1e-6, 100.0]),
     rigid_count=1,
-    errors=(
-        Estimate({REDUCTION: None}),
-        Estimate({REDUCTION: 0.5, "discretisation": 0.25}, ("the model of bed (rigid)",)),
-    ),
+    errors={
+        make_key("frequency", pose="config_1", mode=mode): error
+        for mode, error in enumerate(
+            (
+                Estimate({REDUCTION: None}),
+                Estimate({REDUCTION: 0.5, "discretisation": 0.25}, ("the model of bed (rigid)",)),
+            ),
+            1,
+        )
+    },
     damping_ratio=(None, None),
     mode_names=("whole machine moves X freely", "column bends x"),
     energy_share=({"column": 1.0}, {"column": 0.9, "guide": 0.1}),

@@ -13,7 +13,10 @@ import pytest
 from mpi4py import MPI
 
 from common import present
-from headstock.pipeline.answers.estimates import DISCRETISATION, REDUCTION, Estimate
+from headstock.pipeline.answers.modal import DAMPED_FREQUENCY, DAMPING_RATIO
+from headstock.pipeline.answers.static import PointCompliance, StaticAnswer, compliance_key
+from headstock.pipeline.numbers.estimates import DISCRETISATION, REDUCTION, Estimate
+from headstock.pipeline.numbers.numbers import Number, make_key
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages.run_state import RunState
@@ -61,7 +64,7 @@ def test_interfaces_whose_kind_matters_are_named_with_about_the_range_that_both_
         load_scene(tmp_path / "scene.toml"), tmp_path / "out", comm=MPI.COMM_SELF, store=store
     )
     modes = results.modal[0]
-    words = next(words for words in modes.errors[-1].left_out if "interfaces" in words)
+    words = next(words for words in modes.list_errors()[-1].left_out if "interfaces" in words)
     assert "lower.top" in words
     assert "upper.foot" in words
     assert "upper.top" not in words  # a free end passes no force on
@@ -111,7 +114,7 @@ def test_a_beam_of_five_parts_says_how_much_stiffer_its_rigid_faces_make_it_than
     one, five = modes
     stiffer = five.frequencies_hz - one.frequencies_hz
     assert (stiffer > 0.004 * one.frequencies_hz).all()
-    words = next(words for words in five.errors[-1].left_out if "interfaces" in words)
+    words = next(words for words in five.list_errors()[-1].left_out if "interfaces" in words)
     assert "p1.top" in words
     assert "p2.foot" in words
     named = float(words.split("about ")[1].split(" Hz")[0])
@@ -124,23 +127,33 @@ def test_a_number_that_is_less_than_twice_its_error_is_warned_of_with_its_owner_
     def guess(source: str, size: float) -> Estimate:
         return Estimate({source: size}, (), {source: {"column": size, "base": 0.1 * size}})
 
-    point = SimpleNamespace(
-        compliance=np.diag([1.0, 0.885, 1.0]),
-        errors={"x": guess(DISCRETISATION, 0.1), "y": guess(DISCRETISATION, 8.0)},
+    point = PointCompliance(np.diag([1.0, 0.885, 1.0, 1.0, 1.0, 1.0]), {})
+    static = StaticAnswer(
+        "reference",
+        {"tcp": point},
+        errors={
+            compliance_key("reference", "tcp", "x"): guess(DISCRETISATION, 0.1),
+            compliance_key("reference", "tcp", "y"): guess(DISCRETISATION, 8.0),
+        },
     )
     modes = SimpleNamespace(
         frequencies_hz=np.array([0.0, 50.0]),
         rigid_count=1,
-        errors=(Estimate(), guess(REDUCTION, 30.0)),
+        list_numbers=lambda: [
+            Number(
+                make_key("frequency", pose="reference", mode=2), 50.0, "Hz", guess(REDUCTION, 30.0)
+            )
+        ],
     )
-    frf = SimpleNamespace(frf=None)
-    static = [SimpleNamespace(pose="reference", points={"tcp": point})]
     state = SimpleNamespace(
-        scene=SimpleNamespace(analyses=frf, machine=SimpleNamespace(joints={})),
+        scene=SimpleNamespace(
+            analyses=SimpleNamespace(frf=None, get=lambda kind: None),
+            machine=SimpleNamespace(joints={}),
+        ),
         plan=SimpleNamespace(components={}),
         reduced={},
         modal=[modes],
-        static=static,
+        static=[static],
         answers=(),
     )
     found = find_warnings(cast(RunState, state))
@@ -222,7 +235,12 @@ def test_damping_of_a_rod_on_a_dashpot_lies_within_its_error_of_the_closed_form(
         one = found.modal[0]
         hz, ratio, hz_error, ratio_error = (
             values[mode]
-            for values in (one.damped_hz, one.damping_ratio, one.damped_error_hz, one.damping_error)
+            for values in (
+                one.damped_hz,
+                one.damping_ratio,
+                [each.total for each in one.list_errors(DAMPED_FREQUENCY)],
+                [each.total for each in one.list_errors(DAMPING_RATIO)],
+            )
         )
         if hz and hz_error is not None:
             nearest = poles[np.argmin(np.abs(poles.imag / (2.0 * np.pi) - hz))]
@@ -246,8 +264,10 @@ def test_a_dashpot_that_swallows_every_wave_leaves_no_damping_ratio_that_is_beli
         mode for mode, name in enumerate(found.modal[0].mode_names) if "stretches" in name
     ]
     assert stretching
-    assert all(found.modal[0].damping_error[mode] is None for mode in stretching)
-    assert all(found.modal[0].damped_error_hz[mode] is None for mode in stretching)
+    assert all(found.modal[0].list_errors(DAMPING_RATIO)[mode].total is None for mode in stretching)
+    assert all(
+        found.modal[0].list_errors(DAMPED_FREQUENCY)[mode].total is None for mode in stretching
+    )
     (words,) = damping_warnings(found)
     assert "by joint dashpot" in words
     assert all(f"{mode + 1} (rod stretches X)" in words for mode in stretching)
@@ -260,10 +280,10 @@ def test_equal_modes_with_light_damping_have_an_error_and_no_warning(rods: Rods)
     for mode in bending:
         assert (
             0.0
-            < present(found.modal[0].damping_error[mode])
+            < present(found.modal[0].list_errors(DAMPING_RATIO)[mode].total)
             < 0.1 * present(found.modal[0].damping_ratio[mode])
         )
-        assert present(found.modal[0].damped_error_hz[mode]) >= 0.999 * present(
+        assert present(found.modal[0].list_errors(DAMPED_FREQUENCY)[mode].total) >= 0.999 * present(
             found.modal[0].error_hz[mode]
         )
     assert not damping_warnings(found)

@@ -9,8 +9,8 @@ from mpi4py import MPI
 
 from common import present
 from headstock.pipeline.answers.answer import find_answers
-from headstock.pipeline.answers.estimates import DISCRETISATION
 from headstock.pipeline.answers.path import PathResult
+from headstock.pipeline.numbers.estimates import DISCRETISATION
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.results.files import read_paths
 from headstock.pipeline.results.results import Results
@@ -199,7 +199,8 @@ def test_a_path_has_an_error_unless_the_scene_wants_none(tmp_path: Path) -> None
         run_path(tmp_path, deforming.replace("on_request", f"estimate = {estimate}\non_request"))
         for estimate in ("true", "false")
     )
-    assert (DISCRETISATION, "slider") in found.worth.better and not bare.worth.better
+    assert all("slider" in error.parts[DISCRETISATION] for error in found.errors.values())
+    assert all(error.total is None for error in bare.errors.values())
     np.testing.assert_array_equal(
         bare.runs[0].curves.deviation.total, found.runs[0].curves.deviation.total
     )

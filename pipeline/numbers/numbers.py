@@ -1,0 +1,400 @@
+"""``Number``: a number of a run with its place, unit and ±; and ``Series``: numbers along axes.
+
+Tables of them open without an answer or a solver.
+"""
+
+import fnmatch
+import json
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from headstock.geometry.errors import HeadstockError
+from headstock.geometry.frames import FloatArray
+from headstock.meshing.process.libraries import h5py
+from headstock.pipeline.numbers.estimates import Estimate
+from headstock.pipeline.numbers.kinds import KINDS, WHOLE_ROLES, Kind
+from headstock.pipeline.storage.frames import Frame, frame_columns
+
+MOST_NAMES = 20  # that a message lists
+_KEY = re.compile(r"(?P<kind>[a-z_]+)\((?P<at>.*)\)")
+_PAIR = re.compile(r'(?P<role>[a-z]+)=(?P<value>"(?:[^"\\]|\\.)*"|[^,"]*)(?:,|$)')
+_PLAIN = re.compile(r'[^,"()=]+')
+
+
+class NumberNameError(HeadstockError):
+    """No number has this name; the message lists those that exist."""
+
+
+@dataclass(frozen=True)
+class Key:
+    """Which number, the same in every run of a scene: ``frequency(pose=reference,mode=3)``.
+
+    Attributes:
+        kind: A word of :data:`KINDS`.
+        at: Role and value, in the order of the kind's roles.
+    """
+
+    kind: str
+    at: tuple[tuple[str, str | int], ...]
+
+    def __str__(self) -> str:
+        return f"{self.kind}({','.join(f'{role}={_quote(value)}' for role, value in self.at)})"
+
+    def __getitem__(self, role: str) -> str | int:
+        return dict(self.at)[role]
+
+    def get(self, role: str) -> str | int | None:
+        """Return the value of a role; None where the key does not name it."""
+        return dict(self.at).get(role)
+
+    @property
+    def group(self) -> Kind:
+        """What its kind says."""
+        return KINDS[self.kind]
+
+    def describe(self, *, several_poses: bool = False) -> str:
+        """Return it in plain words: ``frequency 3``, ``x compliance at tcp``.
+
+        Args:
+            several_poses: Name the pose.
+        """
+        at = dict(self.at)
+        pose = f" in pose {at.pop('pose', '')}" if several_poses and "pose" in at else ""
+        at.pop("pose", None)
+        words = self.group.words
+        if words:
+            return words.format(**at) + pose
+        return f"{self.group.label} ({', '.join(map(str, at.values()))}){pose}"
+
+
+def make_key(kind: str, **at: str | int) -> Key:
+    """Return a key with its roles in order.
+
+    Raises:
+        KeyError: The kind is unknown, or has no such role.
+    """
+    roles = KINDS[kind].roles
+    if missing := at.keys() - set(roles):
+        raise KeyError(f"{kind} has no {', '.join(sorted(missing))}")
+    return Key(kind, tuple((role, at[role]) for role in roles if role in at))
+
+
+def parse_key(text: str) -> Key:
+    """Return the key that reads so.
+
+    Raises:
+        NumberNameError: It is none.
+    """
+    match = _KEY.fullmatch(text)
+    at: dict[str, str | int] = {}
+    if match and match["kind"] in KINDS:
+        rest = match["at"]
+        while pair := _PAIR.match(rest):
+            value = json.loads(pair["value"]) if pair["value"][:1] == '"' else pair["value"]
+            at[pair["role"]] = int(value) if pair["role"] in WHOLE_ROLES else value
+            rest = rest[pair.end() :]
+        if not rest and not at.keys() - set(KINDS[match["kind"]].roles):
+            return make_key(match["kind"], **at)
+    raise NumberNameError(
+        f"{text[:80]!r} is no name of a number; write one such as frequency(pose=reference,mode=1)"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Number:
+    """A number of a run.
+
+    Attributes:
+        key: Which one.
+        value: In SI; NaN where it is undetermined.
+        unit: SI unit; ``1`` without one.
+        error: ±; None where nothing was estimated.
+    """
+
+    key: Key
+    value: float
+    unit: str
+    error: Estimate | None = None
+
+    def describe(self, *, several_poses: bool = False) -> str:
+        """Return its key in plain words, a frequency with its value."""
+        words = self.key.describe()
+        if self.key.kind == "frequency":
+            words += f" ({self.value:.4g} Hz)"
+        return words + (f" in pose {self.key.get('pose')}" if several_poses else "")
+
+    @property
+    def shown(self) -> tuple[str, float]:
+        """Unit on screen, and factor to it."""
+        return self.key.group.show_unit(self.unit)
+
+    def summarise(self) -> dict[str, object]:
+        """Return name, value, unit and ± as JSON has them, in SI."""
+        error = self.error or Estimate()
+        return {
+            "name": str(self.key),
+            "value": self.value if np.isfinite(self.value) else None,
+            "unit": self.unit,
+            "error": error.total,
+            "error_known": error.known,
+            "error_share": dict(error.shares),
+            "error_left_out": list(error.left_out),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """Numbers along axes: lines of a response, grids, limits over speeds, curves over time.
+
+    Attributes:
+        key: Which ones.
+        axes: Name with unit, such as ``frequency [Hz]``, to positions ``(n,)``, in the order of the
+            values' axes.
+        values: ``(n0, n1, ...)`` in SI; NaN where undetermined.
+        unit: SI unit.
+        errors: Source of error to ± of every value; NaN where there is no bound.
+    """
+
+    key: str
+    axes: Mapping[str, FloatArray]
+    values: NDArray[Any]
+    unit: str
+    errors: Mapping[str, FloatArray] = field(default_factory=dict)
+
+
+# columns of a table: whole numbers are codes of texts, or rows where those of a number begin
+_COLUMNS: Mapping[str, type[Any]] = {
+    "name": np.int32,
+    "value": np.float64,
+    "unit": np.int32,
+    "estimated": np.bool_,
+    "share_begin": np.int64,
+    "share_source": np.int32,
+    "share_size": np.float64,
+    "part_begin": np.int64,
+    "part_source": np.int32,
+    "part_owner": np.int32,
+    "part_size": np.float64,
+    "left_out_begin": np.int64,
+    "left_out": np.int32,
+}
+
+
+class Numbers(Mapping[Key, Number]):
+    """Numbers of a run by key, in columns: each is made when it is asked for."""
+
+    def __init__(self, columns: Mapping[str, NDArray[Any]], texts: Sequence[str]) -> None:
+        self._columns, self._texts = columns, tuple(texts)
+
+    @classmethod
+    def collect(cls, numbers: Iterable[Number]) -> "Numbers":
+        """Return a table of numbers; of equal keys the last one stays."""
+        rows = {number.key: number for number in numbers}
+        codes: dict[str, int] = {}
+        columns: dict[str, list[Any]] = {name: [] for name in _COLUMNS}
+
+        def code(text: str) -> int:
+            return codes.setdefault(text, len(codes))
+
+        for key, number in rows.items():
+            error = number.error or Estimate()
+            columns["name"].append(code(str(key)))
+            columns["value"].append(number.value)
+            columns["unit"].append(code(number.unit))
+            columns["estimated"].append(number.error is not None)
+            for begin, sizes in (
+                ("share_begin", "share_size"),
+                ("part_begin", "part_size"),
+                ("left_out_begin", "left_out"),
+            ):
+                columns[begin].append(len(columns[sizes]))
+            for source, size in error.shares.items():
+                columns["share_source"].append(code(source))
+                columns["share_size"].append(np.nan if size is None else size)
+            for source, parts in error.parts.items():
+                for owner, size in parts.items():
+                    columns["part_source"].append(code(source))
+                    columns["part_owner"].append(code(owner))
+                    columns["part_size"].append(size)
+            columns["left_out"] += map(code, error.left_out)
+        return cls(
+            {name: np.array(values, _COLUMNS[name]) for name, values in columns.items()},
+            tuple(codes),
+        )
+
+    @cached_property
+    def _rows(self) -> dict[str, int]:
+        return {self._texts[code]: row for row, code in enumerate(self._columns["name"])}
+
+    def __getitem__(self, key: Key | str) -> Number:
+        row = self._rows[str(key)]
+        estimated = bool(self._columns["estimated"][row])
+        return Number(
+            parse_key(str(key)),
+            float(self._columns["value"][row]),
+            self._texts[self._columns["unit"][row]],
+            self._estimate(row) if estimated else None,
+        )
+
+    def __iter__(self) -> Iterator[Key]:
+        return map(parse_key, self._rows)
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def __repr__(self) -> str:
+        return "\n".join(map(str, self.values()))
+
+    def select(self, pattern: str) -> "Numbers":
+        """Return the numbers whose names fit a pattern: a name, a kind, or a name with ``*`` and ``?``.
+
+        Raises:
+            NumberNameError: None does; the message lists names that exist.
+        """
+        whole = pattern if "(" in pattern else f"{pattern}(*)"
+        expression = re.compile(fnmatch.translate(whole.replace("[", "[[]")))
+        found = [name for name in self._rows if expression.match(name)]
+        if not found:
+            raise NumberNameError(
+                f"no number is called {pattern!r}; there are {_list_names(self._rows)}"
+            )
+        return Numbers.collect(self[name] for name in found)
+
+    def to_pandas(self) -> Frame:
+        """Return a frame with a column per role, then value [SI], unit, ±, its known part and what is
+        not in it.
+
+        Raises:
+            HeadstockError: pandas is missing.
+        """
+        return frame_columns(self.tabulate())
+
+    def tabulate(self) -> dict[str, list[object]]:
+        """Return head to column: kind, roles, value [SI], unit, ±, its known part, what is not in it."""
+        numbers = list(self.values())
+        roles = dict.fromkeys(role for number in numbers for role, _ in number.key.at)
+        errors = [number.error or Estimate() for number in numbers]
+        return {
+            "kind": [number.key.kind for number in numbers],
+            **{role: [number.key.get(role) for number in numbers] for role in roles},
+            "value": [number.value for number in numbers],
+            "unit": [number.unit for number in numbers],
+            "error": [error.total for error in errors],
+            "error_known": [error.known for error in errors],
+            "left_out": ["; ".join(error.left_out) for error in errors],
+        }
+
+    def write(self, group: "h5py.Group") -> None:
+        """Write the table into a group of a file."""
+        for name, values in self._columns.items():
+            group.create_dataset(name, data=values, compression="gzip" if len(values) else None)
+        group["texts"] = np.frombuffer(json.dumps(self._texts).encode(), dtype=np.uint8)
+
+    @classmethod
+    def read(cls, group: "h5py.Group") -> "Numbers":
+        """Return the table that a group holds.
+
+        Raises:
+            KeyError: A column is missing.
+            ValueError: A column is not what ``write`` has written.
+        """
+        texts = json.loads(group["texts"][()].tobytes())
+        columns = {name: np.asarray(group[name][()]) for name in _COLUMNS}
+        _check_columns(columns, texts)
+        return cls(columns, texts)
+
+    def _estimate(self, row: int) -> Estimate:
+        columns, texts = self._columns, self._texts
+        shares, parts, left_out = (
+            self._rows_of(row, begin, values)
+            for begin, values in (
+                ("share_begin", "share_source"),
+                ("part_begin", "part_source"),
+                ("left_out_begin", "left_out"),
+            )
+        )
+        owners: dict[str, dict[str, float]] = {}
+        for place in parts:
+            sizes = owners.setdefault(texts[columns["part_source"][place]], {})
+            sizes[texts[columns["part_owner"][place]]] = float(columns["part_size"][place])
+        return Estimate(
+            {
+                texts[columns["share_source"][place]]: None
+                if np.isnan(size := columns["share_size"][place])
+                else float(size)
+                for place in shares
+            },
+            tuple(texts[columns["left_out"][place]] for place in left_out),
+            owners,
+        )
+
+    def _rows_of(self, row: int, begin: str, values: str) -> range:
+        begins = self._columns[begin]
+        last = row + 1 == len(begins)
+        return range(int(begins[row]), len(self._columns[values]) if last else int(begins[row + 1]))
+
+
+def _check_columns(columns: Mapping[str, NDArray[Any]], texts: object) -> None:
+    """Refuse a table that a hand has altered.
+
+    Raises:
+        ValueError: It is none.
+    """
+    if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
+        raise ValueError("texts of numbers are no list of texts")
+    for name, kind in _COLUMNS.items():
+        column = columns[name]
+        if column.ndim != 1 or column.dtype.kind != np.dtype(kind).kind:
+            raise ValueError(f"numbers/{name} is no column of {np.dtype(kind)}")
+        coded = name in ("name", "unit", "left_out") or name.endswith(("_source", "_owner"))
+        if coded and len(column) and not 0 <= column.min() <= column.max() < len(texts):
+            raise ValueError(f"numbers/{name} names a text that is not there")
+    for begin, values in (
+        ("share_begin", ("share_source", "share_size")),
+        ("part_begin", ("part_source", "part_owner", "part_size")),
+        ("left_out_begin", ("left_out",)),
+    ):
+        ends = np.append(columns[begin], len(columns[values[0]]))
+        if (np.diff(ends) < 0).any() or ends[0] != 0:
+            raise ValueError(f"numbers/{begin} does not rise from zero")
+        if len({len(columns[name]) for name in values}) > 1:
+            raise ValueError(f"numbers/{values[0]} and numbers/{values[-1]} differ in length")
+    if (
+        len(
+            {
+                len(columns[name])
+                for name in (
+                    "name",
+                    "value",
+                    "unit",
+                    "estimated",
+                    "share_begin",
+                    "part_begin",
+                    "left_out_begin",
+                )
+            }
+        )
+        > 1
+    ):
+        raise ValueError("columns of numbers differ in length")
+    for code in columns["name"]:
+        parse_key(texts[code])
+
+
+def _list_names(names: Iterable[str]) -> str:
+    """Return the first names, or the kinds where there are many."""
+    listed = list(names)
+    if len(listed) > MOST_NAMES:
+        listed = list(dict.fromkeys(f"{name.partition('(')[0]}(...)" for name in listed))
+    return ", ".join(listed) or "none"
+
+
+def _quote(value: str | int) -> str:
+    text = str(value)
+    return text if _PLAIN.fullmatch(text) else json.dumps(text, ensure_ascii=False)
