@@ -24,9 +24,6 @@ ELASTIC = {"dolfinx", "petsc4py", "slepc4py"}
 IMPORT = re.compile(r"^\s*(?:from ([\w.]+) import (\([^)]*\)|.*)|import ([\w.]+))", re.MULTILINE)
 DOCUMENTS = {"test_documents.py", "test_mechanism_document.py", "test_snippets.py"}
 SOURCE = {"test_contributing.py", "test_layering.py", "test_release_check.py", "test_tolerances.py"}
-# tests of workers' limits and of files of strangers: theirs mesh in processes of their own, as a
-# user's do; what others mesh is meshed in the process of the test
-WORKERS = re.compile(r"tests/(meshing/process|faults)/|test_h(11|44|45|46|48|50|51)_|test_doctor")
 # a module that is loaded by its name
 NAMED = re.compile(r'"(headstock\.[\w.]+)"')
 # what `./headstock test --quick` leaves out, but for the tests of the kind smoke
@@ -117,7 +114,7 @@ def kinds_of(path: Path) -> frozenset[str]:
         "process": bool(imports & {"subprocess", "multiprocessing"}),
         "mpi": any(word in text for word in ("mpirun", "run_on_ranks", "rank_words")),
         "faults": path.is_relative_to(ROOT / "tests" / "faults"),
-        "hard": path.is_relative_to(ROOT / "tests" / "hard_cases"),
+        "hard": "pytest.mark.hard(" in text,
         "documents": path.name in DOCUMENTS,
         "source": path.name in SOURCE,
     }
@@ -244,7 +241,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     running.append(item)
     try:
         with pytest.MonkeyPatch.context() as patch:
-            if not WORKERS.search(item.path.as_posix()):
+            if item.get_closest_marker("workers") is None:
                 patch.setattr("headstock.meshing.process.running.run_isolated", work_here)
             return (yield)
     finally:

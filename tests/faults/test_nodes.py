@@ -17,6 +17,7 @@ from headstock.pipeline.storage.provenance import PROJECT
 
 pytestmark = [
     pytest.mark.faults,
+    pytest.mark.workers,
     pytest.mark.skipif(
         os.geteuid() != 0 or None in map(shutil.which, DAEMONS),
         reason="no Slurm here, or not root: name this file to the launcher",

@@ -11,6 +11,8 @@ import pytest
 
 from headstock.meshing.process.isolation import WorkerEnd, WorkerLimits, isolate, run_isolated
 
+pytestmark = pytest.mark.workers
+
 LIMITS = WorkerLimits(memory_bytes=1 << 30, cpu_seconds=20, wall_seconds=60.0)
 Run = Callable[..., WorkerEnd]
 

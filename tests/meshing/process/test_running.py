@@ -10,7 +10,7 @@ from headstock.meshing.process.job import MeshJob
 from headstock.meshing.process.running import run_job
 from headstock.studies.parameters.runs import blames_surroundings
 
-pytestmark = pytest.mark.process
+pytestmark = [pytest.mark.process, pytest.mark.workers]
 
 BOX = Box((100.0, 40.0, 1000.0))
 
