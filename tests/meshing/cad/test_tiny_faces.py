@@ -10,6 +10,7 @@ import gmsh
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.parts.components import Component, Interface, Material, MeshSettings, Patch
 from headstock.geometry.parts.solids import StepFile
 from headstock.meshing.components.finishing import patch_moments
@@ -53,11 +54,11 @@ def part(path: Path, faces: dict[str, str] | None = None, size: float | None = N
 
 def assert_faithful(component: Component) -> None:
     mesh = mesh_component(component)
-    assert mesh.quality.volume == pytest.approx(mesh.quality.cad_volume, rel=1e-3)
+    assert mesh.quality.volume == approx(mesh.quality.cad_volume, rel=1e-3)
     areas, _ = patch_moments(mesh.points, mesh.patches)
     for name in component.interfaces:
         assert len(mesh.patches[name]) >= 1
-        assert areas[name] == pytest.approx(mesh.quality.cad_areas[name], rel=1e-3)
+        assert areas[name] == approx(mesh.quality.cad_areas[name], rel=1e-3)
 
 
 def test_a_step_of_1e_5_of_the_size_is_refused_by_the_face_it_leaves(write_step: Write) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from common import make_component
+from common import approx, make_component
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component, Interface, Material, Patch
 from headstock.geometry.parts.solids import MeshFile
@@ -78,14 +78,12 @@ def test_first_order_trapezoids_lock() -> None:
 @pytest.mark.parametrize("kind", ["hex27", "tet10"])
 def test_mass_and_volume_of_slanted_elements_are_exact(kind: CellKind) -> None:
     mesh = lattice_mesh(beam("trapezoid"), kind, straight=True)
-    assert mesh.quality.volume == pytest.approx(LENGTH * DEPTH * WIDTH, rel=1e-12)
+    assert mesh.quality.volume == approx(LENGTH * DEPTH * WIDTH, rel=1e-12)
     model = full_model(mesh, make_component().material, comm=COMM)
     assert model.operators.scalar_mass is not None
-    assert model.operators.scalar_mass.sum() == pytest.approx(
-        7850.0 * LENGTH * DEPTH * WIDTH, rel=1e-12
-    )
+    assert model.operators.scalar_mass.sum() == approx(7850.0 * LENGTH * DEPTH * WIDTH, rel=1e-12)
     moment = integrate_over_cells(mesh.points, mesh.cells, kind, lambda x: x[:, 0])
-    assert moment == pytest.approx(LENGTH**2 / 2.0 * DEPTH * WIDTH, rel=1e-12)
+    assert moment == approx(LENGTH**2 / 2.0 * DEPTH * WIDTH, rel=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray
 from headstock.geometry.machine.drives import Drive, ripple_force
 from headstock.geometry.mechanisms.exechon import LENGTHS, solve_tool_pose
@@ -407,7 +408,7 @@ def test_a_cut_pushes_a_tool_off_its_line_as_far_as_statics_say(
     late = slice(300, 300 + 2 * count)
     times = found.runs[0].curves.deviation.times
     feed = request.moves[0].feed
-    assert sample_move(request.moves[0], times[late]).speeds == pytest.approx(feed)
+    assert sample_move(request.moves[0], times[late]).speeds == approx(feed)
     flat = ALONG * np.array([1.0, 1.0, 0.0])
     size = float(np.linalg.norm(flat))
     up = np.array([0.0, 0.0, 1.0])
@@ -473,7 +474,7 @@ def test_a_line_looks_as_high_as_ramps_teeth_and_waves_excite_it(
     scene = load_scene(TRIPTEOR, variant="lumped+controlled", overrides=settings)
     request = scene.analyses.path
     assert request is not None
-    assert request.band_hz == pytest.approx(band)
+    assert request.band_hz == approx(band)
 
 
 def test_modes_above_what_ramps_excite_change_a_line_by_next_to_nothing(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 import scipy.integrate
 from mpi4py import MPI
 
-from common import present
+from common import approx, present
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import MachinePath, Pose
 from headstock.meshing.components.meshing import describe_component
@@ -112,7 +112,7 @@ def test_an_arm_that_turns_deviates_as_its_equations_of_motion_say(
         held = WEIGHT * request.moves[0].feed ** 2 * RADIUS / 5e6
         late = np.argmin(np.abs(curves.deviation.times - request.moves[0].braking))
         stretch = float(np.linalg.norm(curves.deviation.total[late]))
-        assert stretch == pytest.approx(held, rel=1e-2)
+        assert stretch == approx(held, rel=1e-2)
 
 
 def test_a_frozen_pose_turns_loads_but_not_the_machine(tmp_path: Path) -> None:
@@ -128,9 +128,9 @@ def test_a_frozen_pose_turns_loads_but_not_the_machine(tmp_path: Path) -> None:
     # Euler: r M / k with M = (I + m r^2) alpha
     alpha = np.abs(curves.accelerations).max()
     bent = RADIUS * (TABLE + WEIGHT * RADIUS**2) * alpha / 1e6
-    assert np.abs(curves.deviation.quasi_static).max() == pytest.approx(bent, rel=1e-3)
+    assert np.abs(curves.deviation.quasi_static).max() == approx(bent, rel=1e-3)
     assert (answer.unit, curves.name) == ("rad", "600 deg/min")
-    assert answer.length == pytest.approx(np.radians(2.0))
+    assert answer.length == approx(np.radians(2.0))
 
 
 BEAM = """
@@ -180,7 +180,7 @@ def test_a_beam_that_is_turned_bends_at_its_root_as_beam_theory_says(tmp_path: P
     load = 7800.0 * section * alpha
     bent = load * (root * length**4 / 8.0 + 11.0 * length**5 / 120.0) / bending
     # shear gives way by half a percent
-    assert np.abs(curves.deviation.quasi_static).max() == pytest.approx(bent, rel=1e-2)
+    assert np.abs(curves.deviation.quasi_static).max() == approx(bent, rel=1e-2)
     times = curves.deviation.times
     late = (times > curves.zones[0][1]) & (times < curves.zones[1][0])
     wave = curves.deviation.dynamic[late, 0]
@@ -189,7 +189,7 @@ def test_a_beam_that_is_turned_bends_at_its_root_as_beam_theory_says(tmp_path: P
     places = times[late][crossings] + weights * (times[1] - times[0])
     expected = 1.87510407**2 / (2.0 * np.pi) * np.sqrt(bending / (7800.0 * section * length**4))
     assert len(places) > 3
-    assert 1.0 / np.diff(places).mean() == pytest.approx(expected, rel=1e-2)
+    assert 1.0 / np.diff(places).mean() == approx(expected, rel=1e-2)
 
 
 DRIVEN = [
@@ -349,7 +349,7 @@ def test_a_weight_that_slides_along_an_arm_that_turns_feels_coriolis_forces() ->
     )
     # the feed is that of the linear axis (NIST RS274/NGC)
     assert path.unit == "m"
-    assert path.length == pytest.approx(0.1)
+    assert path.length == approx(0.1)
     speed, pull, share = 0.3, 2.0, 12.0
     places = np.array([0.0, 0.05, 0.1])
     way = turning_way(scene.machine, parts, path, speed, pull)

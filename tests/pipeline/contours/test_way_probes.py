@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from headstock.app.report.report import render_report
 from headstock.app.tables.run import list_tables
 from headstock.geometry.frames import DOF_NAMES
@@ -77,7 +78,7 @@ def test_a_leg_carries_at_its_probes_what_its_screw_pushes(control: str, tmp_pat
     force = area * stress[:, :3].sum(axis=1)  # stress along the leg is all there is
     pushed = max(abs(each.value) for each in own.joints["screw_3"].values())
     assert pushed > 100.0
-    assert np.abs(force).max() == pytest.approx(pushed, rel=2e-2)
+    assert np.abs(force).max() == approx(pushed, rel=2e-2)
     ends = [own.probes[f"beside_{n}"].trace.displacement for n in range(2)]
     tip = own.curves.deviation.total[:, :3]
     size = np.abs(tip).max()

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from common import present
+from common import approx, present
 from headstock.app.report.report import render_report
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.lobes import DirectionLobes, PoseLobes
@@ -123,7 +123,7 @@ def test_stiff_modes_of_spindle_and_tool_change_nothing_and_soft_ones_do(tmp_pat
     for old, new in (("700", "1e5"), ("1500", "1e5"), ("40 N", "4e3 N"), ("12 N", "4e3 N")):
         stiff = stiff.replace(old, new)
     same = along_x(lobes_of(write_scene(tmp_path, stiff), tmp_path))
-    assert same.depths.min() == pytest.approx(plain.depths.min(), rel=5e-3)
+    assert same.depths.min() == approx(plain.depths.min(), rel=5e-3)
     found = along_x(lobes_of(write_scene(tmp_path, MODES), tmp_path))
     assert {lobe.part for lobe in found.lobes} & {"spindle", "tool"}
 

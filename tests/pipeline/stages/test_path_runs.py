@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from common import present
+from common import approx, present
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.estimates import DISCRETISATION
 from headstock.pipeline.answers.path import PathResult
@@ -129,19 +129,19 @@ def test_what_was_found_is_in_the_summary_and_in_the_results_file(tmp_path: Path
     found = run_path(tmp_path)
     summary = json.loads((tmp_path / "results" / "summary.json").read_text())["path"]
     assert [run["name"] for run in summary["feeds"]] == ["600 mm/min", "3000 mm/min"]
-    assert summary["feeds"][1]["acceleration"] == pytest.approx(0.5, rel=1e-12)
+    assert summary["feeds"][1]["acceleration"] == approx(0.5, rel=1e-12)
     assert [output["dof"] for output in summary["feeds"][0]["outputs"]] == [
         ["tcp", "x"],
         ["tcp", "y"],
         ["tcp", "z"],
     ]
     zone = found.runs[1].figures[0][0]
-    assert summary["feeds"][1]["outputs"][0]["accelerating"]["peak_um"] == pytest.approx(
+    assert summary["feeds"][1]["outputs"][0]["accelerating"]["peak_um"] == approx(
         1e6 * zone.peak, rel=1e-12
     )
     curves = {run.feed: run for run in read_paths(tmp_path / "results")}
     # in the order of the scene, though "3000 ..." sorts before "600 ..."
-    assert list(curves) == [pytest.approx(0.01), pytest.approx(0.05)]
+    assert list(curves) == [approx(0.01), approx(0.05)]
     for run_found in found.runs:
         read = curves[run_found.curves.feed]
         np.testing.assert_array_equal(read.deviation.total, run_found.curves.deviation.total)
@@ -159,7 +159,7 @@ def test_the_quasi_static_part_is_inertia_over_stiffness(tmp_path: Path) -> None
     # the point lies 300 mm above the guide, whose pitch stiffness takes the moment of the mass 150
     # mm above it
     expected = -0.5 * mass * (1.0 / 100e6 + 0.15 * 0.3 / 1e6)
-    assert x.quasi_static == pytest.approx(expected, rel=1e-9)
+    assert x.quasi_static == approx(expected, rel=1e-9)
     assert abs(y.peak) < 1e-9 * abs(x.peak)
 
 
@@ -248,7 +248,7 @@ def test_poses_are_followed_unless_the_scene_keeps_that_of_the_middle(tmp_path: 
         assert (
             1e-4 * np.abs(one.curves.frozen).max() < change < 0.2 * np.abs(one.curves.frozen).max()
         )
-    assert followed.poses.effect == pytest.approx(
+    assert followed.poses.effect == approx(
         [np.abs(run.curves.deviation.total - run.curves.frozen).max() for run in followed.runs]
     )
 

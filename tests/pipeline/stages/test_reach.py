@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component, Material
 from headstock.geometry.parts.solids import Box
@@ -112,8 +113,8 @@ def test_the_wave_of_a_thin_strip_is_that_of_its_eigenfrequency() -> None:
     rigidity = 2.1e11 * 0.008**3 / (12.0 * (1.0 - 0.09))
     hz = math.pi / 2.0 * math.sqrt(rigidity / (7850.0 * 0.008)) / 0.4**2
     strip = Component("strip", Box((0.4, 0.04, 0.008)), steel)
-    assert shortest_wave(strip, 0.008, hz) == pytest.approx(0.8, rel=1e-12)
-    assert shortest_wave(strip, 10.0, 1e4) == pytest.approx(
+    assert shortest_wave(strip, 0.008, hz) == approx(0.8, rel=1e-12)
+    assert shortest_wave(strip, 10.0, 1e4) == approx(
         math.sqrt(2.1e11 / 2.6 / 7850.0) / 1e4, rel=1e-12
     )
 
@@ -123,7 +124,7 @@ def test_nodes_along_a_wall_are_as_far_apart_as_in_its_mesh(
     length: float, width: float, step: float
 ) -> None:
     nodes = round(length / step) * round(width / step) * 3
-    assert node_spacing(nodes, length * width * 0.008, 0.008) == pytest.approx(step, rel=0.02)
+    assert node_spacing(nodes, length * width * 0.008, 0.008) == approx(step, rel=0.02)
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from common import make_box, make_component
+from common import approx, make_box, make_component
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.reduction.components.elastic import reduce_elastic
@@ -76,7 +76,7 @@ def test_one_mode_more_inside_a_cluster_changes_no_receptance(reduce_to: ReduceT
 
 def test_the_first_left_out_frequency_bounds_what_is_complete(reduce_to: ReduceTo) -> None:
     few, many = reduce_to(ModeTarget(count=4)), reduce_to(ModeTarget(count=12))
-    assert few.cutoff_hz == pytest.approx(many.modal_frequencies_hz[few.modal_count], rel=1e-3)
+    assert few.cutoff_hz == approx(many.modal_frequencies_hz[few.modal_count], rel=1e-3)
 
 
 def test_a_chain_of_close_frequencies_is_followed_to_its_end() -> None:

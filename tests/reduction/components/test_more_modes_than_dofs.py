@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from common import make_box, make_component
+from common import approx, make_box, make_component
 from headstock.geometry.parts.components import Component, CouplingKind
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.reduction.components.elastic import reduce_elastic
@@ -57,9 +57,7 @@ def test_two_patches_that_hold_every_point_leave_no_modes(count: int) -> None:
     # effect is prevented
     young, poisson = 2.1e11, 0.3
     confined = young * (1.0 - poisson) / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
-    assert element.stiffness[2, 2] == pytest.approx(
-        confined * SIZE[0] * SIZE[1] / SIZE[2], rel=1e-10
-    )
+    assert element.stiffness[2, 2] == approx(confined * SIZE[0] * SIZE[1] / SIZE[2], rel=1e-10)
 
 
 def test_one_rigid_interface_over_every_point_is_a_rigid_body() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from common import make_box, make_component, present
+from common import approx, make_box, make_component, present
 from headstock.geometry.frames import BoolArray, FloatArray, Frame, rigid_transfer
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest
@@ -68,7 +68,7 @@ def test_mass_centre_and_inertia_are_those_of_the_block_about_any_point(
 def test_the_stated_mass_properties_are_those_of_the_block(element: Superelement) -> None:
     mass = DENSITY * math.prod(SIZE)
     squares = np.array(SIZE) ** 2
-    assert element.mass_kg == pytest.approx(mass, rel=1e-12)
+    assert element.mass_kg == approx(mass, rel=1e-12)
     np.testing.assert_allclose(element.center_of_mass, 0.5 * np.array(SIZE), rtol=1e-11)
     np.testing.assert_allclose(
         element.inertia, mass * np.diag(squares.sum() - squares) / 12.0, rtol=1e-9, atol=1e-9 * mass

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from common import Choice, Dense, make_box, make_component, present
+from common import Choice, Dense, approx, make_box, make_component, present
 from headstock.geometry.frames import BoolArray, FloatArray, rigid_transfer
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.reduction.components.elastic import reduce_elastic
@@ -186,7 +186,7 @@ def test_a_curved_patch_over_two_faces_is_one_rigid_interface(
         0.0,
     ]
     assert center[2] == 0.0
-    assert dofs @ element.stiffness @ dofs == pytest.approx(answer @ stiffness @ answer, rel=1e-10)
+    assert dofs @ element.stiffness @ dofs == approx(answer @ stiffness @ answer, rel=1e-10)
 
 
 def test_means_over_two_halves_and_over_the_whole_depend_on_each_other(

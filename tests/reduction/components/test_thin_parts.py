@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from common import make_box, make_component
+from common import approx, make_box, make_component
 from headstock.geometry.parts.components import Material, Patch, Support
 from headstock.meshing.component_mesh import CellKind, ComponentMesh
 from headstock.reduction.components.elastic import reduce_elastic
@@ -57,13 +57,13 @@ def bending_frequency(material: Material, number: int) -> float:
 def test_second_order_elements_do_not_lock(kind: CellKind) -> None:
     mesh, material, model = strip(kind)
     first = full_modes(model, 3).frequencies_hz[0]
-    assert first == pytest.approx(bending_frequency(material, 0), rel=0.03)
+    assert first == approx(bending_frequency(material, 0), rel=0.03)
     loads = np.zeros((len(mesh.points), 3))
     tip = np.flatnonzero(mesh.points[:, 0] > LENGTH - 1e-12)
     loads[tip, 2] = 1.0 / len(tip)
     deflection = full_displacement(model, loads)[tip, 2].mean()
     exact = LENGTH**3 / (3.0 * material.youngs_modulus * WIDTH * THICKNESS**3 / 12.0)
-    assert deflection == pytest.approx(exact, rel=0.03)
+    assert deflection == approx(exact, rel=0.03)
 
 
 @pytest.mark.parametrize("kind", ["tet4", "hex8"])
@@ -162,6 +162,6 @@ def test_the_tip_of_a_thin_strip_between_two_interfaces_gives_way_as_beam_theory
     compliance = np.linalg.inv(element.stiffness[tip, tip])
     inertia = WIDTH * THICKNESS**3 / 12.0
     young = material.youngs_modulus
-    assert compliance[2, 2] == pytest.approx(LENGTH**3 / (3.0 * young * inertia), rel=0.01)
-    assert compliance[4, 4] == pytest.approx(LENGTH / (young * inertia), rel=0.01)
-    assert compliance[0, 0] == pytest.approx(LENGTH / (young * WIDTH * THICKNESS), rel=1e-6)
+    assert compliance[2, 2] == approx(LENGTH**3 / (3.0 * young * inertia), rel=0.01)
+    assert compliance[4, 4] == approx(LENGTH / (young * inertia), rel=0.01)
+    assert compliance[0, 0] == approx(LENGTH / (young * WIDTH * THICKNESS), rel=1e-6)

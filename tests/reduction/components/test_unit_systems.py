@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from common import Dense, make_box, make_component, present
+from common import Dense, approx, make_box, make_component, present
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Load, Material, Patch
 from headstock.reduction.components.elastic import reduce_elastic
@@ -107,7 +107,7 @@ def test_mass_centre_and_inertia_are_the_same_quantities(
     both: Both,
 ) -> None:
     (metres, _), (millimetres, _) = both
-    assert millimetres.mass_kg * 1e3 == pytest.approx(metres.mass_kg, rel=1e-12)
+    assert millimetres.mass_kg * 1e3 == approx(metres.mass_kg, rel=1e-12)
     np.testing.assert_allclose(millimetres.center_of_mass / 1e3, metres.center_of_mass, rtol=1e-11)
     np.testing.assert_allclose(
         millimetres.inertia * 1e-3, metres.inertia, rtol=1e-9, atol=1e-9 * metres.inertia.max()

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Pose
 from headstock.reduction.coupling.coupling import couple
@@ -125,4 +126,4 @@ def test_what_levers_leave_of_a_massless_dof_is_no_mass() -> None:
     right = solve_symmetric_modes(stiffness, np.diag([0.0, 50.0]))
     left_over = solve_symmetric_modes(stiffness, np.diag([50.0 * 1e-20, 50.0]))
     assert left_over.infinite_count == right.infinite_count == 1
-    assert list(left_over.eigenvalues) == pytest.approx(list(right.eigenvalues), rel=1e-12)
+    assert list(left_over.eigenvalues) == approx(list(right.eigenvalues), rel=1e-12)

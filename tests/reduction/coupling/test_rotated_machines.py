@@ -5,6 +5,7 @@ a tensor.
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.frames import Frame, rotate_dofs, rotation_about
 from headstock.geometry.machine.machine import Machine, Pose, orient_machine
 from headstock.reduction.coupling.coupling import couple
@@ -88,8 +89,8 @@ def test_shares_of_a_quarter_turn_swap_directions() -> None:
     turned = point_budget(
         couple(superelements, orient_machine(machine, quarter), HOME), "tcp"
     ).shares
-    assert turned["y"] == pytest.approx(home["x"], rel=1e-8, abs=1e-12)
-    assert turned["x"] == pytest.approx(home["y"], rel=1e-8, abs=1e-12)
+    assert turned["y"] == approx(home["x"], rel=1e-8, abs=1e-12)
+    assert turned["x"] == approx(home["y"], rel=1e-8, abs=1e-12)
 
 
 @pytest.mark.parametrize("distance", [1e2, 1e4])

@@ -5,7 +5,7 @@ that a plain modal sum lacks is reported.
 import numpy as np
 import pytest
 
-from common import present
+from common import approx, present
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.parts.components import Material
 from headstock.reduction.coupling.coupling import couple
@@ -53,12 +53,10 @@ def test_the_plain_sum_of_a_beam_misses_what_theory_says_and_the_corrected_one_n
 ) -> None:
     coordinates = present(to_modal_coordinates(cantilever_system(BEAM, 60), [TIP], [TIP]))
     kept = keep_modes(coordinates, count)
-    assert kept.elastic[0, 0] == pytest.approx(1.0 / 3.0, rel=1e-9)
-    assert 1.0 - kept.residual[0, 0] / kept.elastic[0, 0] == pytest.approx(
-        FRACTIONS[count - 1], abs=1e-6
-    )
+    assert kept.elastic[0, 0] == approx(1.0 / 3.0, rel=1e-9)
+    assert 1.0 - kept.residual[0, 0] / kept.elastic[0, 0] == approx(FRACTIONS[count - 1], abs=1e-6)
     at_rest = sum_over_modes(kept).evaluate(np.array([VERY_LOW]))[0, 0, 0]
-    assert at_rest == pytest.approx(1.0 / 3.0, rel=1e-9)
+    assert at_rest == approx(1.0 / 3.0, rel=1e-9)
 
 
 def test_the_correction_makes_the_kept_range_right_too() -> None:

@@ -9,6 +9,7 @@ from decimal import Decimal
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.frames import FloatArray, Frame, rotation_about
 from headstock.geometry.machine.machine import Machine, Pose, orient_machine
 from headstock.reduction.coupling.coupling import couple
@@ -120,5 +121,5 @@ def test_a_ratio_above_1e12_is_warned_of_with_joint_and_dof_and_one_of_1e8_is_no
 
 def test_the_budget_of_a_stiff_and_a_soft_spring_in_series_is_exact() -> None:
     budget = point_budget(couple(*two_masses(1e12), HOME), "tcp")
-    assert budget.compliance[2, 2] == pytest.approx(1.0 / AIR * (1.0 + 1e-12), rel=1e-14, abs=0.0)
-    assert budget.shares["z"]["bolt"] == pytest.approx(1e-12, rel=1e-6, abs=0.0)
+    assert budget.compliance[2, 2] == approx(1.0 / AIR * (1.0 + 1e-12), rel=1e-14, abs=0.0)
+    assert budget.shares["z"]["bolt"] == approx(1e-12, rel=1e-6, abs=0.0)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from common import present
+from common import approx, present
 from headstock.geometry.frames import Frame, rotation_about
 from headstock.geometry.machine.machine import Machine, Pose, orient_machine
 from headstock.reduction.coupling.coupling import couple
@@ -80,7 +80,7 @@ def test_rigid_modes_lie_far_below_the_first_elastic_one_and_leave_the_others_al
     assert free.frequencies_hz[0] < 1e-5 * free.frequencies_hz[1]
     assert soft.rigid_count == 0
     np.testing.assert_allclose(soft.frequencies_hz[1:], free.frequencies_hz[1:], rtol=1e-9)
-    assert soft.frequencies_hz[0] == pytest.approx(np.sqrt(1e-3 / 70.0) / (2 * np.pi), rel=0.2)
+    assert soft.frequencies_hz[0] == approx(np.sqrt(1e-3 / 70.0) / (2 * np.pi), rel=0.2)
 
 
 def test_a_load_that_does_work_on_a_free_motion_is_refused_with_the_motions_and_bodies_named() -> (
@@ -117,7 +117,7 @@ def test_a_free_turn_about_the_tool_leaves_the_forces_through_it_alone(frame: Fr
     budget = point_budget(coupled, "tcp")
     assert not np.isnan(budget.compliance[:3, :3]).any()
     assert np.isnan(np.linalg.norm(budget.compliance[3:, 3:]))
-    assert budget.free and sum(budget.shares["x"].values()) == pytest.approx(1.0, abs=1e-9)
+    assert budget.free and sum(budget.shares["x"].values()) == approx(1.0, abs=1e-9)
     assert present(find_weakest_link(coupled, "tcp", "x", budget)).change < 0.0
 
 
@@ -148,4 +148,4 @@ def test_a_soft_spring_is_not_taken_for_a_free_motion() -> None:
     machine.joints["guide"].stiffness[0, 0] = 1e-2
     coupled = couple(superelements, machine, HOME)
     assert find_free_motions(coupled) == ()
-    assert point_compliance(coupled, "tcp")[0, 0] == pytest.approx(100.0, rel=1e-6)
+    assert point_compliance(coupled, "tcp")[0, 0] == approx(100.0, rel=1e-6)

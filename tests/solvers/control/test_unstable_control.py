@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from common import present
+from common import approx, present
 from headstock.geometry.machine.drives import AxisControl
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.stability import (
@@ -44,7 +44,7 @@ def test_a_position_gain_that_is_too_high_is_named_with_the_largest_that_is_stab
     ) as caught:
         require_stable(system, [train])
     growing = find_loop_poles(close_loops(system, [train]))
-    assert caught.value.frequency_hz == pytest.approx(growing.frequencies_hz[growing.growing()[0]])
+    assert caught.value.frequency_hz == approx(growing.frequencies_hz[growing.growing()[0]])
     largest = present(find_largest_gain(system, [train], "X", scale_position_gain))
     for factor, stable in ((0.999, True), (1.001, False)):
         changed = dataclasses.replace(
@@ -61,7 +61,7 @@ def test_the_largest_stable_kv_of_a_rigid_axis_is_that_of_rouths_criterion() -> 
     mass, kp, rate = rigid.motor + rigid.load, control.velocity_gain, 1.0 / control.integral_time
     expected = kp * rate / (mass * rate - kp)
     found = present(find_largest_gain(system, [train], "X", scale_position_gain))
-    assert found * control.position_gain == pytest.approx(expected, rel=1e-3)
+    assert found * control.position_gain == approx(expected, rel=1e-3)
 
 
 def test_a_velocity_gain_that_no_kv_helps_is_named() -> None:

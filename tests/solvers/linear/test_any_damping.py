@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common import present
+from common import approx, present
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Material
 from headstock.solvers.linear.damped_modes import solve_damped
@@ -67,7 +67,7 @@ def test_conjugates_are_exact_overdamped_roots_are_kept_and_nothing_grows(
         + found.poles[found.frequencies_hz == 0.0].real.sum()
     )
     expected = -np.trace(np.linalg.solve(system.mass, present(system.damping)))
-    assert total == pytest.approx(expected, rel=1e-6, abs=1e-6 * np.abs(found.poles).max())
+    assert total == approx(expected, rel=1e-6, abs=1e-6 * np.abs(found.poles).max())
 
 
 def test_a_dashpot_of_the_rod_s_impedance_swallows_every_wave() -> None:

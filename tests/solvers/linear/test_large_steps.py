@@ -5,7 +5,7 @@ energy stays.
 import numpy as np
 import pytest
 
-from common import present
+from common import approx, present
 from headstock.solvers.linear.damping import add_modal_damping
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.state_space import StateSpace, to_state_space
@@ -54,7 +54,7 @@ def test_energy_neither_grows_nor_falls_over_a_million_steps(angle: float) -> No
     x, y = 0.6, 0.8
     for _ in range(1_000_000):
         x, y = a * x + b * y, c * x + d * y
-    assert x * x + y * y == pytest.approx(1.0, rel=1e-8)
+    assert x * x + y * y == approx(1.0, rel=1e-8)
 
 
 def test_with_coupled_damping_energy_never_grows_at_any_step() -> None:

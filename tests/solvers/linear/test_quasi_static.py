@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Material
 from headstock.solvers.linear.damping import add_modal_damping
@@ -50,6 +51,6 @@ def test_a_slow_ramp_is_the_static_path(
 @pytest.mark.parametrize("periods", [100, 1000])
 def test_a_ramp_with_a_corner_rings_as_much_as_a_corner_must(periods: int) -> None:
     # one mass: sin(omega t) / (omega T); the first mode has 97 % of the tip's compliance
-    assert deviation(lambda s: s, periods, 0.0, 24.7) == pytest.approx(
+    assert deviation(lambda s: s, periods, 0.0, 24.7) == approx(
         0.971 / (2.0 * np.pi * periods), rel=0.02
     )

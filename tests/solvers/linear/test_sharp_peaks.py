@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.solvers.linear.damped_modes import solve_damped
 from headstock.solvers.linear.frequency_response import (
     evaluate_frf,
@@ -52,8 +53,8 @@ def test_every_peak_stands_where_its_complex_mode_says_and_as_high(
         top = near[np.argmax(size[near])]
         fine = np.linspace(hz - 3.0 * width, hz + 3.0 * width, 501)
         height = np.abs(model.direct.evaluate(2.0 * np.pi * fine)[:, 0, 0]).max()
-        assert size[top] == pytest.approx(height, rel=1e-2)
-        assert grid[top] == pytest.approx(hz, rel=max(1e-4, zeta))
+        assert size[top] == approx(height, rel=1e-2)
+        assert grid[top] == approx(hz, rel=max(1e-4, zeta))
 
 
 def test_the_even_grid_alone_misses_the_peak() -> None:
@@ -74,5 +75,5 @@ def test_peaks_of_structural_damping_are_found_as_well() -> None:
     (figures,) = find_stability_figures(model, response)
     eigenvalues, shapes = np.linalg.eigh(system.stiffness)
     heights = shapes[-1] ** 2 / (eta * eigenvalues)
-    assert 1.0 / figures.minimum_dynamic_stiffness == pytest.approx(heights.max(), rel=1e-3)
-    assert figures.most_negative_real == pytest.approx(-0.5 * heights.max(), rel=1e-3)
+    assert 1.0 / figures.minimum_dynamic_stiffness == approx(heights.max(), rel=1e-3)
+    assert figures.most_negative_real == approx(-0.5 * heights.max(), rel=1e-3)

@@ -5,6 +5,7 @@ counts.
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.linear.frequency_response import (
     evaluate_frf,
@@ -54,7 +55,7 @@ def test_a_resonance_that_does_not_reach_a_port_flags_only_the_others() -> None:
     second = solve_modal(system).frequencies_hz[1]
     found = solve_frf(system, np.array([second]), inputs=list(rows), outputs=list(rows))
     assert found.singular[0].tolist() == [[False, False], [False, True]]
-    assert found.receptance[0, 0, 0] == pytest.approx(2.0 / (1e6 - 3e6), rel=1e-9)
+    assert found.receptance[0, 0, 0] == approx(2.0 / (1e6 - 3e6), rel=1e-9)
 
 
 def test_the_adaptive_grid_keeps_off_undamped_resonances() -> None:
@@ -64,6 +65,6 @@ def test_the_adaptive_grid_keeps_off_undamped_resonances() -> None:
     found = evaluate_frf(model, grid)
     # 80 Hz is a point of the even grid
     assert found.singular.sum() == 1 and np.isfinite(found.receptance[~found.singular]).all()
-    assert np.abs(
-        np.delete(grid, np.flatnonzero(grid == 80.0)) / 80.0 - 1.0
-    ).min() == pytest.approx(1.25e-7, rel=1e-2)
+    assert np.abs(np.delete(grid, np.flatnonzero(grid == 80.0)) / 80.0 - 1.0).min() == approx(
+        1.25e-7, rel=1e-2
+    )

@@ -5,6 +5,7 @@ no spike.
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.errors import ClosureError
 from headstock.solvers.mechanisms.generalized_alpha import MotionState, integrate_motion
 from headstock.solvers.mechanisms.modes import PoseDamping
@@ -41,9 +42,7 @@ def test_a_wrong_start_is_projected_and_the_correction_reported(
     wrong[:9] += 1e-3
     speed[:9] += 0.05
     start, report = project_start(problem, 0.0, wrong, speed)
-    assert 1e-4 < report.constraint_violation < 1e-2 and report.moved == pytest.approx(
-        1e-3, rel=0.01
-    )
+    assert 1e-4 < report.constraint_violation < 1e-2 and report.moved == approx(1e-3, rel=0.01)
     assert report.open_rates > 1e-3 and report.slowed > 1e-3
     assert np.allclose(start.position, exact, atol=1e-13)
     dynamics, _, _ = problem.evaluate(start)

@@ -11,6 +11,7 @@ import pytest
 import scipy.integrate
 import scipy.optimize
 
+from common import approx
 from headstock.geometry.errors import SingularPoseError
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.closures import find_mobility
@@ -62,9 +63,7 @@ def test_the_lowest_frequency_falls_to_zero_as_the_closed_form_does(degrees: flo
     state = planar_3rpr_state(BASE, PLATFORM, (0.0, 0.0), angle)
     found = solve_pose_modes(linearise_poses(machine(), state)).frequencies_hz[0]
     slope = OUTER * INNER * np.sin(angle) / leg_length(angle)
-    assert found == pytest.approx(
-        np.sqrt(3.0 * STIFFNESS * slope**2 / INERTIA) / (2.0 * np.pi), rel=1e-8
-    )
+    assert found == approx(np.sqrt(3.0 * STIFFNESS * slope**2 / INERTIA) / (2.0 * np.pi), rel=1e-8)
 
 
 def test_the_condition_number_tells_how_near_the_singular_pose_is() -> None:
@@ -74,9 +73,9 @@ def test_the_condition_number_tells_how_near_the_singular_pose_is() -> None:
         ).passive_condition
         for d in (10, 1, 0.1)
     ]
-    assert numbers[1] / numbers[0] == pytest.approx(10.0, rel=0.1) and numbers[2] / numbers[
-        1
-    ] == pytest.approx(10.0, rel=0.1)
+    assert numbers[1] / numbers[0] == approx(10.0, rel=0.1) and numbers[2] / numbers[1] == approx(
+        10.0, rel=0.1
+    )
     singular = find_mobility(MECHANISM, planar_3rpr_state(BASE, PLATFORM, (0.0, 0.0), 0.0))
     assert singular.passive_condition > 1e14
 

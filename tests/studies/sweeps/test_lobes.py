@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from headstock.app.charts.sweep import draw_sweep
 from headstock.app.tables.sweep_quantities import limit_words
 from headstock.pipeline.answers.answer import find_answers
@@ -71,7 +72,7 @@ def test_every_pose_of_a_sweep_has_the_limits_of_a_run_in_it(tmp_path: Path) -> 
     for name, limits in results.limits.items():
         mapped = summary["lobes"][name]
         at = int(np.argmax(limits.depths.min(axis=0)))
-        assert mapped["common_best_rpm"] == pytest.approx(RPM * limits.speeds[at])
+        assert mapped["common_best_rpm"] == approx(RPM * limits.speeds[at])
         np.testing.assert_allclose(
             np.array(mapped["at_common_best_mm"], dtype=float),
             MM * limits.depths[:, at],
@@ -79,4 +80,4 @@ def test_every_pose_of_a_sweep_has_the_limits_of_a_run_in_it(tmp_path: Path) -> 
         )
         assert float((MM * limits.depths[:, at]).min()) == mapped["common_best_mm"]
         for number, best in enumerate(limits.depths.argmax(axis=1)):
-            assert np.array(mapped["best_rpm"])[number] == pytest.approx(RPM * limits.speeds[best])
+            assert np.array(mapped["best_rpm"])[number] == approx(RPM * limits.speeds[best])
