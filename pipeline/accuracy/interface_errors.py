@@ -45,6 +45,7 @@ from headstock.reduction.estimates.model_errors import (
 )
 from headstock.reduction.motions.body_fields import BodyPlaces, choose_places, place_motion
 from headstock.reduction.superelement import Superelement
+from headstock.scene.requests import FrfRequest
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.frequency_response import (
     FrfModel,
@@ -424,7 +425,7 @@ def _judge_numbers(
 
 def _respond(model: CoupledPose, answer: PoseResponse) -> _Responses:
     """The response of a machine at the lines of an answer, on its own peaks and around them."""
-    request = model.parts.scene.analyses.frf
+    request = model.parts.scene.analyses.get(FrfRequest)
     if request is None:
         raise ValueError("a frequency response needs an analysis in the scene")
     lines, prepared = answer.curves.frequencies_hz, prepare_response(model)

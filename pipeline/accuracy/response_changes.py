@@ -49,7 +49,7 @@ def follow_numbers(
 
 
 def _frf_request(model: CoupledPose) -> FrfRequest:
-    request = model.parts.scene.analyses.frf
+    request = model.parts.scene.analyses.get(FrfRequest)
     if request is None:
         raise ValueError("numbers of a frequency response need its analysis in the scene")
     return request

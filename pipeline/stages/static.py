@@ -8,6 +8,7 @@ from headstock.geometry.frames import DIRECTIONS
 from headstock.pipeline.answers.static import PointCompliance, StaticAnswer
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.run_state import Outcome, PoseMotions, RunState, Solved, pose_model
+from headstock.scene.requests import StaticRequest
 from headstock.solvers.errors import ModelError
 
 
@@ -17,7 +18,7 @@ def run_static_stage(state: RunState, stage: Stage) -> Outcome:
     """
     if not state.is_root:
         return Outcome()
-    model, request = pose_model(state), state.scene.analyses.static
+    model, request = pose_model(state), state.scene.analyses.get(StaticRequest)
     if request is None:
         raise ValueError("a static stage needs a static analysis in the scene")
     pose = model.pose.name

@@ -414,7 +414,7 @@ def test_frequencies_beyond_the_reach_of_the_kept_modes_are_warned_of(tmp_path: 
     column = dataclasses.replace(
         scene.machine.components["column"], reduction=ReductionSettings(modes=1)
     )
-    analyses = Analyses(modal=ModalRequest(count=13))
+    analyses = Analyses(ModalRequest(count=13))
     scene = dataclasses.replace(
         change_machine(scene, components={**scene.machine.components, "column": column}),
         analyses=analyses,
@@ -445,9 +445,7 @@ def ask(scene: Scene, **changes: Any) -> Scene:
     """The scene with other reduction settings of its column, ``gravity`` or ``static_only``."""
     effects = frozenset({"gravity"}) if changes.pop("gravity", False) else frozenset[str]()
     analyses = (
-        Analyses(scene.analyses.static, None)
-        if changes.pop("static_only", False)
-        else scene.analyses
+        scene.analyses.keep(["static"]) if changes.pop("static_only", False) else scene.analyses
     )
     column = scene.machine.components["column"]
     # not square: the shapes of repeated modes are any combination of each other

@@ -26,6 +26,7 @@ from headstock.pipeline.preview.rigid_view import view_rigid
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.coupling.coupling import couple
 from headstock.scene.building.loader import load_scene
+from headstock.scene.requests import ModalRequest, StaticRequest
 
 MACHINES = Path(__file__).resolve().parents[3] / "machines"
 SUPPORT = Path(__file__).parent.parent.parent / "data" / "support.step"
@@ -256,8 +257,8 @@ def test_numbers_of_hidden_faces_are_not_drawn_through_a_part() -> None:
 def test_a_new_box_scene_loads_and_names_what_it_computes(folder: Path) -> None:
     assert main(["new", "first"]) == 0
     scene = load_scene(folder / "first" / "first.toml")
-    assert scene.analyses.modal is not None
-    assert scene.analyses.static is not None
+    assert ModalRequest in scene.analyses
+    assert StaticRequest in scene.analyses
     assert scene.warnings == ()
 
 

@@ -30,7 +30,7 @@ from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.forces import ForceFileError, ForceRecord
-from headstock.scene.requests import Analyses, ContouringRequest
+from headstock.scene.requests import ContouringRequest
 from headstock.solvers.mechanisms.dynamics import MechanismBody
 from headstock.solvers.mechanisms.modes import PoseDamping, linearise_poses, tool_compliance
 from headstock.solvers.milling.path_drives import follow_path
@@ -238,7 +238,7 @@ def lobes_on_a_face(request: ContouringRequest, rpm: float, folder: Path) -> Dir
         f'material = "{request.material}", directions = [{face.travel.tolist()}], checked = 1.0, poses = ["face"] }}',
     )
     scene = load_scene(SCENE, variant="lumped", overrides=overrides)
-    scene = dataclasses.replace(scene, analyses=Analyses(lobes=scene.analyses.lobes))
+    scene = dataclasses.replace(scene, analyses=scene.analyses.keep(["lobes"]))
     found = run_scene(scene, folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
     (lobes,) = find_answers(found.answers, PoseLobes)
     return lobes.directions[0]

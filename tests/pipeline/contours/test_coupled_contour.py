@@ -74,8 +74,7 @@ def build_state(
 
 
 def request_of(state: RunState) -> ContouringRequest:
-    request = state.scene.analyses.contouring
-    assert request is not None
+    request = state.scene.analyses[ContouringRequest]
     return request
 
 

@@ -22,6 +22,7 @@ from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.superelement import Superelement
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
+from headstock.scene.requests import PathRequest
 from headstock.scene.scene import Scene
 from headstock.solvers.milling.forces import cutting_forces
 from headstock.solvers.paths.set_points import SetPoint, sample_move
@@ -102,7 +103,7 @@ def test_an_arm_that_turns_deviates_as_its_equations_of_motion_say(
         ],
     )
     curves = run(scene, tmp_path).runs[0].curves
-    request = present(scene.analyses.path)
+    request = scene.analyses[PathRequest]
     expected = turn_arm(request.moves[0], curves.deviation.times, 5e6, torsional)
     size = np.abs(expected).max()
     assert size > 2e-6
@@ -280,7 +281,7 @@ def test_a_slide_under_control_on_an_arm_that_turns_follows_its_equations_of_mot
     """Weight, motor, table and controller, with Coriolis and centrifugal forces; C is ideal."""
     scene = load_scene(ARM, overrides=DAMPED)
     curves = run(scene, tmp_path).runs[0].curves
-    move, times = present(scene.analyses.path).moves[0], curves.deviation.times
+    move, times = scene.analyses[PathRequest].moves[0], curves.deviation.times
     ramp, top = move.ramp.time_constant, move.feed / move.ramp.time_constant
     share, motor, gain = np.radians(60.0) / 0.1, 1e-4 / (0.01 / (2.0 * np.pi)) ** 2, 1e4
 
@@ -394,7 +395,7 @@ def test_a_cut_around_a_table_pushes_across_and_along_the_radius(
         curves = run(scene, tmp_path / effect).runs[0].curves
         means.append(curves.deviation.total)
     moved, angles = means[1] - means[0], curves.positions
-    cut = present(present(scene.analyses.path).cut).cut
+    cut = present(scene.analyses[PathRequest].cut).cut
     later = (curves.deviation.times > 0.5) & (curves.deviation.times < 1.3)
     feed = np.radians(20.0) * RADIUS
     fine: FloatArray = np.asarray(np.arange(0.0, 0.01, 1e-5), dtype=float)

@@ -20,6 +20,7 @@ from headstock.pipeline.answers.path import PathResult, PathRun
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
+from headstock.scene.requests import ContouringRequest
 from headstock.scene.scene import keep_analyses
 from headstock.solvers.milling.tool_path import plan_contour
 from headstock.validation.mechanisms.tripteor_machine import SCENE as TRIPTEOR
@@ -212,8 +213,7 @@ def test_a_bar_along_a_contour_carries_its_inertia_and_the_cut(
         load_scene(path), tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store")
     )
     (found,) = find_answers(results.answers, ContourAnswer)
-    request = load_scene(path).analyses.contouring
-    assert request is not None
+    request = load_scene(path).analyses[ContouringRequest]
     now = plan_contour(request.contour).path.at(found.times)
     along, across = now.acceleration[:, 0], now.acceleration[:, 1]
     beyond, area = LENGTH - PLACE, SIDE**2

@@ -18,7 +18,6 @@ from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
-from headstock.scene.requests import Analyses
 
 DATA = Path(__file__).parents[2] / "data"
 LOBES = """
@@ -50,7 +49,7 @@ def write_scene(folder: Path, more: str = "", *changes: tuple[str, str]) -> Path
 
 def lobes_of(path: Path, tmp_path: Path) -> PoseLobes:
     scene = load_scene(path)
-    scene = dataclasses.replace(scene, analyses=Analyses(lobes=scene.analyses.lobes))
+    scene = dataclasses.replace(scene, analyses=scene.analyses.keep(["lobes"]))
     results = run_scene(
         scene, tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store")
     )
@@ -104,7 +103,7 @@ def test_a_share_of_the_speeds_is_looked_at_and_the_others_are_unknown(tmp_path:
 
 def test_report_and_tables_show_the_lobes(tmp_path: Path) -> None:
     scene = load_scene(write_scene(tmp_path))
-    scene = dataclasses.replace(scene, analyses=Analyses(lobes=scene.analyses.lobes))
+    scene = dataclasses.replace(scene, analyses=scene.analyses.keep(["lobes"]))
     results = run_scene(
         scene, tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store")
     )

@@ -23,6 +23,7 @@ from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.coupling.drives import place_drives, release_motors
 from headstock.scene.building.loader import load_scene
+from headstock.scene.requests import PathRequest
 from headstock.scene.scene import Scene, keep_analyses
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.stability import find_loop_poles
@@ -369,7 +370,7 @@ def test_milling_on_the_way_pushes_the_tool_away_by_its_mean_force_times_the_com
     mean = curves.deviation.total[steady].mean(axis=0)
     fine = 0.25 + 1e-6 * np.arange(100_000)
     force = cutting_forces(
-        present(present(scene.analyses.path).cut).cut, fine, np.full(len(fine), 0.05)
+        present(scene.analyses[PathRequest].cut).cut, fine, np.full(len(fine), 0.05)
     ).mean(axis=0)
     # along x, away from the part (to the left, y), up
     expected = found.static["reference"]["tcp"].compliance[:3, :3] @ force
@@ -380,4 +381,4 @@ def test_milling_on_the_way_pushes_the_tool_away_by_its_mean_force_times_the_com
 
 def test_a_cut_does_nothing_until_its_effect_is_named(tmp_path: Path) -> None:
     scene = load_scene(write_scene(tmp_path, ("[analyses.control]", PATH + CUT)))
-    assert present(scene.analyses.path).cut is None
+    assert scene.analyses[PathRequest].cut is None

@@ -94,8 +94,8 @@ def test_a_map_that_cannot_be_made_is_refused(override: str, key: str, message: 
 
 def request_of(axes: str, *overrides: str) -> tuple[MapRequest, SceneMechanism, CompliantMechanism]:
     scene = load_scene(SCENE, variant="lumped", overrides=[f"sweeps.plane.axes={axes}", *overrides])
-    assert scene.analyses.map is not None and scene.mechanism is not None
-    return scene.analyses.map, scene.mechanism, load_tripteor(overrides).model
+    assert scene.mechanism is not None
+    return scene.analyses[MapRequest], scene.mechanism, load_tripteor(overrides).model
 
 
 def test_a_volume_holds_its_planes_and_is_drawn_in_layers() -> None:

@@ -24,6 +24,7 @@ from headstock.reduction.coupling.joint_springs import place_joints
 from headstock.reduction.motions.body_motions import solve_machine_static
 from headstock.reduction.motions.tool_deviation import GEOMETRY, solve_deviation
 from headstock.scene.building.loader import load_scene
+from headstock.scene.requests import PathRequest
 from headstock.scene.scene import Scene, keep_analyses
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.drive_trains import FORCE
@@ -77,8 +78,7 @@ def test_slow_travel_takes_the_static_deviation_of_each_pose(tmp_path: Path) -> 
     )
     own, other = (answer.runs[0].curves for answer in (with_errors, ideal))
     moved = own.deviation.total - other.deviation.total
-    request = scene.analyses.path
-    assert request is not None
+    request = scene.analyses[PathRequest]
     machine = scene.machine
 
     def static(position: float) -> FloatArray:
@@ -115,8 +115,7 @@ def test_joints_take_on_a_slow_path_what_statics_say(driven: bool, tmp_path: Pat
         run(each, tmp_path / name).runs[0].joints
         for name, each in (("with", scene), ("without", ideal))
     )
-    request, machine = scene.analyses.path, scene.machine
-    assert request is not None
+    request, machine = scene.analyses[PathRequest], scene.machine
     middle = couple_rigid(machine, request.path.pose_at(0.5 * request.path.length))
     springs = {spring.name: spring for spring in middle.joint_springs}
 
@@ -272,8 +271,7 @@ def test_rigid_axes_go_where_their_errors_lead(tmp_path: Path) -> None:
     screw = "joints.z_drive.stiffness={ axial = '150 N/um' }"
     scene = load_scene(SCENE, variant="rigid_guides", overrides=[*SLOW, screw])
     own = run(scene, tmp_path).runs[0].curves
-    request, machine = scene.analyses.path, scene.machine
-    assert request is not None
+    request, machine = scene.analyses[PathRequest], scene.machine
 
     def static(position: float) -> FloatArray:
         pose = request.path.pose_at(position)

@@ -19,6 +19,7 @@ from headstock.pipeline.stages.better_machines import NOT_ASKED
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
+from headstock.scene.requests import PathRequest
 from headstock.scene.scene import Scene, keep_analyses, list_analyses
 from headstock.solvers.milling.forces import cutting_forces
 
@@ -104,7 +105,7 @@ def run_path(folder: Path, text: str = SCENE) -> PathResult:
 
 def test_an_analysis_on_request_runs_only_when_it_is_named(tmp_path: Path) -> None:
     scene = load(tmp_path)
-    assert scene.analyses.path is None
+    assert PathRequest not in scene.analyses
     assert list(list_analyses(scene)) == ["modal", "path"]
     assert [stage.kind for stage in plan_scene(scene).stages] == [
         "rigid",
@@ -122,7 +123,7 @@ def test_an_analysis_on_request_runs_only_when_it_is_named(tmp_path: Path) -> No
         "write",
     ]
     ordinary = load(tmp_path, SCENE.replace("on_request = true\n", ""))
-    assert ordinary.analyses.path is not None
+    assert PathRequest in ordinary.analyses
 
 
 def test_what_was_found_is_in_the_summary_and_in_the_results_file(tmp_path: Path) -> None:
@@ -182,7 +183,7 @@ def test_a_cut_without_control_pushes_the_tool_away_by_its_mean_force_times_the_
     steady = (times >= 0.2) & (times < 0.3)
     mean = curves.deviation.total[steady].mean(axis=0)
     fine = 0.2 + 1e-6 * np.arange(100_000)
-    path = scene.analyses.path
+    path = scene.analyses.get(PathRequest)
     assert path is not None and path.cut is not None
     force = cutting_forces(path.cut.cut, fine, np.full(len(fine), 0.05)).mean(axis=0)
     (compliance,) = (points["tcp"].compliance[:3, :3] for points in found.static.values())

@@ -16,7 +16,6 @@ from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.lobes import MM, RPM, PoseLobes
 from headstock.pipeline.runner import run_scene
 from headstock.scene.building.loader import load_scene
-from headstock.scene.requests import Analyses
 from headstock.studies.sweeps.files import summarise_sweep, write_sweep
 from headstock.studies.sweeps.results import collect_results
 from headstock.studies.sweeps.runs import SweepJob, run_sweep, select_analyses
@@ -42,7 +41,7 @@ def test_every_pose_of_a_sweep_has_the_limits_of_a_run_in_it(tmp_path: Path) -> 
     path = tmp_path / "scene.toml"
     path.write_text((DATA / "slide.toml").read_text() + LOBES)
     scene = load_scene(path)
-    scene = dataclasses.replace(scene, analyses=Analyses(lobes=scene.analyses.lobes))
+    scene = dataclasses.replace(scene, analyses=scene.analyses.keep(["lobes"]))
     (tmp_path / "sweep").mkdir()
     job = SweepJob(select_analyses(scene), scene.sweeps["named"], tmp_path / "sweep")
     outcome = run_sweep(job, comm=MPI.COMM_SELF)
