@@ -77,7 +77,7 @@ def export_state_space(
     check_output(path)
     inputs, outputs = _channels(scene)
     request = FrfRequest(inputs, outputs, up_to_hz, poses=(name,))
-    wanted = dataclasses.replace(scene, analyses=Analyses(frf=request))
+    wanted = dataclasses.replace(scene, analyses=Analyses(request))
     state = RunState(wanted, plan_scene(wanted), comm, Store(default_store_root()))
     make_superelements(state)
     for stage in state.plan.stages:
@@ -132,8 +132,8 @@ def encode_mat(space: StateSpace, origin: Provenance | None = None) -> bytes:
 
 
 def _channels(scene: Scene) -> tuple[tuple[Channel, ...], tuple[Channel, ...]]:
-    if scene.analyses.frf is not None:
-        return scene.analyses.frf.inputs, scene.analyses.frf.outputs
+    if FrfRequest in scene.analyses:
+        return scene.analyses[FrfRequest].inputs, scene.analyses[FrfRequest].outputs
     channels = tuple((point, direction) for point in scene.machine.points for direction in "xyz")
     if not channels:
         raise ModelError(

@@ -1,9 +1,10 @@
 """What is to be computed of a machine: one request per kind of analysis."""
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -31,23 +32,50 @@ FEED = "feed"  # name of the direction of travel that a path has in each pose
 
 
 Motors = Literal["locked", "controlled"]
+# analyses in the order of the schema; each is described in a module of this name in scene/analyses
+NAMES = (
+    "static",
+    "modal",
+    "frf",
+    "map",
+    "contouring",
+    "path",
+    "control",
+    "volumetric",
+    "lobes",
+    "transient",
+)
+
+
+class Request:
+    """What is to be computed by one analysis.
+
+    Attributes:
+        analysis: Its name, that of its table in ``[analyses]``.
+    """
+
+    analysis: ClassVar[str]
 
 
 @dataclass(frozen=True)
-class StaticRequest:
+class StaticRequest(Request):
     """Compliance at named points, in named poses (all of them when empty)."""
+
+    analysis: ClassVar[str] = "static"
 
     at: tuple[str, ...]
     poses: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
-class ModalRequest:
+class ModalRequest(Request):
     """Natural frequencies: a count or everything up to a frequency [Hz], in named poses.
 
     ``from_hz``: modes below are counted and not listed. ``stated``: the count is the scene's own.
     ``spread``: also with every interface rigid and with every one averaging.
     """
+
+    analysis: ClassVar[str] = "modal"
 
     count: int | None = None
     up_to_hz: float | None = None
@@ -67,7 +95,7 @@ class ModalRequest:
 
 
 @dataclass(frozen=True)
-class FrfRequest:
+class FrfRequest(Request):
     """Frequency response between input and output channels, in named poses.
 
     Attributes:
@@ -85,6 +113,8 @@ class FrfRequest:
         motors: Locked, or under control.
         fields_at: Frequencies at which volume meshes get displacement and stress [Hz].
     """
+
+    analysis: ClassVar[str] = "frf"
 
     inputs: tuple[Channel, ...]
     outputs: tuple[Channel, ...]
@@ -114,7 +144,7 @@ def _describe_grid(axes: tuple[tuple[str, FloatArray], ...]) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class MapRequest:
+class MapRequest(Request):
     """A map over two or three axes.
 
     Attributes:
@@ -122,6 +152,8 @@ class MapRequest:
         fixed: Positions of the other axes.
         count: How many frequencies.
     """
+
+    analysis: ClassVar[str] = "map"
 
     axes: tuple[tuple[str, FloatArray], ...]
     fixed: dict[str, float]
@@ -133,7 +165,7 @@ class MapRequest:
 
 
 @dataclass(frozen=True)
-class ContouringRequest:
+class ContouringRequest(Request):
     """A contour.
 
     Attributes:
@@ -156,6 +188,8 @@ class ContouringRequest:
         cut_off: Wavelength between roughness and waviness of milled faces [m].
         estimate: Its numbers get a ±.
     """
+
+    analysis: ClassVar[str] = "contouring"
 
     contour: SquareContour | PolylineContour
     cut: MillingCut
@@ -211,7 +245,7 @@ class PathCut:
 
 
 @dataclass(frozen=True)
-class PathRequest:
+class PathRequest(Request):
     """A move of axes, straight in their positions, once per feed.
 
     Attributes:
@@ -226,6 +260,8 @@ class PathRequest:
         follows_pose: The machine's matrices change along the way; else those of its middle hold.
         estimate: Its numbers get a ±.
     """
+
+    analysis: ClassVar[str] = "path"
 
     path: MachinePath
     moves: tuple[SetPoint, ...]
@@ -248,10 +284,12 @@ class PathRequest:
 
 
 @dataclass(frozen=True)
-class ControlRequest:
+class ControlRequest(Request):
     """Closed loops of the drives: poles up to a frequency [Hz], lag at a speed [m/s], in named
     poses.
     """
+
+    analysis: ClassVar[str] = "control"
 
     up_to_hz: float
     speed: float
@@ -263,7 +301,7 @@ class ControlRequest:
 
 
 @dataclass(frozen=True, eq=False)
-class VolumetricRequest:
+class VolumetricRequest(Request):
     """Position error of the tool at named points over a grid of poses.
 
     Attributes:
@@ -271,6 +309,8 @@ class VolumetricRequest:
         axes: Name and positions ``(n,)`` of each axis of the grid [m, rad].
         fixed: Positions of the other axes.
     """
+
+    analysis: ClassVar[str] = "volumetric"
 
     at: tuple[str, ...]
     axes: tuple[tuple[str, FloatArray], ...]
@@ -295,7 +335,7 @@ class Travel:
 
 
 @dataclass(frozen=True, eq=False)
-class LobesRequest:
+class LobesRequest(Request):
     """Stability lobes, in named poses.
 
     Attributes:
@@ -317,6 +357,8 @@ class LobesRequest:
         sense: Down or up milling.
         part: On which side of the travel the part lies, seen from above.
     """
+
+    analysis: ClassVar[str] = "lobes"
 
     mill: EndMill
     coefficients: CuttingCoefficients
@@ -411,7 +453,7 @@ class TimedLoad:
 
 
 @dataclass(frozen=True, eq=False)
-class TransientRequest:
+class TransientRequest(Request):
     """Motion under loads that change with time, in named poses.
 
     Attributes:
@@ -426,6 +468,8 @@ class TransientRequest:
         motors: Locked, or under control.
         probes: Where displacement and stress are wanted.
     """
+
+    analysis: ClassVar[str] = "transient"
 
     loads: tuple[TimedLoad, ...]
     velocities: dict[str, tuple[float, float, float]]
@@ -448,31 +492,50 @@ class TransientRequest:
         return f"{', '.join(causes)}: {self.duration:g} s with modes up to {self.up_to_hz:g} Hz{under}{inside}"
 
 
-Request = (
-    StaticRequest
-    | ModalRequest
-    | FrfRequest
-    | MapRequest
-    | ContouringRequest
-    | PathRequest
-    | ControlRequest
-    | VolumetricRequest
-    | LobesRequest
-    | TransientRequest
-)
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class Analyses:
-    """What is to be computed; None where an analysis is not requested."""
+    """What is to be computed: at most one request of each kind.
 
-    static: StaticRequest | None = None
-    modal: ModalRequest | None = None
-    frf: FrfRequest | None = None
-    map: MapRequest | None = None
-    contouring: ContouringRequest | None = None
-    path: PathRequest | None = None
-    control: ControlRequest | None = None
-    volumetric: VolumetricRequest | None = None
-    lobes: LobesRequest | None = None
-    transient: TransientRequest | None = None
+    Attributes:
+        requests: In the order of ``NAMES``.
+    """
+
+    requests: tuple[Request, ...]
+
+    def __init__(self, *requests: Request | None) -> None:
+        """Keep the first request of each kind; None stands for none."""
+        given = {request.analysis: request for request in reversed(requests) if request is not None}
+        ordered = tuple(given[name] for name in NAMES if name in given)
+        object.__setattr__(self, "requests", ordered)
+
+    def get[R: Request](self, kind: type[R]) -> R | None:
+        """Return the request of a kind; None where the analysis is not requested."""
+        return next((request for request in self.requests if isinstance(request, kind)), None)
+
+    def __getitem__[R: Request](self, kind: type[R]) -> R:
+        """Return the request of a kind.
+
+        Raises:
+            KeyError: The analysis is not requested.
+        """
+        request = self.get(kind)
+        if request is None:
+            raise KeyError(kind.analysis)
+        return request
+
+    def __contains__(self, kind: type[Request]) -> bool:
+        """Return whether an analysis is requested."""
+        return self.get(kind) is not None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the analyses that are requested."""
+        return tuple(request.analysis for request in self.requests)
+
+    def keep(self, names: Collection[str]) -> "Analyses":
+        """Return the requests of the named analyses."""
+        return Analyses(*(request for request in self.requests if request.analysis in names))
+
+    def drop(self, names: Collection[str]) -> "Analyses":
+        """Return all requests but those of the named analyses."""
+        return self.keep(set(self.names).difference(names))

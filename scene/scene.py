@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from headstock.geometry.machine.drives import Drive
 from headstock.geometry.machine.guide_errors import ErrorProfile
@@ -14,7 +14,7 @@ from headstock.geometry.parts.components import Fidelity
 from headstock.geometry.parts.solids import SuperelementFile
 from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import Findings, Problem, SceneError, suggest_names
-from headstock.scene.requests import Analyses, Request
+from headstock.scene.requests import NAMES, Analyses, Request
 from headstock.scene.studies import Study, Sweep
 
 
@@ -204,27 +204,19 @@ def keep_analyses(scene: Scene, names: Collection[str]) -> Scene:
     """
     if lacking := [problem for name in names for problem in scene.deferred.get(name, ())]:
         raise SceneError(lacking)
-    kept: dict[str, Any] = {
-        name: request for name, request in list_analyses(scene).items() if name in names
-    }
-    return dataclasses.replace(scene, analyses=Analyses(**kept))
+    return dataclasses.replace(scene, analyses=_every_request(scene).keep(names))
 
 
 def acting_assumptions(scene: Scene) -> tuple[str, ...]:
     """Assumptions, but those of analyses that are not run."""
-    idle = [
-        f"analyses.{item.name}."
-        for item in dataclasses.fields(Analyses)
-        if getattr(scene.analyses, item.name) is None
-    ]
-    return tuple(text for text in scene.assumptions if not text.startswith(tuple(idle)))
+    idle = tuple(f"analyses.{name}." for name in NAMES if name not in scene.analyses.names)
+    return tuple(text for text in scene.assumptions if not text.startswith(idle))
 
 
 def list_analyses(scene: Scene) -> dict[str, Request]:
     """Every analysis of a scene by name, on request or not."""
-    return {
-        item.name: request
-        for item in dataclasses.fields(Analyses)
-        for request in (getattr(scene.analyses, item.name) or getattr(scene.on_request, item.name),)
-        if request is not None
-    }
+    return {request.analysis: request for request in _every_request(scene).requests}
+
+
+def _every_request(scene: Scene) -> Analyses:
+    return Analyses(*scene.analyses.requests, *scene.on_request.requests)

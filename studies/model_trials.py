@@ -10,6 +10,7 @@ from headstock.geometry.parts.components import Component, Fidelity
 from headstock.geometry.parts.solids import MeshFile, PointMass, SuperelementFile
 from headstock.meshing.components.meshing import automatic_size
 from headstock.pipeline.planning.plan import Plan
+from headstock.scene.requests import PathRequest
 from headstock.scene.scene import Scene
 
 ModelKind = Literal["elasticity", "interfaces", "modes", "mesh", "pose", "several"]
@@ -215,7 +216,7 @@ def _in_mm(size: float) -> str:
 
 
 def _vary_pose(scene: Scene) -> Iterator[ModelTrial]:
-    request = scene.analyses.path
+    request = scene.analyses.get(PathRequest)
     if request is None or scene.is_lumped:
         return
     written, tried = ("pose_dependent", "frozen")

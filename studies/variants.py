@@ -44,7 +44,7 @@ from headstock.reduction.superelement import Superelement
 from headstock.scene.building.loader import load_scene
 from headstock.scene.expansion.overrides import AS_WRITTEN
 from headstock.scene.reading.findings import Problem, SceneError
-from headstock.scene.requests import Analyses, ModalRequest
+from headstock.scene.requests import FrfRequest, ModalRequest, StaticRequest
 from headstock.scene.scene import Scene, deforming_parts
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.frequency_response import FrfModel
@@ -276,7 +276,7 @@ def _answer(
             )
         )
     with measure() as solving:
-        modal, wanted = _solve_modes(machine, state.scene.analyses.modal)
+        modal, wanted = _solve_modes(machine, state.scene.analyses.get(ModalRequest))
     solution = VariantSolution(
         choice=choice,
         components={
@@ -299,11 +299,11 @@ def name_uncompared(scene: Scene) -> tuple[str, ...]:
     """Answers that a comparison has none of, each with what would give it."""
     asked, found = scene.analyses, []
     point = next(iter(scene.machine.points), "COMPONENT.INTERFACE")
-    if asked.static is None:
+    if StaticRequest not in asked:
         found.append("no compliances are compared: the scene has no [analyses.static]")
-    if asked.modal is None:
+    if ModalRequest not in asked:
         found.append("no modes are compared: the scene has no [analyses.modal]")
-    if asked.frf is None:
+    if FrfRequest not in asked:
         found.append(
             "no frequency responses are compared: the scene has no [analyses.frf]; "
             f'add inputs = ["{point}"], to = "500 Hz" there, and damping in [effects]'
@@ -318,7 +318,7 @@ def choose_pose(scene: Scene, name: str | None) -> Pose:
         ModelError: There is no such pose.
     """
     if name is None:
-        modal, static = scene.analyses.modal, scene.analyses.static
+        modal, static = scene.analyses.get(ModalRequest), scene.analyses.get(StaticRequest)
         asked: Sequence[str] = (
             (modal.poses if modal else ()) or (static.poses if static else ()) or tuple(scene.poses)
         )
@@ -383,7 +383,7 @@ def _solve_modes(
 
 
 def _with_compliances(solution: VariantSolution, state: RunState) -> VariantSolution:
-    request = state.scene.analyses.static
+    request = state.scene.analyses.get(StaticRequest)
     if request is None:
         return solution
     coupled = solution.machine.coupled
@@ -440,7 +440,7 @@ def _with_lumped_compliances(solution: VariantSolution, at: Sequence[str]) -> Va
 
 
 def _with_response(solution: VariantSolution, state: RunState) -> VariantSolution:
-    if state.scene.analyses.frf is None:
+    if FrfRequest not in state.scene.analyses:
         return solution
     machine = solution.machine
     try:
@@ -463,8 +463,8 @@ def _with_others(solution: VariantSolution, scene: Scene, store: Store) -> Varia
     """What a run finds beside modes, compliances and responses: paths, contours, lobes, maps, loads
     over time, control, volumetric errors.
     """
-    analyses = dataclasses.replace(scene.analyses, static=None, modal=None, frf=None)
-    if analyses == Analyses():
+    analyses = scene.analyses.drop(("static", "modal", "frf"))
+    if not analyses.requests:
         return solution
     alone = dataclasses.replace(
         scene, analyses=analyses, accuracy=None, model_errors=False, interface_errors=False

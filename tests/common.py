@@ -92,6 +92,15 @@ def run_command(ranks: int, folder: Path, *words: str) -> subprocess.CompletedPr
     return run_on_ranks(ranks, folder, "-m", "mpi4py", "-m", "headstock.app.command_line", *words)
 
 
+def approx(expected: object, rel: float | None = None, abs: float | None = None) -> object:  # noqa: A002
+    """`pytest.approx` without its absolute tolerance of 1e-12, within which compliances of 1e-9 m/N
+    are all alike: an expected zero needs an ``abs`` of its own.
+    """
+    if rel is None and abs is None:
+        rel = 1e-6
+    return pytest.approx(expected, rel=rel, abs=abs or 0.0)
+
+
 def present[T](value: T | None) -> T:
     """What a test relies on to be there."""
     assert value is not None

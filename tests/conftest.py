@@ -3,30 +3,22 @@
 import faulthandler
 import functools
 import gc
+import os
 import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from _pytest.faulthandler import fault_handler_stderr_fd_key, get_timeout_config_value
-from _pytest.python_api import ApproxScalar
 from hypothesis import given, settings, strategies
 
 from common import Dense, work_here
-
-# pytest.approx means 1e-12 besides any relative tolerance, within which compliances of 1e-9 m/N and
-# moments of mass are all alike; without it an expected zero needs an abs of its own
-ApproxScalar.DEFAULT_ABSOLUTE_TOLERANCE = 0.0
 
 ROOT = Path(__file__).resolve().parent.parent
 ELASTIC = {"dolfinx", "petsc4py", "slepc4py"}
 IMPORT = re.compile(r"^\s*(?:from ([\w.]+) import (\([^)]*\)|.*)|import ([\w.]+))", re.MULTILINE)
 DOCUMENTS = {"test_documents.py", "test_mechanism_document.py", "test_snippets.py"}
 SOURCE = {"test_contributing.py", "test_layering.py", "test_release_check.py", "test_tolerances.py"}
-# tests of workers' limits and of files of strangers: theirs mesh in processes of their own, as a
-# user's do; what others mesh is meshed in the process of the test
-WORKERS = re.compile(r"tests/(meshing/process|faults)/|test_h(11|44|45|46|48|50|51)_|test_doctor")
 # a module that is loaded by its name
 NAMED = re.compile(r'"(headstock\.[\w.]+)"')
 # what `./headstock test --quick` leaves out, but for the tests of the kind smoke
@@ -117,7 +109,7 @@ def kinds_of(path: Path) -> frozenset[str]:
         "process": bool(imports & {"subprocess", "multiprocessing"}),
         "mpi": any(word in text for word in ("mpirun", "run_on_ranks", "rank_words")),
         "faults": path.is_relative_to(ROOT / "tests" / "faults"),
-        "hard": path.is_relative_to(ROOT / "tests" / "hard_cases"),
+        "hard": "pytest.mark.hard(" in text,
         "documents": path.name in DOCUMENTS,
         "source": path.name in SOURCE,
     }
@@ -146,6 +138,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    config.stash[STDERR] = os.dup(2)  # what tests print goes elsewhere from here on
     if config.getoption("--quick"):
         left_out = " and ".join(f"not {kind}" for kind in SLOW_KINDS)
         config.option.markexpr = f"smoke or ({left_out})"
@@ -226,17 +219,15 @@ def refuse_slow_kinds(event: str, details: tuple[object, ...]) -> None:
 
 
 running: list[pytest.Item] = []
+STDERR = pytest.StashKey[int]()
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
     # pytest itself prints where a test hangs and lets it hang; this process ends, and xdist starts
     # another for the tests left
-    if (limit := get_timeout_config_value(item.config)) > 0.0 and not item.get_closest_marker(
-        "faults"
-    ):
-        faulthandler.dump_traceback_later(
-            limit, exit=True, file=item.config.stash[fault_handler_stderr_fd_key]
-        )
+    limit = float(item.config.getini("faulthandler_timeout") or 0.0)
+    if limit > 0.0 and not item.get_closest_marker("faults"):
+        faulthandler.dump_traceback_later(limit, exit=True, file=item.config.stash[STDERR])
 
 
 @pytest.hookimpl(wrapper=True)
@@ -244,7 +235,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     running.append(item)
     try:
         with pytest.MonkeyPatch.context() as patch:
-            if not WORKERS.search(item.path.as_posix()):
+            if item.get_closest_marker("workers") is None:
                 patch.setattr("headstock.meshing.process.running.run_isolated", work_here)
             return (yield)
     finally:

@@ -13,6 +13,8 @@ from pathlib import Path
 import h5py
 import pytest
 
+from common import approx
+
 ROOT = Path(__file__).resolve().parent.parent
 PATCH = ROOT / "tests" / "data" / "adding_an_analysis.patch"
 LAYERS = sorted(
@@ -114,7 +116,7 @@ def test_a_shipped_scene_runs_with_the_analysis_of_the_patch(extended: Path) -> 
     summary = json.loads((extended / "out" / "summary.json").read_text())
     found = summary["mass"]["reference"]
     assert (
-        found["mass_kg"] == pytest.approx(summary["totals"]["mass_kg"], rel=1e-12)
+        found["mass_kg"] == approx(summary["totals"]["mass_kg"], rel=1e-12)
         and found["mass_kg"] > 100.0
     )
     with h5py.File(extended / "out" / "results.h5") as file:

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from common import approx
+
 TEXT = (Path(__file__).resolve().parents[1] / "docs" / "mechanisms.md").read_text()
 
 
@@ -33,8 +35,8 @@ def test_its_stiffness_along_the_axis_is_that_of_three_inclined_springs(
     length = np.hypot(1.0, 0.3)
     spring = 1.0 / (1.0 / 80e6 + 1.044 / 400e6)
     height = float(re.findall(r"z = ([\d.]+) m", shown[0])[0])
-    assert height == pytest.approx(
-        np.sqrt(1.044**2 - 0.3**2), abs=1e-4
-    ) and length == pytest.approx(1.044, abs=1e-3)
+    assert height == approx(np.sqrt(1.044**2 - 0.3**2), abs=1e-4) and length == approx(
+        1.044, abs=1e-3
+    )
     along = float(re.findall(r"([\d.]+)\n$", shown[0])[0])
-    assert 1e6 * along == pytest.approx(3.0 * spring * (height / 1.044) ** 2, rel=1e-3)
+    assert 1e6 * along == approx(3.0 * spring * (height / 1.044) ** 2, rel=1e-3)

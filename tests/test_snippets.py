@@ -27,8 +27,8 @@ from headstock.app.command_line import app
 from headstock.app.commands.options import split_list
 from headstock.scene.building.loader import build_scene, load_scene, read_tables
 from headstock.scene.reading.findings import Findings, SceneError
+from headstock.scene.requests import NAMES
 from headstock.scene.scene import Scene
-from headstock.scene.schema.scene import AnalysesTable
 from headstock.validation.case_registry import select_cases
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -211,7 +211,7 @@ def missing_names(given: Mapping[str, Any]) -> list[str]:
     scene = load(named, given.get("variant"), tuple(given.get("set_") or ()))
     known: dict[str, Collection[str]] = {
         "pose": scene.poses,
-        "analysis": AnalysesTable.model_fields,
+        "analysis": NAMES,
         "name": {*scene.studies, *scene.sweeps},
     }
     for key, names in known.items():

@@ -5,7 +5,7 @@ it is written.
 import ast
 from pathlib import Path
 
-import pytest
+from common import approx
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDERS = (
@@ -31,9 +31,15 @@ def compares_unawares(node: ast.Call) -> bool:
 
 
 def test_numbers_below_pytest_s_own_absolute_tolerance_are_told_apart() -> None:
-    assert pytest.approx(1.1e-13, rel=1e-3) != 1.0e-13
-    assert pytest.approx(1.0001e-13, rel=1e-3) == 1.0e-13
-    assert pytest.approx([1.1e-13], rel=1e-3) != [1.0e-13]
+    assert approx(1.1e-13, rel=1e-3) != 1.0e-13
+    assert approx(1.0001e-13, rel=1e-3) == 1.0e-13
+    assert approx([1.1e-13], rel=1e-3) != [1.0e-13]
+
+
+def test_no_test_compares_with_pytest_s_own_absolute_tolerance() -> None:
+    files = sorted((ROOT / "tests").rglob("*.py"))
+    ways = {f"{path.name}" for path in files if "pytest" + ".approx(" in path.read_text()}
+    assert ways == {"common.py"}
 
 
 def test_every_numpy_comparison_states_its_absolute_tolerance() -> None:

@@ -127,7 +127,7 @@ def _make_job(
 ) -> tuple[StudyJob, MeshSeries]:
     content = hash_scene(chosen.path) if chosen.path.is_file() else ""
     scene = load_scene(chosen.path, variant=chosen.variant, overrides=chosen.overrides)
-    analyses = [name for name in WATCHED if getattr(scene.analyses, name) is not None]
+    analyses = [name for name in WATCHED if name in scene.analyses.names]
     series = _check_scene(scene, chosen.path, analyses)
     _check_first_mesh(chosen, series, goal)
     job = StudyJob(

@@ -37,6 +37,7 @@ from headstock.pipeline.storage.outputs import (
 )
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.scene.building.loader import load_scene, prepare_sweep
+from headstock.scene.requests import FrfRequest, LobesRequest, ModalRequest, StaticRequest
 from headstock.scene.scene import require_name
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root, share_from_root
@@ -242,10 +243,10 @@ def _make_job(request: SweepRequest) -> SweepJob:
     require_name(scene, "sweeps", request.name, scene.sweeps)
     scene = prepare_sweep(scene, request.name, overrides=chosen.overrides)
     if (
-        scene.analyses.static is None
-        and scene.analyses.modal is None
-        and scene.analyses.frf is None
-        and scene.analyses.lobes is None
+        StaticRequest not in scene.analyses
+        and ModalRequest not in scene.analyses
+        and FrfRequest not in scene.analyses
+        and LobesRequest not in scene.analyses
     ):
         raise click.UsageError(
             f"{chosen.path} asks for nothing to compute in a pose; write [analyses.static] or [analyses.modal]"

@@ -19,6 +19,7 @@ from headstock.app.terminal.console import (
 from headstock.app.texts.bounded_values import show_bound
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.planning.budgets import lobes_seconds
+from headstock.scene.requests import LobesRequest
 from headstock.scene.studies import describe_positions, moving_axes
 from headstock.studies.sweeps.files import PointMapSummary, SweepSummary
 from headstock.studies.sweeps.results import SweepResults
@@ -42,7 +43,7 @@ def print_sweep_header(job: SweepJob, *, ranks: int) -> None:
         style="bold",
         markup=False,
     )
-    if (lobes := job.scene.analyses.lobes) is not None:
+    if (lobes := job.scene.analyses.get(LobesRequest)) is not None:
         each = lobes_seconds(lobes, 0)
         every = each * len(sweep.positions)
         whole = f"{every:.2g} s" if every < 120.0 else f"{every / 60.0:.2g} min"

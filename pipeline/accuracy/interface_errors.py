@@ -44,6 +44,7 @@ from headstock.reduction.estimates.interface_errors import (
     shape_energies,
 )
 from headstock.reduction.estimates.model_errors import split_change
+from headstock.scene.requests import FrfRequest
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.frequency_response import (
     FrfModel,
@@ -300,7 +301,7 @@ def _compare_lines(
 
 def _respond(model: CoupledPose, answer: PoseResponse) -> _Responses:
     """The response of a machine at the lines of an answer, on its own peaks and around them."""
-    request = model.parts.scene.analyses.frf
+    request = model.parts.scene.analyses.get(FrfRequest)
     if request is None:
         raise ValueError("a frequency response needs an analysis in the scene")
     lines, prepared = answer.curves.frequencies_hz, prepare_response(model)

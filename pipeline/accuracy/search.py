@@ -61,7 +61,7 @@ from headstock.pipeline.planning.resources import Cost, measure
 from headstock.pipeline.stages.run_state import ReducedComponent, RunState
 from headstock.pipeline.stages.shared_components import make_superelements
 from headstock.pipeline.storage.store import Store
-from headstock.scene.requests import Analyses, ModalRequest
+from headstock.scene.requests import Analyses, FrfRequest, ModalRequest, StaticRequest
 from headstock.scene.scene import AccuracyGoal, Scene
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
@@ -175,7 +175,7 @@ def _make_deform(part: Component, analyses: Analyses) -> Component:
 
 def _highest_wanted(analyses: Analyses) -> float:
     """Highest frequency that is named [Hz]; 0 where they are counted."""
-    modal, frf = analyses.modal, analyses.frf
+    modal, frf = analyses.get(ModalRequest), analyses.get(FrfRequest)
     return max(
         0.0 if modal is None or modal.up_to_hz is None else modal.up_to_hz,
         0.0 if frf is None else frf.to_hz,
@@ -476,7 +476,7 @@ def _round_analyses(analyses: Analyses) -> Analyses:
     """The analyses that say how far off a machine is: statics, modes as far up as any analysis
     looks, and peaks of frequency responses.
     """
-    modal, frf = analyses.modal, analyses.frf
+    modal, frf = analyses.get(ModalRequest), analyses.get(FrfRequest)
     if modal is None and frf is not None:
         modal = ModalRequest(up_to_hz=frf.to_hz, poses=frf.poses)
     # peaks and levels are found without the lines of a grid; under control there are none
@@ -485,14 +485,14 @@ def _round_analyses(analyses: Analyses) -> Analyses:
         if frf is None or frf.motors == "controlled"
         else dataclasses.replace(frf, points=2, adaptive=False, probes=(), fields_at=())
     )
-    return Analyses(static=analyses.static, modal=modal, frf=lines)
+    return Analyses(analyses.get(StaticRequest), modal, lines)
 
 
 def _modes_to(part: Component, analyses: Analyses, accuracy: float) -> float | None:
     """Up to where modes of a part are kept at first; None where frequencies are counted, so that
     nothing is known of their height yet.
     """
-    modal, frf = analyses.modal, analyses.frf
+    modal, frf = analyses.get(ModalRequest), analyses.get(FrfRequest)
     reaches = []
     if modal is not None and modal.up_to_hz is not None:
         reaches.append(mode_margin(part, accuracy) * modal.up_to_hz)

@@ -251,7 +251,7 @@ def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
     """Run the contour the scene asks for."""
     if not state.is_root:
         return Outcome()
-    request = state.scene.analyses.contouring
+    request = state.scene.analyses.get(ContouringRequest)
     if request is None:
         raise ValueError("a contour stage needs a contour in the scene")
     if not request.cutting:

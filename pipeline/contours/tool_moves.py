@@ -259,7 +259,7 @@ def run_any_path_stage(state: RunState, stage: Stage) -> Outcome:
     """Deviation at every output along the path: of linear axes, of axes that turn, or of the tool of a
     mechanism.
     """
-    request = state.scene.analyses.path
+    request = state.scene.analyses.get(PathRequest)
     if request is None or not state.is_root:
         return run_path_stage(state, stage)
     if state.scene.mechanism is None:

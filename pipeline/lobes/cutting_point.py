@@ -111,7 +111,7 @@ class CuttingPoint:
 
 def lobes_request(machine: PoseModel) -> LobesRequest:
     """The lobes its scene asks for."""
-    request = machine.parts.scene.analyses.lobes
+    request = machine.parts.scene.analyses.get(LobesRequest)
     if request is None:
         raise ValueError("lobes need an analysis in the scene")
     return request

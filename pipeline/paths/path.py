@@ -46,7 +46,7 @@ def run_path_stage(state: RunState, stage: Stage) -> Outcome:
     """Deviation at every output along the path of axes, once per feed: as the pose changes, and as if
     it stayed that of the middle.
     """
-    request = state.scene.analyses.path
+    request = state.scene.analyses.get(PathRequest)
     if not state.is_root:
         return Outcome()
     if request is None:

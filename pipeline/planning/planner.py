@@ -67,7 +67,15 @@ from headstock.scene.building.components import bounding_box
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.requests import (
     ContouringRequest,
+    ControlRequest,
+    FrfRequest,
+    LobesRequest,
+    MapRequest,
+    ModalRequest,
     PathRequest,
+    StaticRequest,
+    TransientRequest,
+    VolumetricRequest,
 )
 from headstock.scene.scene import Scene
 from headstock.solvers.milling.forces import MillingCut
@@ -150,20 +158,20 @@ def plan_scene(
         ]
     comparisons, nothing_to_compare = _plan_comparisons(components, scene)
     stages += comparisons
-    if scene.analyses.map is not None:
-        count = math.prod(len(values) for _, values in scene.analyses.map.axes)
+    if MapRequest in scene.analyses:
+        count = math.prod(len(values) for _, values in scene.analyses[MapRequest].axes)
         stages.append(
             Stage(
                 "map",
                 None,
-                scene.analyses.map.describe(),
+                scene.analyses[MapRequest].describe(),
                 estimated_seconds=count / POSES_PER_SECOND,
             )
         )
     stages += _way_stages(scene, components, dofs)
-    if scene.analyses.volumetric is not None:
-        count = math.prod(len(values) for _, values in scene.analyses.volumetric.axes)
-        what = scene.analyses.volumetric.describe()
+    if VolumetricRequest in scene.analyses:
+        count = math.prod(len(values) for _, values in scene.analyses[VolumetricRequest].axes)
+        what = scene.analyses[VolumetricRequest].describe()
         stages.append(
             Stage("volumetric", None, what, estimated_seconds=count / COUPLINGS_PER_SECOND)
         )
@@ -209,7 +217,7 @@ def _plan_comparisons(
     components: Mapping[str, Component], scene: Scene
 ) -> tuple[list[Stage], list[str]]:
     """Stages that try other interfaces, bodies and joints, and warnings where there is none to try."""
-    modal, lumped = scene.analyses.modal, scene.is_lumped
+    modal, lumped = scene.analyses.get(ModalRequest), scene.is_lumped
     chosen = [name for name, part in components.items() if has_choice(part)]
     simple = [name for name, part in components.items() if is_simple(part)]
     glued = [joint.name for joint in find_glued_joints(scene.machine, components)]
@@ -257,12 +265,12 @@ def choose_poses(scene: Scene) -> dict[str, Pose]:
     """
     analyses = scene.analyses
     asked_for = (
-        analyses.static,
-        analyses.modal,
-        analyses.frf,
-        analyses.control,
-        analyses.lobes,
-        analyses.transient,
+        analyses.get(StaticRequest),
+        analyses.get(ModalRequest),
+        analyses.get(FrfRequest),
+        analyses.get(ControlRequest),
+        analyses.get(LobesRequest),
+        analyses.get(TransientRequest),
     )
     requests = [request for request in asked_for if request is not None]
     requested = {
@@ -390,7 +398,7 @@ def _choose_solver(component: Component, scene: Scene, estimate: MeshEstimate) -
 
 
 def _pose_stages(pose: Pose, scene: Scene) -> list[Stage]:
-    static, modal = scene.analyses.static, scene.analyses.modal
+    static, modal = scene.analyses.get(StaticRequest), scene.analyses.get(ModalRequest)
     counts = {"component": len(scene.machine.components), "joint": len(scene.machine.joints)}
     parts = " at ".join(
         f"{count} {what}{'' if count == 1 else 's'}" for what, count in counts.items()
@@ -419,23 +427,23 @@ def _pose_stages(pose: Pose, scene: Scene) -> list[Stage]:
         stages.append(Stage("recover", None, wanted, pose=pose.name))
     if modal is not None and _is_requested(pose.name, modal.poses):
         stages.append(Stage("modal", None, modal.describe(), pose=pose.name))
-    frf = scene.analyses.frf
+    frf = scene.analyses.get(FrfRequest)
     if frf is not None and _is_requested(pose.name, frf.poses):
         stages.append(Stage("frf", None, frf.describe(), pose=pose.name))
-    control = scene.analyses.control
+    control = scene.analyses.get(ControlRequest)
     if control is not None and _is_requested(pose.name, control.poses):
         stages.append(Stage("control", None, control.describe(tuple(scene.drives)), pose=pose.name))
-    lobes = scene.analyses.lobes
+    lobes = scene.analyses.get(LobesRequest)
     if lobes is not None and _is_requested(pose.name, lobes.poses):
         stages.append(Stage("lobes", None, lobes.describe(), pose=pose.name))
-    transient = scene.analyses.transient
+    transient = scene.analyses.get(TransientRequest)
     if transient is not None and _is_requested(pose.name, transient.poses):
         stages.append(Stage("respond", None, transient.describe(), pose=pose.name))
     return stages
 
 
 def _seconds_in_pose(kind: StageKind, dofs: int, scene: Scene) -> float | None:
-    lobes = scene.analyses.lobes
+    lobes = scene.analyses.get(LobesRequest)
     if kind == "respond":
         return transient_seconds(_count_rubbing_samples(scene))
     if kind == "lobes" and lobes is not None:
@@ -445,7 +453,7 @@ def _seconds_in_pose(kind: StageKind, dofs: int, scene: Scene) -> float | None:
 
 def _way_stages(scene: Scene, components: dict[str, Component], dofs: int) -> list[Stage]:
     """Stages in which a machine of so many dofs goes its way."""
-    contour, path = scene.analyses.contouring, scene.analyses.path
+    contour, path = scene.analyses.get(ContouringRequest), scene.analyses.get(PathRequest)
     stages: list[Stage] = []
     if contour is not None:
         waves = contour.regeneration and contour.cutting
@@ -534,7 +542,7 @@ def _path_stage(scene: Scene, path: PathRequest, dofs: int, repeats: int) -> Sta
 
 def _count_rubbing_samples(scene: Scene) -> float:
     """Samples of a transient analysis on which friction acts; none where nothing rubs."""
-    request = scene.analyses.transient
+    request = scene.analyses.get(TransientRequest)
     rubbing = any(drive.friction is not None for drive in scene.drives.values())
     if request is None or request.motors == "locked" or not rubbing:
         return 0.0

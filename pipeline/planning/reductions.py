@@ -18,7 +18,16 @@ from headstock.reduction.components.solver_choice import (
     choose_method,
     predict_factor_entries,
 )
-from headstock.scene.requests import Analyses
+from headstock.scene.requests import (
+    Analyses,
+    ContouringRequest,
+    ControlRequest,
+    FrfRequest,
+    LobesRequest,
+    ModalRequest,
+    PathRequest,
+    TransientRequest,
+)
 from headstock.scene.scene import Scene
 
 # Craig-Bampton frequencies of a column with two rigid faces are right within 0.6 % when modes reach
@@ -44,7 +53,7 @@ def default_mode_count(wanted: int) -> int:
 
 def choose_reduction(component: Component, analyses: Analyses) -> tuple[ReductionSettings, str]:
     """Which fixed-interface modes of a component are kept, and why."""
-    written, modal = component.reduction, analyses.modal
+    written, modal = component.reduction, analyses.get(ModalRequest)
     if not is_dynamic(analyses):
         return ReductionSettings(
             modes=0, solver=written.solver
@@ -75,13 +84,13 @@ def is_dynamic(analyses: Analyses) -> bool:
     return any(
         request is not None
         for request in (
-            analyses.modal,
-            analyses.frf,
-            analyses.path,
-            analyses.control,
-            analyses.contouring,
-            analyses.lobes,
-            analyses.transient,
+            analyses.get(ModalRequest),
+            analyses.get(FrfRequest),
+            analyses.get(PathRequest),
+            analyses.get(ControlRequest),
+            analyses.get(ContouringRequest),
+            analyses.get(LobesRequest),
+            analyses.get(TransientRequest),
         )
     )
 
@@ -91,20 +100,21 @@ def _reaches(analyses: Analyses) -> dict[str, tuple[float, float]]:
     frequencies says nothing.
     """
     found = {}
-    if analyses.modal is not None and analyses.modal.up_to_hz is not None:
-        found["modal analysis"] = (analyses.modal.up_to_hz, MODE_MARGIN)
-    if analyses.frf is not None:
-        found["frequency response"] = (analyses.frf.to_hz, FRF_MARGIN)
-    if analyses.path is not None:
-        found["path analysis"] = (analyses.path.band_hz, MODE_MARGIN)
-    if analyses.contouring is not None:
-        found["contour"] = (analyses.contouring.modes_to_hz, MODE_MARGIN)
-    if analyses.control is not None:
-        found["control"] = (analyses.control.up_to_hz, MODE_MARGIN)
-    if analyses.lobes is not None:
-        found["lobes"] = (analyses.lobes.up_to_hz, MODE_MARGIN)
-    if analyses.transient is not None:
-        found["transient analysis"] = (analyses.transient.up_to_hz, MODE_MARGIN)
+    modal = analyses.get(ModalRequest)
+    if modal is not None and modal.up_to_hz is not None:
+        found["modal analysis"] = (modal.up_to_hz, MODE_MARGIN)
+    if FrfRequest in analyses:
+        found["frequency response"] = (analyses[FrfRequest].to_hz, FRF_MARGIN)
+    if PathRequest in analyses:
+        found["path analysis"] = (analyses[PathRequest].band_hz, MODE_MARGIN)
+    if ContouringRequest in analyses:
+        found["contour"] = (analyses[ContouringRequest].modes_to_hz, MODE_MARGIN)
+    if ControlRequest in analyses:
+        found["control"] = (analyses[ControlRequest].up_to_hz, MODE_MARGIN)
+    if LobesRequest in analyses:
+        found["lobes"] = (analyses[LobesRequest].up_to_hz, MODE_MARGIN)
+    if TransientRequest in analyses:
+        found["transient analysis"] = (analyses[TransientRequest].up_to_hz, MODE_MARGIN)
     return found
 
 

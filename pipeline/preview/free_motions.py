@@ -14,6 +14,7 @@ from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.motions.body_motions import find_free_motions, warn_of_free_motions
 from headstock.reduction.motions.compliance_budget import point_budget
+from headstock.scene.requests import StaticRequest
 from headstock.scene.scene import Scene
 from headstock.solvers.errors import ModelError
 
@@ -38,7 +39,7 @@ def free_motion_warnings(scene: Scene) -> tuple[str, ...]:
     ]
     if not motions:
         return ()
-    points = () if scene.analyses.static is None else scene.analyses.static.at
+    points = scene.analyses[StaticRequest].at if StaticRequest in scene.analyses else ()
     refused = [name for name in points if _has_no_answer(coupled, name)]
     refusal = f"the static analysis will be refused: every force at {', '.join(refused)} does work on that motion"
     return (warn_of_free_motions(motions), *([refusal] if refused else []))

@@ -20,6 +20,7 @@ from headstock.pipeline.stages.run_state import (
     pose_name,
 )
 from headstock.reduction.coupling.coupling import CoupledMachine
+from headstock.scene.requests import ControlRequest
 from headstock.solvers.control.drive_loops import close_loops, find_velocity_lag
 from headstock.solvers.control.drive_trains import DriveTrain
 from headstock.solvers.control.margins import find_margins
@@ -114,7 +115,7 @@ def run_control_stage(state: RunState, stage: Stage) -> Outcome:
     """
     if not state.is_root:
         return Outcome()
-    request, pose = state.scene.analyses.control, pose_name(stage)
+    request, pose = state.scene.analyses.get(ControlRequest), pose_name(stage)
     if request is None:
         raise ValueError("a control stage needs an analysis in the scene")
     driven = drive_machine(pose_model(state), state.warn)

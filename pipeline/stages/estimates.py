@@ -30,6 +30,7 @@ from headstock.reduction.estimates.mesh_errors import (
     frequency_mesh_errors,
     frequency_shape_errors,
 )
+from headstock.scene.requests import ModalRequest
 from headstock.solvers.linear.modal_analysis import ModalResult
 
 NAMED_DOUBT = (
@@ -252,7 +253,7 @@ def _name_kinds(
         f" and {len(large) - NAMED_INTERFACES} more" if len(large) > NAMED_INTERFACES else ""
     )
     size = float(f"{factor * float(together.max()):.1g}")
-    modal = parts.scene.analyses.modal
+    modal = parts.scene.analyses.get(ModalRequest)
     remedy = (
         ""
         if modal is not None and modal.spread

@@ -390,7 +390,7 @@ def add_load_inputs(
 
 
 def _frf_request(machine: PoseModel) -> FrfRequest:
-    request = machine.parts.scene.analyses.frf
+    request = machine.parts.scene.analyses.get(FrfRequest)
     if request is None:
         raise ValueError("a frequency response needs an analysis in the scene")
     return request

@@ -212,7 +212,7 @@ def run_map_stage(state: RunState, stage: Stage) -> Outcome:
     """Survey the grid, shared out over the ranks."""
     mechanism, request, placed = (
         state.scene.mechanism,
-        state.scene.analyses.map,
+        state.scene.analyses.get(MapRequest),
         placed_mechanism(state),
     )
     if mechanism is None or request is None:

@@ -70,7 +70,7 @@ def run_modal_stage(state: RunState, stage: Stage) -> Outcome:
     """Natural modes with names and energy shares; on rank 0."""
     if not state.is_root:
         return Outcome()
-    model, request = pose_model(state), state.scene.analyses.modal
+    model, request = pose_model(state), state.scene.analyses.get(ModalRequest)
     if request is None:
         raise ValueError(f"a {stage.kind} stage needs a modal analysis in the scene")
     solved = solve_pose_modes(model, request)

@@ -16,6 +16,7 @@ from headstock.pipeline.stages.run_state import (
     Solved,
     pose_model,
 )
+from headstock.scene.requests import StaticRequest
 from headstock.solvers.errors import ModelError
 
 
@@ -25,7 +26,7 @@ def run_static_stage(state: RunState, stage: Stage) -> Outcome:
     """
     if not state.is_root:
         return Outcome()
-    model, request = pose_model(state), state.scene.analyses.static
+    model, request = pose_model(state), state.scene.analyses.get(StaticRequest)
     if request is None:
         raise ValueError("a static stage needs a static analysis in the scene")
     solved = solve_points(model, request.at)

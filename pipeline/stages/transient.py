@@ -278,7 +278,7 @@ def respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[Transi
         ConvergenceError: Motion with friction could not be integrated.
     """
     scene = machine.parts.scene
-    request = scene.analyses.transient
+    request = scene.analyses.get(TransientRequest)
     if request is None:
         raise ValueError("a transient analysis needs one in the scene")
     warnings: list[str] = []

@@ -68,7 +68,7 @@ class _Judged:
 
 def run_volumetric_stage(state: RunState, stage: Stage) -> Outcome:
     """Couple in every pose of the grid, and solve for the errors at every point."""
-    request = state.scene.analyses.volumetric
+    request = state.scene.analyses.get(VolumetricRequest)
     if not state.is_root:
         return Outcome()
     if request is None:

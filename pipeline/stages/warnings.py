@@ -18,6 +18,7 @@ from headstock.pipeline.answers.modal import FREQUENCY
 from headstock.pipeline.numbers.estimates import DISCRETISATION, REDUCTION, Estimate
 from headstock.pipeline.planning.interfaces import find_glued_joints, find_reach
 from headstock.pipeline.stages.run_state import ReducedComponent, RunState
+from headstock.scene.requests import FrfRequest
 
 CUTOFF_MARGIN = 1.5
 FEWEST_NODES = 6.0  # per wavelength: three second-order elements
@@ -185,7 +186,7 @@ def find_warnings(state: RunState) -> list[str]:
     highest = max(
         (float(modes.frequencies_hz.max(initial=0.0)) for modes in state.modal), default=0.0
     )
-    frf = state.scene.analyses.frf
+    frf = state.scene.analyses.get(FrfRequest)
     highest = max(highest, frf.to_hz if frf is not None else 0.0)
     found: list[str] = []
     for name, reduced in state.reduced.items():

@@ -222,7 +222,7 @@ def check_contour_reach(scene: Scene, findings: Findings) -> None:
     """Report where linear axes cannot follow a contour; a mechanism tells when it closes its
     loops.
     """
-    request = scene.analyses.contouring or scene.on_request.contouring
+    request = scene.analyses.get(ContouringRequest) or scene.on_request.get(ContouringRequest)
     if request is None:
         return
     plan = plan_contour(request.contour)

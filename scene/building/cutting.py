@@ -11,6 +11,7 @@ from headstock.scene.expansion.cutting_catalogue import read_cutting_materials
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import SPEED
+from headstock.scene.requests import PathRequest
 from headstock.scene.scene import Scene
 from headstock.scene.schema.cutting import TYPICAL_RANGES, TYPICAL_RATIOS, CuttingTable
 from headstock.scene.schema.mechanism import ContouringTable, LobesTable, MillTable
@@ -208,7 +209,7 @@ def check_cutting(draft: Draft, findings: Findings) -> None:
 
 def check_cut_lead(scene: Scene, findings: Findings) -> None:
     """Report a straight path that leads its mill along the tool's own axis."""
-    request = scene.analyses.path or scene.on_request.path
+    request = scene.analyses.get(PathRequest) or scene.on_request.get(PathRequest)
     if request is None or request.cut is None:
         return
     start, end = request.path.start.positions, request.path.end.positions

@@ -3,7 +3,7 @@ wrong.
 """
 
 import dataclasses
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from headstock.geometry.machine.joints import Axis, Joint
@@ -290,16 +290,14 @@ def _build_scene(draft: Draft, path: Path, findings: Findings, variant: str | No
     table = draft.table
     name = table.name or path.stem
     poses = build_poses(table)
-    analyses, on_request = _split_requests(
-        findings.on_request, _build_analyses(table, tuple(poses), path.parent)
-    )
+    every = _build_analyses(table, tuple(poses), path.parent)
     return Scene(
         name=name,
         path=path,
         machine=build_machine(table, name, path.parent),
         poses=poses,
-        analyses=analyses,
-        on_request=on_request,
+        analyses=every.drop(findings.on_request),
+        on_request=every.keep(findings.on_request),
         effects=frozenset(effect for effect, value in table.effects.items() if value is not False),
         variants=tuple(table.variants),
         raw=dict(draft.raw),
@@ -344,27 +342,18 @@ def _compares_interfaces(table: SceneTable) -> bool:
 def _build_analyses(table: SceneTable, poses: tuple[str, ...], folder: Path) -> Analyses:
     damping = table.effects.get("damping", False)
     return Analyses(
-        static=build_static(table, poses),
-        modal=build_modal(table, poses),
-        frf=build_frf(table, poses),
-        map=build_map(table),
-        contouring=build_contouring(
+        build_static(table, poses),
+        build_modal(table, poses),
+        build_frf(table, poses),
+        build_map(table),
+        build_contouring(
             table, folder, PoseDamping(read_modal_damping(damping), read_rayleigh_damping(damping))
         ),
-        path=build_path_request(table),
-        control=build_control(table, poses),
-        volumetric=build_volumetric(table),
-        lobes=build_lobes(table, poses, folder),
-        transient=build_transient(table, poses, folder),
-    )
-
-
-def _split_requests(named: Collection[str], analyses: Analyses) -> tuple[Analyses, Analyses]:
-    """What is always run, and what only when it is named."""
-    found = {field.name: getattr(analyses, field.name) for field in dataclasses.fields(Analyses)}
-    return (
-        Analyses(**{name: request for name, request in found.items() if name not in named}),
-        Analyses(**{name: request for name, request in found.items() if name in named}),
+        build_path_request(table),
+        build_control(table, poses),
+        build_volumetric(table),
+        build_lobes(table, poses, folder),
+        build_transient(table, poses, folder),
     )
 
 

@@ -160,7 +160,7 @@ def require_feed_of_run(scene: Scene) -> None:
     Raises:
         SceneError: The scene has no path analysis.
     """
-    lobes = scene.analyses.lobes
+    lobes = scene.analyses.get(LobesRequest)
     if lobes is not None and lobes.asks_for_feed and lobes.path is None:
         raise _refuse_feed(
             scene,
@@ -175,7 +175,7 @@ def require_feed_of_sweep(scene: Scene, sweep: Sweep) -> None:
     Raises:
         SceneError: The sweep is no path.
     """
-    lobes = scene.analyses.lobes
+    lobes = scene.analyses.get(LobesRequest)
     if lobes is not None and lobes.asks_for_feed and sweep.kind != "path":
         raise _refuse_feed(
             scene,

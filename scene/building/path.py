@@ -113,7 +113,7 @@ def check_path_carriages(scene: Scene, findings: Findings) -> None:
     """Report where the tool of a mechanism cannot get, and every carriage that hangs over the end of
     its rail on the way; axes have constant shares of it, so its ends tell.
     """
-    request = scene.analyses.path or scene.on_request.path
+    request = scene.analyses.get(PathRequest) or scene.on_request.get(PathRequest)
     if request is None:
         return
     for end, share in (("from", 0.0), ("to", 0.5), ("to", 1.0)) if scene.mechanism else ():

@@ -21,7 +21,7 @@ from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.watch_paths import parse_watch
 from headstock.scene.schema.axes import PoseTable
-from headstock.scene.schema.scene import AnalysesTable, SceneTable
+from headstock.scene.schema.scene import SceneTable
 from headstock.scene.schema.studies import MAX_SWEEP_POSES, FamilyTable, StudyTable, SweepTable
 from headstock.scene.studies import (
     REFERENCE_RUN,
@@ -306,11 +306,7 @@ def _check_study(name: str, study: StudyTable, draft: Draft, findings: Findings)
                 more='; "" is the scene as written',
             )
         for analysis in table.analyses or ():
-            requested = [
-                kind
-                for kind in AnalysesTable.model_fields
-                if getattr(scene.analyses, kind) is not None
-            ]
+            requested = [name for name, request in scene.analyses if request is not None]
             if analysis not in requested:
                 findings.add(
                     (*where, "analyses"),

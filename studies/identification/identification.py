@@ -21,7 +21,7 @@ from headstock.pipeline.storage.store import Store
 from headstock.reduction.superelement import Superelement
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.keys import write_number
-from headstock.scene.requests import ModalRequest
+from headstock.scene.requests import Analyses, ModalRequest
 from headstock.scene.scene import Scene
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root, share_from_root
@@ -331,14 +331,14 @@ def _with_modes(scene: Scene, cases: tuple[TargetCase, ...]) -> Scene:
     keep the modes this takes.
     """
     highest = max((target.frequency_hz for case in cases for target in case.modes), default=0.0)
-    asked = scene.analyses.modal
+    asked = scene.analyses.get(ModalRequest)
     if highest == 0.0 or (
         asked is not None and asked.up_to_hz is not None and asked.up_to_hz >= highest
     ):
         return scene
     return dataclasses.replace(
         scene,
-        analyses=dataclasses.replace(scene.analyses, modal=ModalRequest(None, 1.5 * highest, ())),
+        analyses=Analyses(ModalRequest(None, 1.5 * highest), *scene.analyses.requests),
     )
 
 

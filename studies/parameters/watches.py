@@ -8,8 +8,8 @@ from headstock.pipeline.results.summary import RunSummary
 from headstock.scene.reading.findings import suggest_names
 from headstock.scene.reading.renamed_names import RESULT_KEYS
 from headstock.scene.reading.watch_paths import MEASURED_NAMES, POSE_NAME, Step, parse_watch
+from headstock.scene.requests import NAMES
 from headstock.scene.scene import Scene
-from headstock.scene.schema.scene import AnalysesTable
 
 RENAMED = RESULT_KEYS["summary.json"]
 
@@ -26,13 +26,8 @@ def find_watch_fault(text: str, scenes: Sequence[Scene]) -> str:
     root = str(steps[0])
     if root in MEASURED_NAMES:
         return "" if len(steps) == 1 else f"{text}: {root} is a number; write {root}"
-    analyses = {
-        name
-        for scene in scenes
-        for name in AnalysesTable.model_fields
-        if getattr(scene.analyses, name) is not None
-    }
-    if root in AnalysesTable.model_fields and root not in analyses:
+    analyses = {name for scene in scenes for name in scene.analyses.names}
+    if root in NAMES and root not in analyses:
         return f"{text}: no point runs the analysis {root}; {suggest_names(root, analyses, what='analyses')}"
     poses = {pose for scene in scenes for pose in scene.poses}
     fault = _find_fault(steps, RunSummary, "", poses)

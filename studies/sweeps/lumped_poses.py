@@ -14,6 +14,7 @@ from headstock.pipeline.stages.lumped_machine import SPRING_PARTS, series_parts
 from headstock.pipeline.stages.mechanism import build_mechanism, place_pose, scene_mechanism
 from headstock.pipeline.stages.run_state import MachineParts
 from headstock.reduction.superelement import Superelement
+from headstock.scene.requests import FrfRequest, LobesRequest, ModalRequest, StaticRequest
 from headstock.scene.scene import SceneMechanism
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.solvers.mechanisms.modes import (
@@ -94,12 +95,12 @@ def solve_lumped_poses(
         condition = np.array([survey.condition[number]])
         found = replace(next(solved), condition=condition, feed=feeds[number])
         analyses = shared.parts.scene.analyses
-        if analyses.frf is not None or analyses.lobes is not None:
+        if FrfRequest in analyses or LobesRequest in analyses:
             model = place_pose(shared.parts, pose, shared.model, shared.superelements)
             try:
-                if analyses.frf is not None:
+                if FrfRequest in analyses:
                     found = replace(found, figures=list_figures(model))
-                if analyses.lobes is not None:
+                if LobesRequest in analyses:
                     found = add_limits(model, found)
             except POSE_ERRORS as error:
                 found = replace(found, state="failed", error=f"frf or lobes analysis: {error}")
@@ -116,7 +117,7 @@ def _solve_taken(
     analyses = shared.parts.scene.analyses
     motions = linearise_poses(shared.model, states)
     found = [PoseResult(place) for place in positions]
-    if analyses.modal is not None:
+    if (modal := analyses.get(ModalRequest)) is not None:
         modes = solve_pose_modes(motions)
         # amplitudes whose squares are the shares of the strain energy: orthonormal in every pose
         shapes = np.sqrt(modes.energy) * np.sign(modes.shapes)
@@ -124,16 +125,16 @@ def _solve_taken(
             replace(
                 result,
                 frequencies_hz=modes.frequencies_hz[number],
-                wanted=count_wanted(analyses.modal, modes.frequencies_hz[number], 0),
+                wanted=count_wanted(modal, modes.frequencies_hz[number], 0),
                 shapes=shapes[number].astype(np.float32),
             )
             for number, result in enumerate(found)
         ]
-    if analyses.static is not None:
+    if StaticRequest in analyses:
         turn = shared.mechanism.mounted.mounting.rotation
         rows = [
             turn @ _point_motion(shared, motions, shared.parts.scene.machine.points[name])
-            for name in analyses.static.at
+            for name in analyses[StaticRequest].at
         ]
         # (n, p, 3, c): motion of each point in machine axes per compliant coordinate
         moved = np.stack(rows, axis=1)

@@ -23,7 +23,7 @@ from headstock.reduction.coupling.memo import CouplingMemo
 from headstock.reduction.motions.body_motions import join_names, split_number
 from headstock.reduction.motions.compliance_budget import point_budget
 from headstock.reduction.superelement import Superelement
-from headstock.scene.requests import LOAD, ModalRequest
+from headstock.scene.requests import LOAD, FrfRequest, LobesRequest, ModalRequest, StaticRequest
 from headstock.solvers.linear.modal_analysis import keep_lowest, solve_lowest_modes
 from headstock.studies.sweeps.journals import FIGURES, PoseResult
 
@@ -52,8 +52,8 @@ class MachinePoses:
 
 def share_machine(parts: MachineParts, superelements: Mapping[str, Superelement]) -> MachinePoses:
     """What all poses of the machine of a scene share."""
-    static, frf = parts.scene.analyses.static, parts.scene.analyses.frf
-    lobes = parts.scene.analyses.lobes
+    static, frf = parts.scene.analyses.get(StaticRequest), parts.scene.analyses.get(FrfRequest)
+    lobes = parts.scene.analyses.get(LobesRequest)
     channels = {
         *(() if lobes is None else (lobes.at,)),
         *(() if static is None else static.at),
@@ -140,7 +140,7 @@ def _find_condition(shared: MachinePoses, pose: Pose) -> FloatArray:
 
 
 def _add_points(model: CoupledPose, found: PoseResult) -> PoseResult:
-    request = model.parts.scene.analyses.static
+    request = model.parts.scene.analyses.get(StaticRequest)
     if request is None:
         return found
     budgets = [point_budget(model.coupled, name) for name in request.at]
@@ -170,14 +170,14 @@ def _largest_family(shares: Mapping[str, float]) -> tuple[str, float]:
 
 
 def _add_modes(model: CoupledPose, found: PoseResult) -> PoseResult:
-    request, coupled = model.parts.scene.analyses.modal, model.coupled
+    request, coupled = model.parts.scene.analyses.get(ModalRequest), model.coupled
     if request is None:
         return found
     count, limit = modes_to_solve(request)
     analyses = model.parts.scene.analyses
     modal = (
         solve_lowest_modes(coupled.system, count=count, up_to_hz=limit)
-        if analyses.frf is None and analyses.lobes is None
+        if FrfRequest not in analyses and LobesRequest not in analyses
         else keep_lowest(model.all_modes, count=count, up_to_hz=limit)
     )
     stacked = coupled.basis @ modal.shapes
@@ -196,13 +196,13 @@ def _add_modes(model: CoupledPose, found: PoseResult) -> PoseResult:
 def _add_response(model: CoupledPose, found: PoseResult) -> PoseResult:
     return (
         found
-        if model.parts.scene.analyses.frf is None
+        if FrfRequest not in model.parts.scene.analyses
         else replace(found, figures=list_figures(model))
     )
 
 
 def _add_lobes(model: CoupledPose, found: PoseResult) -> PoseResult:
-    return found if model.parts.scene.analyses.lobes is None else add_limits(model, found)
+    return found if LobesRequest not in model.parts.scene.analyses else add_limits(model, found)
 
 
 def add_limits(model: PoseModel, found: PoseResult) -> PoseResult:

@@ -20,7 +20,7 @@ from headstock.pipeline.stages.modal import solve_pose_modes
 from headstock.pipeline.stages.run_state import MachineParts, PoseModel
 from headstock.pipeline.stages.static import solve_points
 from headstock.reduction.superelement import Superelement
-from headstock.scene.requests import Analyses, LobesRequest, ModalRequest
+from headstock.scene.requests import Analyses, FrfRequest, LobesRequest, ModalRequest, StaticRequest
 from headstock.scene.scene import Scene
 from headstock.scene.studies import Sweep, describe_positions, sweep_neighbours, sweep_pose
 from headstock.solvers.pairing.mode_tracking import (
@@ -211,7 +211,7 @@ def collect_results(
             rigid=np.array([result.rigid_count for result in found], dtype=np.int64),
         )
         tracked = track_modes(modes, sweep_neighbours(sweep, modes.present))
-    static, frf = scene.analyses.static, scene.analyses.frf
+    static, frf = scene.analyses.get(StaticRequest), scene.analyses.get(FrfRequest)
     channels = (
         () if frf is None else tuple(channel for channel in frf.inputs if channel in frf.outputs)
     )
@@ -231,7 +231,7 @@ def collect_results(
         },
         condition=conditions[:, 0] if conditions.shape[1] else None,
         figures={channel: _figures(found, place) for place, channel in enumerate(channels)},
-        limits=_map_limits(scene.analyses.lobes, found),
+        limits=_map_limits(scene.analyses.get(LobesRequest), found),
         limits_confirmed=all(result.limits_confirmed for result in found),
         warnings=remarks,
     )
@@ -410,10 +410,10 @@ def name_pose_modes(
         if results.modes is None
         else int(np.isfinite(results.modes.frequencies_hz[number]).sum())
     )
-    static = parts.scene.analyses.static if with_static else None
+    static = parts.scene.analyses.get(StaticRequest) if with_static else None
     alone = dataclasses.replace(
         parts,
-        scene=dataclasses.replace(parts.scene, analyses=Analyses(modal=request, static=static)),
+        scene=dataclasses.replace(parts.scene, analyses=Analyses(request, static)),
     )
     model: PoseModel
     if parts.scene.is_lumped:

@@ -29,7 +29,7 @@ from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.reduction.motions.feed import trace_feed
 from headstock.reduction.superelement import Superelement
 from headstock.scene.building.lobes import refuse_still_feed
-from headstock.scene.requests import Analyses
+from headstock.scene.requests import LobesRequest
 from headstock.scene.scene import Scene
 from headstock.scene.studies import Sweep, describe_positions, sweep_pose
 from headstock.solvers.mpi import MPI
@@ -121,8 +121,7 @@ class SweepOutcome:
 
 def select_analyses(scene: Scene) -> Scene:
     """The scene with only the analyses that are swept, whatever poses they name."""
-    kept = {name: getattr(scene.analyses, name) for name in SWEPT_ANALYSES}
-    return dataclasses.replace(scene, analyses=Analyses(**kept))
+    return dataclasses.replace(scene, analyses=scene.analyses.keep(SWEPT_ANALYSES))
 
 
 def sweep_key(scene: Scene) -> str:
@@ -183,7 +182,7 @@ def _find_feed(
     Raises:
         SceneError: The tool moves nowhere along the path.
     """
-    sweep, request = job.sweep, job.scene.analyses.lobes
+    sweep, request = job.sweep, job.scene.analyses.get(LobesRequest)
     count = len(sweep.positions)
     if request is None or not request.asks_for_feed:
         return np.tile(NO_FEED, (count, 1)), ()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import headstock as hs
+from common import approx
 from headstock.scene.reading.keys import read_entries
 
 PLACES = [[0.1, 0.0, 0.0], [-0.1, 0.0, 0.0]]
@@ -89,7 +90,7 @@ def test_a_body_on_mounts_has_half_their_loss_factor_as_damping_ratio() -> None:
     vertical = np.sqrt(1.8e6 / mass) / (2.0 * np.pi)
     (number,) = np.flatnonzero(np.isclose(modes.frequencies_hz, vertical, rtol=1e-9, atol=0.0))
     ratio = modes.damping_ratio[number]
-    assert ratio == pytest.approx(0.12 / 2.0)
+    assert ratio == approx(0.12 / 2.0)
 
 
 def test_a_joint_of_an_unknown_element_is_refused_in_python() -> None:

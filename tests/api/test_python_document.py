@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import headstock as hs
+from common import approx
 
 pytestmark = [pytest.mark.process, pytest.mark.fem]
 
@@ -94,7 +95,7 @@ def test_the_first_notebook_runs_from_its_folder(
     assert repr(budget).startswith("z_drive")
     # a drive is a spring in series: compliances differ by 1/15 - 1/25 um/N
     compliance = list(study["compliance [um/kN]"])  # type: ignore[index]
-    assert compliance[0] - compliance[1] == pytest.approx(1e3 * (1 / 15 - 1 / 25), rel=1e-6)
+    assert compliance[0] - compliance[1] == approx(1e3 * (1 / 15 - 1 / 25), rel=1e-6)
     assert isinstance(arrays, list)
     assert "mode 01 shape [m/sqrt(kg)]" in arrays
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from common import rank_words
+from common import approx, rank_words
 
 SCENE = """
 [materials.steel]
@@ -124,9 +124,9 @@ def test_every_rank_gets_what_one_process_gets(
     assert first == second
     assert first.keys() == alone.keys()
     for key in ("run", "opened", "study"):
-        assert first[key] == pytest.approx(alone[key], rel=1e-8)
-    assert first["identify"]["mount"] == pytest.approx(alone["identify"]["mount"], rel=1e-5)
+        assert first[key] == approx(alone[key], rel=1e-8)
+    assert first["identify"]["mount"] == approx(alone["identify"]["mount"], rel=1e-5)
     assert len(first["sweep"]) == len(alone["sweep"]) == 3
     for found, wanted in zip(first["sweep"], alone["sweep"], strict=True):
-        assert found == pytest.approx(wanted, rel=1e-8)
+        assert found == approx(wanted, rel=1e-8)
     assert first["compare"][0].keys() == alone["compare"][0].keys()

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import headstock as hs
+from common import approx
 from headstock.app.command_line import main
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -61,7 +62,7 @@ def test_a_study_made_in_python_varies_as_single_runs_do(scene: Path, tmp_path: 
     first, second = (row.values[watch] for row in table.rows)
     assert isinstance(first, float)
     assert isinstance(second, float)
-    assert first / second == pytest.approx(1.5625, rel=0.02)
+    assert first / second == approx(1.5625, rel=0.02)
 
 
 def test_an_unknown_study_or_value_is_told(scene: Path) -> None:
@@ -80,9 +81,7 @@ def test_variants_are_compared_mode_by_mode(scene: Path) -> None:
     lengths = {"as written": 0.5, "shorter": 0.4}
     for name, length in lengths.items():
         run = hs.run(hs.load(scene, set={LENGTH: length})).modes["reference"]
-        assert found.rows[0].cells[name].frequency_hz == pytest.approx(
-            run.frequencies_hz[0], rel=1e-9
-        )
+        assert found.rows[0].cells[name].frequency_hz == approx(run.frequencies_hz[0], rel=1e-9)
 
 
 def test_a_sweep_has_the_frequencies_of_runs_in_its_poses(tmp_path: Path) -> None:
@@ -99,7 +98,7 @@ def test_a_sweep_has_the_frequencies_of_runs_in_its_poses(tmp_path: Path) -> Non
     machine = hs.load(SLIDE, set={"poses.third": {"X": "12 mm"}})
     single = hs.run(machine, analyses=["modal"]).modes["third"].frequencies_hz
     wanted = np.sort(swept.frequencies_hz[2])
-    assert wanted == pytest.approx(np.sort(single)[: len(wanted)], rel=1e-6)
+    assert wanted == approx(np.sort(single)[: len(wanted)], rel=1e-6)
 
 
 TARGETS = """
@@ -127,7 +126,7 @@ def test_a_fit_is_that_of_the_command_line(scene: Path, tmp_path: Path) -> None:
     assert main(["identify", str(scene), str(targets), "-o", str(out)]) == 0
     written = json.loads((out / "identification.json").read_text())
     assert found.values == {
-        name: pytest.approx(entry["value"] * scale, rel=1e-9)
+        name: approx(entry["value"] * scale, rel=1e-9)
         for (name, entry), scale in zip(written["parameters"].items(), (1e-3, 1e9), strict=True)
     }
     fitted = hs.load(
@@ -135,7 +134,7 @@ def test_a_fit_is_that_of_the_command_line(scene: Path, tmp_path: Path) -> None:
         set={LENGTH: found.values["length"], "materials.steel.E": found.values["stiffness"]},
     )
     modes = hs.run(fitted).modes["reference"].frequencies_hz
-    assert [outcome.found for outcome in found.outcomes] == pytest.approx(modes[:2], rel=1e-6)
+    assert [outcome.found for outcome in found.outcomes] == approx(modes[:2], rel=1e-6)
     again = hs.identify(hs.load(scene), targets, starts=1)
     assert len(again.starts) == 1
     targets.write_text(TARGETS.replace("box[2]", "box[3]"))

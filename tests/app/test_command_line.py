@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from common import approx
 from headstock.app.actions.choosing import choose_fidelity
 from headstock.app.command_line import main
 from headstock.app.terminal import guard
@@ -101,7 +102,7 @@ def test_run_writes_results_summary_and_report_and_prints_stages(
         "write",
     ]
     assert summary["status"] == "done"
-    assert summary["static"]["tcp"]["compliance_um_per_kN"][2][2] == pytest.approx(25.0, rel=1e-9)
+    assert summary["static"]["tcp"]["compliance_um_per_kN"][2][2] == approx(25.0, rel=1e-9)
     assert len(summary["modal"][0]["frequencies_hz"]) == 6
     printed = capsys.readouterr().out
     assert all(
@@ -159,7 +160,7 @@ def test_a_free_slide_is_named_before_anything_is_computed_and_the_loads_that_do
         == point["compliance_um_per_kN"][0]
         == [None] * 3
     )
-    assert point["compliance_um_per_kN"][2][2] == pytest.approx(25.0)
+    assert point["compliance_um_per_kN"][2][2] == approx(25.0)
     assert summary["modal"][0]["rigid_count"] == 1
     assert (
         len(summary["warnings"]) == 1
@@ -253,7 +254,7 @@ def test_an_override_changes_the_result(scene_file: Path, tmp_path: Path) -> Non
         == 0
     )
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert summary["static"]["tcp"]["compliance_um_per_kN"][2][2] == pytest.approx(12.5, rel=1e-9)
+    assert summary["static"]["tcp"]["compliance_um_per_kN"][2][2] == approx(12.5, rel=1e-9)
 
 
 @pytest.mark.parametrize("command", ["check", "plan", "run"])

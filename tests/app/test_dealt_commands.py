@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from common import run_command
+from common import approx, run_command
 
 pytestmark = pytest.mark.process
 
@@ -86,7 +86,7 @@ def assert_same(one: Any, two: Any, *, but: tuple[str, ...] = ()) -> None:
         for mine, other in zip(one, two, strict=True):
             assert_same(mine, other, but=but)
     else:
-        expected = pytest.approx(one, rel=1e-10, abs=1e-12) if isinstance(one, float) else one
+        expected = approx(one, rel=1e-10, abs=1e-12) if isinstance(one, float) else one
         assert two == expected
 
 

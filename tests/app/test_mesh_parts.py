@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from common import approx
 from headstock.app.actions.showing import survey_part
 from headstock.app.actions.starting import write_part_scene
 from headstock.meshing.errors import MeshError
@@ -24,7 +25,7 @@ def test_a_set_of_cells_is_surveyed_and_becomes_a_scene(tmp_path: Path) -> None:
     with pytest.raises(MeshError, match=r"LOW \(STEEL, 1 cells\), UP \(ALU, 1 cells\)"):
         survey_part(path, None, "1 mm")
     _, survey = survey_part(path, "up", "1 mm")
-    assert max(survey.size) == pytest.approx(0.02)
+    assert max(survey.size) == approx(0.02)
     assert "cut" in [one.name for one in survey.sets]
     text = write_part_scene(path, survey, "bar.toml", solid="up", unit="1 mm")
     assert 'solid = { mesh = "bar.inp", unit = "1 mm", solid = "up" }' in text

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 import scipy.io
 
+from common import approx
 from headstock.app.actions import publishing
 from headstock.app.command_line import main
 from headstock.app.pictures.pictures import Drawing
@@ -181,7 +182,7 @@ def test_an_exported_model_states_its_origin_but_not_the_text_of_the_scene(
         content = path.read_bytes()
         assert b"stiffness =" not in content and b"<on>" not in content
         assert not extra or not re.search(rb"secret-(host|folder)", content)
-    assert read_superelement(element).mass_kg == pytest.approx(7.85)
+    assert read_superelement(element).mass_kg == approx(7.85)
 
 
 def test_version_prints_version_and_commit_and_computes_nothing(

@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
-from common import run_alone, run_command, run_on_ranks
+from common import approx, run_alone, run_command, run_on_ranks
 from headstock.pipeline import runner
 from headstock.reduction.components import elastic
 from headstock.solvers.errors import ConvergenceError
@@ -131,7 +131,7 @@ def test_frequencies_and_compliance_are_the_same_on_1_2_and_4_ranks(
     assert ("PORD" in result.stdout) == (split_dofs == "0")
     other = json.loads((out / "summary.json").read_text())
     assert not any(stage["cached"] for stage in other["stages"])
-    assert other["modal"][0]["frequencies_hz"] == pytest.approx(
+    assert other["modal"][0]["frequencies_hz"] == approx(
         alone["modal"][0]["frequencies_hz"], rel=1e-8
     )
     for row, reference in zip(
@@ -139,7 +139,7 @@ def test_frequencies_and_compliance_are_the_same_on_1_2_and_4_ranks(
         alone["static"]["tcp"]["compliance_6x6"],
         strict=True,
     ):
-        assert row == pytest.approx(reference, rel=1e-8, abs=1e-8 * max(map(abs, reference)))
+        assert row == approx(reference, rel=1e-8, abs=1e-8 * max(map(abs, reference)))
 
 
 @pytest.mark.parametrize("failing", ["modal", pytest.param("assembly", marks=pytest.mark.trials)])
@@ -270,7 +270,7 @@ def test_the_points_of_a_study_dealt_out_to_ranks_are_those_of_one_rank(
             for made in (record, expected)
         )
         # the one of 4 modes may be cut from a stored one of 6, which rounds otherwise
-        assert found_hz == pytest.approx(expected_hz, rel=1e-10)
+        assert found_hz == approx(expected_hz, rel=1e-10)
 
 
 @pytest.mark.trials
@@ -322,4 +322,4 @@ def test_finer_and_finer_meshes_on_two_ranks_say_what_they_say_on_one(
     for place in range(len(one["meshes"])):
         # a square column: of two equal frequencies either may be the first
         mine, other = (sorted(each["values"][place] for each in run["numbers"]) for run in found)
-        assert mine == pytest.approx(other, rel=1e-8)
+        assert mine == approx(other, rel=1e-8)

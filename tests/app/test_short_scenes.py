@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import headstock as hs
+from common import approx
 from headstock.app.command_line import main
 
 REQUESTS = """
@@ -274,7 +275,7 @@ def test_a_study_reaches_what_is_included_by_its_prefixed_names(folder: Path) ->
         machine = hs.load(folder / "full.toml", set=in_full(keys))
         single = hs.run(machine)
         watched = [row.values[f"modal.frequencies_hz[{number}]"] for number in range(6)]
-        assert watched == pytest.approx(single.modes["middle"].frequencies_hz[:6], rel=1e-12)
+        assert watched == approx(single.modes["middle"].frequencies_hz[:6], rel=1e-12)
 
 
 def in_full(keys: Mapping[str, str]) -> dict[str, str]:

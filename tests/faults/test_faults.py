@@ -14,6 +14,8 @@ from faults.resume import kill_and_resume
 from faults.runs import Outcome
 from faults.scene_fuzz import run_scene_fuzz
 
+pytestmark = pytest.mark.workers
+
 
 @pytest.mark.faults
 @pytest.mark.parametrize(

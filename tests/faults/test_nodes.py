@@ -10,6 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from common import approx
 from faults.nodes import SIZES_MM, TwoNodes, fail_node_under_study, run_two_nodes
 from faults.runs import SCENE, Numbers, read_numbers
 from faults.slurm_daemons import DAEMONS
@@ -17,6 +18,7 @@ from headstock.pipeline.storage.provenance import PROJECT
 
 pytestmark = [
     pytest.mark.faults,
+    pytest.mark.workers,
     pytest.mark.skipif(
         os.geteuid() != 0 or None in map(shutil.which, DAEMONS),
         reason="no Slurm here, or not root: name this file to the launcher",
@@ -188,7 +190,7 @@ def test_a_command_submitted_to_two_nodes_finds_what_one_process_finds(
     assert job.keys() == here.keys()
     for place, number in here.items():
         share = ESTIMATE_EQUAL if any(word in place for word in ESTIMATES) else DEALT_EQUAL
-        assert job[place] == pytest.approx(number, rel=share, abs=1e-12), place
+        assert job[place] == approx(number, rel=share, abs=1e-12), place
 
 
 def test_bad_input_on_two_nodes_ends_with_its_message_and_code(two: TwoNodes) -> None:

@@ -12,6 +12,8 @@ import pytest
 from faults.slurm import disturb_slurm
 from faults.slurm_daemons import DAEMONS
 
+pytestmark = pytest.mark.workers
+
 
 @pytest.mark.faults
 @pytest.mark.skipif(

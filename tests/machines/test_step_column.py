@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import (
     Component,
@@ -62,7 +63,7 @@ def column_hz() -> FloatArray:
 def test_the_columns_frequencies_are_those_of_a_fine_mesh_within_half_a_percent_and_not_below(
     column_hz: FloatArray,
 ) -> None:
-    assert column_hz == pytest.approx(FINE_COLUMN_HZ, rel=5e-3)
+    assert column_hz == approx(FINE_COLUMN_HZ, rel=5e-3)
     assert (column_hz > np.array(FINE_COLUMN_HZ) * (1.0 - 1e-4)).all()
 
 
@@ -70,7 +71,7 @@ def test_the_columns_frequencies_are_those_of_a_fine_mesh_within_half_a_percent_
 def test_the_column_bends_like_a_column_without_holes_pads_and_foot(column_hz: FloatArray) -> None:
     plain = HollowColumn((0.3, 0.3, 0.86), wall=0.022, cap=0.024, rib=0.016, ribs_z=2, ribs_y=1)
     bare = cantilever_frequencies(plain, CAST_IRON, 0.05, 2)[:2]
-    assert column_hz == pytest.approx(bare, rel=0.08)
+    assert column_hz == approx(bare, rel=0.08)
 
 
 @pytest.mark.trials
@@ -95,7 +96,7 @@ def test_the_column_bends_as_beam_theory_says(column_hz: FloatArray) -> None:
         )
         shearing = np.sqrt(shear_modulus * webs * outer / mass_per_length) / (4 * length)
         expected.append((bending**-2 + shearing**-2) ** -0.5)  # Dunkerley (1894)
-    assert column_hz == pytest.approx(expected, rel=0.12)
+    assert column_hz == approx(expected, rel=0.12)
 
 
 def test_the_brackets_reduced_modes_are_those_of_its_full_model() -> None:
@@ -104,7 +105,7 @@ def test_the_brackets_reduced_modes_are_those_of_its_full_model() -> None:
     model = full_model(mesh, STEEL, comm=MPI.COMM_SELF, fixed=fixed_by(mesh, supports))
     full = full_modes(model, 4).frequencies_hz
     reduced = reduce_elastic(component, mesh, supports, comm=MPI.COMM_SELF).modal_frequencies_hz
-    assert reduced[:4] == pytest.approx(full[:4], rel=1e-7)
+    assert reduced[:4] == approx(full[:4], rel=1e-7)
     assert FINE_SUPPORT_HZ < reduced[0] < 1.03 * FINE_SUPPORT_HZ
 
 
@@ -127,9 +128,9 @@ def test_the_machines_rail_faces_are_the_pads(tmp_path: Path) -> None:
     scene = load_scene(MACHINES / "step_column.toml")
     column = scene.machine.components["column"]
     found = describe_component(column)
-    assert found.patch_centroids["rail_1"] == pytest.approx([0.162, 0.09, 0.56], abs=1e-6)
-    assert found.patch_centroids["rail_4"] == pytest.approx([0.162, -0.09, 0.34], abs=1e-6)
-    assert found.patch_areas["screw"] == pytest.approx(0.06 * 0.06, rel=1e-6)
+    assert found.patch_centroids["rail_1"] == approx([0.162, 0.09, 0.56], abs=1e-6)
+    assert found.patch_centroids["rail_4"] == approx([0.162, -0.09, 0.34], abs=1e-6)
+    assert found.patch_areas["screw"] == approx(0.06 * 0.06, rel=1e-6)
 
 
 @pytest.fixture
@@ -150,6 +151,6 @@ def generator(tmp_path: Path) -> Iterator[Path]:
 def test_the_generator_makes_the_committed_part(generator: Path, survey: CadSurvey) -> None:
     made, kept = survey_step(StepFile(generator)), survey
     assert [face.kind for face in made.faces] == [face.kind for face in kept.faces]
-    assert [face.area for face in made.faces] == pytest.approx(
+    assert [face.area for face in made.faces] == approx(
         [face.area for face in kept.faces], rel=1e-9
     )

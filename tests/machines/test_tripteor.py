@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from headstock.pipeline.results.summary import RunSummary, summarise
 from headstock.pipeline.runner import run_scene
 from headstock.scene.building.loader import load_scene
@@ -44,12 +45,12 @@ def test_the_third_leg_carries_the_first_mode_and_the_others_the_second(
     for modes in summary["modal"]:
         first, second = modes["energy_share"][:2]
         assert 0.6 < first["leg_3"] < 0.7 and second["leg_1"] + second["leg_2"] > 0.97
-        assert sum(first.values()) == pytest.approx(1.0)
+        assert sum(first.values()) == approx(1.0)
         assert (
             "swings about the common axis" in modes["mode_names"][0]
             and "tilts" in modes["mode_names"][1]
         )
-        assert sum(modes["kinetic_share"][0].values()) == pytest.approx(1.0)
+        assert sum(modes["kinetic_share"][0].values()) == approx(1.0)
 
 
 def test_static_stiffness_and_condition_number_are_told_for_each_pose(summary: RunSummary) -> None:
@@ -60,11 +61,11 @@ def test_static_stiffness_and_condition_number_are_told_for_each_pose(summary: R
     assert np.allclose(stiffness["config_1"], [30.3, 30.7, 21.9], atol=0.1)
     assert np.allclose(stiffness["config_3"], [26.3, 24.1, 15.6], atol=0.1)
     assert all(
-        sum(shares.values()) == pytest.approx(1.0)
+        sum(shares.values()) == approx(1.0)
         for shares in summary["static"]["tcp"]["budget"].values()
     )
     assert all(3.0 < pose["condition_number"] < 5.0 for pose in summary["mechanism"].values())
-    assert summary["mechanism"]["config_2"]["coordinates"]["q2"] == pytest.approx(0.786, abs=5e-4)
+    assert summary["mechanism"]["config_2"]["coordinates"]["q2"] == approx(0.786, abs=5e-4)
 
 
 def test_mass_and_stiffness_times_the_same_factor_leave_every_frequency(

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
@@ -104,7 +105,7 @@ def test_a_run_names_the_pose_and_damps_legs_that_end_in_nodes_without_mass(tmp_
         np.array(modes["damping_ratio"], dtype=float), 0.02, rtol=1e-6, atol=0.0
     )
     assert "bend" in modes["mode_names"][0] and "columns" in modes["mode_names"][1]
-    assert all(sum(shares.values()) == pytest.approx(1.0) for shares in modes["energy_share"])
+    assert all(sum(shares.values()) == approx(1.0) for shares in modes["energy_share"])
     stiffness = 1e3 / np.diag(
         np.array(summary["static"]["tcp"]["compliance_um_per_kN"], dtype=float)
     )

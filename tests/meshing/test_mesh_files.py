@@ -11,6 +11,7 @@ import gmsh
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.parts.components import Component, Patch
 from headstock.geometry.parts.solids import Box, MeshFile, Tube
 from headstock.meshing.component_mesh import CellKind, ComponentMesh, IntArray
@@ -187,12 +188,12 @@ def test_mesh_files_come_back_node_for_node(
         atol=1e-9 if suffix == ".bdf" else 0.0,
         rtol=0,
     )
-    assert back.quality.minimum_scaled_jacobian == pytest.approx(
+    assert back.quality.minimum_scaled_jacobian == approx(
         mesh.quality.minimum_scaled_jacobian, rel=1e-6
     )
     volume, center, inertia = integrate_mesh(back.points, back.cells, back.kind)
     mass = np.prod(SIZE)
-    assert volume == pytest.approx(mass, rel=1e-7)
+    assert volume == approx(mass, rel=1e-7)
     assert np.allclose(center, [0, 0, 0.025], atol=1e-9)
     assert np.allclose(
         inertia,
@@ -201,8 +202,8 @@ def test_mesh_files_come_back_node_for_node(
         atol=1e-13,
     )
     areas, _ = patch_moments(back.points, back.patches)
-    assert areas["foot"] == pytest.approx(0.03 * 0.02, rel=1e-7)
-    assert areas["side"] == pytest.approx(0.02 * 0.05, rel=1e-7)
+    assert areas["foot"] == approx(0.03 * 0.02, rel=1e-7)
+    assert areas["side"] == approx(0.02 * 0.05, rel=1e-7)
 
 
 @pytest.mark.parametrize("suffix", [".msh", ".inp", ".bdf"])
@@ -212,8 +213,8 @@ def test_curved_tets_keep_their_curvature(
     mesh = mesh_component(make_component(Tube(0.04, 0.02, 0.03), {"o": Patch("outer")}, size=0.01))
     write_any(tmp_path / f"tube{suffix}", mesh)
     found = describe_component(make_component(MeshFile(tmp_path / f"tube{suffix}")))
-    assert found.volume == pytest.approx(mesh.quality.volume, rel=1e-8)
-    assert found.volume == pytest.approx(np.pi * (0.02**2 - 0.01**2) * 0.03, rel=1e-3)
+    assert found.volume == approx(mesh.quality.volume, rel=1e-8)
+    assert found.volume == approx(np.pi * (0.02**2 - 0.01**2) * 0.03, rel=1e-3)
 
 
 def test_file_in_millimetres_is_scaled_by_its_unit(
@@ -222,8 +223,8 @@ def test_file_in_millimetres_is_scaled_by_its_unit(
     mesh = box_mesh("tet10")
     write_inp(tmp_path / "box.inp", dataclasses.replace(mesh, points=mesh.points * 1e3))
     component = make_component(MeshFile(tmp_path / "box.inp", unit=1e-3), {"pad": Patch("z-")})
-    assert describe_component(component).volume == pytest.approx(np.prod(SIZE), rel=1e-12)
-    assert describe_component(component).patch_areas["pad"] == pytest.approx(0.03 * 0.02, rel=1e-12)
+    assert describe_component(component).volume == approx(np.prod(SIZE), rel=1e-12)
+    assert describe_component(component).patch_areas["pad"] == approx(0.03 * 0.02, rel=1e-12)
     assert estimate_cells(component) == len(mesh.cells)
 
 
@@ -297,10 +298,10 @@ def test_imprints_on_mesh_files_take_the_facets_inside(
         )
     )
     areas, centroids = patch_moments(back.points, back.patches)
-    assert areas["half"] == pytest.approx(0.015 * 0.02, rel=1e-9)
+    assert areas["half"] == approx(0.015 * 0.02, rel=1e-9)
     assert np.allclose(centroids["half"], [0.0075, 0.0, 0.05], atol=1e-9)
     # of 24 facets the four whose middles lie within 6 mm
-    assert areas["disk"] == pytest.approx(4 * 0.005**2, rel=1e-9)
+    assert areas["disk"] == approx(4 * 0.005**2, rel=1e-9)
 
 
 def test_h12_points_lines_and_single_facets_are_refused_unless_forced(

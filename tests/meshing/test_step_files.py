@@ -6,6 +6,7 @@ import gmsh
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.parts.components import Component, Patch
 from headstock.geometry.parts.solids import StepFile
 from headstock.meshing.components.cad_survey import survey_step
@@ -74,11 +75,11 @@ def test_inverted_curved_elements_are_repaired_and_counted(
     assert mesh.quality.repaired > 5
     assert mesh.quality.minimum_scaled_jacobian >= 1e-3
     assert not mesh.straight
-    assert mesh.quality.volume == pytest.approx(BLOCK_VOLUME, rel=1e-3)
+    assert mesh.quality.volume == approx(BLOCK_VOLUME, rel=1e-3)
     areas, centroids = patch_moments(mesh.points, mesh.patches)
-    assert areas["foot"] == pytest.approx((60 * 40 - HOLE_AREA) * 1e-6, rel=1e-3)
-    assert areas["bore"] == pytest.approx(mesh.quality.cad_areas["bore"], rel=1e-3)
-    assert centroids["foot"][2] == pytest.approx(0.0, abs=1e-9)
+    assert areas["foot"] == approx((60 * 40 - HOLE_AREA) * 1e-6, rel=1e-3)
+    assert areas["bore"] == approx(mesh.quality.cad_areas["bore"], rel=1e-3)
+    assert centroids["foot"][2] == approx(0.0, abs=1e-9)
 
 
 def test_every_inverted_element_is_found_as_by_gmsh_itself(kernel: None) -> None:
@@ -98,9 +99,9 @@ def test_every_inverted_element_is_found_as_by_gmsh_itself(kernel: None) -> None
 
 def test_step_file_is_described_in_metres(make_component: Make, drilled: Path) -> None:
     found = describe_component(make_component(StepFile(drilled), {"foot": Patch("z-")}))
-    assert found.volume == pytest.approx(BLOCK_VOLUME, rel=1e-8)
-    assert found.patch_areas["foot"] == pytest.approx((60 * 40 - HOLE_AREA) * 1e-6, rel=1e-8)
-    assert found.center[1] == pytest.approx(0.02, rel=1e-9)
+    assert found.volume == approx(BLOCK_VOLUME, rel=1e-8)
+    assert found.patch_areas["foot"] == approx((60 * 40 - HOLE_AREA) * 1e-6, rel=1e-8)
+    assert found.center[1] == approx(0.02, rel=1e-9)
 
 
 def test_file_in_inches_is_read_in_inches(
@@ -119,16 +120,12 @@ def test_file_in_inches_is_read_in_inches(
     )
     (tmp_path / "inch.step").write_text(text[:start] + inch + text[end:])
     found = describe_component(make_component(StepFile(tmp_path / "inch.step")))
-    assert found.volume == pytest.approx(BLOCK_VOLUME * 25.4**3, rel=1e-6)
+    assert found.volume == approx(BLOCK_VOLUME * 25.4**3, rel=1e-6)
 
 
 def test_solid_is_chosen_by_number(make_component: Make, pair: Path) -> None:
-    assert describe_component(make_component(StepFile(pair, 1))).volume == pytest.approx(
-        1e-6, rel=1e-9
-    )
-    assert describe_component(make_component(StepFile(pair, 2))).volume == pytest.approx(
-        2e-6, rel=1e-9
-    )
+    assert describe_component(make_component(StepFile(pair, 1))).volume == approx(1e-6, rel=1e-9)
+    assert describe_component(make_component(StepFile(pair, 2))).volume == approx(2e-6, rel=1e-9)
 
 
 def test_solid_is_chosen_by_name(make_component: Make, pair: Path) -> None:
@@ -142,7 +139,7 @@ def test_solid_is_chosen_by_name(make_component: Make, pair: Path) -> None:
     )
     with pytest.raises(MeshError, match="2: right half"):
         describe_component(make_component(StepFile(pair)))
-    assert describe_component(make_component(StepFile(pair, "right half"))).volume == pytest.approx(
+    assert describe_component(make_component(StepFile(pair, "right half"))).volume == approx(
         2e-6, rel=1e-9
     )
     with pytest.raises(MeshError, match=r"0 .*'middle'"):
@@ -157,9 +154,9 @@ def test_imprints_work_on_step_faces(make_component: Make, drilled: Path) -> Non
         make_component(StepFile(drilled), {"pad": disk, "end": Patch("x+")}, size=0.01)
     )
     areas, centroids = patch_moments(mesh.points, mesh.patches)
-    assert areas["pad"] == pytest.approx(np.pi * 0.004**2, rel=1e-3)
+    assert areas["pad"] == approx(np.pi * 0.004**2, rel=1e-3)
     assert np.allclose(centroids["pad"], [0.06, 0.02, 0.01], atol=1e-6)
-    assert areas["end"] == pytest.approx(0.04 * 0.02, rel=1e-9)
+    assert areas["end"] == approx(0.04 * 0.02, rel=1e-9)
 
 
 def test_estimate_for_a_step_file_is_right_within_a_factor_of_two(
@@ -218,10 +215,10 @@ def test_a_part_from_solidworks_is_meshed_with_its_inverted_elements_repaired_an
     mesh = mesh_component(component)
     assert mesh.quality.repaired > 0
     assert mesh.quality.minimum_scaled_jacobian >= 1e-3
-    assert mesh.quality.volume == pytest.approx(1.741e-5, rel=1e-3)
-    assert mesh.quality.volume == pytest.approx(mesh.quality.cad_volume, rel=1e-3)
+    assert mesh.quality.volume == approx(1.741e-5, rel=1e-3)
+    assert mesh.quality.volume == approx(mesh.quality.cad_volume, rel=1e-3)
     areas, _ = patch_moments(mesh.points, mesh.patches)
-    assert areas == pytest.approx(mesh.quality.cad_areas, rel=1e-3)
+    assert areas == approx(mesh.quality.cad_areas, rel=1e-3)
 
 
 @pytest.mark.trials
@@ -235,10 +232,10 @@ def test_a_cast_column_with_227_faces_is_meshed_within_the_default_budget(
     mesh = mesh_component(component)
     assert 0.5 < estimate / len(mesh.cells) < 2.0
     assert len(mesh.cells) < 60_000
-    assert mesh.quality.volume == pytest.approx(mesh.quality.cad_volume, rel=1e-3)
+    assert mesh.quality.volume == approx(mesh.quality.cad_volume, rel=1e-3)
     areas, _ = patch_moments(mesh.points, mesh.patches)
-    assert areas == pytest.approx(mesh.quality.cad_areas, rel=1e-3)
-    assert areas["rail"] == pytest.approx(0.056 * 0.78, rel=1e-9)
+    assert areas == approx(mesh.quality.cad_areas, rel=1e-3)
+    assert areas["rail"] == approx(0.056 * 0.78, rel=1e-9)
 
 
 @pytest.mark.trials
@@ -251,20 +248,18 @@ def test_a_fine_curved_patch_does_not_refine_the_whole_part(make_component: Make
 
 def test_a_survey_lists_every_face_with_area_and_outward_normal(drilled: Path) -> None:
     survey = survey_step(StepFile(drilled))
-    assert survey.size == pytest.approx((0.06, 0.04, 0.02), rel=1e-6)
+    assert survey.size == approx((0.06, 0.04, 0.02), rel=1e-6)
     assert survey.unit == "mm"
     planes = [face for face in survey.faces if face.kind == "plane"]
     assert len(planes) == 6
     for face in planes:
         outward = np.array(face.center) - [0.03, 0.02, 0.01]
-        assert outward @ np.array(face.normal) == pytest.approx(np.abs(outward).max(), rel=1e-6)
+        assert outward @ np.array(face.normal) == approx(np.abs(outward).max(), rel=1e-6)
     bores = [face for face in survey.faces if face.kind == "cylinder"]
-    assert [face.radius for face in bores] == pytest.approx([0.006] * 3, rel=1e-6)
+    assert [face.radius for face in bores] == approx([0.006] * 3, rel=1e-6)
     assert all(face.hollow for face in bores)
-    assert sorted(face.axis_point[1] for face in bores) == pytest.approx(
-        [0.0063, 0.02, 0.0337], rel=1e-6
-    )
-    assert sum(face.area for face in bores) == pytest.approx(3 * 2 * np.pi * 0.006 * 0.02, rel=1e-6)
+    assert sorted(face.axis_point[1] for face in bores) == approx([0.0063, 0.02, 0.0337], rel=1e-6)
+    assert sum(face.area for face in bores) == approx(3 * 2 * np.pi * 0.006 * 0.02, rel=1e-6)
 
 
 def test_triangles_of_a_survey_close_the_part(drilled: Path) -> None:
@@ -345,7 +340,7 @@ def test_a_step_of_54_um_is_left_out_of_the_mesh_and_its_faces_are_named(
     )
     (remark,) = left_out.quality.remarks
     assert "5 of 11 faces (face:" in remark and "left out" in remark and "mesh.smallest" in remark
-    assert left_out.quality.volume == pytest.approx(60 * 40 * 20e-9, rel=1e-9)
+    assert left_out.quality.volume == approx(60 * 40 * 20e-9, rel=1e-9)
     assert left_out.quality.minimum_scaled_jacobian > 0.1
     kept = mesh_component(
         make_component(
@@ -353,7 +348,7 @@ def test_a_step_of_54_um_is_left_out_of_the_mesh_and_its_faces_are_named(
         )
     )
     assert not any("left out" in remark for remark in kept.quality.remarks)
-    assert kept.quality.volume == pytest.approx((60 * 40 * 20 - 15 * 10 * 0.054) * 1e-9, rel=1e-9)
+    assert kept.quality.volume == approx((60 * 40 * 20 - 15 * 10 * 0.054) * 1e-9, rel=1e-9)
 
 
 def test_a_face_keeps_its_number_when_a_narrow_feature_is_left_out(
@@ -367,7 +362,7 @@ def test_a_face_keeps_its_number_when_a_narrow_feature_is_left_out(
     _, centroids = patch_moments(mesh.points, mesh.patches)
     assert len(walls) >= 5
     for face in walls:
-        assert centroids[f"side{face.number}"] == pytest.approx(face.center, abs=1e-3)
+        assert centroids[f"side{face.number}"] == approx(face.center, abs=1e-3)
 
 
 def test_a_narrow_feature_that_an_interface_names_stays(
@@ -376,12 +371,12 @@ def test_a_narrow_feature_that_an_interface_names_stays(
     floor = next(
         face
         for face in survey_step(StepFile(stepped)).faces
-        if face.area == pytest.approx(15 * 10e-6, rel=1e-6)
+        if face.area == approx(15 * 10e-6, rel=1e-6)
     )
     mesh = mesh_component(
         make_component(StepFile(stepped), {"floor": Patch(f"face:{floor.number}")}, size=0.03)
     )
-    assert mesh.quality.cad_areas["floor"] == pytest.approx(15 * 10e-6, rel=1e-9)
+    assert mesh.quality.cad_areas["floor"] == approx(15 * 10e-6, rel=1e-9)
 
 
 @pytest.fixture
@@ -455,6 +450,6 @@ def test_a_document_beside_a_part_is_refused_only_where_it_is_a_file(
         describe_component(make_component(StepFile(drilled)))
     paper = "#9000 = DOCUMENT('drawing','PDWAD of DOCUMENT_FILE',$,#9001);\n#9001 = DOCUMENT_TYPE('');\n"
     drilled.write_text(text.replace("ENDSEC;\nEND-ISO", paper + reference + "ENDSEC;\nEND-ISO"))
-    assert describe_component(make_component(StepFile(drilled))).volume == pytest.approx(
+    assert describe_component(make_component(StepFile(drilled))).volume == approx(
         BLOCK_VOLUME, rel=1e-9
     )

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from headstock.geometry.frames import rotate_dofs, rotation_about
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
@@ -97,7 +98,7 @@ def test_mm_t_s_gives_the_same_answers_to_1e_9(tmp_path: Path, upright: Results)
         text = text.replace(f'"{metre}"', f'"{millimetre}"')
     assert not any(f'"{metre}"' in text for metre in MM_T_S)
     other = _run(tmp_path / "mm", text)
-    assert other.modal[0].frequencies_hz == pytest.approx(upright.modal[0].frequencies_hz, rel=1e-9)
+    assert other.modal[0].frequencies_hz == approx(upright.modal[0].frequencies_hz, rel=1e-9)
     given, found = (results.static["reference"]["tcp"].compliance for results in (upright, other))
     assert np.abs(found - given).max() <= 1e-9 * np.abs(given).max()
 
@@ -111,9 +112,7 @@ def test_a_machine_turned_as_a_whole_keeps_its_frequencies_and_turns_its_complia
 ) -> None:
     turn = f'orientation = {{ at = ["1 m", "-2 m", "0.5 m"], rotate = {{ axis = {list(axis)}, angle = "{degrees} deg" }} }}'
     turned = _run(tmp_path / "turned", SI.replace("ORIENTATION", turn))
-    assert turned.modal[0].frequencies_hz == pytest.approx(
-        upright.modal[0].frequencies_hz, rel=1e-9
-    )
+    assert turned.modal[0].frequencies_hz == approx(upright.modal[0].frequencies_hz, rel=1e-9)
     rotation = rotate_dofs(rotation_about(np.array(axis), np.radians(degrees)))
     expected = rotation @ upright.static["reference"]["tcp"].compliance @ rotation.T
     found = turned.static["reference"]["tcp"].compliance

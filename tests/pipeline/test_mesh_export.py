@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from headstock.app.command_line import main
 from headstock.geometry.parts.solids import MeshFile
 from headstock.pipeline.exports import export_mesh
@@ -66,7 +67,7 @@ def test_every_format_gives_the_same_frequencies(tmp_path: Path, store: Store, s
         own = f'solid = {{ mesh = "{name}" }}'
         path = write_scene(tmp_path / f"{suffix[1:]}.toml", own, "set:foot", "set:tip")
         found = run_scene(load_scene(path), tmp_path / suffix[1:], comm=MPI.COMM_SELF, store=store)
-        assert found.modal[0].frequencies_hz == pytest.approx(given.frequencies_hz, rel=1e-9)
+        assert found.modal[0].frequencies_hz == approx(given.frequencies_hz, rel=1e-9)
 
 
 def test_arrays_beside_an_xdmf_file_are_part_of_its_key(tmp_path: Path, store: Store) -> None:

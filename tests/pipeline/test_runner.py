@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import Frame, rigid_map
 from headstock.geometry.machine.joints import Joint, JointEnd
@@ -186,7 +187,7 @@ def test_a_static_run_computes_no_modes_and_no_mass_and_still_reports_the_mass(
 ) -> None:
     results = run(make_scene(modal=False), tmp_path)
     assert results.components["column"].reduced_dofs == 12
-    assert results.components["column"].mass_kg == pytest.approx(7850 * 0.05 * 0.05 * 0.2, rel=1e-9)
+    assert results.components["column"].mass_kg == approx(7850 * 0.05 * 0.05 * 0.2, rel=1e-9)
 
 
 def test_static_compliance_does_not_depend_on_the_modes_that_are_kept(tmp_path: Path) -> None:
@@ -206,7 +207,7 @@ def test_the_budget_of_every_direction_sums_to_one_and_names_all_parts(tmp_path:
     assert set(point.budget) == {"x", "y", "z"}
     for shares in point.budget.values():
         assert {"column", "guide", "mount"} <= set(shares)
-        assert sum(shares.values()) == pytest.approx(1.0, abs=1e-9)
+        assert sum(shares.values()) == approx(1.0, abs=1e-9)
     assert "%" in point.text
 
 
@@ -215,7 +216,7 @@ def test_every_mode_has_a_name_and_energy_shares(tmp_path: Path) -> None:
     assert len(modes.frequencies_hz) == 8
     assert all(modes.mode_names)
     for shares in (*modes.energy_share, *modes.kinetic_share):
-        assert sum(shares.values()) == pytest.approx(1.0, abs=1e-9)
+        assert sum(shares.values()) == approx(1.0, abs=1e-9)
 
 
 def test_an_unchanged_scene_is_not_meshed_or_reduced_again_and_comes_out_the_same(
@@ -372,7 +373,7 @@ def test_gravity_sags_the_machine_as_its_weight_on_its_mount(tmp_path: Path) -> 
     point = run(change_machine(scene, components=rigid), tmp_path).static["reference"]["tcp"]
     weights = [7850 * 0.05 * 0.05 * height * 9.80665 for height in (0.1, 0.2)]
     assert point.displacement is not None
-    assert point.displacement[2] == pytest.approx(-(sum(weights) + weights[1]) / 2e8, rel=1e-9)
+    assert point.displacement[2] == approx(-(sum(weights) + weights[1]) / 2e8, rel=1e-9)
 
 
 def test_a_static_force_moves_the_point_by_its_compliance(tmp_path: Path) -> None:
@@ -413,7 +414,7 @@ def test_frequencies_beyond_the_reach_of_the_kept_modes_are_warned_of(tmp_path: 
     column = dataclasses.replace(
         scene.machine.components["column"], reduction=ReductionSettings(modes=1)
     )
-    analyses = Analyses(modal=ModalRequest(count=13))
+    analyses = Analyses(ModalRequest(count=13))
     scene = dataclasses.replace(
         change_machine(scene, components={**scene.machine.components, "column": column}),
         analyses=analyses,
@@ -444,9 +445,7 @@ def ask(scene: Scene, **changes: Any) -> Scene:
     """The scene with other reduction settings of its column, ``gravity`` or ``static_only``."""
     effects = frozenset({"gravity"}) if changes.pop("gravity", False) else frozenset[str]()
     analyses = (
-        Analyses(scene.analyses.static, None)
-        if changes.pop("static_only", False)
-        else scene.analyses
+        scene.analyses.keep(["static"]) if changes.pop("static_only", False) else scene.analyses
     )
     column = scene.machine.components["column"]
     # not square: the shapes of repeated modes are any combination of each other
@@ -491,7 +490,7 @@ def assert_same_numbers(one: Any, other: Any, path: str = "superelement") -> Non
         tolerance = 10 * SHAPES if path.endswith("particular") else SHAPES
         np.testing.assert_allclose(other, one, rtol=0.0, atol=tolerance * scale, err_msg=path)
     elif isinstance(one, float):
-        assert other == pytest.approx(one, rel=NEXT_MODE), path
+        assert other == approx(one, rel=NEXT_MODE), path
     else:
         assert one == other, path
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from common import make_box, make_component, present
+from common import approx, make_box, make_component, present
 from headstock.geometry.parts.components import Interface, Patch, RailSettings
 from headstock.pipeline.exports import export_superelement
 from headstock.pipeline.numbers.estimates import REDUCTION
@@ -57,12 +57,12 @@ def test_an_exported_superelement_gives_the_same_machine(tmp_path: Path, couplin
     imported.write_text(SCENE.replace("SOLID", 'solid = { superelement = "column.h5" }'))
     first = run_scene(scene, tmp_path / "a", comm=MPI.COMM_SELF, store=store)
     second = run_scene(load_scene(imported), tmp_path / "b", comm=MPI.COMM_SELF, store=store)
-    assert second.modal[0].frequencies_hz == pytest.approx(first.modal[0].frequencies_hz, rel=1e-12)
+    assert second.modal[0].frequencies_hz == approx(first.modal[0].frequencies_hz, rel=1e-12)
     bounds = [
         [present(error.shares[REDUCTION]) for error in results.modal[0].list_errors()]
         for results in (first, second)
     ]
-    assert bounds[1] == pytest.approx(bounds[0], rel=1e-6) and bounds[0][-1] > 0.0
+    assert bounds[1] == approx(bounds[0], rel=1e-6) and bounds[0][-1] > 0.0
     given, found = (results.static["reference"]["tcp"].compliance for results in (first, second))
     assert np.abs(found - given).max() <= 1e-12 * np.abs(given).max()
 

@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 import headstock as hs
+from common import approx
 
 SCENE = """
 free = true
@@ -71,4 +72,4 @@ def test_a_thin_tube_that_ovalizes_is_not_left_to_polynomials(tmp_path: Path) ->
     results = hs.run(path)
     assert not results.failures
     (modes,) = results.modal
-    assert modes.frequencies_hz[6] == pytest.approx(3330.0, rel=0.05)
+    assert modes.frequencies_hz[6] == approx(3330.0, rel=0.05)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import headstock as hs
+from common import approx
 
 pytestmark = pytest.mark.process
 
@@ -71,13 +72,11 @@ def test_a_strip_around_a_shaft_is_a_band_and_one_around_a_half_of_it_half_a_ban
 ) -> None:
     write_shaft(tmp_path / "shaft.step", in_halves=False)
     band = 'strip = { along = "y", width = "20 mm", center = ["50 mm", "0 mm", "50 mm"] }'
-    assert compliance(tmp_path, band) == pytest.approx(1.0 / STIFFNESS, rel=1e-6)
+    assert compliance(tmp_path, band) == approx(1.0 / STIFFNESS, rel=1e-6)
     write_shaft(tmp_path / "shaft.step", in_halves=True)
     half = 'strip = { along = "x", width = "20 mm", center = ["0 mm", "50 mm", "50 mm"] }'
     middle = 2e-3 * RADIUS / np.pi
-    assert compliance(tmp_path, half) == pytest.approx(
-        1.0 / STIFFNESS + middle**2 / TORSION, rel=1e-6
-    )
+    assert compliance(tmp_path, half) == approx(1.0 / STIFFNESS + middle**2 / TORSION, rel=1e-6)
 
 
 def test_a_disk_that_wraps_around_a_shaft_is_refused_by_name(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 import headstock as hs
+from common import approx
 
 ROOT = Path(__file__).resolve().parents[2]
 STEEL = 'Ktc = "1800 N/mm^2"\nKrc = "540 N/mm^2"\nKac = "0 N/mm^2"\nKte = "30 N/mm"\nKre = "9 N/mm"'
@@ -111,12 +112,12 @@ def test_a_slot_deflects_the_tool_by_the_mean_forces_of_altintas(tmp_path: Path)
     depth, teeth, per_tooth = 1.0, 2.0, 0.2
     along = -teeth * depth * (540.0 * per_tooth / 4.0 + 9.0 / np.pi)
     away = teeth * depth * (1800.0 * per_tooth / 4.0 + 30.0 / np.pi)
-    assert found == pytest.approx([along / 40e6, away / 60e6, 0.0], rel=3e-3, abs=1e-12)
+    assert found == approx([along / 40e6, away / 60e6, 0.0], rel=3e-3, abs=1e-12)
 
 
 def test_in_a_slot_both_senses_push_alike(tmp_path: Path) -> None:
     down, up = (cruise(tmp_path, radial_depth="10 mm", sense=sense) for sense in ("down", "up"))
-    assert up == pytest.approx(down, rel=1e-6, abs=1e-12)
+    assert up == approx(down, rel=1e-6, abs=1e-12)
     assert np.abs(down[:2]).min() > 1e-6
 
 
@@ -125,9 +126,9 @@ def test_the_part_on_the_other_side_with_the_spindle_reversed_is_the_mirror_imag
 ) -> None:
     for sense in ("down", "up"):
         right, left = (cruise(tmp_path, sense=sense, part_side=side) for side in ("right", "left"))
-        assert left == pytest.approx(right * [1.0, -1.0, 1.0], rel=1e-6, abs=1e-12)
+        assert left == approx(right * [1.0, -1.0, 1.0], rel=1e-6, abs=1e-12)
     # without a side the tool turns clockwise: it mills up with the part on its left
-    assert cruise(tmp_path, sense="up") == pytest.approx(left, rel=1e-9, abs=1e-15)
+    assert cruise(tmp_path, sense="up") == approx(left, rel=1e-9, abs=1e-15)
 
 
 def test_up_milling_pulls_the_tool_into_the_part_and_down_milling_pushes_it_away(
@@ -142,7 +143,7 @@ def test_up_milling_pulls_the_tool_into_the_part_and_down_milling_pushes_it_away
     square, mixed = np.pi / 4.0, 0.5
     sign = np.array([1.0, -1.0])
     away = 2.0 / (2.0 * np.pi) * (sign * (chip * square + edge) + ratio * (chip * mixed + edge))
-    assert np.array([down[1], up[1]]) == pytest.approx(away / 60e6, rel=6e-3)
+    assert np.array([down[1], up[1]]) == approx(away / 60e6, rel=6e-3)
     assert down[1] > 0.0 > up[1]
 
 
@@ -161,7 +162,7 @@ def test_limits_fall_as_coefficients_grow(tmp_path: Path) -> None:
     twice = lowest(
         tmp_path, {"cutting.my_steel.Ktc": "3600 MPa", "cutting.my_steel.Krc": "1080 MPa"}
     )
-    assert twice == pytest.approx(0.5 * once, rel=1e-3)
+    assert twice == approx(0.5 * once, rel=1e-3)
 
 
 def test_kienzle_is_its_tangent_at_the_mean_chip_and_says_where(tmp_path: Path) -> None:
@@ -179,7 +180,7 @@ def test_kienzle_is_its_tangent_at_the_mean_chip_and_says_where(tmp_path: Path) 
             f'Ktc = "{slope} MPa"\nKrc = "{0.3 * slope} MPa"\nKac = "0 MPa"\nKte = "{edge} N/mm"\nKre = "{0.3 * edge} N/mm"',
         ),
     )
-    assert cruise(kienzle) == pytest.approx(cruise(tmp_path), rel=1e-9, abs=1e-15)
+    assert cruise(kienzle) == approx(cruise(tmp_path), rel=1e-9, abs=1e-15)
     (line,) = [own for own in run(kienzle, "path")["assumptions"] if "path.cut.material" in own]
     assert (
         "chip thickness of 0.104 mm (mean of a chip at 0.2 mm per tooth and 30 % immersion)" in line
@@ -197,8 +198,8 @@ def test_the_range_of_a_coefficient_is_a_share_of_the_error(tmp_path: Path) -> N
     across = mill(tmp_path)["y"]
     for zone in ("accelerating", "decelerating"):
         share = across["error_share"][zone]["cutting coefficients"]
-        assert share == pytest.approx(0.1 * abs(across[zone]["peak_um"]), rel=1e-6)
-        assert across["errors"][zone]["peak_um"] == pytest.approx(share)
+        assert share == approx(0.1 * abs(across[zone]["peak_um"]), rel=1e-6)
+        assert across["errors"][zone]["peak_um"] == approx(share)
     write(tmp_path)
     assert mill(tmp_path)["y"]["errors"]["accelerating"]["peak_um"] is None
 

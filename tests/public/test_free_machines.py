@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import headstock as hs
+from common import approx
 
 YOUNG, DENSITY, THICK, LONG = 210e9, 7850.0, 0.02, 1.0
 MASS = DENSITY * THICK**2 * LONG
@@ -81,11 +82,11 @@ def test_a_free_slender_bar_has_the_response_of_its_closed_form(
     omega = 2.0 * np.pi * response.curves.frequencies_hz[0]
     # force at an end: mass and turn about the middle
     turned = 0.25 * LONG**2 / (MASS * (LONG**2 + THICK**2) / 12.0)
-    assert first == pytest.approx((1.0 / MASS + turned) / omega**2, rel=3e-4)
+    assert first == approx((1.0 / MASS + turned) / omega**2, rel=3e-4)
     peak = response.peaks[0]
     ratio = damping_ratio * (2.0 * np.pi * 3e-5 * peak.hz / 0.02 if "3e-5" in scene else 1.0)
     highest = 4.0 / MASS / (2.0 * ratio * (2.0 * np.pi * peak.hz) ** 2)
-    assert peak.height == pytest.approx(highest, rel=0.01)
+    assert peak.height == approx(highest, rel=0.01)
     assert not any("no damping" in warning for warning in results.warnings)
 
 
@@ -111,7 +112,7 @@ def test_a_bar_on_a_hinge_turns_freely(tmp_path: Path) -> None:
     assert modes.rigid_count == 1 and modes.frequencies_hz[0] == 0.0
     assert np.abs(modes.frequencies_hz / (PINNED_FREE * BEAM_HZ) - 1.0).min() < 8e-3
     omega = 2.0 * np.pi * curves.frequencies_hz[0]
-    assert np.abs(curves.receptance[0, 0, 0]) == pytest.approx(3.0 / MASS / omega**2, rel=2e-3)
+    assert np.abs(curves.receptance[0, 0, 0]) == approx(3.0 / MASS / omega**2, rel=2e-3)
 
 
 @pytest.mark.parametrize(
@@ -189,4 +190,4 @@ def test_figures_of_a_free_machine_are_those_of_a_line_that_has_a_value(tmp_path
     figures = results.frf["reference"].figures[0]
     lines = results.frf["reference"].curves.frequencies_hz
     assert figures.static is None
-    assert figures.most_negative_real_hz == pytest.approx(lines[1])
+    assert figures.most_negative_real_hz == approx(lines[1])

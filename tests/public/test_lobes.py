@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 import headstock as hs
+from common import approx
 from headstock.app.command_line import main
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -61,7 +62,7 @@ def test_limits_do_not_depend_on_up_to(tmp_path: Path) -> None:
     )
     np.testing.assert_allclose(low, high, rtol=2e-3)
     summary = json.loads((tmp_path / "500" / "summary.json").read_text())
-    assert summary["lobes"]["reference"]["modes_to_hz"] == pytest.approx(1529.0, rel=1e-3)
+    assert summary["lobes"]["reference"]["modes_to_hz"] == approx(1529.0, rel=1e-3)
 
 
 def test_picture_table_terminal_and_summary_have_one_border(tmp_path: Path) -> None:
@@ -70,7 +71,7 @@ def test_picture_table_terminal_and_summary_have_one_border(tmp_path: Path) -> N
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     (direction,) = summary["lobes"]["reference"]["directions"]
     np.testing.assert_allclose(direction["series"]["limit_depth_mm"], found, rtol=1e-12)
-    assert direction["lowest"]["limit_depth_mm"] == pytest.approx(found.min())
+    assert direction["lowest"]["limit_depth_mm"] == approx(found.min())
     page = (tmp_path / "out" / "report.html").read_text()
     svg = page[page.index("Travel x: limit depth of cut") :].partition("</svg>")[0]
     # the line runs through the dots of the limits: heights are proportional to depths

@@ -14,6 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 import headstock as hs
+from common import approx
 
 RHO = 7850.0
 LENGTH, WIDTH, CELLS = 200.0, 20.0, 5  # of a bar in millimetres, and its cells
@@ -165,8 +166,8 @@ def test_a_deck_of_cae_moved_and_turned_is_the_same_bar(
     )
     text = cae(Bar(), "C3D20", moves=moves, extra=extra, independent=independent)
     result = run(tmp_path, "bar.inp", text)
-    assert result.components["bar"].mass_kg == pytest.approx(MASS, rel=1e-9)
-    assert first_hz(result) == pytest.approx(straight_hz, rel=1e-6)
+    assert result.components["bar"].mass_kg == approx(MASS, rel=1e-9)
+    assert first_hz(result) == approx(straight_hz, rel=1e-6)
     said = [warning for warning in result.warnings if "left out" in warning]
     assert len(said) == 1
     assert "1 MASS, 1 CONN3D2, 2 B31; taken are 5 solid cells" in said[0]
@@ -174,9 +175,9 @@ def test_a_deck_of_cae_moved_and_turned_is_the_same_bar(
 
 def test_wedges_are_cut_into_tets_of_the_same_part(tmp_path: Path, straight_hz: float) -> None:
     result = run(tmp_path, "bar.inp", flat(Bar(wedges=True), "C3D15"))
-    assert result.components["bar"].mass_kg == pytest.approx(MASS, rel=1e-9)
+    assert result.components["bar"].mass_kg == approx(MASS, rel=1e-9)
     # single tets through the section are stiffer than the hexes
-    assert first_hz(result) == pytest.approx(straight_hz, rel=0.02)
+    assert first_hz(result) == approx(straight_hz, rel=0.02)
     assert "10 wedges cut into 30 second-order tets" in " ".join(result.warnings)
 
 
@@ -190,7 +191,7 @@ def test_short_lines_numbers_with_d_and_continued_keywords_are_read(tmp_path: Pa
     head = "** a comment\n*Heading\n bar, with a comma,\n*nOde,\n nset = All\n"
     text = f"{head}{short}*Element,\n Type=c3d20rh,\n elset=bar\n{bar.elements()}{bar.sets()}"
     result = run(tmp_path, "bar.inp", text, fidelity="rigid")
-    assert result.components["bar"].mass_kg == pytest.approx(MASS, rel=1e-9)
+    assert result.components["bar"].mass_kg == approx(MASS, rel=1e-9)
 
 
 def test_a_nastran_deck_in_a_turned_cylindrical_system_is_the_same_bar(
@@ -222,8 +223,8 @@ def test_a_nastran_deck_in_a_turned_cylindrical_system_is_the_same_bar(
     lines += ["conm2,90,1,,3.", "pshell,2,1,1.", "cquad4,91,2,1,2,3,4", "rbe2,92,1,123456,2,3"]
     ends = ("set:spc_1", "set:spc_2")
     result = run(tmp_path, "bar.bdf", "\n".join(lines) + "\n", ends=ends)
-    assert result.components["bar"].mass_kg == pytest.approx(MASS, rel=1e-9)
-    assert first_hz(result) == pytest.approx(straight_hz, rel=1e-6)
+    assert result.components["bar"].mass_kg == approx(MASS, rel=1e-9)
+    assert first_hz(result) == approx(straight_hz, rel=1e-6)
     said = " ".join(result.warnings)
     assert "1 CONM2, 1 RBE2, 1 CQUAD4; taken are 5 solid cells" in said
 
@@ -247,9 +248,9 @@ def test_two_materials_of_a_file_are_named_and_taken_apart(tmp_path: Path) -> No
             tmp_path, "bar.inp", two_sections(Bar(), "70000."), fidelity="rigid",
             more=f', solid = "{chosen}"', ends=("z-", "set:cut" if share < 1.0 else "z+"),
         )  # fmt: skip
-        assert result.components["bar"].mass_kg == pytest.approx(share * MASS, rel=1e-9)
+        assert result.components["bar"].mass_kg == approx(share * MASS, rel=1e-9)
     equal = run(tmp_path, "bar.inp", two_sections(Bar(), "2.1E5"), fidelity="rigid")
-    assert equal.components["bar"].mass_kg == pytest.approx(MASS, rel=1e-9)
+    assert equal.components["bar"].mass_kg == approx(MASS, rel=1e-9)
     assert "LOW" not in " ".join(equal.warnings)
     missing = refuse(tmp_path, "bar.inp", two_sections(Bar(), "1."), more=', solid = "MIDDLE"')
     assert "no set of solid cells called 'MIDDLE'; available: BAR, LOW, UP" in missing
@@ -277,7 +278,7 @@ def instances(*, apart: bool, tie: bool) -> str:
 def test_instances_are_one_part_where_they_are_tied_node_to_node(tmp_path: Path) -> None:
     ends = ("z-", "z+")
     both = run(tmp_path, "a.inp", instances(apart=False, tie=True), fidelity="rigid", ends=ends)
-    assert both.components["bar"].mass_kg == pytest.approx(2 * MASS / CELLS, rel=1e-9)
+    assert both.components["bar"].mass_kg == approx(2 * MASS / CELLS, rel=1e-9)
     for apart, tie in ((True, True), (False, False)):
         said = refuse(tmp_path, "a.inp", instances(apart=apart, tie=tie))
         assert "falls into 2 parts that share no node" in said and '"A", "B"' in said
@@ -285,7 +286,7 @@ def test_instances_are_one_part_where_they_are_tied_node_to_node(tmp_path: Path)
         tmp_path, "a.inp", instances(apart=True, tie=True), fidelity="rigid", more=', solid = "B"',
         ends=ends,
     )  # fmt: skip
-    assert one.components["bar"].mass_kg == pytest.approx(MASS / CELLS, rel=1e-9)
+    assert one.components["bar"].mass_kg == approx(MASS / CELLS, rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -317,7 +318,7 @@ def test_cells_that_are_no_one_solid_are_dropped_or_named(
     text = f"*NODE\n{bar.nodes()}{''.join(nodes)}*ELEMENT, TYPE=C3D8\n{''.join(lines)}6, {row}\n"
     if "twice" in words:
         result = run(tmp_path, "bar.inp", text, fidelity="rigid", ends=("z-", "z+"))
-        assert result.components["bar"].mass_kg == pytest.approx(MASS, rel=1e-9)
+        assert result.components["bar"].mass_kg == approx(MASS, rel=1e-9)
         assert words in " ".join(result.warnings)
         return
     said = refuse(tmp_path, "bar.inp", text)
@@ -388,7 +389,7 @@ def test_repeated_cells_are_counted_once_in_every_format(tmp_path: Path, suffix:
         {".msh": write_msh, ".xdmf": write_xdmf, ".exo": write_exodus}[suffix](path, cells)
     scene = tmp_path / "cube.toml"
     result = hs.run(write_scene(scene, path.name, fidelity="rigid", ends=("z-", "z+")))
-    assert result.components["bar"].mass_kg == pytest.approx(RHO * (WIDTH * 1e-3) ** 3, rel=1e-9)
+    assert result.components["bar"].mass_kg == approx(RHO * (WIDTH * 1e-3) ** 3, rel=1e-9)
     said = " ".join(result.warnings)
     assert "holds 2 of its 7 solid cells twice" in said
     # groups and blocks may be of different materials, which these formats do not tell

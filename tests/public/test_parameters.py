@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 import headstock as hs
+from common import approx
 
 SECONDS = 3.0  # of the processor, on a busy machine; the ordinary check of this scene takes 0.02
 SCENE = """
@@ -67,10 +68,10 @@ def problem(path: Path, variant: str | None = None) -> str:
 
 def test_a_chain_of_thousands_and_sums_of_sums_are_calculated(write) -> None:  # type: ignore[no-untyped-def]
     start = time.process_time()
-    assert height(write(chain(3000, '"= {0} + 1 mm"'))) == pytest.approx(3.001)
+    assert height(write(chain(3000, '"= {0} + 1 mm"'))) == approx(3.001)
     sums = write(chain(23, '"= {0} + {1}"'))
-    assert height(sums) == pytest.approx(75.025)
-    assert height(sums, "thin") == pytest.approx(150.05)
+    assert height(sums) == approx(75.025)
+    assert height(sums, "thin") == approx(150.05)
     # so many that neither a variant nor an error may look at them again for each use
     zeros = write(chain(2000, '"= {0} - {1} * 1"'))
     for variant in (None, "thin"):
@@ -142,7 +143,7 @@ def test_a_name_that_stands_for_a_text_may_stand_for_another_name(write) -> None
     path = write(
         'height = "= a"\na = "= b"\nb = "5 µm"\nlist = ["= a", { x = "= list2" }]\nlist2 = 3'
     )
-    assert height(path) == pytest.approx(5e-6)
+    assert height(path) == approx(5e-6)
 
 
 def test_places_in_places_have_a_limit_and_so_have_their_names(write) -> None:  # type: ignore[no-untyped-def]
@@ -168,7 +169,7 @@ def test_overrides_of_long_or_many_keys_end_soon(write) -> None:  # type: ignore
     many = "\n".join(f'a{n} = "1 mm"' for n in range(6000)) + '\nheight = "= a0 + a5999"'
     changed = "\n".join(f'"parameters.a{n}" = "2 mm"' for n in range(6000))
     start = time.process_time()
-    assert height(write(many, f"[variants.all]\n{changed}"), "all") == pytest.approx(0.004)
+    assert height(write(many, f"[variants.all]\n{changed}"), "all") == approx(0.004)
     assert time.process_time() - start < SECONDS
     name = "_" * 400_000
     said = problem(

@@ -8,6 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 import headstock as hs
+from common import approx
 
 ROOT = Path(__file__).resolve().parents[2]
 OFFSET = np.array([0.03, -0.02, -0.1])
@@ -60,8 +61,8 @@ def test_the_tip_of_an_offset_moves_by_the_rotation_too(tmp_path: Path, fidelity
     # a turn of 90 degrees about y leads z of the component to x of the machine
     moved = carried(np.array([OFFSET[2], OFFSET[1], -OFFSET[0]]))
     expected = moved @ result.compliance["tip"] @ moved.T
-    assert result.compliance["longer"] == pytest.approx(expected, rel=1e-8, abs=1e-16)
-    assert result.compliance["ground_tool"] == pytest.approx(expected, rel=1e-8, abs=1e-16)
+    assert result.compliance["longer"] == approx(expected, rel=1e-8, abs=1e-16)
+    assert result.compliance["ground_tool"] == approx(expected, rel=1e-8, abs=1e-16)
 
 
 def test_every_analysis_takes_the_offset_as_an_interface_there(tmp_path: Path) -> None:
@@ -124,14 +125,12 @@ def test_a_lumped_mechanism_takes_it_in_runs_and_sweeps() -> None:
     result, swept = hs.run(machine), hs.sweep(machine, "two")
     pose = result.view.poses["config_1"]
     moved = carried(pose.points["longer"].tool_place - pose.points["tcp"].tool_place)
-    assert np.linalg.norm(moved[:3, 3:]) == pytest.approx(np.sqrt(2.0) * np.hypot(0.01, 0.1))
+    assert np.linalg.norm(moved[:3, 3:]) == approx(np.sqrt(2.0) * np.hypot(0.01, 0.1))
     expected = moved @ result.static["config_1"]["tcp"].compliance @ moved.T
-    assert result.static["config_1"]["longer"].compliance == pytest.approx(
-        expected, rel=1e-8, abs=1e-16
-    )
+    assert result.static["config_1"]["longer"].compliance == approx(expected, rel=1e-8, abs=1e-16)
     poses = ["config_1", "config_2"]
     expected = np.array([result.static[name]["longer"].compliance[:3, :3] for name in poses])
-    assert swept.points["longer"].compliance == pytest.approx(expected, rel=1e-8, abs=1e-16)
+    assert swept.points["longer"].compliance == approx(expected, rel=1e-8, abs=1e-16)
 
 
 def test_one_entry_of_an_offset_can_be_varied(tmp_path: Path) -> None:

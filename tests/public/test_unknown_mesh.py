@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import headstock as hs
+from common import approx
 from headstock.app.command_line import main
 
 BAR = """
@@ -94,7 +95,7 @@ def test_a_run_marks_an_error_with_an_unknown_source_wherever_it_shows_it(
     results = hs.open(out)
     assert " + ?" in results._repr_html_()
     known = results.modal[0].list_errors()[0].known
-    assert known == pytest.approx(modes["error_share"][0]["reduction"])
+    assert known == approx(modes["error_share"][0]["reduction"])
 
 
 def test_an_error_of_known_sources_is_shown_as_before(

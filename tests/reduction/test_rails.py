@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 from scipy.interpolate import BSpline, make_interp_spline
 
-from common import Dense, make_box
+from common import Dense, approx, make_box
 from headstock.geometry.frames import Frame, rigid_transfer, rotation_about
 from headstock.geometry.machine.joints import Axis, Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Point, Pose
@@ -188,8 +188,8 @@ def test_averaging_over_the_stations_leaves_the_mean_of_parabolas_and_the_slope_
         values = np.zeros((CONTROL_POINTS, 4))
         values[:, 1] = make_interp_spline(sites, (sites - middle) ** power, t=rail.knots, k=3).c
         rows = carriage_rows(rail, middle + 0.05, 0.2) @ values.ravel()
-        assert rows[5] == pytest.approx(expected[1], rel=1e-10)
-        assert expected[0] is None or rows[1] == pytest.approx(expected[0], rel=1e-10)
+        assert rows[5] == approx(expected[1], rel=1e-10)
+        assert expected[0] is None or rows[1] == approx(expected[0], rel=1e-10)
 
 
 def cantilever_compliance(reach: float, length: float) -> float:
@@ -403,5 +403,5 @@ def test_a_segmented_screw_is_as_stiff_along_and_about_itself_as_its_shaft_where
     for distance in np.linspace(0.1, 0.8, 29):
         rows = carriage_rows(part.rails["shaft"], float(distance), 0.06)[:, free]
         found = rows @ flexibility @ rows.T
-        assert found[2, 2] == pytest.approx((distance - 0.01) / axial, rel=allowed)
-        assert found[5, 5] == pytest.approx((distance - 0.01) / torsional, rel=allowed)
+        assert found[2, 2] == approx((distance - 0.01) / axial, rel=allowed)
+        assert found[5, 5] == approx((distance - 0.01) / torsional, rel=allowed)

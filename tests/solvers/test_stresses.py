@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.stresses import largest_von_mises, pack_tensor, turn_stress
 
@@ -35,13 +36,13 @@ def test_the_largest_equivalent_stress_over_a_cycle_is_that_of_a_fine_scan(numbe
     found = float(largest_von_mises(pack_tensor(real) + 1j * pack_tensor(imaginary)))
     # a step of the scan turns its square by 1.6e-3 at most
     assert scan <= found * (1.0 + 1e-12)
-    assert scan == pytest.approx(found, rel=1e-5)
+    assert scan == approx(found, rel=1e-5)
 
 
 def test_shear_that_turns_with_the_cycle_is_smaller_than_the_one_of_its_amplitudes() -> None:
     turning = np.array([0.0, 0.0, 0.0, 1.0, 1.0j, 0.0])
-    assert float(largest_von_mises(turning)) == pytest.approx(np.sqrt(3.0))
-    assert float(largest_von_mises(np.abs(turning))) == pytest.approx(np.sqrt(6.0))
+    assert float(largest_von_mises(turning)) == approx(np.sqrt(3.0))
+    assert float(largest_von_mises(np.abs(turning))) == approx(np.sqrt(6.0))
 
 
 def test_turned_axes_turn_the_tensor() -> None:

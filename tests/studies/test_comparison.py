@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from common import present
+from common import approx, present
 from headstock.geometry.parts.components import Fidelity
 from headstock.pipeline.storage.json_texts import dump_json
 from headstock.pipeline.storage.store import Store
@@ -90,7 +90,7 @@ def test_modes_of_two_fidelities_stand_in_one_row_and_a_rigid_column_lacks_what_
     rows = [row for row in found.rows if row.origin == "E"][:9]
     for row in rows:
         assert row.cells["S"].correlation is not None and row.cells["S"].correlation > 0.95
-        assert row.cells["S"].deviation == pytest.approx(0.0, abs=0.03)
+        assert row.cells["S"].deviation == approx(0.0, abs=0.03)
     bending = [row for row in rows if "column bend" in row.name]
     assert bending and all(
         "R" not in row.cells or (row.cells["R"].correlation or 0.0) < 0.9 for row in bending
@@ -144,7 +144,7 @@ def test_effort_counts_every_step_and_says_what_came_from_the_store(scene: Path)
     cold, warm = solve(scene, "E").effort, solve(scene, "E").effort
     assert tuple(cold.seconds) == tuple(cold.cpu_seconds) == STEPS
     assert (cold.reduced, cold.stored) == (1, 0) and (warm.reduced, warm.stored) == (1, 1)
-    assert warm.import_seconds == 0.0 and warm.total == pytest.approx(sum(warm.seconds.values()))
+    assert warm.import_seconds == 0.0 and warm.total == approx(sum(warm.seconds.values()))
 
 
 def test_modes_beyond_the_limit_are_shown_only_as_partners(scene: Path) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from common import sketch
+from common import approx, sketch
 from headstock.app.actions.effecting import tell_trial
 from headstock.app.command_line import main
 from headstock.pipeline.numbers.estimates import show_share
@@ -29,7 +29,7 @@ def modal(*frequencies: float) -> RunSummary:
 def test_a_frequency_is_compared_with_itself_and_a_vector_against_its_largest_entry() -> None:
     (change,) = compare_answers(modal(50.0, 100.0), modal(51.5, 98.0))
     assert (change.answer, change.without, change.present) == ("frequencies", 50.0, 51.5)
-    assert change.share == pytest.approx(1.5 / 51.5)
+    assert change.share == approx(1.5 / 51.5)
     first, second = (
         sketch(
             RunSummary,
@@ -40,7 +40,7 @@ def test_a_frequency_is_compared_with_itself_and_a_vector_against_its_largest_en
     vector = next(
         change for change in compare_answers(first, second) if change.answer == "static compliance"
     )
-    assert vector.share == pytest.approx(1.0 / 11.0) and vector.without == 10.0
+    assert vector.share == approx(1.0 / 11.0) and vector.without == 10.0
     assert list_answers(modal(50.0))["frequencies"]["pose p"].tolist() == [50.0]
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.runner import run_scene
@@ -59,6 +60,6 @@ def test_the_worth_of_following_the_pose_is_the_difference_that_one_run_tells(
         for name, figures in (("pose_dependent", run.figures), ("frozen", run.frozen_figures))
     }
     (change,) = [each for each in found.changes if each.answer == "path deviation"]
-    assert any(change.present == pytest.approx(peak, rel=1e-3) for peak in peaks[written])
-    assert any(change.without == pytest.approx(peak, rel=1e-3) for peak in peaks[tried])
+    assert any(change.present == approx(peak, rel=1e-3) for peak in peaks[written])
+    assert any(change.without == approx(peak, rel=1e-3) for peak in peaks[tried])
     assert 0.01 < found.worth < 1.0 and not change.entry.startswith("tcp y")  # zero by symmetry

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from common import approx
 from headstock.app.command_line import main
 from headstock.studies.answers import compare_answers
 
@@ -171,7 +172,7 @@ def test_what_is_written_checks_runs_and_moves_what_was_said(
         assert main(["run", str(target), *chosen, "-o", str(folder), "--no-figures"]) == 0
         summaries.append(json.loads((folder / "summary.json").read_text()))
     moved = max(change.share for change in compare_answers(*summaries))
-    assert moved == pytest.approx(said["worth"], rel=1e-3, abs=1e-9)
+    assert moved == approx(said["worth"], rel=1e-3, abs=1e-9)
 
 
 def test_a_pose_that_matters_stays(

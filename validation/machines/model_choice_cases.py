@@ -155,7 +155,7 @@ def load_drawn(seed: int, folder: Path) -> Scene:
     path = folder / "machine.toml"
     path.write_text(draw_machine(seed))
     scene = load_scene(path)
-    analyses = dataclasses.replace(scene.analyses, frf=None)
+    analyses = scene.analyses.drop(["frf"])
     return dataclasses.replace(scene, analyses=analyses, model_errors=False)
 
 

@@ -41,6 +41,7 @@ from headstock.reduction.coupling.path_loads import PATH_INPUT, add_path_input, 
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import rigid_motions
 from headstock.scene.building.loader import load_scene
+from headstock.scene.requests import PathRequest
 from headstock.scene.scene import keep_analyses
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.modal_analysis import solve_modal
@@ -320,7 +321,7 @@ def compare_methods() -> tuple[FloatArray, FloatArray, FloatArray]:
     and in the pose of the start.
     """
     scene = load_scene(SCENE, variant=VARIANTS["BE"])
-    request = keep_analyses(scene, ["path"]).analyses.path
+    request = keep_analyses(scene, ["path"]).analyses.get(PathRequest)
     if request is None:
         raise ValueError("the scene has no path analysis")
     machine, path = scene.machine, request.path

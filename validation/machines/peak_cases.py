@@ -23,6 +23,7 @@ from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
+from headstock.scene.requests import FrfRequest
 from headstock.scene.scene import AccuracyGoal, Scene
 from headstock.solvers.mpi import MPI
 from headstock.validation.machines.axis_kit_models import SCENE
@@ -93,7 +94,7 @@ def _compare(case: str, what: str, load: Load, *, searched: bool) -> list[Valida
 
 
 def _refine(scene: Scene) -> Scene:
-    frf = scene.analyses.frf
+    frf = scene.analyses.get(FrfRequest)
     if frf is None:
         raise ValueError("peaks are those of a frequency response")
     fine = {

@@ -35,7 +35,7 @@ LEG_STEPS = 8192
 
 def contour_request(material: str, model: str = "linear") -> ContouringRequest:
     """The contour of the shipped scene in another material or by another model."""
-    request = load_scene(SCENE, variant="lumped").analyses.contouring
+    request = load_scene(SCENE, variant="lumped").analyses.get(ContouringRequest)
     if request is None:
         raise ValueError(f"{SCENE} has no contour")
     cut = dataclasses.replace(request.cut, coefficients=catalogue_coefficients(material))

@@ -16,7 +16,6 @@ from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.lobes import RPM, PoseLobes
 from headstock.pipeline.runner import run_scene
 from headstock.scene.building.loader import load_scene
-from headstock.scene.requests import Analyses
 from headstock.solvers.milling.stability import (
     TipDynamics,
     floquet_multipliers,
@@ -67,7 +66,7 @@ def _limit_rows(
     name: str, limits: dict[str, dict[str, list[float]]], comm: MPI.Comm
 ) -> Iterator[ValidationRow]:
     scene = load_scene(SCENES / f"{name}.toml")
-    scene = dataclasses.replace(scene, analyses=Analyses(lobes=scene.analyses.lobes))
+    scene = dataclasses.replace(scene, analyses=scene.analyses.keep(["lobes"]))
     with tempfile.TemporaryDirectory(prefix="headstock-lobes-") as folder:
         results = run_scene(scene, Path(folder), comm=comm)
     (found,) = find_answers(results.answers, PoseLobes)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from common import approx
 from headstock.app.actions.cataloguing import paste_text
 from headstock.app.command_line import main
 from headstock.scene.expansion.catalogue import CATALOGUE, FROM, read_catalogue
@@ -98,7 +99,7 @@ def test_check_run_and_report_say_what_comes_from_the_catalogue(
     assert summary["assumptions"] == [assumed]
     # in the middle between two mounts and one: half of the mean of their deflections
     softness = summary["static"]["tcp"]["compliance_um_per_kN"][2][2]
-    assert softness == pytest.approx(1e3 * (1 / (2 * 1.8) + 1 / 1.8) / 4.0)
+    assert softness == approx(1e3 * (1 / (2 * 1.8) + 1 / 1.8) / 4.0)
     assert "assumed: joints.feet" in capsys.readouterr().out
     assert "From the catalogue" in (out / "report.html").read_text()
     plain = SLIDE.replace(

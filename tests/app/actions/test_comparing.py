@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from common import approx
 from headstock.app.command_line import main
 from headstock.app.texts.bounded_values import show_bound, show_bounded
 from headstock.geometry.parts.components import Component
@@ -133,7 +134,7 @@ def test_other_analyses_are_compared_as_run_finds_them(
     assert {"limit depth of cut", "location error of faces", "roughness Ra"} <= set(soft)
     for answer, entries in soft.items():
         for where, numbers in entries.items():
-            assert numbers == pytest.approx(found[answer][where].tolist(), rel=1e-9), answer
+            assert numbers == approx(found[answer][where].tolist(), rel=1e-9), answer
     # along y the screw of X says nothing of where a face lies
     stiff = variants["as written"]["others"]["location error of faces"]
     assert soft["location error of faces"]["face 1"] > [1.1 * stiff["face 1"][0]]
@@ -184,7 +185,7 @@ def test_effort_begins_with_an_empty_store_and_shows_the_changed_model_too(
     ]
     for runs in effort["variants"].values():
         assert list(runs) == ["first", "changed"]
-        assert runs["first"]["seconds"]["total"] == pytest.approx(
+        assert runs["first"]["seconds"]["total"] == approx(
             sum(list(runs["first"]["seconds"].values())[:-1]), abs=1e-3
         )
     assert not (tmp_path / "store").exists()
@@ -260,7 +261,7 @@ def test_the_baseline_is_a_column_unless_it_is_refused(scene: Path, tmp_path: Pa
     beside = compare("--variants", "thick")
     assert beside["columns"] == ["as written", "thick"] and beside["reference"] == "as written"
     first = beside["modes"][0]["variants"]
-    assert first["thick"]["deviation"] == pytest.approx(
+    assert first["thick"]["deviation"] == approx(
         first["thick"]["frequency_hz"] / first["as written"]["frequency_hz"] - 1.0
     )
     assert compare("--variants", "thick", "--no-baseline")["columns"] == ["thick"]
@@ -307,12 +308,10 @@ def test_a_comparison_states_the_errors_that_a_run_of_each_variant_states(
     modes, point = alone["modal"][0], alone["static"]["tcp"]
     # the same estimates, but for more modes kept in the search
     assert (
-        variant["error_hz"] == pytest.approx(modes["error_hz"], rel=1e-6)
+        variant["error_hz"] == approx(modes["error_hz"], rel=1e-6)
         and min(variant["error_hz"]) > 0.0
     )
-    assert variant["static"]["tcp"]["error_um_per_kN"] == pytest.approx(
-        point["error_um_per_kN"], rel=1e-6
-    )
+    assert variant["static"]["tcp"]["error_um_per_kN"] == approx(point["error_um_per_kN"], rel=1e-6)
     # nothing is known of how far a rigid model is off
     assert set(rigid["error_hz"]) == {None} and rigid["error_share"] == [{}] * len(
         rigid["error_hz"]

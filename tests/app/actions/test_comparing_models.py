@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
+from common import approx
 from headstock.app.command_line import main
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.solids import Box
@@ -104,7 +105,7 @@ def test_a_scene_without_variants_compares_its_fidelities_and_says_what_each_is_
     wanted = summary["variants"]["elastic"]["static"]["tcp"]["compliance_um_per_kN"]
     found = summary["variants"]["rigid"]["static"]["tcp"]["compliance_um_per_kN"]
     for place, direction in enumerate("xyz"):
-        assert rigid["compliance"][f"tcp {direction}"] == pytest.approx(
+        assert rigid["compliance"][f"tcp {direction}"] == approx(
             found[place][place] / wanted[place][place] - 1.0, abs=1e-12
         )
     page = (scene.parent / "out" / "compare.html").read_text()
@@ -118,7 +119,7 @@ def test_the_elastic_column_has_the_numbers_of_a_run(scene: Path) -> None:
     assert main(["run", str(scene), "-o", str(run), "--no-figures"]) == 0
     alone = json.loads((run / "summary.json").read_text())
     (modes,), (response,) = alone["modal"], alone["frf"].values()
-    assert variant["frequencies_hz"] == pytest.approx(modes["frequencies_hz"], rel=1e-12)
+    assert variant["frequencies_hz"] == approx(modes["frequencies_hz"], rel=1e-12)
     point = alone["static"]["tcp"]
     for key in ("compliance_6x6", "compliance_um_per_kN"):
         scale = np.abs(point[key]).max()
@@ -126,10 +127,10 @@ def test_the_elastic_column_has_the_numbers_of_a_run(scene: Path) -> None:
     direct = [entry for entry in variant["frf"] if entry["output"] == entry["input"]]
     assert len(direct) == len(response["drive_points"]) == 3
     for entry, channel in zip(direct, response["drive_points"], strict=True):
-        assert entry["most_negative_real"] * 1e9 == pytest.approx(
+        assert entry["most_negative_real"] * 1e9 == approx(
             channel["most_negative_real_um_per_kN"], rel=1e-12
         )
-        assert 1e-6 / entry["peak"] == pytest.approx(
+        assert 1e-6 / entry["peak"] == approx(
             channel["minimum_dynamic_stiffness_N_per_um"], rel=1e-12
         )
         assert entry["peak_mode"] == channel["minimum_dynamic_stiffness_mode"]
@@ -156,9 +157,9 @@ def test_the_difference_of_responses_is_that_of_the_files_of_two_runs(scene: Pat
         lines = curves["elastic"][1][:, 0]
         away = np.abs(values["rigid"] - values["elastic"])
         found, sizes = entry["difference"], np.abs(values["elastic"])
-        assert found["size"] == pytest.approx(away.max(), rel=1e-10)
-        assert found["at_hz"] == pytest.approx(lines[np.argmax(away)])
-        assert found["share_of_peak"] == pytest.approx(away.max() / sizes.max(), rel=1e-10)
+        assert found["size"] == approx(away.max(), rel=1e-10)
+        assert found["at_hz"] == approx(lines[np.argmax(away)])
+        assert found["share_of_peak"] == approx(away.max() / sizes.max(), rel=1e-10)
         assert found["agrees_to_hz"] is None and away[0] > 0.1 * sizes[0]
     # the same lines in the comparison's own file
     heads, numbers = read_lines(scene.parent / "out" / "responses.csv")
@@ -245,7 +246,7 @@ def test_the_rigid_column_of_a_shipped_machine_is_the_lumped_model_assembled_by_
     frequencies = np.sqrt(eigenvalues) / (2.0 * np.pi)
     count = len(rigid["frequencies_hz"])
     assert count > 6
-    assert rigid["frequencies_hz"] == pytest.approx(frequencies[:count], rel=1e-8)
+    assert rigid["frequencies_hz"] == approx(frequencies[:count], rel=1e-8)
     compliance = 1e9 * rows @ np.linalg.solve(stiffness, rows.T)
     assert np.allclose(
         rigid["static"]["tcp"]["compliance_um_per_kN"], compliance, rtol=1e-7, atol=1e-6
@@ -313,18 +314,16 @@ def test_a_lumped_mechanism_is_its_components_in_all_answers(tmp_path: Path) -> 
     assert main(["compare", scene, "--variants", "lumped,components", "-o", str(out), *given]) == 0
     summary = json.loads((out / "compare.json").read_text())
     lumped, legs = (summary["variants"][name] for name in ("lumped", "components"))
-    assert lumped["frequencies_hz"] == pytest.approx(legs["frequencies_hz"], rel=1e-6)
+    assert lumped["frequencies_hz"] == approx(legs["frequencies_hz"], rel=1e-6)
     mac = np.array((lumped if lumped["mac"] else legs)["mac"])
-    assert np.diag(mac) == pytest.approx(np.ones(6), abs=1e-6)
+    assert np.diag(mac) == approx(np.ones(6), abs=1e-6)
     one, other = (np.array(each["static"]["tcp"]["compliance_6x6"]) for each in (lumped, legs))
     assert np.abs(one - other).max() < 1e-6 * np.abs(other).max()
-    assert sum(lumped["static"]["tcp"]["budget"]["x"].values()) == pytest.approx(1.0)
-    assert lumped["frf"][0]["peak"] == pytest.approx(legs["frf"][0]["peak"], rel=1e-6)
+    assert sum(lumped["static"]["tcp"]["budget"]["x"].values()) == approx(1.0)
+    assert lumped["frf"][0]["peak"] == approx(legs["frf"][0]["peak"], rel=1e-6)
     assert {*lumped["others"]} == {*legs["others"]} == {"path deviation"}
     for where, values in legs["others"]["path deviation"].items():
-        assert lumped["others"]["path deviation"][where] == pytest.approx(
-            values, rel=1e-4, abs=1e-9
-        )
+        assert lumped["others"]["path deviation"][where] == approx(values, rel=1e-4, abs=1e-9)
 
 
 def test_a_scene_with_variants_compares_them_until_fidelities_are_asked_for(scene: Path) -> None:

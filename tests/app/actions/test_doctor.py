@@ -21,7 +21,7 @@ from headstock.app.actions.doctor import (
     run_doctor,
 )
 
-pytestmark = pytest.mark.process
+pytestmark = [pytest.mark.process, pytest.mark.workers]
 
 ROOT = Path(__file__).resolve().parents[3]
 

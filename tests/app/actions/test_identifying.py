@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from common import approx
 from headstock.app.command_line import main
 from headstock.scene.building.loader import load_scene
 from headstock.validation.machines.identification_cases import SCENE
@@ -73,11 +74,9 @@ def test_fitted_values_go_into_a_variant_to_paste(
     assert variant["joints.guide_2.at[1]"] == f"{-fitted['place']['value']:.9g} mm"
     Path(scene).write_text(SCENE + overrides)
     joints = load_scene(Path(scene), variant="stiff+calibrated").machine.joints
-    assert joints["feet"].stiffness[1, 1] / joints["feet"].stiffness[0, 0] == pytest.approx(
-        110 / 90
-    )
+    assert joints["feet"].stiffness[1, 1] / joints["feet"].stiffness[0, 0] == approx(110 / 90)
     assert joints["guide_2"].point is not None
-    assert joints["guide_2"].point[1] == pytest.approx(-1e-3 * fitted["place"]["value"])
+    assert joints["guide_2"].point[1] == approx(-1e-3 * fitted["place"]["value"])
 
 
 @pytest.mark.parametrize(

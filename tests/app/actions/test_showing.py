@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import pyvista
 
+from common import approx
 from headstock.app.actions import showing
 from headstock.app.command_line import main
 from headstock.app.pictures import numbered, renderer
@@ -25,6 +26,7 @@ from headstock.pipeline.preview.rigid_view import view_rigid
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.coupling.coupling import couple
 from headstock.scene.building.loader import load_scene
+from headstock.scene.requests import ModalRequest, StaticRequest
 
 MACHINES = Path(__file__).resolve().parents[3] / "machines"
 SUPPORT = Path(__file__).parent.parent.parent / "data" / "support.step"
@@ -97,8 +99,8 @@ def test_a_machine_is_drawn_before_anything_is_computed(
     assert listed["joints"]["y_drive"] == {
         "kind": "ball_screw",
         "between": ["y_slider.back", "y_base.screw"],
-        "at_m": pytest.approx([0.064, 0.0, 0.47]),
-        "axes": [pytest.approx([0.0, 1.0, 0.0])],
+        "at_m": approx([0.064, 0.0, 0.47]),
+        "axes": [approx([0.0, 1.0, 0.0])],
     }
     assert "x_slider" in printed and "linear_guide" in printed and "tcp" in printed
     assert main(["show", scene, *at_x, "--pose", "measured", "--variant", "R"]) == 0
@@ -156,7 +158,7 @@ def test_supports_are_drawn_where_they_are_with_a_cone_per_fixed_direction(
     assert supports["foot"] == {
         "component": "plate",
         "fixed": ["x", "z"],
-        "at_m": [pytest.approx([1.0, -0.2, 0.01])],
+        "at_m": [approx([1.0, -0.2, 0.01])],
     }
     assert len(supports["holes"]["at_m"]) == 2
     cones = [marks for marks in drawn[0].marks if marks.shape == "cone"]
@@ -255,8 +257,8 @@ def test_numbers_of_hidden_faces_are_not_drawn_through_a_part() -> None:
 def test_a_new_box_scene_loads_and_names_what_it_computes(folder: Path) -> None:
     assert main(["new", "first"]) == 0
     scene = load_scene(folder / "first" / "first.toml")
-    assert scene.analyses.modal is not None
-    assert scene.analyses.static is not None
+    assert ModalRequest in scene.analyses
+    assert StaticRequest in scene.analyses
     assert scene.warnings == ()
 
 
@@ -440,7 +442,7 @@ def test_a_part_from_a_mesh_takes_the_three_commands_of_a_step_part(
         assert main([*command, *quick]) == 0
         summary = json.loads((folder / command[3] / "summary.json").read_text())
         found.append(summary["modal"][0]["frequencies_hz"][0])
-    assert found[1] == pytest.approx(found[0], rel=1e-9)
+    assert found[1] == approx(found[0], rel=1e-9)
 
 
 def test_options_of_one_kind_of_file_are_refused_with_the_other(

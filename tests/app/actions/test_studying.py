@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from common import approx
 from headstock.app.command_line import main
 
 COLUMN = Path(__file__).resolve().parents[2] / "data" / "segmented_column.toml"
@@ -94,7 +95,7 @@ def test_a_mesh_size_that_is_varied_gives_orders_of_convergence(
     # segments have no mesh: a value that ignores the size is said to
     assert series["order"] is None
     assert "does not depend" in series["remark"]
-    assert series["sizes_m"] == pytest.approx([0.04, 0.02, 0.01])
+    assert series["sizes_m"] == approx([0.04, 0.02, 0.01])
     with (folder / "study.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [float(row["components.column.mesh.size [m]"]) for row in rows] == [0.04, 0.02, 0.01]
@@ -145,7 +146,7 @@ def test_a_refinement_study_draws_the_paper_s_figures_and_lists_its_claims(
         for row in rows
         if (row["model"], row["nDOF"], row["quantity"]) == ("segmented", "30", "dx(Fx)")
     ]
-    assert float(row["deviation"]) == pytest.approx(435.8276 / 433.91 - 1.0, abs=1e-4)
+    assert float(row["deviation"]) == approx(435.8276 / 433.91 - 1.0, abs=1e-4)
     claims = json.loads((tmp_path / "refinement.json").read_text())["claims"]
     assert {claim["figure"] for claim in claims} == {6, 7, 8, 9}
     with (folder / "claims.csv").open() as file:

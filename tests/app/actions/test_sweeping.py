@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 import pytest
 
-from common import present
+from common import approx, present
 from headstock.app.charts.sweep import middle_plane, way_of
 from headstock.app.command_line import main
 
@@ -169,13 +169,8 @@ def test_a_sweep_states_the_errors_of_one_pose_and_which_it_is(
     (sample,) = swept["sampled_errors"]
     assert swept["positions"][sample["pose"]] == [0.0]  # the reference pose of the run
     errors, point = alone["modal"][0]["error_hz"], alone["static"]["tcp"]["error_um_per_kN"]
-    assert (
-        list(sample["error_hz"].values()) == pytest.approx(errors, rel=1e-6) and min(errors) > 0.0
-    )
-    assert (
-        sample["error_um_per_kN"]["tcp"] == pytest.approx(point, rel=1e-6)
-        and min(point.values()) > 0.0
-    )
+    assert list(sample["error_hz"].values()) == approx(errors, rel=1e-6) and min(errors) > 0.0
+    assert sample["error_um_per_kN"]["tcp"] == approx(point, rel=1e-6) and min(point.values()) > 0.0
     sentence = "± of modes 1 to 6 and compliances covers 95 % of errors in pose X 0 mm, and was estimated in no other"
     page = (out / "report.html").read_text()
     assert sentence in printed and sentence in page

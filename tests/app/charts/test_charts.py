@@ -8,7 +8,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from common import sketch
+from common import approx, sketch
 from headstock.app.charts import charts, comparison, study, sweep
 from headstock.app.charts.charts import draw_responses, label_decades, new_figure
 from headstock.app.charts.comparison import draw_comparison, spread_labels
@@ -273,7 +273,7 @@ def make_curves(pose: str, factor: float, spacing: str = "log") -> ResponseCurve
 def test_a_logarithmic_axis_has_at_least_three_round_numbers_where_there_are_any(
     low: float, high: float, ticks: list[float]
 ) -> None:
-    assert round_ticks(low, high) == pytest.approx(ticks)
+    assert round_ticks(low, high) == approx(ticks)
 
 
 @pytest.mark.parametrize("ends", [(90e3, 900e3), (130e3, 700e3), (2.0, 30.0), (40.0, 60e6)])

@@ -12,7 +12,7 @@ import pytest
 import scipy.io
 from PIL import Image
 
-from common import present
+from common import approx, present
 from headstock.app.charts.charts import draw_responses
 from headstock.app.command_line import main
 from headstock.app.report.frf import draw_response
@@ -102,11 +102,11 @@ def test_summary_table_and_file_hold_the_same_response(run_folder: Path) -> None
     np.testing.assert_array_equal(
         np.array(rows[1:], dtype=float)[:, 1], curves.receptance[:, 0, 0].real
     )
-    assert 1e9 * curves.receptance[0, 0, 0].real == pytest.approx(
+    assert 1e9 * curves.receptance[0, 0, 0].real == approx(
         response["drive_points"][0]["static_um_per_kN"], rel=1e-12
     )
     most_compliant = 1e-6 / np.abs(curves.receptance[:, 1, 1]).max()
-    assert response["drive_points"][1]["minimum_dynamic_stiffness_N_per_um"] == pytest.approx(
+    assert response["drive_points"][1]["minimum_dynamic_stiffness_N_per_um"] == approx(
         most_compliant, rel=1e-4
     )
 

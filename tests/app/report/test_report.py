@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from common import present, sketch
+from common import approx, present, sketch
 from headstock.app.command_line import main
 from headstock.app.report.report import draw_rows, format_number, render_report
 from headstock.app.report.viewer_data import (
@@ -161,7 +161,7 @@ def test_every_number_in_the_report_is_in_the_summary_and_rounded_from_it(
     assert {value for value, _ in page.numbers} <= values_in(summary)
     for value, text in page.numbers:
         shown, half = read_shown(text)
-        assert shown == pytest.approx(value, abs=half, rel=0.0), text
+        assert shown == approx(value, abs=half, rel=0.0), text
 
 
 def test_every_error_in_the_report_is_rounded_up(html: str) -> None:
@@ -462,7 +462,7 @@ def test_the_viewer_gets_points_within_a_ten_thousandth_and_shapes_within_what_i
     for shape, force in zip(data["poses"][0]["shapes"], (1000.0, 1.0, 1.0), strict=True):
         parts = pose_shapes(pose)[shape["id"]]
         largest = max(np.linalg.norm(part, axis=1).max() for part in parts.values())
-        assert shape["largest"] == pytest.approx(force * largest, rel=1e-4)
+        assert shape["largest"] == approx(force * largest, rel=1e-4)
         for (part_name, part), rigid, order in zip(
             parts.items(), shape["rigid"], kept, strict=True
         ):

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from common import sketch
+from common import approx, sketch
 from headstock.app.charts.study import draw_costs
 from headstock.app.terminal.study import cost_table, digit_words, list_costs
 from headstock.pipeline.results.summary import RunSummary
@@ -74,14 +74,14 @@ def points() -> list[CostPoint]:
 def test_errors_are_the_largest_relative_ones_and_costs_the_medians(
     points: list[CostPoint],
 ) -> None:
-    assert [point.error for point in points[:4]] == pytest.approx([0.09, 0.009, 0.02, 0.005])
+    assert [point.error for point in points[:4]] == approx([0.09, 0.009, 0.02, 0.005])
     assert [point.cpu_seconds for point in points[:4]] == [
         (1.0, 1.0),
         (4.0, 4.0),
         (8.0, 8.0),
         (6.0, 6.0),
     ]
-    assert points[1].solve_seconds == pytest.approx(0.3 * 4.0)
+    assert points[1].solve_seconds == approx(0.3 * 4.0)
     assert [(point.memory_mb, point.memory_known) for point in points[2:4]] == [
         (70.0, True),
         (100.0, False),

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from common import approx
 from headstock.app.terminal import progress
 from headstock.app.terminal.progress_renderer import render_bar, render_line
 
@@ -125,7 +126,7 @@ def test_the_bar_is_never_full_however_long_it_takes(
     bar = render_bar("mesh", elapsed, expected, 200)
     filled, rest = bar.count("━"), bar.count("─")
     assert rest >= 1
-    assert filled / (filled + rest) == pytest.approx(share, abs=0.04)
+    assert filled / (filled + rest) == approx(share, abs=0.04)
 
 
 def test_a_narrow_terminal_gets_one_line_and_a_stage_nobody_can_estimate_gets_its_seconds() -> None:

@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.app.tables.frf import tabulate_response
 from headstock.app.tables.table import encode_csv
 from headstock.app.texts.bounded_values import response_error_words
@@ -38,7 +39,7 @@ def test_the_error_of_a_line_is_the_sum_of_its_parts_and_each_has_a_column(
         "± discretisation",
         "± reduction",
     ]
-    assert [float(cell) for cell in rows[1][3:]] == pytest.approx(
+    assert [float(cell) for cell in rows[1][3:]] == approx(
         [20.0 * np.pi * size for size in (1.5, 1.0, 0.5)]
     )
     assert rows[2][3] == rows[2][5] == "" and float(rows[2][4]) > 0.0

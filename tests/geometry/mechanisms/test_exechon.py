@@ -1,8 +1,8 @@
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from common import approx
 from headstock.geometry.frames import Frame, rotation_about
 from headstock.geometry.mechanisms.closures import (
     close_loops,
@@ -105,6 +105,6 @@ def test_condition_number_is_that_of_finite_differences() -> None:
         DIMENSIONS, np.stack([center, *(center + 1e-6 * np.eye(3)), *(center - 1e-6 * np.eye(3))])
     )
     slopes = (states[1:4, :3] - states[4:, :3]) / 2e-6
-    assert condition_numbers(MACHINE.mechanism, states[0]) == pytest.approx(
+    assert condition_numbers(MACHINE.mechanism, states[0]) == approx(
         np.linalg.cond(slopes), rel=1e-8
     )

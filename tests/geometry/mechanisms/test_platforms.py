@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.errors import ClosureError
 from headstock.geometry.mechanisms.closures import close_loops, closure_residual, find_mobility
 from headstock.geometry.mechanisms.platforms import (
@@ -46,7 +47,7 @@ def test_lengths_that_meet_nowhere_give_no_assembly() -> None:
 
 def test_state_of_a_turned_platform_is_closed() -> None:
     state = planar_3rpr_state(BASE, PLATFORM, (0.2, 0.3), 2.9)
-    assert np.abs(closure_residual(planar_3rpr(BASE, PLATFORM), state)).max() == pytest.approx(
+    assert np.abs(closure_residual(planar_3rpr(BASE, PLATFORM), state)).max() == approx(
         0.0, abs=1e-15
     )
 

@@ -3,9 +3,9 @@
 import dataclasses
 
 import numpy as np
-import pytest
 from cad_blocks import bore, box_faces
 
+from common import approx
 from headstock.geometry.parts.cad_faces import (
     find_holes,
     fit_cylinder,
@@ -18,7 +18,7 @@ def test_a_hole_of_two_half_walls_is_one_hole() -> None:
     halves = [bore(7, (0.02, 0.02), turn=0.5), bore(8, (0.02, 0.02), turn=0.5)]
     (hole,) = find_holes([*box_faces(), *halves])
     assert hole.faces == (7, 8)
-    assert hole.place == pytest.approx((0.02, 0.02, 0.01))
+    assert hole.place == approx((0.02, 0.02, 0.01))
 
 
 def test_inner_fillets_slot_ends_and_bosses_are_no_holes() -> None:
@@ -60,6 +60,6 @@ def test_a_cylinder_is_fitted_through_points_on_part_of_its_wall() -> None:
     normals = np.cos(angles.ravel())[:, None] * first + np.sin(angles.ravel())[:, None] * second
     points = place + radius * normals + heights.ravel()[:, None] * axis
     found_axis, found_place, found_radius = fit_cylinder(points, normals)
-    assert abs(found_axis @ axis) == pytest.approx(1.0, abs=1e-12)
-    assert found_radius == pytest.approx(radius, rel=1e-9)
+    assert abs(found_axis @ axis) == approx(1.0, abs=1e-12)
+    assert found_radius == approx(radius, rel=1e-9)
     assert np.linalg.norm(np.cross(found_place - place, axis)) < 1e-9

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.parts.skins import Skin, sharp_edges, split_skin
 from headstock.geometry.parts.solid_skins import box_skin, inertia_skin, prism_skin, solid_skin
 from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Solid, Tube
@@ -34,7 +35,7 @@ def test_a_solid_skin_is_closed_and_encloses_the_outer_volume(name: str) -> None
     solid, volume = CASES[name]
     skin = solid_skin(solid)
     assert skin is not None
-    assert enclosed_volume(skin) == pytest.approx(volume, rel=1e-12)
+    assert enclosed_volume(skin) == approx(volume, rel=1e-12)
     if name != "rod":  # its end faces are fans round a point that stands for a whole ring
         assert edges_used_once_in_each_direction(skin)
 
@@ -57,7 +58,7 @@ def test_a_ribbed_plate_reaches_to_the_top_of_its_ribs() -> None:
         Plate((0.4, 0.3, 0.02), rib_height=0.05, rib_thickness=0.01, ribs_x=2, ribs_y=1)
     )
     assert skin is not None
-    assert skin.points[:, 2].max() == pytest.approx(0.07)
+    assert skin.points[:, 2].max() == approx(0.07)
     assert len(skin.triangles) == 12 * 4
 
 
@@ -67,7 +68,7 @@ def test_a_block_of_equal_inertia_is_the_block_itself_when_the_body_is_one() -> 
     skin = inertia_skin(mass, np.array([1.0, 2.0, 3.0]), inertia)
     np.testing.assert_allclose(np.ptp(skin.points, axis=0), size, rtol=1e-12)
     np.testing.assert_allclose(skin.points.mean(axis=0), [1.0, 2.0, 3.0])
-    assert enclosed_volume(skin) == pytest.approx(size.prod(), rel=1e-12)
+    assert enclosed_volume(skin) == approx(size.prod(), rel=1e-12)
 
 
 def test_a_body_without_mass_is_drawn_as_a_speck() -> None:
@@ -79,7 +80,7 @@ def test_splitting_keeps_the_volume_the_edges_and_the_closure() -> None:
     skin = box_skin(np.zeros(3), np.array([1.0, 2.0, 3.0]))
     finer = split_skin(split_skin(skin))
     assert len(finer.triangles) == 16 * len(skin.triangles)
-    assert enclosed_volume(finer) == pytest.approx(6.0, rel=1e-12)
+    assert enclosed_volume(finer) == approx(6.0, rel=1e-12)
     assert edges_used_once_in_each_direction(finer)
     recomputed = {(int(a), int(b)) for a, b in sharp_edges(finer.points, finer.triangles)}
     assert {(int(a), int(b)) for a, b in np.sort(finer.edges, axis=1)} == recomputed
@@ -95,7 +96,7 @@ def test_a_bar_cut_across_is_closed_encloses_its_volume_and_has_points_at_every_
     solid, volume = CASES[name]
     places = low + length * np.linspace(0.0, 1.0, 6)
     skin = prism_skin(solid, axis, places)
-    assert enclosed_volume(skin) == pytest.approx(volume, rel=1e-12)
+    assert enclosed_volume(skin) == approx(volume, rel=1e-12)
     assert edges_used_once_in_each_direction(skin)
     np.testing.assert_allclose(np.unique(skin.points[:, axis]), places, atol=1e-15)
     whole = solid_skin(solid)

@@ -9,6 +9,7 @@ import gmsh
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.parts.components import Component, Patch
 from headstock.geometry.parts.solids import StepFile
 from headstock.meshing.components.finishing import patch_moments
@@ -139,14 +140,14 @@ def test_a_patch_on_a_curved_face_takes_all_that_lies_under_it(
 ) -> None:
     build, patch, area = CASES[case]
     found = describe_component(make_component(part(build), {"patch": patch})).patch_areas["patch"]
-    assert found == pytest.approx(area, rel=3e-3 if build is halves else 1e-3)
+    assert found == approx(area, rel=3e-3 if build is halves else 1e-3)
 
 
 def test_a_band_is_meshed_all_around(make_component: Make, part: Callable[..., StepFile]) -> None:
     band = strip((0.045, 0, 0.05), "y")
     mesh = mesh_component(make_component(part(cone), {"band": band}, size=0.02))
     areas, centroids = patch_moments(mesh.points, mesh.patches)
-    assert areas["band"] == pytest.approx(2 * np.pi * 0.045 * WIDTH, rel=1e-3)
+    assert areas["band"] == approx(2 * np.pi * 0.045 * WIDTH, rel=1e-3)
     assert np.allclose(centroids["band"][:2], 0.0, atol=1e-6)
 
 

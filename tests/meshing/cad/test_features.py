@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from common import approx
 from headstock.geometry.parts.components import Component, MeshSettings
 from headstock.meshing.components.finishing import patch_moments
 from headstock.meshing.components.meshing import mesh_component
@@ -29,9 +30,9 @@ def test_a_mesh_without_small_radii_is_smaller_keeps_its_interfaces_and_says_wha
     # faces that interfaces name by number are still those, whatever the kernel calls them now
     areas, centroids = patch_moments(plain.points, plain.patches)
     known_areas, known_centroids = patch_moments(whole.points, whole.patches)
-    assert areas["bore"] == pytest.approx(known_areas["bore"], rel=0.01)
-    assert centroids["bore"] == pytest.approx(known_centroids["bore"], abs=1e-4)
-    assert whole.quality.volume == pytest.approx(1.741e-5, rel=2e-3)
+    assert areas["bore"] == approx(known_areas["bore"], rel=0.01)
+    assert centroids["bore"] == approx(known_centroids["bore"], abs=1e-4)
+    assert whole.quality.volume == approx(1.741e-5, rel=2e-3)
     # fillets at inner edges are material, rounded outer edges and holes lack it
     assert 1e-3 < abs(plain.quality.volume / whole.quality.volume - 1.0) < 0.02
     (remark,) = [text for text in plain.quality.remarks if "mesh.leave_out" in text]
@@ -41,7 +42,7 @@ def test_a_mesh_without_small_radii_is_smaller_keeps_its_interfaces_and_says_wha
 def test_radii_that_no_face_has_leave_the_part_as_it_is() -> None:
     part = mesh_component(load_part("components.support.mesh.leave_out=0.5 mm"))
     assert any("mesh.leave_out" in text for text in part.quality.remarks)
-    assert part.quality.volume == pytest.approx(1.741e-5, rel=2e-3)
+    assert part.quality.volume == approx(1.741e-5, rel=2e-3)
 
 
 def test_only_step_parts_have_features_to_leave_out() -> None:

@@ -7,6 +7,7 @@ import gmsh
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.parts.components import Component, Interface, Material, MeshSettings, Patch
 from headstock.geometry.parts.solids import StepFile
 from headstock.meshing.cad.insets import close_planes
@@ -68,23 +69,21 @@ def test_planes_close_over_what_lies_within_them_and_the_volumes_are_known(kerne
     shape = close_planes(volume, boundary_faces, width=9.0, named=(), ends=(), unit=1e-3)
     assert shape is not None and shape.left_out is not None
     expected = sorted(float(change) for change in (-BORE - COUNTERBORE, -POCKET, PAD))
-    assert sorted(float(part) for part in shape.left_out.volumes) == pytest.approx(
-        expected, rel=1e-9
-    )
+    assert sorted(float(part) for part in shape.left_out.volumes) == approx(expected, rel=1e-9)
     left = float(gmsh.model.occ.getMass(3, shape.volume))
-    assert left == pytest.approx(whole + BORE + COUNTERBORE + POCKET - PAD, rel=1e-9)
+    assert left == approx(whole + BORE + COUNTERBORE + POCKET - PAD, rel=1e-9)
     # bore, counterbore and its floor; the pad's five faces; the pocket's five
     assert shape.faces.count(GONE) == 13
     assert len(shape.faces) == len(before)
     assert set(shape.numbers) == set(boundary_faces(shape.volume))
     # middles of the features: through the bore, above the block, in the pocket
     middles = shape.left_out.places[:, 1][np.argsort(shape.left_out.volumes)]
-    assert middles[0][:2] == pytest.approx([25.0, 10.0])
-    assert middles[1] == pytest.approx([13.0, 27.5, 1.5])
-    assert middles[2] == pytest.approx([9.0, 8.0, 21.0])
+    assert middles[0][:2] == approx([25.0, 10.0])
+    assert middles[1] == approx([13.0, 27.5, 1.5])
+    assert middles[2] == approx([9.0, 8.0, 21.0])
     # a round hole right through takes three times the energy of its volume, the pad its own
     strengths = shape.left_out.strengths[np.argsort(shape.left_out.volumes)]
-    assert strengths[0] == pytest.approx(3.0, rel=1e-6)
+    assert strengths[0] == approx(3.0, rel=1e-6)
     assert 1.0 < strengths[1] < 3.0
     assert strengths[2] == 1.0
     assert "3 holes, recesses and pads of 13 of" in shape.remarks[0]
@@ -97,13 +96,13 @@ def test_faces_that_something_refers_to_stay(kernel: None) -> None:
     bore = next(
         number
         for number, face in enumerate(faces, 1)
-        if gmsh.model.occ.getMass(2, face) == pytest.approx(np.pi * 4.0 * 16.0, rel=1e-6)
+        if gmsh.model.occ.getMass(2, face) == approx(np.pi * 4.0 * 16.0, rel=1e-6)
     )
     shape = close_planes(
         volume, boundary_faces, width=9.0, named=(bore,), ends=((2, top),), unit=1e-3
     )
     assert shape is not None and shape.left_out is not None
-    assert shape.left_out.volumes == pytest.approx([-POCKET])
+    assert shape.left_out.volumes == approx([-POCKET])
     assert shape.faces[bore - 1] != GONE
 
 
@@ -133,15 +132,15 @@ def test_meshes_lack_what_is_narrower_than_half_an_element_unless_told(block: Pa
         return found.quality.volume, found.quality.remarks, areas
 
     faces = survey_step(StepFile(block)).faces
-    foot = next(face.number for face in faces if face.center[2] == pytest.approx(0.0, abs=1e-9))
+    foot = next(face.number for face in faces if face.center[2] == approx(0.0, abs=1e-9))
     plain, remarks, areas = mesh()
-    assert plain == pytest.approx((BLOCK - WIDE - 3 * 3 * 5.0) * 1e-9, rel=1e-3)
+    assert plain == approx((BLOCK - WIDE - 3 * 3 * 5.0) * 1e-9, rel=1e-3)
     assert any("mesh.details" in text for text in remarks)
     # of the foot only the wide hole is cut out, and it is still the face with that number
-    assert areas["foot"] == pytest.approx((60 * 40 - np.pi * 36.0) * 1e-6, rel=1e-3)
+    assert areas["foot"] == approx((60 * 40 - np.pi * 36.0) * 1e-6, rel=1e-3)
     whole, remarks, _ = mesh(details=0.0)
     lost = BORE + COUNTERBORE + POCKET - PAD
-    assert whole == pytest.approx(plain - lost * 1e-9, rel=1e-3)
+    assert whole == approx(plain - lost * 1e-9, rel=1e-3)
     assert not any("mesh.details" in text for text in remarks)
 
 

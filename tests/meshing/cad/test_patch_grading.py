@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component, Patch
 from headstock.geometry.parts.solids import Box
@@ -42,13 +43,13 @@ def test_elements_grow_from_a_patch_with_the_distance(make_component: Make) -> N
     # a tenth of the elements with the same at the rim
     assert len(graded.cells) < 0.2 * len(even.cells)
     corner = np.array([0.015, 0.005, 0.105])
-    assert np.quantile(edges_near(graded, corner, 0.0012), 0.1) == pytest.approx(
+    assert np.quantile(edges_near(graded, corner, 0.0012), 0.1) == approx(
         0.01 / 16, rel=0.4, abs=0.0
     )
     assert 0.5 < estimate_cells(graded_component) / len(graded.cells) < 2.0
     far = edges_near(graded, np.array([0.0, 0.15, 0.1]), 0.04)
     assert np.median(far) > 0.02
-    assert integrate_mesh(graded.points, graded.cells, graded.kind)[0] == pytest.approx(
+    assert integrate_mesh(graded.points, graded.cells, graded.kind)[0] == approx(
         0.03 * 0.4 * 0.2, rel=1e-12
     )
     assert scaled_jacobians(graded.points, graded.cells, graded.kind).min() > 0.02
@@ -76,7 +77,7 @@ def test_elements_grow_from_a_strip_far_narrower_than_they_are(make_component: M
     )
     mesh = mesh_component(component)
     assert mesh.quality.minimum_scaled_jacobian > 0.02
-    assert mesh.quality.cad_areas["line"] == pytest.approx(0.1 * 0.0005, rel=1e-9)
+    assert mesh.quality.cad_areas["line"] == approx(0.1 * 0.0005, rel=1e-9)
     assert len(mesh.cells) < 1e5
     for survey in (False, True):
         assert 0.5 < estimate_mesh(component, survey=survey).cells / len(mesh.cells) < 2.0

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.frames import Frame, rotation_about
 from headstock.geometry.parts.components import Component, Interface, Load, Patch, Support
 from headstock.geometry.parts.mass_properties import closed_form_properties
@@ -69,12 +70,12 @@ def test_meshed_solid_has_the_closed_form_volume_inertia_and_areas(
     assert exact is not None
     tolerance = 1e-3 if isinstance(solid, Tube) else 1e-12
     volume, center, inertia = integrate_mesh(mesh.points, mesh.cells, mesh.kind)
-    assert volume == pytest.approx(exact.volume, rel=tolerance)
+    assert volume == approx(exact.volume, rel=tolerance)
     assert np.allclose(center, exact.center, atol=tolerance * 0.5)
     assert np.allclose(inertia, exact.inertia, rtol=tolerance, atol=tolerance * exact.inertia.max())
     areas, centroids = patch_moments(mesh.points, mesh.patches)
     for name in patches:
-        assert areas[name] == pytest.approx(exact.patch_areas[name], rel=tolerance)
+        assert areas[name] == approx(exact.patch_areas[name], rel=tolerance)
         assert np.allclose(centroids[name], exact.patch_centroids[name], atol=tolerance)
     assert mesh.kind == "tet10"
     assert mesh.straight is not isinstance(solid, Tube)
@@ -89,10 +90,10 @@ def test_closed_forms_agree_with_the_cad_kernel(make_component: Make, solid: Sol
     groups = {name: interface.patches for name, interface in component.interfaces.items()}
     kernel = run_shape_job(component, groups, task="describe", time_limit=60.0).properties
     assert kernel is not None
-    assert kernel.volume == pytest.approx(exact.volume, rel=1e-10)
+    assert kernel.volume == approx(exact.volume, rel=1e-10)
     assert np.allclose(kernel.inertia, exact.inertia, rtol=1e-8, atol=1e-10 * exact.inertia.max())
     for name in groups:
-        assert kernel.patch_areas[name] == pytest.approx(exact.patch_areas[name], rel=1e-10)
+        assert kernel.patch_areas[name] == approx(exact.patch_areas[name], rel=1e-10)
         assert np.allclose(kernel.patch_centroids[name], exact.patch_centroids[name], atol=1e-10)
 
 
@@ -106,10 +107,10 @@ def test_overlapping_imprints_share_facets_and_keep_their_areas(make_component: 
         )
     )
     areas, centroids = patch_moments(mesh.points, mesh.patches)
-    assert areas["disk"] == pytest.approx(np.pi * 0.005**2, rel=1e-12)
-    assert areas["rect"] == pytest.approx(0.02 * 0.03, rel=1e-12)
-    assert areas["strip"] == pytest.approx(0.008 * 0.5, rel=1e-12)
-    assert areas["whole"] == pytest.approx(0.038 * 0.5, rel=1e-12)
+    assert areas["disk"] == approx(np.pi * 0.005**2, rel=1e-12)
+    assert areas["rect"] == approx(0.02 * 0.03, rel=1e-12)
+    assert areas["strip"] == approx(0.008 * 0.5, rel=1e-12)
+    assert areas["whole"] == approx(0.038 * 0.5, rel=1e-12)
     assert np.allclose(centroids["disk"], [0.05, 0.0, 0.3], atol=1e-14)
     facets = {name: {tuple(row) for row in rows} for name, rows in mesh.patches.items()}
     assert facets["disk"] < facets["rect"] < facets["whole"]
@@ -127,10 +128,10 @@ def test_disk_on_a_curved_face_has_its_projected_area(make_component: Make) -> N
     y = 0.01 * np.cos(np.pi * (np.arange(4000) + 0.5) / 4000)  # midpoints in angle across the disk
     exact = float(np.sum(2 * (0.01**2 - y**2) * 0.05 / np.sqrt(0.05**2 - y**2)) * np.pi / 4000)
     areas, centroids = patch_moments(mesh.points, mesh.patches)
-    assert areas["disk"] == pytest.approx(exact, rel=1e-3)
-    assert areas["outer"] == pytest.approx(np.pi * 0.1 * 0.2, rel=1e-3)
-    assert centroids["disk"][1] == pytest.approx(0.05, rel=0.02)
-    assert describe_component(component).patch_areas["disk"] == pytest.approx(exact, rel=1e-3)
+    assert areas["disk"] == approx(exact, rel=1e-3)
+    assert areas["outer"] == approx(np.pi * 0.1 * 0.2, rel=1e-3)
+    assert centroids["disk"][1] == approx(0.05, rel=0.02)
+    assert describe_component(component).patch_areas["disk"] == approx(exact, rel=1e-3)
 
 
 def test_patch_far_smaller_than_the_elements_gets_at_least_two_across(make_component: Make) -> None:
@@ -138,7 +139,7 @@ def test_patch_far_smaller_than_the_elements_gets_at_least_two_across(make_compo
         make_component(COLUMN, {"pad": Patch("x+", "rect", (0, 0, 0.3), (0.002, 0.002))}, size=0.02)
     )
     assert len(mesh.patches["pad"]) >= 8
-    assert mesh.quality.cad_areas["pad"] == pytest.approx(4e-6, rel=1e-9)
+    assert mesh.quality.cad_areas["pad"] == approx(4e-6, rel=1e-9)
 
 
 def test_several_patches_make_one_interface(make_component: Make) -> None:
@@ -148,7 +149,7 @@ def test_several_patches_make_one_interface(make_component: Make) -> None:
     component = make_component(Box((0.12, 0.25, 0.05)), {"feet": feet}, size=0.03)
     mesh = mesh_component(component)
     areas, centroids = patch_moments(mesh.points, mesh.patches)
-    assert areas["feet"] == pytest.approx(np.pi * 0.02**2, rel=1e-12)
+    assert areas["feet"] == approx(np.pi * 0.02**2, rel=1e-12)
     assert np.allclose(centroids["feet"], 0.0, atol=1e-12)
     assert np.allclose(describe_component(component).patch_centroids["feet"], 0.0, atol=1e-12)
 
@@ -200,12 +201,12 @@ def test_column_with_core_holes_loses_their_area(make_component: Make) -> None:
     column = dataclasses.replace(RIBBED, core_hole=0.06)
     mesh = mesh_component(make_component(column, ENDS))
     areas, _ = patch_moments(mesh.points, mesh.patches)
-    assert areas["foot"] == pytest.approx(0.2 * 0.15 - 2 * np.pi * 0.03**2, rel=1e-3)
+    assert areas["foot"] == approx(0.2 * 0.15 - 2 * np.pi * 0.03**2, rel=1e-3)
     solid = closed_form_properties(make_component(RIBBED))
     assert solid is not None
     # caps and horizontal rib in two cells, vertical rib in two
     holes = np.pi * 0.03**2 * (2 * (2 * 0.02 + 0.01) + 2 * 0.01)
-    assert mesh.quality.volume == pytest.approx(solid.volume - holes, rel=1e-3)
+    assert mesh.quality.volume == approx(solid.volume - holes, rel=1e-3)
 
 
 def test_same_component_gives_the_same_mesh_twice_wherever_it_stands(make_component: Make) -> None:
@@ -251,11 +252,11 @@ def test_hex_grid_is_ideal_and_follows_rect_imprints(make_component: Make) -> No
         make_component(COLUMN, {**ENDS, "rect": RECT, "strip": STRIP}, size=0.019, cells="hex")
     )
     assert mesh.kind == "hex27" and mesh.straight
-    assert mesh.quality.minimum_scaled_jacobian == pytest.approx(1.0, abs=1e-12)
+    assert mesh.quality.minimum_scaled_jacobian == approx(1.0, abs=1e-12)
     areas, _ = patch_moments(mesh.points, mesh.patches)
-    assert areas["rect"] == pytest.approx(0.02 * 0.03, rel=1e-12)
-    assert areas["strip"] == pytest.approx(0.008 * 0.5, rel=1e-12)
-    assert mesh.quality.volume == pytest.approx(0.1 * 0.038 * 0.5, rel=1e-12)
+    assert areas["rect"] == approx(0.02 * 0.03, rel=1e-12)
+    assert areas["strip"] == approx(0.008 * 0.5, rel=1e-12)
+    assert mesh.quality.volume == approx(0.1 * 0.038 * 0.5, rel=1e-12)
 
 
 def test_plain_hex_grid_has_as_many_cells_as_estimated(make_component: Make) -> None:
@@ -362,7 +363,7 @@ def test_closed_form_description_needs_no_child_process(
         "subprocess.run", lambda *_, **__: pytest.fail("a worker process was started")
     )
     component = make_component(COLUMN, {**ENDS, "disk": DISK, "rect": RECT})
-    assert describe_component(component).patch_areas["disk"] == pytest.approx(np.pi * 0.005**2)
+    assert describe_component(component).patch_areas["disk"] == approx(np.pi * 0.005**2)
 
 
 def test_interface_without_patches_is_refused(make_component: Make) -> None:
@@ -386,7 +387,7 @@ def test_thin_remains_of_patches_on_round_solids_are_meshed_finer_until_their_ar
     areas, _ = patch_moments(mesh.points, mesh.patches)
     assert set(mesh.quality.cad_areas) == set(crossing)
     for name, area in mesh.quality.cad_areas.items():
-        assert areas[name] == pytest.approx(area, rel=1e-3)
+        assert areas[name] == approx(area, rel=1e-3)
 
 
 @pytest.mark.trials

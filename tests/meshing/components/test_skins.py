@@ -11,7 +11,7 @@ import gmsh
 import numpy as np
 import pytest
 
-from common import make_box
+from common import approx, make_box
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.skins import IntArray, Skin, sharp_edges
@@ -36,10 +36,10 @@ def area(skin: Skin) -> float:
 def test_the_skin_of_a_box_has_its_surface_its_edges_and_points_of_the_mesh(kind: CellKind) -> None:
     mesh = make_box((3, 2, 4), (0.3, 0.2, 0.4), kind=kind)
     skin = mesh_skin(mesh)
-    assert area(skin) == pytest.approx(2 * (0.06 + 0.08 + 0.12), rel=1e-12)
+    assert area(skin) == approx(2 * (0.06 + 0.08 + 0.12), rel=1e-12)
     np.testing.assert_array_equal(carried(skin, mesh.points), skin.points)
     lengths = np.linalg.norm(np.diff(skin.points[skin.edges], axis=1)[:, 0], axis=1)
-    assert lengths.sum() == pytest.approx(4 * (0.3 + 0.2 + 0.4), rel=1e-12)
+    assert lengths.sum() == approx(4 * (0.3 + 0.2 + 0.4), rel=1e-12)
 
 
 def test_second_order_facets_of_a_coarse_mesh_are_split_through_their_mid_nodes() -> None:
@@ -62,8 +62,8 @@ def test_a_very_fine_skin_is_thinned_out_keeps_its_edges_and_points_to_bend_with
     skin = mesh_skin(mesh)
     assert (len(skin.triangles), skin.thinned_from) == (800, 4 * 32**2 + 16 * 32)
     np.testing.assert_allclose(np.ptp(skin.points, axis=0), [1.0, 1.0, 0.05], rtol=1e-12)
-    assert area(skin) == pytest.approx(2.2, rel=1e-5)
-    assert edge_length(skin) == pytest.approx(8.2, rel=1e-5)
+    assert area(skin) == approx(2.2, rel=1e-5)
+    assert edge_length(skin) == approx(8.2, rel=1e-5)
     sides = skin.points[skin.triangles] - skin.points[np.roll(skin.triangles, 1, axis=1)]
     assert np.linalg.norm(sides, axis=2).max() < 0.2 * np.sqrt(2.0)
     # deflection of one over the length: linear between points of the mesh, 1/32 apart
@@ -192,9 +192,9 @@ def test_a_step_part_that_is_thinned_out_twice_looks_the_same_with_its_holes_and
     for passes, thin in enumerate((stored, drawn), 1):
         assert torn_edges(thin) == 0
         assert holes(thin) == holes(whole)
-        assert enclosed_volume(thin) == pytest.approx(enclosed_volume(whole), rel=5e-3)
-        assert area(thin) == pytest.approx(area(whole), rel=5e-3)
-        assert edge_length(thin) == pytest.approx(edge_length(whole), rel=0.05)
+        assert enclosed_volume(thin) == approx(enclosed_volume(whole), rel=5e-3)
+        assert area(thin) == approx(area(whole), rel=5e-3)
+        assert edge_length(thin) == approx(edge_length(whole), rel=0.05)
         pixel = passes * PIXEL * skin_size(whole)
         middles = thin.points[thin.triangles].mean(axis=1)
         # some 200 points each
@@ -225,7 +225,7 @@ def test_the_surface_of_a_meshed_step_part_is_thinned_out_closed_and_moves_as_it
     assert len(thin.triangles) < len(whole.triangles) == thin.thinned_from
     assert torn_edges(whole) == torn_edges(thin) == 0
     np.testing.assert_allclose(carried(thin, mesh.points), thin.points, rtol=0.0, atol=1e-15)
-    assert area(thin) == pytest.approx(area(whole), rel=1e-2)
+    assert area(thin) == approx(area(whole), rel=1e-2)
 
 
 def tube(around: int, along: int, *, wall: float, radius: float = 0.5) -> Skin:
@@ -294,8 +294,8 @@ def test_an_open_surface_keeps_its_rim_and_no_wall_is_taken_for_its_other_side()
     bowl = Skin(points, corners, sharp_edges(points, corners), "solid")
     thin = thin_skin(bowl, largest=400)
     assert len(thin.triangles) == 400 and thin.thinned_from == len(corners)
-    assert area(thin) == pytest.approx(5.0, rel=PIXEL)
-    assert edge_length(thin) == pytest.approx(12.0, rel=PIXEL)
+    assert area(thin) == approx(5.0, rel=PIXEL)
+    assert edge_length(thin) == approx(12.0, rel=PIXEL)
     assert (
         torn_edges(thin)
         == (np.abs(thin.points[thin.edges][:, :, 2] - 1.0) < PIXEL).all(axis=1).sum()

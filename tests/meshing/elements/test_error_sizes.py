@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from common import make_box
+from common import approx, make_box
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import (
     Component,
@@ -68,7 +68,7 @@ def missed_at_tip(part: Component, mesh: ComponentMesh) -> tuple[FloatArray, flo
 def test_a_mesh_by_its_error_misses_less_with_fewer_points_than_an_even_one() -> None:
     coarse = mesh_component(BEAM)
     cells, whole = missed_at_tip(BEAM, coarse)
-    assert cells.sum() == pytest.approx(whole, rel=1e-4)
+    assert cells.sum() == approx(whole, rel=1e-4)
     adapted = mesh_component(give_sizes(BEAM, spread_error(coarse, cells, 0.4)))
     even = mesh_component(dataclasses.replace(BEAM, mesh=MeshSettings(size=0.025)))
     assert len(adapted.points) < 0.65 * len(even.points)
@@ -83,7 +83,7 @@ def test_sizes_shrink_evenly_where_every_cell_misses_the_same_per_volume() -> No
     energies = field.volumes * old**SMOOTH_RATE
     shrunk = spread_error(mesh, energies, 0.5)
     expected = (0.5 * energies.sum() / field.volumes.sum()) ** (1.0 / SMOOTH_RATE)
-    assert shrunk.sizes == pytest.approx(expected, rel=1e-3)
+    assert shrunk.sizes == approx(expected, rel=1e-3)
 
 
 def test_where_little_is_missed_sizes_stay_and_elsewhere_shrink_as_far_as_the_estimate_reaches() -> (
@@ -92,13 +92,13 @@ def test_where_little_is_missed_sizes_stay_and_elsewhere_shrink_as_far_as_the_es
     mesh = make_box((3, 3, 3), (1.0, 1.0, 1.0), kind="tet10")
     energies = np.ones(len(mesh.cells))
     whole, finest = (spread_error(mesh, energies, share) for share in (1.0, 1e-9))
-    assert finest.sizes / whole.sizes == pytest.approx(
+    assert finest.sizes / whole.sizes == approx(
         (MOST_TIMES / LEAST_TIMES) ** (-1.0 / 3.0), rel=1e-3
     )
     corner = np.linalg.norm(mesh.points[mesh.cells[:, :4]].mean(axis=1), axis=1)
     local = spread_error(mesh, np.exp(-10.0 * corner), 0.2)
     change = local.sizes / whole.sizes * LEAST_TIMES ** (-1.0 / 3.0)
-    assert change.min() < 0.6 and change.max() == pytest.approx(1.0, rel=1e-3)
+    assert change.min() < 0.6 and change.max() == approx(1.0, rel=1e-3)
 
 
 def test_a_mesh_whose_error_is_small_enough_gets_the_fewest_more_cells() -> None:
@@ -109,7 +109,7 @@ def test_a_mesh_whose_error_is_small_enough_gets_the_fewest_more_cells() -> None
     again = mesh_component(give_sizes(BEAM, same))
     # as many where gmsh makes cells of EDGE_OVER_SIZE; a beam takes a quarter more
     assert 0.9 * LEAST_TIMES < len(again.cells) / len(graded.cells) < 1.3 * LEAST_TIMES
-    assert same.cells == pytest.approx(len(again.cells), rel=0.35)
+    assert same.cells == approx(len(again.cells), rel=0.35)
 
 
 def test_sizes_that_were_given_never_grow_though_the_mesh_came_out_coarser() -> None:
@@ -117,7 +117,7 @@ def test_sizes_that_were_given_never_grow_though_the_mesh_came_out_coarser() -> 
     energies = np.ones(len(mesh.cells))
     alone = spread_error(mesh, energies, 1.0)
     given = dataclasses.replace(alone, sizes=0.7 * alone.sizes)
-    assert spread_error(mesh, energies, 1.0, given).sizes == pytest.approx(given.sizes, rel=1e-5)
+    assert spread_error(mesh, energies, 1.0, given).sizes == approx(given.sizes, rel=1e-5)
 
 
 def test_stresses_are_singular_at_an_inner_edge_and_at_the_rim_of_a_patch() -> None:

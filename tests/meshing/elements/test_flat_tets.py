@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from common import make_box
+from common import approx, make_box
 from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.component_mesh import POOR_QUALITY
@@ -19,8 +19,8 @@ def test_single_layers_are_found_with_thickness_and_length() -> None:
     mesh = make_box((10, 10, 1), (1.0, 1.0, 0.01), {}, kind="tet10")
     flat = find_flat_tets(mesh.points, mesh.cells[:, :4])
     assert len(flat.cells) == len(mesh.cells)
-    assert np.median(flat.thickness) == pytest.approx(0.01, rel=0.05)
-    assert np.median(flat.lengths) == pytest.approx(0.1 * np.sqrt(2.0), rel=0.05)
+    assert np.median(flat.thickness) == approx(0.01, rel=0.05)
+    assert np.median(flat.lengths) == approx(0.1 * np.sqrt(2.0), rel=0.05)
 
 
 @pytest.mark.parametrize("layers", [(10, 10, 3), (4, 4, 4)], ids=["three layers", "a block"])
@@ -55,4 +55,4 @@ def test_a_thin_sheet_is_not_said_to_have_poor_elements(
     assert scaled_jacobians(mesh.points, mesh.cells[:, :4], "tet4").min() < POOR_QUALITY
     assert mesh.quality.poor_share == 0.0
     assert mesh_warnings(mesh.quality, 3 * len(mesh.points)) == []
-    assert mesh.quality.flat_thickness == pytest.approx(0.002, rel=0.1)
+    assert mesh.quality.flat_thickness == approx(0.002, rel=0.1)

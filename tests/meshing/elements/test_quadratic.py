@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component, Interface, Material, Patch, Support
 from headstock.geometry.parts.solids import MeshFile
@@ -52,7 +53,7 @@ def test_the_new_nodes_are_those_that_were_left_out(
         integrate_over_cells(p, c, "hex27", lambda x: np.ones(len(x)))
         for p, c in ((points, completed), (whole, cells))
     ]
-    assert volumes[0] == pytest.approx(volumes[1], rel=1e-13)
+    assert volumes[0] == approx(volumes[1], rel=1e-13)
 
 
 def write_serendipity(path: Path, lattice: FloatArray) -> None:

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import CellKind, IntArray
 from headstock.meshing.elements.quadratic import elevate_tets, is_straight, repair_tets
@@ -45,8 +46,8 @@ def test_ideal_cells_have_quality_one_and_their_exact_volume(kind: CellKind) -> 
         )
         points = regular.T
     expected = 8.0 if kind.startswith("hex") else 8.0 / 3.0
-    assert scaled_jacobians(points, cells, kind)[0] == pytest.approx(1.0, rel=1e-12)
-    assert mesh_volume(points, cells, kind) == pytest.approx(expected, rel=1e-12)
+    assert scaled_jacobians(points, cells, kind)[0] == approx(1.0, rel=1e-12)
+    assert mesh_volume(points, cells, kind) == approx(expected, rel=1e-12)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -64,7 +65,7 @@ def test_facets_of_a_cell_enclose_it(kind: CellKind) -> None:
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     assert np.allclose(areas @ normals, 0.0, atol=1e-13)
-    assert np.einsum("f,fi,fi->", areas, normals, centers) / 3 == pytest.approx(
+    assert np.einsum("f,fi,fi->", areas, normals, centers) / 3 == approx(
         mesh_volume(points, cells, kind), rel=1e-12
     )
     assert (
@@ -80,11 +81,11 @@ def test_integrals_are_exact_on_curved_cells(kind: CellKind) -> None:
     bent[:, 2] += 0.1 * points[:, 0] ** 2  # a shear: volume stays, moments follow in closed form
     volume, center, inertia = integrate_mesh(bent + 1e6, cells, kind)
     straight = integrate_mesh(points, cells, kind)
-    assert volume == pytest.approx(straight[0], rel=1e-9)
+    assert volume == approx(straight[0], rel=1e-9)
     moments = np.trace(straight[2]) / 2 * np.eye(3) - straight[2]
     mean_square = moments[0, 0] / straight[0] + straight[1][0] ** 2
-    assert center[2] - 1e6 == pytest.approx(straight[1][2] + 0.1 * mean_square, abs=1e-9)
-    assert inertia[2, 2] == pytest.approx(straight[2][2, 2], rel=1e-6)
+    assert center[2] - 1e6 == approx(straight[1][2] + 0.1 * mean_square, abs=1e-9)
+    assert inertia[2, 2] == approx(straight[2][2, 2], rel=1e-6)
 
 
 def test_inversion_between_sampling_points_is_found() -> None:

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.parts.cad_faces import find_holes
 from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.solids import Box, Plate, Tube
@@ -25,7 +26,7 @@ def test_a_box_has_six_planes_with_their_areas(make_component: Make, cells: str)
     assert [face.number for face in faces] == [1, 2, 3, 4, 5, 6]
     assert {face.kind for face in faces} == {"plane"}
     areas = sorted(face.area for face in faces)
-    assert areas == pytest.approx([0.06, 0.06, 0.1, 0.1, 0.15, 0.15], rel=1e-12)
+    assert areas == approx([0.06, 0.06, 0.1, 0.1, 0.15, 0.15], rel=1e-12)
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -36,10 +37,10 @@ def test_a_tube_has_two_rings_a_mantle_and_a_hole(make_component: Make, order: i
     faces = describe_faces(mesh.points, surface, split_surface(mesh.points, surface))
     assert sorted(face.kind for face in faces) == ["cylinder", "cylinder", "plane", "plane"]
     radii = {face.hollow: face.radius for face in faces if face.kind == "cylinder"}
-    assert radii == {False: pytest.approx(0.02, rel=1e-6), True: pytest.approx(0.01, rel=1e-6)}
+    assert radii == {False: approx(0.02, rel=1e-6), True: approx(0.01, rel=1e-6)}
     (hole,) = find_holes(faces)
-    assert np.abs(hole.axis[2]) == pytest.approx(1.0, rel=1e-9)
-    assert hole.place == pytest.approx((0.0, 0.0, 0.015), abs=1e-9)
+    assert np.abs(hole.axis[2]) == approx(1.0, rel=1e-9)
+    assert hole.place == approx((0.0, 0.0, 0.015), abs=1e-9)
 
 
 def test_a_ribbed_plate_has_a_face_for_each_side_of_a_rib(make_component: Make) -> None:

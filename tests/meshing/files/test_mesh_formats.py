@@ -14,6 +14,7 @@ import pytest
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkIOExodus import vtkExodusIIReader
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component, Patch
 from headstock.geometry.parts.solids import Box, MeshFile, Tube
@@ -94,7 +95,7 @@ def test_meshes_come_back_node_for_node_with_their_patches(
     moved = back.points[back.cells] - mesh.points[mesh.cells]
     assert np.abs(moved).max() <= 1e-14
     found, given = (integrate_mesh(one.points, one.cells, one.kind) for one in (back, mesh))
-    assert found.volume == pytest.approx(given.volume, rel=1e-11)
+    assert found.volume == approx(given.volume, rel=1e-11)
     assert np.allclose(found.inertia, given.inertia, rtol=1e-10, atol=1e-20)
     assert patch_places(back) == patch_places(mesh)
 
@@ -178,8 +179,8 @@ def test_groups_of_salome_become_sets(make_component: Make, tmp_path: Path) -> N
     sets = {"a": "set:Lid", "b": "set:both", "c": "set:Corners below", "z-": "z-", "z+": "z+"}
     patches = {name: Patch(face) for name, face in sets.items()}
     mesh = mesh_component(make_component(read_file(tmp_path / "cube.med"), patches))
-    assert mesh.kind == "hex27" and mesh.quality.volume == pytest.approx(1.0, rel=1e-14)
-    assert mesh.quality.minimum_scaled_jacobian == pytest.approx(1.0, rel=1e-12)
+    assert mesh.kind == "hex27" and mesh.quality.volume == approx(1.0, rel=1e-14)
+    assert mesh.quality.minimum_scaled_jacobian == approx(1.0, rel=1e-12)
     assert np.array_equal(mesh.patches["a"], mesh.patches["z+"])
     assert np.array_equal(mesh.patches["c"], mesh.patches["z-"])
     assert len(mesh.patches["b"]) == 2
@@ -224,12 +225,12 @@ def test_side_sets_without_a_name_go_by_their_number(
     mesh = mesh_component(
         make_component(read_file(tmp_path / "two.e"), patches, allow_singular=True)
     )
-    assert mesh.quality.volume == pytest.approx(2.0, rel=1e-14)
+    assert mesh.quality.volume == approx(2.0, rel=1e-14)
     assert np.array_equal(mesh.patches["lid"], mesh.patches["z+"])
     assert np.array_equal(mesh.patches["nodes"], mesh.patches["z+"])
     assert len(mesh.patches["more"]) == 2
     _, centroids = patch_moments(mesh.points, mesh.patches)
-    assert centroids["more"] == pytest.approx([0.25, 0.5, 0.25], rel=1e-12)
+    assert centroids["more"] == approx([0.25, 0.5, 0.25], rel=1e-12)
 
 
 def test_properties_and_sets_of_nastran_decks_become_sets(
@@ -301,13 +302,13 @@ def test_integers_of_solid_cells_are_sets_that_may_be_of_several_materials(
     )
     (tmp_path / "cube.xdmf").write_text(text)
     whole = mesh_component(make_component(read_file(tmp_path / "cube.xdmf")))
-    assert whole.kind == "tet10" and whole.quality.volume == pytest.approx(1.0, rel=1e-14)
+    assert whole.kind == "tet10" and whole.quality.volume == approx(1.0, rel=1e-14)
     assert "part_5 (1 cells), part_9 (1 cells)" in " ".join(whole.quality.remarks)
     solid = dataclasses.replace(read_file(tmp_path / "cube.xdmf"), solid="part_9")
     half = mesh_component(make_component(solid, {"cut": Patch("set:cut")}))
-    assert half.quality.volume == pytest.approx(0.5, rel=1e-14)
+    assert half.quality.volume == approx(0.5, rel=1e-14)
     areas, _ = patch_moments(half.points, half.patches)
-    assert areas["cut"] == pytest.approx(2**0.5, rel=1e-12)
+    assert areas["cut"] == approx(2**0.5, rel=1e-12)
 
 
 def test_curved_hexes_that_need_27_nodes_are_not_written_with_20(

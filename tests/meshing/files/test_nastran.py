@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.elements.quadratic import complete_hexes
 from headstock.meshing.elements.quality import integrate_mesh
@@ -65,7 +66,7 @@ def test_every_form_is_read_as_another_reader_reads_it(name: str) -> None:
     hexes = sum(len(places) == 8 for places in corners.values())
     # one cube, two, or two with a pyramid on top
     stacked = {0: 1.0, 1: 2.2, 2: 2.0}[hexes]
-    assert volume(data) == pytest.approx(stacked * CUBE, rel=1e-4)
+    assert volume(data) == approx(stacked * CUBE, rel=1e-4)
 
 
 def test_the_default_system_of_grid_points_holds_where_they_name_none() -> None:
@@ -82,7 +83,7 @@ def test_lines_that_continue_a_card_are_found_by_their_mark(tmp_path: Path) -> N
     far = f"{'+T1':<8}{8:>8}\n"
     for text in (cell + far + grids, cell + grids + far, far + grids + cell):
         data = read_text(tmp_path / "part.bdf", "BEGIN BULK\n" + text + "ENDDATA\n")
-        assert data.kind == "tet10" and volume(data) == pytest.approx(1 / 6)
+        assert data.kind == "tet10" and volume(data) == approx(1 / 6)
 
 
 @pytest.mark.parametrize(
@@ -122,6 +123,6 @@ def test_two_properties_are_one_part_only_where_their_materials_are_equal(tmp_pa
         read_text(tmp_path / "part.bdf", text.format("7.+4"))
     raw = read_nastran(tmp_path / "part.bdf")
     chosen = assemble_mesh(tmp_path / "part.bdf", raw, "property_1")
-    assert volume(chosen) == pytest.approx(1 / 6)
+    assert volume(chosen) == approx(1 / 6)
     assert len(chosen.facets["cut"]) == 1
     assert len(assemble_mesh(tmp_path / "part.bdf", raw, "*").cells) == 2

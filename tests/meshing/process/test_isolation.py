@@ -9,7 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from common import approx
 from headstock.meshing.process.isolation import WorkerEnd, WorkerLimits, isolate, run_isolated
+
+pytestmark = pytest.mark.workers
 
 LIMITS = WorkerLimits(memory_bytes=1 << 30, cpu_seconds=20, wall_seconds=60.0)
 Run = Callable[..., WorkerEnd]
@@ -206,7 +209,7 @@ print(run_job(MeshJob("describe", Box((1.0, 2.0, 3.0))), what="box", time_limit=
 """
     command = ["bash", "-c", f'{limits}; exec "$@"', "bash", sys.executable, "-P", "-c", code]
     done = subprocess.run(command, capture_output=True, text=True)
-    assert done.returncode == 0 and float(done.stdout) == pytest.approx(6.0), done.stderr
+    assert done.returncode == 0 and float(done.stdout) == approx(6.0), done.stderr
 
 
 def test_a_limit_of_the_shell_is_named_when_it_is_met() -> None:

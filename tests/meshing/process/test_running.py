@@ -3,6 +3,7 @@ from pathlib import Path
 
 import pytest
 
+from common import approx
 from faults.small_disks import limited_room
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.errors import MeshError
@@ -10,7 +11,7 @@ from headstock.meshing.process.job import MeshJob
 from headstock.meshing.process.running import run_job
 from headstock.studies.parameters.runs import blames_surroundings
 
-pytestmark = pytest.mark.process
+pytestmark = [pytest.mark.process, pytest.mark.workers]
 
 BOX = Box((100.0, 40.0, 1000.0))
 
@@ -40,7 +41,7 @@ def test_child_does_not_import_from_the_working_folder(
         MeshJob("describe", BOX, size=50.0, straight=True), what="column", time_limit=60.0
     )
     assert data.properties is not None
-    assert data.properties.volume == pytest.approx(4e6)
+    assert data.properties.volume == approx(4e6)
 
 
 def test_child_does_not_see_the_mpi_launcher(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,7 @@
 
 import pytest
 
+from common import approx
 from headstock.pipeline.accuracy.quantities import (
     LEAST_FACTOR,
     MESH_SAFETY,
@@ -63,7 +64,7 @@ def test_numbers_that_decide_tell_the_factor_of_a_component() -> None:
     assert factors == weigh_estimates(before[:1], after[:1], {"column": 0.6}, {})
     assert 1.0 < factors["column"] < MOST_FACTOR
     counted = count_safely(after, factors)
-    assert counted[1].parts[COLUMN] == pytest.approx(0.02 * factors["column"], abs=0.0)
+    assert counted[1].parts[COLUMN] == approx(0.02 * factors["column"], abs=0.0)
 
 
 def test_a_step_too_small_to_tell_much_does_not_undo_what_was_learnt() -> None:
@@ -80,11 +81,9 @@ def test_parts_that_were_not_refined_keep_their_factor() -> None:
     factors = weigh_estimates([before], [after], {"column": 0.7}, known)
     assert factors["base"] == 0.9
     counted = count_safely([after], factors)[0].parts
-    assert counted[BASE] == pytest.approx(0.9 * 0.02, abs=0.0)
-    assert counted["column", REDUCTION] == pytest.approx(0.001, abs=0.0)
+    assert counted[BASE] == approx(0.9 * 0.02, abs=0.0)
+    assert counted["column", REDUCTION] == approx(0.001, abs=0.0)
     # a number that was not there before is counted as everywhere
     fresh = weigh_estimates([], [after], {"column": 0.7}, {})
-    assert count_safely([after], fresh)[0].parts[COLUMN] == pytest.approx(
-        MESH_SAFETY * 0.02, abs=0.0
-    )
+    assert count_safely([after], fresh)[0].parts[COLUMN] == approx(MESH_SAFETY * 0.02, abs=0.0)
     assert fresh == {}

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.accuracy import AccuracyAnswer
 from headstock.pipeline.answers.answer import find_answers
@@ -89,7 +90,7 @@ def test_the_accuracy_is_met_with_small_cells_where_the_error_is(
 ) -> None:
     (answer,) = find_answers(searched.answers, AccuracyAnswer)
     assert answer.met and len(answer.rounds) > 1
-    assert numbers(searched) == pytest.approx(extrapolated, rel=0.005)
+    assert numbers(searched) == approx(extrapolated, rel=0.005)
     chosen = load_scene(folder / "scene.toml").machine.components["part"]
     assert chosen.mesh.sizes is None
     text = (folder / "searched" / "sizes" / "part.pos").read_text()
@@ -103,7 +104,7 @@ def test_what_was_chosen_is_replayed_from_the_summary(folder: Path, searched: Re
     shutil.copy(folder / "searched" / "sizes" / "part.pos", folder)
     values = summarise(searched)["accuracy"]["values"]
     again = run(folder, "replayed", values=values)
-    assert numbers(again) == pytest.approx(numbers(searched), rel=1e-9)
+    assert numbers(again) == approx(numbers(searched), rel=1e-9)
     assert not find_answers(again.answers, AccuracyAnswer)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse, ResponseCurves
@@ -131,7 +132,7 @@ def test_one_piece_lies_within_what_a_joint_leaves_out(
     warned = [text for text in found.warnings if text.startswith("joint glue:")]
     assert len(warned) == (max(shares) > 0.01)
     entry = summarise(found)["interface_errors"]["joints"]["glue"]
-    assert entry["largest"] == pytest.approx(max(shares))
+    assert entry["largest"] == approx(max(shares))
 
 
 RESPONSE = """
@@ -187,7 +188,7 @@ def test_lines_of_a_response_get_the_difference_to_joints_with_shapes(folder: Pa
         depth = own.most_negative_real
         assert depth is not None
         moved = max(abs(other.most_negative_real - depth) for other in others)
-        assert found.errors[found.figure_key(own.channel)].shares[INTERFACE] == pytest.approx(
+        assert found.errors[found.figure_key(own.channel)].shares[INTERFACE] == approx(
             moved, rel=1e-3
         )
 
@@ -231,7 +232,7 @@ def test_an_accuracy_gives_a_joint_the_shapes_it_needs(folder: Path, whole: Resu
     # twelve put the fifth frequency off by more than a quarter of the accuracy
     assert words.startswith("24 deformation shapes at lower.cut and upper.cut: ")
     (modes,), (right,) = (find_answers(each.answers, PoseModes) for each in (found, whole))
-    assert modes.frequencies_hz == pytest.approx(right.frequencies_hz, rel=0.02)
+    assert modes.frequencies_hz == approx(right.frequencies_hz, rel=0.02)
     assert found.failures == ()
 
 
@@ -251,7 +252,7 @@ def test_where_six_motions_are_not_enough_an_open_joint_gets_shapes(
     assert words.startswith("24 deformation shapes at lower.cut and upper.cut: ")
     assert "; weak form, the other one " in words
     (modes,), (right,) = (find_answers(each.answers, PoseModes) for each in (found, whole))
-    assert modes.frequencies_hz == pytest.approx(right.frequencies_hz, rel=0.02)
+    assert modes.frequencies_hz == approx(right.frequencies_hz, rel=0.02)
     assert found.failures == ()
     again = choose(folder, "", goal, "open")
     assert summarise(again)["accuracy"]["settings"]["glue"] == words

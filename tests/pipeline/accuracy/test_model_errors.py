@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from headstock.pipeline.answers.accuracy import ModelErrorsAnswer
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
@@ -128,7 +129,7 @@ def test_parts_of_bodies_add_up_and_are_told_by_name(folder: Path) -> None:
     (models,) = find_answers(results.answers, ModelErrorsAnswer)
     assert models.bodies.keys() == {"block", "column", "head"}
     for error in results.modal[0].list_errors():
-        assert sum(error.parts[MODEL].values()) == pytest.approx(error.shares[MODEL])
+        assert sum(error.parts[MODEL].values()) == approx(error.shares[MODEL])
     summary = summarise(results)
     assert summary["model_errors"]["bodies"]["head"]["fidelity"] == "rigid"
     # a rigid body alone becomes more compliant; segments may be too compliant already

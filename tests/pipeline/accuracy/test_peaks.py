@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from common import present
+from common import approx, present
 from headstock.app.command_line import main
 from headstock.app.texts.bounded_values import accuracy_words
 from headstock.pipeline.answers.accuracy import AccuracyAnswer
@@ -162,7 +162,7 @@ def test_the_table_and_the_report_show_peaks_with_their_plus_minus(
         if own["output"] == own["input"] == first["output"]
     )
     # the minimum dynamic stiffness is one over the tallest peak
-    assert 1e3 / tallest == pytest.approx(drive["minimum_dynamic_stiffness_N_per_um"], rel=1e-5)
+    assert 1e3 / tallest == approx(drive["minimum_dynamic_stiffness_N_per_um"], rel=1e-5)
 
 
 def test_bodies_without_finite_elements_have_peaks_without_a_known_error(folder: Path) -> None:

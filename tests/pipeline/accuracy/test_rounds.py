@@ -3,8 +3,8 @@
 import dataclasses
 
 import numpy as np
-import pytest
 
+from common import approx
 from headstock.geometry.parts.components import Component, Material
 from headstock.geometry.parts.solids import Box
 from headstock.pipeline.accuracy.quantities import Quantity
@@ -45,8 +45,8 @@ def test_an_even_mesh_and_a_graded_one_are_compared_by_their_dofs() -> None:
     hexes = MeshScale(0.094, 0.0097, graded=False)
     tets = MeshScale(0.0058, 0.0058, graded=True)
     # sizes would say a sixteenth, after which nothing would be left of the error
-    assert tets.step_from(hexes) == pytest.approx(0.6, abs=0.01)
-    assert MeshScale(0.056, 0.008, graded=False).step_from(hexes) == pytest.approx(0.6, abs=0.01)
+    assert tets.step_from(hexes) == approx(0.6, abs=0.01)
+    assert MeshScale(0.056, 0.008, graded=False).step_from(hexes) == approx(0.6, abs=0.01)
 
 
 def test_every_number_is_expected_to_be_right() -> None:
@@ -86,4 +86,4 @@ def test_a_part_without_a_bound_is_refined_whatever_it_costs() -> None:
 
 def test_numbers_that_are_right_ask_for_nothing() -> None:
     assert _wanted_ratios([number(0.01, 0.01)], 0.03, PARTS, EQUAL) == {}
-    assert number(0.01, 0.01).error == pytest.approx(0.02)
+    assert number(0.01, 0.01).error == approx(0.02)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from common import present
+from common import approx, present
 from headstock.app.texts.bounded_values import accuracy_words
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.joints import Joint, JointEnd
@@ -174,9 +174,9 @@ def test_thin_parts_begin_with_elements_wider_than_their_walls() -> None:
     assert count_hexes(sheet, size, flat.mesh.across_patches) <= 1500
     column = dataclasses.replace(COLUMN, solid=HollowColumn((0.4, 0.3, 1.5), 0.006, 0.01))
     hollow = start_component(column, 0.01, None)
-    assert hollow.mesh.cells == "tet" and hollow.mesh.size == pytest.approx(3.0 * 0.006)
+    assert hollow.mesh.cells == "tet" and hollow.mesh.size == approx(3.0 * 0.006)
     # what takes few elements as it is stays fine enough for torsion
-    assert start_component(COLUMN, 0.01, None).mesh.size == pytest.approx(0.95 * 0.04)
+    assert start_component(COLUMN, 0.01, None).mesh.size == approx(0.95 * 0.04)
 
 
 def test_hexahedra_whose_errors_fall_slowly_become_tetrahedra_that_grow_from_the_rims() -> None:
@@ -212,10 +212,10 @@ def test_grids_along_small_patches_end_where_single_hexahedra_would_be_nearly_as
 
 
 def test_the_rate_is_that_of_the_last_two_trials_within_bounds() -> None:
-    assert observed_rate((Trial(4.0, 0.32, 0.32), Trial(2.0, 0.04, 0.04))) == pytest.approx(3.0)
+    assert observed_rate((Trial(4.0, 0.32, 0.32), Trial(2.0, 0.04, 0.04))) == approx(3.0)
     assert observed_rate((Trial(2.0, 0.04, 0.04), Trial(1.0, 0.05, 0.05))) < 1.0
     # numbers that settle faster than estimates fall
-    assert observed_rate((Trial(2.0, 0.04, 0.072), Trial(1.0, 0.03, 0.012))) == pytest.approx(
+    assert observed_rate((Trial(2.0, 0.04, 0.072), Trial(1.0, 0.03, 0.012))) == approx(
         observed_rate((Trial(2.0, 0.04, 0.07),))
     )
 

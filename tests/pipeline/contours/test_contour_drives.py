@@ -73,8 +73,7 @@ def load_prompt(folder: Path, variant: str, *settings: str) -> Scene:
 
 
 def request_of(scene: Scene) -> ContouringRequest:
-    assert scene.analyses.contouring is not None
-    return scene.analyses.contouring
+    return scene.analyses[ContouringRequest]
 
 
 def build_state(folder: Path, scene: Scene) -> RunState:

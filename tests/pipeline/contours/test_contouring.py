@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from headstock.app.report.milled_faces import draw_milled_faces
 from headstock.app.report.path import draw_contour
 from headstock.app.tables.contouring import (
@@ -29,7 +30,7 @@ from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.forces import ForceFileError, ForceRecord
-from headstock.scene.requests import Analyses, ContouringRequest
+from headstock.scene.requests import ContouringRequest
 from headstock.solvers.mechanisms.dynamics import MechanismBody
 from headstock.solvers.mechanisms.modes import PoseDamping, linearise_poses, tool_compliance
 from headstock.solvers.milling.path_drives import follow_path
@@ -122,7 +123,7 @@ def test_a_steady_force_leaves_a_face_where_the_static_compliance_says(machine: 
     turn = machine.scene.mounted.mounting.rotation
     moved = turn @ compliance[1, :3, :3] @ turn.T @ push + [*push[:2] / 2e7, 0.0]
     face, outward = faces[0], run.plan.cuts[0].outward
-    assert face.parameters.location - face.cusp / 3.0 == pytest.approx(moved @ outward, rel=5e-4)
+    assert face.parameters.location - face.cusp / 3.0 == approx(moved @ outward, rel=5e-4)
     answer = evaluate_contour(request, run, milled=faces).summarise()
     rows = list_faces(answer)
     assert [row.face for row in rows] == [1] and rows[0].gap is None
@@ -156,7 +157,7 @@ def test_effects_that_are_not_named_are_left_out(machine: Tripteor) -> None:
         machine.scene, machine.model, dataclasses.replace(request, regeneration=True), until=until
     )
     cut = run_lumped_contour(machine.scene, machine.model, request, until=until)
-    assert np.abs(waves.force).max() == pytest.approx(np.abs(cut.force).max(), rel=0.05)
+    assert np.abs(waves.force).max() == approx(np.abs(cut.force).max(), rel=0.05)
     assert 1e-9 < np.abs(waves.gap - cut.gap).max() < 3e-6
 
 
@@ -237,7 +238,7 @@ def lobes_on_a_face(request: ContouringRequest, rpm: float, folder: Path) -> Dir
         f'material = "{request.material}", directions = [{face.travel.tolist()}], checked = 1.0, poses = ["face"] }}',
     )
     scene = load_scene(SCENE, variant="lumped", overrides=overrides)
-    scene = dataclasses.replace(scene, analyses=Analyses(lobes=scene.analyses.lobes))
+    scene = dataclasses.replace(scene, analyses=scene.analyses.keep(["lobes"]))
     found = run_scene(scene, folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
     (lobes,) = find_answers(found.answers, PoseLobes)
     return lobes.directions[0]
@@ -260,7 +261,7 @@ def test_waves_decay_below_the_lobes_of_a_lumped_mechanism_and_grow_above_in_tim
     request = dataclasses.replace(request, contour=block, regeneration=True, steps_per_turn=48)
     lobes = lobes_on_a_face(request, rpm, tmp_path)
     limit = float(lobes.depths[0])
-    assert lobes.zeroth[0] / limit - 1.0 == pytest.approx(off, abs=0.05)
+    assert lobes.zeroth[0] / limit - 1.0 == approx(off, abs=0.05)
     begins, growth = plan_contour(block).cuts[0].begins, {}
     for share in (0.9, 1.1):
         cut = dataclasses.replace(
@@ -280,7 +281,7 @@ def test_waves_decay_below_the_lobes_of_a_lumped_mechanism_and_grow_above_in_tim
     assert growth[1.1] > 0.2
     # the border lies where the logarithm passes zero
     border = 0.9 + 0.2 * growth[0.9] / (growth[0.9] - growth[1.1])
-    assert border == pytest.approx(1.0, abs=0.04)
+    assert border == approx(1.0, abs=0.04)
 
 
 def test_a_face_that_is_passed_too_fast_has_no_gap_and_a_reason(short_run: ContourRun) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import MachinePath, Pose, travel_directions
 from headstock.meshing.components.meshing import describe_component
@@ -73,8 +74,7 @@ def build_state(
 
 
 def request_of(state: RunState) -> ContouringRequest:
-    request = state.scene.analyses.contouring
-    assert request is not None
+    request = state.scene.analyses[ContouringRequest]
     return request
 
 
@@ -155,7 +155,7 @@ def test_a_slow_cut_bends_the_machine_as_its_compliance_says(tmp_path: Path) -> 
     assert np.abs(found.gap[on].mean(axis=0) - expected).max() < 5e-3 * np.abs(expected).max()
     # the screws hold the tool against the cut: the ram's pushes along y, both along x
     drives = found.drives.forces(np.flatnonzero(on)).mean(axis=0)
-    assert drives == pytest.approx(-found.force[on].mean(axis=0)[:2], rel=5e-3)
+    assert drives == approx(-found.force[on].mean(axis=0)[:2], rel=5e-3)
     # the face is where the tool is as its teeth pass, and a third of a cusp further out
     request = request_of(state)
     (face,), _ = mill_faces(request, found)
@@ -185,10 +185,10 @@ def test_a_slow_cut_bends_the_machine_as_its_compliance_says(tmp_path: Path) -> 
         + step**2 * bend / 8.0
         + face.cusp / len(passes)
     )
-    assert face.parameters.location == pytest.approx(located, abs=within)
+    assert face.parameters.location == approx(located, abs=within)
     assert face.parameters.location > 1e-6
     middle = face.by_height[2][1]
-    assert middle == pytest.approx(face.parameters.location, abs=face.cusp / len(passes))
+    assert middle == approx(face.parameters.location, abs=face.cusp / len(passes))
 
 
 def test_modes_left_out_follow_at_once(tmp_path: Path) -> None:
@@ -197,9 +197,7 @@ def test_modes_left_out_follow_at_once(tmp_path: Path) -> None:
     assert part.way.sampled.modes < whole.way.sampled.modes == 12
     assert np.abs(whole.gap - part.gap).max() < 0.03 * np.abs(whole.gap).max()
     on = whole.times > 0.4
-    assert part.gap[on].mean(axis=0) == pytest.approx(
-        whole.gap[on].mean(axis=0), rel=1e-3, abs=1e-10
-    )
+    assert part.gap[on].mean(axis=0) == approx(whole.gap[on].mean(axis=0), rel=1e-3, abs=1e-10)
     frozen = run(state, 0.5, follows_pose=False)
     change = np.abs(whole.gap - frozen.gap).max()
     assert 1e-6 * np.abs(whole.gap).max() < change < 0.1 * np.abs(whole.gap).max()
@@ -227,7 +225,7 @@ def check_waves(state: RunState, request: ContouringRequest, within: float) -> N
             coupled_face_dynamics(found, deeper, 0), deeper, cut.axial_depth
         )
         growth[share] = float(late / early) ** (1.0 / periods)
-        assert growth[share] == pytest.approx(multiplier, abs=within)
+        assert growth[share] == approx(multiplier, abs=within)
     assert growth[0.95] < 1.0 < growth[1.05]
 
 
@@ -270,8 +268,8 @@ def test_ripple_of_the_teeth_needs_modes_up_to_their_frequency(tmp_path: Path) -
         outward = np.fft.irfft(moved[:, 1, 0], n=len(force))
         ripple[hz] = float(np.ptp(outward))
         # the mean is static: no mode is missing from it
-        assert outward.mean() == pytest.approx(6.4923e-6, rel=2e-4)
-    assert ripple[1000.0] == pytest.approx(ripple[2600.0], rel=3e-3)
+        assert outward.mean() == approx(6.4923e-6, rel=2e-4)
+    assert ripple[1000.0] == approx(ripple[2600.0], rel=3e-3)
     assert ripple[600.0] > 1.1 * ripple[2600.0]
 
 
@@ -335,7 +333,7 @@ def test_stiff_legs_move_as_the_lumped_mechanism(tmp_path: Path) -> None:
     assert np.abs(mine.waviness - other.waviness).max() < 1e-3 * size
     for name in ("location", "ra", "rz", "wt", "pt"):
         found, expected = (getattr(face.parameters, name) for face in (mine, other))
-        assert found == pytest.approx(expected, abs=1e-3 * size)
+        assert found == approx(expected, abs=1e-3 * size)
     # undamped: of the damping of modes screws carry no part, and in balance of all bodies it is
     legs, lumped = both(0.12, "effects.damping=false")
     some = np.arange(0, len(lumped.times), 50)
@@ -376,7 +374,7 @@ def test_corners_and_measured_axes_from_files_mill_the_block_as_its_table_does(
     answer = evaluate_contour(request_of(state), found).summarise()
     assert answer["face_3_over_face_1"] == {} and answer["traces"]["off_path_um"] < 0.01
     planned = dataclasses.replace(request_of(state), traces=None)
-    assert plan_contour(planned.contour).path.at(times).position == pytest.approx(
+    assert plan_contour(planned.contour).path.at(times).position == approx(
         expected.plan.path.at(times).position, abs=1e-11
     )
     for name, wrong, message in (
@@ -400,9 +398,7 @@ def test_a_motor_turns_itself_and_its_screw() -> None:
     speed, acceleration = np.array([0.05, 0.05]), np.array([0.0, 2.0])
     torque = drive_torque(drive, speed, acceleration)
     turn = 2.0 * np.pi / 0.01
-    assert torque[1] - torque[0] == pytest.approx(
-        (drive.motor_inertia + drive.screw_inertia) * turn * 2.0
-    )
+    assert torque[1] - torque[0] == approx((drive.motor_inertia + drive.screw_inertia) * turn * 2.0)
 
 
 @pytest.mark.parametrize(

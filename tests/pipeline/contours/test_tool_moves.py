@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray
 from headstock.geometry.machine.drives import Drive, ripple_force
 from headstock.geometry.mechanisms.exechon import LENGTHS, solve_tool_pose
@@ -32,6 +33,7 @@ from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.coupling.guide_errors import GUIDE_ERRORS
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
+from headstock.scene.requests import Analyses, PathRequest
 from headstock.scene.scene import keep_analyses
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.drive_trains import FORCE
@@ -140,8 +142,7 @@ def refer(
     # their matrices and loads are linear between nodes
     monkeypatch.setattr(contouring, "NODE_SPACING", 5e-3)
     monkeypatch.setattr(contouring, "LOAD_SPACING", 2e-4)
-    request = load_scene(TRIPTEOR, variant="lumped", overrides=[PATH]).analyses.path
-    assert request is not None
+    request = load_scene(TRIPTEOR, variant="lumped", overrides=[PATH]).analyses[PathRequest]
     samples, scene = found.runs[0].curves.deviation.times, tripteor.scene
     step = float(samples[1] - samples[0]) / PARTS
     times = step * np.arange(-2, PARTS * (len(samples) - 1) + 1, dtype=np.float64)
@@ -230,8 +231,7 @@ def test_motors_hold_the_weight_before_a_move(tmp_path: Path) -> None:
     settings = (FROZEN, "effects.gravity=true")
     (own,) = solve(tmp_path, "lumped+controlled", *settings).runs
     state = build_state(tmp_path, "lumped+controlled", *settings)
-    path = state.scene.analyses.path
-    assert path is not None
+    path = state.scene.analyses[PathRequest]
     # the weight that motors carry is that of where they are
     driven = drive_machine(place_model(state)(path.path.start), lambda text: None)
     motors = np.array([driven.system.inputs[train.name, FORCE] for train in driven.trains])
@@ -276,8 +276,7 @@ def test_interfaces_leave_a_line_as_the_rigid_body_does_that_they_are_on(
     state = build_state(tmp_path, variant + control, outputs)
     (found,) = run_any_path_stage(state, Stage("path", None, "")).answers
     assert isinstance(found, PathResult)
-    curves, request = found.runs[0].curves, state.scene.analyses.path
-    assert request is not None
+    curves, request = found.runs[0].curves, state.scene.analyses[PathRequest]
     line, model_at = np.linspace(0.0, request.path.length, 5), place_model(state)
     arms = []
     for position in line:
@@ -326,8 +325,7 @@ def test_errors_of_screws_of_components_lead_a_tool_off_as_statics_say_in_every_
     )
     (found,) = run_any_path_stage(state, Stage("path", None, "")).answers
     assert isinstance(found, PathResult)
-    mine, path = total(found) - total(plain), state.scene.analyses.path
-    assert path is not None
+    mine, path = total(found) - total(plain), state.scene.analyses[PathRequest]
     some = slice(200, 400, 50)
     expected = []
     for position in (0.0, *found.runs[0].curves.positions[some]):
@@ -399,7 +397,7 @@ def test_a_cut_pushes_a_tool_off_its_line_as_far_as_statics_say(
     state = build_state(tmp_path, "lumped", CUT, FROZEN)
     (found,) = run_any_path_stage(state, Stage("path", None, "")).answers
     assert isinstance(found, PathResult)
-    request = state.scene.analyses.path
+    request = state.scene.analyses.get(PathRequest)
     assert request is not None and request.cut is not None
     turn = 2.0 * np.pi / request.cut.cut.spindle
     count = round(turn * request.sampling_hz)
@@ -407,7 +405,7 @@ def test_a_cut_pushes_a_tool_off_its_line_as_far_as_statics_say(
     late = slice(300, 300 + 2 * count)
     times = found.runs[0].curves.deviation.times
     feed = request.moves[0].feed
-    assert sample_move(request.moves[0], times[late]).speeds == pytest.approx(feed)
+    assert sample_move(request.moves[0], times[late]).speeds == approx(feed)
     flat = ALONG * np.array([1.0, 1.0, 0.0])
     size = float(np.linalg.norm(flat))
     up = np.array([0.0, 0.0, 1.0])
@@ -471,9 +469,8 @@ def test_a_line_looks_as_high_as_ramps_teeth_and_waves_excite_it(
 ) -> None:
     settings = (PATH, f"effects.{effect}=true", *settings)
     scene = load_scene(TRIPTEOR, variant="lumped+controlled", overrides=settings)
-    request = scene.analyses.path
-    assert request is not None
-    assert request.band_hz == pytest.approx(band)
+    request = scene.analyses[PathRequest]
+    assert request.band_hz == approx(band)
 
 
 def test_modes_above_what_ramps_excite_change_a_line_by_next_to_nothing(tmp_path: Path) -> None:
@@ -481,12 +478,11 @@ def test_modes_above_what_ramps_excite_change_a_line_by_next_to_nothing(tmp_path
     scene = keep_analyses(
         load_scene(TRIPTEOR, variant="elastic_legs+segmented", overrides=[PATH, FROZEN]), ["path"]
     )
-    request, found = scene.analyses.path, []
-    assert request is not None
+    request, found = scene.analyses[PathRequest], []
     for band in (request.band_hz, 0.5 * request.sampling_hz):
         path = dataclasses.replace(request, band_hz=band)
         results = run_scene(
-            dataclasses.replace(scene, analyses=dataclasses.replace(scene.analyses, path=path)),
+            dataclasses.replace(scene, analyses=Analyses(path)),
             tmp_path / f"{band:g}",
             comm=MPI.COMM_SELF,
             store=Store(tmp_path / "store"),
@@ -507,7 +503,7 @@ def test_torque_ripple_shakes_a_tool_as_the_closed_loop_at_its_frequency_does(
     quiet = solve(tmp_path, "lumped+controlled", FROZEN)
     (found,) = run_any_path_stage(state, Stage("path", None, "")).answers
     assert isinstance(found, PathResult)
-    request, drive = state.scene.analyses.path, state.scene.drives["leg_1"]
+    request, drive = state.scene.analyses.get(PathRequest), state.scene.drives["leg_1"]
     assert request is not None and drive.ripple
     middle = place_model(state)(request.path.pose_at(0.5 * request.path.length))
     driven = drive_machine(middle, state.warn)

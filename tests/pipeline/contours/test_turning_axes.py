@@ -10,7 +10,7 @@ import pytest
 import scipy.integrate
 from mpi4py import MPI
 
-from common import present
+from common import approx, present
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import MachinePath, Pose
 from headstock.meshing.components.meshing import describe_component
@@ -22,6 +22,7 @@ from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.superelement import Superelement
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
+from headstock.scene.requests import PathRequest
 from headstock.scene.scene import Scene
 from headstock.solvers.milling.forces import cutting_forces
 from headstock.solvers.paths.set_points import SetPoint, sample_move
@@ -102,7 +103,7 @@ def test_an_arm_that_turns_deviates_as_its_equations_of_motion_say(
         ],
     )
     curves = run(scene, tmp_path).runs[0].curves
-    request = present(scene.analyses.path)
+    request = scene.analyses[PathRequest]
     expected = turn_arm(request.moves[0], curves.deviation.times, 5e6, torsional)
     size = np.abs(expected).max()
     assert size > 2e-6
@@ -112,7 +113,7 @@ def test_an_arm_that_turns_deviates_as_its_equations_of_motion_say(
         held = WEIGHT * request.moves[0].feed ** 2 * RADIUS / 5e6
         late = np.argmin(np.abs(curves.deviation.times - request.moves[0].braking))
         stretch = float(np.linalg.norm(curves.deviation.total[late]))
-        assert stretch == pytest.approx(held, rel=1e-2)
+        assert stretch == approx(held, rel=1e-2)
 
 
 def test_a_frozen_pose_turns_loads_but_not_the_machine(tmp_path: Path) -> None:
@@ -128,9 +129,9 @@ def test_a_frozen_pose_turns_loads_but_not_the_machine(tmp_path: Path) -> None:
     # Euler: r M / k with M = (I + m r^2) alpha
     alpha = np.abs(curves.accelerations).max()
     bent = RADIUS * (TABLE + WEIGHT * RADIUS**2) * alpha / 1e6
-    assert np.abs(curves.deviation.quasi_static).max() == pytest.approx(bent, rel=1e-3)
+    assert np.abs(curves.deviation.quasi_static).max() == approx(bent, rel=1e-3)
     assert (answer.unit, curves.name) == ("rad", "600 deg/min")
-    assert answer.length == pytest.approx(np.radians(2.0))
+    assert answer.length == approx(np.radians(2.0))
 
 
 BEAM = """
@@ -180,7 +181,7 @@ def test_a_beam_that_is_turned_bends_at_its_root_as_beam_theory_says(tmp_path: P
     load = 7800.0 * section * alpha
     bent = load * (root * length**4 / 8.0 + 11.0 * length**5 / 120.0) / bending
     # shear gives way by half a percent
-    assert np.abs(curves.deviation.quasi_static).max() == pytest.approx(bent, rel=1e-2)
+    assert np.abs(curves.deviation.quasi_static).max() == approx(bent, rel=1e-2)
     times = curves.deviation.times
     late = (times > curves.zones[0][1]) & (times < curves.zones[1][0])
     wave = curves.deviation.dynamic[late, 0]
@@ -189,7 +190,7 @@ def test_a_beam_that_is_turned_bends_at_its_root_as_beam_theory_says(tmp_path: P
     places = times[late][crossings] + weights * (times[1] - times[0])
     expected = 1.87510407**2 / (2.0 * np.pi) * np.sqrt(bending / (7800.0 * section * length**4))
     assert len(places) > 3
-    assert 1.0 / np.diff(places).mean() == pytest.approx(expected, rel=1e-2)
+    assert 1.0 / np.diff(places).mean() == approx(expected, rel=1e-2)
 
 
 DRIVEN = [
@@ -280,7 +281,7 @@ def test_a_slide_under_control_on_an_arm_that_turns_follows_its_equations_of_mot
     """Weight, motor, table and controller, with Coriolis and centrifugal forces; C is ideal."""
     scene = load_scene(ARM, overrides=DAMPED)
     curves = run(scene, tmp_path).runs[0].curves
-    move, times = present(scene.analyses.path).moves[0], curves.deviation.times
+    move, times = scene.analyses[PathRequest].moves[0], curves.deviation.times
     ramp, top = move.ramp.time_constant, move.feed / move.ramp.time_constant
     share, motor, gain = np.radians(60.0) / 0.1, 1e-4 / (0.01 / (2.0 * np.pi)) ** 2, 1e4
 
@@ -349,7 +350,7 @@ def test_a_weight_that_slides_along_an_arm_that_turns_feels_coriolis_forces() ->
     )
     # the feed is that of the linear axis (NIST RS274/NGC)
     assert path.unit == "m"
-    assert path.length == pytest.approx(0.1)
+    assert path.length == approx(0.1)
     speed, pull, share = 0.3, 2.0, 12.0
     places = np.array([0.0, 0.05, 0.1])
     way = turning_way(scene.machine, parts, path, speed, pull)
@@ -394,7 +395,7 @@ def test_a_cut_around_a_table_pushes_across_and_along_the_radius(
         curves = run(scene, tmp_path / effect).runs[0].curves
         means.append(curves.deviation.total)
     moved, angles = means[1] - means[0], curves.positions
-    cut = present(present(scene.analyses.path).cut).cut
+    cut = present(scene.analyses[PathRequest].cut).cut
     later = (curves.deviation.times > 0.5) & (curves.deviation.times < 1.3)
     feed = np.radians(20.0) * RADIUS
     fine: FloatArray = np.asarray(np.arange(0.0, 0.01, 1e-5), dtype=float)

@@ -48,8 +48,7 @@ def build_state(folder: Path, scene: Path, variant: str | None, *settings: str) 
 
 
 def request_of(state: RunState) -> ContouringRequest:
-    assert state.scene.analyses.contouring is not None
-    return state.scene.analyses.contouring
+    return state.scene.analyses[ContouringRequest]
 
 
 def stand(state: RunState, poses: list[Pose]) -> FloatArray:

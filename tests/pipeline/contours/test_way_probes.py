@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from headstock.app.report.report import render_report
 from headstock.app.tables.run import list_tables
 from headstock.geometry.frames import DOF_NAMES
@@ -19,6 +20,7 @@ from headstock.pipeline.answers.path import PathResult, PathRun
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
+from headstock.scene.requests import ContouringRequest
 from headstock.scene.scene import keep_analyses
 from headstock.solvers.milling.tool_path import plan_contour
 from headstock.validation.mechanisms.tripteor_machine import SCENE as TRIPTEOR
@@ -77,7 +79,7 @@ def test_a_leg_carries_at_its_probes_what_its_screw_pushes(control: str, tmp_pat
     force = area * stress[:, :3].sum(axis=1)  # stress along the leg is all there is
     pushed = max(abs(each.value) for each in own.joints["screw_3"].values())
     assert pushed > 100.0
-    assert np.abs(force).max() == pytest.approx(pushed, rel=2e-2)
+    assert np.abs(force).max() == approx(pushed, rel=2e-2)
     ends = [own.probes[f"beside_{n}"].trace.displacement for n in range(2)]
     tip = own.curves.deviation.total[:, :3]
     size = np.abs(tip).max()
@@ -211,8 +213,7 @@ def test_a_bar_along_a_contour_carries_its_inertia_and_the_cut(
         load_scene(path), tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store")
     )
     (found,) = find_answers(results.answers, ContourAnswer)
-    request = load_scene(path).analyses.contouring
-    assert request is not None
+    request = load_scene(path).analyses[ContouringRequest]
     now = plan_contour(request.contour).path.at(found.times)
     along, across = now.acceleration[:, 0], now.acceleration[:, 1]
     beyond, area = LENGTH - PLACE, SIDE**2

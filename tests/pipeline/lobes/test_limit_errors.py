@@ -6,7 +6,7 @@ import h5py
 import pytest
 from mpi4py import MPI
 
-from common import present
+from common import approx, present
 from headstock.app.report.report import render_report
 from headstock.app.texts.bounded_values import show_bound
 from headstock.pipeline.answers.answer import find_answers
@@ -106,7 +106,7 @@ def test_errors_of_lowest_limits_stand_in_table_summary_and_file(
     depth, chatter = own.estimate(present(own.lowest).place)
     summary = summarise(runs["few"])
     direction = summary["lobes"]["reference"]["directions"][0]
-    assert direction["lowest_error_mm"] == pytest.approx(1e3 * present(depth.total))
+    assert direction["lowest_error_mm"] == approx(1e3 * present(depth.total))
     assert set(direction["chatter_error_share"]) == {DISCRETISATION, REDUCTION}
     with h5py.File(folder / "few" / RESULTS_FILE) as file:
         group = file["lobes/reference/x"]

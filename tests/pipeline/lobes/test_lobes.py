@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from common import present
+from common import approx, present
 from headstock.app.report.report import render_report
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.lobes import DirectionLobes, PoseLobes
@@ -18,7 +18,6 @@ from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
-from headstock.scene.requests import Analyses
 
 DATA = Path(__file__).parents[2] / "data"
 LOBES = """
@@ -50,7 +49,7 @@ def write_scene(folder: Path, more: str = "", *changes: tuple[str, str]) -> Path
 
 def lobes_of(path: Path, tmp_path: Path) -> PoseLobes:
     scene = load_scene(path)
-    scene = dataclasses.replace(scene, analyses=Analyses(lobes=scene.analyses.lobes))
+    scene = dataclasses.replace(scene, analyses=scene.analyses.keep(["lobes"]))
     results = run_scene(
         scene, tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store")
     )
@@ -104,7 +103,7 @@ def test_a_share_of_the_speeds_is_looked_at_and_the_others_are_unknown(tmp_path:
 
 def test_report_and_tables_show_the_lobes(tmp_path: Path) -> None:
     scene = load_scene(write_scene(tmp_path))
-    scene = dataclasses.replace(scene, analyses=Analyses(lobes=scene.analyses.lobes))
+    scene = dataclasses.replace(scene, analyses=scene.analyses.keep(["lobes"]))
     results = run_scene(
         scene, tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store")
     )
@@ -123,7 +122,7 @@ def test_stiff_modes_of_spindle_and_tool_change_nothing_and_soft_ones_do(tmp_pat
     for old, new in (("700", "1e5"), ("1500", "1e5"), ("40 N", "4e3 N"), ("12 N", "4e3 N")):
         stiff = stiff.replace(old, new)
     same = along_x(lobes_of(write_scene(tmp_path, stiff), tmp_path))
-    assert same.depths.min() == pytest.approx(plain.depths.min(), rel=5e-3)
+    assert same.depths.min() == approx(plain.depths.min(), rel=5e-3)
     found = along_x(lobes_of(write_scene(tmp_path, MODES), tmp_path))
     assert {lobe.part for lobe in found.lobes} & {"spindle", "tool"}
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from common import approx
 from headstock.geometry.parts.solids import StepFile
 from headstock.pipeline.planning.budgets import KERNEL_SECONDS
 from headstock.pipeline.planning.kernels import KINDS, add_compiling
@@ -78,7 +79,7 @@ def added_seconds(plans: tuple[Plan, Plan]) -> list[float]:
 def test_each_kernel_is_counted_once_in_the_first_stage_that_needs_it(tmp_path: Path) -> None:
     plans = plan_twice(tmp_path, BOX, MODAL)
     both = KERNEL_SECONDS["stiffness-tet10"] + KERNEL_SECONDS["mass-tet10"]
-    assert added_seconds(plans) == [pytest.approx(both), 0.0]
+    assert added_seconds(plans) == [approx(both), 0.0]
     first, second = reductions(plans[1])
     assert first.kernels == 2
     assert first.reason.endswith("; compiles 2 kernels of finite elements first (1.2 s, once)")
@@ -91,7 +92,7 @@ def test_a_static_analysis_compiles_no_mass_and_curved_cells_kernels_of_their_ow
     plans = plan_twice(tmp_path, TUBE, STATIC)
     assert [stage.kernels for stage in reductions(plans[1])] == [1, 1]
     wanted = [KERNEL_SECONDS["stiffness-tet10"], KERNEL_SECONDS["stiffness-tet10-curved"]]
-    assert added_seconds(plans) == pytest.approx(wanted)
+    assert added_seconds(plans) == approx(wanted)
 
 
 def test_kernels_in_the_cache_leave_a_plan_as_it_is_and_deleted_ones_are_counted_again(

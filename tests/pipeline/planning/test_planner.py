@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Point, Pose
 from headstock.geometry.parts.components import (
@@ -224,7 +225,7 @@ def test_estimated_dofs_are_those_of_the_mesh_within_a_quarter(
         "column", solid=Box((0.038, 0.1, 0.5)), mesh=MeshSettings(size=size, cells=cells)
     )
     stages = plan_scene(make_scene(column, modal=SIX)).stages
-    assert stages[0].estimated_dofs == pytest.approx(dofs, rel=0.25)
+    assert stages[0].estimated_dofs == approx(dofs, rel=0.25)
 
 
 def test_a_mesh_beyond_the_scenes_limits_is_refused_with_numbers() -> None:
@@ -359,7 +360,7 @@ def test_a_path_is_planned_for_its_samples_its_dofs_and_its_friction() -> None:
         (stage,) = [each for each in plan_scene(loaded).stages if each.kind == "path"]
         assert 0.67 * seconds < (stage.estimated_seconds or 0.0) < 1.5 * seconds
         if megabytes is not None:
-            assert stage.estimated_memory_mb == pytest.approx(megabytes, rel=0.1)
+            assert stage.estimated_memory_mb == approx(megabytes, rel=0.1)
 
 
 @pytest.mark.parametrize(
@@ -382,7 +383,7 @@ def test_a_path_of_a_mechanism_is_planned_for_the_steps_and_modes_that_it_takes(
     loaded = load_scene(scene, variant=variant, overrides=[path])
     (stage,) = [each for each in plan_scene(loaded).stages if each.kind == "path"]
     assert 0.5 * seconds < (stage.estimated_seconds or 0.0) < 2.2 * seconds
-    assert stage.estimated_memory_mb == pytest.approx(megabytes, rel=0.15)
+    assert stage.estimated_memory_mb == approx(megabytes, rel=0.15)
 
 
 def test_loads_over_time_are_planned_for_their_friction() -> None:

@@ -5,6 +5,7 @@ import subprocess
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.pipeline.planning import resources
 from headstock.pipeline.planning.resources import watch_memory
 
@@ -21,7 +22,7 @@ def test_a_peak_is_that_of_the_work_watched_not_of_earlier_work() -> None:
     with watch_memory() as small:
         hold_memory(1)
     assert large.megabytes is not None and small.megabytes is not None
-    assert large.megabytes - small.megabytes == pytest.approx(MEGABYTES, rel=0.1)
+    assert large.megabytes - small.megabytes == approx(MEGABYTES, rel=0.1)
 
 
 def test_what_is_raised_within_is_passed_on_and_no_watcher_stays() -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import pyvista
 
-from common import sketch
+from common import approx, sketch
 from headstock.geometry.frames import FloatArray, Frame, rotation_about
 from headstock.geometry.parts.solid_skins import box_skin
 from headstock.pipeline.answers.modal import ModesSummary
@@ -168,10 +168,10 @@ def test_a_glb_moves_every_body_from_rest_to_the_shown_amplitude_and_back() -> N
             [bounds["min"], bounds["max"]], [place.min(axis=0), place.max(axis=0)]
         )
         largest = max(largest, float(np.linalg.norm(move, axis=1).max()))
-    assert largest == pytest.approx(SHOWN_SHARE * machine_size(view, pose), rel=1e-6)
+    assert largest == approx(SHOWN_SHARE * machine_size(view, pose), rel=1e-6)
     (animation,) = gltf["animations"]
     weights = accessor(gltf, binary, animation["samplers"][0]["output"]).ravel()
-    assert weights[[0, 6, 12, 18, 24]] == pytest.approx([0, 1, 0, -1, 0], abs=1e-6)
+    assert weights[[0, 6, 12, 18, 24]] == approx([0, 1, 0, -1, 0], abs=1e-6)
     assert {channel["target"]["node"] for channel in animation["channels"]} == {0, 1}
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from common import present
+from common import approx, present
 from headstock.app.report.report import render_report
 from headstock.meshing.components.meshing import describe_component
 from headstock.pipeline.answers.answer import find_answers
@@ -23,6 +23,7 @@ from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.coupling.drives import place_drives, release_motors
 from headstock.scene.building.loader import load_scene
+from headstock.scene.requests import PathRequest
 from headstock.scene.scene import Scene, keep_analyses
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.stability import find_loop_poles
@@ -122,9 +123,9 @@ def test_the_travel_of_a_free_axis_has_exactly_no_frequency(tmp_path: Path) -> N
     assert modes.frequencies_hz[0] < 1e-6 * modes.frequencies_hz[1]
     shape = modes.shapes[:, 0]
     travel = released.system.outputs["tcp", "x"] @ shape
-    assert released.system.outputs["X", "motor"] @ shape == pytest.approx(travel, rel=1e-9)
+    assert released.system.outputs["X", "motor"] @ shape == approx(travel, rel=1e-9)
     mass = 0.2 * 0.2 * 0.1 * 7850.0 + 2e-4 / PITCH**2
-    assert travel**2 == pytest.approx(1.0 / mass, rel=1e-9)
+    assert travel**2 == approx(1.0 / mass, rel=1e-9)
 
 
 def test_a_positive_set_point_moves_the_axis_in_its_positive_direction_however_the_joint_is_written(
@@ -166,7 +167,7 @@ def test_the_turning_motor_pulls_on_its_housing(tmp_path: Path) -> None:
     tilt = released.system.outputs["bed.bottom", "rx"]
     turn = tilt / (tilt @ tilt)
     # the bed is the second end of the joint: rotor inertia over the lead couples travel and tilt
-    assert abs(motor @ mass @ turn) == pytest.approx(2e-4 / PITCH, rel=1e-9)
+    assert abs(motor @ mass @ turn) == approx(2e-4 / PITCH, rel=1e-9)
 
 
 def test_screw_inertia_counts_only_with_its_effect(tmp_path: Path) -> None:
@@ -192,7 +193,7 @@ def test_without_the_effect_nothing_of_drives_is_planned_or_run(tmp_path: Path) 
 def test_a_torque_gain_is_a_force_gain_over_the_square_of_the_lead(tmp_path: Path) -> None:
     turned = f"{2e4 * PITCH**2!r} N m s/rad"
     scene = load_scene(write_scene(tmp_path, ("2e4 N s/m", turned)))
-    assert scene.drives["X"].control.velocity_gain == pytest.approx(2e4, rel=1e-12)
+    assert scene.drives["X"].control.velocity_gain == approx(2e4, rel=1e-12)
 
 
 def test_a_run_lists_poles_margins_and_lag(tmp_path: Path) -> None:
@@ -202,7 +203,7 @@ def test_a_run_lists_poles_margins_and_lag(tmp_path: Path) -> None:
     assert control["stable"]
     assert all(pole["real"] < 0.0 for pole in control["poles"])
     drive = control["drives"]["X"]
-    assert drive["velocity_lag_um"] == pytest.approx(0.05 / 50.0 * 1e6, rel=1e-9)
+    assert drive["velocity_lag_um"] == approx(0.05 / 50.0 * 1e6, rel=1e-9)
     assert present(present(drive["margins"])["bandwidth_hz"]) > 1.0
 
 
@@ -295,8 +296,8 @@ def test_a_path_under_control_lags_and_says_whose_drives_it_used(tmp_path: Path)
     low_frequency, fast = (
         float(np.abs(curve.deviation.total[:, column]).max()) for curve in curves
     )
-    assert low_frequency == pytest.approx(0.01 / 50.0, rel=1e-2)
-    assert fast == pytest.approx(5.0 * low_frequency, rel=1e-2)
+    assert low_frequency == approx(0.01 / 50.0, rel=1e-2)
+    assert fast == approx(5.0 * low_frequency, rel=1e-2)
 
 
 @pytest.mark.parametrize("pose_model", ["frozen", "pose_dependent"])
@@ -369,15 +370,15 @@ def test_milling_on_the_way_pushes_the_tool_away_by_its_mean_force_times_the_com
     mean = curves.deviation.total[steady].mean(axis=0)
     fine = 0.25 + 1e-6 * np.arange(100_000)
     force = cutting_forces(
-        present(present(scene.analyses.path).cut).cut, fine, np.full(len(fine), 0.05)
+        present(scene.analyses[PathRequest].cut).cut, fine, np.full(len(fine), 0.05)
     ).mean(axis=0)
     # along x, away from the part (to the left, y), up
     expected = found.static["reference"]["tcp"].compliance[:3, :3] @ force
-    assert mean[1] == pytest.approx(expected[1], rel=1e-2)
-    assert mean[2] == pytest.approx(expected[2], rel=1e-2)
-    assert mean[0] == pytest.approx(-0.05 / 50.0, rel=1e-3)
+    assert mean[1] == approx(expected[1], rel=1e-2)
+    assert mean[2] == approx(expected[2], rel=1e-2)
+    assert mean[0] == approx(-0.05 / 50.0, rel=1e-3)
 
 
 def test_a_cut_does_nothing_until_its_effect_is_named(tmp_path: Path) -> None:
     scene = load_scene(write_scene(tmp_path, ("[analyses.control]", PATH + CUT)))
-    assert present(scene.analyses.path).cut is None
+    assert scene.analyses[PathRequest].cut is None

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
@@ -83,15 +84,15 @@ def test_a_mass_on_a_spring_has_the_damping_ratio_it_is_given_above_one_too(
         else ("effects.damping=true", f'joints.spring.damping={{ x = "{viscous!r} N s/m" }}')
     )
     modes, response, results = run(tmp_path, SLIDER, *settings)
-    assert modes.frequencies_hz[0] == pytest.approx(OMEGA / (2.0 * np.pi), rel=1e-12)
-    assert modes.damping_ratio[0] == pytest.approx(ratio, rel=1e-9)
+    assert modes.frequencies_hz[0] == approx(OMEGA / (2.0 * np.pi), rel=1e-12)
+    assert modes.damping_ratio[0] == approx(ratio, rel=1e-9)
     damped = OMEGA / (2.0 * np.pi) * math.sqrt(max(0.0, 1.0 - ratio**2))
     # a double pole, of which roundoff takes half of the digits
-    assert modes.damped_hz[0] == pytest.approx(damped, rel=1e-9, abs=1e-5)
+    assert modes.damped_hz[0] == approx(damped, rel=1e-9, abs=1e-5)
     assert any("overdamped" in text for text in results.warnings) == (ratio > 1.0)
     omega, found = receptance(response)
     expected = 1.0 / (STIFFNESS - MASS * omega**2 + 2j * ratio * OMEGA * MASS * omega)
-    assert found == pytest.approx(expected, rel=1e-9)
+    assert found == approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize("loss", [0.1, 0.9])
@@ -103,8 +104,8 @@ def test_a_large_loss_factor_acts_as_it_stands_in_a_frequency_response(
     omega, found = receptance(response)
     # structural damping does not act at rest
     expected = 1.0 / (STIFFNESS * (1.0 + 1j * loss * (omega > 0.0)) - MASS * omega**2)
-    assert found == pytest.approx(expected, rel=1e-9)
-    assert modes.damping_ratio[0] == pytest.approx(0.5 * loss, rel=1e-9)
+    assert found == approx(expected, rel=1e-9)
+    assert modes.damping_ratio[0] == approx(0.5 * loss, rel=1e-9)
     assert any("large loss factors of modes" in text for text in results.warnings) == (loss > 0.3)
 
 
@@ -119,10 +120,8 @@ def test_rayleigh_damping_of_a_body_and_of_the_machine_add_up(tmp_path: Path) ->
     omega, found = receptance(response)
     damping = alpha * MASS + beta * STIFFNESS
     expected = 1.0 / (STIFFNESS - MASS * omega**2 + 1j * omega * damping)
-    assert found == pytest.approx(expected, rel=1e-9)
-    assert modes.damping_ratio[0] == pytest.approx(
-        0.5 * alpha / OMEGA + 0.5 * beta * OMEGA, rel=1e-9
-    )
+    assert found == approx(expected, rel=1e-9)
+    assert modes.damping_ratio[0] == approx(0.5 * alpha / OMEGA + 0.5 * beta * OMEGA, rel=1e-9)
 
 
 def test_every_mode_of_a_deforming_machine_has_the_ratio_of_its_rayleigh_damping(
@@ -134,7 +133,7 @@ def test_every_mode_of_a_deforming_machine_has_the_ratio_of_its_rayleigh_damping
     results = compute(tmp_path, text, rayleigh, "analyses.modal={ count = 12 }")
     modes = find_answers(results.answers, PoseModes)[0]
     omega = 2.0 * np.pi * modes.frequencies_hz
-    assert modes.damping_ratio == pytest.approx(10.0 / omega + 2e-6 * omega, rel=1e-7)
+    assert modes.damping_ratio == approx(10.0 / omega + 2e-6 * omega, rel=1e-7)
 
 
 @pytest.mark.parametrize(

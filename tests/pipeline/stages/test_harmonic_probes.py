@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from common import present
+from common import approx, present
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
@@ -143,7 +143,7 @@ def test_a_cantilever_at_its_resonance_has_the_bending_stress_of_its_shape(
     root, heavy, stiff = 1.8751, DENSITY * WIDTH**2, MODULUS * inertia
     # Euler and Bernoulli; shear and the inertia of rotation take 1.5 % of the frequency
     slender = root**2 * np.sqrt(stiff / heavy) / LENGTH**2 / (2.0 * np.pi)
-    assert hz == pytest.approx(slender, rel=0.02)
+    assert hz == approx(slender, rel=0.02)
     weight = (np.sinh(root) - np.sin(root)) / (np.cosh(root) + np.cos(root))
 
     def curvature(place: float) -> float:
@@ -157,7 +157,7 @@ def test_a_cantilever_at_its_resonance_has_the_bending_stress_of_its_shape(
     amplitude = 1e3 * WIDTH * mean / (heavy * LOSS * (2.0 * np.pi * hz) ** 2)
     for probe, place in ((foot, 0.0), (middle, 0.1)):
         bending = MODULUS * WIDTH / 2.0 * curvature(place) * amplitude
-        assert np.abs(probe.stress[peak, 0, column]) == pytest.approx(bending, rel=0.02)
+        assert np.abs(probe.stress[peak, 0, column]) == approx(bending, rel=0.02)
     assert foot.singular == "the rim of support 'clamp'" and not middle.singular
     assert np.isnan(present(foot.von_mises_error)).all()
     assert np.isfinite(present(middle.von_mises_error)).all()
@@ -222,8 +222,8 @@ def test_files_hold_what_probes_see(bar: tuple[Path, Results]) -> None:
     summary = read_summary(folder / "out")["frf"]["reference"]["probes"]["middle"]
     pull = summary["inputs"][0]
     assert pull["input"] == ["pull", "load"] and pull["unit"] == "MPa"
-    assert pull["peak_von_mises"] == pytest.approx(1e-6 * probe.von_mises[:, 0].max())
-    assert pull["peak_hz"] == pytest.approx(6465.0, rel=0.01)
+    assert pull["peak_von_mises"] == approx(1e-6 * probe.von_mises[:, 0].max())
+    assert pull["peak_hz"] == approx(6465.0, rel=0.01)
     assert pull["peak_von_mises_error"] is not None
 
 

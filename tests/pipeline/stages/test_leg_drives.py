@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from common import present
+from common import approx, present
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.control import ControlAnswer
 from headstock.pipeline.answers.frf import PoseResponse
@@ -84,7 +84,7 @@ def test_legs_of_rigid_components_are_controlled_like_those_of_the_lumped_mechan
         for each in (found, lumped)
     )
     for one, other in zip(ours, theirs, strict=True):
-        assert one.phase_deg == pytest.approx(present(other.phase_deg), rel=1e-5)
+        assert one.phase_deg == approx(present(other.phase_deg), rel=1e-5)
 
 
 def test_legs_that_bend_are_controlled_like_lumped_ones_where_they_are_stiff(

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.closures import close_loops
 from headstock.geometry.mechanisms.exechon import LENGTHS
@@ -81,7 +82,7 @@ def test_lumped_legs_move_the_tool_as_longer_legs_do(tmp_path: Path) -> None:
         expected = kinematic_deviation(scene, pose)
         assert np.abs(expected).max() > 5e-6
         # products of two errors are left out: 20 um on legs of a metre
-        assert motion[:3] == pytest.approx(expected, abs=1e-4 * np.abs(expected).max())
+        assert motion[:3] == approx(expected, abs=1e-4 * np.abs(expected).max())
 
 
 def test_legs_of_components_move_the_tool_as_lumped_ones(tmp_path: Path) -> None:
@@ -90,8 +91,8 @@ def test_legs_of_components_move_the_tool_as_lumped_ones(tmp_path: Path) -> None
     joined = moved(run(scene, tmp_path / "components"))
     for pose, motion in lumped.items():
         size = np.abs(motion[:3]).max()
-        assert joined[pose][:3] == pytest.approx(motion[:3], abs=1e-6 * size)
-        assert joined[pose][3:] == pytest.approx(motion[3:], abs=1e-6 * np.abs(motion[3:]).max())
+        assert joined[pose][:3] == approx(motion[:3], abs=1e-6 * size)
+        assert joined[pose][3:] == approx(motion[3:], abs=1e-6 * np.abs(motion[3:]).max())
 
 
 def test_errors_of_legs_need_legs_that_have_some() -> None:
@@ -126,6 +127,6 @@ def test_a_volumetric_map_of_lumped_legs_is_that_of_components(
             lumped.sources[source][..., :3], moved_by[..., :3], atol=1e-6 * size
         )
     for shares in lumped.budget.values():
-        assert sum(shares.values()) == pytest.approx(1.0, rel=1e-9)
+        assert sum(shares.values()) == approx(1.0, rel=1e-9)
         assert sum("errors of" in part for part in shares) == 3
         assert ("gravity on own weight" in shares) == (stiffening == "true")

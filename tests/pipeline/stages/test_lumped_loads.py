@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
@@ -118,7 +119,7 @@ def test_a_volumetric_map_has_the_loads_of_lumped_bodies(tmp_path: Path) -> None
         closely(lumped.sources[source][..., :3], expected[..., :3])
         closely(lumped.sources[source][..., 3:], expected[..., 3:])
     for shares in lumped.budget.values():
-        assert sum(shares.values()) == pytest.approx(1.0, rel=1e-9)
+        assert sum(shares.values()) == approx(1.0, rel=1e-9)
 
 
 @pytest.mark.parametrize("variant", ["lumped", "components"])

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from headstock.app.report.figures import draw_map, map_layers, map_values
 from headstock.app.tables.map import tabulate_map
 from headstock.app.tables.run import list_tables
@@ -53,17 +54,13 @@ def test_a_corner_of_the_map_is_the_pose_that_stands_there(summary: RunSummary) 
         name: np.array(grid, dtype=float)[0, -1] for name, grid in found["quantities"].items()
     }
     for number in range(3):
-        assert corner[f"f{number + 1}_hz"] == pytest.approx(
-            alone["frequencies_hz"][number], rel=1e-12
-        )
-    assert corner["condition_number"] == pytest.approx(legs["condition_number"], rel=1e-12)
+        assert corner[f"f{number + 1}_hz"] == approx(alone["frequencies_hz"][number], rel=1e-12)
+    assert corner["condition_number"] == approx(legs["condition_number"], rel=1e-12)
     compliance = np.diag(
         np.array(summary["static_poses"]["config_2"]["tcp"]["compliance_um_per_kN"], dtype=float)
     )
     for place, axis in enumerate("xyz"):
-        assert corner[f"stiffness_{axis}_n_per_um"] == pytest.approx(
-            1e3 / compliance[place], rel=1e-9
-        )
+        assert corner[f"stiffness_{axis}_n_per_um"] == approx(1e3 / compliance[place], rel=1e-9)
 
 
 def test_the_first_frequency_falls_as_the_legs_grow(summary: RunSummary) -> None:
@@ -97,8 +94,8 @@ def test_a_map_that_cannot_be_made_is_refused(override: str, key: str, message: 
 
 def request_of(axes: str, *overrides: str) -> tuple[MapRequest, SceneMechanism, CompliantMechanism]:
     scene = load_scene(SCENE, variant="lumped", overrides=[f"sweeps.plane.axes={axes}", *overrides])
-    assert scene.analyses.map is not None and scene.mechanism is not None
-    return scene.analyses.map, scene.mechanism, load_tripteor(overrides).model
+    assert scene.mechanism is not None
+    return scene.analyses[MapRequest], scene.mechanism, load_tripteor(overrides).model
 
 
 def test_a_volume_holds_its_planes_and_is_drawn_in_layers() -> None:

@@ -9,6 +9,7 @@ import pytest
 import scipy.linalg
 from mpi4py import MPI
 
+from common import approx
 from headstock.app.tables.modes import list_modes
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.results.mode_files import write_mode_files
@@ -67,9 +68,9 @@ def test_a_window_lists_the_modes_inside_it_under_their_own_numbers(tmp_path: Pa
     np.testing.assert_allclose(found.frequencies_hz, hz[inside], rtol=1e-12)
     np.testing.assert_allclose(found.shapes, whole.shapes[:, inside], atol=1e-9)
     assert found.mode_names == whole.mode_names[inside]
-    assert found.damping_ratio == pytest.approx(whole.damping_ratio[inside])
+    assert found.damping_ratio == approx(whole.damping_ratio[inside])
     # the ratios of the list belong to the elastic modes of the machine, not of the window
-    assert found.damping_ratio == pytest.approx([0.04, 0.05, 0.06, 0.06, 0.06])
+    assert found.damping_ratio == approx([0.04, 0.05, 0.06, 0.06, 0.06])
     (summary,) = summarise(results)["modal"]
     assert [row.number for row in list_modes(summary)] == [5, 6, 7, 8, 9]
     write_mode_files(tmp_path, [summary], results.view)

@@ -10,6 +10,7 @@ import pytest
 from mpi4py import MPI
 from scipy.integrate import solve_ivp
 
+from common import approx
 from headstock.app.report.report import render_report
 from headstock.app.tables.run import list_tables
 from headstock.geometry.frames import FloatArray
@@ -118,12 +119,12 @@ def test_a_motor_turns_what_it_moves_and_overcomes_friction_and_load(tmp_path: P
     )
     np.testing.assert_allclose(curves.position_errors[:, 0], -position, atol=1e-4 * position.max())
     largest = answer.drives["X"]
-    assert largest.torque.value == pytest.approx(-np.abs(torque[sliding]).max(), rel=1e-4)
-    assert largest.position_error.value == pytest.approx(-position[-1], rel=1e-4)
-    assert largest.position_error.time == pytest.approx(0.04)
+    assert largest.torque.value == approx(-np.abs(torque[sliding]).max(), rel=1e-4)
+    assert largest.position_error.value == approx(-position[-1], rel=1e-4)
+    assert largest.position_error.time == approx(0.04)
     # the screw takes what does not accelerate the slide, most before that moves and rubs
     taken = answer.joints["screw"]["x"]
-    assert taken.value == pytest.approx(MASS * PUSH / whole - PUSH, rel=1e-4)
+    assert taken.value == approx(MASS * PUSH / whole - PUSH, rel=1e-4)
     assert taken.time == 0.0
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())["transient"]["middle"]
     assert summary["drives"]["X"]["torque_nm"] == largest.torque.value
@@ -180,13 +181,11 @@ def test_a_motor_moves_its_axis_along_a_path(
     )
     cruising = int(np.searchsorted(times, 0.04 / feed - 1e-3))
     kept = LEAD / (2.0 * np.pi) * (coulomb + viscous * feed)
-    assert curves.torques[cruising, 0] == pytest.approx(kept, abs=2e-3 * size)
-    assert own.drives["X"].torque.value == pytest.approx(
-        torque[np.argmax(np.abs(torque))], rel=1e-4
-    )
+    assert curves.torques[cruising, 0] == approx(kept, abs=2e-3 * size)
+    assert own.drives["X"].torque.value == approx(torque[np.argmax(np.abs(torque))], rel=1e-4)
     # the screw moves the slide, in the pose of the middle
     moved = np.gradient(speed, times) * MASS + coulomb * np.sign(speed) + viscous * speed
-    assert own.joints["screw"]["x"].value == pytest.approx(np.abs(moved[1:-1]).max(), rel=2e-2)
+    assert own.joints["screw"]["x"].value == approx(np.abs(moved[1:-1]).max(), rel=2e-2)
 
 
 def test_a_motor_answers_to_the_error_of_its_screw(tmp_path: Path) -> None:
@@ -253,8 +252,8 @@ def test_a_motor_answers_to_the_error_of_its_screw(tmp_path: Path) -> None:
     np.testing.assert_allclose(added, expected, atol=2e-2 * np.abs(expected).max())
     for answer, torque, force in zip((found, plain), torques, forces, strict=True):
         (own,) = answer.runs
-        assert abs(own.drives["X"].torque.value) == pytest.approx(np.abs(torque).max(), rel=1e-2)
-        assert abs(own.joints["screw"]["x"].value) == pytest.approx(np.abs(force).max(), rel=2e-2)
+        assert abs(own.drives["X"].torque.value) == approx(np.abs(torque).max(), rel=1e-2)
+        assert abs(own.joints["screw"]["x"].value) == approx(np.abs(force).max(), rel=2e-2)
 
 
 def test_joints_carry_a_load_that_comes_slowly(tmp_path: Path) -> None:
@@ -270,11 +269,11 @@ def test_joints_carry_a_load_that_comes_slowly(tmp_path: Path) -> None:
     joints = answer_of(run(f"{SLIDE.read_text()}\n{request}", tmp_path)).joints
     # the slide is 60 mm high; the guide's first end is the slide, which it pushes back
     carriage, screw = joints["carriage"], joints["drive"]
-    assert carriage["y"].value == pytest.approx(-50.0, rel=1e-3)
-    assert carriage["z"].value == pytest.approx(200.0, rel=1e-3)
-    assert carriage["rx"].value == pytest.approx(0.06 * 50.0, rel=5e-3)
-    assert screw["x"].value == pytest.approx(-80.0, rel=1e-3)
-    assert {name: found.time for name, found in carriage.items()}["z"] == pytest.approx(1.0)
+    assert carriage["y"].value == approx(-50.0, rel=1e-3)
+    assert carriage["z"].value == approx(200.0, rel=1e-3)
+    assert carriage["rx"].value == approx(0.06 * 50.0, rel=5e-3)
+    assert screw["x"].value == approx(-80.0, rel=1e-3)
+    assert {name: found.time for name, found in carriage.items()}["z"] == approx(1.0)
 
 
 def test_springs_beside_rigid_joints_take_nothing(tmp_path: Path) -> None:
@@ -304,8 +303,8 @@ def test_a_coupling_does_not_change_what_a_screw_takes(tmp_path: Path) -> None:
         "[effects]", 'coupling = "1 kN m/rad"\nscrew_inertia = "1e-4 kg m^2"\n[effects]'
     )
     answer = answer_of(run(f"{text}\n{request}", tmp_path))
-    assert answer.joints["screw"]["x"].value == pytest.approx(-PUSH, rel=1e-2)
-    assert answer.drives["X"].torque.value == pytest.approx(-LEAD / (2.0 * np.pi) * PUSH, rel=1e-2)
+    assert answer.joints["screw"]["x"].value == approx(-PUSH, rel=1e-2)
+    assert answer.drives["X"].torque.value == approx(-LEAD / (2.0 * np.pi) * PUSH, rel=1e-2)
 
 
 def test_forces_are_tabled_written_and_drawn(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Machine, Pose
 from headstock.meshing.components.meshing import describe_component
@@ -23,6 +24,7 @@ from headstock.reduction.coupling.joint_springs import place_joints
 from headstock.reduction.motions.body_motions import solve_machine_static
 from headstock.reduction.motions.tool_deviation import GEOMETRY, solve_deviation
 from headstock.scene.building.loader import load_scene
+from headstock.scene.requests import PathRequest
 from headstock.scene.scene import Scene, keep_analyses
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.drive_trains import FORCE
@@ -76,8 +78,7 @@ def test_slow_travel_takes_the_static_deviation_of_each_pose(tmp_path: Path) -> 
     )
     own, other = (answer.runs[0].curves for answer in (with_errors, ideal))
     moved = own.deviation.total - other.deviation.total
-    request = scene.analyses.path
-    assert request is not None
+    request = scene.analyses[PathRequest]
     machine = scene.machine
 
     def static(position: float) -> FloatArray:
@@ -114,8 +115,7 @@ def test_joints_take_on_a_slow_path_what_statics_say(driven: bool, tmp_path: Pat
         run(each, tmp_path / name).runs[0].joints
         for name, each in (("with", scene), ("without", ideal))
     )
-    request, machine = scene.analyses.path, scene.machine
-    assert request is not None
+    request, machine = scene.analyses[PathRequest], scene.machine
     middle = couple_rigid(machine, request.path.pose_at(0.5 * request.path.length))
     springs = {spring.name: spring for spring in middle.joint_springs}
 
@@ -153,7 +153,7 @@ def test_joints_take_on_a_slow_path_what_statics_say(driven: bool, tmp_path: Pat
     assert size > 100.0
     for name, value in zip(names, largest, strict=True):
         assert abs(plain[name]["z"].value) < 0.02 * size  # of the acceleration
-        assert found[name]["z"].value == pytest.approx(value, abs=0.02 * size)
+        assert found[name]["z"].value == approx(value, abs=0.02 * size)
 
 
 def test_passing_balls_shake_the_tool_as_the_frequency_response_says(tmp_path: Path) -> None:
@@ -183,8 +183,8 @@ def test_passing_balls_shake_the_tool_as_the_frequency_response_says(tmp_path: P
         figures = cruise[channel]
         assert figures is not None
         if value > 0.05 * max(expected):
-            assert figures.distance == pytest.approx(0.002, rel=2e-3)
-            assert figures.amplitude == pytest.approx(value, rel=5e-3)
+            assert figures.distance == approx(0.002, rel=2e-3)
+            assert figures.amplitude == approx(value, rel=5e-3)
 
 
 WAVY = (
@@ -271,8 +271,7 @@ def test_rigid_axes_go_where_their_errors_lead(tmp_path: Path) -> None:
     screw = "joints.z_drive.stiffness={ axial = '150 N/um' }"
     scene = load_scene(SCENE, variant="rigid_guides", overrides=[*SLOW, screw])
     own = run(scene, tmp_path).runs[0].curves
-    request, machine = scene.analyses.path, scene.machine
-    assert request is not None
+    request, machine = scene.analyses[PathRequest], scene.machine
 
     def static(position: float) -> FloatArray:
         pose = request.path.pose_at(position)
@@ -328,8 +327,8 @@ def test_torque_ripple_shakes_the_tool_as_the_closed_loop_says(tmp_path: Path) -
         expected = force * abs(loop.c[channel] @ states + loop.d[channel, place])
         figures = found.runs[0].cruises[channel]
         assert figures is not None and expected > 1e-9
-        assert figures.distance == pytest.approx(drive.lead / 6, rel=2e-3)
-        assert figures.amplitude == pytest.approx(expected, rel=1e-2)
+        assert figures.distance == approx(drive.lead / 6, rel=2e-3)
+        assert figures.amplitude == approx(expected, rel=1e-2)
 
 
 def test_a_motor_answers_its_torque_ripple_as_its_controller_says(tmp_path: Path) -> None:
@@ -357,8 +356,8 @@ def test_a_motor_answers_its_torque_ripple_as_its_controller_says(tmp_path: Path
     gain = control.velocity_gain * (1.0 + 1.0 / (s * control.integral_time))
     gain *= control.position_gain + s
     assert torque > 1e-3
-    assert torque == pytest.approx(drive.lead / (2.0 * np.pi) * abs(gain) * error, rel=1e-2)
-    assert abs(own.drives["X"].torque.value) == pytest.approx(np.abs(curves.torques).max())
+    assert torque == approx(drive.lead / (2.0 * np.pi) * abs(gain) * error, rel=1e-2)
+    assert abs(own.drives["X"].torque.value) == approx(np.abs(curves.torques).max())
 
 
 def test_drives_under_control_follow_uneven_guides_too(tmp_path: Path) -> None:
@@ -377,4 +376,4 @@ def test_drives_under_control_follow_uneven_guides_too(tmp_path: Path) -> None:
     first, second = (answer.runs[0].cruises[0] for answer in (driven, ideal))
     assert first is not None and second is not None
     assert first.variation > 1e-6
-    assert first.variation == pytest.approx(second.variation, rel=5e-3)
+    assert first.variation == approx(second.variation, rel=5e-3)

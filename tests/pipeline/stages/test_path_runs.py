@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from common import present
+from common import approx, present
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.numbers.estimates import DISCRETISATION
@@ -19,6 +19,7 @@ from headstock.pipeline.stages.better_machines import NOT_ASKED
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
+from headstock.scene.requests import PathRequest
 from headstock.scene.scene import Scene, keep_analyses, list_analyses
 from headstock.solvers.milling.forces import cutting_forces
 
@@ -104,7 +105,7 @@ def run_path(folder: Path, text: str = SCENE) -> PathResult:
 
 def test_an_analysis_on_request_runs_only_when_it_is_named(tmp_path: Path) -> None:
     scene = load(tmp_path)
-    assert scene.analyses.path is None
+    assert PathRequest not in scene.analyses
     assert list(list_analyses(scene)) == ["modal", "path"]
     assert [stage.kind for stage in plan_scene(scene).stages] == [
         "rigid",
@@ -122,26 +123,26 @@ def test_an_analysis_on_request_runs_only_when_it_is_named(tmp_path: Path) -> No
         "write",
     ]
     ordinary = load(tmp_path, SCENE.replace("on_request = true\n", ""))
-    assert ordinary.analyses.path is not None
+    assert PathRequest in ordinary.analyses
 
 
 def test_what_was_found_is_in_the_summary_and_in_the_results_file(tmp_path: Path) -> None:
     found = run_path(tmp_path)
     summary = json.loads((tmp_path / "results" / "summary.json").read_text())["path"]
     assert [run["name"] for run in summary["feeds"]] == ["600 mm/min", "3000 mm/min"]
-    assert summary["feeds"][1]["acceleration"] == pytest.approx(0.5, rel=1e-12)
+    assert summary["feeds"][1]["acceleration"] == approx(0.5, rel=1e-12)
     assert [output["dof"] for output in summary["feeds"][0]["outputs"]] == [
         ["tcp", "x"],
         ["tcp", "y"],
         ["tcp", "z"],
     ]
     zone = found.runs[1].figures[0][0]
-    assert summary["feeds"][1]["outputs"][0]["accelerating"]["peak_um"] == pytest.approx(
+    assert summary["feeds"][1]["outputs"][0]["accelerating"]["peak_um"] == approx(
         1e6 * zone.peak, rel=1e-12
     )
     curves = {run.feed: run for run in read_paths(tmp_path / "results")}
     # in the order of the scene, though "3000 ..." sorts before "600 ..."
-    assert list(curves) == [pytest.approx(0.01), pytest.approx(0.05)]
+    assert list(curves) == [approx(0.01), approx(0.05)]
     for run_found in found.runs:
         read = curves[run_found.curves.feed]
         np.testing.assert_array_equal(read.deviation.total, run_found.curves.deviation.total)
@@ -159,7 +160,7 @@ def test_the_quasi_static_part_is_inertia_over_stiffness(tmp_path: Path) -> None
     # the point lies 300 mm above the guide, whose pitch stiffness takes the moment of the mass 150
     # mm above it
     expected = -0.5 * mass * (1.0 / 100e6 + 0.15 * 0.3 / 1e6)
-    assert x.quasi_static == pytest.approx(expected, rel=1e-9)
+    assert x.quasi_static == approx(expected, rel=1e-9)
     assert abs(y.peak) < 1e-9 * abs(x.peak)
 
 
@@ -182,7 +183,7 @@ def test_a_cut_without_control_pushes_the_tool_away_by_its_mean_force_times_the_
     steady = (times >= 0.2) & (times < 0.3)
     mean = curves.deviation.total[steady].mean(axis=0)
     fine = 0.2 + 1e-6 * np.arange(100_000)
-    path = scene.analyses.path
+    path = scene.analyses.get(PathRequest)
     assert path is not None and path.cut is not None
     force = cutting_forces(path.cut.cut, fine, np.full(len(fine), 0.05)).mean(axis=0)
     (compliance,) = (points["tcp"].compliance[:3, :3] for points in found.static.values())
@@ -249,7 +250,7 @@ def test_poses_are_followed_unless_the_scene_keeps_that_of_the_middle(tmp_path: 
         assert (
             1e-4 * np.abs(one.curves.frozen).max() < change < 0.2 * np.abs(one.curves.frozen).max()
         )
-    assert followed.poses.effect == pytest.approx(
+    assert followed.poses.effect == approx(
         [np.abs(run.curves.deviation.total - run.curves.frozen).max() for run in followed.runs]
     )
 

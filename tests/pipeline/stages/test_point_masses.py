@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
@@ -70,7 +71,7 @@ def test_a_chain_between_two_walls_has_its_closed_form_frequencies_and_damping(
     expected = 2.0 * NATURAL * np.sin(j * np.pi / (2.0 * (count + 1.0)))
     np.testing.assert_allclose(frequencies(found), expected, rtol=1e-10)
     ratios = 20.0 * 2.0 * np.pi * expected / (2.0 * STIFFNESS)
-    assert found.modal[0].damping_ratio == pytest.approx(ratios, rel=1e-8)
+    assert found.modal[0].damping_ratio == approx(ratios, rel=1e-8)
 
 
 BLOCK = """
@@ -115,7 +116,7 @@ def test_a_point_mass_with_inertia_vibrates_as_the_box_of_the_same(tmp_path: Pat
     found = compute(tmp_path, point)
     np.testing.assert_allclose(frequencies(found), frequencies(box), rtol=1e-9)
     assert found.components["body"].fidelity == "rigid"
-    assert found.components["body"].mass_kg == pytest.approx(3.0)
+    assert found.components["body"].mass_kg == approx(3.0)
 
 
 def turned(vector: list[float]) -> FloatArray:
@@ -158,7 +159,7 @@ def test_a_point_mass_on_a_lever_without_inertia_swings_freely_about_the_springs
     text = POINT.replace('kind = "spring"', 'kind = "spring"\nat = ["0 mm", "0 mm", "0 mm"]')
     found = compute(tmp_path, text.replace("gravity = true", ""), "free=true")
     assert found.modal[0].rigid_count == 2
-    assert frequencies(found)[2] == pytest.approx(NATURAL, rel=1e-9)
+    assert frequencies(found)[2] == approx(NATURAL, rel=1e-9)
     assert (frequencies(found)[:2] < 1e-3).all()
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.static import PointCompliance, StaticAnswer
@@ -78,8 +79,8 @@ def test_a_propped_cantilever_follows_its_wall_and_its_prop(tmp_path: Path) -> N
     give = STIFFNESS * tip_compliance()
     turned, lifted = 1e-3 * LENGTH / (1.0 + give), 50e-6 * give / (1.0 + give)
     # the segments bend as a Timoshenko beam does, to their own order
-    assert found["turn"][0] == pytest.approx(turned, rel=2e-3)
-    assert found["lift"][0] == pytest.approx(lifted, rel=2e-3)
+    assert found["turn"][0] == approx(turned, rel=2e-3)
+    assert found["lift"][0] == approx(lifted, rel=2e-3)
     # nothing of the prop acts along y
     assert abs(found["lift"][1]) < 1e-15
     np.testing.assert_allclose(found["all"], found["turn"] + found["lift"], rtol=1e-12)
@@ -87,7 +88,7 @@ def test_a_propped_cantilever_follows_its_wall_and_its_prop(tmp_path: Path) -> N
     free = BEAM.partition("[loads.turn]")[0] + "[analyses.static]\n"
     own = at_tip(compute(tmp_path, free, 'joints.prop.stiffness.x="1e-9 N/um"')).compliance[0, 0]
     share = STIFFNESS * own / (1.0 + STIFFNESS * own)
-    assert found["lift"][0] == pytest.approx(50e-6 * share, rel=1e-7)
+    assert found["lift"][0] == approx(50e-6 * share, rel=1e-7)
 
 
 def test_both_ends_of_a_fixed_beam_may_be_displaced(tmp_path: Path) -> None:
@@ -110,7 +111,7 @@ kind = "rigid"
     text = text.replace(prop, 'between = ["upper.tip", "ground"]\nkind = "rigid"')
     found = displaced(compute(tmp_path, text))
     np.testing.assert_allclose(found["lift"][:3], [25e-6, 3.5e-6, 0.0], atol=1e-12)
-    assert found["turn"][0] == pytest.approx(1e-3 * 2.0 * LENGTH / 8.0, rel=1e-9)
+    assert found["turn"][0] == approx(1e-3 * 2.0 * LENGTH / 8.0, rel=1e-9)
 
 
 def test_parts_of_a_machine_may_be_pushed_apart(tmp_path: Path) -> None:
@@ -183,4 +184,4 @@ displacement = ["0 um", "7 um", "20 um"]
     (warning,) = [each for each in results.warnings if "moves nothing" in each or "'lift'" in each]
     assert "joint 'wall' along z" in warning and "support 'floor'" in warning
     moved = displaced(results)["all"]
-    assert moved[:3] == pytest.approx([0.0, 7e-6, 0.0], abs=1e-9)
+    assert moved[:3] == approx([0.0, 7e-6, 0.0], abs=1e-9)

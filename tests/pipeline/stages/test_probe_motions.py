@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from common import present
+from common import approx, present
 from headstock.app.report.report import render_report
 from headstock.app.tables.run import list_tables
 from headstock.app.tables.transient import tabulate_transient
@@ -123,7 +123,7 @@ def test_stress_in_a_bar_follows_its_modal_sum_within_its_error(load: str, tmp_p
         exact = np.abs(stress).max()
         error = present(found.von_mises_error.total)
         assert abs(found.von_mises.value - exact) < error < 5e-3 * exact
-        assert found.von_mises.time == pytest.approx(
+        assert found.von_mises.time == approx(
             answer.curves.times[np.argmax(np.abs(stress))], abs=4e-6
         )
 
@@ -157,9 +157,9 @@ def test_a_slow_load_has_the_stress_of_statics_with_its_error(tmp_path: Path) ->
     )
     answer = answer_of(compute(tmp_path, request))
     found = answer.probes["inside"]
-    assert found.von_mises.value == pytest.approx(1e6, rel=2e-3)
-    assert found.stress[0] == pytest.approx(1e6, rel=2e-3)
-    assert found.displacement.value == pytest.approx(1e6 * 0.063 / MODULUS, rel=2e-3)
+    assert found.von_mises.value == approx(1e6, rel=2e-3)
+    assert found.stress[0] == approx(1e6, rel=2e-3)
+    assert found.displacement.value == approx(1e6 * 0.063 / MODULUS, rel=2e-3)
 
 
 def of_files(folder: Path) -> tuple[ProbeMotion, dict[str, object]]:
@@ -272,17 +272,15 @@ def test_a_bar_that_is_pushed_along_a_path_carries_its_inertia(
     late = int(np.searchsorted(times, 0.28))  # of a ramp of 300 ms
     acceleration, place = 0.1 / 0.3, 0.063
     stress = -DENSITY * acceleration * (LENGTH - place)
-    assert own.curves.accelerations[late] == pytest.approx(acceleration)
-    assert trace.stress[late, 0] == pytest.approx(stress, rel=5e-3)
+    assert own.curves.accelerations[late] == approx(acceleration)
+    assert trace.stress[late, 0] == approx(stress, rel=5e-3)
     # beside what the screw and the controller leave, the bar shortens between foot and probe
     foot = own.curves.deviation.total[late, 0]
     shorter = DENSITY * acceleration / MODULUS * (0.5 * LENGTH**2 - LENGTH * place + 0.5 * place**2)
-    assert trace.displacement[late, 0] - foot == pytest.approx(shorter, abs=2e-3 * abs(foot))
+    assert trace.displacement[late, 0] - foot == approx(shorter, abs=2e-3 * abs(foot))
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     peak = summary["path"]["feeds"][0]["probes"]["inside"]
-    assert peak["peak_von_mises_mpa"] == pytest.approx(
-        1e-6 * np.abs(trace.stress[:, 0]).max(), rel=1e-2
-    )
+    assert peak["peak_von_mises_mpa"] == approx(1e-6 * np.abs(trace.stress[:, 0]).max(), rel=1e-2)
     # hexahedra have this stress exactly
     assert 0.0 < peak["peak_von_mises_error_mpa"] < 1e-2 * peak["peak_von_mises_mpa"]
 
@@ -346,7 +344,7 @@ def test_a_probe_in_a_bed_sees_on_a_slow_path_what_an_uneven_rail_does(tmp_path:
     seen, still = answer.runs[0].probes["spot"].trace, rest.probes["spot"]
     size = np.linalg.norm(still.displacement)
     assert size > 1e-7
-    assert seen.displacement[-1] == pytest.approx(still.displacement, abs=0.03 * size)
+    assert seen.displacement[-1] == approx(still.displacement, abs=float(0.03 * size))
     largest = np.abs(still.stress).max()
     assert largest > 1e3
-    assert seen.stress[-1] == pytest.approx(still.stress, abs=0.03 * largest)
+    assert seen.stress[-1] == approx(still.stress, abs=float(0.03 * largest))

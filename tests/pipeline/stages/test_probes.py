@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from headstock.pipeline.results.files import read_summary
 from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.runner import run_scene
@@ -58,9 +59,9 @@ def test_bending_stress_and_tip_deflection_follow_beam_theory(tmp_path: Path) ->
     line, inertia = PRESSURE * SIDE, SIDE**4 / 12.0
     bending = line * (LENGTH / 2) ** 2 / 2 * (SIDE / 2) / inertia
     probe = summary["probes"]["reference"]["middle"]
-    assert probe["stress_mpa"]["zz"] == pytest.approx(-bending * 1e-6, rel=0.01)
+    assert probe["stress_mpa"]["zz"] == approx(-bending * 1e-6, rel=0.01)
     deflection = line * LENGTH**4 / (8 * YOUNG * inertia)
-    assert summary["static"]["tcp"]["displacement"][0] == pytest.approx(deflection, rel=0.01)
+    assert summary["static"]["tcp"]["displacement"][0] == approx(deflection, rel=0.01)
 
 
 def test_a_turned_component_shows_the_same_stress_in_turned_axes(tmp_path: Path) -> None:
@@ -69,8 +70,8 @@ def test_a_turned_component_shows_the_same_stress_in_turned_axes(tmp_path: Path)
     straight = _run(tmp_path / "a", SCENE.replace("ROTATE", ""))["probes"]["reference"]["middle"]
     turned = SCENE.replace("ROTATE", 'rotate = { axis = "y", angle = "90 deg" }')
     lying = _run(tmp_path / "b", turned)["probes"]["reference"]["middle"]
-    assert lying["stress_mpa"]["xx"] == pytest.approx(straight["stress_mpa"]["zz"], rel=1e-9)
-    assert lying["displacement_um"][2] == pytest.approx(-straight["displacement_um"][0], rel=1e-9)
+    assert lying["stress_mpa"]["xx"] == approx(straight["stress_mpa"]["zz"], rel=1e-9)
+    assert lying["displacement_um"][2] == approx(-straight["displacement_um"][0], rel=1e-9)
 
 
 def test_a_second_run_recovers_the_same_stress_from_the_store(tmp_path: Path) -> None:

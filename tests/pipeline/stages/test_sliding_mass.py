@@ -18,6 +18,7 @@ from headstock.pipeline.stages.run_state import ReducedComponent, RunState
 from headstock.pipeline.storage.store import Store
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.scene.building.loader import load_scene
+from headstock.scene.requests import PathRequest
 
 STIFFNESS = 32000.0  # of the hinge [N m/rad]
 SCENE = """
@@ -79,8 +80,8 @@ def test_a_mass_slides_along_an_arm_that_tilts_as_lagranges_equation_says(tmp_pa
     (found,) = run_path_stage(state, Stage("path", None, "")).answers
     assert isinstance(found, PathResult)
     curves = found.runs[0].curves
-    assert scene.analyses.path is not None
-    move, arm, slider = scene.analyses.path.moves[0], parts["arm"], parts["slider"]
+    assert PathRequest in scene.analyses
+    move, arm, slider = scene.analyses[PathRequest].moves[0], parts["arm"], parts["slider"]
     mass, height = slider.mass_kg, 0.02 + 0.1  # of its middle over the hinge
     still = arm.inertia[1, 1] + arm.mass_kg * 0.6**2 + slider.inertia[1, 1] + mass * height**2
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from headstock.pipeline.results.files import read_summary
 from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.runner import run_scene
@@ -83,7 +84,7 @@ def test_a_pressure_over_the_area_of_an_averaging_interface_gives_its_force_over
     )
     found = run(tmp_path, part((100, 100, 100), 50, interfaces))
     (probe,) = found["probes"]["reference"].values()
-    assert probe["displacement_um"][2] == pytest.approx(-1e6 * 0.1 / 210e9 * 1e6, rel=1e-9)
+    assert probe["displacement_um"][2] == approx(-1e6 * 0.1 / 210e9 * 1e6, rel=1e-9)
 
 
 def test_half_and_quarter_of_a_free_plate_have_its_symmetric_modes_and_the_motions_their_planes_leave(

@@ -12,7 +12,7 @@ from mpi4py import MPI
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from common import present
+from common import approx, present
 from headstock.app.report.report import render_report
 from headstock.app.tables.transient import tabulate_transient
 from headstock.geometry.frames import FloatArray
@@ -157,8 +157,8 @@ def test_a_cantilever_under_a_step_follows_the_modal_sum_of_euler_and_bernoulli(
         static = 10.0 * 4.0 / (line_mass * length) / omega**2
         exact += static * (1.0 - np.exp(-1e-2 * omega * times) * swing)
     (figures,) = answer.figures
-    assert figures.final == pytest.approx(10.0 * length**3 / (3.0 * bending), rel=3e-3)
-    assert figures.peak == pytest.approx(float(exact.max()), rel=5e-3)
+    assert figures.final == approx(10.0 * length**3 / (3.0 * bending), rel=3e-3)
+    assert figures.peak == approx(float(exact.max()), rel=5e-3)
     moved = answer.curves.displacements[:, 0]
     assert np.abs(moved - exact).max() < 0.03 * exact.max()
 
@@ -244,7 +244,7 @@ def test_an_integrator_holds_what_it_sees_under_a_step(tmp_path: Path, encoder: 
     if encoder == "scale":
         assert abs(figures.final) < 0.5 * stiff.final
     else:
-        assert figures.final == pytest.approx(stiff.final, rel=1e-6)
+        assert figures.final == approx(stiff.final, rel=1e-6)
     assert figures.peak > stiff.peak
 
 
@@ -455,14 +455,14 @@ def test_a_released_load_starts_at_its_static_displacement_and_swings_back(tmp_p
     results = run(scene, tmp_path)
     (figures,) = answer_of(results).figures
     static = results.compliance["tcp"][0, 0] * 1e3
-    assert figures.start == pytest.approx(static, rel=1e-9)
+    assert figures.start == approx(static, rel=1e-9)
     moved = answer_of(results).curves
     before = moved.times < 0.005 - 1e-9
     assert before.any()
     assert np.allclose(moved.displacements[before, 0], static, rtol=1e-9, atol=0.0)
     assert figures.final == 0.0
     # of a single mode exp(-pi zeta / sqrt(1 - zeta^2)) = 0.854; higher modes are a few per cent
-    assert present(figures.overshoot) == pytest.approx(0.854, abs=0.05)
+    assert present(figures.overshoot) == approx(0.854, abs=0.05)
 
 
 def test_a_moving_body_that_is_caught_keeps_its_momentum(tmp_path: Path) -> None:
@@ -483,7 +483,7 @@ def test_a_moving_body_that_is_caught_keeps_its_momentum(tmp_path: Path) -> None
     omega = np.sqrt(1e7 / mass)
     exact = 0.1 / omega * np.sin(omega * answer.curves.times)
     assert np.allclose(answer.curves.displacements[:, 0], exact, rtol=0.0, atol=1e-9 * 0.1 / omega)
-    assert present(answer.energy).initial == pytest.approx(0.5 * mass * 0.1**2, rel=1e-9)
+    assert present(answer.energy).initial == approx(0.5 * mass * 0.1**2, rel=1e-9)
 
 
 def test_records_are_read_and_averaged_around_samples(tmp_path: Path) -> None:
@@ -502,7 +502,7 @@ def test_records_are_read_and_averaged_around_samples(tmp_path: Path) -> None:
     ):
         answer = answer_of(run(column_scene(tmp_path, transient.format(load), effects), tmp_path))
         peaks.append(answer.figures[0].peak)
-    assert peaks[0] == pytest.approx(peaks[1], rel=1e-3)
+    assert peaks[0] == approx(peaks[1], rel=1e-3)
 
 
 REFUSED = {
@@ -554,7 +554,7 @@ def test_results_are_written_read_and_shown(tmp_path: Path) -> None:
     results = run(scene, tmp_path)
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     found = summary["transient"]["reference"]["outputs"]["tcp x"]
-    assert found["peak"] == pytest.approx(1e6 * answer_of(results).figures[0].peak, rel=1e-12)
+    assert found["peak"] == approx(1e6 * answer_of(results).figures[0].peak, rel=1e-12)
     assert summary["transient"]["reference"]["outputs"]["tcp y"]["settling_s"] is None
     (curves,) = read_histories(tmp_path / "out")
     assert np.array_equal(curves.displacements, answer_of(results).curves.displacements)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from headstock.pipeline.preview.rigid_view import view_rigid
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
@@ -63,7 +64,7 @@ def test_a_beam_on_its_lower_edges_has_the_frequency_of_a_simply_supported_one(
     bending = 1.0 - 0.5 * np.pi**2 * ratio / 12.0 * (1.0 + 2.4)
     sliding = 1.0 / np.sqrt(1.0 + 0.5 * np.pi**2 * ratio)
     (hz,) = results.modal[0].frequencies_hz
-    assert hz == pytest.approx(slim * bending * sliding, rel=2e-3)
+    assert hz == approx(slim * bending * sliding, rel=2e-3)
     assert hz < slim * bending
     assert sum("holds an edge" in words for words in results.warnings) == 2
     scene = load_scene(tmp_path / "scene.toml")

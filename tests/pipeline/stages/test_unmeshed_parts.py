@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from faults.file_fuzz import SIZE, box_mesh, msh_text
 from headstock.geometry.parts.skins import Skin
 from headstock.geometry.parts.solids import StepFile
@@ -79,10 +80,10 @@ def test_parts_from_files_are_drawn_and_weighed_from_files_read_once(
     results = run(folder)
     support, bar = results.view.skins["support"], results.view.skins["bar"]
     assert (support.source, bar.source) == ("solid", "solid")
-    assert area(support) == pytest.approx(
+    assert area(support) == approx(
         sum(face.area for face in survey_step(StepFile(SUPPORT)).faces), rel=0.01
     )
-    assert area(bar) == pytest.approx(
+    assert area(bar) == approx(
         2 * (SIZE[0] * SIZE[1] + SIZE[1] * SIZE[2] + SIZE[2] * SIZE[0]), rel=1e-9
     )
     np.testing.assert_allclose(np.ptp(bar.points, axis=0), SIZE, rtol=1e-9)
@@ -104,7 +105,7 @@ def test_another_part_has_other_properties_in_the_store(folder: Path) -> None:
         (folder / "scene.toml").write_text(SCENE.replace('unit = "1 m"', f'unit = "{unit}"'))
         masses.append(run(folder).components["bar"].mass_kg)
     assert masses[1] == masses[0]
-    assert masses[2] == pytest.approx(masses[0] / 8)
+    assert masses[2] == approx(masses[0] / 8)
 
 
 def test_a_surface_that_cannot_be_drawn_costs_a_warning_and_no_result(

@@ -10,6 +10,7 @@ import pytest
 import pyvista
 from mpi4py import MPI
 
+from common import approx
 from headstock.app.command_line import main
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Material
@@ -102,7 +103,7 @@ def test_the_cells_fill_the_part_where_it_stands(run: Run) -> None:
     _, grid, _ = run
     sizes = cell_volumes(grid)
     assert (sizes > 0.0).all()
-    assert sizes.sum() == pytest.approx(WIDTH**2 * LENGTH, rel=1e-9)
+    assert sizes.sum() == approx(WIDTH**2 * LENGTH, rel=1e-9)
     np.testing.assert_allclose(np.array(grid.bounds)[4:], [0.02, 0.22], atol=1e-12)
     # nodes of an edge stand in its middle: gmsh's order would put them elsewhere
     cell = grid.get_cell(0)
@@ -145,7 +146,7 @@ def test_stresses_are_those_of_a_beam(run: Run) -> None:
     shear = np.average(
         grid.cell_data[f"{FORCE} stress [Pa/N]"][middle], axis=0, weights=cell_volumes(grid)[middle]
     )
-    assert shear[5] == pytest.approx(1.0 / WIDTH**2, rel=0.08)
+    assert shear[5] == approx(1.0 / WIDTH**2, rel=0.08)
     assert np.abs(shear[3:5]).max() < 0.02 / WIDTH**2
 
 
@@ -156,11 +157,11 @@ def test_energies_of_the_cells_sum_up_to_those_of_the_run(run: Run) -> None:
     compliance = np.array(summary["static"]["tcp"]["compliance_um_per_kN"])[0, 0] * 1e-9
     # the beam is all that is elastic: the work of the force is its energy
     energy = volumes @ grid.cell_data[f"{FORCE} strain energy density {PER_FORCE}"]
-    assert energy == pytest.approx(0.5 * compliance, rel=1e-3)
+    assert energy == approx(0.5 * compliance, rel=1e-3)
     for index in range(2):
         omega = 2.0 * np.pi * summary["modal"][0]["frequencies_hz"][index]
         density = grid.cell_data[f"mode {index + 1:02d} strain energy density {PER_MODE}"]
-        assert volumes @ density == pytest.approx(0.5 * omega**2, rel=1e-4)
+        assert volumes @ density == approx(0.5 * omega**2, rel=1e-4)
 
 
 def test_mode_shapes_have_unit_modal_mass(run: Run) -> None:
@@ -174,7 +175,7 @@ def test_mode_shapes_have_unit_modal_mass(run: Run) -> None:
         weights = np.where(np.arange(10) < 4, -1.0 / 20.0, 1.0 / 5.0)
     squares = (shape[cells] ** 2).sum(axis=2) @ weights
     mass = 7850.0 * (cell_volumes(grid) @ squares)
-    assert mass == pytest.approx(1.0, rel=0.03)
+    assert mass == approx(1.0, rel=0.03)
 
 
 def test_a_result_hands_out_the_mesh_that_its_files_hold(
@@ -192,7 +193,7 @@ def test_a_result_hands_out_the_mesh_that_its_files_hold(
     assert beam.field_data.keys() == read.field_data.keys() == ["frequencies [Hz]"]
     block = result.mesh("block", "reference")
     assert set(block.celltypes) == {5} and "mode 02 shape [m/sqrt(kg)]" in block.point_data
-    assert block.points[:, 2].max() == pytest.approx(0.02)
+    assert block.points[:, 2].max() == approx(0.02)
     with pytest.raises(OutputError, match=r"'block'.*volume/reference\.vtu"):
         read_mesh(out, "block")
     write_mode_files(out, summarise(result)["modal"], result.view)
@@ -222,7 +223,7 @@ def test_the_equivalent_stress_of_pull_and_of_shear() -> None:
     ) + pull / 3.0 / np.sqrt(bulk) / np.sqrt(3.0)
     pulled = true_stresses(material, np.array([*diagonal, 0.0, 0.0, 0.0]))
     np.testing.assert_allclose(pulled, np.diag([pull, 0.0, 0.0]), atol=1e-6 * pull)
-    assert largest_von_mises(pack_tensor(pulled)) == pytest.approx(pull)
+    assert largest_von_mises(pack_tensor(pulled)) == approx(pull)
     sheared = true_stresses(material, np.array([0.0, 0.0, 0.0, 0.0, 0.0, pull / np.sqrt(shear)]))
-    assert sheared[0, 1] == sheared[1, 0] == pytest.approx(pull)
-    assert largest_von_mises(pack_tensor(sheared)) == pytest.approx(np.sqrt(3.0) * pull)
+    assert sheared[0, 1] == sheared[1, 0] == approx(pull)
+    assert largest_von_mises(pack_tensor(sheared)) == approx(np.sqrt(3.0) * pull)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from headstock.app.report.report import render_report
 from headstock.app.tables.run import list_tables
 from headstock.geometry.machine.machine import Pose
@@ -46,10 +47,10 @@ def test_the_map_holds_the_deviation_of_each_pose(run: tuple[RunSummary, Path]) 
         group = file["volumetric/tcp"]
         for source, moved in found.sources.items():
             stored = group[source.replace(" ", "_")][1, 3, 0]
-            assert stored == pytest.approx(moved, rel=1e-9, abs=1e-15)
+            assert stored == approx(moved, rel=1e-9, abs=1e-15)
     shown = summary["volumetric"]["tcp"]
     assert shown["largest_at"] == pose.positions
-    assert shown["largest_um"] == pytest.approx(1e6 * np.linalg.norm(found.total[:3]), rel=1e-9)
+    assert shown["largest_um"] == approx(1e6 * np.linalg.norm(found.total[:3]), rel=1e-9)
     assert shown["failed"] == 0
 
 
@@ -57,7 +58,7 @@ def test_shares_of_the_parts_add_up(run: tuple[RunSummary, Path]) -> None:
     budget = run[0]["volumetric"]["tcp"]["budget"]
     assert set(budget) == {"x", "y", "z"}
     for shares in budget.values():
-        assert sum(shares.values()) == pytest.approx(1.0, rel=1e-9)
+        assert sum(shares.values()) == approx(1.0, rel=1e-9)
         assert {"errors of X", "gravity on x_drive", "static forces on z_guide_1"} <= set(shares)
 
 
@@ -71,7 +72,7 @@ def test_squareness_alone_is_measured_as_it_is_written(tmp_path: Path) -> None:
     found = summarise(run_scene(scene, tmp_path, comm=MPI.COMM_SELF))["volumetric"]["tcp"]
     angles = {each["symbol"]: each["angle_urad"] for each in found["squareness"]}
     # Z to Y: Z is straight, Y turned by -15 urad about x
-    assert angles == pytest.approx({"EC0Y": 20.0, "EB0Z": 18.0, "EA0Z": 15.0}, rel=1e-6)
+    assert angles == approx({"EC0Y": 20.0, "EB0Z": 18.0, "EA0Z": 15.0}, rel=1e-6)
     assert found["lines"]["X"]["along"] == "-x" and found["lines"]["Z"]["along"] == "z"
     assert max(found["lines"]["Y"]["deviations"].values()) < 1e-6
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from common import make_box, make_component, present
+from common import approx, make_box, make_component, present
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import CouplingKind, Patch, ReductionSettings, Support
 from headstock.meshing.component_mesh import ComponentMesh
@@ -50,7 +50,7 @@ def test_the_mass_of_an_even_mesh_has_no_rounding_of_many_equal_terms() -> None:
         component, even, comm=COMM, request=ReductionRequest(ModeTarget(count=1), errors=False)
     )
     mass = component.material.density * 0.04 * 0.1 * 0.3
-    assert element.mass_kg == pytest.approx(mass, rel=1e-14, abs=0.0)
+    assert element.mass_kg == approx(mass, rel=1e-14, abs=0.0)
 
 
 @pytest.mark.parametrize("coupling", ["rigid", "average"])
@@ -92,7 +92,7 @@ def test_half_a_body_on_its_symmetry_plane_is_the_symmetric_half_of_the_whole() 
         motions = np.zeros((12, 2))
         for name, sign in (("foot", -1.0), ("tip", 1.0)):
             node = element.interface_maps[name].node
-            assert element.frames[node].origin[0] == pytest.approx(middle)
+            assert element.frames[node].origin[0] == approx(middle)
             motions[6 * node + 2, 0] = motions[6 * node + 3, 1] = sign
         return motions.T @ element.stiffness @ motions
 
@@ -112,7 +112,7 @@ def test_a_body_on_a_symmetry_plane_alone_keeps_the_three_motions_that_the_plane
     )
     free = element.mass[:6, :6].diagonal()
     np.testing.assert_allclose(free[1:3], element.mass_kg, rtol=1e-9)
-    assert free[3] == pytest.approx(element.inertia[0, 0], rel=1e-9)
+    assert free[3] == approx(element.inertia[0, 0], rel=1e-9)
 
 
 def test_a_clamped_body_without_interfaces_is_its_modes(mesh: ComponentMesh) -> None:
@@ -131,7 +131,7 @@ def test_a_stated_mass_scales_the_density(mesh: ComponentMesh) -> None:
     one, other = (
         reduce_elastic(component, mesh, comm=COMM, request=SIX) for component in (plain, heavy)
     )
-    assert other.mass_kg == pytest.approx(123.0, rel=1e-12)
+    assert other.mass_kg == approx(123.0, rel=1e-12)
     np.testing.assert_allclose(
         other.mass[:6, :6], one.mass[:6, :6] * 123.0 / one.mass_kg, rtol=1e-9, atol=1e-9
     )
@@ -157,7 +157,7 @@ def test_gravity_loads_the_interfaces_with_the_whole_weight(mesh: ComponentMesh)
         make_component({"foot": "rigid", "tip": "average"}), mesh, comm=COMM, request=SIX
     )
     vector = element.loads["gravity:z"].vector
-    assert vector[2] + vector[8] == pytest.approx(element.mass_kg, rel=1e-10)
+    assert vector[2] + vector[8] == approx(element.mass_kg, rel=1e-10)
 
 
 def test_mode_targets_follow_the_components_settings() -> None:

@@ -6,7 +6,7 @@ import pytest
 import scipy.linalg
 from mpi4py import MPI
 
-from common import make_box, make_component
+from common import approx, make_box, make_component
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Eigensolver
 from headstock.reduction.components import fixed_interface_modes
@@ -77,7 +77,7 @@ def test_a_frequency_keeps_every_mode_up_to_it(
     found = find_fixed_interface_modes(solver, ModeTarget(up_to_hz=limit))
     assert len(found.eigenvalues) >= 7
     assert found.cutoff_hz > limit
-    assert found.cutoff_hz == pytest.approx(
+    assert found.cutoff_hz == approx(
         np.sqrt(exact[len(found.eigenvalues)]) / (2.0 * np.pi), rel=1e-3
     )
 
@@ -89,7 +89,7 @@ def test_a_frequency_below_the_first_mode_keeps_none(
         solver, ModeTarget(up_to_hz=0.1 * np.sqrt(exact[0]) / (2.0 * np.pi))
     )
     assert len(found.eigenvalues) == 0
-    assert found.cutoff_hz == pytest.approx(np.sqrt(exact[0]) / (2.0 * np.pi), rel=1e-3)
+    assert found.cutoff_hz == approx(np.sqrt(exact[0]) / (2.0 * np.pi), rel=1e-3)
 
 
 @pytest.mark.parametrize("target", [None, ModeTarget(count=0)])
@@ -125,7 +125,7 @@ def test_krylov_schur_finds_what_block_lanczos_does_and_leaves_the_factors_whole
         one = find_fixed_interface_modes(solver, target)
         other = find_fixed_interface_modes(solver, target, eigensolver="krylov_schur")
         np.testing.assert_allclose(other.eigenvalues, one.eigenvalues, rtol=1e-9)
-        assert other.cutoff_hz == pytest.approx(one.cutoff_hz, rel=1e-3)
+        assert other.cutoff_hz == approx(one.cutoff_hz, rel=1e-3)
     loads = np.where(solver.fixed[:, None], 0.0, np.ones((len(solver.fixed), 2)))
     residual = solver.operators.apply_stiffness(solver.solve(loads)) - loads
     assert np.abs(residual[~solver.fixed]).max() < 1e-9 * solver.operators.stiffness_scale

@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from common import make_box
+from common import approx, make_box
 from headstock.geometry.frames import FloatArray, rigid_map
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.reduction.components.interface_patches import measure_patch
@@ -31,7 +31,7 @@ def test_area_and_centroid_are_those_of_the_face(mesh: ComponentMesh) -> None:
     patch = measure_patch(mesh, "top")
     edges = slanted(np.diag(SIZE))
     corner = slanted(np.array([[0.0, 0.0, SIZE[2]]]))[0]
-    assert patch.area == pytest.approx(np.linalg.norm(np.cross(edges[0], edges[1])), rel=1e-12)
+    assert patch.area == approx(np.linalg.norm(np.cross(edges[0], edges[1])), rel=1e-12)
     np.testing.assert_allclose(patch.centroid, corner + 0.5 * (edges[0] + edges[1]), rtol=1e-12)
 
 
@@ -39,9 +39,7 @@ def test_normals_point_outward_and_close_around_the_body(mesh: ComponentMesh) ->
     whole = measure_patch(mesh, "skin")
     assert np.abs(whole.normals.sum(axis=0)).max() < 1e-13 * whole.area
     # divergence theorem: the flux of the position is three times the volume
-    assert (whole.normals * whole.points).sum() == pytest.approx(
-        3.0 * mesh.quality.volume, rel=1e-12
-    )
+    assert (whole.normals * whole.points).sum() == approx(3.0 * mesh.quality.volume, rel=1e-12)
 
 
 def test_weights_integrate_products_over_the_face(mesh: ComponentMesh) -> None:
@@ -50,9 +48,9 @@ def test_weights_integrate_products_over_the_face(mesh: ComponentMesh) -> None:
     # coordinates along the two edges of the side run from 0 to 1
     place = np.linalg.solve(edges.T, patch.points.T).T[:, 1:]
     ones = np.ones(len(place))
-    assert ones @ patch.weights @ ones == pytest.approx(patch.area, rel=1e-12)
-    assert place[:, 0] @ patch.weights @ place[:, 0] == pytest.approx(patch.area / 3.0, rel=1e-12)
-    assert place[:, 0] @ patch.weights @ place[:, 1] == pytest.approx(patch.area / 4.0, rel=1e-12)
+    assert ones @ patch.weights @ ones == approx(patch.area, rel=1e-12)
+    assert place[:, 0] @ patch.weights @ place[:, 0] == approx(patch.area / 3.0, rel=1e-12)
+    assert place[:, 0] @ patch.weights @ place[:, 1] == approx(patch.area / 4.0, rel=1e-12)
 
 
 @pytest.mark.parametrize("name", ["top", "side", "skin"])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import (
     Component,
@@ -62,8 +63,8 @@ def test_a_pulled_and_a_twisted_tube_are_as_soft_as_in_closed_form() -> None:
     area = np.pi * (0.06**2 - 0.045**2)
     polar = np.pi * (0.06**4 - 0.045**4) / 2.0
     shear = STEEL.youngs_modulus / 2.6
-    assert compliance[2, 2] == pytest.approx(0.6 / (STEEL.youngs_modulus * area), rel=1e-9)
-    assert compliance[5, 5] == pytest.approx(0.6 / (shear * polar), rel=1e-9)
+    assert compliance[2, 2] == approx(0.6 / (STEEL.youngs_modulus * area), rel=1e-9)
+    assert compliance[5, 5] == approx(0.6 / (shear * polar), rel=1e-9)
 
 
 @pytest.mark.fem
@@ -121,7 +122,7 @@ def test_a_slender_tube_on_a_rail_vibrates_as_a_row_of_segments() -> None:
     stiffness = row.stiffness[moved][:, moved] + row.stiffness[moved][:, ~moved] @ follow
     values = np.linalg.eigvals(np.linalg.solve(row.mass[moved][:, moved], stiffness)).real
     beams = np.sqrt(np.sort(values)[6:10]) / (2.0 * np.pi)
-    assert free_frequencies(element)[:4] == pytest.approx(beams, rel=5e-3)
+    assert free_frequencies(element)[:4] == approx(beams, rel=5e-3)
 
 
 @pytest.mark.parametrize("solid", [Box((0.01, 0.01, 1.0)), Tube(0.02, 0.016, 2.0)])
@@ -133,7 +134,7 @@ def test_a_very_slender_bar_keeps_its_mass_and_bends_as_a_beam(solid: Box | Tube
         gyration, length = np.hypot(0.01, 0.008) / 2.0, 2.0
     wave = np.sqrt(STEEL.youngs_modulus / STEEL.density)
     clamped = 22.3733 / (2.0 * np.pi) * gyration * wave / length**2
-    assert element.modal_frequencies_hz[:2] == pytest.approx(clamped, rel=5e-3)
+    assert element.modal_frequencies_hz[:2] == approx(clamped, rel=5e-3)
 
 
 def test_weight_and_traction_have_their_resultants() -> None:
@@ -142,8 +143,8 @@ def test_weight_and_traction_have_their_resultants() -> None:
     element = reduce(part(BOX), weight, pull)
     motion = np.zeros(len(element.stiffness))
     motion[[0, 6]] = 1.0
-    assert element.loads["weight:x"].vector @ motion == pytest.approx(element.mass_kg, rel=1e-9)
-    assert element.loads["pull:x"].vector @ motion == pytest.approx(0.1 * 0.3, rel=1e-9)
+    assert element.loads["weight:x"].vector @ motion == approx(element.mass_kg, rel=1e-9)
+    assert element.loads["pull:x"].vector @ motion == approx(0.1 * 0.3, rel=1e-9)
 
 
 def test_a_free_body_has_its_mean_motion_as_dofs() -> None:

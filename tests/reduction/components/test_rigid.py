@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.frames import FloatArray, Frame, rotation_about
 from headstock.geometry.machine.machine import Machine, Pose
 from headstock.geometry.parts.components import Component, Interface, Load, Material, Patch
@@ -39,7 +40,7 @@ COMPONENT = Component(
 
 def test_mass_and_inertia_are_density_times_volume_properties() -> None:
     part = reduce_rigid(COMPONENT, PROPERTIES)
-    assert part.mass_kg == pytest.approx(7850.0 * VOLUME, rel=1e-15)
+    assert part.mass_kg == approx(7850.0 * VOLUME, rel=1e-15)
     np.testing.assert_allclose(
         part.mass, np.diag([part.mass_kg] * 3 + list(7850.0 * INERTIA.diagonal())), rtol=1e-14
     )
@@ -50,7 +51,7 @@ def test_mass_and_inertia_are_density_times_volume_properties() -> None:
 
 def test_a_stated_mass_scales_the_inertia_too() -> None:
     part = reduce_rigid(dataclasses.replace(COMPONENT, mass=10.0), PROPERTIES)
-    assert part.mass_kg == pytest.approx(10.0, rel=1e-15)
+    assert part.mass_kg == approx(10.0, rel=1e-15)
     np.testing.assert_allclose(part.inertia, 10.0 / VOLUME * INERTIA, rtol=1e-14)
 
 

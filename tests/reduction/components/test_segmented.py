@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpi4py import MPI
 
-from common import make_box, make_component
+from common import approx, make_box, make_component
 from headstock.geometry.frames import BoolArray, FloatArray, Frame, rotation_about
 from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Point, Pose, orient_machine
@@ -97,10 +97,10 @@ def test_end_loads_are_answered_as_timoshenko_s_beam_with_any_number_of_segments
     kappa = 13.0 / 15.3
     found = compliance(cantilever(bar(count)))
     bending = length**3 / (3.0 * STEEL.youngs_modulus * second) + length / (kappa * shear * area)
-    assert found[0, 0] == pytest.approx(bending, rel=1e-9)
-    assert found[2, 2] == pytest.approx(length / (STEEL.youngs_modulus * area), rel=1e-9)
-    assert found[4, 0] == pytest.approx(length**2 / (2.0 * STEEL.youngs_modulus * second), rel=1e-9)
-    assert found[3, 1] == pytest.approx(
+    assert found[0, 0] == approx(bending, rel=1e-9)
+    assert found[2, 2] == approx(length / (STEEL.youngs_modulus * area), rel=1e-9)
+    assert found[4, 0] == approx(length**2 / (2.0 * STEEL.youngs_modulus * second), rel=1e-9)
+    assert found[3, 1] == approx(
         -6.0 * length**2 / (STEEL.youngs_modulus * depth * width**3), rel=1e-9
     )
 
@@ -128,7 +128,7 @@ def test_mass_centre_and_inertia_are_those_of_the_solid() -> None:
     component = dataclasses.replace(bar(7), mass=12.0)
     part, properties = reduce(component), closed_form_properties(component)
     assert properties is not None
-    assert part.mass_kg == pytest.approx(12.0, rel=1e-12) and part.full_dofs == 42
+    assert part.mass_kg == approx(12.0, rel=1e-12) and part.full_dofs == 42
     np.testing.assert_allclose(
         part.inertia, 12.0 / properties.volume * properties.inertia, rtol=1e-12, atol=1e-14
     )
@@ -166,9 +166,9 @@ def test_under_a_rigid_patch_the_bar_is_rigid_from_edge_to_edge_wherever_segment
     found = compliance(cantilever(side_patch("rigid", low, low + length, count=count)))
     lever = 0.5 * length
     bending = low**3 / 3.0 + lever * low**2 + lever**2 * low
-    assert found[0, 0] == pytest.approx(bending / BENDING + low / SHEARING, rel=1e-3)
-    assert found[4, 4] == pytest.approx(low / BENDING, rel=1e-3)
-    assert found[2, 2] == pytest.approx(
+    assert found[0, 0] == approx(bending / BENDING + low / SHEARING, rel=1e-3)
+    assert found[4, 4] == approx(low / BENDING, rel=1e-3)
+    assert found[2, 2] == approx(
         low / (STEEL.youngs_modulus * SIZE[0] * SIZE[1]) + 0.019**2 * low / BENDING, rel=1e-3
     )
 
@@ -180,7 +180,7 @@ def test_one_rigid_interface_of_two_patches_bridges_what_lies_between_them() -> 
         plain, interfaces={**plain.interfaces, "tip": Interface("tip", (near, far))}
     )
     # the bar bends up to 100 mm, where the first patch begins; from there on everything is rigid
-    assert compliance(cantilever(both))[4, 4] == pytest.approx(0.1 / BENDING, rel=1e-9)
+    assert compliance(cantilever(both))[4, 4] == approx(0.1 / BENDING, rel=1e-9)
 
 
 def mean_compliances(low: float, high: float) -> tuple[float, float]:
@@ -216,7 +216,7 @@ def test_an_averaging_patch_is_right_wherever_segments_end(
 ) -> None:
     found = compliance(cantilever(side_patch("average", low, high, count=count)))
     deflection, slope = mean_compliances(low, high)
-    assert found[0, 0] == pytest.approx(deflection, rel=2e-3)
+    assert found[0, 0] == approx(deflection, rel=2e-3)
     # not shown is what gives way between two nodes that are fixed: shear under the couple, and the
     # bend of a clamped segment
     hidden = 1.2 / (SHEARING * (high - low)) + SIZE[2] / count / (16.0 * BENDING)
@@ -228,7 +228,7 @@ def test_an_averaging_patch_stiffens_nothing() -> None:
     averaged = solve_modal(
         cantilever(side_patch("average", 0.30, 0.50)).system, count=1
     ).frequencies_hz[0]
-    assert averaged == pytest.approx(free, rel=1e-9)
+    assert averaged == approx(free, rel=1e-9)
 
 
 @pytest.mark.parametrize("coupling", ["rigid", "average"])
@@ -269,9 +269,9 @@ def test_a_disk_and_a_strip_are_averaged_like_the_areas_they_are() -> None:
 
     z = np.linspace(0.0, 0.5, 100001, dtype=np.float64)
     chord = np.sqrt(np.maximum(0.0, 0.03**2 - (z - 0.3) ** 2))
-    assert at["disk"] == pytest.approx(chord @ deflection(z) / chord.sum(), rel=1e-4)
-    assert at["strip"] == pytest.approx(deflection(z)[(z > 0.26) & (z < 0.34)].mean(), rel=1e-4)
-    assert at["whole"] == pytest.approx(deflection(z).mean(), rel=1e-4)
+    assert at["disk"] == approx(chord @ deflection(z) / chord.sum(), rel=1e-4)
+    assert at["strip"] == approx(deflection(z)[(z > 0.26) & (z < 0.34)].mean(), rel=1e-4)
+    assert at["whole"] == approx(deflection(z).mean(), rel=1e-4)
 
 
 def test_the_surface_of_a_segmented_tube_bends_with_it() -> None:
@@ -318,9 +318,9 @@ def test_a_traction_acts_where_it_is_and_a_body_load_on_all() -> None:
     moments = [6 * node + 4 for node in range(len(part.frames))]
     arms = np.array([frame.origin[2] for frame in part.frames])
     vector = part.loads["wind:x"].vector
-    assert vector[::6].sum() == pytest.approx(0.006, rel=1e-12)
-    assert vector[::6] @ arms + vector[moments].sum() == pytest.approx(0.006 * 0.43, rel=1e-12)
-    assert part.loads["own:x"].vector[::6].sum() == pytest.approx(part.mass_kg, rel=1e-12)
+    assert vector[::6].sum() == approx(0.006, rel=1e-12)
+    assert vector[::6] @ arms + vector[moments].sum() == approx(0.006 * 0.43, rel=1e-12)
+    assert part.loads["own:x"].vector[::6].sum() == approx(part.mass_kg, rel=1e-12)
 
 
 @pytest.mark.parametrize(

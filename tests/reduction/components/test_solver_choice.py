@@ -2,6 +2,7 @@
 
 import pytest
 
+from common import approx
 from headstock.geometry.parts.components import LinearSolver, ReductionSettings
 from headstock.reduction.components.solver_choice import choose_method, predict_factor_entries
 
@@ -22,12 +23,12 @@ COLUMN, BLOCK, ROD = (0.1, 0.038, 0.5), (0.2, 0.2, 0.2), (0.05, 0.05, 1.0)
 def test_predicted_entries_are_near_those_of_metis(
     extents: tuple[float, ...], dofs: int, measured: float
 ) -> None:
-    assert predict_factor_entries(dofs, extents) == pytest.approx(measured, rel=0.12)
+    assert predict_factor_entries(dofs, extents) == approx(measured, rel=0.12)
 
 
 def test_an_unknown_shape_counts_as_a_cube() -> None:
     cube = predict_factor_entries(10**6, BLOCK)
-    assert predict_factor_entries(10**6, None) == pytest.approx(cube, rel=1e-9)
+    assert predict_factor_entries(10**6, None) == approx(cube, rel=1e-9)
     assert predict_factor_entries(10**6, ROD) < 0.6 * predict_factor_entries(10**6, None)
 
 

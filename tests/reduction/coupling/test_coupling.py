@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from common import present
+from common import approx, present
 from headstock.geometry.frames import (
     DOF_NAMES,
     FloatArray,
@@ -251,7 +251,7 @@ def test_gravity_sags_a_block_by_weight_over_stiffness_and_a_force_load_acts_in_
     )
     row = coupled.system.outputs["block.c0", "z"]
     gravity_deflection = row @ solve_static(coupled.system, coupled.loads["gravity"]).displacements
-    assert gravity_deflection == pytest.approx(-230.0 * 9.81 / (4 * 1.8e4), rel=1e-12)
+    assert gravity_deflection == approx(-230.0 * 9.81 / (4 * 1.8e4), rel=1e-12)
     np.testing.assert_allclose(
         coupled.loads["push"], 100.0 * coupled.system.inputs["block.c0", "x"], rtol=1e-14
     )

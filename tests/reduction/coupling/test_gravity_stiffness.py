@@ -8,6 +8,7 @@ import pytest
 import scipy.linalg
 from mpi4py import MPI
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.components.meshing import describe_component
 from headstock.pipeline.runner import run_scene
@@ -142,7 +143,7 @@ def test_a_column_buckles_at_greenhills_weight(tmp_path: Path) -> None:
         misses.append(weight * 3.0**3 / (210e9 * 0.06 * 0.04**3 / 12.0) / 7.8373 - 1.0)
     # second order in the length of a segment; shear takes 2e-4 off
     assert abs(misses[1]) < 5e-3
-    assert abs(misses[0] + 2e-4) == pytest.approx(4.0 * abs(misses[1] + 2e-4), rel=0.25)
+    assert abs(misses[0] + 2e-4) == approx(4.0 * abs(misses[1] + 2e-4), rel=0.25)
 
 
 def test_components_on_springs_stiffen_as_the_lumped_mechanism_does(tmp_path: Path) -> None:
@@ -293,14 +294,14 @@ def test_budgets_have_the_part_of_the_weight(tmp_path: Path) -> None:
     taken = bar(0.5)[0] * G * 0.25
     left = 2e3 - taken
     budget = point_budget(coupled, "tip")
-    assert budget.compliance[0, 0] == pytest.approx(0.5**2 / left, rel=1e-9)
+    assert budget.compliance[0, 0] == approx(0.5**2 / left, rel=1e-9)
     shares = budget.shares["x"]
-    assert shares["foot"] == pytest.approx(2e3 / left, rel=1e-9)
-    assert shares[WEIGHT] == pytest.approx(-taken / left, rel=1e-9)
+    assert shares["foot"] == approx(2e3 / left, rel=1e-9)
+    assert shares[WEIGHT] == approx(-taken / left, rel=1e-9)
     assert find_weakest_link(coupled, "tip", "x", budget) is None  # a part alone
     machine = load_scene(tmp_path / "scene.toml").machine
     found = solve_deviation(coupled, machine, "tip")
     parts = found.parts[FORCES]
-    assert found.sources[FORCES][0] == pytest.approx(10.0 * 0.5**2 / left, rel=1e-9)
-    assert parts["foot"][0] + parts[WEIGHT][0] == pytest.approx(found.sources[FORCES][0], rel=1e-9)
-    assert parts[WEIGHT][0] == pytest.approx(-10.0 * 0.5**2 * taken / left**2, rel=1e-9)
+    assert found.sources[FORCES][0] == approx(10.0 * 0.5**2 / left, rel=1e-9)
+    assert parts["foot"][0] + parts[WEIGHT][0] == approx(found.sources[FORCES][0], rel=1e-9)
+    assert parts[WEIGHT][0] == approx(-10.0 * 0.5**2 * taken / left**2, rel=1e-9)

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.guide_errors import average_profile
 from headstock.geometry.machine.machine import Machine, Pose
@@ -112,7 +113,7 @@ def test_contributions_add_up_to_each_source() -> None:
     assert set(found.sources) == {"geometry", "gravity", "static forces"}
     for source, moved in found.sources.items():
         parts = np.sum(list(found.parts[source].values()), axis=0)
-        assert parts == pytest.approx(moved, abs=1e-9 * np.abs(moved).max())
+        assert parts == approx(moved, abs=1e-9 * np.abs(moved).max())
 
 
 def test_each_source_is_what_the_loads_move_the_tool_by() -> None:
@@ -122,7 +123,7 @@ def test_each_source_is_what_the_loads_move_the_tool_by() -> None:
     total = np.sum(list(coupled.loads.values()), axis=0)
     moved = np.linalg.solve(coupled.system.stiffness, total)
     rows = [coupled.system.outputs["tcp", dof] @ moved for dof in ("x", "y", "z", "rx", "ry", "rz")]
-    assert found.total == pytest.approx(rows, rel=1e-8, abs=1e-14)
+    assert found.total == approx(rows, rel=1e-8, abs=1e-14)
 
 
 def test_a_rigid_table_takes_the_least_squares_plane_of_its_carriages() -> None:
@@ -149,9 +150,9 @@ def test_a_rigid_table_takes_the_least_squares_plane_of_its_carriages() -> None:
     fitted, slope_x, slope_y = np.linalg.lstsq(plane, np.array(heights))[0]
     out = [coupled.system.outputs["table_top", dof] @ moved for dof in ("z", "rx", "ry")]
     top = coupled.placements["table"].origin
-    assert out[0] == pytest.approx(fitted + slope_x * top[0] + slope_y * top[1], rel=1e-9)
-    assert out[1] == pytest.approx(slope_y, rel=1e-9)
-    assert out[2] == pytest.approx(-slope_x, rel=1e-9)
+    assert out[0] == approx(fitted + slope_x * top[0] + slope_y * top[1], rel=1e-9)
+    assert out[1] == approx(slope_y, rel=1e-9)
+    assert out[2] == approx(-slope_x, rel=1e-9)
 
 
 def test_rigid_guides_that_contradict_each_other_are_refused() -> None:

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.frames import FloatArray, Frame, rotation_about
 from headstock.geometry.machine.joints import Axis, JointEnd, ScrewShaft
 from headstock.geometry.machine.machine import Machine, Pose, orient_machine
@@ -81,9 +82,7 @@ def test_nut_shaft_bearing_and_twist_are_in_series(place: float) -> None:
     expected = (
         1.0 / NUT + 1.0 / BEARING + place / AXIAL + pitch**2 * (place / TORSIONAL + 1.0 / COUPLING)
     )
-    assert axial_compliance(*screw_machine(TWISTING), place)[0, 0] == pytest.approx(
-        expected, rel=1e-10
-    )
+    assert axial_compliance(*screw_machine(TWISTING), place)[0, 0] == approx(expected, rel=1e-10)
 
 
 @pytest.mark.parametrize("place", [0.05, 0.45, 0.7])
@@ -91,9 +90,7 @@ def test_between_rigid_bearings_the_shaft_is_the_standard_s(place: float) -> Non
     """ISO 3408-4: R = E A l / (a (l - a)) for a shaft fixed at both ends."""
     shaft = ScrewShaft(AXIAL, TORSIONAL, second_end=JointEnd("end_2", "far"), length=LENGTH)
     expected = 1.0 / NUT + place * (LENGTH - place) / (AXIAL * LENGTH)
-    assert axial_compliance(*screw_machine(shaft), place)[0, 0] == pytest.approx(
-        expected, rel=1e-10
-    )
+    assert axial_compliance(*screw_machine(shaft), place)[0, 0] == approx(expected, rel=1e-10)
 
 
 @pytest.mark.parametrize("place", [0.05, 0.45, 0.7])
@@ -153,7 +150,7 @@ def test_the_nut_s_own_torsion_is_in_series_with_the_shaft_s() -> None:
         parts, dataclasses.replace(machine, joints=joints), Pose("p", {"X": 0.3})
     ).system
     moment = system.inputs["tcp", "rx"]
-    assert moment @ solve_static(system, moment).displacements == pytest.approx(
+    assert moment @ solve_static(system, moment).displacements == approx(
         1.0 / 4e4 + 0.4 / TORSIONAL, rel=1e-10
     )
 
@@ -165,7 +162,7 @@ def test_a_turned_machine_has_the_same_screw() -> None:
     channels = np.column_stack([system.inputs["tcp", dof] for dof in "xyz"])
     along = frame.rotation[:, 0]
     found = along @ (channels.T @ solve_static(system, channels).displacements) @ along
-    assert found == pytest.approx(axial_compliance(parts, machine, 0.35)[0, 0], rel=1e-9)
+    assert found == approx(axial_compliance(parts, machine, 0.35)[0, 0], rel=1e-9)
 
 
 def test_a_nut_that_leaves_its_screw_is_named() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from common import make_box, make_component
+from common import approx, make_box, make_component
 from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Point, Pose
 from headstock.geometry.parts.components import Load
@@ -64,7 +64,7 @@ def test_under_a_force_it_is_the_error_of_the_compliance(coarse: Superelement) -
     found = estimate_deviation(coupled, MACHINE, DOWN, solve_deviation(coupled, MACHINE, "tcp"))
     budget = point_budget(coupled, "tcp")
     energies = compliance_mesh_errors(coupled, budget.displacements)["body"]
-    assert found[FORCES].meshes["body"] == pytest.approx(energies @ np.array(PUSH.vector), rel=1e-9)
+    assert found[FORCES].meshes["body"] == approx(energies @ np.array(PUSH.vector), rel=1e-9)
 
 
 @pytest.mark.parametrize("source", [GRAVITY, FORCES])
@@ -90,7 +90,7 @@ def test_a_finer_mesh_is_as_soft_as_the_estimate(coarse: Superelement) -> None:
         # of loads inside the body products of two errors are left out
         left = 1e-9 if source == FORCES else 0.01
         change = better[source] - own[source]
-        assert change == pytest.approx(found[source].meshes["body"], abs=left * largest)
+        assert change == approx(found[source].meshes["body"], abs=left * largest)
 
 
 def test_modes_left_out_move_frequencies_by_no_less_than_all_modes_do(fine: Superelement) -> None:
@@ -107,7 +107,7 @@ def test_modes_left_out_move_frequencies_by_no_less_than_all_modes_do(fine: Supe
         point_budget(couple_beam(each), "tcp").compliance
         for each in (few, with_modes_left_out(few))
     )
-    assert better == pytest.approx(own, rel=1e-9, abs=1e-12 * np.abs(own).max())
+    assert better == approx(own, rel=1e-9, abs=1e-12 * np.abs(own).max())
 
 
 def test_flat_parts_have_no_better_faces(coarse: Superelement) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from common import make_box, make_component, present
+from common import approx, make_box, make_component, present
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Pose
@@ -75,7 +75,7 @@ def test_moments_are_the_sums_over_the_modes_left_out(
         np.testing.assert_allclose(
             found / np.outer(size, size), exact / np.outer(size, size), atol=1e-6
         )
-    assert present(element.errors.truncation).limit == pytest.approx(
+    assert present(element.errors.truncation).limit == approx(
         eigenvalues[0], rel=1e-9 if count else 0.05
     )
 

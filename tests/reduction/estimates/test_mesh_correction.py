@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from common import make_box, make_component
+from common import approx, make_box, make_component
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Point, Pose
@@ -93,7 +93,7 @@ def test_the_compliance_grows_by_the_energy_that_is_missed() -> None:
     )
     again = point_budget(couple({"body": correct_mesh(plain)}, MACHINE, Pose("reference")), "tcp")
     # clamped, the compliance of the machine is a block of that of its body
-    assert again.compliance == pytest.approx(
+    assert again.compliance == approx(
         budget.compliance + missed, rel=1e-6, abs=1e-9 * np.abs(budget.compliance).max()
     )
 
@@ -166,5 +166,5 @@ def test_lines_beside_a_peak_count_with_the_peak_on_either_side() -> None:
     below, above = sizes(either=True)
     # finer meshes alone bring the peak to the line below it and away from the one above
     one_way = sizes(either=False)
-    assert below == pytest.approx(one_way[0], rel=1e-9)
+    assert below == approx(one_way[0], rel=1e-9)
     assert above > 1.2 * one_way[1]

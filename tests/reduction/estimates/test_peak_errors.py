@@ -5,8 +5,8 @@ whole, and modes left out.
 import dataclasses
 
 import numpy as np
-import pytest
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.reduction.estimates.frequency_errors import TruncatedPart
 from headstock.reduction.estimates.mesh_errors import MeshedPart
@@ -99,7 +99,7 @@ def test_a_peak_moves_by_its_mode_and_its_frequency_to_first_order() -> None:
             products = shapes[peak.output] * shapes[peak.given]
             bare = squares - omega**2 + 2j * RATIO * np.sqrt(squares) * omega
             heights.append(abs(np.sum(products / bare)))
-        assert errors.finer["body"][number] == pytest.approx(
+        assert errors.finer["body"][number] == approx(
             abs(heights[1] - heights[0]), rel=0.03, abs=1e-5 * peak.height
         )
 
@@ -174,4 +174,4 @@ def test_modes_left_out_change_a_peak_as_the_mass_that_they_add() -> None:
         for other in find_response_peaks(respond(heavier), 0.0, 1500.0)
         if (other.output, other.given, other.mode) == (peak.output, peak.given, peak.mode)
     ]
-    assert errors.modes["body"][0] == pytest.approx(abs(moved.height - peak.height), rel=0.02)
+    assert errors.modes["body"][0] == approx(abs(moved.height - peak.height), rel=0.02)

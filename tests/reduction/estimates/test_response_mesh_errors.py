@@ -10,7 +10,7 @@ import pytest
 from mpi4py import MPI
 from scipy.stats import spearmanr
 
-from common import make_box, make_component, present
+from common import approx, make_box, make_component, present
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Point, Pose
@@ -115,7 +115,7 @@ def test_a_softened_response_is_that_of_the_whole_machine_less_the_missing_energ
         atol=2e-2 * np.abs(whole - plain).max(),
     )
     dropped = frequency_mesh_errors(coupled, solve_modal(coupled.system, count=1))["body"][0]
-    assert 1.0 - space.softening(first) == pytest.approx(dropped / first, rel=0.05)
+    assert 1.0 - space.softening(first) == approx(dropped / first, rel=0.05)
 
 
 def test_at_rest_it_is_the_estimate_of_the_static_compliance(

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from common import make_box, make_component, present
+from common import approx, make_box, make_component, present
 from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Point, Pose
 from headstock.geometry.parts.components import Component, Interface, Material, MeshSettings, Patch
@@ -80,7 +80,7 @@ def test_gaps_between_facets_and_faces_add_up_to_the_volume_that_the_mesh_misses
     mesh, _ = tube
     missing = mesh.quality.cad_volume - mesh.quality.volume
     assert missing > 1e-3 * mesh.quality.cad_volume
-    assert present(mesh.gaps).volumes.sum() == pytest.approx(missing, rel=0.02)
+    assert present(mesh.gaps).volumes.sum() == approx(missing, rel=0.02)
 
 
 def test_an_axial_compliance_is_off_by_the_area_that_chords_cut_away(

@@ -3,10 +3,9 @@
 import dataclasses
 
 import numpy as np
-import pytest
 from mpi4py import MPI
 
-from common import make_box, make_component
+from common import approx, make_box, make_component
 from headstock.geometry.frames import FloatArray, rigid_map
 from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Point, Pose
@@ -131,4 +130,4 @@ def test_a_body_that_only_its_nodes_carry_is_met_in_its_nodes() -> None:
     part = dataclasses.replace(segmented_bar(), recovery=None)
     center = np.array([[0.0, 0.0, 0.19]])  # of segment 10
     found = place_motion(part, center)
-    assert found[:, 54:57] == pytest.approx(np.eye(3), abs=1e-9)
+    assert found[:, 54:57] == approx(np.eye(3), abs=1e-9)

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from common import present
+from common import approx, present
 from headstock.geometry.frames import DOF_NAMES, Frame
 from headstock.geometry.machine.machine import Machine, Pose
 from headstock.reduction.coupling.coupling import couple
@@ -60,12 +60,12 @@ def test_compliance_and_shares_are_those_of_springs_in_series(
 ) -> None:
     budget, parts = point_budget(couple(*series, HOME), "tcp"), by_hand()[direction]
     axis = DOF_NAMES.index(direction)
-    assert budget.compliance[axis, axis] == pytest.approx(sum(parts.values()), rel=1e-12)
+    assert budget.compliance[axis, axis] == approx(sum(parts.values()), rel=1e-12)
     shares = budget.shares[direction]
-    assert shares == pytest.approx(
+    assert shares == approx(
         {name: value / sum(parts.values()) for name, value in parts.items()}, rel=1e-10
     )
-    assert sum(shares.values()) == pytest.approx(1.0, abs=1e-9)
+    assert sum(shares.values()) == approx(1.0, abs=1e-9)
 
 
 def test_compliance_is_symmetric_and_positive(
@@ -82,8 +82,8 @@ def test_the_weakest_link_and_the_gain_of_doubling_it_are_exact(
     link = present(find_weakest_link(couple(*series, HOME), "tcp", "x"))
     parts = by_hand()["x"]
     assert link.name == "foot"
-    assert link.share == pytest.approx(parts["foot"] / sum(parts.values()), rel=1e-10)
-    assert link.change == pytest.approx(-0.5 * link.share, rel=1e-8)
+    assert link.share == approx(parts["foot"] / sum(parts.values()), rel=1e-10)
+    assert link.change == approx(-0.5 * link.share, rel=1e-8)
     assert "foot contributes 76 %" in str(link) and "x compliance" in str(link)
 
 
@@ -97,7 +97,7 @@ def test_doubling_a_component_is_recomputed_too(
     link = present(
         find_weakest_link(couple(superelements | {"column": soft}, machine, HOME), "tcp", "z")
     )
-    assert link.name == "column" and link.change == pytest.approx(-0.5 * link.share, rel=1e-8)
+    assert link.name == "column" and link.change == approx(-0.5 * link.share, rel=1e-8)
 
 
 def test_a_direction_in_which_nothing_gives_has_no_shares_and_no_weakest_link() -> None:
@@ -108,7 +108,7 @@ def test_a_direction_in_which_nothing_gives_has_no_shares_and_no_weakest_link() 
     coupled = couple(*lumped_machine([body], [joint], {"tcp": ("body.foot", "ground")}), HOME)
     assert point_budget(coupled, "tcp").shares["z"] == {}
     assert find_weakest_link(coupled, "tcp", "z") is None
-    assert point_budget(coupled, "tcp").shares["x"] == pytest.approx({"foot": 1.0}, abs=1e-12)
+    assert point_budget(coupled, "tcp").shares["x"] == approx({"foot": 1.0}, abs=1e-12)
 
 
 def test_strain_and_kinetic_shares_of_modes_sum_to_one(
@@ -154,5 +154,5 @@ def test_the_budget_of_a_long_slender_machine_is_not_refused_for_what_rounding_l
     budget = point_budget(coupled, "tcp")
     levers = height * (count - 0.5 - np.arange(count))
     expected = (1.0 / stiff[0] + levers**2 / stiff[4]).sum()
-    assert budget.compliance[0, 0] == pytest.approx(expected, rel=1e-6)
-    assert sum(budget.shares["x"].values()) == pytest.approx(1.0, abs=1e-6)
+    assert budget.compliance[0, 0] == approx(expected, rel=1e-6)
+    assert sum(budget.shares["x"].values()) == approx(1.0, abs=1e-6)

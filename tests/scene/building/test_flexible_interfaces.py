@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from common import approx
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 
@@ -109,7 +110,7 @@ def test_a_contact_layer_is_read_in_its_units(tmp_path: Path) -> None:
     path = glue(tmp_path, f"{RECT}, {FLEXIBLE}", f'face = "z-", {FLEXIBLE}', LAYER)
     joint = load_scene(path).machine.joints["glue"]
     assert joint.layer is not None and joint.connects and not joint.fixed
-    assert (joint.layer.normal, joint.layer.shear) == pytest.approx((3e12, 1e12))
+    assert (joint.layer.normal, joint.layer.shear) == approx((3e12, 1e12))
 
 
 WIDE, RIGHT, FOOT = f'face = "z+", {FLEXIBLE}', f"{RECT}, {FLEXIBLE}", f'face = "z-", {FLEXIBLE}'

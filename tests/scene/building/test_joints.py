@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.pipeline.preview.free_motions import free_motion_warnings
 from headstock.scene.building.joints import KINDS, build_joint, find_joint_faults, joint_rotation
 from headstock.scene.building.loader import load_scene
@@ -102,7 +103,7 @@ def test_joint_axes_are_right_handed_and_point_where_the_scene_says(
     table = make_table(kind, axis=axis, normal=normal)
     rotation = joint_rotation(table)
     np.testing.assert_allclose(rotation.T @ rotation, np.eye(3), atol=1e-15)
-    assert np.linalg.det(rotation) == pytest.approx(1.0, abs=1e-14)
+    assert np.linalg.det(rotation) == approx(1.0, abs=1e-14)
     column = 2 if KINDS[kind].axis_is == "z" else 0
     np.testing.assert_allclose(rotation[:, column], np.array(table.axis), atol=1e-15)
     assert rotation[:, 2 - column] @ np.array(table.normal) > 0.0

@@ -25,6 +25,7 @@ from headstock.geometry.parts.solids import (
 )
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
+from headstock.scene.requests import ContouringRequest, ModalRequest, PathRequest, StaticRequest
 
 MACHINES = Path(__file__).resolve().parents[3] / "machines"
 STEEL = '[materials.steel]\nE = "210 GPa"\nnu = 0.3\nrho = "7850 kg/m^3"\n'
@@ -347,9 +348,8 @@ def test_bolted_faces_of_the_three_axis_machine_lie_on_each_other(
 def test_the_beam_scenes_load_without_warnings(name: str) -> None:
     scene = load_scene(MACHINES / f"{name}.toml")
     assert scene.warnings == ()
-    assert scene.analyses.modal is not None
-    assert scene.analyses.modal.count == 6
-    assert scene.analyses.static is not None
+    assert scene.analyses[ModalRequest].count == 6
+    assert StaticRequest in scene.analyses
     for variant in scene.variants:
         assert load_scene(MACHINES / f"{name}.toml", variant=variant).warnings == ()
 
@@ -366,8 +366,8 @@ def test_a_cut_of_the_contour_lets_a_path_mill_nothing() -> None:
     """The effect has something to cut; with neither a contour nor a cut of the path it has not."""
     path = 'analyses.path={ from = { X = "-9 mm" }, to = { X = "9 mm" }, feeds = ["1 m/min"], time_constant = "50 ms" }'
     scene = load_scene(MACHINES / "three_axis.toml", variant="R+milling", overrides=(path,))
-    assert scene.analyses.path is not None and scene.analyses.path.cut is None
-    assert scene.analyses.contouring is not None and scene.analyses.contouring.cutting
+    assert PathRequest in scene.analyses and scene.analyses[PathRequest].cut is None
+    assert ContouringRequest in scene.analyses and scene.analyses[ContouringRequest].cutting
     with pytest.raises(SceneError, match="nothing is milled"):
         load_scene(
             MACHINES / "three_axis.toml",

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from common import approx
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.scene import Scene
@@ -75,10 +76,7 @@ def test_a_rail_without_stations_gets_them_from_its_length_and_the_shortest_carr
         28,
         "average",
     )
-    assert (
-        machine.joints["guide"].length == pytest.approx(0.06)
-        and machine.joints["screw"].length is None
-    )
+    assert machine.joints["guide"].length == approx(0.06) and machine.joints["screw"].length is None
 
 
 @pytest.mark.parametrize(
@@ -139,8 +137,8 @@ def test_a_screw_with_a_shaft_is_built_of_steel_and_ties_its_bearings_only_on_el
     shaft = machine.joints["screw"].screw
     assert shaft is not None
     area, polar = math.pi * 0.02**2 / 4.0, math.pi * 0.02**4 / 32.0
-    assert (shaft.axial, shaft.torsional) == pytest.approx((210e9 * area, 210e9 / 2.6 * polar))
-    assert machine.joints["screw_shaft"].stiffness[0, 0] == pytest.approx(
+    assert (shaft.axial, shaft.torsional) == approx((210e9 * area, 210e9 / 2.6 * polar))
+    assert machine.joints["screw_shaft"].stiffness[0, 0] == approx(
         1.0 / (1.0 / 4e8 + 0.5 / (210e9 * area))
     )
     rigid = (

@@ -9,6 +9,7 @@ import pytest
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
+from common import approx
 from headstock.scene.building.joints import KINDS
 from headstock.scene.building.loader import load_scene
 from headstock.scene.expansion.catalogue import CatalogueEntry, read_catalogue
@@ -138,7 +139,7 @@ screw = { from = "catalogue:ball_screw_40x20", bearing = "100 N/um" }
     drive = scene.machine.joints["drive"]
     assert drive.stiffness[0, 0] == 300e6 and drive.screw is not None
     assert (drive.screw.lead, drive.screw.bearing) == (0.02, 100e6)
-    assert drive.screw.axial == pytest.approx(210e9 * np.pi / 4.0 * 0.0355**2)
+    assert drive.screw.axial == approx(210e9 * np.pi / 4.0 * 0.0355**2)
     assert any("diameter and lead" in text for text in scene.assumptions)
     with pytest.raises(SceneError, match=r"guide_35.*linear_guide.*ball_screw_40x10") as caught:
         load(old=SCENE[start:end], new=ends + own.replace("ball_screw_40x20", "guide_35"))
@@ -286,7 +287,7 @@ def ball_stiffness(load: float, diameter: float, conformity: float = 0.52) -> fl
 def test_contacts_of_a_ball_agree_with_palmgrens_formula() -> None:
     for load in (50.0, 200.0):
         palmgren = 4.36e-4 * load ** (2 / 3) / 8.0 ** (1 / 3) * 1e-3
-        assert ball_stiffness(load, 8e-3) == pytest.approx(1.5 * load / palmgren, rel=0.2)
+        assert ball_stiffness(load, 8e-3) == approx(1.5 * load / palmgren, rel=0.2)
 
 
 @pytest.mark.parametrize("name", [name for name in ENTRIES if name.startswith("guide_")])
@@ -367,5 +368,5 @@ def test_a_mass_on_its_mount_has_the_frequency_that_the_family_states(name: str)
     load = 1e3 * float(re.findall(r"(\d+)kN", name)[0])
     (stated,) = re.findall(r"2 pi (\d+) Hz", entry.family.derived)
     frequency = np.sqrt(stiffness(name, "vertical") * 9.81 / load) / (2.0 * np.pi)
-    assert frequency == pytest.approx(float(stated), rel=0.03)
+    assert frequency == approx(float(stated), rel=0.03)
     assert stiffness(name, "horizontal") < stiffness(name, "vertical")

@@ -8,6 +8,7 @@ import pytest
 
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
+from headstock.scene.requests import ModalRequest
 from headstock.scene.scene import keep_analyses
 
 DATA = Path(__file__).parents[2] / "data"
@@ -200,7 +201,7 @@ def test_what_an_analysis_on_request_lacks_is_a_problem_once_it_is_asked_for(
     with pytest.raises(SceneError, match="drive_control = true"):
         load_scene(write_scene(tmp_path, GOOD + wanted))
     scene = load_scene(write_scene(tmp_path, GOOD + wanted + "on_request = true\n"))
-    assert keep_analyses(scene, ["modal"]).analyses.modal is not None
+    assert ModalRequest in keep_analyses(scene, ["modal"]).analyses
     with pytest.raises(SceneError, match="drive_control = true") as caught:
         keep_analyses(scene, ["control"])
     assert caught.value.problems[0].key == "analyses.control"

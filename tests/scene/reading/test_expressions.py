@@ -2,6 +2,7 @@
 
 import pytest
 
+from common import approx
 from headstock.scene.reading.expressions import ExpressionError, calculate, is_expression, sole_name
 from headstock.scene.reading.units import DIMENSIONS, Measure, parse_quantity, read_measure
 
@@ -39,11 +40,11 @@ def look_up(name: str) -> Measure:
 )
 def test_values_are_calculated_with_their_units(text: str, value: float, unit: str) -> None:
     found = calculate(text, look_up, NAMES)
-    assert float(found.value) == pytest.approx(value, rel=1e-15)
+    assert float(found.value) == approx(value, rel=1e-15)
     written = found.written()
     if unit:
         # the scene reads it back as what it is
-        assert parse_quantity(written, *DIMENSIONS).value == pytest.approx(value, rel=1e-15)
+        assert parse_quantity(written, *DIMENSIONS).value == approx(value, rel=1e-15)
         assert found.powers == read_measure("1", unit).powers
     else:
         assert isinstance(written, int | float)

@@ -4,6 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.process.strangers import SMALL_BYTES
 from headstock.scene.reading.forces import (
@@ -53,7 +54,7 @@ def test_impulse_is_kept_and_fast_oscillations_do_not_fold_back() -> None:
     whole = np.trapezoid(
         record.forces[(fine >= 0.0) & (fine <= 0.9985), 0], fine[(fine >= 0.0) & (fine <= 0.9985)]
     )
-    assert found.sum() * 1e-3 == pytest.approx(whole, rel=2e-3)
+    assert found.sum() * 1e-3 == approx(whole, rel=2e-3)
 
 
 @pytest.mark.parametrize(("change", "message"), [
@@ -100,7 +101,7 @@ def test_what_is_faster_than_the_steps_is_told() -> None:
     assert resampling_loss(ForceRecord(fine, low_frequency), steps) < 1e-3
     # equal parts of what the steps hold and of what they do not
     mixed = resampling_loss(ForceRecord(fine, low_frequency + np.sqrt(2.0) * fast), steps)
-    assert mixed == pytest.approx(np.sqrt(0.5), rel=0.05)
+    assert mixed == approx(np.sqrt(0.5), rel=0.05)
 
 
 def test_corners_beyond_their_number_or_size_are_refused_soon(tmp_path: Path) -> None:

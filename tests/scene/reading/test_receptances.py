@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.scene.reading.receptances import ReceptanceFileError, read_receptances
 
 HEAD = "frequency,tip_re,tip_im,cross_re,cross_im,base_re,base_im\n"
@@ -20,7 +21,7 @@ def test_columns_become_complex_and_their_order_is_free(tmp_path: Path) -> None:
     assert found.base[0] == 5 + 6j
     np.testing.assert_allclose(found.across.T @ [0.0, 0.0, 1.0], 0.0, atol=1e-15)
     tip, _, _ = found.at(2.0 * np.pi * np.array([15.0]))
-    assert tip[0] == pytest.approx(1 + 1.5j)
+    assert tip[0] == approx(1 + 1.5j)
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl, Drive, GuideFriction
 from headstock.geometry.mechanisms.mechanism import Marker, Mechanism, prismatic
@@ -96,7 +97,7 @@ def test_a_leg_under_control_responds_as_its_transfer_function_says(encoder: str
     np.testing.assert_allclose(found[1:], expected, rtol=1e-9)
     # the integrator holds what it sees where it is
     at_rest = 1.0 / SPRING if encoder == "motor" else 0.0
-    assert found[0].real == pytest.approx(at_rest, rel=1e-9, abs=1e-9 / SPRING)
+    assert found[0].real == approx(at_rest, rel=1e-9, abs=1e-9 / SPRING)
     assert train.control.acceleration_feed_forward == 0.0
 
 
@@ -118,7 +119,7 @@ def test_feed_forward_carries_all_that_the_motor_of_a_leg_moves() -> None:
     drive = dataclasses.replace(drive_of_leg(), acceleration_share=1.0)
     _, train = make_leg(drive)
     moved = BEAM + PLATFORM + MOTOR / PITCH**2
-    assert train.control.acceleration_feed_forward == pytest.approx(moved, rel=1e-12)
+    assert train.control.acceleration_feed_forward == approx(moved, rel=1e-12)
 
 
 def test_poles_of_a_leg_are_the_roots_of_its_characteristic_polynomial() -> None:
@@ -189,4 +190,4 @@ def test_a_leg_that_rubs_balances_its_energy() -> None:
     # what it dissipates, from its force and the way that the leg slides
     slide = found.outputs[:, loop.space.outputs.index(("leg", "slide"))]
     lost = float(np.trapezoid(found.friction[:, 0], slide))
-    assert float(found.energy.friction[-1]) == pytest.approx(lost, rel=1e-3)
+    assert float(found.energy.friction[-1]) == approx(lost, rel=1e-3)

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from common import present
+from common import approx, present
 from headstock.geometry.machine.drives import AxisControl
 from headstock.solvers.control.dead_time import LARGEST_ANGLE, make_dead_time
 from headstock.solvers.control.drive_loops import ENCODER, close_loops, find_velocity_lag
@@ -39,7 +39,7 @@ def test_a_free_motor_leaves_one_motion_at_exactly_zero_hertz() -> None:
     system, _ = make_drive(MASSES, CONTROL)
     modes = solve_modal(system)
     assert modes.rigid_count == 1
-    assert modes.frequencies_hz[1] == pytest.approx(MASSES.free_hz, rel=1e-12)
+    assert modes.frequencies_hz[1] == approx(MASSES.free_hz, rel=1e-12)
 
 
 def test_damping_in_proportion_to_stiffness_stays_in_proportion_when_motors_are_let_go() -> None:
@@ -60,7 +60,7 @@ def test_damping_in_proportion_to_stiffness_stays_in_proportion_when_motors_are_
 
 def test_a_very_heavy_motor_is_a_fixed_one() -> None:
     system, _ = make_drive(dataclasses.replace(MASSES, motor=1e12), CONTROL)
-    assert solve_modal(system).frequencies_hz[1] == pytest.approx(MASSES.locked_hz, rel=1e-9)
+    assert solve_modal(system).frequencies_hz[1] == approx(MASSES.locked_hz, rel=1e-9)
 
 
 @pytest.mark.parametrize("encoder", ["motor", "scale"])
@@ -90,7 +90,7 @@ def test_the_dead_time_has_gain_one_and_the_right_phase_as_far_as_it_promises() 
         value = (block.c @ np.linalg.solve(s * np.eye(len(block.a)) - block.a, block.b) + block.d)[
             0, 0
         ]
-        assert abs(value) == pytest.approx(1.0, abs=1e-13)
+        assert abs(value) == approx(1.0, abs=1e-13)
         assert abs(np.angle(value * np.exp(1j * angle))) < 1e-4
 
 
@@ -109,7 +109,7 @@ def test_the_step_response_is_the_sum_of_residues() -> None:
 def test_the_lag_at_constant_speed_is_the_speed_over_kv_less_feed_forward(forward: float) -> None:
     system, train = make_drive(MASSES, change(velocity_feed_forward=forward, dead_time=1e-3))
     lag, _ = find_velocity_lag(close_loops(system, [train]), "X")
-    assert lag == pytest.approx((1.0 - forward) / CONTROL.position_gain, abs=1e-12)
+    assert lag == approx((1.0 - forward) / CONTROL.position_gain, abs=1e-12)
 
 
 def test_full_feed_forward_of_a_stiff_drive_follows_without_error() -> None:
@@ -138,8 +138,8 @@ def test_a_coupling_without_a_screw_is_in_series_and_with_a_light_one_the_same()
     expected = math.sqrt((1.0 / (1.0 / 5e7 + 1.0 / 2e7)) * (1.0 / 80.0 + 1.0 / 120.0)) / (
         2.0 * math.pi
     )
-    assert solve_modal(series).frequencies_hz[1] == pytest.approx(expected, rel=1e-9)
-    assert solve_modal(light).frequencies_hz[1] == pytest.approx(expected, rel=1e-6)
+    assert solve_modal(series).frequencies_hz[1] == approx(expected, rel=1e-9)
+    assert solve_modal(light).frequencies_hz[1] == approx(expected, rel=1e-6)
 
 
 def test_two_drives_of_one_axis_share_its_set_point() -> None:
@@ -154,7 +154,7 @@ def test_two_drives_of_one_axis_share_its_set_point() -> None:
     loop = close_loops(free_motors(fixed, pair), pair, outputs=[LOAD])
     assert loop.space.inputs == (("X", "position"), ("X", "velocity"), ("X", "acceleration"))
     settled = -loop.space.c @ np.linalg.solve(loop.space.a, loop.space.b[:, 0])
-    assert settled[loop.space.outputs.index(("X2", ENCODER))] == pytest.approx(1.0, rel=1e-9)
+    assert settled[loop.space.outputs.index(("X2", ENCODER))] == approx(1.0, rel=1e-9)
 
 
 def test_margins_say_by_how_much_the_gains_may_rise() -> None:

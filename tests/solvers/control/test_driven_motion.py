@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl, GuideFriction
 from headstock.solvers.control.drive_loops import ClosedLoop, close_loops
@@ -111,15 +112,15 @@ def test_it_follows_an_integrator_of_a_library_and_balances_its_energy(smoothing
 def test_the_slope_of_friction_is_its_derivative(speed: float) -> None:
     step = 1e-9
     around = friction_force(LAW, np.array([speed - step, speed + step]))
-    assert friction_slope(LAW, np.array(speed)) == pytest.approx(
+    assert friction_slope(LAW, np.array(speed)) == approx(
         np.diff(around)[0] / (2.0 * step), rel=1e-5, abs=1e-3
     )
 
 
 def test_friction_is_breakaway_at_rest_and_coulomb_with_viscous_when_fast() -> None:
     law = dataclasses.replace(LAW, smoothing=1e-7)
-    assert friction_force(law, np.array(1e-5)) == pytest.approx(80.0, rel=1e-3)
-    assert friction_force(law, np.array(-0.1)) == pytest.approx(-60.0, rel=1e-9)
+    assert friction_force(law, np.array(1e-5)) == approx(80.0, rel=1e-3)
+    assert friction_force(law, np.array(-0.1)) == approx(-60.0, rel=1e-9)
 
 
 def test_a_loop_closed_without_its_friction_is_refused() -> None:

@@ -6,9 +6,9 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
-import pytest
 from scipy.integrate import solve_ivp
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl, GuideFriction
 from headstock.solvers.control.drive_loops import close_loops
@@ -108,9 +108,9 @@ def test_dry_friction_takes_the_same_way_in_every_period_and_stops_a_mass() -> N
     assert abs(without[300, 0]) > 0.99 * start
     assert found.motion.energy.error < 1e-6
     # the spring's energy has gone into the guide
-    assert found.energy.initial == pytest.approx(0.5 * stiffness * start**2, rel=1e-6)
+    assert found.energy.initial == approx(0.5 * stiffness * start**2, rel=1e-6)
     gone = 0.5 * stiffness * (start**2 - rest**2)
-    assert found.energy.dissipated == pytest.approx(gone, rel=1e-3)
+    assert found.energy.dissipated == approx(gone, rel=1e-3)
 
 
 def test_without_friction_it_is_the_exact_motion() -> None:
@@ -128,7 +128,7 @@ def test_without_friction_it_is_the_exact_motion() -> None:
         np.testing.assert_allclose(own, exact, atol=1e-7 * np.abs(exact).max(), err_msg=part)
     assert found.motion.energy.error < 1e-7
     energy = found.energy
-    assert energy.initial + energy.work - energy.dissipated == pytest.approx(energy.final, rel=1e-6)
+    assert energy.initial + energy.work - energy.dissipated == approx(energy.final, rel=1e-6)
 
 
 def integrate(law: GuideFriction, times: FloatArray) -> FloatArray:
@@ -206,4 +206,4 @@ def test_a_sharper_law_creeps_half_as_fast() -> None:
         found, _ = respond(wall, weak, law, [step_load(40.0)], 0.05, 2e3, share=share)
         _, moved = found.response.sample()
         crept = (moved[-1, 0] - moved[50, 0]) / 0.025
-        assert crept == pytest.approx(share * 1e-4 * np.arctanh(0.5), rel=1e-3)
+        assert crept == approx(share * 1e-4 * np.arctanh(0.5), rel=1e-3)

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from elastic_pencils import Operator, eigen_problem
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.elastic.block_lanczos import block_lanczos_pairs
 from headstock.solvers.elastic.eigenpairs import EigenPairs, ModeTarget, cluster_end
@@ -65,7 +66,7 @@ def test_a_frequency_target_is_complete_up_to_it(pencil: Pencil) -> None:
 
 def test_the_next_value_is_the_first_left_out(pencil: Pencil) -> None:
     found = search(pencil, ModeTarget(count=10))
-    assert found.next_value == pytest.approx(pencil[0][len(found.values)], rel=1e-3)
+    assert found.next_value == approx(pencil[0][len(found.values)], rel=1e-3)
 
 
 def test_all_pairs_of_a_small_space_are_found_and_none_follows(pencil: Pencil) -> None:
@@ -126,4 +127,4 @@ def test_with_a_frequency_and_a_count_the_fewer_are_found(pencil: Pencil) -> Non
         search(pencil, ModeTarget(up_to_hz=limit)).values
     )
     few = search(pencil, ModeTarget(count=5, up_to_hz=limit))
-    assert few.next_value == pytest.approx(pencil[0][len(few.values)], rel=1e-3)
+    assert few.next_value == approx(pencil[0][len(few.values)], rel=1e-3)

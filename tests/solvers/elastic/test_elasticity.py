@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from common import make_box, make_component
+from common import approx, make_box, make_component
 from headstock.geometry.frames import FloatArray, rigid_map
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.solvers.elastic.elasticity import ElasticOperators, assemble_elasticity
@@ -43,7 +43,7 @@ def test_a_uniform_strain_holds_the_energy_of_theory(mesh: ComponentMesh) -> Non
     lame = 2.0 * shear * material.poisson_ratio / (1.0 - 2.0 * material.poisson_ratio)
     energy = 2.0 * shear * (strain * strain).sum() + lame * np.trace(strain) ** 2
     field = owned(operators, mesh.points @ gradient.T)
-    assert (field.T @ operators.apply_stiffness(field))[0, 0] == pytest.approx(
+    assert (field.T @ operators.apply_stiffness(field))[0, 0] == approx(
         energy * mesh.quality.volume, rel=1e-12
     )
 
@@ -52,15 +52,15 @@ def test_the_mass_of_a_rigid_motion_is_mass_and_inertia(mesh: ComponentMesh) -> 
     material = make_component().material
     operators = assemble_elasticity(mesh, material, comm=COMM, with_mass=True)
     sideways = owned(operators, np.tile([0.0, 1.0, 0.0], (len(mesh.points), 1)))
-    assert (sideways.T @ operators.apply_mass(sideways))[0, 0] == pytest.approx(
+    assert (sideways.T @ operators.apply_mass(sideways))[0, 0] == approx(
         material.density * mesh.quality.volume, rel=1e-12
     )
     linear = owned(operators, np.column_stack([mesh.points[:, 2], 0 * mesh.points[:, :2]]))
     height = mesh.points[:, 2].max()
     corner = np.ptp(mesh.points[:, 2])
-    assert corner == pytest.approx(height - mesh.points[:, 2].min())
+    assert corner == approx(height - mesh.points[:, 2].min())
     # z runs evenly from end to end of a parallelepiped whose faces z = const are parallel
-    assert (linear.T @ operators.apply_mass(linear))[0, 0] == pytest.approx(
+    assert (linear.T @ operators.apply_mass(linear))[0, 0] == approx(
         material.density * mesh.quality.volume * corner**2 / 3.0, rel=1e-12
     )
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from common import make_box, make_component
+from common import approx, make_box, make_component
 from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.meshing.component_mesh import CellKind
 from headstock.solvers.elastic import iterative_inverse
@@ -47,7 +47,7 @@ def test_corner_stiffness_is_that_of_all_nodes_on_interpolated_displacements(
     fine = corners.restrict(operators.stiffness @ corners.prolong(shape))
     assert np.abs(fine - corners.stiffness @ shape).max() < 1e-12 * operators.stiffness_scale
     load = loads_on(operators, 1)[:, 0]
-    assert corners.prolong(shape) @ load == pytest.approx(shape @ corners.restrict(load), rel=1e-10)
+    assert corners.prolong(shape) @ load == approx(shape @ corners.restrict(load), rel=1e-10)
 
 
 def test_a_cycle_is_symmetric_and_near_the_inverse(operators: ElasticOperators) -> None:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.linear.damped_modes import damping_of_undamped, solve_damped
 from headstock.solvers.second_order import SecondOrderSystem
@@ -22,23 +23,21 @@ def test_one_mass_oscillates_at_the_damped_frequency(zeta: float) -> None:
     found = solve_damped(
         _system(np.eye(1) * 3.0, np.eye(1) * 6.0 * zeta * omega, np.eye(1) * 3.0 * omega**2)
     )
-    assert found.poles == pytest.approx(
-        [complex(-zeta * omega, omega * np.sqrt(1.0 - zeta**2))], rel=1e-9
-    )
+    assert found.poles == approx([complex(-zeta * omega, omega * np.sqrt(1.0 - zeta**2))], rel=1e-9)
     ratios, frequencies = damping_of_undamped(found, 1)
-    assert ratios[0] == pytest.approx(zeta, abs=1e-12)
-    assert frequencies[0] == pytest.approx(80.0 * np.sqrt(1.0 - zeta**2), rel=1e-9)
+    assert ratios[0] == approx(zeta, abs=1e-12)
+    assert frequencies[0] == approx(80.0 * np.sqrt(1.0 - zeta**2), rel=1e-9)
 
 
 def test_an_overdamped_mass_keeps_both_real_roots() -> None:
     omega, zeta = 50.0, 3.0
     found = solve_damped(_system(np.eye(1), np.eye(1) * 2.0 * zeta * omega, np.eye(1) * omega**2))
     root = np.sqrt(zeta**2 - 1.0)
-    assert np.sort(found.poles.real) == pytest.approx(
+    assert np.sort(found.poles.real) == approx(
         [-omega * (zeta + root), -omega * (zeta - root)], rel=1e-9
     )
-    assert found.frequencies_hz == pytest.approx([0.0, 0.0])
-    assert damping_of_undamped(found, 1)[0][0] == pytest.approx(zeta, rel=1e-9)
+    assert found.frequencies_hz == approx([0.0, 0.0])
+    assert damping_of_undamped(found, 1)[0][0] == approx(zeta, rel=1e-9)
 
 
 def test_non_proportional_damping_gives_the_roots_of_the_characteristic_polynomial() -> None:
@@ -50,9 +49,7 @@ def test_non_proportional_damping_gives_the_roots_of_the_characteristic_polynomi
     ]
     roots = (entries[0][0] * entries[1][1] - entries[0][1] * entries[1][0]).roots
     expected = sorted((root for root in roots if root.imag > 0.0), key=abs)
-    assert solve_damped(_system(mass, damping, stiffness)).poles == pytest.approx(
-        expected, rel=1e-9
-    )
+    assert solve_damped(_system(mass, damping, stiffness)).poles == approx(expected, rel=1e-9)
 
 
 def test_positive_damping_never_gives_growing_motion() -> None:
@@ -68,7 +65,7 @@ def test_positive_damping_never_gives_growing_motion() -> None:
 
 def test_a_negative_damper_shows_as_a_negative_ratio() -> None:
     found = solve_damped(_system(np.eye(1), -np.eye(1), np.eye(1) * 1e4))
-    assert found.damping_ratios[0] == pytest.approx(-0.005)
+    assert found.damping_ratios[0] == approx(-0.005)
 
 
 def test_a_dof_without_mass_follows_its_springs_as_long_as_no_damper_acts_on_it() -> None:
@@ -77,7 +74,7 @@ def test_a_dof_without_mass_follows_its_springs_as_long_as_no_damper_acts_on_it(
     stiffness = np.array([[near + far, -far], [-far, far]])
     found = solve_damped(_system(np.diag([0.0, mass]), np.diag([0.0, dash]), stiffness))
     series = near * far / (near + far)
-    assert found.damping_ratios == pytest.approx([dash / (2.0 * np.sqrt(series * mass))], rel=1e-9)
+    assert found.damping_ratios == approx([dash / (2.0 * np.sqrt(series * mass))], rel=1e-9)
 
 
 @pytest.mark.parametrize("dash", [4.0, 400.0])
@@ -90,7 +87,7 @@ def test_a_damper_on_a_dof_without_mass_gives_the_roots_of_a_cubic(dash: float) 
     roots = (point * body - far**2).roots
     expected = sorted((root for root in roots if root.imag >= 0.0), key=abs)
     # the little mass adds one pole far away
-    assert found.poles[: len(expected)] == pytest.approx(expected, rel=1e-6)
+    assert found.poles[: len(expected)] == approx(expected, rel=1e-6)
     assert np.abs(found.poles[len(expected) :]).min() > 1e6 * np.abs(expected).min()
 
 
@@ -114,7 +111,7 @@ def test_the_lowest_modes_alone_are_those_of_the_whole_state_matrix(strength: fl
     for found, expected in zip(
         damping_of_undamped(few, 8), damping_of_undamped(whole, 8), strict=True
     ):
-        assert len(found) == 8 and found == pytest.approx(expected, rel=1e-8)
+        assert len(found) == 8 and found == approx(expected, rel=1e-8)
 
 
 def test_the_lowest_modes_of_a_lightly_damped_system_do_not_need_the_whole_state_matrix() -> None:

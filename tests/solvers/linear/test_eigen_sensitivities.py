@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.linear.modal_analysis import slope_shape, slope_squares
 
@@ -37,7 +38,7 @@ def test_eigenvalue_slopes_are_those_of_a_complex_step(seed: int) -> None:
         np.linalg.solve(mass + 1e-8j * mass_slope, stiffness + 1e-8j * stiffness_slope)
     )
     moved = moved[np.argsort(moved.real)]
-    assert slopes == pytest.approx(moved.imag / 1e-8, rel=1e-6, abs=1e-6 * np.abs(slopes).max())
+    assert slopes == approx(moved.imag / 1e-8, rel=1e-6, abs=1e-6 * np.abs(slopes).max())
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -62,7 +63,7 @@ def test_shape_slopes_are_those_of_fourth_order_differences(seed: int) -> None:
                 stiffness + reach * STEP * stiffness_slope, mass + reach * STEP * mass_slope
             )[1][:, index]
             expected += weight / STEP * moved * np.sign(moved @ mass @ shape)
-        assert slope[:, 0] == pytest.approx(expected, rel=1e-6, abs=1e-7 * np.abs(expected).max())
+        assert slope[:, 0] == approx(expected, rel=1e-6, abs=1e-7 * np.abs(expected).max())
 
 
 def test_shapes_of_a_repeated_eigenvalue_change_as_a_plane() -> None:
@@ -92,7 +93,7 @@ def test_shapes_of_a_repeated_eigenvalue_change_as_a_plane() -> None:
     for reach, weight in STENCIL:
         moved = modes(stiffness + reach * STEP * change, mass)[1][:, :2]
         expected += weight / STEP * moved @ moved.T
-    assert plane == pytest.approx(expected, abs=1e-8)
+    assert plane == approx(expected, abs=1e-8)
 
 
 def test_a_repeated_eigenvalue_does_not_spoil_the_trace_of_the_slopes() -> None:
@@ -104,4 +105,4 @@ def test_a_repeated_eigenvalue_does_not_spoil_the_trace_of_the_slopes() -> None:
     shapes = np.eye(3)
     shapes[:2, :2] = turn
     slopes = slope_squares(shapes, change @ shapes)
-    assert slopes[:2].sum() == pytest.approx(change[0, 0] + change[1, 1], rel=1e-12)
+    assert slopes[:2].sum() == approx(change[0, 0] + change[1, 1], rel=1e-12)

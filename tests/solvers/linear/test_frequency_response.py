@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from common import present
+from common import approx, present
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear import damper_sum, quadratic_pencils
@@ -295,10 +295,10 @@ def test_two_bodies_that_float_answer_elastically_between_them_and_rigidly_to_on
     assert not found.free_body[1].any()
     omega = 40.0 * np.pi
     reduced = masses.prod() / masses.sum()
-    assert found.receptance[0, 1, 1] == pytest.approx(1.0 / spring, rel=1e-12)
-    assert found.receptance[1, 1, 1] == pytest.approx(1.0 / (spring - omega**2 * reduced), rel=1e-9)
+    assert found.receptance[0, 1, 1] == approx(1.0 / spring, rel=1e-12)
+    assert found.receptance[1, 1, 1] == approx(1.0 / (spring - omega**2 * reduced), rel=1e-9)
     expected = np.linalg.inv(stiffness - omega**2 * np.diag(masses))[0, 0]
-    assert found.receptance[1, 0, 0] == pytest.approx(expected, rel=1e-9)
+    assert found.receptance[1, 0, 0] == approx(expected, rel=1e-9)
 
 
 def test_a_dashpot_alone_holds_a_body_at_every_frequency_but_zero() -> None:
@@ -309,9 +309,7 @@ def test_a_dashpot_alone_holds_a_body_at_every_frequency_but_zero() -> None:
     found = solve_frf(system, np.array([0.0, 2.0]), inputs=list(channel), outputs=list(channel))
     omega = 4.0 * np.pi
     assert found.free_body[0, 0, 0]
-    assert found.receptance[1, 0, 0] == pytest.approx(
-        1.0 / (30j * omega - 4.0 * omega**2), rel=1e-12
-    )
+    assert found.receptance[1, 0, 0] == approx(1.0 / (30j * omega - 4.0 * omega**2), rel=1e-12)
 
 
 def test_mobility_and_accelerance_are_derivatives() -> None:
@@ -369,17 +367,15 @@ def test_the_worst_real_part_and_the_softest_frequency_are_those_of_one_mass() -
     )
     (figures,) = find_stability_figures(model, response)
     stiffness = system.stiffness[0, 0]
-    assert figures.most_negative_real == pytest.approx(
+    assert figures.most_negative_real == approx(
         -1.0 / (4.0 * zeta * (1.0 + zeta) * stiffness), rel=1e-9
     )
-    assert figures.most_negative_real_hz == pytest.approx(
-        80.0 * np.sqrt(1.0 + 2.0 * zeta), rel=1e-5
-    )
-    assert figures.chatter_limit == pytest.approx(2.0 * zeta * (1.0 + zeta) * stiffness, rel=1e-9)
-    assert figures.minimum_dynamic_stiffness == pytest.approx(
+    assert figures.most_negative_real_hz == approx(80.0 * np.sqrt(1.0 + 2.0 * zeta), rel=1e-5)
+    assert figures.chatter_limit == approx(2.0 * zeta * (1.0 + zeta) * stiffness, rel=1e-9)
+    assert figures.minimum_dynamic_stiffness == approx(
         2.0 * zeta * np.sqrt(1.0 - zeta**2) * stiffness, rel=1e-9
     )
-    assert figures.minimum_dynamic_stiffness_hz == pytest.approx(
+    assert figures.minimum_dynamic_stiffness_hz == approx(
         80.0 * np.sqrt(1.0 - 2.0 * zeta**2), rel=1e-5
     )
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.modal_analysis import solve_modal
@@ -161,7 +162,7 @@ def test_an_unsymmetric_matrix_is_refused_and_not_symmetrised(what: str) -> None
 def test_rounding_does_not_choose_the_sign_of_a_shape_with_equal_entries(rounding: float) -> None:
     stiffness = np.array([[2.0, -1.0], [-1.0, 2.0 + rounding]])
     modes = solve_modal(system_of(np.eye(2), stiffness))
-    assert np.sqrt(2.0) * modes.shapes == pytest.approx(np.array([[1.0, 1.0], [1.0, -1.0]]))
+    assert np.sqrt(2.0) * modes.shapes == approx(np.array([[1.0, 1.0], [1.0, -1.0]]))
 
 
 def test_answers_repeat_bitwise() -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.machine.drives import AxisControl
 from headstock.solvers.control.drive_loops import close_loops, open_plant
 from headstock.solvers.control.drive_trains import DriveTrain, free_motors
@@ -49,12 +50,12 @@ def test_margins_are_those_of_python_control() -> None:
     loop = control.tf([1.0, GAINS.position_gain], [1.0]) * inner * control.tf(motor)
     gain, phase, _, gain_at, phase_at, _ = control.stability_margins(loop)
     (ours,) = find_margins(system, [train], to_hz=1000.0)
-    assert ours.phase_deg == pytest.approx(phase, rel=1e-3)
-    assert ours.phase_hz == pytest.approx(phase_at / (2.0 * np.pi), rel=1e-3)
+    assert ours.phase_deg == approx(phase, rel=1e-3)
+    assert ours.phase_hz == approx(phase_at / (2.0 * np.pi), rel=1e-3)
     # python-control names the crossing nearest to one: here gains may fall, and how far is what it
     # tells
     assert gain < 1.0
-    assert ours.lowest_gain == pytest.approx(gain, rel=1e-3)
+    assert ours.lowest_gain == approx(gain, rel=1e-3)
     assert gain_at > 0.0
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.linear.damped_modes import damping_of_undamped, solve_damped
 from headstock.solvers.linear.quadratic_pencils import state_eigenpairs
@@ -62,8 +63,8 @@ def test_no_pole_in_the_circle_is_missing_or_off(kind: str, strength: float) -> 
         near = found.poles[np.argmin(np.abs(found.poles - pole))]
         assert abs(near - pole) <= 1e-8 * abs(pole) + rounding
         if pole.imag > 1e-6 * abs(pole):
-            assert near.imag == pytest.approx(pole.imag, rel=1e-8)
-            assert near.real / abs(near) == pytest.approx(
+            assert near.imag == approx(pole.imag, rel=1e-8)
+            assert near.real / abs(near) == approx(
                 pole.real / abs(pole), rel=1e-8, abs=1e-11 + rounding / abs(pole)
             )
     matched = {int(np.argmin(np.abs(expected - pole))) for pole in found.poles}
@@ -95,7 +96,7 @@ def test_damping_of_undamped_modes_is_that_of_the_whole_state_matrix(strength: f
     for found, expected in zip(
         damping_of_undamped(few, 12), damping_of_undamped(whole, 12), strict=True
     ):
-        assert len(found) == 12 and found == pytest.approx(expected, rel=1e-8)
+        assert len(found) == 12 and found == approx(expected, rel=1e-8)
 
 
 def test_the_fast_pole_of_an_overdamped_mode_is_found_beyond_the_circle() -> None:
@@ -106,7 +107,7 @@ def test_the_fast_pole_of_an_overdamped_mode_is_found_beyond_the_circle() -> Non
         np.eye(SIZE), viscous, np.diag(eigenvalues), {}, {}, tuple(map(str, range(SIZE)))
     )
     ratios, frequencies = damping_of_undamped(solve_damped(system, lowest=6), 6)
-    assert ratios == pytest.approx([0.01, 0.01, 0.01, 4.0, 0.01, 0.01], rel=1e-9)
+    assert ratios == approx([0.01, 0.01, 0.01, 4.0, 0.01, 0.01], rel=1e-9)
     assert frequencies[3] == 0.0
 
 
@@ -124,7 +125,7 @@ def test_defective_poles_of_critical_dampers_and_poles_that_nearly_meet_are_all_
     for double in omega:
         # half the digits, as both parts of a defective pole move with the root of rounding
         near = found.poles[np.abs(found.poles + double) <= 1e-6 * double]
-        assert near.sum().real == pytest.approx(-double * len(near), rel=1e-9) and len(near) in (
+        assert near.sum().real == approx(-double * len(near), rel=1e-9) and len(near) in (
             1,
             2,
         )

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.scene.building.cutting import catalogue_coefficients
 from headstock.solvers.linear.frequency_response import solve_frf
 from headstock.solvers.linear.modal_analysis import solve_modal
@@ -73,7 +74,7 @@ def _limit(system: SecondOrderSystem) -> float:
 def test_limit_of_stability_of_few_modes_is_that_of_all_dofs(chain: SecondOrderSystem) -> None:
     full = _limit(chain)
     assert full < 0.1
-    assert _limit(reduce_to_modes(chain, CHANNELS, LIMIT_HZ)) == pytest.approx(full, rel=0.01)
+    assert _limit(reduce_to_modes(chain, CHANNELS, LIMIT_HZ)) == approx(full, rel=0.01)
 
 
 def test_a_limit_above_all_modes_leaves_no_residual(chain: SecondOrderSystem) -> None:

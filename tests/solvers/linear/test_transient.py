@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.damping import add_modal_damping
@@ -150,15 +151,15 @@ def test_half_sine_pulses_give_the_undamped_shock_spectrum(ratio: float) -> None
     reached = 2.0 * np.pi * number / (1.0 + 1.0 / b) < np.pi
     spectrum = max([after, *np.abs(inner[reached])])
     found = figures_of(oscillator(0.0), half_sine_load(1.0, 0.0, duration), duration + 2.0 / HZ)
-    assert abs(found.peak) * STIFFNESS == pytest.approx(spectrum, rel=1e-4)
+    assert abs(found.peak) * STIFFNESS == approx(spectrum, rel=1e-4)
 
 
 def test_figures_of_a_step_are_those_of_control_engineering() -> None:
     found = figures_of(oscillator(), step_load(1.0), 0.5)
-    assert found.final == pytest.approx(1.0 / STIFFNESS, rel=1e-12)
+    assert found.final == approx(1.0 / STIFFNESS, rel=1e-12)
     overshoot = np.exp(-np.pi * ZETA / np.sqrt(1.0 - ZETA**2))
-    assert found.overshoot == pytest.approx(overshoot, rel=1e-4)
-    assert found.peak_time == pytest.approx(np.pi / MOVING, rel=1e-3)
+    assert found.overshoot == approx(overshoot, rel=1e-4)
+    assert found.peak_time == approx(np.pi / MOVING, rel=1e-3)
     fine: FloatArray = np.asarray(np.linspace(0.0, 0.5, 200_001), dtype=float)
     off = np.abs(step_response(fine) * STIFFNESS - 1.0) > 0.02
     # to the end of the step of 1/20 period in which it settles
@@ -247,13 +248,13 @@ def test_modes_left_out_follow_at_once_so_that_a_step_ends_where_all_modes_end()
         model = prepare_transient(system, [("a", "x")], [("a", "x")], up_to_hz=limit)
         ends.append(rest_positions(model.space, [step_load(1.0)], 1.0)[1])
     assert ends[0] is not None and ends[1] is not None
-    assert ends[1] == pytest.approx(ends[0], rel=1e-10)
-    assert ends[0][0] == pytest.approx(np.linalg.inv(system.stiffness)[0, 0], rel=1e-10)
+    assert ends[1] == approx(ends[0], rel=1e-10)
+    assert ends[0][0] == approx(np.linalg.inv(system.stiffness)[0, 0], rel=1e-10)
 
 
 def test_a_softer_oscillator_has_the_stiffness_of_its_frequency_and_the_same_damper() -> None:
     softer = soften_system(oscillator(), solve_modal(oscillator()), np.array([0.9]))
-    assert softer.stiffness == pytest.approx(np.array([[0.81 * STIFFNESS]]), rel=1e-12)
+    assert softer.stiffness == approx(np.array([[0.81 * STIFFNESS]]), rel=1e-12)
     assert softer.damping == oscillator().damping
 
 

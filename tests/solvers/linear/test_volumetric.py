@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.solvers.linear.volumetric import axis_motions, find_squareness, variance_shares
 
 PLACES = np.asarray(np.linspace(-0.2, 0.3, 11), dtype=float)
@@ -15,7 +16,7 @@ def test_straightness_is_about_the_least_squares_line() -> None:
     motions[:, 0] = 4e-5 * PLACES
     motions[:, 5] = 1e-5 * PLACES
     found = axis_motions("X", PLACES, motions, X)
-    assert found.deviations == pytest.approx([2e-5, 0, 0, 0, 0, 5e-6], abs=1e-18)
+    assert found.deviations == approx([2e-5, 0, 0, 0, 0, 5e-6], abs=1e-18)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0], ids=["moves the tool", "moves the work"])
@@ -32,7 +33,7 @@ def test_a_turned_line_is_a_squareness_of_its_angle(turn: int, sign: float) -> N
     turned = axis_motions(names[second], PLACES, motions, travel)
     found = find_squareness(turned, straight)
     assert found is not None and found.symbol == f"E{'ABC'[turn]}0{names[second]}"
-    assert found.angle == pytest.approx(angle, rel=1e-6)
+    assert found.angle == approx(angle, rel=1e-6)
 
 
 def test_rotary_axes_have_no_squareness() -> None:
@@ -45,6 +46,6 @@ def test_shares_of_the_variation_add_up() -> None:
     parts = {"a": rng.normal(size=50), "b": 3.0 + 0.1 * rng.normal(size=50), "c": np.full(50, 7.0)}
     parts["a"][4] = np.nan
     shares = variance_shares(parts)
-    assert sum(shares.values()) == pytest.approx(1.0, rel=1e-12)
-    assert shares["c"] == pytest.approx(0.0, abs=1e-12) and shares["a"] > 0.9
+    assert sum(shares.values()) == approx(1.0, rel=1e-12)
+    assert shares["c"] == approx(0.0, abs=1e-12) and shares["a"] > 0.9
     assert variance_shares({"a": np.ones(4)}) == {}

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.mechanism import (
     Marker,
@@ -58,13 +59,11 @@ def test_a_pendulum_hangs_stiffer_and_stands_softer(sign: float) -> None:
         expected = np.sqrt(stiffness / (MASS * LENGTH**2)) / (2.0 * np.pi)
         model = pendulum(stiffening, sign)
         motions = linearise_poses(model, state)
-        assert solve_pose_modes(motions).frequencies_hz[0] == pytest.approx(expected, rel=1e-12)
-        assert solve_modal(pose_system(model, motions, {}), count=1).frequencies_hz[
-            0
-        ] == pytest.approx(expected, rel=1e-12)
-        assert tool_compliance(model, motions)[0, 0] == pytest.approx(
-            LENGTH**2 / stiffness, rel=1e-12
+        assert solve_pose_modes(motions).frequencies_hz[0] == approx(expected, rel=1e-12)
+        assert solve_modal(pose_system(model, motions, {}), count=1).frequencies_hz[0] == approx(
+            expected, rel=1e-12
         )
+        assert tool_compliance(model, motions)[0, 0] == approx(LENGTH**2 / stiffness, rel=1e-12)
 
 
 def test_it_is_the_slope_of_the_tripteors_own_gravity_forces() -> None:

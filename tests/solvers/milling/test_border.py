@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.milling import border
 from headstock.solvers.milling.border import Limit, find_border
@@ -77,7 +78,7 @@ def test_multipliers_are_those_of_semi_discretisation(
     cut = MillingCut(mill, CHIP, 700.0, 2e-3, radial_depth, slices=60, sense=sense)
     expected = largest_multiplier(tip, milling_gains(cut, 200), cut.tooth_period)
     found = PeriodicCut(poles_of(tip), cut).largest(cut.axial_depth)
-    assert abs(found.value) == pytest.approx(expected, rel=1e-3)
+    assert abs(found.value) == approx(expected, rel=1e-3)
 
 
 def test_windows_are_where_a_tooth_cuts() -> None:
@@ -111,7 +112,7 @@ def test_poles_that_matter_and_dominant_multipliers_are_all_there_is() -> None:
             cut = MillingCut(mill, CHIP, speed, depth, radial_depth, slices=40)
             slow = largest_multiplier(tip, milling_gains(cut, 110), cut.tooth_period)
             fast = abs(PeriodicCut(poles_of(tip), cut).largest(depth, 3).value)
-            assert fast == pytest.approx(slow, rel=4e-3), cut
+            assert fast == approx(slow, rel=4e-3), cut
             stable.append(slow < 1.0)
     assert 0 < sum(stable) < len(stable)
 
@@ -120,7 +121,7 @@ def test_the_dominant_eigenvalue_is_the_largest_of_all() -> None:
     draw = np.random.default_rng(3)
     matrix = draw.standard_normal((90, 90)) / 12.0
     value, vector = dominant_pair(np.asarray(matrix))
-    assert abs(value) == pytest.approx(np.abs(np.linalg.eigvals(matrix)).max(), rel=1e-4)
+    assert abs(value) == approx(np.abs(np.linalg.eigvals(matrix)).max(), rel=1e-4)
     np.testing.assert_allclose(matrix @ vector, value * vector, atol=1e-3)
 
 
@@ -129,10 +130,10 @@ def test_a_mode_that_moves_at_once_cannot_chatter_and_keeps_its_flexibility() ->
     both = poles_of(tip_of((slow, fast)))
     settled = settle_fastest(both, 1)
     assert len(settled.values) == 1
-    assert settled.static[1, 1] == pytest.approx(1.0 / fast[2], rel=1e-6)
+    assert settled.static[1, 1] == approx(1.0 / fast[2], rel=1e-6)
     cut = MillingCut(EndMill(0.02, 3), CHIP, 700.0, 0.0, 0.02)
     near, whole = (abs(PeriodicCut(tip, cut).largest(1e-3, 3).value) for tip in (settled, both))
-    assert near == pytest.approx(whole, rel=5e-3)
+    assert near == approx(whole, rel=5e-3)
 
 
 def border_of(
@@ -158,7 +159,7 @@ def test_zeroth_order_is_exact_where_the_engagement_is_constant() -> None:
     lowest = 2.0 * stiffness * zeta * (1.0 + zeta) / (0.5 * CHIP.chip[1] * mill.teeth * 0.5)
     depths = np.array([limit.depth for limit in found])
     assert (depths > 0.999 * lowest).all()
-    assert depths.min() == pytest.approx(lowest, rel=0.02)
+    assert depths.min() == approx(lowest, rel=0.02)
 
 
 def test_flip_lobes_of_a_low_immersion_are_where_theory_has_them() -> None:
@@ -166,7 +167,7 @@ def test_flip_lobes_of_a_low_immersion_are_where_theory_has_them() -> None:
     mill = EndMill(0.02, 2)
     rpm = 60.0 * 2.0 * 0.98 * 922.0 / mill.teeth
     (limit,) = border_of(tip_of(ONE_MODE), mill, 0.001, np.array([rpm]), 0.05)
-    assert limit.omega == pytest.approx(TURN * rpm * mill.teeth / 120.0, rel=1e-6)
+    assert limit.omega == approx(TURN * rpm * mill.teeth / 120.0, rel=1e-6)
     cut = MillingCut(mill, CHIP, rpm * TURN / 60.0, 0.0, 0.001)
     largest = PeriodicCut(poles_of(tip_of(ONE_MODE)), cut).largest(limit.depth, 3)
     assert abs(largest.value + 1.0) < 1e-3
@@ -221,7 +222,7 @@ def test_a_border_is_found_by_few_secants_though_another_multiplier_is_larger_be
         return max(-7e-4, 0.02 * (ratio - 1.0) + 0.01 * (ratio - 1.0) ** 2)
 
     limit, tried = limit_of(grow, expected=1.05e-3)
-    assert limit.depth == pytest.approx(1.07e-3, rel=1e-4)
+    assert limit.depth == approx(1.07e-3, rel=1e-4)
     assert abs(limit.depth - 1.07e-3) < limit.error < 3e-6
     assert len(tried) < 36
 
@@ -232,7 +233,7 @@ def test_an_island_below_the_border_is_the_limit() -> None:
         return max(island, 0.02 * (depth / 2e-3 - 1.0))
 
     limit, _ = limit_of(grow)
-    assert limit.depth == pytest.approx(0.7e-3 * math.exp(-math.sqrt(0.05 / 10.0)), rel=1e-3)
+    assert limit.depth == approx(0.7e-3 * math.exp(-math.sqrt(0.05 / 10.0)), rel=1e-3)
 
 
 def test_no_limit_up_to_the_deepest_cut_is_none() -> None:
@@ -258,4 +259,4 @@ def test_an_island_of_one_speed_is_followed_to_its_neighbours(
         for speed in (700.0, 710.0, 720.0)
     ]
     found = find_border(cuts, np.full(3, math.nan), safe=1e-4, deepest=0.02)  # type: ignore[arg-type]
-    assert [limit.depth for limit in found] == pytest.approx([island] * 3, rel=1e-3)
+    assert [limit.depth for limit in found] == approx([island] * 3, rel=1e-3)

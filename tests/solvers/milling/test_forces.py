@@ -3,6 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
 from headstock.solvers.milling.forces import (
@@ -80,19 +81,19 @@ def test_energy_of_a_turn_is_that_of_the_chips_and_the_edges(
     arc = np.arccos(1.0 - 2.0 * immersion)
     removed = FEED * cut.tooth_period * cut.radial_depth * cut.axial_depth
     expected = COEFFICIENTS.chip[0] * removed + COEFFICIENTS.edge[0] * 0.01 * arc * cut.axial_depth
-    assert work == pytest.approx(expected, rel=1e-3)
+    assert work == approx(expected, rel=1e-3)
 
 
 def test_milling_down_a_tooth_leaves_at_the_finished_face_and_up_it_enters_there() -> None:
     angles = engagement_angles(CUT.mill, CUT.radial_depth)
-    assert np.degrees(angles) == pytest.approx([-90.0, -30.0])
+    assert np.degrees(angles) == approx([-90.0, -30.0])
     mill = EndMill(0.02, 1)
     senses: dict[Sense, tuple[float, float]] = {"down": (-30.0, -90.0), "up": (-90.0, -30.0)}
     for sense, (first, last) in senses.items():
         cut = dataclasses.replace(CUT, mill=mill, sense=sense)
         theta = tooth_angles(cut, one_turn(cut, 3600)[0])[0][:, 0, 0]
         inside = np.degrees(np.mod(theta[engaged(cut, theta) > 0.0] + np.pi, 2 * np.pi) - np.pi)
-        assert (inside[0], inside[-1]) == pytest.approx((first, last), abs=0.2)
+        assert (inside[0], inside[-1]) == approx((first, last), abs=0.2)
 
 
 def test_up_milling_is_down_milling_with_the_tangential_force_and_the_time_turned_round() -> None:
@@ -145,7 +146,7 @@ def test_runout_brings_the_spindle_frequency_and_teeth_alone_do_not() -> None:
 def test_an_opposite_helix_pushes_the_tool_up() -> None:
     times, feed = one_turn(CUT, 960)
     left = dataclasses.replace(CUT, mill=dataclasses.replace(CUT.mill, helix=-CUT.mill.helix))
-    assert cutting_forces(CUT, times, feed)[:, 2].mean() == pytest.approx(
+    assert cutting_forces(CUT, times, feed)[:, 2].mean() == approx(
         -cutting_forces(left, times, feed)[:, 2].mean(), rel=5e-3
     )
 

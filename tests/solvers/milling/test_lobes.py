@@ -1,8 +1,8 @@
 """Stability lobes by a single frequency: closed forms and the published directional factors."""
 
 import numpy as np
-import pytest
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.scene.building.cutting import catalogue_coefficients
 from headstock.solvers.milling.coefficients import CuttingCoefficients
@@ -141,7 +141,7 @@ def test_lowest_limit_is_that_of_the_published_chain_of_formulas() -> None:
         limits.append(depth[depth > 0.0].min())
     speeds: FloatArray = np.asarray(np.linspace(2000.0, 12000.0, 2000) * TURN / 60.0, dtype=float)
     found = lobes_of(PUBLISHED, mill, 0.01, speeds)
-    assert found.depths.min() == pytest.approx(min(limits), rel=1e-3)
+    assert found.depths.min() == approx(min(limits), rel=1e-3)
 
 
 def test_refinement_makes_limits_independent_of_the_grid() -> None:

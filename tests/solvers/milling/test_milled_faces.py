@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
 from headstock.solvers.milling.forces import EndMill, Sense, spin_of
@@ -58,7 +59,7 @@ def test_cusps_of_a_rigid_machine_are_as_high_as_trochoids_say(feed: float, sens
     # psi^2 / 4, and the circle is (R - p)^2 / R, which is p^2 / R larger than Martellotti's
     first = per_tooth / (2.0 * (RADIUS - per_turn))
     series = martellotti * (1.0 + first**2 / 4.0 - (per_turn / RADIUS) ** 2)
-    assert exact == pytest.approx(series, rel=2.0 * (first + abs(per_turn) / RADIUS) ** 3)
+    assert exact == approx(series, rel=2.0 * (first + abs(per_turn) / RADIUS) ** 3)
 
 
 def test_parameters_of_cusps_are_those_of_parabolas() -> None:
@@ -68,8 +69,8 @@ def test_parameters_of_cusps_are_those_of_parabolas() -> None:
     inside = slice(round(5e-3 / spacing), round(15e-3 / spacing))
     found = measure_profile(profile, spacing, 0.8e-3, inside, 1.5 * PER_TOOTH)
     height = cusp_of_trochoids(FEED)
-    assert found.location == pytest.approx(height / 3.0, rel=2e-3)
-    assert found.ra == pytest.approx(4.0 * height / (9.0 * np.sqrt(3.0)), rel=2e-3)
+    assert found.location == approx(height / 3.0, rel=2e-3)
+    assert found.ra == approx(4.0 * height / (9.0 * np.sqrt(3.0)), rel=2e-3)
     # a sample lies within half a spacing of a cusp
     assert height - 0.25 * PER_TOOTH / RADIUS * spacing < found.rz <= height
     assert found.wt < 1e-4 * height
@@ -85,7 +86,7 @@ def test_a_wave_passes_the_filter_as_the_standard_says() -> None:
     for ratio in (0.5, 1.0, 2.0, 5.0):
         profile = wave * np.sin(2.0 * np.pi * places / (0.8e-3 * ratio))
         left = np.ptp(waviness_profile(profile, spacing, 0.8e-3)[inside]) / (2.0 * wave)
-        assert left == pytest.approx(2.0 ** -(1.0 / ratio**2), rel=1e-4)
+        assert left == approx(2.0 ** -(1.0 / ratio**2), rel=1e-4)
 
 
 def vibrate(times: FloatArray) -> ToolMotion:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.linear.frequency_response import solve_frf
 from headstock.solvers.linear.modal_analysis import solve_modal
@@ -61,8 +62,8 @@ def test_a_mode_on_a_rigid_machine_has_its_own_frequency() -> None:
     omega = np.array([TURN * mode.hz])
     found = couple_assembly(rigid, omega, [mode])[0, 0, 0]
     # at the natural frequency the inertia cancels the spring: what is left is the damper
-    assert found == pytest.approx(1.0 / (2j * mode.damping * mode.stiffness))
-    assert mode.stiffness / mode.mass == pytest.approx((TURN * mode.hz) ** 2)
+    assert found == approx(1.0 / (2j * mode.damping * mode.stiffness))
+    assert mode.stiffness / mode.mass == approx((TURN * mode.hz) ** 2)
 
 
 def test_parts_of_the_motion_add_up(machine: SecondOrderSystem) -> None:

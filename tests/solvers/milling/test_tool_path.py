@@ -3,6 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.solvers.milling.tool_path import (
     PolylineContour,
     SquareContour,
@@ -76,7 +77,7 @@ def test_averages_cut_corners_by_as_much_as_they_shrink_a_circle() -> None:
     found = np.linalg.norm(path.at(middle).position[:, :2] - corners, axis=1)
     half = 0.5 * CONTOUR.window * CONTOUR.feed / CONTOUR.offset
     assert np.allclose(found, CONTOUR.offset * (np.sin(half) / half) ** 3, atol=1e-11)
-    assert plan.leaves == pytest.approx(path.span[1] - 0.015 - 0.02 / CONTOUR.feed)
+    assert plan.leaves == approx(path.span[1] - 0.015 - 0.02 / CONTOUR.feed)
 
 
 LINE = PolylineContour(
@@ -96,11 +97,11 @@ def test_averages_cut_a_sharp_corner_by_the_mean_size_of_their_delay() -> None:
     corner = plan.bends[2]
     found = plan.path.at(np.array([corner])).position[0]
     shift = 0.5 * 13.0 / 32.0 * LINE.window * 0.1
-    assert found == pytest.approx([0.08 - shift, 0.1 + shift, 0.05], abs=1e-12)
+    assert found == approx([0.08 - shift, 0.1 + shift, 0.05], abs=1e-12)
     speeds = np.linalg.norm(
         plan.path.velocity(np.array([0.5, plan.bends[1] + 0.3, plan.bends[3] + 0.5])), axis=1
     )
-    assert speeds == pytest.approx([0.05, 0.1, 0.05], abs=1e-12)
+    assert speeds == approx([0.05, 0.1, 0.05], abs=1e-12)
 
 
 def test_faces_of_a_line_end_at_the_corners_of_the_part() -> None:
@@ -113,17 +114,17 @@ def test_faces_of_a_line_end_at_the_corners_of_the_part() -> None:
     ]
     ends = [(cut.start, cut.start + cut.length * cut.travel) for cut in plan.cuts]
     # the part is on the right: the first corner is one of the part, the second one a nook
-    assert ends[0][0] == pytest.approx([0.008, 0.015, 0.05])
-    assert ends[0][1] == pytest.approx([0.008, 0.092, 0.05])
-    assert ends[1][0] == pytest.approx([0.008, 0.092, 0.05])
-    assert ends[1][1] == pytest.approx([0.08, 0.092, 0.05])
-    assert ends[2][0] == pytest.approx([0.088, 0.1, 0.05])
+    assert ends[0][0] == approx([0.008, 0.015, 0.05])
+    assert ends[0][1] == approx([0.008, 0.092, 0.05])
+    assert ends[1][0] == approx([0.008, 0.092, 0.05])
+    assert ends[1][1] == approx([0.08, 0.092, 0.05])
+    assert ends[2][0] == approx([0.088, 0.1, 0.05])
     # lines at a distance of the radius meet where one face ends and the next one starts
-    assert ends[2][1] == pytest.approx(ends[3][0])
-    assert plan.cuts[0].begins == pytest.approx(plan.enters)
+    assert ends[2][1] == approx(ends[3][0])
+    assert plan.cuts[0].begins == approx(plan.enters)
     times = plan.cuts[3].begins + np.array([0.0, 0.5])
     beside = (plan.path.at(times).position - plan.cuts[3].start) @ plan.cuts[3].outward
-    assert beside == pytest.approx([0.008, 0.008], abs=1e-11)
+    assert beside == approx([0.008, 0.008], abs=1e-11)
 
 
 def test_arcs_around_the_corners_of_a_line_are_tangents() -> None:
@@ -134,7 +135,7 @@ def test_arcs_around_the_corners_of_a_line_are_tangents() -> None:
     turned = np.abs(np.diff(np.unwrap(np.arctan2(points.velocity[:, 1], points.velocity[:, 0]))))
     assert turned.max() < 1.01 * 0.1 / 0.004 * (times[1] - times[0])
     total = np.array([np.pi / 2, np.pi / 2, np.pi / 2 + np.arctan(0.5)]).sum()
-    assert turned.sum() == pytest.approx(total, rel=2e-5)
+    assert turned.sum() == approx(total, rel=2e-5)
 
 
 @pytest.mark.parametrize(

@@ -1,10 +1,10 @@
 """Modes are found again by shape, whatever their order, sign, size and neighbours."""
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.pairing.mode_pairing import (
     ModeSet,
@@ -30,7 +30,7 @@ def test_modes_that_change_order_sign_and_size_are_found_again(order: list[int],
     hz = np.array([10.0, 20.0, 40.0, 80.0, 160.0, 320.0, 640.0])
     pairs = pair_modes(ModeSet(hz, shapes), ModeSet(1.3 * hz, changed))
     assert {pair.second: pair.first for pair in pairs} == dict(enumerate(order))
-    assert all(pair.correlation == pytest.approx(1.0) for pair in pairs)
+    assert all(pair.correlation == approx(1.0) for pair in pairs)
 
 
 @settings(deadline=None, max_examples=30)
@@ -45,7 +45,7 @@ def test_repeated_modes_that_turn_into_each_other_stay_a_pair_in_the_order_of_th
     second = ModeSet(np.array([11.0, 55.0, 55.0 * (1.0 + spread), 99.0]), turned)
     pairs = pair_modes(first, second)
     assert sorted((pair.first, pair.second) for pair in pairs)[::3] == [(0, 0), (3, 3)]
-    assert all(pair.correlation == pytest.approx(1.0) for pair in pairs)
+    assert all(pair.correlation == approx(1.0) for pair in pairs)
     crossed = {pair.first: pair.second for pair in pairs}[1] == 2
     # shapes decide within the pair as long as they tell anything
     assert (
@@ -60,7 +60,7 @@ def test_a_pair_that_is_pushed_apart_is_found_in_the_space_it_spanned() -> None:
         ModeSet(np.array([50.0, 50.2, 90.0]), shapes), ModeSet(np.array([45.0, 56.0, 90.0]), apart)
     )
     assert [(pair.first, pair.second) for pair in pairs] == [(0, 0), (1, 1), (2, 2)]
-    assert min(pair.correlation for pair in pairs) == pytest.approx(1.0)
+    assert min(pair.correlation for pair in pairs) == approx(1.0)
 
 
 def test_far_apart_frequencies_do_not_lend_each_other_their_shapes() -> None:
@@ -69,7 +69,7 @@ def test_far_apart_frequencies_do_not_lend_each_other_their_shapes() -> None:
         ModeSet(np.array([50.0, 70.0]), shapes),
         ModeSet(np.array([50.0, 70.0]), shapes @ rotation(np.pi / 4.0)),
     )
-    assert pairs and all(pair.correlation == pytest.approx(0.5) for pair in pairs)
+    assert pairs and all(pair.correlation == approx(0.5) for pair in pairs)
 
 
 def test_a_mode_of_another_shape_is_missing_and_its_rival_extra() -> None:
@@ -88,7 +88,7 @@ def test_rigid_body_modes_are_one_space_whatever_their_roundoff() -> None:
     first = ModeSet(np.array([1e-6, 2e-6, 5e-6, 5e-6, 7e-6, 9e-6, 40.0]), shapes, rigid_count=6)
     second = ModeSet(np.array([0.0, 1e-7, 5e-6, 6e-6, 7e-6, 8e-6, 44.0]), mixed, rigid_count=6)
     pairs = pair_modes(first, second)
-    assert len(pairs) == 7 and all(pair.correlation == pytest.approx(1.0) for pair in pairs)
+    assert len(pairs) == 7 and all(pair.correlation == approx(1.0) for pair in pairs)
     assert find_clusters(first) == [[0, 1, 2, 3, 4, 5], [6]]
 
 

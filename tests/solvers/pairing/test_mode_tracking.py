@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.pairing.mode_tracking import (
     SweptModes,
@@ -132,7 +133,7 @@ def test_a_mode_that_leaves_the_range_and_comes_back_elsewhere_is_not_taken_for_
     found = tracked_frequencies(cut.frequencies_hz, tracked.index)
     steady = np.isfinite(found).all(axis=0)
     assert steady.any()
-    assert np.ptp(found[:, steady], axis=0) == pytest.approx(0.0, abs=1e-9)
+    assert np.ptp(found[:, steady], axis=0) == approx(0.0, abs=1e-9)
     for column in np.flatnonzero(~steady):
         values = found[:, column][np.isfinite(found[:, column])]
         assert np.abs(np.diff(values)).max() < 0.6

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.linear.damping import add_modal_damping
 from headstock.solvers.linear.frequency_response import FrfModel, prepare_frf
@@ -54,9 +55,9 @@ def test_the_peak_of_an_oscillator_is_the_closed_form(ratio: float) -> None:
     model = prepare_frf(system, inputs=CHANNELS[:1], outputs=CHANNELS[:1])
     (peak,) = find_response_peaks(model, 0.0, 1e4)
     height = 1.0 / (2.0 * ratio * np.sqrt(1.0 - ratio**2) * stiffness)
-    assert peak.height == pytest.approx(height, rel=1e-5)
+    assert peak.height == approx(height, rel=1e-5)
     place = omega * np.sqrt(1.0 - 2.0 * ratio**2) / (2.0 * np.pi)
-    assert peak.hz == pytest.approx(place, rel=0.05 * ratio)
+    assert peak.hz == approx(place, rel=0.05 * ratio)
 
 
 def test_peaks_are_the_tallest_maxima_of_a_dense_grid() -> None:
@@ -88,7 +89,7 @@ def test_levels_are_static_compliances_and_end_half_way_to_the_lowest_resonance(
     levels = find_levels(model, 0.0)
     assert {(level.output, level.given) for level in levels} == {(0, 0), (0, 1), (1, 0), (1, 1)}
     for level in levels:
-        assert level.height == pytest.approx(static[level.output, level.given], rel=1e-9)
+        assert level.height == approx(static[level.output, level.given], rel=1e-9)
     first = np.sqrt(np.linalg.eigvalsh(0.5 * system.stiffness)[0]) / (2.0 * np.pi)
     assert find_levels(model, 0.45 * first) and not find_levels(model, 0.55 * first)
 
@@ -101,8 +102,8 @@ def test_peaks_of_a_stiffer_system_are_lower_and_found_where_their_modes_went() 
     moved = follow_peaks(stiffer, peaks, own, lines[own])
     for before, after in zip(peaks, moved, strict=True):
         # with a damping ratio of its own every mode goes as its stiffness
-        assert after.height == pytest.approx(before.height / 1.3, rel=3e-6)
-        assert after.hz == pytest.approx(before.hz * np.sqrt(1.3), rel=1e-4)
+        assert after.height == approx(before.height / 1.3, rel=3e-6)
+        assert after.hz == approx(before.hz * np.sqrt(1.3), rel=1e-4)
     levels = find_levels(model, 0.0)
     heights = np.array([level.height for level in levels])
     np.testing.assert_allclose(measure_levels(stiffer, levels), heights / 1.3, rtol=1e-9, atol=0.0)

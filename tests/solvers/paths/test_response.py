@@ -5,6 +5,7 @@ parts.
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.paths.response import (
     LowPass,
@@ -81,7 +82,7 @@ def test_the_parts_add_up_and_the_quasi_static_one_is_inertia_over_stiffness() -
     )
     # on the soft mount the base is accelerated too: the spring carries the reduced mass
     plateau = found.quasi_static[100, 0]
-    assert plateau == pytest.approx(-0.5 * 600.0 / 635.0 / OMEGA**2, rel=1e-3)
+    assert plateau == approx(-0.5 * 600.0 / 635.0 / OMEGA**2, rel=1e-3)
     assert np.abs(found.low_frequency).max() > 0.0
     assert np.abs(solve_path(oscillator(), MODEL, MOVE, found.times).low_frequency).max() == 0.0
 
@@ -100,13 +101,13 @@ def test_figures_of_a_zone_are_those_of_the_closed_form() -> None:
     first, second = measure_zones(found, found, MOVE, 0, 0.3)
     static = 0.5 / OMEGA**2
     overshoot = 1.0 + np.exp(-np.pi * ZETA / np.sqrt(1.0 - ZETA**2))
-    assert first.ramp_peak == pytest.approx(-overshoot * static, rel=1e-4)
-    assert first.quasi_static == pytest.approx(-static, rel=1e-12)
-    assert (first.begin, first.ramp_end, first.end) == pytest.approx((0.0, 0.1, 0.4))
-    assert second.quasi_static == pytest.approx(static, rel=1e-12)
+    assert first.ramp_peak == approx(-overshoot * static, rel=1e-4)
+    assert first.quasi_static == approx(-static, rel=1e-12)
+    assert (first.begin, first.ramp_end, first.end) == approx((0.0, 0.1, 0.4))
+    assert second.quasi_static == approx(static, rel=1e-12)
     # the residual vibration of both jumps falls below 5 % of its largest value after ln(20) / (zeta
     # omega), within a swing or two
-    assert first.settling == pytest.approx(np.log(20.0) / (ZETA * OMEGA), abs=2.0 / HZ)
+    assert first.settling == approx(np.log(20.0) / (ZETA * OMEGA), abs=2.0 / HZ)
 
 
 def test_ringing_without_damping_never_settles() -> None:

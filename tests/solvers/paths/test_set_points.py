@@ -5,6 +5,7 @@ refused.
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.solvers.errors import ModelError
 from headstock.solvers.paths.set_points import (
     Ramp,
@@ -29,7 +30,7 @@ def test_speed_and_acceleration_are_the_derivatives_of_the_position(ramp: Ramp) 
     motion = sample_move(move, times)
     assert motion.positions[0] == 0.0
     rest = np.exp(-(times[-1] - move.braking) / 0.1) if ramp.kind == "exponential" else 1e-14
-    assert motion.positions[-1] == pytest.approx(0.08, rel=2.0 * rest)
+    assert motion.positions[-1] == approx(0.08, rel=2.0 * rest)
     step = times[1] - times[0]
     np.testing.assert_allclose(
         np.gradient(motion.positions, times), motion.speeds, atol=0.6 * 0.5 * step
@@ -49,10 +50,8 @@ def test_linear_ramps_are_those_of_the_seed() -> None:
         plan_move(0.08, feed / 6e4, Ramp("linear", 0.1)) for feed in (600.0, 3000.0)
     )
     for move, size in ((low_frequency, 0.1), (fast, 0.5)):
-        assert sample_move(move, np.array([0.05])).accelerations[0] == pytest.approx(
-            size, rel=1e-14
-        )
-        assert sample_move(move, np.array([move.braking + 0.05])).accelerations[0] == pytest.approx(
+        assert sample_move(move, np.array([0.05])).accelerations[0] == approx(size, rel=1e-14)
+        assert sample_move(move, np.array([move.braking + 0.05])).accelerations[0] == approx(
             -size, rel=1e-14
         )
     np.testing.assert_allclose(fast.zones, [[0.0, 0.1], [1.6, 1.7]], rtol=1e-14)
@@ -62,7 +61,7 @@ def test_the_jerk_of_an_s_curve_is_limited() -> None:
     move = plan_move(0.08, 0.05, Ramp("s_curve", 0.1, 0.03))
     times = np.linspace(0.0, move.duration, 5001, dtype=np.float64)
     jerk = np.gradient(sample_move(move, times).accelerations, times)
-    assert np.abs(jerk).max() == pytest.approx(0.5 / 0.03, rel=1e-9)
+    assert np.abs(jerk).max() == approx(0.5 / 0.03, rel=1e-9)
 
 
 @pytest.mark.parametrize("ramp", RAMPS[:3], ids=lambda ramp: f"{ramp.kind}-{ramp.jerk_time:g}")

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl, GuideFriction
 from headstock.solvers.control.drive_loops import close_loops
@@ -281,7 +282,7 @@ def test_parts_are_those_of_the_pose() -> None:
     found = solve_varying_control(loop, MOVE, samples())
     number = int(np.searchsorted(found.times, 0.1))
     lag = (1.0 - CONTROL.velocity_feed_forward) * MOVE.feed / CONTROL.position_gain
-    assert found.quasi_static[number, 0] == pytest.approx(-lag, rel=1e-9)
+    assert found.quasi_static[number, 0] == approx(-lag, rel=1e-9)
     np.testing.assert_allclose(
         found.quasi_static + found.low_frequency + found.dynamic, found.total, atol=1e-16
     )

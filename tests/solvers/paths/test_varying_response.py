@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import AccuracyError
 from headstock.solvers.linear.modal_analysis import solve_modal
@@ -158,7 +159,7 @@ def test_a_load_on_the_way_adds_what_an_integrator_says() -> None:
     )
     late = solve_path(heavy, steady, MOVE, sample_times(MOVE, 1000.0, 1.0)).total[-1, 0]
     static = 7.0 * heavy.outputs[TIP] @ np.linalg.solve(heavy.stiffness, PUSHED)
-    assert late == pytest.approx(static, rel=1e-9)
+    assert late == approx(static, rel=1e-9)
 
 
 def test_a_mode_may_pass_the_limit_of_low_frequencies_on_the_way() -> None:
@@ -217,7 +218,7 @@ def test_parts_add_up_and_the_quasi_static_one_is_that_of_the_pose() -> None:
     system = place_bare(position)
     # no mode is slow here: all of them follow
     static = system.outputs[TIP] @ np.linalg.solve(system.stiffness, system.inputs[SOURCE]) * -25.0
-    assert found.quasi_static[number, 0] == pytest.approx(static, rel=1e-6)
+    assert found.quasi_static[number, 0] == approx(static, rel=1e-6)
 
 
 def test_stations_meet_the_system_between_them() -> None:

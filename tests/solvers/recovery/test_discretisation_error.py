@@ -3,7 +3,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from common import make_box, make_component
+from common import approx, make_box, make_component
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Material
 from headstock.meshing.component_mesh import CellKind, ComponentMesh
@@ -80,7 +80,7 @@ def test_what_interpolation_loses_of_a_wave_is_found_within_a_factor_of_two_and_
         ratios.append(found / true_missing_energy(mesh, material, wave))
         sizes.append(found)
     assert 0.5 < min(ratios) <= max(ratios) < 2.0
-    assert np.log2(sizes[0] / sizes[1]) == pytest.approx(2 * ORDERS[kind], abs=0.6)
+    assert np.log2(sizes[0] / sizes[1]) == approx(2 * ORDERS[kind], abs=0.6)
 
 
 def test_products_are_those_of_the_sum_of_fields() -> None:
@@ -90,9 +90,7 @@ def test_products_are_those_of_the_sum_of_fields() -> None:
     together = estimate_mesh_errors(
         mesh, material, fields @ np.array([[1.0], [-2.0]])
     ).missing_energy
-    assert together[0, 0] == pytest.approx(
-        both[0, 0] - 4.0 * both[0, 1] + 4.0 * both[1, 1], rel=1e-4
-    )
+    assert together[0, 0] == approx(both[0, 0] - 4.0 * both[0, 1] + 4.0 * both[1, 1], rel=1e-4)
     np.testing.assert_array_equal(both, both.T)
 
 
@@ -127,4 +125,4 @@ def test_errors_of_cells_add_up_to_those_of_the_mesh(kind: CellKind) -> None:
     whole = estimate_mesh_errors(mesh, material, fields, weights).missing_energy
     cells = estimate_cell_errors(mesh, material, fields, weights)
     assert cells.shape == (len(mesh.cells), 2)
-    assert cells.sum(axis=0) == pytest.approx(np.diag(whole), rel=1e-5)
+    assert cells.sum(axis=0) == approx(np.diag(whole), rel=1e-5)

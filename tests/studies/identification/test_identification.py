@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.studies.identification.descent import spread_starts
 from headstock.studies.identification.identification import identify
 from headstock.studies.identification.problem import FitProblem, evaluate, follow_modes
@@ -67,9 +68,9 @@ def test_most_starts_find_the_true_stiffnesses_although_modes_change_places(tmp_
     ends = [
         problem.values(record.end.coordinates) for record in found.starts if record.end is not None
     ]
-    assert sum(end == pytest.approx(TRUTH, rel=1e-4) for end in ends) >= 4
+    assert sum(end == approx(TRUTH, rel=1e-4) for end in ends) >= 4
     assert sum(record.exchanges for record in found.starts) >= 3
-    assert found.values == pytest.approx(TRUTH, rel=1e-4)
+    assert found.values == approx(TRUTH, rel=1e-4)
     assert found.converged
     assert all(item.low < TRUTH[item.parameter.name] < item.high for item in found.parameters)
     assert all(abs(outcome.deviation) < 1e-5 for outcome in found.outcomes)
@@ -129,7 +130,7 @@ def test_what_is_fixed_out_is_predicted_and_changes_nothing(tmp_path: Path) -> N
     found = identify(
         with_settings(prepare_text(tmp_path, wrong + write_parameters(TRUTH)), starts=3), "test"
     )
-    assert found.values == pytest.approx(TRUTH, rel=1e-4)
+    assert found.values == approx(TRUTH, rel=1e-4)
     (fixed,) = [outcome for outcome in found.outcomes if outcome.hold_out]
     assert fixed.found < 0.2 * fixed.wanted
     assert abs(fixed.residual) > 100.0
@@ -181,4 +182,4 @@ def test_starts_fill_the_bounds_and_follow_the_priors(tmp_path: Path) -> None:
     assert len(starts) == 33
     assert (shares >= 0.0).all() and (shares <= 1.0).all()
     assert np.std(shares[1:, 0]) > 0.25
-    assert np.std(starts[1:, 1]) == pytest.approx(0.1, rel=0.2)
+    assert np.std(starts[1:, 1]) == approx(0.1, rel=0.2)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.studies.identification.problem import FitProblem, data_jacobian, evaluate
 from headstock.validation.machines.identification_cases import prepare_text
@@ -93,7 +94,7 @@ def test_the_jacobian_is_that_of_sixth_order_differences(tmp_path: Path, variant
     assert (scale > 0.0).all()
     worst = np.abs(exact - expected).max(axis=0) / scale
     assert dict(zip(PARAMETERS, worst, strict=True)) == {
-        name: pytest.approx(0.0, abs=1e-6) for name in PARAMETERS
+        name: approx(0.0, abs=1e-6) for name in PARAMETERS
     }
 
 
@@ -121,7 +122,7 @@ def test_a_nut_in_series_with_its_screw_is_differentiated_as_a_whole(tmp_path: P
     problem = prepare_text(tmp_path, SCREW.format(variant="screw"))
     place = problem.coordinates([parameter.start for parameter in problem.parameters])
     exact, expected = data_jacobian(problem, evaluate(problem, place)), differences(problem, place)
-    assert exact == pytest.approx(expected, abs=1e-6 * np.abs(expected).max())
+    assert exact == approx(expected, abs=1e-6 * np.abs(expected).max())
     bare = data_jacobian(
         prepared := prepare_text(tmp_path, SCREW.format(variant="stiff")), evaluate(prepared, place)
     )

@@ -10,6 +10,7 @@ import pytest
 from mpi4py import MPI
 
 import headstock as hs
+from common import approx
 from headstock.app.command_line import main
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.storage.store import Store
@@ -86,12 +87,12 @@ def test_parameters_of_the_scene_are_found_again(
     assert main(["identify", str(scene), str(targets), "-o", str(output)]) == 0
     assert "wall" in capsys.readouterr().out
     found = hs.identify(scene, targets).values
-    assert found == pytest.approx({"wall": 0.046, "pads": 71e6, "stretch": 0.13}, rel=1e-4)
+    assert found == approx({"wall": 0.046, "pads": 71e6, "stretch": 0.13}, rel=1e-4)
     # pasted into the scene, the file gives the machine with which the data were computed
     scene.write_text(SHORT + (output / "calibrated.toml").read_text())
     assert "components" not in (output / "calibrated.toml").read_text()
     fitted = measure(hs.load(scene, variant="calibrated"), "middle")
-    assert fitted == pytest.approx(measure(hs.load(scene, set=TRUE_KEYS), "middle"), rel=1e-5)
+    assert fitted == approx(measure(hs.load(scene, set=TRUE_KEYS), "middle"), rel=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -154,8 +155,8 @@ def test_what_follows_has_the_derivatives_of_keys_that_are_fitted_one_by_one(
         point = evaluate(problem, problem.coordinates([0.044, 57e6, 0.07]))
         found.append((point.residuals, data_jacobian(problem, point)))
     (residuals, jacobian), (wanted, slopes) = found
-    assert residuals == pytest.approx(wanted, rel=1e-12)
-    assert jacobian == pytest.approx(slopes, abs=1e-9 * abs(slopes).max())
+    assert residuals == approx(wanted, rel=1e-12)
+    assert jacobian == approx(slopes, abs=1e-9 * abs(slopes).max())
     assert (abs(slopes).max(axis=0) > 1e-3 * abs(slopes).max()).all()
 
 
@@ -184,7 +185,7 @@ def test_the_wall_of_an_elastic_part_is_found_again(
     assert main(["identify", str(scene), str(targets), "-o", str(tmp_path / "out")]) == 0
     assert "column is meshed and reduced anew at every value of wall" in capsys.readouterr().out
     found = json.loads((tmp_path / "out" / "identification.json").read_text())
-    assert found["parameters"]["wall"]["value"] == pytest.approx(43.0, rel=2e-3)
+    assert found["parameters"]["wall"]["value"] == approx(43.0, rel=2e-3)
 
 
 @pytest.mark.fem
@@ -207,4 +208,4 @@ def test_derivatives_of_a_part_that_is_meshed_anew_are_those_of_the_machine(
     )
     wanted = (ahead - behind) / 0.04
     found = data_jacobian(problem, point)[:, 0]
-    assert found == pytest.approx(wanted, abs=0.02 * abs(wanted).max())
+    assert found == approx(wanted, abs=0.02 * abs(wanted).max())

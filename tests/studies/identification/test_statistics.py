@@ -1,8 +1,8 @@
 """Intervals and blind directions of a linear fit are those of the closed form."""
 
 import numpy as np
-import pytest
 
+from common import approx
 from headstock.studies.identification.statistics import assess
 
 NO_PRIOR = np.full(2, np.inf)
@@ -14,9 +14,9 @@ def test_standard_deviations_are_those_of_weighed_least_squares() -> None:
     found = assess(
         ["offset", "slope"], LINE / 0.1, np.zeros(20), NO_PRIOR, WIDE, from_residuals=False
     )
-    assert found.sigmas**2 == pytest.approx(0.01 * np.diag(np.linalg.inv(LINE.T @ LINE)))
-    assert found.quantile == pytest.approx(1.959964, rel=1e-6)
-    assert found.freedom == pytest.approx(18.0)
+    assert found.sigmas**2 == approx(0.01 * np.diag(np.linalg.inv(LINE.T @ LINE)))
+    assert found.quantile == approx(1.959964, rel=1e-6)
+    assert found.freedom == approx(18.0)
     assert found.unidentifiable == ()
 
 
@@ -25,10 +25,10 @@ def test_residuals_set_the_size_of_the_errors_where_that_is_asked_for() -> None:
     stated = assess(["offset", "slope"], LINE, residuals, NO_PRIOR, WIDE, from_residuals=False)
     found = assess(["offset", "slope"], LINE, residuals, NO_PRIOR, WIDE, from_residuals=True)
     noise = np.sqrt(residuals @ residuals / 18.0)
-    assert found.noise == pytest.approx(noise)
-    assert found.sigmas == pytest.approx(noise * stated.sigmas)
+    assert found.noise == approx(noise)
+    assert found.sigmas == approx(noise * stated.sigmas)
     # Student's t with 18 degrees of freedom
-    assert found.quantile == pytest.approx(2.100922, rel=1e-6)
+    assert found.quantile == approx(2.100922, rel=1e-6)
 
 
 def test_a_prior_counts_as_one_more_measurement() -> None:
@@ -36,10 +36,10 @@ def test_a_prior_counts_as_one_more_measurement() -> None:
         ["offset", "slope"], LINE, np.zeros(20), np.array([np.inf, 0.2]), WIDE, from_residuals=False
     )
     information = LINE.T @ LINE + np.diag([0.0, 25.0])
-    assert found.sigmas**2 == pytest.approx(np.diag(np.linalg.inv(information)))
+    assert found.sigmas**2 == approx(np.diag(np.linalg.inv(information)))
     share = (LINE.T @ LINE)[1, 1] / information[1, 1]
-    assert found.freedom == pytest.approx(20.0 - 1.0 - share)
-    assert found.data_share[1] == pytest.approx(share, rel=1e-2)
+    assert found.freedom == approx(20.0 - 1.0 - share)
+    assert found.data_share[1] == approx(share, rel=1e-2)
 
 
 def test_a_sum_that_alone_is_seen_leaves_the_difference_blind() -> None:
@@ -47,18 +47,18 @@ def test_a_sum_that_alone_is_seen_leaves_the_difference_blind() -> None:
         ["a", "b"], np.full((6, 2), 100.0), np.zeros(6), NO_PRIOR, WIDE, from_residuals=False
     )
     (unidentifiable,) = found.unidentifiable
-    assert dict(unidentifiable.entries) == pytest.approx(
-        {"a": np.sqrt(0.5), "b": -np.sqrt(0.5)}
-    ) or dict(unidentifiable.entries) == pytest.approx({"b": np.sqrt(0.5), "a": -np.sqrt(0.5)})
+    assert dict(unidentifiable.entries) == approx({"a": np.sqrt(0.5), "b": -np.sqrt(0.5)}) or dict(
+        unidentifiable.entries
+    ) == approx({"b": np.sqrt(0.5), "a": -np.sqrt(0.5)})
     assert unidentifiable.spread > 1e6
     assert np.isinf(found.sigmas).all()
-    assert found.data_share == pytest.approx([0.5, 0.5], abs=1e-3)
+    assert found.data_share == approx([0.5, 0.5], abs=1e-3)
 
 
 def test_priors_make_a_blind_direction_finite_and_leave_it_blind() -> None:
     found = assess(
         ["a", "b"], np.full((6, 2), 100.0), np.zeros(6), np.full(2, 0.3), WIDE, from_residuals=False
     )
-    assert found.sigmas == pytest.approx(0.3 * np.sqrt(0.5), rel=1e-3)
-    assert found.correlations[0, 1] == pytest.approx(-1.0, abs=1e-3)
+    assert found.sigmas == approx(0.3 * np.sqrt(0.5), rel=1e-3)
+    assert found.correlations[0, 1] == approx(-1.0, abs=1e-3)
     assert len(found.unidentifiable) == 1

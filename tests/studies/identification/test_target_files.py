@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from common import approx
 from headstock.scene.reading.findings import Problem, SceneError
 from headstock.studies.identification.target_files import LoadedTask, load_targets
 from headstock.validation.machines.identification_cases import SCENE
@@ -49,17 +50,17 @@ def test_a_target_file_becomes_targets_in_si_units(tmp_path: Path) -> None:
     task = load(tmp_path, GOOD).task
     (case,) = task.cases
     assert [target.frequency_hz for target in case.modes] == [50.0, 60.0, 70.0]
-    assert [target.sigma for target in case.modes] == pytest.approx([0.02, 0.02, 0.01])
-    assert (case.compliances[0].value, case.compliances[0].sigma) == pytest.approx((-9e-9, 0.1))
+    assert [target.sigma for target in case.modes] == approx([0.02, 0.02, 0.01])
+    assert (case.compliances[0].value, case.compliances[0].sigma) == approx((-9e-9, 0.1))
     assert case.held_out == (False, False, False, True)
     guide, width = task.parameters
     assert [rule.key[1] for rule in guide.rules] == ["guide_1", "guide_2", "guide_3", "guide_4"]
-    assert (guide.start, guide.lower, guide.upper) == pytest.approx((50e6, 10e6, 800e6))
+    assert (guide.start, guide.lower, guide.upper) == approx((50e6, 10e6, 800e6))
     assert [(rule.factor, rule.offset) for rule in width.rules] == [
         (1.0, 0.0),
-        (-1.0, pytest.approx(0.002)),
+        (-1.0, approx(0.002)),
     ]
-    assert (width.prior, width.prior_sigma) == pytest.approx((0.04, 0.3))
+    assert (width.prior, width.prior_sigma) == approx((0.04, 0.3))
 
 
 @pytest.mark.parametrize(

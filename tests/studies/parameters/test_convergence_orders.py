@@ -2,6 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from common import approx
 from headstock.studies.parameters.tables import extrapolate_values
 
 
@@ -16,16 +17,16 @@ def test_order_and_limit_of_a_power_law_are_found_whatever_the_ratios_of_the_siz
 ) -> None:
     sizes = [1.0, 1.0 / ratios[0], 1.0 / ratios[0] / ratios[1]]
     found = extrapolate_values(sizes, [limit + constant * size**order for size in sizes])
-    assert found.order == pytest.approx(order, rel=1e-5)
-    assert found.limit == pytest.approx(limit, rel=1e-6)
+    assert found.order == approx(order, rel=1e-5)
+    assert found.limit == approx(limit, rel=1e-6)
     assert found.remark == ""
 
 
 def test_only_the_three_finest_sizes_count() -> None:
     found = extrapolate_values([8.0, 4.0, 2.0, 1.0], [-77.0, 17.0, 5.0, 2.0])
-    assert found.order == pytest.approx(2.0)
-    assert found.limit == pytest.approx(1.0)
-    assert found.error == pytest.approx(1.0)
+    assert found.order == approx(2.0)
+    assert found.limit == approx(1.0)
+    assert found.error == approx(1.0)
 
 
 @pytest.mark.parametrize(
@@ -47,7 +48,7 @@ def test_values_without_an_order_say_why(values: list[float], words: str) -> Non
 
 def test_a_very_low_order_warns_of_its_limit() -> None:
     found = extrapolate_values([4.0, 2.0, 1.0], [4.0**0.2, 2.0**0.2, 1.0])
-    assert found.order == pytest.approx(0.2)
+    assert found.order == approx(0.2)
     assert "too coarse" in found.remark
 
 

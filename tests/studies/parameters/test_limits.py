@@ -1,10 +1,10 @@
 import math
 from collections.abc import Sequence
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from common import approx
 from headstock.studies.parameters.limits import (
     Limit,
     MeshCosts,
@@ -36,7 +36,7 @@ def test_the_limit_of_a_power_law_is_within_its_error(
     found = find_limit(
         FACTORS, make_series([limit * (1.0 + share * factor**order) for factor in FACTORS])
     )
-    assert found.order == pytest.approx(order, abs=0.05)
+    assert found.order == approx(order, abs=0.05)
     assert found.error is not None and abs(found.value - limit) <= found.error + 1e-9 * limit
 
 
@@ -44,8 +44,8 @@ def test_meshes_whose_sizes_say_nothing_have_a_limit_where_their_estimated_error
     # curved faces hold the mesh as it is until the size falls below their elements
     errors = [4.0, 3.7, 3.4, 3.0, 2.2]
     found = find_limit(FACTORS, make_series([100.0 + 0.4 * error for error in errors], errors))
-    assert found.value == pytest.approx(100.0)
-    assert found.error == pytest.approx(0.4 * 2.2 / 3.0)
+    assert found.value == approx(100.0)
+    assert found.error == approx(0.4 * 2.2 / 3.0)
 
 
 def test_a_number_that_hardly_follows_its_estimate_is_not_believed_to_be_near_its_limit() -> None:
@@ -53,7 +53,7 @@ def test_a_number_that_hardly_follows_its_estimate_is_not_believed_to_be_near_it
     errors = [53.0, 34.0, 23.0, 19.0, 14.0]
     found = find_limit(FACTORS, make_series([100.0 + 0.05 * error for error in errors], errors))
     assert found.order is None
-    assert found.error == pytest.approx(0.45 * 14.0)
+    assert found.error == approx(0.45 * 14.0)
     assert found.remark == "two ways differ"
 
 
@@ -70,7 +70,7 @@ def test_two_meshes_are_too_few_and_modes_left_out_stay_in_the_error() -> None:
     assert (few.value, few.error, few.order, few.remark) == (100.5, 1.0, None, "too few meshes")
     values = [100.0 + factor**2 for factor in FACTORS]
     sharp, blunt = (find_limit(FACTORS, make_series(values, fixed=fixed)) for fixed in (0.0, 3.0))
-    assert sharp.error is not None and blunt.error == pytest.approx(sharp.error + 3.0)
+    assert sharp.error is not None and blunt.error == approx(sharp.error + 3.0)
 
 
 def test_the_mesh_that_an_accuracy_takes_is_read_between_and_beyond_the_meshes() -> None:
@@ -79,13 +79,13 @@ def test_the_mesh_that_an_accuracy_takes_is_read_between_and_beyond_the_meshes()
     between = find_need(0.01, COSTS, series, limits)
     # 0.02 factor^2 = 0.01
     assert between.reach == "between"
-    assert between.factor == pytest.approx(math.sqrt(0.5), rel=0.02)
-    assert between.dofs == pytest.approx(8000.0 * 2.0**1.5, rel=0.06)
+    assert between.factor == approx(math.sqrt(0.5), rel=0.02)
+    assert between.dofs == approx(8000.0 * 2.0**1.5, rel=0.06)
     beyond = find_need(0.002, COSTS, series, limits)
     assert beyond.reach == "beyond"
-    assert beyond.factor == pytest.approx(math.sqrt(0.1), rel=0.05)
-    assert beyond.dofs == pytest.approx(8000.0 * 10.0**1.5, rel=0.15)
-    assert beyond.seconds == pytest.approx(0.5 * 10.0**2, rel=0.25)
+    assert beyond.factor == approx(math.sqrt(0.1), rel=0.05)
+    assert beyond.dofs == approx(8000.0 * 10.0**1.5, rel=0.15)
+    assert beyond.seconds == approx(0.5 * 10.0**2, rel=0.25)
     assert find_need(0.2, COSTS, series, limits).reach == "coarsest"
     assert find_need(1e-5, COSTS, series, limits).reach == "far"
 

@@ -12,7 +12,7 @@ import pytest
 from mpi4py import MPI
 
 import headstock.studies.parameters.runs
-from common import present
+from common import approx, present
 from headstock.geometry.errors import HeadstockError
 from headstock.meshing.errors import MeshError
 from headstock.pipeline.results.results import Results
@@ -102,8 +102,8 @@ def test_a_point_gives_what_a_run_of_the_same_scene_gives(scene_file: Path, tmp_
     table = tabulate_study(make_job(scene_file).study, records)
     soft = [row.values["static.tcp.compliance_um_per_kN[0][0]"] for row in table.rows]
     # 1 kN at the tip by Timoshenko, in um; exact beam springs give it with any number of segments
-    assert soft[::2] == pytest.approx([435.8276] * 3, rel=1e-5)
-    assert soft[1::2] == pytest.approx([435.8276 * 3.0] * 3, rel=1e-5)
+    assert soft[::2] == approx([435.8276] * 3, rel=1e-5)
+    assert soft[1::2] == approx([435.8276 * 3.0] * 3, rel=1e-5)
     rough, fine = (row.values["modal.frequencies_hz[0]"] for row in (table.rows[0], table.rows[4]))
     assert isinstance(rough, float) and isinstance(fine, float) and rough > fine > 126.426
 

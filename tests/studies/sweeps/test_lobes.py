@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from headstock.app.charts.sweep import draw_sweep
 from headstock.app.tables.sweep_quantities import limit_words
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.lobes import MM, RPM, PoseLobes
 from headstock.pipeline.runner import run_scene
 from headstock.scene.building.loader import load_scene
-from headstock.scene.requests import Analyses
 from headstock.studies.sweeps.files import summarise_sweep, write_sweep
 from headstock.studies.sweeps.results import collect_results
 from headstock.studies.sweeps.runs import SweepJob, run_sweep, select_analyses
@@ -41,7 +41,7 @@ def test_every_pose_of_a_sweep_has_the_limits_of_a_run_in_it(tmp_path: Path) -> 
     path = tmp_path / "scene.toml"
     path.write_text((DATA / "slide.toml").read_text() + LOBES)
     scene = load_scene(path)
-    scene = dataclasses.replace(scene, analyses=Analyses(lobes=scene.analyses.lobes))
+    scene = dataclasses.replace(scene, analyses=scene.analyses.keep(["lobes"]))
     (tmp_path / "sweep").mkdir()
     job = SweepJob(select_analyses(scene), scene.sweeps["named"], tmp_path / "sweep")
     outcome = run_sweep(job, comm=MPI.COMM_SELF)
@@ -71,7 +71,7 @@ def test_every_pose_of_a_sweep_has_the_limits_of_a_run_in_it(tmp_path: Path) -> 
     for name, limits in results.limits.items():
         mapped = summary["lobes"][name]
         at = int(np.argmax(limits.depths.min(axis=0)))
-        assert mapped["common_best_rpm"] == pytest.approx(RPM * limits.speeds[at])
+        assert mapped["common_best_rpm"] == approx(RPM * limits.speeds[at])
         np.testing.assert_allclose(
             np.array(mapped["at_common_best_mm"], dtype=float),
             MM * limits.depths[:, at],
@@ -79,4 +79,4 @@ def test_every_pose_of_a_sweep_has_the_limits_of_a_run_in_it(tmp_path: Path) -> 
         )
         assert float((MM * limits.depths[:, at]).min()) == mapped["common_best_mm"]
         for number, best in enumerate(limits.depths.argmax(axis=1)):
-            assert np.array(mapped["best_rpm"])[number] == pytest.approx(RPM * limits.speeds[best])
+            assert np.array(mapped["best_rpm"])[number] == approx(RPM * limits.speeds[best])

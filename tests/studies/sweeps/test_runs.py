@@ -11,6 +11,7 @@ import pytest
 from mpi4py import MPI
 
 import headstock.studies.sweeps.runs
+from common import approx
 from faults.small_disks import limited_room
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Pose
@@ -85,7 +86,7 @@ def test_every_pose_gives_what_a_run_of_it_gives(tmp_path: Path) -> None:
         for place, direction in enumerate("xyz"):
             shares = point.budget[direction]
             link = results.points["tcp"].links[number][place]
-            assert shares[link] == pytest.approx(
+            assert shares[link] == approx(
                 results.points["tcp"].link_shares[number, place], rel=1e-9
             )
             assert shares[link] == max(shares.values())
@@ -100,9 +101,7 @@ def test_the_largest_compliance_is_that_of_the_worst_direction(tmp_path: Path) -
         tried = np.random.default_rng(1).normal(size=(2000, 3))
         tried /= np.linalg.norm(tried, axis=1, keepdims=True)
         motions = np.einsum("ni,ij,nj->n", tried, matrix, tried)
-        assert np.einsum("i,ij,j->", direction, matrix, direction) == pytest.approx(
-            largest, rel=1e-12
-        )
+        assert np.einsum("i,ij,j->", direction, matrix, direction) == approx(largest, rel=1e-12)
         assert 0.98 * largest < motions.max() <= largest * (1.0 + 1e-12)
 
 

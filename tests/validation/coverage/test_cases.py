@@ -4,8 +4,8 @@ import dataclasses
 from pathlib import Path
 
 import numpy as np
-import pytest
 
+from common import approx
 from headstock.validation.coverage import cases
 from headstock.validation.coverage.cases import (
     ADAPTED_PARTS,
@@ -80,12 +80,12 @@ def test_coverage_counts_numbers_parts_and_lines() -> None:
     good = made_up(0, [1e-2] * 20, [2e-2] * 20, [1.0, 0.96])
     poor = made_up(1, [1e-2] * 10, [2e-2] * 8 + [5e-3, np.nan], [0.9, 0.2])
     rows = judged([good, poor])
-    assert rows["share of numbers that ± does not cover"].value == pytest.approx(1.0 / 29.0)
+    assert rows["share of numbers that ± does not cover"].value == approx(1.0 / 29.0)
     assert rows["share of numbers that ± does not cover"].passed
     assert "1 say ± ?" in rows["share of numbers that ± does not cover"].note
-    assert rows["coverage by part, mean"].value == pytest.approx((1.0 + 8.0 / 9.0) / 2.0)
+    assert rows["coverage by part, mean"].value == approx((1.0 + 8.0 / 9.0) / 2.0)
     assert rows["parts with 95 % of their numbers covered"].value == 0.5
-    assert rows["± over true error, median"].value == pytest.approx(2.0)
+    assert rows["± over true error, median"].value == approx(2.0)
     assert not rows["share of frequency responses without 95 % of their lines covered"].passed
 
 

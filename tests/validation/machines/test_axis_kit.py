@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from headstock.geometry.parts.solids import Box
 from headstock.scene.building.loader import load_scene
 from headstock.solvers.pairing.mode_pairing import match_frequencies
@@ -40,17 +41,17 @@ def test_the_scene_has_the_travels_leads_and_driven_masses_of_table_1() -> None:
     scene = load_scene(SCENE, variant="calibrated+R+controlled")
     machine = scene.machine
     driven = {"X": ("x_slider",), "Y": ("y_slider", "z_slider"), "Z": ("z_slider",)}
-    assert {name: drive.lead for name, drive in scene.drives.items()} == pytest.approx(
+    assert {name: drive.lead for name, drive in scene.drives.items()} == approx(
         {"X": 0.010, "Y": 0.010, "Z": 0.005}
     )
-    assert {
-        name: axis.limits[1] - axis.limits[0] for name, axis in machine.axes.items()
-    } == pytest.approx(dict.fromkeys("XYZ", 0.2))
+    assert {name: axis.limits[1] - axis.limits[0] for name, axis in machine.axes.items()} == approx(
+        dict.fromkeys("XYZ", 0.2)
+    )
     masses = {
         name: sum(machine.components[body].mass or 0.0 for body in bodies)
         for name, bodies in driven.items()
     }
-    assert masses == pytest.approx({"X": 35.0, "Y": 47.0, "Z": 4.0})
+    assert masses == approx({"X": 35.0, "Y": 47.0, "Z": 4.0})
 
 
 def test_the_22_frequencies_of_table_3_come_out_within_3_percent(
@@ -64,7 +65,7 @@ def test_the_22_frequencies_of_table_3_come_out_within_3_percent(
 def test_the_measured_compliance_in_z_comes_out_within_5_percent(
     segmented: dict[str, KitModel],
 ) -> None:
-    assert segmented["YCE"].compliance[2] == pytest.approx(151e-9, rel=0.05)
+    assert segmented["YCE"].compliance[2] == approx(151e-9, rel=0.05)
 
 
 def test_every_paired_mode_moves_as_the_paper_describes_it(segmented: dict[str, KitModel]) -> None:
@@ -83,11 +84,11 @@ def test_finite_elements_agree_with_segments_and_with_the_paper_s_own(
     ]
     coarse_hz = segmented["YCE"].frequencies_hz[[pair.first for pair in pairs]]
     assert len(pairs) == len(TABLE_3["YCE"])
-    assert fine.frequencies_hz[[pair.second for pair in pairs]] == pytest.approx(
+    assert fine.frequencies_hz[[pair.second for pair in pairs]] == approx(
         coarse_hz, rel=FIDELITY_TOLERANCE
     )
     met = list(match_frequencies(np.log(fine.frequencies_hz), np.log(TABLE_3_FEM)))
-    assert fine.frequencies_hz[met] == pytest.approx(TABLE_3_FEM, rel=FEM_TOLERANCE)
+    assert fine.frequencies_hz[met] == approx(TABLE_3_FEM, rel=FEM_TOLERANCE)
 
 
 def test_a_motion_in_the_wrong_sense_is_named() -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from headstock.geometry.machine.machine import Machine, Pose
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.meshing.components.meshing import mesh_component
@@ -83,11 +84,11 @@ def test_the_unreduced_model_has_each_carriage_on_a_patch_where_it_stands() -> N
     patch = fixed.components["bed"].interfaces["carriage_2"].patches[0]
     assert (
         patch.shape == "rect"
-        and patch.size == pytest.approx((0.1, 0.03))
-        and patch.center[:2] == pytest.approx((-0.06, 0.09))
+        and patch.size == approx((0.1, 0.03))
+        and patch.center[:2] == approx((-0.06, 0.09))
     )
     assert all(joint.length is None and joint.screw is None for joint in fixed.joints.values())
     distance = 0.4 + 0.05
     expected = 1.0 / (1.0 / 4e8 + 1.0 / 6e8 + distance / (210e9 * np.pi * 0.014**2))
-    assert fixed.joints["x_drive"].stiffness[0, 0] == pytest.approx(expected)
+    assert fixed.joints["x_drive"].stiffness[0, 0] == approx(expected)
     assert fixed.components["bed"].interfaces["carriage_2"].coupling == "average"

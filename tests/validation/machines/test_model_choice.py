@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.validation.coverage import cases as coverage_cases
 from headstock.validation.machines import model_choice_cases
 from headstock.validation.machines.model_choice_cases import (
@@ -47,8 +48,7 @@ def test_what_is_judged_are_numbers_beyond_what_was_asked_and_costs_beside_the_c
     doubtful = ChosenScene(48, 0.05, True, 0.03, np.array([0.5]), 1.0, {})
     beyond, dear = _judge(CASE, "machine", [near, far, refused, doubtful])
     assert (
-        beyond.value == pytest.approx(1.0 / 20.0)
-        and "1 more were refused, 1 have no truth" in beyond.note
+        beyond.value == approx(1.0 / 20.0) and "1 more were refused, 1 have no truth" in beyond.note
     )
     assert dear.value == 0.5 and not dear.passed and "machine 51" in dear.note
 

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.validation.machines import model_estimate_cases
@@ -56,12 +57,12 @@ def test_coverage_counts_numbers_and_modes_that_the_truth_lacks() -> None:
     rows = judged([good, poor])
     missed = rows["share of numbers that ± does not cover"]
     # one too small, one whose mode the truth does not have; of one nothing was said
-    assert missed.value == pytest.approx(2.0 / 29.0) and not missed.passed
+    assert missed.value == approx(2.0 / 29.0) and not missed.passed
     assert "1 say ± ?" in missed.note
-    assert rows["± over true error, median"].value == pytest.approx(2.0)
+    assert rows["± over true error, median"].value == approx(2.0)
     assert rows["modes named of all that the machines lack"].value == 0.5
     lines = rows["share of frequency responses without 95 % of their lines covered"]
-    assert lines.value == pytest.approx(1.0 / 3.0)
+    assert lines.value == approx(1.0 / 3.0)
 
 
 @pytest.mark.trials

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.pipeline.contours.contour_run import ContourRun
 from headstock.pipeline.contours.lumped_contour import run_lumped_contour
 from headstock.validation.mechanisms.contouring_cases import contour_request
@@ -28,7 +29,7 @@ def test_the_tool_is_pushed_off_face_1_by_about_ten_micrometres_and_hardly_rippl
     # mean forces push the tool away from the part, which lies on the right
     forces = run.force[cutting][: 40 * 96]
     assert forces[:, 0].mean() < -250.0 and forces[:, 1].mean() > 100.0
-    assert run.times[1] - run.times[0] == pytest.approx(60.0 / 13000.0 / 96.0)
+    assert run.times[1] - run.times[0] == approx(60.0 / 13000.0 / 96.0)
 
 
 def test_before_the_cut_only_inertia_moves_the_tool_and_against_the_start() -> None:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import CellKind
 from headstock.validation.parts.structured_meshes import (
@@ -22,7 +23,7 @@ def test_shape_functions_are_one_at_their_node_and_sum_to_one(kind: CellKind) ->
     values, _ = shape_functions(kind, node_places(kind))
     np.testing.assert_allclose(values, np.eye(int(kind[3:])), atol=1e-13)
     values, gradients = shape_functions(kind, np.array([[0.2, 0.3, 0.1]]))
-    assert values.sum() == pytest.approx(1.0, rel=1e-13)
+    assert values.sum() == approx(1.0, rel=1e-13)
     np.testing.assert_allclose(gradients.sum(axis=1), 0.0, atol=1e-12)
 
 
@@ -44,8 +45,8 @@ def test_integrals_over_a_box_are_exact_for_polynomials(kind: CellKind) -> None:
     found = integrate_over_cells(
         mesh.points, mesh.cells, kind, lambda x: x[:, 0] ** 2 * x[:, 1] * x[:, 2]
     )
-    assert found == pytest.approx(8.0 / 3.0 * 0.125 * 1.125, rel=1e-12)
-    assert mesh.quality.volume == pytest.approx(1.5, rel=1e-13)
+    assert found == approx(8.0 / 3.0 * 0.125 * 1.125, rel=1e-12)
+    assert mesh.quality.volume == approx(1.5, rel=1e-13)
 
 
 @pytest.mark.parametrize("kind", ["tet10", "hex27"])

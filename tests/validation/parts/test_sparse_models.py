@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import approx
 from headstock.geometry.parts.components import Material
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.validation.parts.component_models import (
@@ -63,7 +64,7 @@ def test_guyan_mass_holds_the_whole_mass_and_guyan_stiffness_the_static_complian
     matrices = rigid_face_matrices(mesh, STEEL, CENTERS)
     stiffness, mass = guyan_matrices(matrices)
     along = np.tile([1.0, 0.0, 0.0, 0.0, 0.0, 0.0], 2)
-    assert along @ mass @ along == pytest.approx(7850.0 * 0.04 * 0.06 * 0.3, rel=1e-10)
+    assert along @ mass @ along == approx(7850.0 * 0.04 * 0.06 * 0.3, rel=1e-10)
     np.testing.assert_allclose(
         np.linalg.inv(stiffness[6:, 6:]), fixed_compliance(matrices), rtol=1e-7, atol=1e-16
     )

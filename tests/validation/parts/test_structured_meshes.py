@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.validation.parts.structured_meshes import (
     SIDES,
@@ -50,7 +51,7 @@ def test_cells_are_right_handed_and_fill_the_box() -> None:
     points = lattice.reshape(-1, 3)
     cells = lattice_cells(lattice.shape[:3])
     sides = points[cells[:, [1, 3, 4]]] - points[cells[:, [0]]]
-    assert np.linalg.det(sides).sum() == pytest.approx(0.4 * 0.9 * 0.5, rel=1e-12)
+    assert np.linalg.det(sides).sum() == approx(0.4 * 0.9 * 0.5, rel=1e-12)
     assert np.linalg.det(sides).min() > 0.0
     assert np.array_equal(np.unique(cells), np.arange(len(points)))
 

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.validation.references.prismatic_beams import bracket_roots
 
 
@@ -15,7 +16,7 @@ def test_roots_come_in_order_and_to_machine_precision() -> None:
 
 
 def test_a_root_on_a_grid_point_is_found_once() -> None:
-    assert bracket_roots(lambda x: (x - 1.0) * (x - 2.5), 2, start=0.0, step=0.5) == pytest.approx(
+    assert bracket_roots(lambda x: (x - 1.0) * (x - 2.5), 2, start=0.0, step=0.5) == approx(
         [1.0, 2.5]
     )
 

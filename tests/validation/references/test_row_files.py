@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.validation.references.rows import (
     Target,
     failed_computation,
@@ -38,4 +39,4 @@ def test_numbers_of_numpy_are_written_like_any_other() -> None:
     target = Target(np.float64(2.0), "Hz", np.float64(0.1), "closed form")
     entry = json.loads(rows_as_json([judge("a", "q", np.float64(2.1), target)]))[0]
     assert entry["passed"] is True
-    assert entry["relative_error"] == pytest.approx(0.05)
+    assert entry["relative_error"] == approx(0.05)

@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from common import approx
 from headstock.validation.references.rows import (
     Target,
     failed_computation,
@@ -31,12 +32,10 @@ def test_a_value_passes_up_to_its_tolerance_on_either_side() -> None:
 
 
 def test_the_relative_error_keeps_its_sign() -> None:
-    assert judge(
-        "c", "q", 99.0, Target(100.0, "Hz", 0.1, "published")
-    ).relative_error == pytest.approx(-0.01)
-    assert judge(
-        "c", "q", -5.5, Target(-5.0, "Pa", 0.2, "published")
-    ).relative_error == pytest.approx(0.1)
+    assert judge("c", "q", 99.0, Target(100.0, "Hz", 0.1, "published")).relative_error == approx(
+        -0.01
+    )
+    assert judge("c", "q", -5.5, Target(-5.0, "Pa", 0.2, "published")).relative_error == approx(0.1)
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])

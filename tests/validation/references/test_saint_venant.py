@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.parts.components import Material
 from headstock.validation.references.prismatic_beams import PrismaticBeam
 from headstock.validation.references.torsion import (
@@ -22,23 +23,23 @@ FV5 = PrismaticBeam(10.0, 2.0, 2.0, Material("nafems", 200e9, 0.3, 8000.0))
     ("ratio", "value"), [(1.0, 0.140577), (2.631579, 0.253542), (7.8125, 0.306443)]
 )
 def test_torsion_constants_of_rectangles(ratio: float, value: float) -> None:
-    assert torsion_constant(ratio, 1.0) / ratio == pytest.approx(value, rel=1e-5)
+    assert torsion_constant(ratio, 1.0) / ratio == approx(value, rel=1e-5)
 
 
 def test_the_order_of_the_sides_does_not_matter() -> None:
     assert (
         torsion_constant(0.1, 0.038)
         == torsion_constant(0.038, 0.1)
-        == pytest.approx(1.39123901e-6, rel=1e-8)
+        == approx(1.39123901e-6, rel=1e-8)
     )
 
 
 def test_a_thin_strip_has_a_third_of_a_b_cubed() -> None:
-    assert torsion_constant(1e4, 1.0) / 1e4 == pytest.approx(1.0 / 3.0, rel=1e-4)
+    assert torsion_constant(1e4, 1.0) / 1e4 == approx(1.0 / 3.0, rel=1e-4)
 
 
 def test_torsional_frequencies_of_the_seeds_and_fv5() -> None:
-    assert torsional_frequencies(COLUMN, "clamped-free", 1)[0] == pytest.approx(993.73119, rel=1e-7)
+    assert torsional_frequencies(COLUMN, "clamped-free", 1)[0] == approx(993.73119, rel=1e-7)
     assert round(float(torsional_frequencies(FIXED, "clamped-clamped", 1)[0]), 2) == 520.65
     np.testing.assert_allclose(
         torsional_frequencies(FV5, "clamped-free", 2), [71.196, 213.588], rtol=1e-5

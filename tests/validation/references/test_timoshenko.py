@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.parts.components import Material
 from headstock.validation.references.bending import (
     cantilever_shear_deflection,
@@ -23,7 +24,7 @@ FV5 = PrismaticBeam(10.0, 2.0, 2.0, Material("nafems", 200e9, 0.3, 8000.0))
 
 
 def test_cowper_coefficient_at_a_poisson_ratio_of_0_3() -> None:
-    assert cowper_coefficient(0.3) == pytest.approx(13.0 / 15.3, rel=1e-14)
+    assert cowper_coefficient(0.3) == approx(13.0 / 15.3, rel=1e-14)
 
 
 def test_frequencies_of_the_seed_column_in_both_directions() -> None:
@@ -96,4 +97,4 @@ def test_shear_deflection_of_a_fixed_beam_is_a_quarter_of_a_cantilever_of_its_le
     ratio = fixed_beam_shear_deflection(rigid_in_bending, 1.0) / cantilever_shear_deflection(
         rigid_in_bending, 1.0
     )
-    assert ratio == pytest.approx(0.25, rel=1e-8)
+    assert ratio == approx(0.25, rel=1e-8)

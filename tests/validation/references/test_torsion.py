@@ -1,8 +1,8 @@
 """Claims about torsion with restrained warping."""
 
 import numpy as np
-import pytest
 
+from common import approx
 from headstock.geometry.parts.components import Material
 from headstock.validation.references.prismatic_beams import PrismaticBeam
 from headstock.validation.references.torsion import (
@@ -18,11 +18,11 @@ FIXED = PrismaticBeam(0.75, 0.25, 0.032, STEEL)
 
 
 def test_warping_constant_of_a_rectangle() -> None:
-    assert warping_constant(0.1, 0.038) == pytest.approx(3.8105556e-10, rel=1e-7)
+    assert warping_constant(0.1, 0.038) == approx(3.8105556e-10, rel=1e-7)
 
 
 def test_first_torsional_frequency_of_the_seed_column() -> None:
-    assert clamped_free_torsion(COLUMN, 1)[0] == pytest.approx(1053.01759, rel=1e-7)
+    assert clamped_free_torsion(COLUMN, 1)[0] == approx(1053.01759, rel=1e-7)
 
 
 def test_torsional_frequencies_of_the_seed_fixed_beam_to_their_printed_digits() -> None:

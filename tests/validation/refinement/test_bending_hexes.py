@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from common import approx
 from headstock.geometry.frames import rigid_map
 from headstock.geometry.parts.components import Material
 from headstock.validation.refinement.paper_elements import (
@@ -27,7 +28,7 @@ def test_a_brick_resists_everything_but_its_six_rigid_motions(bending: bool) -> 
 
 def test_the_mass_of_a_brick_is_its_volume_times_density() -> None:
     mass = brick_mass(BRICK, STEEL)
-    assert mass[::3, ::3].sum() == pytest.approx(STEEL.density * BRICK.prod())
+    assert mass[::3, ::3].sum() == approx(STEEL.density * BRICK.prod())
     assert mass[::3, 1::3].sum() == 0.0
 
 
@@ -43,7 +44,7 @@ def test_one_row_of_bricks_is_exact_in_pure_bending_where_plain_ones_lock() -> N
     loads[3 * top + 2, 0] = model.points[top, 0] / (model.points[top, 0] ** 2).sum()
     tip = solve_fixed(model, fixed, loads)[3 * top, 0].mean()
     exact = sides[2] ** 2 / (2.0 * material.youngs_modulus * sides[1] * sides[0] ** 3 / 12.0)
-    assert abs(tip) == pytest.approx(exact, rel=1e-9)
+    assert abs(tip) == approx(exact, rel=1e-9)
 
 
 def test_a_constant_strain_is_answered_exactly_by_any_bricks() -> None:
@@ -61,8 +62,6 @@ def test_frequencies_of_a_slender_column_tend_to_those_of_its_beam() -> None:
     fixed = np.flatnonzero(model.points[:, 2] < -0.25 + 1e-9)
     found, shapes = fixed_modes(model, fixed, 4)
     speed = np.sqrt(210e9 / 7850.0) / np.sqrt(12.0) / (2.0 * np.pi * 0.25)
-    assert found[:2] == pytest.approx(
-        [1.8751**2 * 0.01 * speed, 1.8751**2 * 0.013 * speed], rel=2e-3
-    )
+    assert found[:2] == approx([1.8751**2 * 0.01 * speed, 1.8751**2 * 0.013 * speed], rel=2e-3)
     assert shapes.shape == (4, len(model.points), 3)
     assert np.abs(shapes[:, fixed]).max() == 0.0

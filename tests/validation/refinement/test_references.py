@@ -1,5 +1,6 @@
 import pytest
 
+from common import approx
 from headstock.validation.references.values import reference_case
 from headstock.validation.refinement.references import ReferenceBeam, reference_beam
 
@@ -25,21 +26,19 @@ def test_the_order_of_modes_is_the_paper_s() -> None:
 def test_analytic_values_are_those_of_the_tables() -> None:
     frequencies = reference_case("kono-cantilever-theory").values
     for name in ("X1", "X2", "X3", "Y1", "Y2"):
-        assert CANTILEVER.references[name].analytic == pytest.approx(
+        assert CANTILEVER.references[name].analytic == approx(
             frequencies[f"Euler-Bernoulli {name}"], rel=1e-5
         )
-        assert CANTILEVER.references[name].beam == pytest.approx(
+        assert CANTILEVER.references[name].beam == approx(
             frequencies[f"Timoshenko {name}"], rel=1e-5
         )
     shifts = reference_case("kono-fixed-beam-static-theory").values
-    assert FIXED.references["dx(Fx), h_F = 0"].analytic == pytest.approx(
-        shifts["dx, h_F=0"], rel=1e-4
-    )
-    assert FIXED.references["dx(Fx), h_F = 100 mm"].analytic == pytest.approx(
+    assert FIXED.references["dx(Fx), h_F = 0"].analytic == approx(shifts["dx, h_F=0"], rel=1e-4)
+    assert FIXED.references["dx(Fx), h_F = 100 mm"].analytic == approx(
         shifts["dx, h_F=100mm"], rel=1e-4
     )
     # printed with the table's source: |dz| 1.480 um
-    assert FIXED.references["dz(Fx), h_F = 100 mm"].analytic == pytest.approx(1.480, rel=1e-3)
+    assert FIXED.references["dz(Fx), h_F = 100 mm"].analytic == approx(1.480, rel=1e-3)
 
 
 @pytest.mark.parametrize("beam", [CANTILEVER, FIXED], ids=lambda beam: beam.name)

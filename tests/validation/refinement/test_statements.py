@@ -4,9 +4,7 @@ beforehand.
 
 import math
 
-import pytest
-
-from common import present
+from common import approx, present
 from headstock.validation.refinement.points import (
     ModelKind,
     RefinementPoint,
@@ -103,7 +101,7 @@ def test_deviations_between_two_limits() -> None:
         Statement(series("tet10", TWIST, {100: -0.3, 1000: 0.05}), "", [TWIST]).between(0.12, 0.40)
     )
     assert not outside.confirmed
-    assert outside.value == pytest.approx(0.05)
+    assert outside.value == approx(0.05)
 
 
 def test_deviations_that_shrink_grow_or_stay() -> None:
@@ -114,7 +112,7 @@ def test_deviations_that_shrink_grow_or_stay() -> None:
         Statement(series("segmented", TWIST, {12: 0.1, 30: -0.13}), "", [TWIST]).shrinks()
     )
     assert not grown.confirmed
-    assert grown.value == pytest.approx(0.03)
+    assert grown.value == approx(0.03)
     still = present(
         Statement(series("segmented", TWIST, {12: 0.03, 30: 0.03}), "", [TWIST]).shrinks()
     )
@@ -126,7 +124,7 @@ def test_deviations_that_are_almost_constant_stay_within_a_band() -> None:
     refinement = series("segmented", TWIST, {12: 0.5, 60: 0.031, 90: 0.030, 420: 0.028})
     flat = present(Statement(refinement, "flat", [TWIST]).constant(0.01, above=60))
     assert flat.confirmed
-    assert flat.value == pytest.approx(0.003)
+    assert flat.value == approx(0.003)
     assert not present(Statement(refinement, "flat", [TWIST]).constant(0.002, above=60)).confirmed
     assert not present(Statement(refinement, "flat", [TWIST]).constant(0.01, above=12)).confirmed
     assert Statement(refinement, "flat", [TWIST]).constant(0.01, above=400) is None, (
@@ -161,9 +159,7 @@ def test_two_kinds_of_models_are_compared_at_about_equal_ndof() -> None:
         series("hex8", TWIST, {110: 0.05, 900: 0.01}),
     )
     assert present(Statement(many, "", [TWIST]).like(few, 0.05, above=100)).confirmed
-    assert present(Statement(many, "", [TWIST]).like(few, 0.05, above=100)).value == pytest.approx(
-        0.03
-    )
+    assert present(Statement(many, "", [TWIST]).like(few, 0.05, above=100)).value == approx(0.03)
     assert not present(Statement(many, "", [TWIST]).like(few, 0.02, above=100)).confirmed
     assert present(Statement(few, "", [TWIST]).softer_than(many)).confirmed
     assert not present(Statement(many, "", [TWIST]).softer_than(few)).confirmed
@@ -177,7 +173,7 @@ def test_how_many_times_the_dofs_one_kind_needs() -> None:
     assert ndof_within(many, [TWIST], 0.1) == 900
     judged = present(Statement(many, "", [TWIST]).costlier_than(few, 0.1, least=30.0))
     assert judged.confirmed
-    assert judged.value == pytest.approx(30.0)
+    assert judged.value == approx(30.0)
     never = present(Statement(many, "", [TWIST]).costlier_than(few, 0.1, least=31.0))
     assert not never.confirmed
     out_of_reach = present(

@@ -1,0 +1,161 @@
+"""frequencies above the reach of a reduction or of a mesh carry a warning, and no error
+estimate where there is no bound.
+"""
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from common import approx
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.components import Component, Material
+from headstock.geometry.parts.solids import Box
+from headstock.pipeline.numbers.estimates import REDUCTION
+from headstock.pipeline.results.results import Results
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.stages.warnings import node_spacing, shortest_wave
+from headstock.pipeline.storage.store import Store
+from headstock.scene.building.loader import load_scene
+
+pytestmark = [pytest.mark.hard("H52"), pytest.mark.fem, pytest.mark.process]
+
+SCENE = """
+name = "plate strip"
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.strip]
+solid = { box = ["400 mm", "40 mm", "8 mm"] }
+material = "steel"
+mesh = { size = "SIZE", cells = "hex" }
+reduction = { modes = MODES }
+[components.strip.interfaces]
+root = { face = "x-" }
+tip = { face = "x+", coupling = "average" }
+[joints.clamp]
+between = ["ground", "strip.root"]
+kind = "rigid"
+[analyses.modal]
+count = COUNT
+"""
+Sheet = Callable[[str, str], tuple[FloatArray, list[str]]]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, int, int], Results]:
+    folder = tmp_path_factory.mktemp("h52")
+
+    def go(size: str, modes: int, count: int) -> Results:
+        path: Path = folder / "scene.toml"
+        path.write_text(
+            SCENE.replace("SIZE", size).replace("MODES", str(modes)).replace("COUNT", str(count))
+        )
+        return run_scene(
+            load_scene(path), folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store")
+        )
+
+    return go
+
+
+def test_frequencies_beyond_the_modes_kept_have_a_warning_and_no_estimate(
+    run: Callable[[str, int, int], Results],
+) -> None:
+    results = run("25 mm", 3, 9)
+    (modes,), cutoff = results.modal, results.components["strip"].cutoff_hz
+    beyond = modes.frequencies_hz > cutoff
+    assert beyond.any() and not beyond.all()
+    assert [error is None for error in modes.error_hz] == beyond.tolist()
+    (warning,) = [text for text in results.warnings if "fixed-interface modes" in text]
+    assert "no error estimate, and some may be missing" in warning and "modes_to" in warning
+
+
+def test_the_estimate_grows_towards_the_cut_off(run: Callable[[str, int, int], Results]) -> None:
+    fewer, more = run("25 mm", 3, 5).modal[0], run("25 mm", 24, 5).modal[0]
+    bounds = [error.shares[REDUCTION] for error in fewer.list_errors()]
+    known = np.array([bound for bound in bounds if bound is not None])
+    shares = known / fewer.frequencies_hz[: len(known)]
+    assert shares[-1] > 10.0 * shares[0]
+    true = fewer.frequencies_hz[: len(known)] - more.frequencies_hz[: len(known)]
+    assert (known >= true - 1e-9 * more.frequencies_hz[0]).all()
+
+
+def test_within_the_modes_kept_nothing_is_said(run: Callable[[str, int, int], Results]) -> None:
+    results = run("25 mm", 24, 5)
+    errors = results.modal[0].error_hz
+    assert len(errors) == 5 and all(error is not None for error in errors)
+    assert not [
+        text
+        for text in results.warnings
+        if "fixed-interface modes" in text or "nodes of its mesh" in text
+    ]
+
+
+def test_waves_shorter_than_six_nodes_are_told_with_their_length(
+    run: Callable[[str, int, int], Results],
+) -> None:
+    results = run("100 mm", 12, 8)
+    (warning,) = [text for text in results.warnings if "nodes of its mesh" in text]
+    assert "'strip'" in warning and "too high" in warning
+    finer = run("25 mm", 12, 8)
+    # it is true: the coarse mesh is stiffer there by percents
+    assert results.modal[0].frequencies_hz[-1] > 1.02 * finer.modal[0].frequencies_hz[-1]
+
+
+def test_the_wave_of_a_thin_strip_is_that_of_its_eigenfrequency() -> None:
+    # half a wave of a simply supported plate that bends cylindrically: f = pi/2 sqrt(D / rho h) /
+    # L^2
+    steel = Material("steel", 2.1e11, 0.3, 7850.0)
+    rigidity = 2.1e11 * 0.008**3 / (12.0 * (1.0 - 0.09))
+    hz = math.pi / 2.0 * math.sqrt(rigidity / (7850.0 * 0.008)) / 0.4**2
+    strip = Component("strip", Box((0.4, 0.04, 0.008)), steel)
+    assert shortest_wave(strip, 0.008, hz) == approx(0.8, rel=1e-12)
+    assert shortest_wave(strip, 10.0, 1e4) == approx(
+        math.sqrt(2.1e11 / 2.6 / 7850.0) / 1e4, rel=1e-12
+    )
+
+
+@pytest.mark.parametrize(("length", "width", "step"), [(0.4, 0.04, 0.01), (0.4, 0.4, 0.02)])
+def test_nodes_along_a_wall_are_as_far_apart_as_in_its_mesh(
+    length: float, width: float, step: float
+) -> None:
+    nodes = round(length / step) * round(width / step) * 3
+    assert node_spacing(nodes, length * width * 0.008, 0.008) == approx(step, rel=0.02)
+
+
+@pytest.fixture(scope="module")
+def sheet(tmp_path_factory: pytest.TempPathFactory) -> Sheet:
+    folder = tmp_path_factory.mktemp("sheet")
+
+    def go(size: str, cells: str) -> tuple[FloatArray, list[str]]:
+        path: Path = folder / "scene.toml"
+        text = SCENE.replace('"400 mm", "40 mm", "8 mm"', '"200 mm", "60 mm", "0.4 mm"').replace(
+            '"hex"', f'"{cells}"'
+        )
+        path.write_text(text.replace("SIZE", size).replace("MODES", "12").replace("COUNT", "2"))
+        results = run_scene(
+            load_scene(path), folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store")
+        )
+        return results.modal[0].frequencies_hz, [
+            text for text in results.warnings if "lock" in text
+        ]
+
+    return go
+
+
+def test_tets_that_lock_across_a_sheet_are_named_with_a_size_that_does_not(
+    sheet: Sheet,
+) -> None:
+    true, silent = sheet("10 mm", "hex")
+    locked, (warning,) = sheet("20 mm", "tet")
+    assert silent == []
+    assert locked[1] > 1.1 * true[1]
+    assert "'strip'" in warning and "walls of 0.4 mm" in warning and 'cells = "hex"' in warning
+    size = warning.split('size = "')[1].split('"')[0]
+    right, nothing = sheet(size, "tet")
+    assert nothing == []
+    assert np.abs(right / true - 1.0).max() < 0.02

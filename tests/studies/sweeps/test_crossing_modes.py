@@ -1,0 +1,161 @@
+"""a sweep over 1000 poses in which modes cross: curves keep their mode, and a pose that lacks
+one result is seen.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from headstock.app.command_line import main
+from headstock.geometry.frames import FloatArray
+from headstock.scene.building.loader import load_scene
+from headstock.solvers.errors import ConvergenceError
+from headstock.solvers.linear.modal_analysis import ModalResult, solve_lowest_modes
+from headstock.solvers.second_order import SecondOrderSystem
+from headstock.studies.sweeps import machine_poses
+from headstock.studies.sweeps.results import SweepResults, collect_results
+from headstock.studies.sweeps.runs import SweepJob, run_sweep, select_analyses
+
+pytestmark = pytest.mark.hard("H40")
+
+SCENE = """
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.bed]
+solid = { box = ["900 mm", "100 mm", "50 mm"] }
+material = "steel"
+fidelity = "rigid"
+[components.bed.interfaces]
+rail = { face = "z+", rail = { along = "x" } }
+foot = { face = "z-" }
+bearing = { face = "x-" }
+[components.slide]
+solid = { box = ["100 mm", "100 mm", "100 mm"] }
+material = "steel"
+mass = "20 kg"
+at = ["0 mm", "0 mm", "50 mm"]
+fidelity = "rigid"
+[components.slide.interfaces]
+top = { face = "z+" }
+[joints.feet]
+between = ["bed.foot", "ground"]
+kind = "rigid"
+[joints.carriage]
+between = ["slide.top", "bed.rail"]
+kind = "linear_guide"
+axis = "x"
+at = ["0 mm", "0 mm", "100 mm"]
+length = "80 mm"
+stiffness = { lateral = "60 N/um", normal = "250 N/um", pitch = "3 kN m/mrad", yaw = "4 kN m/mrad", roll = "5 kN m/mrad" }
+[joints.drive]
+between = ["slide.top", "bed.bearing"]
+kind = "ball_screw"
+axis = "x"
+at = ["0 mm", "0 mm", "100 mm"]
+stiffness = { axial = "200 N/um" }
+screw = { diameter = "16 mm", bearing = "300 N/um" }
+[axes.X]
+joints = ["carriage", "drive"]
+[points]
+tcp = { tool = "slide.top", work = "ground" }
+[sweeps.travel]
+axes = { X = ["-400 mm", "400 mm", 1000] }
+[sweeps.few]
+axes = { X = ["-400 mm", "400 mm", 5] }
+[analyses.static]
+[analyses.modal]
+count = 2
+"""
+MASS, LATERAL = 20.0, 60e6
+
+
+@pytest.fixture
+def scene_file(tmp_path: Path) -> Path:
+    path = tmp_path / "slide.toml"
+    path.write_text(SCENE)
+    return path
+
+
+def run(path: Path, name: str) -> SweepResults:
+    scene = load_scene(path)
+    job = SweepJob(select_analyses(scene), scene.sweeps[name], path.parent)
+    outcome = run_sweep(job, comm=MPI.COMM_SELF)
+    return collect_results(
+        job.scene, job.sweep, outcome.complete(), outcome.superelements, key=outcome.key
+    )
+
+
+def screw_frequency(places: FloatArray) -> FloatArray:
+    """Of the slide on nut, shaft and bearing in series; the bearing is at -450 mm."""
+    area = 0.25 * np.pi * 0.016**2
+    compliance = 1.0 / 200e6 + 1.0 / 300e6 + (places + 0.45) / (210e9 * area)
+    return np.asarray(np.sqrt(1.0 / compliance / MASS) / (2.0 * np.pi))
+
+
+@pytest.mark.trials
+def test_over_1000_poses_each_curve_is_one_closed_form_from_end_to_end(scene_file: Path) -> None:
+    results = run(scene_file, "travel")
+    places = results.sweep.positions[:, 0]
+    along, across = (
+        screw_frequency(places),
+        np.full(len(places), np.sqrt(LATERAL / MASS) / (2.0 * np.pi)),
+    )
+    assert (along[0] > across[0]) and (along[-1] < across[-1])
+    found = results.frequencies_hz
+    assert found.shape == (1000, 2)
+    deviations = [
+        [np.abs(found[:, column] / curve - 1.0).max() for column in range(2)]
+        for curve in (along, across)
+    ]
+    assert min(deviations[0]) < 1e-9
+    assert min(deviations[1]) < 1e-9
+    assert results.tracked is not None
+    assert results.tracked.crossings == {(0, 1): 1}
+    assert results.tracked.tracking_breaks == 0
+    swaps = np.flatnonzero(np.diff(np.sign(found[:, 0] - found[:, 1])))
+    crossing = places[np.argmin(np.abs(along - across))]
+    assert len(swaps) == 1
+    assert abs(places[swaps[0]] - crossing) < 2.0 * (places[1] - places[0])
+
+
+def test_a_pose_that_lacks_one_result_fails_the_sweep_by_name(
+    scene_file: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    calls: list[int] = []
+
+    def fail_in_the_third(
+        system: SecondOrderSystem, *, count: int | None = None, up_to_hz: float | None = None
+    ) -> ModalResult:
+        calls.append(1)
+        if len(calls) == 3:
+            raise ConvergenceError("LAPACK gave up")
+        return solve_lowest_modes(system, count=count, up_to_hz=up_to_hz)
+
+    monkeypatch.setattr(machine_poses, "solve_lowest_modes", fail_in_the_third)
+    out = tmp_path / "out"
+    assert main(["sweep", str(scene_file), "few", "-o", str(out)]) == 1
+    said = capsys.readouterr().out
+    assert "failed: pose X 0 mm: modal analysis: LAPACK gave up" in said
+    assert "failed in" in said
+    monkeypatch.undo()
+    assert main(["sweep", str(scene_file), "few", "-o", str(out)]) == 1
+    assert main(["sweep", str(scene_file), "few", "-o", str(out), "--retry"]) == 0
+    assert "failed" not in capsys.readouterr().out.split("done in")[-1]
+
+
+def test_a_carriage_that_would_leave_its_rail_is_refused_before_anything_is_computed(
+    scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    longer = 'sweeps.few.axes={ X = ["-400 mm", "420 mm", 5] }'
+    assert main(["sweep", str(scene_file), "few", "-o", str(out), "--set", longer]) == 2
+    said = capsys.readouterr().err
+    assert "joint carriage (80 mm long) hangs 10 mm over the end of rail bed.rail" in said
+    assert not out.exists()
