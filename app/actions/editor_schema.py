@@ -8,9 +8,8 @@ from headstock.pipeline.storage.json_texts import JsonTable, JsonValue
 from headstock.scene.building.joints import KINDS
 from headstock.scene.expansion.catalogue import BEARINGS, CATALOGUE, FROM, read_catalogue
 from headstock.scene.reading.units import DIMENSIONS, Dimension, parse_quantity
-from headstock.scene.schema.key_notes import NOTES
 from headstock.scene.schema.scene import SceneTable
-from headstock.scene.schema.types import StrictTable
+from headstock.scene.schema.types import MEANING, StrictTable
 from headstock.studies.identification.schema import TargetsTable
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -92,10 +91,9 @@ def _write_default(value: JsonValue, dimension: Dimension) -> JsonValue:
 
 def _finish(table: type[StrictTable], name: str, title: str) -> JsonTable:
     schema = _declare(table)
-    tables = {f"{name}Table": schema, **rules_in(schema, "$defs")}
-    for label, entry in tables.items():
-        for key, rule in rules_in(entry, "properties").items():
-            _describe(rule, NOTES.get(f"{label.removesuffix('Table')}.{key}", ""))
+    for entry in [schema, *rules_in(schema, "$defs").values()]:
+        for rule in rules_in(entry, "properties").values():
+            _describe(rule)
     patterns: dict[str, str] = {}
     for rule in list(_walk(schema)):
         # TOML has no null: what may be left out is left out
@@ -127,10 +125,10 @@ def _allow_expressions(rule: JsonTable) -> None:
         inner["anyOf"] = [known, {"$ref": "#/$defs/expression"}]
 
 
-def _describe(rule: JsonTable, note: str) -> None:
+def _describe(rule: JsonTable) -> None:
     """What a key means, then what it takes."""
-    takes = str(rule.get("description", ""))
-    rule["description"] = f"{note} ({takes})" if note and takes else note or takes
+    meaning, takes = str(rule.pop(MEANING, "")), str(rule.get("description", ""))
+    rule["description"] = f"{meaning} ({takes})" if meaning and takes else meaning or takes
     if not rule["description"]:
         del rule["description"]
 

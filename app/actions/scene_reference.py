@@ -8,7 +8,7 @@ from headstock.app.actions.editor_schema import rules_in
 from headstock.geometry.frames import DOF_NAMES
 from headstock.pipeline.storage.json_texts import JsonTable, JsonValue
 from headstock.scene.building.joints import KINDS
-from headstock.scene.schema.key_notes import DEFAULT, NOTES
+from headstock.scene.schema.types import DEFAULT, MEANING
 
 INTRODUCTION = """\
 # Scene reference
@@ -73,7 +73,7 @@ def _section(
 def _key_table(label: str, table: JsonTable) -> Iterator[str]:
     yield from ["| key | value | default | meaning |", "|---|---|---|---|"]
     for key, rule in rules_in(table, "properties").items():
-        meaning, _, said = NOTES.get(f"{label}.{key}", "").partition(DEFAULT)
+        meaning, _, said = str(rule.get(MEANING, "")).partition(DEFAULT)
         default = said or _describe_default(key, rule, table)
         yield f"| `{key}` | {_describe_value(rule)} | {default} | {meaning} |"
     yield ""

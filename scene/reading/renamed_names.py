@@ -4,7 +4,7 @@ An old scene key is an error that says the new one; ``watch`` paths of studies t
 results as well. ``docs/files.md`` shows both.
 """
 
-# by table of the schema and key, as in ``key_notes.py``
+# by table of the schema, without ``Table``, and key
 SCENE_KEYS = {
     "Interface.force": "allow_singular",
     "Mesh.force": "allow_locking",

@@ -26,13 +26,21 @@ class ChainTable(StrictTable):
     """
 
     origin: Annotated[End, Field(alias="from")]
+    """where the first spring begins: `ground` or `component.interface`"""
     to: End | None = None
+    """where the last spring ends, behind the last mass; default: the chain ends with a mass"""
     axis: Direction
+    """direction in which the masses move"""
     at: Position | None = None
+    """position of the masses in the machine frame; required where the chain is attached to a component"""
     masses: Annotated[list[PositiveMass], Field(min_length=1, max_length=MOST_MASSES)]
+    """masses of `NAME_1`, `NAME_2`, ...; each is a component with the interface `center`"""
     stiffness: Annotated[list[PositiveStiffness], Field(min_length=1, max_length=MOST_MASSES + 1)]
+    """stiffness of the spring before each mass, and of the one to the other end: the joints `NAME_spring_1`, ..."""
     damping: list[NotNegativeDamping] = []
+    """viscous damping of each spring; used with the effect `damping`"""
     loss_factor: LossFactor = 0.0
+    """structural damping of every spring; used with the effect `damping`"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -57,6 +57,7 @@ class MaterialTable(StrictTable):
     """An isotropic, linear elastic material."""
 
     E: PositivePressure
+    """Young's modulus"""
     nu: Annotated[
         Number,
         AfterValidator(_check_poisson_ratio),
@@ -64,16 +65,22 @@ class MaterialTable(StrictTable):
             {"type": "number", "exclusiveMinimum": -1.0, "exclusiveMaximum": LOCKING_POISSON_RATIO}
         ),
     ]
+    """Poisson's ratio; nearly incompressible materials lock"""
     rho: PositiveDensity
+    """mass density"""
     loss_factor: LossFactor = 0.0
+    """structural damping: the modulus is `E (1 + i loss_factor)`; used with the effect `damping`"""
 
 
 class TubeTable(StrictTable):
     """A hollow or full cylinder along z."""
 
     outer: PositiveLength
+    """outer diameter"""
     inner: NotNegativeLength = 0.0
+    """inner diameter, smaller than the outer; 0 for a full cylinder"""
     length: PositiveLength
+    """length along z"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -88,10 +95,15 @@ class PlateTable(StrictTable):
     """A plate in the x-y plane, with ribs on its upper side if wanted."""
 
     size: Size
+    """sizes along x, y, and the thickness"""
     rib_height: NotNegativeLength = 0.0
+    """height of the ribs above the plate"""
     rib: NotNegativeLength = 0.0
+    """thickness of the ribs"""
     ribs_x: RibCount = 0
+    """number of ribs along x"""
     ribs_y: RibCount = 0
+    """number of ribs along y"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -114,13 +126,21 @@ class ColumnTable(StrictTable):
     """A closed rectangular column with internal ribs."""
 
     size: Size
+    """outer sizes along x, y, z"""
     wall: PositiveLength
+    """thickness of the four walls"""
     cap: PositiveLength
+    """thickness of bottom and top"""
     rib: NotNegativeLength = 0.0
+    """thickness of the ribs inside"""
     ribs_z: RibCount = 0
+    """number of ribs across z"""
     ribs_x: RibCount = 0
+    """number of ribs across x"""
     ribs_y: RibCount = 0
+    """number of ribs across y"""
     core_hole: NotNegativeLength = 0.0
+    """diameter of a round hole through every rib across z"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -156,16 +176,29 @@ class SolidTable(StrictTable):
     model_config = one_of(*SOLID_KINDS)
 
     box: Size | None = None
+    """sizes along x, y, z"""
     tube: TubeTable | None = None
+    """hollow or full cylinder along z"""
     plate: PlateTable | None = None
+    """plate in the x-y plane, with or without ribs"""
     column: ColumnTable | None = None
+    """closed rectangular column with walls and ribs"""
     step: Text | None = None
+    """STEP file; the unit is the file's own; `headstock show` numbers its faces"""
     mesh: Text | None = None
+    """finished mesh: gmsh `.msh`, Abaqus `.inp`, Nastran `.bdf`, XDMF `.xdmf`, MED `.med`, Exodus `.exo`"""
     superelement: Text | None = None
+    """reduced matrices in Headstock's own HDF5 layout, as `headstock export` writes them"""
     point_mass: PositiveMass | None = None
+    """mass of a rigid body without a shape: its centre is its origin, its only face and interface is `center`"""
     inertia: Annotated[list[NotNegativeInertia], Field(min_length=3, max_length=3)] | None = None
+    """moments of inertia of a point mass about its x, y and z axes, which are principal ones; default: none, rotations do not accelerate
+    it"""
     solid: Count | Text | None = None
+    """which solid of a STEP file, by number from 1 or by name; of a mesh file the set of its cells, by name, or `*` for all where it has
+    several materials; default: the only one, required where there are several"""
     unit: PositiveLength | None = None
+    """length of one unit of a mesh file; default: 1 m"""
 
     @property
     def kind(self) -> str:
@@ -207,22 +240,29 @@ class DiskTable(StrictTable):
     """
 
     diameter: PositiveLength
+    """diameter of the patch"""
     center: InPlane | None = None
+    """centre of the patch; default: the middle of the face"""
 
 
 class RectTable(StrictTable):
     """A rectangular patch; `size` along the two in-plane axes in the order x y z."""
 
     size: Annotated[list[PositiveLength], Field(min_length=2, max_length=2)]
+    """sizes along the two directions of the face in the order x, y, z"""
     center: InPlane | None = None
+    """centre of the patch; default: the middle of the face"""
 
 
 class StripTable(StrictTable):
     """A patch that crosses the whole face along one in-plane axis."""
 
     width: PositiveLength
+    """width of the patch"""
     along: Literal["x", "y", "z"]
+    """axis of the component along which it crosses the face"""
     center: InPlane | None = None
+    """centre of the patch; default: the middle of the face"""
 
 
 Places = list[InPlane] | dict[Name, InPlane]
@@ -232,11 +272,17 @@ class PatchTable(StrictTable):
     """A face, or a disk, rect or strip on it."""
 
     face: Text
+    """face that it lies on, as in an interface"""
     disk: DiskTable | None = None
+    """a round patch on the face; default: the whole face"""
     rect: RectTable | None = None
+    """a rectangular patch on the face; default: the whole face"""
     strip: StripTable | None = None
+    """a patch across the whole face; default: the whole face"""
     places: Places | None = None
+    """in place of the shape's `center`: one patch at each"""
     each: Exceptions = {}
+    """what is different at single places, dotted keys and values"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -250,7 +296,9 @@ class RailTable(StrictTable):
     """
 
     along: Literal["x", "y", "z"]
+    """axis of the component that the rail runs along"""
     control_points: Annotated[Count, Between(4, 1000)] | None = None
+    """control points of the spline that describes its motion, 4 dofs each; default: 2.5 intervals per length of the shortest carriage"""
 
 
 AUTO_SHAPES = 24
@@ -260,7 +308,13 @@ class FlexibleTable(StrictTable):
     """An interface that keeps deformation shapes besides its rigid motions."""
 
     flexible: Annotated[Count, Between(3, 300)] | Literal["auto"]
+    """most deformation shapes besides the six rigid motions; whole levels of polynomials over the patch, as many as fit; a rigid joint
+    makes those of both sides one; `"auto"`: as many as the [accuracy](accuracy.md) needs, 24 without one; what they leave out is then a
+    part of every ±"""
     form: Literal["strong", "weak"] = "strong"
+    """`strong`: the area moves in its shapes alone, frequencies come from above, better where one part ends on the face of another; `weak`:
+    only its moments do, they come from below, better where the joint covers the section of both parts; an accuracy chooses it with `"auto"`
+    where none is written"""
 
 
 class InterfaceTable(StrictTable):
@@ -269,15 +323,27 @@ class InterfaceTable(StrictTable):
     model_config = one_of("face", "patches")
 
     face: Text | None = None
+    """`x- x+ y- y+ z- z+` (plane faces at that end), `face:N` (as `headstock show` numbers them), `outer`, `inner` (tubes), `set:NAME` (of
+    a mesh file)"""
     disk: DiskTable | None = None
+    """a round patch on the face; default: the whole face"""
     rect: RectTable | None = None
+    """a rectangular patch on the face; default: the whole face"""
     strip: StripTable | None = None
+    """a patch across the whole face; default: the whole face"""
     patches: Annotated[list[PatchTable], Field(min_length=1, max_length=1000)] | None = None
+    """several areas as one interface: `[{ face = "face:10" }, { face = "face:11" }]`"""
     places: Places | None = None
+    """in place of the shape's `center`: one interface at each, named as joints with `places` are"""
     each: Exceptions = {}
+    """what is different at single places, dotted keys and values"""
     coupling: Literal["rigid", "average"] | FlexibleTable = "rigid"
+    """`rigid`: the area moves as a rigid body (RBE2); `average`: the frame follows the area's mean motion (RBE3); `{ flexible = 24 }`: it
+    also deforms, for large areas"""
     allow_singular: Flag = False
+    """accept a point- or line-like area although its compliance depends on the mesh"""
     rail: RailTable | None = None
+    """carriages act at any position along it, see [guideways](guideways.md)"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -346,23 +412,40 @@ class RotationTable(StrictTable):
     """A rotation about an axis through the component's origin."""
 
     axis: Direction
+    """axis of the rotation, through the origin of the component"""
     angle: Angle
+    """angle, right-handed about the axis"""
 
 
 class MeshTable(StrictTable):
     """How a component is meshed."""
 
     size: PositiveLength | None = None
+    """target element size; default: from the solid's shape"""
     order: Literal[1, 2] = 2
+    """polynomial order of the elements; order 1 locks in bending and is refused or warned of"""
     cells: Literal["tet", "hex"] = "tet"
+    """shape of the elements; `hex` for boxes only"""
     across_patches: Annotated[Count, Between(1, 100)] = 4
+    """minimum number of elements across a patch on a face; elements grow with the distance from it"""
     growth: Annotated[Number, Between(0.05, 2.0)] | None = None
+    """tets only: growth of the element size per distance from a patch's rim, `0.3` for smooth, `0.6` for coarse grading; default: even
+    growth up to the next edge of the face, which takes more elements"""
     rim_size: PositiveLength | None = None
+    """element size at the rims of rigid interfaces, where stresses are singular; with `growth`, and smaller than `size`; default: as
+    elsewhere on the face"""
     smallest: PositiveLength | None = None
+    """minimum element size at curved faces and short edges; round holes keep seven edges; default: a twentieth of `size`"""
     leave_out: PositiveLength | None = None
+    """STEP parts only: fillets, holes and pins with radii up to this are taken off before meshing"""
     details: NotNegativeLength | None = None
+    """STEP parts only: holes, recesses and pads in plane faces up to this width are left out of the mesh; what they change is part of ±;
+    `"0 mm"` keeps them all; default: half of `size`"""
     sizes: Text | None = None
+    """element sizes from place to place, in place of `size`, `growth` and `rim_size`: a view of gmsh (`.pos`) of scalar tetrahedra in m,
+    such as a search for an accuracy writes beside its results"""
     allow_locking: Flag = False
+    """accept elements of order 1 where they lock (stretched elements, thin parts), in order to study locking"""
 
 
 class ReductionTable(StrictTable):
@@ -371,11 +454,18 @@ class ReductionTable(StrictTable):
     model_config = not_both("modes_to", "modes")
 
     modes_to: PositiveFrequency | None = None
+    """keep fixed-interface modes up to this frequency; default: as far as the analyses need them"""
     modes: CountFromZero | None = None
+    """keep this number of fixed-interface modes, in place of `modes_to`; default: as many as the analyses need"""
     verify: Flag = False
+    """count the modes below the highest one by a Sturm sequence check: none is missing"""
     eigensolver: Literal["block_lanczos", "krylov_schur"] = "block_lanczos"
+    """solver for fixed-interface modes (both of SLEPc); block Lanczos is faster and misses no repeated mode"""
     solver: Literal["auto", "direct", "iterative"] = "auto"
+    """`direct`: one factorisation; `iterative`: conjugate gradients and LOBPCG on a multigrid, slower in a fraction of the memory; `auto`:
+    direct as far as the factors fit, see `plan`"""
     correct_mesh: Flag = False
+    """take what the mesh is estimated to miss out of the reduced stiffness: ± is then a third, of either sign; `accuracy` does so"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -394,7 +484,9 @@ class SegmentsTable(StrictTable):
     """
 
     count: Annotated[Count, Between(1, 1000)] = 10
+    """number of segments"""
     along: Literal["x", "y", "z"] | None = None
+    """axis of the component along which it is cut; default: the longest side"""
 
 
 def _wrap_rotation(value: object) -> object:
@@ -414,7 +506,9 @@ class RayleighTable(StrictTable):
     model_config = ConfigDict(json_schema_extra={"minProperties": 1})
 
     alpha: NotNegativeRate = 0.0
+    """damping in proportion to mass: damping ratio `alpha / (2 omega)`"""
     beta: NotNegativeTime = 0.0
+    """damping in proportion to stiffness: damping ratio `beta omega / 2`"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -427,23 +521,40 @@ class ComponentTable(StrictTable):
     """One body of the machine."""
 
     solid: SolidTable
+    """its shape, in its own frame: parametric solids stand on `z = 0`, centred in x and y"""
     material: Text | None = None
+    """name of a material; not needed for superelements, which bring their mass"""
     mass: PositiveMass | None = None
+    """total mass, to which the density is scaled; default: density times volume"""
     at: Position = Field(default=[0.0, 0.0, 0.0], validate_default=False)
+    """position of its origin in the machine frame, all axes at zero"""
     places: list[Position] | dict[Name, Position] | None = None
+    """in place of `at`: one component at each, named as joints with `places` are"""
     each: Exceptions = {}
+    """what is different at single places, dotted keys and values"""
     rotate: Rotations = Field(default=[], validate_default=False)
+    """rotations about its origin, one after the other"""
     fidelity: Literal["rigid", "segmented", "polynomial", "elastic"] = "elastic"
+    """`rigid`: 6 dofs, no mesh; `segmented`: a row of rigid segments on beam springs; `polynomial`: a box, plain plate or tube without a
+    mesh, its displacements polynomials; `elastic`: FE and Craig–Bampton"""
     mesh: MeshTable = MeshTable()
+    """mesh of an elastic component"""
     reduction: ReductionTable = ReductionTable()
+    """modes kept of an elastic component; without it the planner keeps them as far as the analyses need them"""
     segments: SegmentsTable = SegmentsTable()
+    """division of a segmented component"""
     interfaces: dict[Name, InterfaceTable] = {}
+    """areas at which joints act"""
     rayleigh: RayleighTable | None = None
+    """viscous damping `alpha M + beta K` by its own mass and stiffness; used with the effect `damping`"""
     free: Flag = False
+    """accept that this body is not connected to ground"""
 
 
 class OrientationTable(StrictTable):
     """Set-up of the whole machine in the world; gravity does not turn with it."""
 
     at: Position = Field(default=[0.0, 0.0, 0.0], validate_default=False)
+    """position of the machine's origin"""
     rotate: Rotations = Field(default=[], validate_default=False)
+    """rotations of the machine, one after the other"""

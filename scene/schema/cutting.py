@@ -66,18 +66,31 @@ class CuttingTable(StrictTable):
     model_config = one_of("Ktc", "kc11")
 
     Ktc: PositiveSpecificForce | None = None
+    """tangential force on a tooth per width and thickness of its chip"""
     Krc: SpecificForce | None = None
+    """radial one, positive away from the chip; default: `radial_ratio` times `Ktc`"""
     Kac: SpecificForce | None = None
+    """axial one, positive the way the helix pulls the tool; default: `axial_ratio` times `Ktc`"""
     Kte: NotNegativeEdgeForce | None = None
+    """tangential force per width of an edge that cuts"""
     Kre: EdgeForce | None = None
+    """radial one; default: `radial_ratio` times `Kte`, none beside `Krc`"""
     Kae: EdgeForce | None = None
+    """axial one; default: `axial_ratio` times `Kte`, none beside `Kac`"""
     kc11: PositiveSpecificForce | None = None
+    """Kienzle's kc1.1, in place of `Ktc`: tangential force at a chip of 1 mm by 1 mm"""
     mc: Annotated[Number, AfterValidator(_check_exponent)] | None = None
+    """Kienzle's exponent: the force per width is `kc11 h^(1 - mc)`; required with `kc11`"""
     chip_thickness: PositiveLength | None = None
+    """where the tangent to Kienzle's force is taken; default: the mean of a chip at the feed per tooth, 0.1 mm where there is none"""
     radial_ratio: Ratio | None = None
+    """radial forces over tangential ones; default: 0.35 ± 60 % without `Krc`"""
     axial_ratio: Ratio | None = None
+    """axial forces over tangential ones; default: 0.25 ± 100 % without `Kac`"""
     ranges: dict[CoefficientKey, NotNegativeShare] = {}
+    """half width of what is known within a range only: `{ Ktc = "10 %", radial_ratio = "50 %" }`; goes into ±"""
     source: Text | None = None
+    """where the numbers are from; told in reports"""
 
     @property
     def values(self) -> dict[str, float]:

@@ -47,17 +47,24 @@ class FeedForwardTable(StrictTable):
     """
 
     velocity: NotNegativeShare = 0.0
+    """share of the commanded velocity that is fed forward"""
     acceleration: NotNegativeShare = 0.0
+    """share of the inertia force of the axis that is fed forward"""
 
 
 class FrictionTable(StrictTable):
     """Friction along the axis, smooth through zero velocity; used with the effect `friction`."""
 
     coulomb: NotNegativeForce = 0.0
+    """friction force while sliding"""
     breakaway: NotNegativeForce | None = None
+    """friction force at rest, at least `coulomb`; default: `coulomb`"""
     stribeck_speed: PositiveSpeed = 1e-3
+    """speed at which the difference between `breakaway` and `coulomb` has fallen to 1/e"""
     viscous: FrictionSlope | None = None
+    """viscous friction per speed"""
     smoothing: PositiveSpeed = 1e-4
+    """speed over which friction changes its sign: tanh(v / smoothing)"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -72,8 +79,11 @@ class RippleTable(StrictTable):
     """A wave of the motor's torque over its turn; used with the effect `torque_ripple`."""
 
     torque: PositiveMoment
+    """amplitude of the wave"""
     per_turn: Count = 1
+    """waves per turn of the motor"""
     phase: Angle = 0.0
+    """phase at position zero of the axis"""
 
 
 class DriveTable(StrictTable):
@@ -84,22 +94,39 @@ class DriveTable(StrictTable):
     model_config = not_both("sampling", "dead_time")
 
     axis: Text | None = None
+    """the axis it moves; default: the drive's own name"""
     joint: Text | None = None
+    """its ball screw: nut at the first end, motor at the second; default: the only one of the axis"""
     inertia: PositiveInertia
+    """moment of inertia of rotor and coupling"""
     lead: PositiveLength | None = None
+    """travel per turn of the motor; default: the `lead` of the joint's `screw`, or the `screw_lead` of the mechanism"""
     screw_inertia: PositiveInertia | None = None
+    """moment of inertia of the screw about its axis; used with the effect `screw_inertia`"""
     coupling: PositiveRotationalStiffness | None = None
+    """torsional stiffness between motor and screw, unless the joint's `screw` gives it; default: rigid"""
     kv: PositiveRate
+    """gain of the P position control, `"50 1/s"` or `"3 m/min/mm"`"""
     velocity_gain: VelocityGain
+    """proportional gain of the PI velocity control: force per speed of the axis, or torque per angular speed of the motor"""
     integral_time: PositiveTime | None = None
+    """integral time of the PI velocity control; default: none, proportional only"""
     feed_forward: FeedForwardTable = FeedForwardTable()
+    """shares that do not wait for an error: `{ velocity = "100 %", acceleration = "100 %" }`"""
     encoder: Literal["motor", "scale"] = "motor"
+    """feedback of the position control: the motor encoder or a linear scale; the velocity control always uses the motor encoder"""
     scale: Text | None = None
+    """point where the scale is (motion of its `tool` relative to its `work`); default: at the screw"""
     sampling: PositiveTime | None = None
+    """cycle of the controller: a dead time of 1.5 cycles; default: none, continuous control"""
     dead_time: PositiveTime | None = None
+    """dead time of the loop, in place of `sampling`; default: none"""
     current_loop: PositiveTime | None = None
+    """time constant of the current control; default: none, the torque follows at once"""
     friction: FrictionTable | None = None
+    """friction of the axis; used with the effect `friction`"""
     torque_ripple: Annotated[list[RippleTable], Field(min_length=1, max_length=20)] | None = None
+    """waves of the motor's torque: `[{ torque = "0.01 N m", per_turn = 8 }]`; used along a path, effect `torque_ripple`"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -120,5 +147,8 @@ class ControlTable(RequestTable):
     """Closed-loop poles, margins, bandwidth and tracking error of the drives."""
 
     up_to: PositiveFrequency = 500.0
+    """highest frequency of the poles listed"""
     speed: PositiveSpeed = 0.05
+    """axis speed at which the lag is reported"""
     poses: Names | None = None
+    """poses in which it is computed; default: all of them"""

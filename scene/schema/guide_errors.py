@@ -24,8 +24,11 @@ class ErrorWaveTable(StrictTable):
     """A wave along a rail, a screw or an axis."""
 
     period: PositiveAxisPosition
+    """length of one wave"""
     amplitude: AxisPosition
+    """half of the wave's height"""
     phase: Angle = 0.0
+    """phase at position zero"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -38,7 +41,9 @@ class ErrorPointsTable(StrictTable):
     """Measured values with straight lines between them."""
 
     at: Values
+    """positions, rising"""
     values: Values
+    """values of the error, one per position"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -56,9 +61,14 @@ class ProfileTable(StrictTable):
     """An error over the position: the sum of measured points, a polynomial and waves."""
 
     points: ErrorPointsTable | None = None
+    """measured values with straight lines between them: `{ at = ["0 mm", "100 mm"], values = ["0 um", "2 um"] }`"""
     polynomial: Annotated[list[AxisPosition], Field(min_length=1, max_length=12)] | None = None
+    """coefficients of the powers 0, 1, 2, ... of the position over `over`: `["0 um", "2 um"]` with `over = "100 mm"` rises by 2 um per 100
+    mm"""
     over: PositiveAxisPosition | None = None
+    """position at which every term of the polynomial is its coefficient; required from the second coefficient on"""
     waves: Annotated[list[ErrorWaveTable], Field(min_length=1, max_length=100)] | None = None
+    """sum of `amplitude sin(2 pi s / period + phase)` over the position s"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -108,13 +118,21 @@ class BallPassingTable(StrictTable):
     """Waves that the balls of a carriage or a nut make as they enter and leave the load zone."""
 
     period: PositiveLength
+    """travel from one ball to the next"""
     phase: Angle = 0.0
+    """phase where the carriage is at the origin of what it slides on; `each` gives carriages their own"""
     axial: AxisPosition | None = None
+    """amplitude along the screw"""
     lateral: AxisPosition | None = None
+    """amplitude along the joint's y axis"""
     normal: AxisPosition | None = None
+    """amplitude along the joint's z axis"""
     roll: AxisPosition | None = None
+    """amplitude about the rail"""
     pitch: AxisPosition | None = None
+    """amplitude about the joint's y axis"""
     yaw: AxisPosition | None = None
+    """amplitude about the joint's z axis"""
 
     def amplitudes(self) -> dict[str, Quantity]:
         """Those given, by direction."""
@@ -135,13 +153,21 @@ class RailErrorsTable(StrictTable):
     """
 
     axial: ProfileTable | None = None
+    """lead error of a screw, over the position"""
     lateral: ProfileTable | None = None
+    """straightness along the joint's y axis; its slope also turns the carriage about the normal"""
     normal: ProfileTable | None = None
+    """straightness along the joint's z axis; its slope also tilts the carriage"""
     roll: ProfileTable | None = None
+    """angular error about the rail"""
     pitch: ProfileTable | None = None
+    """angular error about the joint's y axis"""
     yaw: ProfileTable | None = None
+    """angular error about the joint's z axis"""
     length: PositiveLength | None = None
+    """length over which a carriage averages the profiles; default: its `length` on a rail, else it is a point"""
     ball_passing: BallPassingTable | None = None
+    """waves of the carriage itself, which nothing averages"""
 
     def profiles(self) -> dict[str, ProfileTable]:
         """Those given, by direction."""
@@ -162,15 +188,25 @@ class AxisErrorsTable(StrictTable):
     """
 
     EX: ProfileTable | None = None
+    """translation along x of what the axis moves, over its position"""
     EY: ProfileTable | None = None
+    """translation along y of what the axis moves, over its position"""
     EZ: ProfileTable | None = None
+    """translation along z of what the axis moves, over its position"""
     EA: ProfileTable | None = None
+    """rotation about x of what the axis moves, over its position"""
     EB: ProfileTable | None = None
+    """rotation about y of what the axis moves, over its position"""
     EC: ProfileTable | None = None
+    """rotation about z of what the axis moves, over its position"""
     EA0: Angle = 0.0
+    """squareness: rotation of the line of motion about x, from position zero; what moves keeps its orientation"""
     EB0: Angle = 0.0
+    """squareness: rotation of the line of motion about y, as `EA0`"""
     EC0: Angle = 0.0
+    """squareness: rotation of the line of motion about z, as `EA0`"""
     at: MachinePosition | None = None
+    """functional point on what it moves, all axes at zero, to which EX, EY and EZ belong; default: the middle of its joints"""
 
     def profiles(self) -> dict[str, ProfileTable]:
         """Those given, by symbol."""

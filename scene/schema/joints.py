@@ -34,17 +34,32 @@ class ScrewTable(StrictTable):
     """The shaft of a ball screw between its bearings; the motor is locked."""
 
     origin: Annotated[Text | None, Field(alias="from")] = None
+    """a ball screw of the [catalogue](catalogue.md), such as `"catalogue:ball_screw_40x10"`, for diameter and lead"""
     diameter: PositiveLength
+    """diameter of the load-carrying cross-section: root diameter, or the effective one of the manufacturer; not needed beside `from`, which
+    brings it"""
     bore: NotNegativeLength = 0.0
+    """diameter of a hollow screw's bore, smaller than `diameter`"""
     E: PositivePressure | None = None
+    """Young's modulus; default: 210 GPa"""
     nu: Number | None = None
+    """Poisson's ratio, above -1 and below 0.5; default: 0.3"""
     lead: PositiveLength | None = None
+    """travel per turn; with it the shaft's twist and the coupling add compliance along the thread; default: none, the shaft stretches
+    only"""
     bearing: PositiveStiffness | None = None
+    """axial stiffness of the fixed bearing, or that of one of the [catalogue](catalogue.md), `"catalogue:screw_bearing_30"`; default:
+    rigid"""
     coupling: PositiveRotationalStiffness | None = None
+    """torsional stiffness between shaft and motor; default: rigid"""
     floating_end: End | None = None
+    """interface of a floating bearing at the free end of the shaft; default: none, that end is free"""
     second_end: End | None = None
+    """interface of a second fixed bearing; default: none, that end is free"""
     second_bearing: PositiveStiffness | None = None
+    """axial stiffness of the second bearing; default: rigid"""
     length: PositiveLength | None = None
+    """length of the shaft between both fixed bearings; only with `second_end`, which needs it"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -71,17 +86,24 @@ class CarriagesTable(StrictTable):
     """Carriages on parallel rails."""
 
     middle: Position
+    """centre of all carriages"""
     along: Length = 0.0
+    """distance between neighbours on a rail, along the joint's axis"""
     across: Length = 0.0
+    """distance between rails, square to axis and normal; `{rail}` in texts is the rail's number"""
     rails: Count = 2
+    """number of rails, counted from the positive side to the negative"""
     per_rail: Count = 2
+    """carriages on each rail, counted from the positive end of the axis to the negative"""
 
 
 class LayerTable(StrictTable):
     """A contact layer between the faces of a bolted or glued joint: stiffness per area."""
 
     normal: PositiveStiffnessPerArea
+    """stiffness per area across the faces"""
     shear: PositiveStiffnessPerArea
+    """stiffness per area along the faces"""
 
 
 class JointTable(StrictTable):
@@ -90,7 +112,10 @@ class JointTable(StrictTable):
     """
 
     origin: Annotated[Text | None, Field(alias="from")] = None
+    """an element of the [catalogue](catalogue.md): `from = "catalogue:guide_35"` gives kind, stiffness and damping; own keys override its
+    values"""
     between: Annotated[list[End], Field(min_length=2, max_length=2)]
+    """its two ends"""
     kind: Literal[
         "rigid",
         "spring",
@@ -104,18 +129,38 @@ class JointTable(StrictTable):
         "spherical",
         "prismatic",
     ]
+    """kind of joint, see the table of kinds below; not needed beside `from`, which brings it"""
     axis: Direction | None = None
+    """x axis of the joint, its direction of motion; z axis of `bolted` and `mount`; default: x, or z of these two, where the kind does not
+    need it"""
     normal: Direction | None = None
+    """z axis of the joint, square to `axis`; second axis of `universal`; default: a direction square to `axis`"""
     at: Position | None = None
+    """point where it acts, in the machine frame, all axes at zero; default: centre of its first interface"""
     places: list[Position] | dict[Name, Position] | None = None
+    """in place of `at`: one joint at each, `NAME_1`, `NAME_2`, ... of a list, `NAME_left` of a table; `{n}` in texts is the number or
+    name"""
     carriages: CarriagesTable | None = None
+    """in place of `at`: a `linear_guide` at each place of carriages on parallel rails"""
     each: Exceptions = {}
+    """what is different at single places: `each.2 = { "stiffness.normal" = "40 N/um" }`"""
     length: PositiveLength | None = None
+    """length of the carriage (or nut) on a rail, centred at `at`; required on rails"""
     screw: ScrewTable | None = None
+    """shaft of a ball screw: its stiffness depends on the distance of the nut (first end) from the fixed bearing (second end); default:
+    none, its stiffness does not depend on the position"""
     stiffness: dict[Name, JointStiffness] = {}
+    """stiffness of its directions, keys by kind, see below; `"rigid"` constrains a direction; default: directions without a key are free"""
     stiffness_per_area: LayerTable | None = None
+    """in place of `stiffness` of a `bolted` joint: a contact layer over the area of two flexible interfaces, whose faces may deform against
+    each other"""
     damping: dict[Name, JointDamping] = {}
+    """viscous damping of its directions, the same keys; used with the effect `damping`"""
     loss_factor: LossFactor = 0.0
+    """structural damping as a share of its stiffness; used with the effect `damping`"""
     errors: RailErrorsTable | None = None
+    """errors of the rail or screw it slides along, see [geometric errors](geometric_errors.md); used with the effect `guide_errors`"""
     allow_negative: Flag = False
+    """accept a negative stiffness or damping"""
     soft: Flag = False
+    """accept that it deflects by more than a millimetre under the weight it carries, as air springs and rubber mounts do"""

@@ -54,12 +54,19 @@ class SupportTable(StrictTable):
     """
 
     face: Text | None = None
+    """face whose nodes are fixed: `component.face`"""
     at: Text | None = None
+    """interface whose nodes are fixed: `component.interface`"""
     edge: Annotated[list[Text], Field(min_length=2, max_length=2)] | None = None
+    """two faces of a component, whose common edge is fixed"""
     disk: DiskTable | None = None
+    """only this round part of the face; default: the whole face"""
     rect: RectTable | None = None
+    """only this rectangular part of the face; default: the whole face"""
     strip: StripTable | None = None
+    """only this strip of the face; default: the whole face"""
     fix: Annotated[list[Fixed], Field(min_length=1, max_length=3)]
+    """directions fixed at every node, of the component's frame: `x`, `y`, `z`, three numbers, or `normal` to the face"""
 
     @property
     def owner(self) -> str:
@@ -93,19 +100,33 @@ class LoadTable(StrictTable):
     """
 
     at: Text | None = None
+    """point or `component.interface` on which a force or moment acts"""
     face: Text | None = None
+    """`component.face` on which a pressure or traction acts"""
     component: Text | None = None
+    """component on which a body force acts"""
     disk: DiskTable | None = None
+    """only this round part of the face; default: the whole face"""
     rect: RectTable | None = None
+    """only this rectangular part of the face; default: the whole face"""
     strip: StripTable | None = None
+    """only this strip of the face; default: the whole face"""
     force: Annotated[list[Force], Field(min_length=3, max_length=3)] | None = None
+    """force along x, y, z"""
     moment: Annotated[list[Moment], Field(min_length=3, max_length=3)] | None = None
+    """moment about x, y, z"""
     traction: Annotated[list[Pressure], Field(min_length=3, max_length=3)] | None = None
+    """force per area along x, y, z"""
     pressure: Pressure | None = None
+    """pressure against the face"""
     body: Annotated[list[Acceleration], Field(min_length=3, max_length=3)] | None = None
+    """acceleration along x, y, z that acts on the mass"""
     joint: Text | None = None
+    """joint that is displaced: its ground moves, or its second end relative to the first"""
     displacement: Annotated[list[Length], Field(min_length=3, max_length=3)] | None = None
+    """displacement of the joint's point along x, y, z"""
     rotation: Annotated[list[Angle], Field(min_length=3, max_length=3)] | None = None
+    """small rotation about x, y, z through the joint's point"""
 
     @property
     def owner(self) -> str:
@@ -165,7 +186,9 @@ class ProbeTable(StrictTable):
     """
 
     component: Text
+    """name of an elastic component"""
     at: Position
+    """position in the component's frame"""
 
 
 def check_area(face: str | None, at: str | None, shapes: tuple[object, ...]) -> None:

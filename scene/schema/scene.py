@@ -54,16 +54,29 @@ class FrfTable(RequestTable):
     """Frequency response between points, or interfaces, from one frequency to another."""
 
     inputs: Channels | None = None
+    """where loads act: `[["tcp", "x"]]`, a point or `component.interface` and one of `x y z rx ry rz`; a name alone means x, y and z; or a
+    load of `[loads]`, as large as it is there; default: all points"""
     outputs: Channels | None = None
+    """where motion is computed, points and interfaces as in `inputs`, and probes by name; default: the inputs, for loads all points, and
+    all probes"""
     start: Annotated[Frequency, Field(alias="from")] = 0.0
+    """lowest frequency; the value at 0 Hz is the static compliance"""
     to: PositiveFrequency
+    """highest frequency; fixed-interface modes are kept up to twelve times this"""
     points: Annotated[Count, Between(2, 100_000)] = 401
+    """number of frequencies of the regular grid"""
     spacing: Literal["linear", "log"] = "linear"
+    """spacing of the regular grid"""
     adaptive: Flag = True
+    """adds points around every resonance, from its half-power width outwards"""
     motion: Literal["receptance", "mobility", "accelerance"] = "receptance"
+    """quantity in tables and charts; `results.h5` always holds receptances"""
     motors: Motors = "locked"
+    """`locked`: motors hold their position; `controlled`: the loops of all drives are closed; with the effect `drive_control`"""
     fields_at: tuple[PositiveFrequency, ...] = ()
+    """frequencies at which `run --volume` writes displacement and stress of elastic components under every input"""
     poses: Names | None = None
+    """poses in which it is computed; default: all of them"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -111,8 +124,13 @@ class AccuracyTable(StrictTable):
     """
 
     to: Accuracy
+    """largest relative error of any requested number"""
     models: Literal["none", "deforming", "all"] = "deforming"
+    """which bodies become rigid, segmented or elastic as the accuracy allows: `deforming`, those that are not `rigid` in the scene; `all`;
+    or `none`"""
     interfaces: Literal["none", "open", "all"] = "open"
+    """which interfaces of rigid joints between elastic bodies get deformation shapes where six motions are not enough: `open`, those
+    without `coupling`; `all`; or `none`"""
 
 
 def _wrap_accuracy(value: object) -> object:
@@ -130,7 +148,9 @@ class StaticTable(RequestTable):
     """Compliance at points; without `at` at every point."""
 
     at: Names | None = None
+    """points at which it is computed; default: all of them"""
     poses: Names | None = None
+    """poses in which it is computed; default: all of them"""
 
 
 class ModalTable(RequestTable):
@@ -141,10 +161,15 @@ class ModalTable(RequestTable):
     model_config = not_both("count", "up_to")
 
     count: Count | None = None
+    """number of modes; default: 6, or all up to `up_to`"""
     start: Annotated[Frequency, Field(alias="from")] = 0.0
+    """lowest frequency of a window that ends at `up_to`; modes below keep their numbers and are not listed"""
     up_to: PositiveFrequency | None = None
+    """all modes up to this frequency, in place of `count`"""
     poses: Names | None = None
+    """poses in which it is computed; default: all of them"""
     spread: Flag = False
+    """solve again with all interfaces rigid and with all averaging: gives a range for each frequency"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -165,7 +190,9 @@ class MapTable(RequestTable):
     """
 
     sweep: Text
+    """a sweep of `axes` in which two or three have several positions, at most 40 000 poses"""
     count: Annotated[Count, Between(1, 6)] = 3
+    """number of natural frequencies; each mode is tracked by its shape"""
 
 
 _LEFT_OUT = OrForm({"const": False, "description": "left out"})
@@ -175,15 +202,25 @@ class AnalysesTable(StrictTable):
     """What is computed; `false` leaves an analysis out, in a variant say."""
 
     static: Annotated[StaticTable | None, _LEFT_OUT] = None
+    """compliance at points, and static response to loads"""
     modal: Annotated[ModalTable | None, _LEFT_OUT] = None
+    """natural frequencies and modes"""
     frf: Annotated[FrfTable | None, _LEFT_OUT] = None
+    """frequency responses, see [frequency response](frequency_response.md)"""
     map: Annotated[MapTable | None, _LEFT_OUT] = None
+    """a lumped mechanism over its workspace"""
     contouring: Annotated[ContouringTable | None, _LEFT_OUT] = None
+    """a block milled, see [contouring](contouring.md)"""
     path: Annotated[PathTable | None, _LEFT_OUT] = None
+    """a straight line travelled by axes, see [path analysis](path_analysis.md)"""
     control: Annotated[ControlTable | None, _LEFT_OUT] = None
+    """closed-loop poles and margins, see [drives](drives.md)"""
     volumetric: Annotated[VolumetricTable | None, _LEFT_OUT] = None
+    """position error of the tool over a volume, see [geometric errors](geometric_errors.md)"""
     lobes: Annotated[LobesTable | None, _LEFT_OUT] = None
+    """limit depth of cut over the speed of the spindle, see [lobes](lobes.md)"""
     transient: Annotated[TransientTable | None, _LEFT_OUT] = None
+    """motion under loads that change with time, see [loads over time](transient.md)"""
 
     @field_validator("*", mode="before")
     @classmethod
@@ -195,6 +232,7 @@ class CompareTable(StrictTable):
     """What `headstock compare` shows unless the command line says otherwise."""
 
     variants: Annotated[list[Text], Field(min_length=1, max_length=100)] | None = None
+    """columns, `A+B` for joined variants, `as written` for none; default: all"""
     fidelity: (
         Annotated[
             list[Literal["rigid", "segmented", "polynomial", "elastic"]],
@@ -202,16 +240,23 @@ class CompareTable(StrictTable):
         ]
         | None
     ) = None
+    """each variant once with its elastic and segmented components at each of these fidelities; default: as written"""
     pose: Text | None = None
+    """pose that is compared; default: the first"""
     reference: Text | None = None
+    """column the others are compared with; default: the richest"""
 
 
 class LimitsTable(StrictTable):
     """What a run may cost."""
 
     elements: Count | None = None
+    """maximum number of elements of a component; default: 3 million, which no limit exceeds"""
     memory: PositiveMemory | None = None
+    """maximum estimated memory of a stage; default: what the computer, its batch system or control group allows"""
     time: PositiveTime | None = None
+    """time that a run may take: one estimated at more than twice of it is refused, and no stage begins after it; also the processor time of
+    meshing a component; default: none, 300 s for meshing"""
 
 
 def _read_effects(value: object) -> object:
@@ -290,11 +335,13 @@ class IncludeTable(StrictTable):
     """A file whose entries become entries of the scene."""
 
     file: Text
+    """a `.toml` file in the folder of the scene or below, from the folder of the file that includes it"""
     prefix: Annotated[
         str,
         BeforeValidator(_read_prefix),
         JsonForm({"type": "string", "pattern": f"^{_PREFIX.pattern}$", "examples": ["spindle_"]}),
     ] = ""
+    """text before the name of every entry of the file"""
 
 
 def _wrap_include(value: object) -> object:
@@ -317,33 +364,73 @@ class SceneTable(StrictTable):
     """A scene: one machine, its poses and what is to be computed."""
 
     name: Text | None = None
+    """heading of the results; default: the file's name"""
     include: Includes = []
+    """other files with parts of the machine, see [short scenes](short_scenes.md): `"spindle.toml"`, a list of them, or `{ file =
+    "spindle.toml", prefix = "spindle_" }`"""
     parameters: dict[str, Any] = {}
+    """values with names, see [short scenes](short_scenes.md): `wall = "12 mm"`, used as `"= 2 * wall + 3 mm"` anywhere but in `variants`
+    and `studies`"""
     materials: dict[Name, MaterialTable] = {}
+    """materials by name"""
     cutting: dict[Name, CuttingTable] = {}
+    """cutting coefficients of work materials, by the name that `material` takes ([how to](cutting_coefficients.md))"""
     components: dict[Name, ComponentTable] = {}
+    """bodies of the machine by name"""
     joints: dict[Name, JointTable] = {}
+    """connections between components, by name"""
     chains: dict[Name, ChainTable] = {}
+    """point masses and springs in a row along one direction, by name"""
     points: dict[Name, PointTable] = {}
+    """points at which results are computed, by name"""
     axes: dict[Name, AxisTable] = {}
+    """machine axes by name"""
     supports: dict[Name, SupportTable] = {}
+    """faces whose nodes are fixed, by name"""
     loads: dict[Name, LoadTable] = {}
+    """static loads by name"""
     probes: dict[Name, ProbeTable] = {}
+    """points at which displacement and stress are reported, by name"""
     mechanism: MechanismTable | None = None
+    """a closed-loop mechanism; poses and sweeps then describe the tool: `X Y Z` is its point, `A B` are its rotations about x and y"""
     variants: dict[Name, dict[str, Any]] = {}
+    """named sets of overrides, keys in quotes: `"components.column.fidelity" = "rigid"`; chosen by `--variant`; `--variant A+B` applies
+    `A`, then `B`"""
     compare: CompareTable = CompareTable()
+    """what `headstock compare` shows, see [variants side by side](comparing.md)"""
     poses: Annotated[dict[Name, PoseTable], Field(max_length=MAX_POSES)] = {}
+    """axis positions: `X = "10 mm"`; axes left out are at zero; default: one pose, `reference`, with all axes at zero"""
     sweeps: dict[Name, SweepTable] = {}
+    """poses in which `headstock sweep` repeats the analyses ([sweeps](sweeps.md))"""
     studies: dict[Name, StudyTable] = {}
+    """parameters that `headstock study` varies, see [studies](studies.md)"""
     drives: dict[Name, DriveTable] = {}
+    """motors, screws and controllers of axes, see [drives and control](drives.md); used with the effect `drive_control`"""
     effects: Effects = {}
+    """`gravity = true` (or an acceleration); `damping = true` (of joints, components and materials), or `damping = { modal = 0.02 }` (adds
+    this damping ratio to every mode; a list is for the first modes, its last value for all others), or `damping = { rayleigh = { alpha = "2
+    1/s", beta = "1e-5 s" } }` (adds `alpha M + beta K` of the whole machine), or both; for `[analyses.contouring]` `cutting_force = true`
+    (also along `[analyses.path]`), `regeneration = true` (each tooth cuts the surface left by the previous ones), `coriolis = true` (on
+    mechanisms, also along `[analyses.path]`); `gravity_stiffening = true` (geometric stiffness of the forces that hold the machine's
+    weight); `drive_control = true` puts the motors of `[drives]` under control, `screw_inertia = true` and `friction = true` add to it;
+    default: all off"""
     analyses: AnalysesTable = AnalysesTable()
+    """what is computed"""
     orientation: OrientationTable = OrientationTable()
+    """position and orientation of the whole machine"""
     limits: LimitsTable = LimitsTable()
+    """limits of size, memory and time of a run"""
     accuracy: AccuracyEntry | None = None
+    """allowed error of every requested number: meshes and modes are chosen accordingly, see [accuracy](accuracy.md); default: none, the
+    scene's own meshes and modes"""
     model_errors: Flag = False
+    """compare rigid and segmented bodies with coarse finite elements: what they leave out becomes a part of every ±, see
+    [errors](errors.md#models-of-bodies)"""
     interface_errors: Flag = False
+    """compare rigid joints between elastic bodies with deformation shapes in both forms: what their interfaces leave out becomes a part of
+    the ± of frequencies, compliances and frequency responses, see [errors](errors.md#rigid-joints)"""
     free: Flag = False
+    """accept that the whole machine is not connected to ground"""
 
     @property
     def is_lumped(self) -> bool:

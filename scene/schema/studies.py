@@ -63,11 +63,18 @@ class FamilyTable(StrictTable):
     """A named part of a study: settings that are the same in all its points, and what is varied."""
 
     label: Text | None = None
+    """name in tables and figures; default: its name in the scene"""
     set: dict[str, Any] = {}
+    """keys that are set to another value in every point of this family, beside those of the study"""
     vary: Varied
+    """keys of the scene and their values, as in the study"""
     pairwise: Flag = False
+    """combine values pairwise, as in the study"""
     analyses: Names | None = None
+    """which analyses are run in this family; default: those of the study"""
     other_model: Flag = False
+    """in a [cost study](studies.md#what-accuracy-costs): another model than the reference run (other interfaces, for instance); its
+    difference is model spread, not error"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -83,15 +90,27 @@ class StudyTable(StrictTable):
     model_config = one_of("vary", "families")
 
     vary: Varied | None = None
+    """keys of the scene and their values, `{ "components.column.mesh.size" = ["50 mm", "25 mm"] }`: every combination is a point; `variant
+    = ["", "soft"]` varies the variant"""
     set: dict[str, Any] = {}
+    """keys that are set to another value in every point"""
     pairwise: Flag = False
+    """combine the first values of all lists, then the second ones, and so on, in place of every combination"""
     families: dict[Name, FamilyTable] = {}
+    """several groups of points with their own settings, in place of `vary`"""
     watch: Watches | None = None
+    """paths into `summary.json`: `"modal.frequencies_hz[0:6]"`, `"static.tcp.compliance_um_per_kN[0][0]"`, `"seconds"`, `"cpu_seconds"`;
+    required without `reference`"""
     analyses: Names | None = None
+    """which analyses are run; default: all of the scene's"""
     store: Literal["warm", "cold"] = "warm"
+    """`cold`: every point starts from an empty store, so that seconds are those of the whole computation"""
     repeats: Annotated[Count, Between(1, MAX_REPEATS)] = 1
+    """runs per point, for the median and spread of seconds"""
     reference: Literal["kono-cantilever", "kono-fixed-beam"] | None = None
+    """published study of this beam that the results are compared with"""
     reference_run: dict[str, Any] | None = None
+    """settings of a run that all others are compared with: makes it a [cost study](studies.md#what-accuracy-costs)"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -178,10 +197,15 @@ class SweepTable(StrictTable):
     model_config = one_of("axes", "poses", "path")
 
     axes: Annotated[dict[Name, Span], Field(min_length=1)] | None = None
+    """a grid: first and last position and how many, of each axis; axes left out are at zero"""
     poses: Places | None = None
+    """names of poses and positions, one by one: `["reference", { X = "10 mm" }]`"""
     path: Way | None = None
+    """corner points of a path: `[{ X = "-100 mm" }, { X = "100 mm", Y = "50 mm" }]`, or a CSV file that begins `X [mm],Y [mm]`"""
     step: PositiveAxisPosition | None = None
+    """largest distance between two poses along a path, in the unit of its axes; default: one pose per row of the file"""
     variant: Text | None = None
+    """variant of the scene that is swept, `A+B` for several; it applies after one of the command line"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -48,15 +48,26 @@ class TimedLoadTable(StrictTable):
     model_config = not_both("at", "load")
 
     shape: Literal["step", "ramp", "half_sine", "sine", "impulse", "release", "file"]
+    """`step` (with `time`: a pulse), `ramp` to its size in `time`, `half_sine` of the length `time`, `sine` of `frequency`, or for some
+    `cycles`, `impulse`, `release` (has acted for long and is gone), `file`"""
     at: ChannelName | None = None
+    """point or interface and direction: `["tcp", "x"]`"""
     size: TimedLoadSize | None = None
+    """force, moment, or impulse; values of a `file` are multiplied by it; default: `1 N` of a `file`, else required beside `at`"""
     load: Text | None = None
+    """a load of `[loads]`, or `gravity`, in place of `at`"""
     factor: Number | None = None
+    """factor of that load; default: 1"""
     start: NotNegativeTime = 0.0
+    """when it begins to act, is released, or strikes"""
     time: PositiveTime | None = None
+    """how long it rises or acts; required by `ramp` and `half_sine`; default: a `step` acts on"""
     frequency: PositiveFrequency | None = None
+    """frequency of a `sine`, which needs it"""
     cycles: PositiveNumber | None = None
+    """how many cycles a `sine` has; default: it goes on"""
     file: Text | None = None
+    """CSV file with the columns `time` [s] and `value`, linear between its samples and zero outside"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -93,17 +104,27 @@ class TransientTable(RequestTable):
     """Motion of points under loads that change with time."""
 
     loads: Annotated[dict[Name, TimedLoadTable], Field(max_length=100)] = {}
+    """forces, moments and loads of `[loads]` over time, by name"""
     velocity: Annotated[
         dict[Text, Annotated[list[Speed], Field(min_length=3, max_length=3)]],
         Field(max_length=1000),
     ] = {}
+    """velocity of components before the time zero, machine axes: `{ table = ["100 mm/s", "0 m/s", "0 m/s"] }`; joints turn it into the
+    motion with the same momentum"""
     duration: PositiveTime
+    """how long the motion is computed, from the time zero"""
     up_to: PositiveFrequency = 1000.0
+    """modes up to this frequency vibrate; those above follow the loads at once"""
     sampling: PositiveFrequency | None = None
+    """samples per second, more than twice `up_to`; default: 20 times `up_to`"""
     settled: NotNegativeShare = 0.02
+    """share of the way to the rest position (of the peak, where there is no way) within which an output has settled"""
     outputs: Channels | None = None
+    """where the motion is computed: `[["tcp", "z"], "fillet"]`, with a probe; default: all points in x, y, z and all probes"""
     motors: Motors = "locked"
+    """as in `[analyses.frf]`; with the effect `friction` guides rub"""
     poses: Names | None = None
+    """poses in which it is computed; default: all of them"""
 
     @property
     def samples_per_second(self) -> float:

@@ -2,8 +2,13 @@
 references.
 """
 
+import ast
+import functools
+import inspect
+import itertools
 import math
 import re
+import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any
@@ -40,6 +45,8 @@ from headstock.scene.reading.units import (
     show_value,
 )
 
+MEANING = "meaning"  # keyword of the schema that pydantic makes of a table
+DEFAULT = "; default: "
 MAX_COUNT = 10_000_000
 MAX_RIBS = 200
 MAX_POSES = 1000
@@ -49,9 +56,41 @@ _DIRECTION = re.compile(r"([+-]?)([xyz])")
 
 
 class StrictTable(BaseModel):
-    """A table of the scene: unknown keys are errors, values cannot be changed afterwards."""
+    """A table of the scene: unknown keys are errors, values cannot be changed afterwards.
+
+    The text below a field says what its key means, for the scene reference and for editors; what
+    follows ``DEFAULT`` in it holds where the key is left out.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """Return the description with the meaning of each key."""
+        reference = handler(core)
+        rules = handler.resolve_ref_schema(reference)["properties"]
+        for base in cls.__mro__[::-1]:
+            for name, text in _read_meanings(base).items() if issubclass(base, StrictTable) else ():
+                rules[cls.model_fields[name].alias or name][MEANING] = text
+        return reference
+
+
+@functools.cache
+def _read_meanings(table: type[StrictTable]) -> dict[str, str]:
+    """Return the texts below the fields that a table itself declares, by field."""
+    tree = ast.parse(textwrap.dedent(inspect.getsource(table))).body[0]
+    statements = tree.body if isinstance(tree, ast.ClassDef) else []
+    return {
+        field.target.id: " ".join(below.value.value.split())
+        for field, below in itertools.pairwise(statements)
+        if isinstance(field, ast.AnnAssign)
+        and isinstance(field.target, ast.Name)
+        and isinstance(below, ast.Expr)
+        and isinstance(below.value, ast.Constant)
+        and isinstance(below.value.value, str)
+    }
 
 
 def one_of(*keys: str) -> ConfigDict:
@@ -457,6 +496,17 @@ class RequestTable(StrictTable):
     """An analysis, which can be kept for when it is requested."""
 
     on_request: Flag = False
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """Return the description with the meaning of each key; ``on_request`` names the analysis."""
+        reference = super().__get_pydantic_json_schema__(core, handler)
+        name = cls.__name__.removesuffix("Table").lower()
+        rule = handler.resolve_ref_schema(reference)["properties"]["on_request"]
+        rule[MEANING] = f"run only when named: `--analysis {name}`"
+        return reference
 
 
 # a point or component.interface, and a direction; empty for x, y and z

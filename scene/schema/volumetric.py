@@ -9,4 +9,6 @@ class VolumetricTable(RequestTable):
     """
 
     at: Names | None = None
+    """points at which it is computed; default: all of them"""
     sweep: Text
+    """a sweep of `axes` in which two or three have several positions, at most 20 000 poses"""

@@ -3,8 +3,9 @@
 Depths are scanned upwards: at a few speeds from one on that is safe at all, at the others from below the
 thinnest limit of these. Unstable islands are looked for where the growth of the largest multiplier has
 a maximum between depths, and close below each limit. The border is enclosed by secants and confirmed
-with more nodes. A limit of a neighbouring speed is tried as well, so that an island that one speed
-finds is followed to all others.
+with more nodes. Where speeds are dense a limit is expected between those of the speeds on either side,
+and confirmed there at once. A limit of a neighbouring speed is tried as well, so that an island that
+one speed finds is followed to all others.
 """
 
 import itertools
@@ -18,16 +19,17 @@ from headstock.geometry.frames import FloatArray
 from headstock.solvers.milling.collocation import FINER, Multiplier, PeriodicCut
 from headstock.solvers.milling.windows import MOST_ROWS
 
-PILOTS = 16  # speeds at which depths are scanned from a safe one on
+PILOTS = 16  # speeds, at least, at which depths are scanned from a safe one on
 THINNEST = 1e-6  # of the deepest cut: no thinner one is tried
 SCAN_BEGIN = 0.5  # of the thinnest limit of these: from there on at all others
 SCAN_FACTOR, DENSE_FACTOR = 1.12, 1.8  # from depth to depth of a scan, and where speeds are dense
 DENSE = 0.12  # of a lobe: speeds that are nearer than that are dense
-ISLANDS = (0.965, 0.91)  # of a limit: islands lie close below it
 STAGGER = (0.0, 0.5, 0.25, 0.75)  # of that step, from speed to speed: neighbours look between
-NEAR = 0.04  # on either side of a depth that is expected: where it is tried
+ISLANDS = (0.91, 0.965)  # of a limit: islands lie close below it
+SAME = 0.01  # relative: a depth that was tried so near counts as one of these
+NEAR = (1.03, 1.1, 1.3)  # of a limit that is expected: with the islands below it, they enclose it
 INSIDE = 1.01  # of a limit beside it: in an island that a neighbour found
-BELOW = 0.99  # of a limit beside it: an island that a neighbour found has to be thinner than that
+BELOW = 0.97  # of a limit beside it: an island that a neighbour found has to be thinner than that
 SECANT_TOLERANCE = 1e-2  # relative: a secant step below it is the last one
 DEPTH_TOLERANCE = 2e-4  # relative: where enclosing ends
 FAR = 3e-2  # relative: by so much more nodes may move a limit at once
@@ -114,57 +116,77 @@ def find_border(
         safe: Depth that is stable at every speed [m].
         deepest: Depth up to which limits are looked for [m].
     """
-    speeds = [None if cut is None else _Speed(cut) for cut in cuts]
-    limits = [NOT_EVALUATED] * len(cuts)
-    places = [place for place, speed in enumerate(speeds) if speed is not None]
-    pilots = places[:: max(1, len(places) // PILOTS)]
-    first, factor = (
-        min(max(safe, THINNEST * deepest), deepest),
-        _choose_factor([cuts[place] for place in places], safe),
-    )
-    for place in (*pilots, *(each for each in places if each not in set(pilots))):
-        speed = speeds[place]
-        if speed is None or limits[place] is not NOT_EVALUATED:
-            continue
-        hint = _expect(limits, place) if factor == DENSE_FACTOR else math.nan
-        hint = hint if math.isfinite(hint) else float(expected[place])
-        begin = first * factor ** -STAGGER[place % len(STAGGER)]
-        limits[place] = _scan(speed, begin, deepest, hint, factor)
-        if place == pilots[-1]:
-            # a narrow lobe between the pilots is seen by one frequency
-            known = [*expected, *(limits[each].depth for each in pilots)]
-            first = max(first, SCAN_BEGIN * float(np.nanmin([deepest, *known])))
+    places = [place for place, cut in enumerate(cuts) if cut is not None]
+    speeds = [_Speed(cut) for cut in cuts if cut is not None]
+    near = expected[places]
+    limits = [NOT_EVALUATED] * len(speeds)
+    first = min(max(safe, THINNEST * deepest), deepest)
+    factor = _choose_factor(speeds, safe)
+    apart = 2 ** int(math.log2(max(1.0, len(speeds) / PILOTS)))
+    for place in range(0, len(speeds), apart):
+        begin = first * factor ** -STAGGER[place // apart % len(STAGGER)]
+        limits[place] = _scan(speeds[place], begin, deepest, float(near[place]), factor)
+    # a narrow lobe between these speeds is seen by one frequency
+    known = [deepest, *near, *(limit.depth for limit in limits)]
+    first = max(first, SCAN_BEGIN * float(np.nanmin(known)))
+    while apart > 1:
+        apart //= 2
+        for place in range(apart, len(speeds), 2 * apart):
+            begin = first * factor ** -STAGGER[place // apart % len(STAGGER)]
+            hint = _expect(limits, near, place, apart) if factor == DENSE_FACTOR else math.nan
+            limits[place] = _scan(
+                speeds[place],
+                begin,
+                deepest,
+                hint if math.isfinite(hint) else float(near[place]),
+                factor,
+                sure=math.isfinite(hint),
+            )
     _follow_islands(speeds, limits, deepest)
-    return limits
+    found = dict(zip(places, limits, strict=True))
+    return [found.get(place, NOT_EVALUATED) for place in range(len(cuts))]
 
 
-def _follow_islands(speeds: Sequence[_Speed | None], limits: list[Limit], deepest: float) -> None:
+def _follow_islands(speeds: Sequence[_Speed], limits: list[Limit], deepest: float) -> None:
     """Try the limit of every speed at its neighbours, and theirs in turn where it chatters."""
     waiting = [place for place, limit in enumerate(limits) if limit.limited]
     while waiting:
         place = waiting.pop()
         for beside in (place - 1, place + 1):
-            if not 0 <= beside < len(limits) or (speed := speeds[beside]) is None:
+            if not 0 <= beside < len(limits):
                 continue
-            depth = INSIDE * limits[place].depth
+            speed, depth = speeds[beside], INSIDE * limits[place].depth
             if depth < BELOW * limits[beside].depth and speed.growth(depth) >= 0.0:
                 limits[beside] = _enclose(speed, speed.stable_below(depth), depth, deepest)
                 waiting.append(beside)
 
 
-def _expect(limits: Sequence[Limit], place: int) -> float:
-    """Depth near which the limit of a speed is expected from those of the speeds before it [m]."""
-    last = [limits[place - back] for back in (1, 2) if place >= back]
-    if not (last and last[0].limited):
+def _expect(limits: Sequence[Limit], near: FloatArray, place: int, apart: int) -> float:
+    """Depth near which the limit of a speed is expected from those of the speeds on either side [m],
+    by the ratio to those of one frequency; NaN where one of them has none.
+    """
+    beside = [place - apart, min(place + apart, len(limits) - 1)]
+    if not all(limits[each].limited for each in beside):
         return math.nan
-    if len(last) == 2 and last[1].limited and last[0].waves == last[1].waves:
-        return last[0].depth * min(max(last[0].depth / last[1].depth, 0.8), 1.25)
-    return last[0].depth
+    depths = np.array([limits[each].depth for each in beside])
+    ratio = float(near[place] * (depths / near[beside]).mean())
+    return ratio if math.isfinite(ratio) else float(depths.mean())
 
 
-def _scan(speed: _Speed, first: float, deepest: float, hint: float, factor: float) -> Limit:
-    """The thinnest limit at a speed, by depths rising from the first, each so many times the last."""
-    near = [side * hint for side in (1.0 - NEAR, 1.0 + NEAR) if side * hint < deepest]
+def _scan(
+    speed: _Speed, first: float, deepest: float, hint: float, factor: float, *, sure: bool = False
+) -> Limit:
+    """The thinnest limit at a speed, by depths rising from the first, each so many times the last.
+
+    Args:
+        speed: Where depths are tried.
+        first: Depth to begin with [m].
+        deepest: Depth to end with [m].
+        hint: Near which the limit is expected [m]; NaN for nowhere.
+        factor: From depth to depth.
+        sure: The limit is expected so near that it is confirmed there before it is enclosed.
+    """
+    near = [share * hint for share in (*ISLANDS, *NEAR) if share * hint < deepest]
     depths: list[float] = []
     depth = first
     for _ in range(MOST_TRIALS):
@@ -181,6 +203,10 @@ def _scan(speed: _Speed, first: float, deepest: float, hint: float, factor: floa
         if depth >= deepest:
             break
         ahead = [each for each in near if depth < each < factor * depth]
+        if sure and depth == ISLANDS[-1] * hint:
+            limit = _confirm(speed, hint, (depth, NEAR[0] * hint))
+            if limit is not NOT_EVALUATED:
+                return _look_below(speed, limit, deepest)
         depth = min([*ahead, factor * depth, deepest])
     if not _confirmed_stable(speed, deepest):
         speed.refine()
@@ -192,19 +218,20 @@ def _look_below(speed: _Speed, limit: Limit, deepest: float) -> Limit:
     """A limit, or an island close below it."""
     for share in ISLANDS:
         depth = share * limit.depth
+        if any(abs(each / depth - 1.0) < SAME for each in speed.tried if depth > 0.0):
+            continue
         if depth > 0.0 and speed.growth(depth) >= 0.0:
             return _enclose(speed, speed.stable_below(depth), depth, deepest)
     return limit
 
 
-def _choose_factor(cuts: Sequence[PeriodicCut | None], safe: float) -> float:
+def _choose_factor(speeds: Sequence[_Speed], safe: float) -> float:
     """From depth to depth of a scan: neighbours that are only a small part of a lobe apart look
     between each other's depths.
     """
-    some = [cut for cut in cuts if cut is not None]
     apart = [
-        before.waves(safe) * abs(before.cut.tooth_period / after.cut.tooth_period - 1.0)
-        for before, after in itertools.pairwise(some)
+        before.cut.waves(safe) * abs(before.cut.cut.tooth_period / after.cut.cut.tooth_period - 1.0)
+        for before, after in itertools.pairwise(speeds)
     ]
     return DENSE_FACTOR if apart and max(apart) < DENSE else SCAN_FACTOR
 
@@ -242,9 +269,12 @@ def _enclose(speed: _Speed, low: float, high: float, deepest: float) -> Limit:
         for tolerance in (SECANT_TOLERANCE, DEPTH_TOLERANCE):
             # two multipliers that pass one close together mislead a long secant
             crossing = _find_crossing(speed, low, high, tolerance)
-            limit = _confirm(speed, crossing, low, high)
+            limit = _confirm(speed, crossing, (low, high))
             if limit is not NOT_EVALUATED:
                 return limit
+        limit = _halve(speed, low, high)
+        if limit is not NOT_EVALUATED:
+            return limit
         speed.refine()
         low, high = low * (1.0 - FAR), high * (1.0 + FAR)
         while speed.growth(low) >= 0.0:
@@ -256,14 +286,13 @@ def _enclose(speed: _Speed, low: float, high: float, deepest: float) -> Limit:
     return NOT_EVALUATED
 
 
-def _confirm(speed: _Speed, depth: float, low: float, high: float) -> Limit:
+def _confirm(speed: _Speed, depth: float, within: tuple[float, float]) -> Limit:
     """A crossing with more nodes: cuts close below it are stable, close above it they are not.
 
     Args:
         speed: Where depths are tried.
         depth: Of the crossing [m].
-        low: Depth that is stable [m].
-        high: One that is not [m].
+        within: Depths between which it is, but for what more nodes change [m].
     """
     more = speed.more + FINER
     for _ in range(CONFIRMATIONS):
@@ -277,8 +306,16 @@ def _confirm(speed: _Speed, depth: float, low: float, high: float) -> Limit:
             break
         left = 0.5 * sum(growths) / slope  # relative, to where both ends say the border is
         depth *= 1.0 - min(max(left, -FAR), FAR)
-    # another multiplier, which no cut excites, is nearly one: halves find the border all the same
-    ends = [low, high]
+        if not (1.0 - FAR) * within[0] < depth < (1.0 + FAR) * within[1]:
+            break
+    return NOT_EVALUATED
+
+
+def _halve(speed: _Speed, low: float, high: float) -> Limit:
+    """A crossing with more nodes by halves, where another multiplier, which no cut excites, is nearly
+    one.
+    """
+    more, ends = speed.more + FINER, [low, high]
     found = [speed.cut.largest(end, more) for end in ends]
     while _growth(found[0]) < 0.0 <= _growth(found[1]):
         if ends[1] - ends[0] < 2.0 * CLOSE * ends[0]:

@@ -14,7 +14,7 @@ one.
 """
 
 import functools
-from collections.abc import Iterator
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -28,7 +28,7 @@ from headstock.solvers.milling.stability import ComplexArray, TipPoles, keep_pol
 from headstock.solvers.milling.windows import Window, divide_period
 
 FINER = 3  # nodes more in each window, where a limit is confirmed
-EXTRA_POINTS = 3  # of quadrature, besides the nodes
+EXTRA_POINTS = 8  # of quadrature, besides the nodes
 NEGLIGIBLE = (
     3e-3  # of the inverse of a gain: receptance of all poles that move at once with the force
 )
@@ -61,31 +61,33 @@ class Rule(NamedTuple):
 
     Attributes:
         nodes: ``(n,)``.
-        lags: ``(n, q)`` from each quadrature point before a node up to it.
-        weights: ``(n, q, n)`` of each quadrature point times the polynomials there.
-        to_end: ``(q,)`` from each quadrature point of the whole window to its end.
-        whole: ``(q, n)`` weights of the whole window.
+        lags: ``(q,)`` from points of quadrature to the end of the window, at which an impulse response
+            is known.
+        whole: ``(q, n)`` of that response times the polynomials over the whole window.
+        parts: ``(q, n n)`` of it times the polynomials up to each node.
     """
 
     nodes: FloatArray
     lags: FloatArray
-    weights: FloatArray
-    to_end: FloatArray
     whole: FloatArray
+    parts: FloatArray
 
 
 @functools.lru_cache(maxsize=64)
 def _gauss_rule(count: int) -> Rule:
     nodes, weights = np.polynomial.legendre.leggauss(count)
     points, shares = np.polynomial.legendre.leggauss(count + EXTRA_POINTS)
-    half = 0.5 * (nodes + 1.0)
-    before = half[:, None] * (points + 1.0) - 1.0
+    half = 0.5 * (nodes[:, None] + 1.0)
+    before = half * (points + 1.0) - 1.0
+    through = (half * shares)[..., None] * _lagrange(nodes, weights, before)
+    # from each point before a node up to it, as a place among the points
+    response = _lagrange(points, shares, 1.0 - half * (1.0 - points))
+    parts = np.einsum("ijk,ijq->qik", through, response)
     return Rule(
         nodes,
-        half[:, None] * (1.0 - points),
-        (half[:, None] * shares)[..., None] * _lagrange(nodes, weights, before),
         1.0 - points,
         shares[:, None] * _lagrange(nodes, weights, points),
+        parts.reshape(len(points), -1),
     )
 
 
@@ -98,22 +100,48 @@ def _lagrange(nodes: FloatArray, weights: FloatArray, places: FloatArray) -> Flo
 
 
 @dataclass(frozen=True, eq=False)
-class _Responses:
-    """Of a tip over a tooth period, at ``N`` nodes of its windows.
+class PeriodResponse:
+    """Of a tip over the windows of a tooth period with ``N`` nodes at which it moves along ``k`` axes.
+
+    Coordinates of the tip ``2 q`` are real parts of all poles, then imaginary parts. Motions are those
+    since the last tooth, and responses to them per depth of cut.
 
     Attributes:
-        times: ``(N,)`` of the nodes since the start [s].
-        own: ``(N p, N r)`` motions at the nodes per force at the nodes.
-        free: ``(N p, 2 q)`` per coordinates at the start.
-        end: ``(2 q, 2 q)`` coordinates at the end per those at the start.
-        forced: ``(2 q, N r)`` coordinates at the end per force at the nodes.
+        spans: Nodes of each window.
+        free: ``(k, N, 2 q)`` motions at the nodes per coordinates at the end of the window before.
+        forced: Of each window with ``n`` nodes, ``(k n, k n)`` per motions in the window [1/m].
+        turns: ``(w + 1, 2 q, 2 q)`` coordinates at the end of each window, and of the period, per those
+            at the end before.
+        pushed: ``(2 q, k, N)`` coordinates at the end of a window per motions in it.
     """
 
-    times: FloatArray
-    own: FloatArray
+    spans: list[slice]
     free: FloatArray
-    end: FloatArray
-    forced: FloatArray
+    forced: list[FloatArray]
+    turns: FloatArray
+    pushed: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class PolesInCut:
+    """What matters of a tip in cuts up to a depth.
+
+    Attributes:
+        tip: Poles that matter and the static flexibility of all others, motions along ``axes``.
+        kept: ``(q,)`` which of all poles they are.
+        products: ``(k r, q)`` of outputs and inputs.
+        axes: ``(2, k)`` columns along which the tip moves.
+        fastest: Angular frequency that nodes have to follow [rad/s]: in the cut the tip is as stiff as
+            the machine and the cut together.
+        slowest_decay: Largest real part of the poles left out [1/s]; minus infinity for none.
+    """
+
+    tip: TipPoles
+    kept: BoolArray
+    products: ComplexArray
+    axes: FloatArray
+    fastest: float
+    slowest_decay: float
 
 
 @functools.lru_cache(maxsize=64)
@@ -130,7 +158,7 @@ def stiffest_gain(mill: EndMill, chip: Three, radial_depth: float, sense: Sense)
     coefficients = CuttingCoefficients(chip, (0.0, 0.0, 0.0), "")
     cut = MillingCut(mill, coefficients, 1.0, thin, radial_depth, sense=sense)
     times = np.linspace(0.0, cut.tooth_period, 96, endpoint=False, dtype=np.float64)
-    gains = chip_stiffness(cut, times, np.array([thin]))[0]
+    gains = chip_stiffness(cut, times, thin)
     return float(np.linalg.norm(gains, axis=(1, 2)).max()) / thin
 
 
@@ -157,6 +185,48 @@ def safe_depth(tip: TipPoles, cut: MillingCut) -> float:
     return 0.5 / (_stiffest(cut) * float(np.linalg.norm(response, 2, axis=(1, 2)).max()))
 
 
+@functools.lru_cache(maxsize=16)
+def _moving_axes(tip: TipPoles) -> FloatArray:
+    """``(2, k)`` columns along which a tip moves."""
+    left, size, _ = scipy.linalg.svd(
+        np.concatenate([tip.outputs.real, tip.outputs.imag, tip.static], axis=1),
+        full_matrices=False,
+    )
+    return np.asarray(left[:, size > RANK * size.max(initial=0.0)])
+
+
+@functools.lru_cache(maxsize=256)
+def choose_poles(tip: TipPoles, stiffest: float) -> PolesInCut:
+    """Poles of a tip that matter in a cut, the same at all speeds.
+
+    Args:
+        tip: Motions along and away, forces along all axes.
+        stiffest: The largest stiffness of the cut [N/m].
+    """
+    axes = _moving_axes(tip)
+    tip = TipPoles(tip.values, tip.inputs, axes.T @ tip.outputs, axes.T @ tip.static)
+    speeds = np.abs(tip.values)
+    reach = np.linalg.norm(tip.inputs, axis=1) * np.linalg.norm(tip.outputs, axis=0)
+    peaks = reach / np.maximum(np.abs(tip.values.real), SLOWEST * speeds.max(initial=0.0))
+    order = np.argsort(peaks)
+    small = np.zeros(len(order), dtype=bool)
+    small[order] = np.cumsum(peaks[order]) * stiffest < NEGLIGIBLE
+    # far above all that may chatter, and none of them comes near it
+    strong = 2.0 * stiffest * peaks >= FAINT
+    if strong.any():
+        small |= ~strong & (speeds > ABOVE * speeds[strong].max())
+    own, kept = speeds[~small], keep_poles(tip, ~small)
+    products = kept.outputs[:, None, :] * kept.inputs.T[None, :, :]
+    return PolesInCut(
+        kept,
+        ~small,
+        products.reshape(-1, len(own)),
+        axes,
+        float(np.sqrt(own * (own + stiffest * reach[~small])).max(initial=0.0)),
+        float(tip.values.real[small].max(initial=-math.inf)),
+    )
+
+
 class PeriodicCut:
     """A tip and a cut at a speed of the spindle, at any depth.
 
@@ -167,82 +237,40 @@ class PeriodicCut:
 
     def __init__(self, tip: TipPoles, cut: MillingCut) -> None:
         self.cut = cut
-        left, size, right = scipy.linalg.svd(
-            np.concatenate([tip.outputs.real, tip.outputs.imag, tip.static], axis=1),
-            full_matrices=False,
-        )
-        del right
-        # (p, k): where the tip moves
-        self._axes: FloatArray = left[:, size > RANK * size.max(initial=0.0)]
-        self._tip = TipPoles(
-            tip.values, tip.inputs, self._axes.T @ tip.outputs, self._axes.T @ tip.static
-        )
-        peaks = np.linalg.norm(tip.inputs, axis=1) * np.linalg.norm(tip.outputs, axis=0)
-        slowest = SLOWEST * np.abs(tip.values).max(initial=0.0)
-        self._peaks = peaks / np.maximum(np.abs(tip.values.real), slowest)
+        self._tip = tip
         self._stiffest = _stiffest(cut)
-        self._kept: dict[int, tuple[TipPoles, BoolArray, float]] = {}
-        self._ready: dict[tuple[float, int, int], _Responses] = {}
+        self._respond_straight = functools.lru_cache(maxsize=4)(self._respond_at)
 
-    def _poles(self, depth: float) -> tuple[int, TipPoles, BoolArray, float]:
-        """What matters up to the next power of two of a depth: its number, the poles with the static
-        flexibility of all others, which they are, and the largest multiplier of the others.
-        """
-        level = int(np.ceil(np.log2(depth)))
-        if level not in self._kept:
-            tip, order = self._tip, np.argsort(self._peaks)
-            small = np.zeros(len(order), dtype=bool)
-            stiffest = self._stiffest * 2.0**level
-            small[order] = np.cumsum(self._peaks[order]) * stiffest < NEGLIGIBLE
-            small |= self._find_fast(2.0 * stiffest * self._peaks)
-            rest = np.abs(np.exp(tip.values[small] * self.cut.tooth_period)).max(initial=0.0)
-            self._kept[level] = keep_poles(tip, ~small), ~small, float(rest)
-        return level, *self._kept[level]
+    def _poles(self, depth: float) -> PolesInCut:
+        """What matters up to the next power of two of a depth."""
+        return choose_poles(self._tip, self._stiffest * 2.0 ** math.ceil(math.log2(depth)))
 
-    def _find_fast(self, gains: FloatArray) -> BoolArray:
-        """``(q,)`` poles far above all that may chatter, none of which comes near it.
-
-        Args:
-            gains: ``(q,)`` of the loop of chip and tip at each pole; one chatters.
-        """
-        speeds, strong = np.abs(self._tip.values), gains >= FAINT
-        if not strong.any():
-            return strong
-        return np.asarray(~strong & (speeds > ABOVE * speeds[strong].max()))
+    def _windows(self, depth: float, more: int) -> tuple[float, tuple[Window, ...]]:
+        """Start of the period [s], and its windows."""
+        return divide_period(self.cut, depth, self._poles(depth).fastest / (2.0 * np.pi), more)
 
     def waves(self, depth: float) -> float:
         """Waves between two teeth of the fastest pole that matters in a cut of a depth."""
-        _, tip, _, _ = self._poles(depth)
-        return float(
-            np.abs(tip.values.imag).max(initial=0.0) * self.cut.tooth_period / (2.0 * np.pi)
-        )
+        values = self._poles(depth).tip.values
+        return float(np.abs(values.imag).max(initial=0.0)) * self.cut.tooth_period / (2.0 * np.pi)
 
     def rows(self, depth: float) -> int:
         """Rows of the matrix over a period at a depth: what a multiplier costs."""
-        _, tip, _, _ = self._poles(depth)
-        count = sum(window.nodes for window in self._windows(tip, depth, 0)[1])
-        return count * self._axes.shape[1] + 2 * len(tip.values)
+        poles = self._poles(depth)
+        count = sum(window.nodes for window in self._windows(depth, 0)[1])
+        return count * poles.axes.shape[1] + 2 * len(poles.tip.values)
 
-    def _windows(self, tip: TipPoles, depth: float, more: int) -> tuple[float, list[Window]]:
-        """Start of the period [s], and its windows."""
-        # in the cut the tip is as stiff as the machine and the cut together
-        speeds = np.abs(tip.values)
-        reach = np.linalg.norm(tip.inputs, axis=1) * np.linalg.norm(tip.outputs, axis=0)
-        stiffest = self._stiffest * 2.0 ** np.ceil(np.log2(depth))
-        fastest = np.sqrt(speeds * (speeds + stiffest * reach)).max(initial=0.0) / (2.0 * np.pi)
-        return divide_period(self.cut, depth, float(fastest), more)
+    def _respond(self, depth: float, more: int) -> PeriodResponse:
+        """Responses at a depth; straight teeth have one at all depths."""
+        ready = self._poles(depth), *self._windows(depth, more)
+        if self.cut.mill.helix != 0.0:
+            return self._respond_at(*ready, depth)
+        return self._respond_straight(*ready)
 
-    def _respond(self, depth: float, more: int) -> tuple[_Responses, float]:
-        """Responses at a depth, and the start of the period; straight teeth have one at all depths."""
-        level, tip, _, _ = self._poles(depth)
-        straight = self.cut.mill.helix == 0.0
-        key = (0.0 if straight else depth, level, more)
-        start, windows = self._windows(tip, depth, more)
-        if key not in self._ready:
-            if not straight:
-                self._ready.clear()  # no depth comes twice
-            self._ready[key] = _respond(tip, windows, self.cut.tooth_period)
-        return self._ready[key], start
+    def _respond_at(
+        self, poles: PolesInCut, start: float, windows: tuple[Window, ...], depth: float = 1.0
+    ) -> PeriodResponse:
+        return respond(poles, self.cut, start, windows, depth)
 
     def frequency(self, multiplier: Multiplier) -> float:
         """Angular frequency of chatter [rad/s]: of all that a multiplier may have the one nearest to
@@ -259,31 +287,34 @@ class PeriodicCut:
         return min((each for each in found if each >= 0.0), key=lambda each: abs(each - pole))
 
     def matrix(self, depth: float, more: int = 0) -> FloatArray:
-        """Motions at the nodes and coordinates of the tip a period later per those before.
+        """Coordinates of the tip and motions at the nodes a period later per those before.
 
         Args:
             depth: Axial depth of cut [m].
             more: Nodes more in each window.
         """
-        found, start = self._respond(depth, more)
-        times = found.times
-        if not len(times):
-            return found.end
-        gains = chip_stiffness(self.cut, start + times, np.array([depth]))[0] @ self._axes
-        count, forces, axes = gains.shape
-        # forces are gains times motions, node by node
-        through, at_end = (
-            (each.reshape(-1, count, 1, forces) @ gains).reshape(len(each), count * axes)
-            for each in (found.own, found.forced)
-        )
-        solved = np.linalg.inv(np.eye(len(through)) - through)
-        ahead, ends = solved @ found.free, at_end @ solved
-        return np.block(
-            [
-                [np.eye(len(solved)) - solved, ahead],
-                [-ends, found.end + at_end @ ahead],
-            ]
-        )
+        response = self._respond(depth, more)
+        axes, count, coordinates = response.free.shape
+        size = coordinates + axes * count
+        whole, state = np.zeros((size, size)), np.zeros((coordinates, size))
+        state[:, :coordinates] = _identity(coordinates)
+        last = coordinates
+        for span, forced, turn in zip(
+            response.spans, response.forced, response.turns[:-1], strict=True
+        ):
+            # before this window only what is in state[:, :last] has moved
+            some, before = slice(last, last + len(forced)), state[:, :last]
+            identity = _identity(len(forced))
+            solved = np.linalg.inv(identity - depth * forced)
+            own = solved @ response.free[:, span].reshape(len(forced), -1)
+            pushed = depth * response.pushed[:, :, span].reshape(-1, len(forced))
+            whole[some, :last] = own @ before
+            whole[some, some] = identity - solved
+            state[:, :last] = (turn + pushed @ own) @ before
+            state[:, some] = -pushed @ solved
+            last = some.stop
+        whole[:coordinates] = response.turns[-1] @ state
+        return whole
 
     def largest(self, depth: float, more: int = 0) -> Multiplier:
         """The largest multiplier of a cut; that of no cut where nothing moves.
@@ -292,74 +323,99 @@ class PeriodicCut:
             depth: Axial depth of cut [m].
             more: Nodes more in each window.
         """
-        matrix = self.matrix(depth, more)
-        _, tip, kept, rest = self._poles(depth)
+        matrix, poles = self.matrix(depth, more), self._poles(depth)
+        rest = complex(math.exp(poles.slowest_decay * self.cut.tooth_period))
         if not len(matrix):
-            return Multiplier(complex(rest), 0)
+            return Multiplier(rest, 0)
         value, vector = dominant_pair(matrix)
-        if rest > abs(value):
-            return Multiplier(complex(rest), int(np.flatnonzero(~kept)[0]))
-        poles = len(tip.values)
-        if not poles:
+        if rest.real > abs(value):
+            return Multiplier(rest, int(np.flatnonzero(~poles.kept)[0]))
+        tip = poles.tip
+        if not len(tip.values):
             return Multiplier(value, 0)
-        size = np.linalg.norm(vector[-2 * poles :].reshape(2, poles), axis=0)
+        size = np.linalg.norm(vector[: 2 * len(tip.values)].reshape(2, -1), axis=0)
         # by the chip it makes: what hardly moves within a period meets its own wave
         chip = np.minimum(np.abs(tip.values) * self.cut.tooth_period, 2.0)
         moved = size * np.linalg.norm(tip.outputs, axis=0) * chip
-        return Multiplier(value, int(np.flatnonzero(kept)[np.argmax(moved)]))
+        return Multiplier(value, int(np.flatnonzero(poles.kept)[np.argmax(moved)]))
 
 
-def _respond(tip: TipPoles, windows: list[Window], period: float) -> _Responses:
-    poles, forces = tip.inputs.shape
-    axes, count = len(tip.outputs), sum(window.nodes for window in windows)
-    own = np.zeros((count, axes, count, forces))
-    forced = np.zeros((poles, count, forces), dtype=complex)
-    times = np.zeros(count)
-    both = (tip.outputs.T[:, :, None] * tip.inputs[:, None, :]).reshape(poles, axes * forces)
-    for span, begin, half, rule in _spread(windows):
-        nodes = len(rule.nodes)
-        times[span] = begin + half * (rule.nodes + 1.0)
-        kernel = np.exp(tip.values[:, None] * (half * rule.lags.ravel()))
-        kernels = (both.T @ kernel).real.reshape(axes * forces, *rule.lags.shape)
-        within = half * (kernels.swapaxes(0, 1) @ rule.weights)  # (n, p r, n)
-        own[span, :, span] = within.reshape(nodes, axes, forces, nodes).transpose(0, 1, 3, 2)
-        moments = half * (np.exp(tip.values[:, None] * (half * rule.to_end)) @ rule.whole)
-        pushed = moments[:, :, None] * tip.inputs[:, None, :]  # (q, n, r) at the end of the window
-        forced[:, span] = np.exp(tip.values * (period - begin - 2.0 * half))[:, None, None] * pushed
-        own[span, :, span] += np.eye(nodes)[:, None, :, None] * tip.static[:, None, :]
-    for span, begin, half, _ in _spread(windows):
-        if span.stop < count:
-            later = times[span.stop :] - begin - 2.0 * half
-            ahead = tip.outputs * np.exp(later[:, None, None] * tip.values)  # (l, p, q)
-            moments = (
-                forced[:, span] * np.exp(-tip.values * (period - begin - 2.0 * half))[:, None, None]
-            )
-            passed = ahead.reshape(-1, poles) @ moments.reshape(poles, -1)
-            own[span.stop :, :, span] = passed.real.reshape(len(later), axes, -1, forces)
-    moved = tip.outputs * np.exp(times[:, None, None] * tip.values)
-    free = np.concatenate([moved.real, -moved.imag], axis=2).reshape(count * axes, -1)
-    last = np.exp(tip.values * period)
-    end = np.block(
-        [[np.diag(last.real), np.diag(-last.imag)], [np.diag(last.imag), np.diag(last.real)]]
+def respond(
+    poles: PolesInCut, cut: MillingCut, start: float, windows: tuple[Window, ...], depth: float
+) -> PeriodResponse:
+    """Responses of a tip over a tooth period.
+
+    Args:
+        poles: Of the tip.
+        cut: Tool, material and speed.
+        start: Of the period [s].
+        windows: Of it.
+        depth: Axial depth for which the windows are [m].
+    """
+    tip = poles.tip
+    axes, forces = tip.static.shape
+    begins, ends, halves = (
+        np.array([(own.begin, own.end, 0.5 * (own.end - own.begin)) for own in windows])
+        .reshape(-1, 3)
+        .T
     )
-    at_end = forced.reshape(poles, -1)
-    return _Responses(
-        times,
-        own.reshape(count * axes, -1),
-        free,
-        end,
-        np.concatenate([at_end.real, at_end.imag]),
+    rules = [_gauss_rule(window.nodes) for window in windows]
+    counts = [window.nodes for window in windows]
+    nodes, lags = (np.concatenate([[], *(rule[part] for rule in rules)]) for part in (0, 1))
+    at = np.repeat(begins, counts) + np.repeat(halves, counts) * (1.0 + nodes)
+    gains = chip_stiffness(cut, start + at, depth) @ (poles.axes / depth)
+    gains = np.ascontiguousarray(gains.transpose(1, 2, 0))  # (r, k, N)
+    before = np.concatenate([[0.0], ends])
+    weights = np.repeat(halves, [count + EXTRA_POINTS for count in counts])
+    instants = np.concatenate(
+        [
+            at - np.repeat(before[:-1], counts),
+            np.diff(before, append=cut.tooth_period),
+            weights * lags,
+        ]
+    )
+    factors = np.exp(np.multiply.outer(tip.values, instants))
+    moved, turns, response = np.split(factors, [len(at), len(at) + len(before)], axis=1)
+    response = weights * response
+    kernel = (poles.products @ response).real  # (k r, points)
+    moments, spans, forced = np.empty_like(moved), [], []
+    for rule, end, point in zip(
+        rules, np.cumsum(counts), np.cumsum([len(rule.lags) for rule in rules]), strict=True
+    ):
+        span, points = slice(end - len(rule.nodes), end), slice(point - len(rule.lags), point)
+        moments[:, span] = response[:, points] @ rule.whole
+        within = kernel[:, points] @ rule.parts  # (k r, n n)
+        within[:, :: len(rule.nodes) + 1] += tip.static.reshape(-1, 1)
+        within = within.reshape(axes, forces, len(rule.nodes), -1)
+        through = np.einsum("krij,rlj->kilj", within, gains[:, :, span])
+        forced.append(through.reshape(axes * len(rule.nodes), -1))
+        spans.append(span)
+    free = tip.outputs[:, None] * moved.T
+    pushed = (tip.inputs @ gains.reshape(forces, -1)).reshape(-1, axes, len(at))
+    pushed = pushed * moments[:, None]
+    return PeriodResponse(
+        spans,
+        np.concatenate([free.real, -free.imag], axis=2),
+        forced,
+        _multiply(turns.T),
+        np.concatenate([pushed.real, pushed.imag]),
     )
 
 
-def _spread(
-    windows: list[Window],
-) -> Iterator[tuple[slice, float, float, Rule]]:
-    """Places of the nodes of each window among all, its begin, half its length, and its rule."""
-    first = 0
-    for begin, end, nodes in windows:
-        yield slice(first, first + nodes), begin, 0.5 * (end - begin), _gauss_rule(nodes)
-        first += nodes
+@functools.lru_cache(maxsize=64)
+def _identity(size: int) -> FloatArray:
+    return np.eye(size)
+
+
+def _multiply(factors: ComplexArray) -> FloatArray:
+    """``(w, 2 q, 2 q)`` that multiply coordinates by complex factors ``(w, q)``."""
+    count = factors.shape[1]
+    found = np.zeros((len(factors), 2, count, 2, count))
+    place = np.arange(count)
+    found[:, 0, place, 0, place] = found[:, 1, place, 1, place] = factors.real
+    found[:, 1, place, 0, place] = factors.imag
+    found[:, 0, place, 1, place] = -factors.imag
+    return found.reshape(len(factors), 2 * count, -1)
 
 
 def dominant_pair(matrix: FloatArray) -> tuple[complex, ComplexArray]:
@@ -371,7 +427,8 @@ def dominant_pair(matrix: FloatArray) -> tuple[complex, ComplexArray]:
     """
     if len(matrix) <= SMALL_MATRIX:
         return _first_pair(matrix)
-    power, space = matrix, _start_vectors(len(matrix))
+    # single precision is enough to find the space of a few vectors, not their values
+    power, space = matrix.astype(np.float32), _start_vectors(len(matrix))
     for squaring in range(SQUARINGS):
         power = power @ power
         power *= 1.0 / np.linalg.norm(power)
@@ -379,7 +436,7 @@ def dominant_pair(matrix: FloatArray) -> tuple[complex, ComplexArray]:
             continue
         for _ in range(TIMES):
             space = power @ space
-        space = np.linalg.qr(space)[0]
+        space = np.linalg.qr(matrix @ space)[0]
         moved = matrix @ space
         value, vector = _first_pair(space.T @ moved)
         if np.linalg.norm(moved @ vector - value * (space @ vector)) < RESIDUAL * abs(value):

@@ -13,6 +13,8 @@ left everything is its mirror image: :func:`part_sign` turns "away" from the lef
 right, and the same sense of milling is that of a spindle that turns the other way.
 """
 
+import functools
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -115,9 +117,8 @@ def engagement_angles(mill: EndMill, radial_depth: float) -> tuple[float, float]
         mill: The tool.
         radial_depth: At most the diameter [m].
     """
-    return -0.5 * np.pi, -float(
-        np.arcsin(np.clip(1.0 - 2.0 * radial_depth / mill.diameter, -1.0, 1.0))
-    )
+    beside = 1.0 - 2.0 * radial_depth / mill.diameter
+    return -0.5 * math.pi, -math.asin(min(max(beside, -1.0), 1.0))
 
 
 def describe_sense(sense: Sense, side: Side) -> str:
@@ -270,55 +271,60 @@ def regeneration_stiffness(cut: MillingCut, times: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("njs,anjs,bnjs->nab", width, force, normal))
 
 
-def chip_stiffness(cut: MillingCut, times: FloatArray, depths: FloatArray) -> FloatArray:
-    """As :func:`regeneration_stiffness`, ``(d, n, 3, 2)`` for motions along and away, with the helix
-    in closed form instead of slices.
+def chip_stiffness(cut: MillingCut, times: FloatArray, depth: float) -> FloatArray:
+    """As :func:`regeneration_stiffness`, ``(n, 3, 2)`` for motions along and away, with the helix in
+    closed form instead of slices.
 
     Args:
         cut: Tool, material and engagement; its axial depth has no part in it.
         times: ``(n,)`` [s].
-        depths: ``(d,)`` axial depths [m].
+        depth: Axial depth [m].
     """
     lag = 2.0 * np.pi * np.arange(cut.mill.teeth) / cut.mill.teeth
     low = -cut.spin * (cut.spindle * times + lag[:, None])
-    twists = cut.spin * 2.0 * depths * np.tan(cut.mill.helix) / cut.mill.diameter
-    straight = np.abs(twists) < STRAIGHT
-    means = np.zeros((5, len(depths), len(times)))
-    if straight.any():
+    twist = cut.spin * 2.0 * depth * math.tan(cut.mill.helix) / cut.mill.diameter
+    if abs(twist) < STRAIGHT:
         sine, cosine = np.sin(low), np.cos(low)
         products = np.array([sine * sine, sine * cosine, cosine * cosine, sine, cosine])
-        means[:, straight] = (products * _engaged(cut, sine, cosine)).sum(axis=1)[:, None]
-    if not straight.all():
-        twist = twists[~straight, None]
-        ends = np.concatenate([low[:, None], low[:, None] + twist], axis=1)
-        begin, *_ = products = np.moveaxis(_engaged_products(cut, ends), 1, 0)
-        means[:, ~straight] = np.moveaxis((products[1:] - begin) / twist[:, None], 0, 1)
-    squares, mixed, others, across, along = depths[:, None] * means
+        means = (products * _engaged(cut, sine, cosine)).sum(axis=1)
+    else:
+        ends = _engaged_products(cut, np.concatenate([low + twist, low], axis=1))
+        means = (ends[:, : len(times)] - ends[:, len(times) :]) / twist
     tangential, radial, axial = cut.coefficients.chip
     tangential, upwards = cut.spin * tangential, cut.upwards * axial
-    stiffness = [
-        [-tangential * mixed - radial * others, -tangential * squares - radial * mixed],
-        [tangential * others - radial * mixed, tangential * mixed - radial * squares],
-        [upwards * along, upwards * across],
-    ]
-    return np.moveaxis(np.array(stiffness), (0, 1), (-2, -1))
+    # of sin^2, sin cos, cos^2, sin and cos
+    shares = np.array(
+        [
+            [0.0, -tangential, -radial, 0.0, 0.0],
+            [-tangential, -radial, 0.0, 0.0, 0.0],
+            [0.0, -radial, tangential, 0.0, 0.0],
+            [-radial, tangential, 0.0, 0.0, 0.0],
+            [0.0, 0.0, 0.0, 0.0, upwards],
+            [0.0, 0.0, 0.0, upwards, 0.0],
+        ]
+    )
+    return np.asarray((means.T @ (depth * shares.T)).reshape(-1, 3, 2))
 
 
 def _engaged_products(cut: MillingCut, theta: FloatArray) -> FloatArray:
-    """``(5, ...)`` integrals of sin^2, sin cos, cos^2, sin and cos over angles up to ``theta`` at
-    which a tooth cuts, from the beginning of one cut on, all teeth ``(z, ...)`` together.
+    """``(5, n)`` integrals of sin^2, sin cos, cos^2, sin and cos over angles up to ``theta`` at which
+    a tooth cuts, from the beginning of one cut on, all teeth ``(z, n)`` together.
     """
     begin, end = engagement_angles(cut.mill, cut.radial_depth)
     arc = end - begin
     turns = np.floor((theta - begin) / (2.0 * np.pi))
     # from -pi/2 on the sine is minus the cosine of the angle since then, the cosine its sine
     since = np.minimum(theta - begin - 2.0 * np.pi * turns, arc)
-    whole = np.multiply.outer(_integrate_products(np.array([arc])), turns.sum(axis=0))
-    return np.asarray(_integrate_products(since) + whole)
+    return _integrate_products(since) + _whole_products(arc) * turns.sum(axis=0)
+
+
+@functools.lru_cache(maxsize=16)
+def _whole_products(arc: float) -> FloatArray:
+    return _integrate_products(np.full((1, 1), arc))
 
 
 def _integrate_products(angles: FloatArray) -> FloatArray:
-    """``(5, ...)`` integrals from -pi/2 on over angles ``(z, ...)``, in sum."""
+    """``(5, n)`` integrals from -pi/2 on over angles ``(z, n)``, in sum."""
     sine, cosine = np.sin(angles), np.cos(angles)
     half, mixed = 0.5 * angles.sum(axis=0), 0.5 * (sine * cosine).sum(axis=0)
     square = (sine * sine).sum(axis=0)

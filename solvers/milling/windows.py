@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray
 from headstock.solvers.milling.forces import MillingCut, engagement_angles
 
 NODES_PER_WAVE = 3.5  # of the fastest pole that matters
@@ -26,24 +25,13 @@ class Window(NamedTuple):
     nodes: int
 
 
-def corner_times(cut: MillingCut, depth: float) -> FloatArray:
-    """Times within a tooth period at which the lower or the upper end of an edge enters or leaves the
-    part, rising: between them the stiffness of the cut is smooth.
-
-    Args:
-        cut: Tool, speed and engagement; its axial depth has no part in it.
-        depth: Axial depth [m].
-    """
-    twist = 2.0 * depth * np.tan(cut.mill.helix) / cut.mill.diameter
-    sides = engagement_angles(cut.mill, cut.radial_depth)
-    turned = np.array([lag - cut.spin * side for side in sides for lag in (0.0, twist)])
-    return np.unique(turned / cut.spindle % cut.tooth_period)
-
-
 def divide_period(
     cut: MillingCut, depth: float, highest_hz: float, more: int = 0
-) -> tuple[float, list[Window]]:
+) -> tuple[float, tuple[Window, ...]]:
     """Start of a tooth period [s], at a corner of the cut, and its windows.
+
+    Corners are where the lower or the upper end of an edge enters or leaves the part: between them
+    the stiffness of the cut is smooth.
 
     Args:
         cut: Tool, speed and engagement; its axial depth has no part in it.
@@ -51,31 +39,28 @@ def divide_period(
         highest_hz: Of what moves in the windows [Hz].
         more: Nodes more in each.
     """
-    period, corners = cut.tooth_period, corner_times(cut, depth)
-    start = float(corners[0])
+    period, spindle = cut.tooth_period, cut.spindle
+    low, high = sorted(cut.spin * side for side in engagement_angles(cut.mill, cut.radial_depth))
+    twist = 2.0 * depth * math.tan(cut.mill.helix) / cut.mill.diameter
+    corners = sorted(
+        {(lag - side) / spindle % period for side in (low, high) for lag in (0.0, twist)}
+    )
+    pitch, start = 2.0 * math.pi / cut.mill.teeth, corners[0]
     windows: list[Window] = []
-    for begin, end in itertools.pairwise([*map(float, corners - start), period]):
-        if end - begin < SHORTEST * period or not _cuts(cut, depth, start + 0.5 * (begin + end)):
+    for begin, end in itertools.pairwise([*(corner - start for corner in corners), period]):
+        # edges of teeth lie at angles from the lower end to the upper one, a pitch apart
+        bottom = -spindle * (start + 0.5 * (begin + end))
+        first, last = min(bottom, bottom + twist), max(bottom, bottom + twist)
+        cuts = math.floor((high - first) / pitch) >= math.ceil((low - last) / pitch)
+        if not cuts or end - begin < SHORTEST * period:
             continue
-        wanted = int(np.ceil(NODES_PER_WAVE * highest_hz * (end - begin)))
+        wanted = math.ceil(NODES_PER_WAVE * highest_hz * (end - begin))
         pieces = 1 + wanted // (MOST_NODES - FEWEST_NODES)
         nodes = -(-wanted // pieces) + FEWEST_NODES + more
         step = (end - begin) / pieces
         sides = [begin + number * step for number in range(pieces)]
         windows += [Window(side, side + step, nodes) for side in sides]
-    return start, windows
-
-
-def _cuts(cut: MillingCut, depth: float, time: float) -> bool:
-    """Whether an edge is in the part at a time within a tooth period [s]."""
-    low, high = (cut.spin * side for side in engagement_angles(cut.mill, cut.radial_depth))
-    low, high = min(low, high), max(low, high)
-    twist = 2.0 * depth * math.tan(cut.mill.helix) / cut.mill.diameter
-    pitch = 2.0 * math.pi / cut.mill.teeth
-    # edges of teeth lie at angles from the lower end to the upper one, a pitch apart
-    bottom = -cut.spindle * time
-    first, last = min(bottom, bottom + twist), max(bottom, bottom + twist)
-    return math.floor((high - first) / pitch) >= math.ceil((low - last) / pitch)
+    return start, tuple(windows)
 
 
 def expected_rows(cut: MillingCut, highest_hz: float) -> float:

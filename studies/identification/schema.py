@@ -100,8 +100,11 @@ class BodyMoveTable(StrictTable):
     """
 
     bodies: Names
+    """components that move alike"""
     rotation: Letter | None = None
+    """axis they turn about; `-` for the opposite sense of the first motion"""
     translation: Letter | None = None
+    """axis they move along; `-` for the opposite sense of the first motion"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -114,11 +117,17 @@ class ModeTargetTable(StrictTable):
     """One measured natural frequency, with the shape where it is known."""
 
     frequency: PositiveFrequency
+    """measured natural frequency"""
     tolerance: FrequencySpread | None = None
+    """its standard deviation"""
     weight: PositiveNumber = 1.0
+    """multiplies the squared residual"""
     name: Text = ""
+    """in tables"""
     moves: Annotated[list[BodyMoveTable], Field(min_length=1, max_length=100)] | None = None
+    """mode shape in words: which bodies move together, and how"""
     ignore: Names | None = None
+    """bodies that the description says nothing about"""
     vectors: (
         Annotated[
             dict[Text, Annotated[list[Number], Field(min_length=3, max_length=3)]],
@@ -126,8 +135,11 @@ class ModeTargetTable(StrictTable):
         ]
         | None
     ) = None
+    """measured motion `[x, y, z]` of points, by name"""
     shape_tolerance: Annotated[PositiveNumber, Between(0.0, 10.0)] | None = None
+    """standard deviation of 1 - MAC"""
     hold_out: Flag = False
+    """compared, but not fitted"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -144,14 +156,23 @@ class ComplianceTargetTable(StrictTable):
     """
 
     point: Text
+    """where the motion was measured"""
     motion: Literal["x", "y", "z"]
+    """direction of the motion"""
     force: Literal["x", "y", "z"]
+    """direction of the force"""
     force_at: Text | None = None
+    """where the force acts; default: the same point"""
     value: Compliance
+    """motion per force"""
     tolerance: ComplianceSpread | None = None
+    """its standard deviation"""
     weight: PositiveNumber = 1.0
+    """multiplies the squared residual"""
     either_sign: Flag = False
+    """only the magnitude was measured"""
     hold_out: Flag = False
+    """compared, but not fitted"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -166,26 +187,38 @@ class AtMostTable(StrictTable):
     """At most so many modes (above `modes_above`) below a frequency."""
 
     modes: CountFromZero
+    """maximum number of modes"""
     below: PositiveFrequency
+    """below this frequency"""
     tolerance: RatioSpread | None = None
+    """relative standard deviation of the frequency"""
 
 
 class CaseTable(StrictTable):
     """What was measured in one variant and pose."""
 
     variant: Text | None = None
+    """variant of the scene; default: as written"""
     pose: Text | None = None
+    """pose of the scene; default: the first"""
     modes_above: PositiveFrequency | None = None
+    """modes below this frequency are left out (a machine on its air springs)"""
     tolerance: RatioSpread | None = None
+    """standard deviation of every target without its own"""
     frequencies: Annotated[list[PositiveFrequency], Field(min_length=1, max_length=1000)] | None = (
         None
     )
+    """all measured natural frequencies in their range"""
     modes: Annotated[list[ModeTargetTable], Field(min_length=1, max_length=1000)] | None = None
+    """measured natural frequencies with shapes"""
     compliances: (
         Annotated[list[ComplianceTargetTable], Field(min_length=1, max_length=1000)] | None
     ) = None
+    """measured compliances"""
     at_most: AtMostTable | None = None
+    """a limit on the number of modes"""
     hold_out: Flag = False
+    """compared, but not fitted"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -207,22 +240,29 @@ class SetRuleTable(StrictTable):
     """A scene key that takes the parameter's value, times `factor`, plus `offset`."""
 
     key: Text
+    """dotted key of the scene; `*` stands for any text"""
     factor: Number = 1.0
+    """times the value"""
     offset: AnyQuantity | None = None
+    """added to it"""
 
 
 class PowerRuleTable(StrictTable):
     """A scene key whose value is multiplied by the parameter over its reference, to a power."""
 
     key: Text
+    """dotted key of the scene; `*` stands for any text"""
     power: Number = 1.0
+    """exponent of the ratio"""
 
 
 class ShiftRuleTable(StrictTable):
     """A scene key that moves by `factor` times the parameter's change from its reference."""
 
     key: Text
+    """dotted key of the scene; `*` stands for any text"""
     factor: Number = 1.0
+    """times the change"""
 
 
 class ParameterTable(StrictTable):
@@ -231,17 +271,25 @@ class ParameterTable(StrictTable):
     keys: Annotated[
         list[Annotated[SetRuleTable, BeforeValidator(_read_rule), _ALONE]], Field(max_length=1000)
     ] = []
+    """scene keys that take the value"""
     multiplies: Annotated[
         list[Annotated[PowerRuleTable, BeforeValidator(_read_rule), _ALONE]], Field(max_length=1000)
     ] = []
+    """scene keys that are multiplied by the value over its reference"""
     shifts: Annotated[
         list[Annotated[ShiftRuleTable, BeforeValidator(_read_rule), _ALONE]], Field(max_length=1000)
     ] = []
+    """scene keys to which the change from the reference is added"""
     bounds: Annotated[list[AnyQuantity], Field(min_length=2, max_length=2)]
+    """lowest and highest value"""
     start: AnyQuantity | None = None
+    """start value of the first descent; default: the value in the scene"""
     prior: AnyQuantity | None = None
+    """mean of the prior distribution"""
     prior_sigma: AnyQuantity | None = None
+    """standard deviation of the prior distribution"""
     scale: Literal["log", "linear"] = "log"
+    """whether steps are relative or absolute"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -254,21 +302,32 @@ class FitTable(StrictTable):
     """How the fit is done."""
 
     starts: Annotated[Count, Between(1, MAX_STARTS)] = 1
+    """number of descents from different start values"""
     seed: CountFromZero = 1
+    """of the random starts"""
     modes_above: PositiveFrequency | None = None
+    """default for every case without its own"""
     pairing: Literal["best", "track"] = "best"
+    """assign modes to targets again in every step, or keep the first assignment"""
     noise: Literal["stated", "residuals"] = "stated"
+    """standard deviations as given, or estimated from the residuals"""
     method: Literal["trf", "dogbox"] = "trf"
+    """method of `scipy.optimize.least_squares`"""
     evaluations: Count = 200
+    """maximum number of evaluations per descent"""
 
 
 class TargetsTable(StrictTable):
     """A target file."""
 
     name: Text | None = None
+    """heading of the results; default: the file's name"""
     cases: Annotated[dict[Name, CaseTable], Field(min_length=1)]
+    """measurements by name: one variant in one pose each"""
     parameters: Annotated[dict[Name, ParameterTable], Field(min_length=1)]
+    """numbers of the scene that are fitted, by name"""
     fit: FitTable = FitTable()
+    """settings of the fit"""
 
 
 def targets_schema() -> JsonTable:

@@ -91,7 +91,7 @@ def test_windows_are_where_a_tooth_cuts() -> None:
         cut = MillingCut(mill, CHIP, draw.uniform(50.0, 3000.0), 0.0, radial_depth, sense=sense)
         start, windows = divide_period(cut, depth, 500.0)
         times = draw.uniform(0.0, cut.tooth_period, 40)
-        cuts = np.abs(chip_stiffness(cut, start + times, np.array([depth]))[0]).max(axis=(1, 2))
+        cuts = np.abs(chip_stiffness(cut, start + times, depth)).max(axis=(1, 2))
         inside = np.array([any(w.begin < time < w.end for w in windows) for time in times])
         assert ((cuts > 1e-9 * depth * 6e8) == inside).all()
         tried += len(times)

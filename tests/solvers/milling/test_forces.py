@@ -116,7 +116,7 @@ def test_the_helix_in_closed_form_is_that_of_slices_in_up_milling(
     mill = EndMill(0.02, 3, helix)
     cut = MillingCut(mill, COEFFICIENTS, 700.0, 0.013, radial_depth, slices=4000, sense="up")
     times = np.linspace(0.0, cut.tooth_period, 7)[:-1] + 1.3e-5
-    found = chip_stiffness(cut, times, np.array([cut.axial_depth]))[0]
+    found = chip_stiffness(cut, times, cut.axial_depth)
     assert np.allclose(
         found, regeneration_stiffness(cut, times)[:, :, :2], rtol=2e-3, atol=2e-3 * found.max()
     )
