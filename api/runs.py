@@ -16,6 +16,7 @@ from headstock.arguments import check_call, read_keys, read_name, read_names, re
 from headstock.geometry.parts.components import Fidelity
 from headstock.machine import Machine, write_setting, write_settings
 from headstock.pipeline.accuracy.search import plan_first_round
+from headstock.pipeline.numbers.folders import RESULTS_FILE, SUMMARY_FILE
 from headstock.pipeline.planning.kernels import add_compiling
 from headstock.pipeline.planning.plan import Plan, StageRecord
 from headstock.pipeline.planning.planner import plan_scene
@@ -25,8 +26,6 @@ from headstock.pipeline.preview.free_motions import free_motion_warnings
 from headstock.pipeline.results.files import (
     FIGURES_FOLDER,
     REPORT_FILE,
-    RESULTS_FILE,
-    SUMMARY_FILE,
     TABLES_FOLDER,
     open_results,
 )

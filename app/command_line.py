@@ -34,6 +34,7 @@ COMMANDS = (
     tool_commands.validate,
     batch_commands.identify,
     tool_commands.report,
+    tool_commands.numbers,
     tool_commands.doctor,
     tool_commands.schema,
     tool_commands.catalogue,

@@ -19,17 +19,13 @@ from headstock.pipeline.accuracy.search import AccuracySearch, search_settings
 from headstock.pipeline.contours.contouring import run_contour_stage
 from headstock.pipeline.contours.tool_moves import run_any_path_stage
 from headstock.pipeline.lobes.lobes import run_lobes_stage
+from headstock.pipeline.numbers.folders import RESULTS_FILE, SUMMARY_FILE
 from headstock.pipeline.planning.budgets import check_elapsed
 from headstock.pipeline.planning.plan import Plan, Stage, StageRecord
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.planning.resources import Cost
 from headstock.pipeline.preview.doubts import doubt_machine
-from headstock.pipeline.results.files import (
-    RESULTS_FILE,
-    SUMMARY_FILE,
-    add_results,
-    publish_summary,
-)
+from headstock.pipeline.results.files import add_results, publish_summary
 from headstock.pipeline.results.results import ComponentFacts, Results
 from headstock.pipeline.results.views import MachineView
 from headstock.pipeline.stages.control import run_control_stage

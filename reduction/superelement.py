@@ -7,10 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from headstock.geometry.frames import FloatArray, Frame
+from headstock.meshing.process.plain_hdf5 import STORED_AS
 from headstock.reduction.patch_shapes import PatchShapes
 from headstock.reduction.rails import CONTROL_POINT_DOFS, ControlPoint, Rail
-
-STORED_AS = "stored_as"  # metadata of a field: its name in files, where that is another one
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,10 +29,10 @@ from headstock.meshing.process.strangers import SUMMARY, require_size
 from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.answers.path import PathCurves
 from headstock.pipeline.answers.transient import TransientCurves
+from headstock.pipeline.numbers.folders import SUMMARY_FILE
 from headstock.pipeline.results.files import (
     FIGURES_FOLDER,
     REPORT_FILE,
-    SUMMARY_FILE,
     TABLES_FOLDER,
     read_curves,
     read_histories,

@@ -21,10 +21,11 @@ from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.answers.transient import TransientAnswer
+from headstock.pipeline.numbers.folders import RESULTS_FILE, SUMMARY_FILE
 from headstock.pipeline.planning.budgets import BASE_MB
 from headstock.pipeline.planning.plan import Stage, StageRecord
 from headstock.pipeline.preview.free_motions import free_motion_warnings
-from headstock.pipeline.results.files import REPORT_FILE, RESULTS_FILE, SUMMARY_FILE
+from headstock.pipeline.results.files import REPORT_FILE
 from headstock.pipeline.results.mode_files import VOLUME_FOLDER
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise

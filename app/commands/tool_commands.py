@@ -179,6 +179,43 @@ def report(
     return run_guarded(action, debug=debug)
 
 
+def _complete_numbers(ctx: click.Context, incomplete: str) -> list[str]:
+    from headstock.geometry.errors import HeadstockError
+    from headstock.pipeline.numbers.folders import read_numbers
+
+    try:
+        names = map(str, read_numbers(Path(ctx.params["folder"])))
+        return [name for name in names if name.startswith(incomplete)]
+    except (HeadstockError, KeyError, TypeError):
+        return []
+
+
+def numbers(
+    folder: Annotated[Path, typer.Argument(metavar="RESULTS", help="Folder of results.")],
+    pattern: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[PATTERN]",
+            help="Names to list: one, a kind (frequency), or with * and ? (compliance(*point=tcp*)) [all].",
+            autocompletion=_complete_numbers,
+        ),
+    ] = None,
+    csv: Annotated[
+        Path | None, typer.Option("--csv", metavar="FILE", help="Write them as CSV, in SI units.")
+    ] = None,
+    json: JsonFile = None,
+    debug: Debug = False,
+) -> int:
+    """List every number of a finished run with its name, unit and ±, and what is not in ±."""
+
+    def action() -> int:
+        from headstock.app.actions.numbering import list_numbers
+
+        return list_numbers(folder, pattern, csv, json)
+
+    return run_guarded(action, debug=debug)
+
+
 def doctor(json: JsonFile = None, debug: Debug = False) -> int:
     """Check the environment: libraries, MPI, memory, caches."""
 

@@ -173,6 +173,7 @@ def _judge(error: BaseException) -> tuple[int, str]:
 
     from headstock.geometry.errors import HeadstockError, lacks_memory, out_of_memory
     from headstock.meshing.errors import PartFileError
+    from headstock.pipeline.numbers.numbers import NumberNameError
     from headstock.pipeline.storage.outputs import UnusableOutputError
     from headstock.scene.reading.findings import SceneError
 
@@ -180,7 +181,7 @@ def _judge(error: BaseException) -> tuple[int, str]:
         return BAD_INPUT, str(error)
     if isinstance(error, click.ClickException):
         return error.exit_code, f"error: {error.format_message()}"
-    if isinstance(error, PartFileError | UnusableOutputError):
+    if isinstance(error, PartFileError | UnusableOutputError | NumberNameError):
         return BAD_INPUT, f"error: {error}"
     if isinstance(error, HeadstockError):
         return FAILED, f"{type(error).__name__}: {error}"

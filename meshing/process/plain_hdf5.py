@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 from headstock.geometry.errors import HeadstockError, printable
 from headstock.meshing.process.libraries import h5py
 
+STORED_AS = "stored_as"  # metadata of a field: its name in files, where that is another one
 # a small file can declare a data set of any size: what is not small must be there, or compressed by
 # no more than this
 SMALL_ARRAY = 64 << 20

@@ -21,14 +21,19 @@ from headstock.pipeline.numbers.estimates import Estimate
 from headstock.pipeline.numbers.kinds import KINDS, WHOLE_ROLES, Kind
 from headstock.pipeline.storage.frames import Frame, frame_columns
 
+# heads of tables and keys of JSON files
+BOUND, KNOWN, BY_SOURCE, LEFT_OUT = "±", "± known", "± by source", "not in ±"
 MOST_NAMES = 20  # that a message lists
 _KEY = re.compile(r"(?P<kind>[a-z_]+)\((?P<at>.*)\)")
 _PAIR = re.compile(r'(?P<role>[a-z]+)=(?P<value>"(?:[^"\\]|\\.)*"|[^,"]*)(?:,|$)')
 _PLAIN = re.compile(r'[^,"()=]+')
 
 
-class NumberNameError(HeadstockError):
+class NumberNameError(HeadstockError, KeyError):
     """No number has this name; the message lists those that exist."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
 
 
 @dataclass(frozen=True)
@@ -141,10 +146,10 @@ class Number:
             "name": str(self.key),
             "value": self.value if np.isfinite(self.value) else None,
             "unit": self.unit,
-            "error": error.total,
-            "error_known": error.known,
-            "error_share": dict(error.shares),
-            "error_left_out": list(error.left_out),
+            BOUND: error.total,
+            KNOWN: error.known,
+            BY_SOURCE: dict(error.shares),
+            LEFT_OUT: list(error.left_out),
         }
 
 
@@ -233,7 +238,8 @@ class Numbers(Mapping[Key, Number]):
         return {self._texts[code]: row for row, code in enumerate(self._columns["name"])}
 
     def __getitem__(self, key: Key | str) -> Number:
-        row = self._rows[str(key)]
+        if (row := self._rows.get(str(key))) is None:
+            raise NumberNameError(_list_alternatives(str(key), self._rows))
         estimated = bool(self._columns["estimated"][row])
         return Number(
             parse_key(str(key)),
@@ -261,13 +267,11 @@ class Numbers(Mapping[Key, Number]):
         expression = re.compile(fnmatch.translate(whole.replace("[", "[[]")))
         found = [name for name in self._rows if expression.match(name)]
         if not found:
-            raise NumberNameError(
-                f"no number is called {pattern!r}; there are {_list_names(self._rows)}"
-            )
+            raise NumberNameError(_list_alternatives(pattern, self._rows))
         return Numbers.collect(self[name] for name in found)
 
     def to_pandas(self) -> Frame:
-        """Return a frame with a column per role, then value [SI], unit, ±, its known part and what is
+        """Return a frame with name, kind and a column per role, then value [SI], unit, ±, its known part and what is
         not in it.
 
         Raises:
@@ -276,18 +280,19 @@ class Numbers(Mapping[Key, Number]):
         return frame_columns(self.tabulate())
 
     def tabulate(self) -> dict[str, list[object]]:
-        """Return head to column: kind, roles, value [SI], unit, ±, its known part, what is not in it."""
+        """Return head to column: name, kind, roles, value [SI], unit, ±, its known part, what is not in it."""
         numbers = list(self.values())
         roles = dict.fromkeys(role for number in numbers for role, _ in number.key.at)
         errors = [number.error or Estimate() for number in numbers]
         return {
+            "name": [str(number.key) for number in numbers],
             "kind": [number.key.kind for number in numbers],
             **{role: [number.key.get(role) for number in numbers] for role in roles},
             "value": [number.value for number in numbers],
             "unit": [number.unit for number in numbers],
-            "error": [error.total for error in errors],
-            "error_known": [error.known for error in errors],
-            "left_out": ["; ".join(error.left_out) for error in errors],
+            BOUND: [error.total for error in errors],
+            KNOWN: [error.known for error in errors],
+            LEFT_OUT: ["; ".join(error.left_out) for error in errors],
         }
 
     def write(self, group: "h5py.Group") -> None:
@@ -387,12 +392,23 @@ def _check_columns(columns: Mapping[str, NDArray[Any]], texts: object) -> None:
         parse_key(texts[code])
 
 
-def _list_names(names: Iterable[str]) -> str:
-    """Return the first names, or the kinds where there are many."""
-    listed = list(names)
-    if len(listed) > MOST_NAMES:
-        listed = list(dict.fromkeys(f"{name.partition('(')[0]}(...)" for name in listed))
-    return ", ".join(listed) or "none"
+def _list_alternatives(name: str, names: Iterable[str]) -> str:
+    """Return that there is no number of a name, and which there are: those of its kind, or of every kind
+    the first.
+    """
+    kinds: dict[str, list[str]] = {}
+    for each in names:
+        kinds.setdefault(each.partition("(")[0], []).append(each)
+    kind = name.partition("(")[0]
+    shown = kinds.get(kind, [])[:MOST_NAMES]
+    if not shown:
+        shown = [
+            alike[0] + (f" and {len(alike) - 1} more" if len(alike) > 1 else "")
+            for alike in kinds.values()
+        ]
+    elif len(kinds[kind]) > MOST_NAMES:
+        shown.append(f"and {len(kinds[kind]) - MOST_NAMES} more")
+    return f"no number is called {name[:80]!r}; there are: {', '.join(shown) or 'none'}"
 
 
 def _quote(value: str | int) -> str:

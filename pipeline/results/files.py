@@ -2,7 +2,6 @@
 together, and read again.
 """
 
-import contextlib
 import dataclasses
 import functools
 import hashlib
@@ -10,19 +9,27 @@ import importlib
 import io
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Never, cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
 from headstock.meshing.process.libraries import h5py
-from headstock.meshing.process.strangers import RESULTS, SUMMARY, require_size
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.frf import ResponseCurves, parse_curves
 from headstock.pipeline.answers.path import PathCurves, parse_path
 from headstock.pipeline.answers.transient import TransientCurves, parse_transient
-from headstock.pipeline.numbers.numbers import Numbers
+from headstock.pipeline.numbers.folders import (
+    FORMAT,
+    RESULTS_FILE,
+    SUMMARY_FILE,
+    VERSION,
+    name_remedy,
+    naming_damage,
+    read_plain_summary,
+    read_results_file,
+)
 from headstock.pipeline.planning.plan import Stage, StageRecord
 from headstock.pipeline.results.grids import MESH_MODULE
 from headstock.pipeline.results.mode_files import MODES_FOLDER, VOLUME_FOLDER, file_stem
@@ -38,7 +45,6 @@ from headstock.pipeline.storage.outputs import (
 from headstock.pipeline.storage.records import (
     RecordError,
     read_record,
-    require_plain,
     write_record,
     write_words,
 )
@@ -51,27 +57,12 @@ from headstock.pipeline.storage.typed_json import (
     reachable_classes,
 )
 from headstock.pipeline.storage.typed_values import find_fault
-from headstock.scene.reading.renamed_names import RESULT_FORMAT
 
 if TYPE_CHECKING:
     import pyvista
 
-FORMAT = "headstock results"
-VERSION = 3
-RESULTS_FILE = "results.h5"
-SUMMARY_FILE = "summary.json"
 REPORT_FILE = "report.html"
 TABLES_FOLDER, FIGURES_FOLDER = "tables", "figures"
-# what other commands leave in their folders
-OTHER_RESULTS = {
-    "sweep.json": "sweep",
-    "study.json": "study",
-    "compare.json": "compare",
-    "convergence.json": "converge",
-    "identification.json": "identify",
-}
-
-
 # pattern of the path of a data set to its unit; answers name those of their own
 UNITS = {
     r"provenance/.*": "",
@@ -198,55 +189,17 @@ def mark_units(file: "h5py.File", units: Mapping[str, str]) -> None:
 
 
 def read_summary(folder: Path) -> RunSummary:
-    """The summary in an output folder.
+    """Return the summary in an output folder.
 
     Raises:
         UnusableOutputError: There is none, or it is not one.
     """
-    path = folder / SUMMARY_FILE
-    if folder.is_file():
-        raise UnusableOutputError(f"{folder} is a file; name the folder that a run has written")
-    remedy = f"`headstock run SCENE -o {folder}` writes it anew, with what is in the store"
-    try:
-        if path.exists():
-            require_size(path, SUMMARY, RecordError)
-        summary = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse_constant)
-    except OSError as error:
-        raise UnusableOutputError(
-            f"{path} cannot be read: {error.strerror or error}; {_find_other_results(folder) or remedy}"
-        ) from error
-    except RecordError as error:
-        raise UnusableOutputError(f"{path} cannot be read: {error}; {remedy}") from error
-    except (ValueError, RecursionError) as error:
-        raise UnusableOutputError(f"{path} is not a summary: {error}; {remedy}") from error
-    if not isinstance(summary, dict):
-        raise UnusableOutputError(
-            f"{path} is not a summary: it holds a {type(summary).__name__}; {remedy}"
-        )
-    if (found := summary.get("format", 1)) != RESULT_FORMAT:
-        raise UnusableOutputError(
-            f"{path} has format {found}, and this version reads format {RESULT_FORMAT}; {remedy}"
-        )
+    summary = read_plain_summary(folder)
     if fault := find_fault(summary, RunSummary):
         raise UnusableOutputError(
-            f"{path} was altered, or is of another version: {fault}; {remedy}"
+            f"{folder / SUMMARY_FILE} was altered, or is of another version: {fault}; {name_remedy(folder)}"
         )
     return cast(RunSummary, summary)
-
-
-def _refuse_constant(name: str) -> Never:
-    raise ValueError(f"it holds {name}, which no run writes")
-
-
-def _find_other_results(folder: Path) -> str:
-    """What to do with a folder of a command that computes many runs; empty where it is none."""
-    found = [name for name in OTHER_RESULTS if (folder / name).is_file()]
-    if not found:
-        return ""
-    command = OTHER_RESULTS[found[0]]
-    return (
-        f"{folder / found[0]} is of `headstock {command}`, which writes its own pages: run it again"
-    )
 
 
 def open_results(folder: Path) -> Results:
@@ -267,8 +220,8 @@ def open_results(folder: Path) -> Results:
             cast(Results, found), view=read_record(file["view"], MachineView)
         )
 
-    results = _read_results(folder, read)
-    with _naming_damage(folder / SUMMARY_FILE):
+    results = read_results_file(folder, read)
+    with naming_damage(folder / SUMMARY_FILE):
         # the stage that wrote the record cannot be in it
         last = [
             StageRecord(
@@ -296,7 +249,7 @@ def read_view(folder: Path) -> MachineView:
         UnusableOutputError: The file is missing, damaged, of an earlier version or of another run than the
             summary.
     """
-    return _read_results(folder, lambda file: read_record(file["view"], MachineView))
+    return read_results_file(folder, lambda file: read_record(file["view"], MachineView))
 
 
 def read_mesh(
@@ -334,16 +287,6 @@ def read_mesh(
     )
 
 
-def read_numbers(folder: Path) -> Numbers:
-    """Return every number of a run with its ±, from ``results.h5``.
-
-    Raises:
-        UnusableOutputError: The file is missing, damaged, of an earlier version or of another run than the
-            summary.
-    """
-    return _read_results(folder, lambda file: Numbers.read(file["numbers"]))
-
-
 def read_curves(folder: Path) -> tuple[ResponseCurves, ...]:
     """The curves of every frequency response, from ``results.h5``; empty without any.
 
@@ -351,7 +294,7 @@ def read_curves(folder: Path) -> tuple[ResponseCurves, ...]:
         UnusableOutputError: The file is missing, damaged, of an earlier version or of another run than the
             summary.
     """
-    return _read_results(
+    return read_results_file(
         folder,
         lambda file: tuple(
             parse_curves(pose, group) for pose, group in file.get("frf", {}).items()
@@ -366,7 +309,7 @@ def read_paths(folder: Path) -> tuple[PathCurves, ...]:
         UnusableOutputError: The file is missing, damaged, of an earlier version or of another run than the
             summary.
     """
-    return _read_results(
+    return read_results_file(
         folder, lambda file: tuple(parse_path(group) for group in file.get("path", {}).values())
     )
 
@@ -378,51 +321,9 @@ def read_histories(folder: Path) -> tuple[TransientCurves, ...]:
         UnusableOutputError: The file is missing, damaged, of an earlier version or of another run than the
             summary.
     """
-    return _read_results(
+    return read_results_file(
         folder,
         lambda file: tuple(
             parse_transient(pose, group) for pose, group in file.get("transient", {}).items()
         ),
     )
-
-
-def _read_results[T](folder: Path, read: "Callable[[h5py.File], T]") -> T:
-    path = folder / RESULTS_FILE
-    summary = read_summary(folder)
-    with _naming_damage(folder / SUMMARY_FILE):
-        stated = summary["files"][RESULTS_FILE]["sha256"]
-    with _naming_damage(path):
-        if path.exists():
-            require_size(path, RESULTS, RecordError)
-        if stated != _digest_of(path):
-            raise RecordError(f"it is damaged, or of another run than {SUMMARY_FILE}")
-        with h5py.File(path, "r") as file:
-            require_plain(file, attribute_axes=2)
-            if file.attrs.get("format") != FORMAT or "view" not in file:
-                raise RecordError("it holds no results of a run")
-            return read(file)
-
-
-@contextlib.contextmanager
-def _naming_damage(path: Path) -> Iterator[None]:
-    """Name a file that holds something else than this version writes, and what to do."""
-    try:
-        yield
-    except (
-        OSError,
-        RecordError,
-        LookupError,
-        AttributeError,
-        TypeError,
-        ValueError,
-        RuntimeError,
-        MemoryError,
-    ) as error:
-        raise UnusableOutputError(
-            f"{path} cannot be read: {error}; `headstock run SCENE -o {path.parent}` writes it anew, with what is in the store"
-        ) from error
-
-
-def _digest_of(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from headstock.geometry.errors import HeadstockError, printable
 from headstock.meshing.process.libraries import h5py
-from headstock.meshing.process.plain_hdf5 import plain_objects
-from headstock.reduction.superelement import STORED_AS
+from headstock.meshing.process.plain_hdf5 import STORED_AS, plain_objects
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

@@ -12,7 +12,7 @@ from headstock.app.texts.bounded_values import show_bound
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.lobes import HZ, DirectionLobes, PoseLobes
 from headstock.pipeline.numbers.estimates import DISCRETISATION, REDUCTION
-from headstock.pipeline.results.files import RESULTS_FILE
+from headstock.pipeline.numbers.folders import RESULTS_FILE
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene

@@ -12,7 +12,7 @@ from headstock.app.report.report import render_report
 from headstock.app.tables.run import list_tables
 from headstock.geometry.machine.machine import Pose
 from headstock.meshing.components.meshing import describe_component
-from headstock.pipeline.results.files import RESULTS_FILE
+from headstock.pipeline.numbers.folders import RESULTS_FILE
 from headstock.pipeline.results.summary import RunSummary, summarise
 from headstock.pipeline.runner import run_scene
 from headstock.reduction.components.rigid import reduce_rigid

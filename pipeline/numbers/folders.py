@@ -1,0 +1,146 @@
+"""The two files of a run that hold its numbers, as files: which they are, whether they belong together,
+and what is said where they do not. Neither an answer nor a solver is imported.
+"""
+
+import contextlib
+import hashlib
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, Never
+
+from headstock.meshing.process.libraries import h5py
+from headstock.meshing.process.strangers import RESULTS, SUMMARY, require_size
+from headstock.pipeline.numbers.numbers import Numbers
+from headstock.pipeline.storage.outputs import UnusableOutputError
+from headstock.pipeline.storage.records import RecordError, require_plain
+from headstock.scene.reading.renamed_names import RESULT_FORMAT
+
+FORMAT = "headstock results"
+VERSION = 3
+RESULTS_FILE = "results.h5"
+SUMMARY_FILE = "summary.json"
+# what other commands leave in their folders
+OTHER_RESULTS = {
+    "sweep.json": "sweep",
+    "study.json": "study",
+    "compare.json": "compare",
+    "convergence.json": "converge",
+    "identification.json": "identify",
+}
+
+
+def name_remedy(folder: Path) -> str:
+    """Return what writes the files of a folder anew, in plain words."""
+    return f"`headstock run SCENE -o {folder}` writes it anew, with what is in the store"
+
+
+def read_plain_summary(folder: Path) -> dict[str, Any]:
+    """Return the summary in an output folder, of which the format alone is known to be right.
+
+    Raises:
+        UnusableOutputError: There is none, or it is not one.
+    """
+    path = folder / SUMMARY_FILE
+    if folder.is_file():
+        raise UnusableOutputError(f"{folder} is a file; name the folder that a run has written")
+    remedy = name_remedy(folder)
+    try:
+        if path.exists():
+            require_size(path, SUMMARY, RecordError)
+        summary = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse_constant)
+    except OSError as error:
+        raise UnusableOutputError(
+            f"{path} cannot be read: {error.strerror or error}; {_find_other_results(folder) or remedy}"
+        ) from error
+    except RecordError as error:
+        raise UnusableOutputError(f"{path} cannot be read: {error}; {remedy}") from error
+    except (ValueError, RecursionError) as error:
+        raise UnusableOutputError(f"{path} is not a summary: {error}; {remedy}") from error
+    if not isinstance(summary, dict):
+        raise UnusableOutputError(
+            f"{path} is not a summary: it holds a {type(summary).__name__}; {remedy}"
+        )
+    if (found := summary.get("format", 1)) != RESULT_FORMAT:
+        raise UnusableOutputError(
+            f"{path} has format {found}, and this version reads format {RESULT_FORMAT}; {remedy}"
+        )
+    return summary
+
+
+def read_numbers(folder: Path) -> Numbers:
+    """Return every number of a run with its ±.
+
+    Raises:
+        UnusableOutputError: The file is missing, damaged, of an earlier version or of another run than the
+            summary.
+    """
+    return read_results_file(folder, lambda file: Numbers.read(file["numbers"]))
+
+
+def read_results_file[T](folder: Path, read: "Callable[[h5py.File], T]") -> T:
+    """Return what a function reads from ``results.h5``, which is the one that the summary names.
+
+    Raises:
+        UnusableOutputError: It is missing, damaged, of an earlier version or of another run.
+    """
+    path = folder / RESULTS_FILE
+    summary = read_plain_summary(folder)
+    with naming_damage(folder / SUMMARY_FILE):
+        stated = summary["files"][RESULTS_FILE]["sha256"]
+    with naming_damage(path):
+        if path.exists():
+            require_size(path, RESULTS, RecordError)
+        if stated != _digest_of(path):
+            raise RecordError(f"it is damaged, or of another run than {SUMMARY_FILE}")
+        with h5py.File(path, "r") as file:
+            require_plain(file, attribute_axes=2)
+            if file.attrs.get("format") != FORMAT or "view" not in file:
+                raise RecordError("it holds no results of a run")
+            if (version := file.attrs.get("version")) != VERSION:
+                raise RecordError(f"it has version {version}, and this one reads {VERSION}")
+            return read(file)
+
+
+@contextlib.contextmanager
+def naming_damage(path: Path) -> Iterator[None]:
+    """Name a file that holds something else than this version writes, and what to do.
+
+    Raises:
+        UnusableOutputError: It does.
+    """
+    try:
+        yield
+    except (
+        OSError,
+        RecordError,
+        LookupError,
+        AttributeError,
+        TypeError,
+        ValueError,
+        RuntimeError,
+        MemoryError,
+    ) as error:
+        raise UnusableOutputError(
+            f"{path} cannot be read: {error}; {name_remedy(path.parent)}"
+        ) from error
+
+
+def _refuse_constant(name: str) -> Never:
+    raise ValueError(f"it holds {name}, which no run writes")
+
+
+def _find_other_results(folder: Path) -> str:
+    """Return what to do with a folder of a command that computes many runs; empty where it is none."""
+    found = [name for name in OTHER_RESULTS if (folder / name).is_file()]
+    if not found:
+        return ""
+    command = OTHER_RESULTS[found[0]]
+    return (
+        f"{folder / found[0]} is of `headstock {command}`, which writes its own pages: run it again"
+    )
+
+
+def _digest_of(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

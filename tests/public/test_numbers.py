@@ -1,0 +1,108 @@
+"""Every number of a run by its name, on the command line, in files and in Python."""
+
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from public.test_smoke import SCENE
+
+import headstock as hs
+from common import approx
+from headstock.app.command_line import main
+
+FIRST = "frequency(pose=left,mode=1)"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("numbers")
+    (path / "scene.toml").write_text(SCENE)
+    assert main(["run", str(path / "scene.toml"), "-o", str(path / "out"), "--no-figures"]) == 0
+    return path / "out"
+
+
+def test_a_table_lists_numbers_with_units_of_the_report(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["numbers", str(folder)]) == 0
+    printed = capsys.readouterr().out
+    assert FIRST in printed and "µm/kN" in printed and "not in ±" in printed
+    assert main(["numbers", str(folder), "frequency"]) == 0
+    printed = capsys.readouterr().out
+    assert FIRST in printed and "compliance(" not in printed
+
+
+def test_files_hold_numbers_in_si_units(folder: Path, tmp_path: Path) -> None:
+    table, listing = tmp_path / "n.csv", tmp_path / "n.json"
+    arguments = ["numbers", str(folder), "compliance(*direction=x)"]
+    assert main([*arguments, "--csv", str(table), "--json", str(listing)]) == 0
+    rows = list(csv.DictReader(table.read_text().splitlines()))
+    entries = json.loads(listing.read_text())
+    summary = json.loads((folder / "summary.json").read_text())
+    wanted = 1e-9 * summary["static"]["tcp"]["compliance_um_per_kN"][0][0]
+    assert [row["name"] for row in rows] == [entry["name"] for entry in entries]
+    assert [float(row["value"]) for row in rows] == [entry["value"] for entry in entries]
+    (entry,) = [entry for entry in entries if "point=tcp" in entry["name"]]
+    assert entry["value"] == approx(wanted, rel=1e-12) and entry["unit"] == "m/N"
+    assert entry["±"] is None and entry["not in ±"]
+    assert {"± known", "± by source"} <= entry.keys()
+
+
+@pytest.mark.parametrize("pattern", ["frequncy", "frequency(pose=nowhere*)", "compliance[0]"])
+def test_a_pattern_without_a_match_lists_the_names(
+    folder: Path, pattern: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["numbers", str(folder), pattern]) == 2
+    said = capsys.readouterr().err
+    assert repr(pattern) in said and "(pose=left" in said
+
+
+def test_numbers_of_python_are_those_of_the_file(folder: Path) -> None:
+    numbers = hs.open(folder).numbers
+    listed = {str(key): number.value for key, number in numbers.items()}
+    assert numbers[FIRST].unit == "Hz" and numbers[FIRST].value == listed[FIRST]
+    with pytest.raises(KeyError, match="frequency"):
+        numbers["frequency(pose=left,mode=99)"]
+    frame = numbers.select("frequency").to_pandas()
+    assert list(frame["mode"]) == list(range(1, len(frame) + 1))
+    np.testing.assert_array_equal(frame["value"], [listed[name] for name in frame["name"]])
+    assert {"kind", "pose", "unit", "±", "not in ±"} <= set(frame.columns)
+
+
+def test_numbers_open_without_a_solver(folder: Path) -> None:
+    program = (
+        "import sys; from pathlib import Path; from headstock.pipeline.numbers.folders import read_numbers;"
+        f"found = read_numbers(Path({str(folder)!r})); print(len(found));"
+        "print([name for name in sys.modules if name.startswith(('headstock.solvers', 'headstock.reduction',"
+        " 'headstock.pipeline.answers', 'dolfinx', 'scipy'))])"
+    )
+    told = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    ).stdout.split("\n")
+    assert int(told[0]) > 5 and told[1] == "[]"
+
+
+def test_a_folder_of_an_earlier_version_is_refused_with_the_remedy(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import hashlib
+    import shutil
+
+    import h5py
+
+    old = tmp_path / "old"
+    shutil.copytree(folder, old)
+    with h5py.File(old / "results.h5", "a") as file:
+        file.attrs["version"] = 2
+        del file["numbers"]
+    summary = json.loads((old / "summary.json").read_text())
+    digest = hashlib.sha256((old / "results.h5").read_bytes()).hexdigest()
+    summary["files"]["results.h5"]["sha256"] = digest
+    (old / "summary.json").write_text(json.dumps(summary))
+    assert main(["numbers", str(old)]) == 2
+    said = capsys.readouterr().err
+    assert "version 2" in said and "headstock run" in said
