@@ -82,7 +82,7 @@ if [ "$ranks" -gt 1 ] && [ "${SLURM_JOB_NUM_NODES:-1}" -gt 1 ]; then
 fi
 export_settings             # threads, MPI, paths
 [ -n "$slurm_trial" ] || install_pictures
-case $installed$mode in notebook | docs) require_pip_group notebook || exit 1 ;; esac
+case $installed$mode in notebook | docs) require_pip_group notebook || exit 1; notebook_folder=$group_folder ;; esac
 [ "$mode" != docs ] || require_pip_group python || exit 1
 [ -z "$group" ] || require_pip_group "$group" || [ "$mode" = test ] || exit 1
 # last, because it puts another Python in place of the one that groups are for
@@ -94,6 +94,8 @@ case $mode in
     notebook)
         # its server and its kernels import nothing of the working folder while they start; a kernel then looks there, as notebooks expect
         export PYTHONSAFEPATH=1
+        # its pages lie beside it, not where the Python's own files are
+        [ -n "$installed" ] || export JUPYTERLAB_DIR="$notebook_folder/share/jupyter/lab"
         set -- "$python" -P -m jupyterlab "$@" ;;
     docs) set -- "$python" -P "$project/docs/site/build.py" "$@" ;;
     release) set -- "$python" -P "$project/.ci/release_check.py" "$@" ;;

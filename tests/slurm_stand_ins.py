@@ -22,8 +22,10 @@ lines = []
 for task in tasks.split(","):
     state = "PENDING" if "later" in bad else "CANCELLED" if task in bad else "COMPLETED"
     if state == "COMPLETED":
-        # the kernels of a BLAS are a matter of the machine: the launcher would choose the same ones on each
-        kept = {name: os.environ[name] for name in ("HOME", "PATH", "OPENBLAS_CORETYPE") if name in os.environ}
+        # the kernels of a BLAS are a matter of the machine: the launcher would choose the same ones on each; files that
+        # are opened are noted in the job, too
+        names = ("HOME", "PATH", "OPENBLAS_CORETYPE", "LD_PRELOAD", "OPENED_FILES")
+        kept = {name: os.environ[name] for name in names if name in os.environ}
         log = script.parent / "slurm" / f"{job}_{task}.log"
         done = subprocess.run(["sh", str(script)], env={**kept, "SLURM_ARRAY_TASK_ID": task}, stdout=log.open("w"), stderr=subprocess.STDOUT)
         state = "FAILED" if done.returncode else state

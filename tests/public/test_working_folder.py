@@ -5,12 +5,16 @@ What programs and their children open is noted by a library that is preloaded in
 """
 
 import os
+import re
 import subprocess
 import sys
+import time
+import urllib.request
 from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
+from slurm_stand_ins import write_stand_ins
 
 ROOT = Path(__file__).resolve().parents[2]
 SHIM = Path(__file__).with_name("data") / "opened_files.c"
@@ -40,6 +44,8 @@ MODULES = (
     *("sitecustomize", "usercustomize", "random", "json", "tempfile", "pip", "numpy", "h5py"),
     *("gmsh", "meshio", "matplotlib", "mpi4py", "petsc4py", "dolfinx", "PETSc", "SLEPc", "MPI"),
     *("headstock", "_distutils_hack", "jupyterlab", "ipykernel_launcher", "numba", "control"),
+    *("jupyter_config", "jupyter_server_config", "jupyter_lab_config", "jupyter_notebook_config"),
+    *("ipython_config", "ipython_kernel_config", "mkdocs", "IPython", "traitlets"),
 )
 SETTINGS = {
     "petscrc": "-log_view :{folder}/overwritten.txt\n-dll_prepend ./evil.so\n",
@@ -57,6 +63,8 @@ SETTINGS = {
     "setup.cfg": "[build_ext]\ninclude_dirs = {folder}\nlibraries = evil\n",
     "pyproject.toml": "no TOML",
     "pip.conf": "[global]\nindex-url = file://{folder}\n",
+    "jupyter_server_config.json": '{{"ServerApp": {{"root_dir": "/"}}}}',
+    "mkdocs.yml": "hooks: [random.py]\n",
 }
 SETTINGS |= dict.fromkeys(
     (
@@ -86,34 +94,41 @@ def plant(folder: Path) -> Path:
     return folder
 
 
-def opened(
-    folder: Path, command: Sequence[str | Path], shim: Path, **variables: str
-) -> tuple[set[str], str]:
-    """Run a command in a planted folder: what it opened there, and what it printed."""
-    log = folder.parent / "opened.txt"
-    own = {
+def settings(folder: Path, shim: Path) -> dict[str, str]:
+    """Variables of a command whose files are noted."""
+    return os.environ | {
         "LD_PRELOAD": str(shim),
-        "OPENED_FILES": str(log),
+        "OPENED_FILES": str(folder.parent / "opened.txt"),
         "HEADSTOCK_PYTHON": sys.executable,
         "HEADSTOCK_STORE": str(folder.parent / "store"),
         "HEADSTOCK_THREADS": "1",
     }
+
+
+def opened(
+    folder: Path, command: Sequence[str | Path], shim: Path, *, code: int = 0, **variables: str
+) -> tuple[set[str], str]:
+    """Run a command in a planted folder: what it opened there, and what it printed."""
     done = subprocess.run(
         command,
         cwd=folder,
-        env=os.environ | own | variables,
+        env=settings(folder, shim) | variables,
         capture_output=True,
         text=True,
         timeout=100,
     )
-    assert done.returncode == 0, done.stderr
+    assert done.returncode == code, done.stderr
+    return list_opened(folder), done.stdout + done.stderr
+
+
+def list_opened(folder: Path) -> set[str]:
+    """Return what was opened in a planted folder besides the scene and its results."""
+    log = folder.parent / "opened.txt"
     paths = {Path(os.path.normpath(line)) for line in log.read_text().splitlines()}
     assert len(paths) > 50, "nothing was noted"
     assert not (folder / "overwritten.txt").exists()
     inside = {str(path.relative_to(folder)) for path in paths if path.is_relative_to(folder)}
-    return {
-        name for name in inside if name.split("/")[0] not in (".", "out", "scene.toml")
-    }, done.stdout + done.stderr
+    return {name for name in inside if name.split("/")[0] not in (".", "out", "scene.toml")}
 
 
 @pytest.mark.parametrize("ranks", [1, pytest.param(2, marks=pytest.mark.mpi)])
@@ -141,6 +156,94 @@ def test_checking_loads_no_library_that_reads_settings(tmp_path: Path, shim: Pat
     )
     found, said = opened(folder, [ROOT / "headstock", "python", script], shim)
     assert (found, said) == (set(), "[]\n")
+
+
+def test_other_commands_open_what_they_name_and_nothing_else(tmp_path: Path, shim: Path) -> None:
+    """The store knows the part from the first; the trace of all is one file."""
+    folder = plant(tmp_path / "work")
+    for words in (
+        "run scene.toml -o out --no-figures",
+        "report out",
+        "export scene.toml bar --mesh out/bar.med",
+    ):
+        found, _ = opened(folder, [ROOT / "headstock", *words.split()], shim)
+        assert (words, found) == (words, set())
+
+
+def test_a_job_of_slurm_opens_its_scene_and_its_results_and_nothing_else(
+    tmp_path: Path, shim: Path
+) -> None:
+    folder = plant(tmp_path / "work")
+    write_stand_ins(tmp_path / "bin")
+    words = ["run", "scene.toml", "-o", "out", "--no-figures", "--on", "slurm"]
+    path = f"{tmp_path / 'bin'}:{os.environ['PATH']}"
+    found, said = opened(folder, [ROOT / "headstock", *words], shim, PATH=path)
+    assert "compliance" in said
+    # the script, the log and what is on record of the job
+    assert {name for name in found if not name.startswith("results/slurm/")} == set()
+
+
+def test_pip_reads_no_settings_of_the_working_folder(tmp_path: Path, shim: Path) -> None:
+    """Not from a folder that a relative name of the environment stands for, either."""
+    folder = plant(tmp_path / "work")
+    own = {
+        "XDG_CACHE_HOME": str(tmp_path / "cache"),
+        "PIP_NO_INDEX": "1",
+        "PIP_FIND_LINKS": "",
+        "PIP_CONFIG_FILE": "pip.conf",
+    }
+    words = [ROOT / "headstock", "exec", "--with", "benchmarks", "true"]
+    found, said = opened(folder, words, shim, code=1, **own)
+    assert "No matching distribution" in said
+    assert found == set()
+
+
+def test_jupyterlab_and_its_kernel_read_nothing_of_the_working_folder(
+    tmp_path: Path, shim: Path
+) -> None:
+    folder = plant(tmp_path / "work")
+    command = [str(ROOT / "headstock"), "notebook", "--no-browser", "--allow-root"]
+    command += ["--IdentityProvider.token=t"]
+    # the packages of tests, in front of its own, would be others than it needs
+    variables = settings(folder, shim) | {
+        "PYTHONPATH": "",
+        "IPYTHONDIR": str(tmp_path / "profiles"),
+    }
+    variables["JUPYTER_RUNTIME_DIR"] = str(tmp_path / "runtime")
+
+    def ask(path: str, data: bytes | None = None) -> str:
+        request = urllib.request.Request(f"{address}{path}?token=t", data=data)
+        with urllib.request.urlopen(request, timeout=30) as reply:
+            return str(reply.read().decode())
+
+    with subprocess.Popen(
+        command, cwd=folder, env=variables, stderr=subprocess.PIPE, text=True
+    ) as server:
+        assert server.stderr is not None
+        try:
+            said = ""
+            for line in server.stderr:
+                said += line
+                if address := "".join(re.findall(r"http://localhost:\d+", line)):
+                    break
+            else:
+                if "pip could not install" in said:
+                    pytest.skip("no registry, and the packages of the notebook are not there")
+                pytest.fail(said)
+            # the page itself, which needs the files beside the package
+            assert "JupyterLab Error" not in ask("/lab")
+            assert "scene.toml" in ask("/api/contents")
+            assert '"id"' in ask("/api/kernels", b"")
+            # the last that a kernel opens before somebody speaks to it
+            until = time.monotonic() + 60
+            while "history.sqlite" not in (tmp_path / "opened.txt").read_text():
+                assert time.monotonic() < until, "the kernel does not start"
+                time.sleep(0.2)
+            ask("/api/shutdown", b"")
+            server.wait(60)
+        finally:
+            server.kill()
+    assert list_opened(folder) == set()
 
 
 def test_a_program_of_the_users_stays_in_its_folder_and_reads_nothing_there(

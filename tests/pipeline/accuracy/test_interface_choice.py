@@ -1,6 +1,8 @@
 """Trials of deformation shapes end within their budget, and say what they reached."""
 
+import itertools
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -44,3 +46,16 @@ def test_trials_of_shapes_end_within_a_budget_and_say_what_they_reached(
     text = str(failure)
     assert "1 % is not reached" in text and "12 shapes" in text and "flexible = 90" in text
     assert len(results.modal[0].frequencies_hz) == 8
+
+
+def test_more_shapes_are_tried_while_the_budget_lasts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A trial of 24 shapes costs about as much as one of 12, which is compared with nearly as many."""
+    clock = itertools.count(0, 15)
+    watch = SimpleNamespace(process_time=lambda: float(next(clock)))
+    monkeypatch.setattr(interface_choice, "time", watch)
+    path = tmp_path / "three.toml"
+    path.write_text(SCENE)
+    said = " ".join(map(str, hs.run(path).failures))
+    assert "with 12 shapes" not in said
