@@ -16,10 +16,8 @@ from headstock.pipeline.accuracy.model_errors import (
 from headstock.pipeline.accuracy.remembered import remember_judged
 from headstock.pipeline.accuracy.replay import write_sizes
 from headstock.pipeline.accuracy.search import AccuracySearch, search_settings
-from headstock.pipeline.contours.contouring import run_contour_stage
-from headstock.pipeline.contours.tool_moves import run_any_path_stage
-from headstock.pipeline.lobes.lobes import run_lobes_stage
 from headstock.pipeline.numbers.folders import RESULTS_FILE, SUMMARY_FILE
+from headstock.pipeline.planning.analyses import RECORDS, load_named
 from headstock.pipeline.planning.budgets import check_elapsed
 from headstock.pipeline.planning.plan import Plan, Stage, StageRecord
 from headstock.pipeline.planning.planner import plan_scene
@@ -28,13 +26,9 @@ from headstock.pipeline.preview.doubts import doubt_machine
 from headstock.pipeline.results.files import add_results, publish_summary
 from headstock.pipeline.results.results import ComponentFacts, Results
 from headstock.pipeline.results.views import MachineView
-from headstock.pipeline.stages.control import run_control_stage
-from headstock.pipeline.stages.frf import run_frf_stage
 from headstock.pipeline.stages.machine import run_couple_stage
-from headstock.pipeline.stages.map import run_map_stage
 from headstock.pipeline.stages.mechanism import run_place_stage
-from headstock.pipeline.stages.modal import run_modal_stage, run_spread_stage
-from headstock.pipeline.stages.probes import run_recover_stage
+from headstock.pipeline.stages.modal import run_spread_stage
 from headstock.pipeline.stages.run_state import (
     Announcer,
     Observer,
@@ -44,10 +38,7 @@ from headstock.pipeline.stages.run_state import (
     run_stage,
 )
 from headstock.pipeline.stages.shared_components import find_ranks, make_superelements
-from headstock.pipeline.stages.static import run_static_stage
-from headstock.pipeline.stages.transient import run_transient_stage
 from headstock.pipeline.stages.volume_files import volume_grid, write_volumes
-from headstock.pipeline.stages.volumetric import run_volumetric_stage
 from headstock.pipeline.stages.warnings import find_warnings
 from headstock.pipeline.storage.content_keys import library_versions
 from headstock.pipeline.storage.outputs import PendingOutputs, prepare_output
@@ -60,27 +51,26 @@ from headstock.solvers.ranks import make_on_root
 from headstock.solvers.shared_work import all_cores_on_root
 
 LIBRARIES = ("fenics-dolfinx", "petsc4py", "slepc4py", "gmsh", "numpy", "scipy", "h5py", "mpi4py")
-# stages of the machine; those of a component are in `COMPONENT_STAGES` of stages/components.py and
-# run first, `write` is in `run_scene`, and `refine` is what accuracy/search.py records of a round
+# stages of the machine that no request asks for; those of a component are in `COMPONENT_STAGES` of
+# stages/components.py and run first, `write` is in `run_scene`, and `refine` is what accuracy/search.py
+# records of a round
 HANDLERS: dict[str, Callable[[RunState, Stage], Outcome]] = {
     "couple": run_couple_stage,
-    "static": run_static_stage,
-    "recover": run_recover_stage,
-    "modal": run_modal_stage,
+    "place": run_place_stage,
     "spread": run_spread_stage,
     "models": run_models_stage,
     "joints": run_interfaces_stage,
-    "place": run_place_stage,
-    "map": run_map_stage,
-    "contour": run_contour_stage,
-    "frf": run_frf_stage,
-    "path": run_any_path_stage,
-    "control": run_control_stage,
-    "volumetric": run_volumetric_stage,
-    "lobes": run_lobes_stage,
-    "respond": run_transient_stage,
 }
-SHARED_STAGES = ("map", "spread", "models", "joints")  # all ranks work on them
+# all ranks work on them
+SHARED_STAGES = {"spread", "models", "joints"} | {each.kind for each in RECORDS if each.shared}
+
+
+def find_handler(kind: str) -> Callable[[RunState, Stage], Outcome]:
+    """Return what does the work of a stage of the machine."""
+    if kind not in HANDLERS:
+        (record,) = (each for each in RECORDS if each.kind == kind)
+        HANDLERS[kind] = load_named(record.solve)
+    return HANDLERS[kind]
 
 
 def run_scene(
@@ -221,7 +211,7 @@ class _StageRunner:
         state.weigh_meshes(mesh_factors or {})
         for stage in plan.stages[:-1]:
             if stage.component is None:
-                work = functools.partial(self.run_stage, state, stage, HANDLERS[stage.kind])
+                work = functools.partial(self.run_stage, state, stage, find_handler(stage.kind))
                 if stage.kind in SHARED_STAGES:
                     work()
                 else:

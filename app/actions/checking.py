@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TypedDict
 
 from headstock.app.terminal.console import counted, make_console, print_assumptions, print_remarks
-from headstock.pipeline.planning.plan import Plan, StageKind
+from headstock.pipeline.planning.plan import Plan
 from headstock.pipeline.planning.rail_meshes import find_coarse_rails
 from headstock.pipeline.preview.doubts import doubt_machine
 from headstock.pipeline.preview.free_motions import free_motion_warnings
@@ -89,7 +89,7 @@ def _write(
 class StagePlan(TypedDict):
     """A stage of a plan, with the keys of ``summary.json`` and the estimates."""
 
-    stage: StageKind
+    stage: str
     component: str | None
     pose: str | None
     reason: str

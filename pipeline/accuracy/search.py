@@ -53,10 +53,10 @@ from headstock.pipeline.answers.accuracy import (
     ResponseAccuracy,
 )
 from headstock.pipeline.numbers.estimates import show_share
+from headstock.pipeline.planning.analyses import EXACT_MARGIN, FRF_MARGIN
 from headstock.pipeline.planning.budgets import BudgetError
 from headstock.pipeline.planning.plan import Plan, Stage
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.planning.reductions import EXACT_MARGIN, FRF_MARGIN
 from headstock.pipeline.planning.resources import Cost, measure
 from headstock.pipeline.stages.run_state import ReducedComponent, RunState
 from headstock.pipeline.stages.shared_components import make_superelements

@@ -34,7 +34,7 @@ from headstock.meshing.sizing import (
     largest_extent,
     thinnest_feature,
 )
-from headstock.pipeline.planning.reductions import EXACT_MARGIN
+from headstock.pipeline.planning.analyses import EXACT_MARGIN
 from headstock.reduction.components.rail_fits import longest_elements, merge_spans
 from headstock.reduction.components.round_sections import polynomial_limit
 from headstock.solvers.recovery.discretisation_error import STOUT, UNSEEN_SHARE, WIDE

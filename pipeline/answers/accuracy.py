@@ -4,7 +4,7 @@ results.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, NotRequired, TypedDict
+from typing import Any, ClassVar, NotRequired, TypedDict
 
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.numbers.numbers import Key
@@ -132,6 +132,7 @@ class AccuracyAnswer(Answer):
     reason: str = ""
     models: Mapping[str, BodyChoice] = field(default_factory=dict)
     responses: ResponseAccuracy | None = None
+    entry: ClassVar[str] = "accuracy"
 
     @property
     def met(self) -> bool:
@@ -221,6 +222,7 @@ class ModelErrorsAnswer(Answer):
     alone: Mapping[str, Mapping[Key, float | None]]
     missing: tuple[str, ...] = ()
     left_out: dict[str, str] = field(default_factory=dict)
+    entry: ClassVar[str] = "model_errors"
 
     def largest(self, body: str) -> tuple[str, float]:
         """Return the number that a body alone changes most, and by how much of it."""

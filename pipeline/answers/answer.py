@@ -2,7 +2,7 @@
 ``summarise`` says.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import ClassVar, Literal, Self
 
@@ -17,11 +17,31 @@ class Answer:
 
     Attributes:
         errors: ± of its numbers, beside them.
+        entry: Its key in ``summary.json``.
         units: Pattern of the path of a data set in ``results.h5`` to its unit.
     """
 
+    entry: ClassVar[str]
     units: ClassVar[dict[str, str]] = {}
     errors: Mapping[Key, Estimate] = field(default_factory=dict, kw_only=True)
+
+    @property
+    def place(self) -> str:
+        """Pose or point that it belongs to; empty for an answer of the whole run."""
+        return ""
+
+    def summarise(self) -> Mapping[str, object]:
+        """Return it as it stands in ``summary.json``."""
+        raise NotImplementedError
+
+    @classmethod
+    def gather(cls, answers: Sequence[Self]) -> dict[str, object]:
+        """Return what a summary holds of all answers of the kind, by its keys."""
+        if not answers:
+            return {}
+        if not answers[0].place:
+            return {cls.entry: answers[-1].summarise()}
+        return {cls.entry: {answer.place: answer.summarise() for answer in answers}}
 
     def list_numbers(self) -> Iterable[Number]:
         """Yield every number with its ±; there are none in some."""

@@ -4,7 +4,7 @@ thinned series.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NotRequired, TypedDict
+from typing import ClassVar, NotRequired, TypedDict
 
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.pipeline.answers.answer import Answer
@@ -336,6 +336,7 @@ class ContourAnswer(Answer):
     fit: TraceFit | None = None
     sources: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
+    entry: ClassVar[str] = "contouring"
 
     def list_numbers(self) -> Iterator[Number]:
         """Yield the numbers of faces, cuts, profiles and probes."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NotRequired, TypedDict
+from typing import ClassVar, NotRequired, TypedDict
 
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.numbers.numbers import Number, make_key
@@ -162,6 +162,12 @@ class ControlAnswer(Answer):
     poles: tuple[ClosedLoopPole, ...]
     drives: tuple[ClosedLoopDrive, ...]
     verdict: str = ""
+    entry: ClassVar[str] = "control"
+
+    @property
+    def place(self) -> str:
+        """Its pose or point."""
+        return self.pose
 
     def list_numbers(self) -> Iterator[Number]:
         """Yield the poles and, of stable loops, lag and margins of each drive."""

@@ -219,6 +219,12 @@ class PoseResponse(Answer):
         r"frf/.*/probes/.*/(stress|von_mises)(_error_share/.*)?": "Pa per N, N m or whole load",
         r"frf/.*/(receptance|error|error_share/.*)": "SI: m or rad per N, N m or whole load, by outputs and inputs",
     }
+    entry: ClassVar[str] = "frf"
+
+    @property
+    def place(self) -> str:
+        """Its pose or point."""
+        return self.curves.pose
 
     @property
     def heights(self) -> tuple[Height, ...]:

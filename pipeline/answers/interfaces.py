@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TypedDict
+from typing import ClassVar, TypedDict
 
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.numbers.numbers import Key
@@ -52,6 +52,7 @@ class InterfaceErrorsAnswer(Answer):
     parts: Mapping[Key, Mapping[str, float]]
     lines: Mapping[Key, Mapping[str, float]] = field(default_factory=dict)
     left_out: Mapping[str, str] = field(default_factory=dict)
+    entry: ClassVar[str] = "interface_errors"
 
     def largest(self, joint: str) -> tuple[Key | None, float]:
         """Return the number that a joint puts off most, and by how much of it; a line of a response only

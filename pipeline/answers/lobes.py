@@ -220,6 +220,12 @@ class PoseLobes(Answer):
         r"lobes/.*/lowest_error": "m",
         r"lobes/.*/(chatter_hz|chatter_error_hz)": "Hz",
     }
+    entry: ClassVar[str] = "lobes"
+
+    @property
+    def place(self) -> str:
+        """Its pose or point."""
+        return self.pose
 
     def list_numbers(self) -> Iterator[Number]:
         """Yield the lowest limit of each direction of travel and its frequency of chatter."""

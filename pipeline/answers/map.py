@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TypedDict
+from typing import ClassVar, TypedDict
 
 import numpy as np
 
@@ -59,6 +59,7 @@ class WorkspaceMap(Answer):
     crossings: tuple[tuple[int, int], ...]
     tracking_breaks: int
     trend: float
+    entry: ClassVar[str] = "map"
 
     def list_series(self) -> Iterator[Series]:
         """Yield every quantity over the grid, in the unit that its name ends with."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TypedDict
+from typing import ClassVar, TypedDict
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.exechon import LENGTHS, condition_numbers
@@ -31,6 +31,12 @@ class MechanismPose(Answer):
     pose: str
     coordinates: dict[str, float]
     condition_number: float
+    entry: ClassVar[str] = "mechanism"
+
+    @property
+    def place(self) -> str:
+        """Its pose or point."""
+        return self.pose
 
     def list_numbers(self) -> Iterator[Number]:
         """Yield the coordinates and the condition number."""

@@ -1,8 +1,8 @@
 """Natural modes as results: the type, and how it reads in ``summary.json`` and ``results.h5``."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, Self
 
 import numpy as np
 
@@ -84,6 +84,17 @@ class PoseModes(Answer):
         r"modal/.*/origin": "m",
         r"modal/.*/rotation": "1",
     }
+    entry: ClassVar[str] = "modal"
+
+    @property
+    def place(self) -> str:
+        """Its pose or point."""
+        return self.pose.name
+
+    @classmethod
+    def gather(cls, answers: Sequence[Self]) -> dict[str, object]:
+        """Return the modes of every pose as a list."""
+        return {"modal": [answer.summarise() for answer in answers]}
 
     def key(self, kind: ModeKind, index: int) -> Key:
         """Return the key of a number of a mode, by its index in the arrays."""

@@ -271,6 +271,7 @@ class PathResult(Answer):
         r"path/.*/accelerations": "m/s^2",
         r"path/.*": "SI: m or rad, by outputs",
     }
+    entry: ClassVar[str] = "path"
 
     def summarise(self) -> PathSummary:
         """As it stands in ``summary.json``; the curves are in ``results.h5`` and ``tables/``."""

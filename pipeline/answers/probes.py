@@ -100,6 +100,12 @@ class ProbeAnswer(Answer):
         r"probes/.*/displacement(_error)?": "m",
         r"probes/.*/stress(_error)?": "Pa",
     }
+    entry: ClassVar[str] = "probes"
+
+    @property
+    def place(self) -> str:
+        """Its pose or point."""
+        return self.pose
 
     def list_numbers(self) -> Iterator[Number]:
         """Yield displacements, stresses and equivalent stresses."""

@@ -1,8 +1,8 @@
 """Static compliances at points as results: the types, and how they read in both files."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, NotRequired, TypedDict
+from typing import ClassVar, NotRequired, Self, TypedDict
 
 import numpy as np
 
@@ -73,6 +73,12 @@ class StaticAnswer(Answer):
         r"static/.*/compliance": "SI: m and rad per N and N m",
         r"static/.*/displacements?(/.*)?": "SI: m, m, m, rad, rad, rad",
     }
+    entry: ClassVar[str] = "static"
+
+    @property
+    def place(self) -> str:
+        """Its pose or point."""
+        return self.pose
 
     def list_numbers(self) -> Iterator[Number]:
         """Yield compliances in and across x, y, z, and displacements under the scene's loads."""
@@ -102,6 +108,13 @@ class StaticAnswer(Answer):
             name: _summarise_point(name, point, self.list_errors(name))
             for name, point in self.points.items()
         }
+
+    @classmethod
+    def gather(cls, answers: Sequence[Self]) -> dict[str, object]:
+        """Return the points of the first pose, and by pose where there are several."""
+        found = {answer.pose: answer.summarise() for answer in answers}
+        several = {"static_poses": found} if len(found) > 1 else {}
+        return {"static": next(iter(found.values()), {}), **several}
 
     def list_errors(self, point: str) -> dict[str, Estimate]:
         """Return direction to ± of the compliance of a point [m/N]."""

@@ -173,6 +173,12 @@ class TransientAnswer(Answer):
         r"transient/.*/torques": "N m",
         r"transient/.*/position_errors": "m",
     }
+    entry: ClassVar[str] = "transient"
+
+    @property
+    def place(self) -> str:
+        """Its pose or point."""
+        return self.curves.pose
 
     def list_numbers(self) -> Iterator[Number]:
         """Yield figures of every output, then what drives, joints and probes took at most."""

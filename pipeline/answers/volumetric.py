@@ -108,6 +108,12 @@ class VolumetricAnswer(Answer):
         r"volumetric/.*/positions/.*": "m or rad",
         r"volumetric/.*": "SI: m, m, m, rad, rad, rad",
     }
+    entry: ClassVar[str] = "volumetric"
+
+    @property
+    def place(self) -> str:
+        """Its pose or point."""
+        return self.point
 
     @property
     def total(self) -> FloatArray:

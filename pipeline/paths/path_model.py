@@ -1,7 +1,7 @@
 """A path as its solvers take it: poses of the machine, its model and the instants looked at."""
 
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.planning.reductions import MODE_MARGIN
+from headstock.pipeline.planning.analyses import MODE_MARGIN
 from headstock.pipeline.stages.machine import CoupledPose
 from headstock.pipeline.stages.run_state import RunState
 from headstock.reduction.coupling.coupling import couple

@@ -1,38 +1,10 @@
 """Stages of a run: what is planned, why, and what then took place."""
 
 from dataclasses import dataclass
-from typing import Literal
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.parts.components import Component
-
-StageKind = Literal[
-    "mesh",
-    "reduce",
-    "refine",
-    "rigid",
-    "segment",
-    "expand",
-    "load",
-    "couple",
-    "static",
-    "recover",
-    "modal",
-    "spread",
-    "models",
-    "joints",
-    "frf",
-    "path",
-    "control",
-    "volumetric",
-    "lobes",
-    "respond",
-    "place",
-    "map",
-    "contour",
-    "write",
-]
 
 
 @dataclass(frozen=True)
@@ -40,16 +12,10 @@ class Stage:
     """One step of a run.
 
     Attributes:
-        kind: ``mesh`` and ``reduce`` an elastic component, ``refine`` its settings for an accuracy,
-            make a ``rigid`` one from its mass properties, ``segment`` one into a row of rigid
-            bodies, ``expand`` its displacements in polynomials, ``load`` an imported superelement, ``couple`` the machine in a pose, ``place`` a
-            lumped mechanism in one, ``map`` it over many, ``contour`` a block with it, ``static``
-            analysis, ``recover`` the response at probes, ``modal`` analysis, ``spread`` of its
-            frequencies with the kind of interfaces, ``models``: what rigid and segmented bodies
-            leave out, ``joints``: what rigid ones do, ``frf`` frequency response, ``path``
-            deviation from a line, ``control`` closed loops of drives, ``volumetric`` errors of the
-            tool over many poses, ``lobes`` limit depths of cut, ``respond`` to loads over time,
-            ``write`` the results.
+        kind: Of a component: ``mesh`` and ``reduce``, ``rigid``, ``segment``, ``expand`` (polynomials)
+            or ``load``, and ``refine``, its settings for an accuracy. Of the machine: ``couple`` or
+            ``place`` in a pose, those of ``analyses.RECORDS``, ``spread``, ``models`` and ``joints`` for
+            the ± of modelling choices, and ``write``.
         component: The component it works on; None for the machine.
         reason: Why the scene calls for it, in plain words.
         pose: The pose it works in; None for components.
@@ -59,7 +25,7 @@ class Stage:
         kernels: Number of kernels of finite elements that it compiles first; the time counts them.
     """
 
-    kind: StageKind
+    kind: str
     component: str | None
     reason: str
     pose: str | None = None

@@ -6,7 +6,6 @@ it.
 
 import dataclasses
 import functools
-import math
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from typing import assert_never
 
@@ -16,33 +15,26 @@ from headstock.geometry.machine.machine import Pose
 from headstock.geometry.parts.components import Component, Fidelity
 from headstock.geometry.parts.solids import MeshFile, PointMass, SuperelementFile
 from headstock.meshing.components.meshing import MeshEstimate, estimate_mesh
+from headstock.pipeline.planning.analyses import (
+    GRAVITY,
+    RECORDS,
+    PlannedMachine,
+    is_dynamic,
+    is_requested,
+)
 from headstock.pipeline.planning.budgets import (
-    CONTOUR_AGAIN,
-    CONTROLLED_COST,
-    COUPLINGS_PER_SECOND,
-    DOFS_OF_A_BODY,
-    MANY_DOFS,
-    PATH_STEPS_PER_TURN,
-    POSES_PER_SECOND,
     STAGE_SECONDS,
     check_cells,
     check_time,
-    contour_memory_mb,
-    contour_step_seconds,
     displacement_dofs,
     iterative_memory_mb,
     iterative_seconds,
-    lobes_seconds,
     mesh_memory_mb,
     mesh_seconds,
-    path_memory_mb,
-    path_seconds,
-    plan_tool_march,
     pose_seconds,
     reduced_dofs,
     reduction_memory_mb,
     reduction_seconds,
-    transient_seconds,
     write_seconds,
 )
 from headstock.pipeline.planning.interfaces import find_glued_joints, has_choice
@@ -50,15 +42,12 @@ from headstock.pipeline.planning.node_memory import (
     RanksOnNodes,
     check_memory,
 )
-from headstock.pipeline.planning.plan import Plan, Stage, StageKind
+from headstock.pipeline.planning.plan import Plan, Stage
 from headstock.pipeline.planning.rail_meshes import find_coarse_rails
 from headstock.pipeline.planning.reductions import (
-    MODE_MARGIN,
     choose_reduction,
     choose_solver,
-    is_dynamic,
 )
-from headstock.pipeline.planning.repeats import EACH, ONCE, Improvement, list_repeats
 from headstock.pipeline.storage.content_keys import superelement_key
 from headstock.reduction.components.solver_choice import (
     SolverChoice,
@@ -66,30 +55,9 @@ from headstock.reduction.components.solver_choice import (
 from headstock.scene.building.components import bounding_box
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.requests import (
-    ContouringRequest,
-    ControlRequest,
-    FrfRequest,
-    LobesRequest,
-    MapRequest,
     ModalRequest,
-    PathRequest,
-    StaticRequest,
-    TransientRequest,
-    VolumetricRequest,
 )
 from headstock.scene.scene import Scene
-from headstock.solvers.milling.forces import MillingCut
-from headstock.solvers.milling.tool_path import plan_contour
-from headstock.solvers.paths.response import PADDING
-
-GRAVITY = "gravity"
-PROBED = 9  # numbers at a probe
-ALONG_WAYS = {
-    "friction": "friction",
-    "torque_ripple": "torque ripple",
-    "guide_errors": "errors of guides and drives",
-    "coriolis": "forces of speeds (Coriolis)",
-}
 
 
 def plan_scene(
@@ -148,33 +116,13 @@ def plan_scene(
         stages += own if first == name else [_share_stage(stage, first) for stage in own]
         dofs += reduced_dofs(elastic, None if estimate is None else estimate.volume)
     poses = choose_poses(scene)
+    machine = PlannedMachine(scene, components, dofs)
     for pose in poses.values():
-        stages += [
-            dataclasses.replace(
-                stage,
-                estimated_seconds=_seconds_in_pose(stage.kind, dofs, scene),
-            )
-            for stage in _pose_stages(pose, scene)
-        ]
+        stages.append(_place_machine(machine, pose))
+        stages += filter(None, (record.plan_pose(machine, pose) for record in RECORDS))
     comparisons, nothing_to_compare = _plan_comparisons(components, scene)
     stages += comparisons
-    if MapRequest in scene.analyses:
-        count = math.prod(len(values) for _, values in scene.analyses[MapRequest].axes)
-        stages.append(
-            Stage(
-                "map",
-                None,
-                scene.analyses[MapRequest].describe(),
-                estimated_seconds=count / POSES_PER_SECOND,
-            )
-        )
-    stages += _way_stages(scene, components, dofs)
-    if VolumetricRequest in scene.analyses:
-        count = math.prod(len(values) for _, values in scene.analyses[VolumetricRequest].axes)
-        what = scene.analyses[VolumetricRequest].describe()
-        stages.append(
-            Stage("volumetric", None, what, estimated_seconds=count / COUPLINGS_PER_SECOND)
-        )
+    stages += filter(None, (record.plan_run(machine) for record in RECORDS))
     stages.append(
         Stage(
             "write",
@@ -195,15 +143,6 @@ def plan_scene(
         gravity=gravity,
         warnings=(*perhaps, *_plan_warnings(components), *nothing_to_compare),
     )
-
-
-def _name_acting(scene: Scene) -> str:
-    """What acts along a way beside what is done there: drives whose loops are closed, and effects;
-    empty where only ideal motors move the machine.
-    """
-    controlled = [f"{', '.join(scene.drives)} under control"] if scene.drives else []
-    acting = [text for effect, text in ALONG_WAYS.items() if effect in scene.effects]
-    return "".join(f", {text}" for text in (*controlled, *acting))
 
 
 def is_simple(component: Component) -> bool:
@@ -227,7 +166,7 @@ def _plan_comparisons(
         why = "the springs of a lumped mechanism are not compared with finite elements"
     stages: list[Stage] = []
     warnings: list[str] = []
-    tried: tuple[tuple[bool, StageKind, list[str], str, str], ...] = (
+    tried: tuple[tuple[bool, str, list[str], str, str], ...] = (
         (
             modal is not None and modal.spread,
             "spread",
@@ -260,23 +199,18 @@ def _plan_comparisons(
 
 
 def choose_poses(scene: Scene) -> dict[str, Pose]:
-    """Poses that an analysis asks for, in the scene's order; without an analysis the first, to show
-    that the machine couples.
+    """Return the poses that an analysis asks for, in the scene's order; without an analysis the first, to
+    show that the machine couples.
     """
-    analyses = scene.analyses
-    asked_for = (
-        analyses.get(StaticRequest),
-        analyses.get(ModalRequest),
-        analyses.get(FrfRequest),
-        analyses.get(ControlRequest),
-        analyses.get(LobesRequest),
-        analyses.get(TransientRequest),
-    )
-    requests = [request for request in asked_for if request is not None]
+    requests = [
+        request
+        for record in RECORDS
+        if record.stage is None and (request := record.find_request(scene)) is not None
+    ]
     requested = {
         name: pose
         for name, pose in scene.poses.items()
-        if any(_is_requested(name, request.poses) for request in requests)
+        if any(is_requested(name, request.poses) for request in requests)
     }
     if requested:
         return requested
@@ -287,10 +221,6 @@ def choose_poses(scene: Scene) -> dict[str, Pose]:
 def _fidelity(component: Component, scene: Scene) -> Fidelity:
     """As the scene says; every body of a lumped mechanism is rigid."""
     return "rigid" if scene.is_lumped else component.fidelity
-
-
-def _is_requested(pose: str, poses: tuple[str, ...]) -> bool:
-    return not poses or pose in poses
 
 
 def _reduction_key(component: Component, scene: Scene) -> Hashable:
@@ -397,177 +327,25 @@ def _choose_solver(component: Component, scene: Scene, estimate: MeshEstimate) -
     return choose_solver(component, scene, _estimated_dofs(component, estimate), extents)
 
 
-def _pose_stages(pose: Pose, scene: Scene) -> list[Stage]:
-    static, modal = scene.analyses.get(StaticRequest), scene.analyses.get(ModalRequest)
+def _place_machine(machine: PlannedMachine, pose: Pose) -> Stage:
+    """Return the stage that builds the machine in a pose."""
+    scene = machine.scene
+    if scene.is_lumped:
+        return Stage(
+            "place",
+            None,
+            "loop-closure constraints solved in the pose; bodies and springs of its legs",
+            pose=pose.name,
+            estimated_seconds=pose_seconds("place", machine.dofs),
+        )
     counts = {"component": len(scene.machine.components), "joint": len(scene.machine.joints)}
     parts = " at ".join(
         f"{count} {what}{'' if count == 1 else 's'}" for what, count in counts.items()
     )
-    if scene.is_lumped:
-        stages = [
-            Stage(
-                "place",
-                None,
-                "loop-closure constraints solved in the pose; bodies and springs of its legs",
-                pose=pose.name,
-            )
-        ]
-    else:
-        if scene.machine.gravity_stiffening:
-            parts += ", with the geometric stiffness of its weight"
-        stages = [Stage("couple", None, parts, pose=pose.name)]
-    if static is not None and _is_requested(pose.name, static.poses):
-        stages.append(
-            Stage("static", None, f"compliance at {', '.join(static.at)}", pose=pose.name)
-        )
-    machine = scene.machine
-    loaded = machine.loads or machine.displacements or {GRAVITY, "guide_errors"} & {*scene.effects}
-    if static is not None and machine.probes and loaded and _is_requested(pose.name, static.poses):
-        wanted = f"displacement and stress at {', '.join(machine.probes)}"
-        stages.append(Stage("recover", None, wanted, pose=pose.name))
-    if modal is not None and _is_requested(pose.name, modal.poses):
-        stages.append(Stage("modal", None, modal.describe(), pose=pose.name))
-    frf = scene.analyses.get(FrfRequest)
-    if frf is not None and _is_requested(pose.name, frf.poses):
-        stages.append(Stage("frf", None, frf.describe(), pose=pose.name))
-    control = scene.analyses.get(ControlRequest)
-    if control is not None and _is_requested(pose.name, control.poses):
-        stages.append(Stage("control", None, control.describe(tuple(scene.drives)), pose=pose.name))
-    lobes = scene.analyses.get(LobesRequest)
-    if lobes is not None and _is_requested(pose.name, lobes.poses):
-        stages.append(Stage("lobes", None, lobes.describe(), pose=pose.name))
-    transient = scene.analyses.get(TransientRequest)
-    if transient is not None and _is_requested(pose.name, transient.poses):
-        stages.append(Stage("respond", None, transient.describe(), pose=pose.name))
-    return stages
-
-
-def _seconds_in_pose(kind: StageKind, dofs: int, scene: Scene) -> float | None:
-    lobes = scene.analyses.get(LobesRequest)
-    if kind == "respond":
-        return transient_seconds(_count_rubbing_samples(scene))
-    if kind == "lobes" and lobes is not None:
-        return lobes_seconds(lobes, dofs)
-    return pose_seconds(kind, dofs)
-
-
-def _way_stages(scene: Scene, components: dict[str, Component], dofs: int) -> list[Stage]:
-    """Stages in which a machine of so many dofs goes its way."""
-    contour, path = scene.analyses.get(ContouringRequest), scene.analyses.get(PathRequest)
-    stages: list[Stage] = []
-    if contour is not None:
-        waves = contour.regeneration and contour.cutting
-        steps = contour_steps(contour)
-        steps *= CONTROLLED_COST if scene.drives and scene.is_lumped else 1.0
-        per_step = contour_step_seconds(
-            contour.cut,
-            # the bodies of a mechanism turn on the way, whatever they bring
-            dofs=None if scene.is_lumped else max(dofs, MANY_DOFS if scene.mechanism else 0),
-            nonlinear=contour.model == "nonlinear",
-            regenerative=waves,
-        )
-        what = contour.describe() + _name_acting(scene)
-        again = _count_repeats(components, ONCE, contour.cut if contour.cutting else None)
-        again *= contour.estimate
-        times = 1.0 + again * (1.0 if waves else CONTOUR_AGAIN)
-        stages.append(
-            Stage(
-                "contour",
-                None,
-                what,
-                estimated_memory_mb=contour_memory_mb(contour_steps(contour)),
-                estimated_seconds=times * steps * per_step,
-            )
-        )
-    if path is not None:
-        cut = None if path.cut is None else path.cut.cut
-        repeats = path.estimate * _count_repeats(components, EACH, cut)
-        stages.append(_path_stage(scene, path, dofs, repeats))
-    return stages
-
-
-def _count_repeats(
-    components: dict[str, Component], improvements: Sequence[Improvement], cut: MillingCut | None
-) -> int:
-    """How often an analysis is repeated for its ±: without each source of error, and for each range of
-    the coefficients of its cut.
-    """
-    ranges = 0 if cut is None else len(cut.coefficients.ranges)
-    return len(list_repeats(components, improvements)) + ranges
-
-
-def _path_stage(scene: Scene, path: PathRequest, dofs: int, repeats: int) -> Stage:
-    """The path of a machine of so many dofs, repeated in the pose of the middle for its ±."""
-    samples = [(move.duration + path.residual_time) * path.sampling_hz for move in path.moves]
-    # before and after a record a low-pass rests for some of its periods
-    rest = 0.0 if path.low_pass is None else 2.0 * PADDING / path.low_pass.frequency_hz
-    rubbing = any(drive.friction is not None for drive in scene.drives.values())
-    memory = path_memory_mb(
-        max(samples) + rest * path.sampling_hz,
-        len(path.outputs),
-        rubbing=rubbing,
-        watched=_count_watched(scene),
-    )
-    if scene.mechanism is None:
-        turns = 0.0
-        if rubbing and path.cut is not None:
-            turns = sum(samples) / path.sampling_hz * path.cut.cut.spindle / (2.0 * math.pi)
-        seconds = path_seconds(
-            samples,
-            dofs=dofs,
-            rubbing=rubbing,
-            cut_steps=PATH_STEPS_PER_TURN * turns,
-            follows_pose=path.follows_pose,
-            repeats=repeats,
-        )
-    else:
-        bodies = len(scene.machine.components)
-        march = plan_tool_march(
-            path,
-            dofs=DOFS_OF_A_BODY * bodies if scene.is_lumped else dofs,
-            deforms=not scene.is_lumped and dofs > DOFS_OF_A_BODY * bodies,
-            controlled=bool(scene.drives),
-            up_to_hz=MODE_MARGIN * path.band_hz,
-            repeats=repeats,
-        )
-        seconds, memory = march.seconds, memory + march.memory_mb
-    return Stage(
-        "path",
-        None,
-        path.describe() + _name_acting(scene),
-        estimated_memory_mb=memory,
-        estimated_seconds=seconds,
-    )
-
-
-def _count_rubbing_samples(scene: Scene) -> float:
-    """Samples of a transient analysis on which friction acts; none where nothing rubs."""
-    request = scene.analyses.get(TransientRequest)
-    rubbing = any(drive.friction is not None for drive in scene.drives.values())
-    if request is None or request.motors == "locked" or not rubbing:
-        return 0.0
-    return request.duration * request.sampling_hz
-
-
-def _count_watched(scene: Scene) -> int:
-    """What a path watches: forces of joints, force and position of each drive, and displacement and
-    stress at probes.
-    """
-    if scene.mechanism is not None:
-        return PROBED * len(scene.machine.probes)  # one joint after the other
-    springs = sum(
-        bool(joint.stiffness[dof].any())
-        for joint in scene.machine.joints.values()
-        for dof in range(len(joint.stiffness))
-        if dof not in joint.fixed
-    )
-    return 2 * len(scene.drives) + springs + PROBED * len(scene.machine.probes)
-
-
-def contour_steps(request: ContouringRequest) -> float:
-    """Time steps of a contour, roughly."""
-    seconds = plan_contour(request.contour).path.span[1]
-    return seconds * request.cut.spindle / (2.0 * math.pi) * request.steps_per_turn
+    if scene.machine.gravity_stiffening:
+        parts += ", with the geometric stiffness of its weight"
+    seconds = pose_seconds("couple", machine.dofs)
+    return Stage("couple", None, parts, pose=pose.name, estimated_seconds=seconds)
 
 
 def _plan_warnings(components: dict[str, Component]) -> tuple[str, ...]:

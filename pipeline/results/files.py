@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from headstock.meshing.process.libraries import h5py
-from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.frf import ResponseCurves, parse_curves
 from headstock.pipeline.answers.path import PathCurves, parse_path
 from headstock.pipeline.answers.transient import TransientCurves, parse_transient
@@ -30,6 +29,7 @@ from headstock.pipeline.numbers.folders import (
     read_plain_summary,
     read_results_file,
 )
+from headstock.pipeline.planning.analyses import load_answer_types
 from headstock.pipeline.planning.plan import Stage, StageRecord
 from headstock.pipeline.results.grids import MESH_MODULE
 from headstock.pipeline.results.mode_files import MODES_FOLDER, VOLUME_FOLDER, file_stem
@@ -211,7 +211,7 @@ def open_results(folder: Path) -> Results:
     summary = read_summary(folder)
 
     def read(file: "h5py.File") -> Results:
-        kinds = reachable_classes([Results, *Answer.__subclasses__()])
+        kinds = reachable_classes([Results, *load_answer_types()])
         coded = json.loads(file["record/text"][()].tobytes())
         found = decode_value(coded, kinds, lambda name: np.asarray(file[name][()]))
         if fault := find_fault(found, Results, "record/text"):

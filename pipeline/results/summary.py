@@ -1,29 +1,27 @@
 """``summary.json``: what a run found as one typed mapping."""
 
 import math
-from typing import Literal, NotRequired, TypedDict
+from typing import Literal, NotRequired, TypedDict, cast
 
 from headstock.pipeline.answers.accuracy import (
-    AccuracyAnswer,
     AccuracySummary,
-    ModelErrorsAnswer,
     ModelErrorsSummary,
 )
-from headstock.pipeline.answers.answer import find_answers
-from headstock.pipeline.answers.contouring import ContourAnswer, ContourSummary
-from headstock.pipeline.answers.control import ControlAnswer, ControlSummary
-from headstock.pipeline.answers.frf import PoseResponse, ResponseSummary
-from headstock.pipeline.answers.interfaces import InterfaceErrorsAnswer, InterfaceErrorsSummary
-from headstock.pipeline.answers.lobes import LobesSummary, PoseLobes
-from headstock.pipeline.answers.map import MapSummary, WorkspaceMap
-from headstock.pipeline.answers.mechanism import MechanismPose, MechanismSummary
+from headstock.pipeline.answers.answer import Answer
+from headstock.pipeline.answers.contouring import ContourSummary
+from headstock.pipeline.answers.control import ControlSummary
+from headstock.pipeline.answers.frf import ResponseSummary
+from headstock.pipeline.answers.interfaces import InterfaceErrorsSummary
+from headstock.pipeline.answers.lobes import LobesSummary
+from headstock.pipeline.answers.map import MapSummary
+from headstock.pipeline.answers.mechanism import MechanismSummary
 from headstock.pipeline.answers.modal import ModesSummary, PoseModes
-from headstock.pipeline.answers.path import PathResult, PathSummary
-from headstock.pipeline.answers.probes import ProbeAnswer, ProbeSummary
+from headstock.pipeline.answers.path import PathSummary
+from headstock.pipeline.answers.probes import ProbeSummary
 from headstock.pipeline.answers.static import PointSummary, StaticAnswer
-from headstock.pipeline.answers.transient import TransientAnswer, TransientSummary
-from headstock.pipeline.answers.volumetric import VolumetricAnswer, VolumetricSummary
-from headstock.pipeline.planning.plan import StageKind, StageRecord
+from headstock.pipeline.answers.transient import TransientSummary
+from headstock.pipeline.answers.volumetric import VolumetricSummary
+from headstock.pipeline.planning.plan import StageRecord
 from headstock.pipeline.results.results import ComponentFacts, Results
 from headstock.pipeline.storage.provenance import ProvenanceSummary
 
@@ -31,7 +29,7 @@ from headstock.pipeline.storage.provenance import ProvenanceSummary
 class StageSummary(TypedDict):
     """The entry of a stage."""
 
-    stage: StageKind
+    stage: str
     component: str | None
     pose: str | None
     reason: str
@@ -110,14 +108,16 @@ class RunSummary(TypedDict):
 
 
 def summarise(results: Results) -> RunSummary:
-    """The content of ``summary.json``.
+    """Return the content of ``summary.json``.
 
     Raises:
         AccuracyError: A result is not a finite number.
     """
-    answers = results.answers
-    static = {answer.pose: answer.summarise() for answer in find_answers(answers, StaticAnswer)}
-    summary: RunSummary = {
+    kinds: dict[type[Answer], list[Answer]] = {StaticAnswer: [], PoseModes: []}
+    for answer in results.answers:
+        kinds.setdefault(type(answer), []).append(answer)
+    entries = [kind.gather(answers) for kind, answers in kinds.items()]
+    summary = {
         "name": results.name,
         "status": "failed" if results.failures else "done",
         "versions": results.versions,
@@ -126,45 +126,14 @@ def summarise(results: Results) -> RunSummary:
         "components": {
             name: _summarise_component(facts) for name, facts in results.components.items()
         },
-        "static": next(iter(static.values()), {}),
-        "modal": [answer.summarise() for answer in find_answers(answers, PoseModes)],
         "warnings": list(results.warnings),
         "failures": list(results.failures),
         "files": {name: {"sha256": digest} for name, digest in results.files.items()},
+        **({"assumptions": list(results.assumptions)} if results.assumptions else {}),
+        **({} if results.provenance is None else {"provenance": results.provenance.summarise()}),
+        **{key: content for entry in entries for key, content in entry.items()},
     }
-    if results.assumptions:
-        summary["assumptions"] = list(results.assumptions)
-    if results.provenance is not None:
-        summary["provenance"] = results.provenance.summarise()
-    if len(static) > 1:
-        summary["static_poses"] = static
-    if probes := find_answers(answers, ProbeAnswer):
-        summary["probes"] = {answer.pose: answer.summarise() for answer in probes}
-    if mechanism := find_answers(answers, MechanismPose):
-        summary["mechanism"] = {answer.pose: answer.summarise() for answer in mechanism}
-    if responses := find_answers(answers, PoseResponse):
-        summary["frf"] = {answer.curves.pose: answer.summarise() for answer in responses}
-    if control := find_answers(answers, ControlAnswer):
-        summary["control"] = {answer.pose: answer.summarise() for answer in control}
-    if lobes := find_answers(answers, PoseLobes):
-        summary["lobes"] = {answer.pose: answer.summarise() for answer in lobes}
-    if transient := find_answers(answers, TransientAnswer):
-        summary["transient"] = {answer.curves.pose: answer.summarise() for answer in transient}
-    for path in find_answers(answers, PathResult):
-        summary["path"] = path.summarise()
-    for found in find_answers(answers, WorkspaceMap):
-        summary["map"] = found.summarise()
-    if volumes := find_answers(answers, VolumetricAnswer):
-        summary["volumetric"] = {answer.point: answer.summarise() for answer in volumes}
-    for contour in find_answers(answers, ContourAnswer):
-        summary["contouring"] = contour.summarise()
-    for accuracy in find_answers(answers, AccuracyAnswer):
-        summary["accuracy"] = accuracy.summarise()
-    for models in find_answers(answers, ModelErrorsAnswer):
-        summary["model_errors"] = models.summarise()
-    for interfaces in find_answers(answers, InterfaceErrorsAnswer):
-        summary["interface_errors"] = interfaces.summarise()
-    return summary
+    return cast(RunSummary, summary)
 
 
 def _sum_up(results: Results) -> TotalsSummary:

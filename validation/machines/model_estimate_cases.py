@@ -24,7 +24,7 @@ from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.numbers.estimates import DISCRETISATION, REDUCTION, Estimate
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.runner import HANDLERS
+from headstock.pipeline.runner import find_handler
 from headstock.pipeline.stages.frf import estimate_response_errors, prepare_response
 from headstock.pipeline.stages.machine import CoupledPose, couple_pose
 from headstock.pipeline.stages.run_state import RunState, run_stage
@@ -139,7 +139,7 @@ def _solve(scene: Scene, store: Store) -> RunState:
     make_superelements(state)
     for stage in state.plan.stages[:-1]:
         if stage.component is None:
-            run_stage(state, stage, HANDLERS[stage.kind])
+            run_stage(state, stage, find_handler(stage.kind))
     return state
 
 

@@ -18,7 +18,7 @@ from headstock.pipeline.answers.accuracy import AccuracyAnswer
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.numbers.numbers import Key, Number
-from headstock.pipeline.planning.reductions import FRF_MARGIN
+from headstock.pipeline.planning.analyses import FRF_MARGIN
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store

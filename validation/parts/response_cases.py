@@ -11,7 +11,7 @@ from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Point, Pose
 from headstock.geometry.parts.components import Material, ReductionSettings
-from headstock.pipeline.planning.reductions import FRF_MARGIN
+from headstock.pipeline.planning.analyses import FRF_MARGIN
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.requests import ReductionRequest, mode_target
