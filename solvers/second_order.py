@@ -2,7 +2,8 @@
 name.
 """
 
-from collections.abc import Sequence
+import functools
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -17,6 +18,7 @@ from headstock.solvers.errors import ModelError
 UNCONNECTED = 1e-13
 ComplexArray = NDArray[np.complexfloating[Any, Any]]
 Channel = tuple[str, str]
+Positions = slice | NDArray[np.intp]
 Motion = Literal["receptance", "mobility", "accelerance"]
 
 
@@ -47,6 +49,46 @@ class SecondOrderSystem:
     outputs: dict[Channel, FloatArray]
     labels: tuple[str, ...]
     hysteretic: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class Index:
+    """Where channels stand along an axis of arrays.
+
+    Names become positions once, before any loop over time.
+
+    Attributes:
+        channels: In the order of the axis. Of a channel that stands there twice the first counts.
+    """
+
+    channels: tuple[Channel, ...]
+
+    def __len__(self) -> int:
+        """Return the length of the axis."""
+        return len(self.channels)
+
+    @functools.cached_property
+    def _places(self) -> dict[Channel, int]:
+        numbered = enumerate(reversed(self.channels))
+        return {channel: len(self) - 1 - number for number, channel in numbered}
+
+    def of(self, channels: Iterable[Channel]) -> Positions:
+        """Return the positions of channels in their order: a slice, which copies nothing, where
+        they stand side by side.
+
+        Raises:
+            ModelError: A channel does not stand there.
+        """
+        wanted = tuple(channels)
+        for channel in wanted:
+            if channel not in self._places:
+                known = ", ".join(map(name_channel, self.channels))
+                raise ModelError(f"there is no channel {name_channel(channel)!r}; known: {known}")
+        places = np.array([self._places[channel] for channel in wanted], dtype=np.intp)
+        first = int(places[0]) if wanted else 0
+        if np.array_equal(places, first + np.arange(len(wanted))):
+            return slice(first, first + len(wanted))
+        return places
 
 
 def input_columns(system: SecondOrderSystem, inputs: Sequence[Channel]) -> FloatArray:

@@ -102,9 +102,8 @@ def controlled_drives(
         history: Of its motion.
     """
     pushed = servo.forces(history)
-    moved = slice(servo.first, servo.first + len(drives))
-    inertia = _rotor_masses(drives) * (servo.accelerations + history.acceleration[:, moved])
-    rates = history.rate[:, moved]
+    pulled, rates = history.acceleration[:, servo.motors], history.rate[:, servo.motors]
+    inertia = _rotor_masses(drives) * (servo.accelerations + pulled)
     if servo.motion.rubbing is None:
         rubbed = _friction(drives, servo.speeds) + _viscous(drives) * rates
     else:

@@ -87,8 +87,8 @@ class WayErrors:
         return dataclasses.replace(
             way,
             amounts=amounts,
-            channels=(*way.channels, *self.channels),
             errors=self.place,
+            error_channels=self.channels,
             offsets=tuple(
                 (self.channels[number], channel)
                 for number, channel in zip(self.pulled, pulling, strict=True)

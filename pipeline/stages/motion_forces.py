@@ -3,7 +3,7 @@ of joints, from the states of its motion.
 """
 
 import math
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -142,6 +142,25 @@ def read_joints(
     return leave_out_roundoff(
         {joint.name: dict(zip(joint.directions, largest, strict=False)) for joint in joints}
     )
+
+
+def largest_joint_forces(
+    joints: Iterable[JointForces],
+    times: FloatArray,
+    observe: Callable[[JointForces], FloatArray],
+) -> dict[str, dict[str, Extreme]]:
+    """Return the largest force on the first end of every joint, by direction.
+
+    Args:
+        joints: Of a machine.
+        times: ``(n,)`` [s].
+        observe: Forces of a joint ``(n, d)`` then.
+    """
+    found = {
+        joint.name: dict(zip(joint.directions, find_largest(times, observe(joint)), strict=True))
+        for joint in joints
+    }
+    return leave_out_roundoff(found)
 
 
 def find_largest_forces(
