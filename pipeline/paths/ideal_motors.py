@@ -9,7 +9,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import travel_directions
 from headstock.pipeline.answers.motion_forces import PathForces
 from headstock.pipeline.paths.followed_poses import judge_poses
-from headstock.pipeline.paths.path_cut import path_loads, pushed_channels
+from headstock.pipeline.paths.path_cut import path_loads
 from headstock.pipeline.paths.path_model import couple_at, sample_path
 from headstock.pipeline.paths.solved_moves import SolvedMoves, add_watched, read_path_probes
 from headstock.pipeline.stages.machine import damp_system, warn_of_no_damping
@@ -64,7 +64,7 @@ def move_freely(
     machine = state.scene.machine
     directions = travel_directions(machine, request.path)
     loads = path_loads(machine, directions, request.cut)
-    model = dataclasses.replace(model, pushed=pushed_channels(request), loads=loads)
+    model = dataclasses.replace(model, loads=loads)
     posed = couple_at(state, request, 0.5 * request.path.length)
     joints = posed.joints
     probes = place_probes(state.parts, posed.coupled, tuple(machine.probes))

@@ -3,6 +3,7 @@
 """
 
 import dataclasses
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -24,6 +25,7 @@ from headstock.solvers.linear.modal_coordinates import (
 from headstock.solvers.second_order import (
     Channel,
     ComplexArray,
+    Index,
     SecondOrderSystem,
     input_columns,
     name_channel,
@@ -73,15 +75,26 @@ class StateSpace:
     states: tuple[str, ...]
     pairs: ModalPairs | None = None
 
+    @functools.cached_property
+    def columns(self) -> Index:
+        """Where the inputs stand."""
+        return Index(self.inputs)
+
+    @functools.cached_property
+    def rows(self) -> Index:
+        """Where the outputs stand."""
+        return Index(self.outputs)
+
     def select(self, inputs: Sequence[Channel], outputs: Sequence[Channel]) -> "StateSpace":
         """The same states between some of the inputs and outputs."""
-        columns = [self.inputs.index(channel) for channel in inputs]
-        rows = [self.outputs.index(channel) for channel in outputs]
+        if (tuple(inputs), tuple(outputs)) == (self.inputs, self.outputs):
+            return self
+        columns, rows = self.columns.of(inputs), self.rows.of(outputs)
         return dataclasses.replace(
             self,
             b=self.b[:, columns],
             c=self.c[rows],
-            d=self.d[np.ix_(rows, columns)],
+            d=self.d[rows][:, columns],
             inputs=tuple(inputs),
             outputs=tuple(outputs),
         )
@@ -91,7 +104,7 @@ class StateSpace:
 
         Those others are displacements: what inputs do to them at once has no rate here.
         """
-        rows = [self.outputs.index(channel) for channel in outputs.channels]
+        rows = self.rows.of(outputs.channels)
         states, inputs = self.c[rows], self.d[rows]
         rates, accelerations = (
             self._find_rows(outputs.channels, added) @ self.a
@@ -107,9 +120,8 @@ class StateSpace:
     ) -> FloatArray:
         """Rows ``(k, n)`` of what is added to each channel; zero for nothing."""
         found = np.zeros((len(channels), len(self.a)))
-        for number, channel in enumerate(channels):
-            if channel in added:
-                found[number] = self.c[self.outputs.index(added[channel])]
+        some = [number for number, channel in enumerate(channels) if channel in added]
+        found[some] = self.c[self.rows.of(added[channels[number]] for number in some)]
         return found
 
     def respond(self, omega: FloatArray) -> ComplexArray:

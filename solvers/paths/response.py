@@ -22,7 +22,7 @@ from headstock.solvers.linear.modal_coordinates import (
 )
 from headstock.solvers.linear.state_space import modal_state_space
 from headstock.solvers.linear.time_response import add_direct, solve_stepped_response
-from headstock.solvers.paths.loads import PathLoads, cut_times, loads_at, step_loads
+from headstock.solvers.paths.loads import PathLoads, cut_times, load_channels, loads_at, step_loads
 from headstock.solvers.paths.set_points import (
     SetPoint,
     list_breaks,
@@ -73,8 +73,7 @@ class PathModel:
         outputs: Where the deviation is wanted.
         low_frequency_limit_hz: Modes below it do not follow a ramp [Hz].
         up_to_hz: Modes kept; those above follow at once. None keeps all.
-        pushed: Inputs at which loads act.
-        loads: Of these inputs; None for none.
+        loads: On the machine; None for none.
         watched: Other outputs that are asked for as a whole.
     """
 
@@ -82,14 +81,13 @@ class PathModel:
     outputs: tuple[Channel, ...]
     low_frequency_limit_hz: float
     up_to_hz: float | None = None
-    pushed: tuple[Channel, ...] = ()
     loads: PathLoads | None = None
     watched: Watch = field(default_factory=Watch)
 
     @property
     def inputs(self) -> tuple[Channel, ...]:
         """All of them."""
-        return (self.source, *self.pushed)
+        return (self.source, *load_channels(self.loads))
 
 
 def sample_times(move: SetPoint, sampling_hz: float, settle: float) -> FloatArray:

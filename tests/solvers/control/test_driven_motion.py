@@ -84,7 +84,7 @@ def integrate(law: GuideFriction, times: FloatArray) -> FloatArray:
 
     def rate(time: float, state: FloatArray) -> FloatArray:
         rubbed = friction_force(law, model.slides @ state)
-        pushed = space.b[:, : model.given] @ push(np.array([time]))[0]
+        pushed = model.b @ push(np.array([time]))[0]
         return np.asarray(space.a @ state + pushed - model.drag @ rubbed)
 
     start = np.zeros(model.size)
@@ -125,7 +125,7 @@ def test_friction_is_breakaway_at_rest_and_coulomb_with_viscous_when_fast() -> N
 
 def test_a_loop_closed_without_its_friction_is_refused() -> None:
     system, train = make_drive(TwoMasses(), CONTROL, LAW)
-    with pytest.raises(ValueError, match="last inputs"):
+    with pytest.raises(ValueError, match="among its inputs"):
         make_rubbing_loop(close_loops(system, [train]))
 
 

@@ -70,7 +70,9 @@ def respond(
     stepped = step_loads(loads, duration, rate)
     _, _, state = rest_positions(space, loads, duration)
     free = solve_transient(space, stepped, state)
-    found = solve_rubbing_transient(sharpen_friction(loop, share), stepped, free, 1)
+    found = solve_rubbing_transient(
+        sharpen_friction(loop, share), stepped, free, inputs=inputs, outputs=[LOAD]
+    )
     return found, read_response(space, free)
 
 
