@@ -52,6 +52,21 @@ class ModalPairs:
 
 
 @dataclass(frozen=True, eq=False)
+class Feedthrough:
+    """What outputs have of inputs at once, whatever moves.
+
+    Attributes:
+        outputs: ``p`` of them.
+        inputs: ``k`` of them.
+        shares: ``(p, k)``.
+    """
+
+    outputs: tuple[Channel, ...]
+    inputs: tuple[Channel, ...]
+    shares: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class StateSpace:
     """A linear system in time.
 
@@ -98,6 +113,16 @@ class StateSpace:
             inputs=tuple(inputs),
             outputs=tuple(outputs),
         )
+
+    def pass_on(self, direct: "Feedthrough | None") -> "StateSpace":
+        """Return the system with what else some outputs have of some inputs at once."""
+        if direct is None:
+            return self
+        d, rows = self.d.copy(), self.rows.of(direct.outputs)
+        block = d[rows]
+        block[:, self.columns.of(direct.inputs)] += direct.shares
+        d[rows] = block
+        return dataclasses.replace(self, d=d)
 
     def watch(self, outputs: Watch) -> WatchedOutputs:
         """Some of the outputs, with rates and accelerations of others added.

@@ -33,7 +33,7 @@ from headstock.solvers.paths.set_points import (
     step_accelerations,
 )
 from headstock.solvers.second_order import Channel, Positions
-from headstock.solvers.watched_outputs import Watch, WatchedOutputs
+from headstock.solvers.watched_outputs import Watch, WatchedOutputs, WatchedValues
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +182,7 @@ def solve_controlled_path(
         quasi_static,
         low_frequency,
         total - quasi_static - low_frequency,
-        found[:, 2 * count :] if path.watched.channels else None,
+        WatchedValues(path.watched.channels, found[:, 2 * count :]),
     )
 
 
@@ -224,7 +224,7 @@ def solve_rubbing_path(
         linear.quasi_static,
         linear.low_frequency,
         total - linear.quasi_static - linear.low_frequency,
-        path.others.evaluate(found.right, acting) if path.watched.channels else None,
+        WatchedValues(path.watched.channels, path.others.evaluate(found.right, acting)),
     ), found
 
 

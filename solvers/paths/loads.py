@@ -33,7 +33,12 @@ def cut_times(samples: FloatArray, loads: PathLoads | None) -> tuple[FloatArray,
         samples: ``(n,)`` evenly spaced [s].
         loads: None where there are none.
     """
-    parts = max(1, math.ceil((samples[1] - samples[0]) / longest_step(loads)))
+    return refine_times(samples, longest_step(loads))
+
+
+def refine_times(samples: FloatArray, longest: float) -> tuple[FloatArray, int]:
+    """Return instants ``(n,)`` with no step longer than allowed, and how many steps a sample takes."""
+    parts = max(1, math.ceil((samples[1] - samples[0]) / longest))
     fine = np.linspace(samples[0], samples[-1], parts * (len(samples) - 1) + 1)
     return np.asarray(fine, dtype=float), parts
 

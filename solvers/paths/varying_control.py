@@ -60,6 +60,7 @@ from headstock.solvers.paths.varying_response import (
 )
 from headstock.solvers.paths.varying_system import PlantChannels, SampledPlant, VaryingSystem
 from headstock.solvers.second_order import Channel, Positions
+from headstock.solvers.watched_outputs import WatchedValues
 
 LEAST = 1e-9  # size of a pole [rad/s]: below it one does not move
 
@@ -276,7 +277,7 @@ def solve_varying_control(
     )
     quasi_static = observe_along(table.quasi_static, now.positions, motion)
     count = len(loop.outputs)
-    others = total[:, count:] if loop.watched else None
+    others = WatchedValues(loop.watched, total[:, count:])
     total, quasi_static, low_frequency = (
         part[:, :count] for part in (total, quasi_static, low_frequency)
     )
@@ -314,7 +315,7 @@ def solve_varying_rubbing(
         linear,
         total=shown,
         dynamic=shown - linear.quasi_static - linear.low_frequency,
-        watched=watched if loop.watched else None,
+        watched=WatchedValues(loop.watched, watched),
     ), found
 
 
