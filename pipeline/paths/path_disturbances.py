@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -16,8 +16,8 @@ from headstock.pipeline.stages.motion_forces import watch_drives, watch_joints
 from headstock.pipeline.stages.probe_motions import (
     place_probes,
     probe_outputs,
+    probe_values,
     watch_path_probes,
-    watch_probes,
 )
 from headstock.pipeline.stages.run_state import RunState
 from headstock.reduction.coupling.drives import housing_rows, scale_rows
@@ -134,11 +134,6 @@ def disturb_freely(
         probes=probe_values(probes),
         watch=watch_joints(joints).join(watch_path_probes(probes)),
     )
-
-
-def probe_values(names: Iterable[str]) -> dict[str, tuple[Channel, ...]]:
-    """Displacement and stress at each of some probes."""
-    return {name: watch_probes([name]).channels for name in names}
 
 
 def _path_ripple(drive: Drive, request: PathRequest, way: FloatArray) -> FloatArray:

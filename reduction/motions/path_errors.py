@@ -19,8 +19,8 @@ from headstock.reduction.coupling.error_travel import (
     ErrorTravel,
     OffsetMotions,
     check_offsets,
-    differentiate,
     find_offset_motions,
+    follow_offsets,
     move_rows,
     plan_travel,
 )
@@ -32,7 +32,7 @@ from headstock.reduction.motions.tool_deviation import channel_rows
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.linear.state_space import Feedthrough
 from headstock.solvers.paths.response import Disturbance, PathDeviation, solve_loads
-from headstock.solvers.paths.set_points import SetPoint, sample_move
+from headstock.solvers.paths.set_points import PathMotion, SetPoint, sample_move
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 from headstock.solvers.watched_outputs import Watch
 
@@ -67,35 +67,22 @@ class PathErrors:
         """Shortest period of a wave along the path [m]; infinite without waves."""
         return self.travel.shortest * self.path.length
 
-    def offsets(self, move: SetPoint, times: FloatArray) -> FloatArray:
-        """Offsets ``(n, k)`` at instants of a move, from those at its beginning [m, rad]."""
-        return self.travel.sample(self._shares(move, times)) - self.travel.sample(np.zeros(1))
-
     def amounts(self, move: SetPoint, times: FloatArray) -> FloatArray:
-        """Offsets, their rates and their accelerations at instants of a move ``(n, 3 k)``: what the
-        channels of :func:`add_error_inputs` take.
+        """Offsets from those at the beginning, their rates and their accelerations at instants of a
+        move ``(n, 3 k)``: what the channels of :func:`add_error_inputs` take.
         """
-        motion, length = sample_move(move, times), self.path.length
-        first, second = differentiate(
-            self.travel.sample,
-            self._shares(move, times),
-            (0.0, 1.0),
-            min(MOST_STEP, self.travel.shortest / PLACES_PER_WAVE),
-        )
-        speeds, pulls = (each[:, None] / length for each in (motion.speeds, motion.accelerations))
-        return np.hstack(
-            [self.offsets(move, times), first * speeds, second * speeds**2 + first * pulls]
-        )
-
-    def _shares(self, move: SetPoint, times: FloatArray) -> FloatArray:
-        way = sample_move(move, times).positions / self.path.length
-        return np.asarray(np.clip(way, 0.0, 1.0))
+        now, length = sample_move(move, times), self.path.length
+        shares = PathMotion(now.positions / length, now.speeds / length, now.accelerations / length)
+        step = min(MOST_STEP, self.travel.shortest / PLACES_PER_WAVE)
+        offsets, rates, growth = follow_offsets(self.travel.sample, shares, (0.0, 1.0), step)
+        return np.hstack([offsets - self.travel.sample(np.zeros(1)), rates, growth])
 
     def follow_pose(self, frozen: PathDeviation, move: SetPoint) -> PathDeviation:
         """A deviation in the frozen pose with the static part of the pose at hand."""
         if len(self.places) == 1:
             return frozen
-        shares = self._shares(move, frozen.times)
+        way = sample_move(move, frozen.times).positions / self.path.length
+        shares: FloatArray = np.clip(way, 0.0, 1.0)
         gains = scipy.interpolate.BarycentricInterpolator(self.places, self.gains)
         first, own = self.travel.sample(np.zeros(1)), self.travel.sample(shares)
         here = np.einsum("nok,nk->no", gains(shares), own) - gains(0.0) @ first[0]
