@@ -55,7 +55,7 @@ from headstock.pipeline.stages.probe_motions import place_probes, read_probes
 from headstock.pipeline.stages.run_state import RunState
 from headstock.scene.reading.forces import ForceRecord
 from headstock.scene.requests import ContouringRequest
-from headstock.solvers.control.friction_loop import friction_force
+from headstock.solvers.control.friction import friction_force
 from headstock.solvers.milling.path_drives import find_tool_positions
 from headstock.solvers.milling.stability import TipDynamics, tip_dynamics
 from headstock.solvers.milling.tool_dynamics import mount_modes

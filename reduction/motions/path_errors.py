@@ -72,7 +72,8 @@ class PathErrors:
         move ``(n, 3 k)``: what the channels of :func:`add_error_inputs` take.
         """
         now, length = sample_move(move, times), self.path.length
-        shares = PathMotion(now.positions / length, now.speeds / length, now.accelerations / length)
+        values = (now.positions, now.speeds, now.accelerations)
+        shares = PathMotion(*(np.asarray(each / length) for each in values))
         step = min(MOST_STEP, self.travel.shortest / PLACES_PER_WAVE)
         offsets, rates, growth = follow_offsets(self.travel.sample, shares, (0.0, 1.0), step)
         return np.hstack([offsets - self.travel.sample(np.zeros(1)), rates, growth])

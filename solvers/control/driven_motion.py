@@ -11,6 +11,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.control.drive_loops import ClosedLoop
+from headstock.solvers.control.friction import friction_force
 from headstock.solvers.control.friction_loop import RubbingLoop, make_rubbing_loop
 from headstock.solvers.control.loop_track import Given, IntArray, LoopTrack, still_track
 from headstock.solvers.control.rubbing_march import WORKS, RubbingMarch
@@ -240,11 +241,12 @@ def _observe(
     track: LoopTrack, positions: FloatArray, states: FloatArray, given: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Friction ``(n, k)`` and outputs ``(n, p)``."""
-    rubbed = track.loop(0).friction(
+    rubbed = friction_force(
+        track.loop(0).law,
         track.blend(
             positions,
             lambda model, which: states[which] @ model.slides.T + given[which] @ model.guides.T,
-        )
+        ),
     )
 
     def outputs(model: RubbingLoop, which: slice | IntArray) -> FloatArray:
@@ -281,7 +283,7 @@ def _coarse_states(model: RubbingLoop, given: Given, times: FloatArray) -> Float
 def _state_scale(model: RubbingLoop, states: FloatArray, duration: float) -> FloatArray:
     """How large each kind of state gets ``(m,)``, from states ``(p, m)`` as large."""
     machine = model.loop.plant_size
-    dry = sum(max(law.coulomb, law.breakaway) for law in model.laws)
+    dry = float(np.maximum(model.law.coulomb, model.law.breakaway).sum())
     energy = float(model.stored_energy(states).max(initial=0.0))
     slid = float(np.abs(states @ model.slides.T).max(initial=0.0))
     energy = max(energy, dry * slid * duration, 1e-12)

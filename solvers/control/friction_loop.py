@@ -1,8 +1,5 @@
-"""A closed loop with friction in its guides (Coulomb, Stribeck, viscous; smooth through zero
-velocity).
-"""
+"""A closed loop with friction in its guides."""
 
-import dataclasses
 import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,57 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.machine.drives import GuideFriction
 from headstock.solvers.control.drive_loops import ClosedLoop, set_channels
 from headstock.solvers.control.drive_trains import SLIDE, DriveTrain
+from headstock.solvers.control.friction import StackedFriction, stack_laws
 from headstock.solvers.second_order import Channel
-
-
-@dataclass(frozen=True, eq=False)
-class StackedFriction:
-    """Laws of ``d`` guides as arrays ``(d,)``; see :class:`GuideFriction`."""
-
-    coulomb: FloatArray
-    breakaway: FloatArray
-    stribeck_speed: FloatArray
-    viscous: FloatArray
-    smoothing: FloatArray
-
-
-def stack_laws(laws: Sequence[GuideFriction]) -> StackedFriction:
-    """Laws of several guides, to be evaluated together."""
-    names = [each.name for each in dataclasses.fields(StackedFriction)]
-    return StackedFriction(*(np.array([getattr(law, name) for law in laws]) for name in names))
-
-
-type FrictionLaw = GuideFriction | StackedFriction
-
-
-def friction_force(law: FrictionLaw, velocity: FloatArray) -> FloatArray:
-    """Force against the motion [N]; of several guides at speeds ``(..., d)``."""
-    return rub(law, velocity)[0]
-
-
-def friction_slope(law: FrictionLaw, velocity: FloatArray) -> FloatArray:
-    """Derivative of the force by the velocity [N s/m]; negative where friction falls with speed."""
-    return rub(law, velocity)[1]
-
-
-def rub(law: FrictionLaw, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Force against the motion [N] and its derivative by the velocity [N s/m], likewise.
-
-    Source: Armstrong-Helouvry, Dupont and Canudas de Wit (1994), A survey of models, section 2.1
-    (Stribeck curve with a Gaussian);
-        the sign of the velocity is smoothed to a tanh.
-    """
-    bend, fast = np.tanh(velocity / law.smoothing), velocity / law.stribeck_speed
-    more = (law.breakaway - law.coulomb) * np.exp(-(fast**2))
-    level = law.coulomb + more
-    falling = (-2.0 / law.stribeck_speed) * fast * more * bend
-    return (
-        np.asarray(level * bend + law.viscous * velocity),
-        np.asarray(falling + level * (1.0 - bend**2) / law.smoothing + law.viscous),
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +23,7 @@ class RubbingLoop:
 
     Attributes:
         loop: Closed, with the loads that are given and then those of friction as inputs.
-        laws: Of each guide that rubs.
+        law: Of the guides that rub.
         slides: V ``(k, n)``: velocity in these guides.
         drag: G ``(n, k)``.
         passed: H ``(p, k)``.
@@ -88,7 +38,7 @@ class RubbingLoop:
     """
 
     loop: ClosedLoop
-    laws: tuple[GuideFriction, ...]
+    law: StackedFriction
     slides: FloatArray
     drag: FloatArray
     passed: FloatArray
@@ -110,15 +60,6 @@ class RubbingLoop:
     def b(self) -> FloatArray:
         """Columns ``(n, q)`` of what is given over time."""
         return np.asarray(self.acting @ self.spread)
-
-    @functools.cached_property
-    def stacked(self) -> StackedFriction:
-        """The laws of all guides."""
-        return stack_laws(self.laws)
-
-    def friction(self, speeds: FloatArray) -> FloatArray:
-        """Forces ``(..., k)`` against the motion [N]."""
-        return friction_force(self.stacked, speeds)
 
     def stored_energy(self, states: FloatArray) -> FloatArray:
         """Kinetic and strain energy ``(...)`` [J]."""
@@ -186,7 +127,7 @@ def make_rubbing_loop(
     slides[:, : loop.plant_size] = plant.c[plant.rows.of(channels)] @ plant.a
     return RubbingLoop(
         loop=loop,
-        laws=tuple(train.friction for train in loop.trains if train.friction is not None),
+        law=stack_laws([train.friction for train in loop.trains if train.friction is not None]),
         slides=slides,
         drag=space.b[:, rubbing],
         passed=space.d[:, rubbing],

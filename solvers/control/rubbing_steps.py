@@ -84,7 +84,7 @@ class RubbingStep:
 
 def make_rubbing_step(model: RubbingLoop, size: float) -> RubbingStep:
     """The step of a loop over ``size`` seconds."""
-    space, n, q, k = model.loop.space, model.size, model.b.shape[1], len(model.laws)
+    space, n, q, k = model.loop.space, model.size, model.b.shape[1], len(model.law)
     own, given, rubbed = slice(0, n), slice(n, n + q), n + len(GIVEN) * q
     whole = rubbed + len(FORCED) * k
     # polynomials as their derivatives, each of which is the rate of the one before

@@ -11,11 +11,8 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.control.drive_loops import ClosedLoop
 from headstock.solvers.control.driven_motion import DrivenMotion, Outset, integrate_motion
-from headstock.solvers.control.friction_loop import (
-    RubbingLoop,
-    friction_slope,
-    make_rubbing_loop,
-)
+from headstock.solvers.control.friction import friction_force, friction_slope
+from headstock.solvers.control.friction_loop import RubbingLoop, make_rubbing_loop
 from headstock.solvers.control.loop_track import Given, still_track
 from headstock.solvers.linear.load_history import SteppedLoads
 from headstock.solvers.linear.transient import EnergyBalance, Motion, Response
@@ -91,8 +88,8 @@ def solve_rubbing_transient(
         outset=Outset(free.left[0], loads.impulses @ model.b.T, free.right),
     )
     rubbed = (
-        model.friction(found.right[:-1] @ model.slides.T),
-        model.friction(found.left[1:] @ model.slides.T),
+        friction_force(model.law, found.right[:-1] @ model.slides.T),
+        friction_force(model.law, found.left[1:] @ model.slides.T),
     )
     return RubbingTransient(
         found,
@@ -136,7 +133,7 @@ def _read_outputs(
     for end, states in enumerate((motion.right[:-1], motion.left[1:])):
         sliding, rubbed = states @ model.slides.T, friction[end]
         changes = states @ space.a.T + values[:, end] @ model.b.T - rubbed @ model.drag.T
-        slopes = friction_slope(model.stacked, sliding)
+        slopes = friction_slope(model.law, sliding)
         moved.append(states @ rows.T + values[:, end] @ direct.T - rubbed @ passed.T)
         speeds.append(
             changes @ rows.T

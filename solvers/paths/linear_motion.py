@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.solvers.control.friction import Rubbing
 from headstock.solvers.errors import ConvergenceError
 from headstock.solvers.mechanisms.generalized_alpha import AlphaScheme
-from headstock.solvers.paths.rubbing import Rubbing
 
 INVERSE_TOLERANCE = 1e-10  # of what an interpolated inverse leaves of the identity
 MOST_PARTS = 64  # of the way between two nodes

@@ -13,12 +13,8 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl, GuideFriction
 from headstock.solvers.control.drive_loops import ClosedLoop, close_loops
 from headstock.solvers.control.driven_motion import solve_motion
-from headstock.solvers.control.friction_loop import (
-    friction_channels,
-    friction_force,
-    friction_slope,
-    make_rubbing_loop,
-)
+from headstock.solvers.control.friction import friction_force, friction_slope
+from headstock.solvers.control.friction_loop import friction_channels, make_rubbing_loop
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.time_response import solve_stepped_response, solve_time_response
 from headstock.validation.machines.drive_cases import LOAD, TwoMasses, make_drive

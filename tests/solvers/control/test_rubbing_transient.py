@@ -12,7 +12,8 @@ from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl, GuideFriction
 from headstock.solvers.control.drive_loops import close_loops
-from headstock.solvers.control.friction_loop import friction_channels, friction_force
+from headstock.solvers.control.friction import friction_force
+from headstock.solvers.control.friction_loop import friction_channels
 from headstock.solvers.control.rubbing_transient import (
     RubbingTransient,
     sharpen_friction,

@@ -15,7 +15,8 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl, GuideFriction
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.drive_trains import DriveTrain, free_motors
-from headstock.solvers.control.friction_loop import friction_channels, friction_force
+from headstock.solvers.control.friction import friction_force
+from headstock.solvers.control.friction_loop import friction_channels
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.paths.controlled import (
     ControlledPath,
