@@ -107,7 +107,7 @@ def controlled_drives(
         law = stack_laws([drive.friction for drive in drives])
         rubbed = friction_force(law, servo.speeds) + law.viscous * rates
     else:
-        rubbed = friction_force(servo.motion.rubbing.law, servo.speeds + rates)
+        rubbed = servo.motion.rubbing.force(history.rate)
     leads = np.array([drive.lead for drive in drives])
 
     def forces(some: NDArray[np.intp]) -> FloatArray:

@@ -83,6 +83,10 @@ class Rubbing:
     law: StackedFriction
     speeds: FloatArray
 
+    def force(self, rates: FloatArray) -> FloatArray:
+        """Return the forces ``(n, d)`` against the motion at rates ``(n, c)`` of all coordinates [N]."""
+        return friction_force(self.law, self.speeds + rates[:, self.coordinates])
+
     def settle(self, step: int, free: FloatArray, gain: FloatArray) -> FloatArray:
         """Forces ``(d,)`` that act on the coordinates at a step [N].
 

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.control.friction import friction_force
 from headstock.solvers.errors import ConvergenceError
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.solvers.mechanisms.modes import (
@@ -167,9 +166,7 @@ def refine_motion[T: Tried](
             off[:, : pushed.shape[1]] -= pushed
         if motion.rubbing is not None:
             own = motion.rubbing
-            off[:, own.coordinates] += friction_force(
-                own.law, own.speeds + found.rate[:, own.coordinates]
-            )
+            off[:, own.coordinates] += own.force(found.rate)
         extra = extra - off
         tried = solve(extra, tried)
         size = float(np.abs(tried.history.compliant - found.compliant)[:, :moving].max())
