@@ -2,18 +2,23 @@
 name.
 """
 
-from collections.abc import Sequence
+import functools
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.solvers.errors import ModelError
 
+# of the root of both diagonal entries: less is roundoff of zero
+UNCONNECTED = 1e-13
 ComplexArray = NDArray[np.complexfloating[Any, Any]]
 Channel = tuple[str, str]
+Positions = slice | NDArray[np.intp]
 Motion = Literal["receptance", "mobility", "accelerance"]
 
 
@@ -46,6 +51,46 @@ class SecondOrderSystem:
     hysteretic: FloatArray | None = None
 
 
+@dataclass(frozen=True)
+class Index:
+    """Where channels stand along an axis of arrays.
+
+    Names become positions once, before any loop over time.
+
+    Attributes:
+        channels: In the order of the axis. Of a channel that stands there twice the first counts.
+    """
+
+    channels: tuple[Channel, ...]
+
+    def __len__(self) -> int:
+        """Return the length of the axis."""
+        return len(self.channels)
+
+    @functools.cached_property
+    def _places(self) -> dict[Channel, int]:
+        numbered = enumerate(reversed(self.channels))
+        return {channel: len(self) - 1 - number for number, channel in numbered}
+
+    def of(self, channels: Iterable[Channel]) -> Positions:
+        """Return the positions of channels in their order: a slice, which copies nothing, where
+        they stand side by side.
+
+        Raises:
+            ModelError: A channel does not stand there.
+        """
+        wanted = tuple(channels)
+        for channel in wanted:
+            if channel not in self._places:
+                known = ", ".join(map(name_channel, self.channels))
+                raise ModelError(f"there is no channel {name_channel(channel)!r}; known: {known}")
+        places = np.array([self._places[channel] for channel in wanted], dtype=np.intp)
+        first = int(places[0]) if wanted else 0
+        if np.array_equal(places, first + np.arange(len(wanted))):
+            return slice(first, first + len(wanted))
+        return places
+
+
 def input_columns(system: SecondOrderSystem, inputs: Sequence[Channel]) -> FloatArray:
     """Generalised loads ``(n, n_inputs)`` of unit loads.
 
@@ -68,6 +113,25 @@ def output_rows(system: SecondOrderSystem, outputs: Sequence[Channel]) -> FloatA
     return np.array([_find(system.outputs, channel, "output") for channel in outputs]).reshape(
         len(outputs), len(system.mass)
     )
+
+
+def find_links(system: SecondOrderSystem, loads: FloatArray, rows: FloatArray) -> BoolArray:
+    """Whether something connects where a load acts with where motion is seen ``(n_outputs,
+    n_inputs)``.
+
+    Args:
+        system: Without modal damping, whose roundoff connects everything.
+        loads: ``(n, n_inputs)``.
+        rows: ``(n_outputs, n)``.
+    """
+    connected = np.zeros(system.mass.shape, dtype=bool)
+    for matrix in (system.mass, system.stiffness, system.damping, system.hysteretic):
+        if matrix is not None:
+            scale = np.sqrt(np.abs(np.diag(matrix)))
+            connected |= np.abs(matrix) > UNCONNECTED * np.outer(scale, scale)
+    count, part = connected_components(connected, directed=False)
+    members = part == np.arange(count)[:, None]
+    return np.asarray((rows != 0.0) @ members.T @ members @ (loads != 0.0) > 0)
 
 
 def name_channel(channel: Channel) -> str:

@@ -2,13 +2,13 @@
 what else states and loads say.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.second_order import Channel
+from headstock.solvers.second_order import Channel, Index
 
 CHUNK = 4096  # steps looked at together
 
@@ -47,6 +47,29 @@ class Watch:
             {**self.rates, **other.rates},
             {**self.accelerations, **other.accelerations},
         )
+
+
+@dataclass(frozen=True, eq=False)
+class WatchedValues:
+    """What watched outputs did.
+
+    Attributes:
+        channels: ``k`` of them.
+        values: ``(n, k)`` at ``n`` times.
+    """
+
+    channels: tuple[Channel, ...] = ()
+    values: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def of(self, channels: Iterable[Channel]) -> FloatArray:
+        """Return the values ``(n, k')`` of some of them."""
+        return self.values[:, Index(self.channels).of(channels)]
+
+    def __add__(self, other: "WatchedValues") -> "WatchedValues":
+        """Return these values with what the other adds to them."""
+        if not self.channels:
+            return self
+        return WatchedValues(self.channels, self.values + other.of(self.channels))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,3 +1,3 @@
-"""The HTML pages of runs, sweeps and comparisons, with their SVG plots, templates and 3D viewer.
-Never the terminal.
+"""The HTML pages of runs, sweeps and comparisons, with their templates and 3D viewer. Never the
+terminal.
 """

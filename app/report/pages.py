@@ -11,7 +11,6 @@ import numpy as np
 from markupsafe import Markup
 
 from headstock.app.report.report import STYLE, Worth, read_asset, report_environment
-from headstock.app.report.viewer_data import script_json
 from headstock.app.tables.comparison import (
     alike_rigid_modes,
     comparison_csv,
@@ -30,6 +29,7 @@ from headstock.app.tables.model_answers import (
     verdict_words,
 )
 from headstock.app.tables.sweep_quantities import limit_words, list_quantities, sampled_error_words
+from headstock.app.texts.scripts import script_json
 from headstock.geometry.machine.machine import SCENE_UNITS
 from headstock.pipeline.storage.provenance import ProvenanceSummary
 from headstock.scene.studies import SweepKind

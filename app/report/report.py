@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import jinja2
 from markupsafe import Markup
 
-from headstock.app.report.figures import (
+from headstock.app.drawings.figures import (
     JOINT_COLOR,
     draw_budget,
     draw_frequencies,
@@ -25,14 +25,14 @@ from headstock.app.report.figures import (
     map_layers,
     percent,
 )
-from headstock.app.report.frf import draw_overlay, draw_probes, draw_response, has_more_fields
-from headstock.app.report.lobes import draw_lobes
-from headstock.app.report.milled_faces import draw_milled_faces
+from headstock.app.drawings.frf import draw_overlay, draw_probes, draw_response, has_more_fields
+from headstock.app.drawings.lobes import draw_lobes
+from headstock.app.drawings.milled_faces import draw_milled_faces
+from headstock.app.drawings.path import draw_contour, draw_path
+from headstock.app.drawings.transient import draw_path_drives, draw_transient
+from headstock.app.drawings.volumetric import draw_motions, draw_volume, list_maps
 from headstock.app.report.notes import judge_numbers
-from headstock.app.report.path import draw_contour, draw_path
-from headstock.app.report.transient import draw_path_drives, draw_transient
 from headstock.app.report.viewer_data import Caption, EncodedMachine, Kind, encode_machine
-from headstock.app.report.volumetric import draw_motions, draw_volume, list_maps
 from headstock.app.tables.components import COMPONENT_COLUMNS, JOINT_COLUMNS, MODEL_COLUMNS
 from headstock.app.tables.contouring import (
     FACE_COLUMNS,

@@ -6,7 +6,6 @@ A body that moves rigidly in a shape takes six numbers; only what deforms is wri
 
 import base64
 import dataclasses
-import json
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,6 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from headstock.app.texts.scripts import script_json
 from headstock.geometry.frames import FloatArray, Frame, rigid_map
 from headstock.geometry.parts.skins import Skin
 from headstock.pipeline.results.mode_files import largest_shift
@@ -168,16 +168,6 @@ def encode_machine(view: MachineView, captions: Captions) -> EncodedMachine | No
         thinned,
         kept_whole,
     )
-
-
-def script_json(content: Mapping[str, object]) -> str:
-    """JSON that no browser takes for the end of the script element it stands in, nor for a line
-    break in a script.
-    """
-    text = json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    for character in "<>&\u2028\u2029":
-        text = text.replace(character, f"\\u{ord(character):04x}")
-    return text
 
 
 def pose_shapes(pose: PoseView) -> dict[str, dict[str, ShiftArray]]:

@@ -33,7 +33,7 @@ from headstock.meshing.elements.quality import (
     mesh_volume,
     scaled_jacobians,
 )
-from headstock.meshing.elements.regions import are_whole_faces
+from headstock.meshing.elements.regions import are_planes, are_whole_faces
 from headstock.meshing.elements.surface import (
     FlatTets,
     MeshSurface,
@@ -121,7 +121,7 @@ def finish_mesh(data: MeshData, component: Component, groups: Groups) -> Compone
         flat_thickness=float(np.median(flat.thickness)) if len(flat.cells) else 0.0,
         remarks=_list_remarks(data, component, repaired, len(cells)),
     )
-    gaps = _find_gaps(points, surface, data, component, quality)
+    gaps = _find_gaps(points, surface, data, component, quality, straight=straight)
     missing = None if data.left_out is None else place_features(points, cells, kind, data.left_out)
     return ComponentMesh(points, cells, kind, straight, patches, quality, gaps, missing)
 
@@ -317,11 +317,13 @@ def _find_gaps(
     data: MeshData,
     component: Component,
     quality: MeshQuality,
+    *,
+    straight: bool,
 ) -> SurfaceGaps | None:
     """What the mesh cuts short of curved faces; None where nobody knows, or where it does not add
     up to the volume it misses.
     """
-    if isinstance(component.solid, MeshFile):
+    if isinstance(component.solid, MeshFile) and not (straight and are_planes(points, surface)):
         return None
     if data.curved is None or not len(data.curved.nodes):
         return SurfaceGaps(surface.facets[:0], np.zeros((0, PLACES**2)))

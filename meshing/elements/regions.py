@@ -50,15 +50,7 @@ def split_surface(points: FloatArray, surface: MeshSurface) -> IntArray:
         surface: Of the mesh.
     """
     corners = surface.facets[:, : surface.corners]
-    normals = corner_normals(points, surface)
-    sides = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2)
-    _, inverse, counts = np.unique(
-        np.sort(sides, axis=1), axis=0, return_inverse=True, return_counts=True
-    )
-    order = np.argsort(inverse.ravel(), kind="stable")
-    first = np.concatenate([[0], np.cumsum(counts)[:-1]])[counts == 2]
-    left, right = order[first] // surface.corners, order[first + 1] // surface.corners
-    cosine = np.einsum("ij,ij->i", normals[left], normals[right])
+    left, right, cosine = _find_edges(points, surface)
     flat = cosine > FLAT_COSINE
     bent = ~flat & (cosine > SHARP_COSINE)
     curved = np.zeros(len(corners), dtype=bool)
@@ -73,6 +65,32 @@ def split_surface(points: FloatArray, surface: MeshSurface) -> IntArray:
     numbers = np.empty(len(starts), dtype=np.int64)
     numbers[np.argsort(starts)] = np.arange(1, len(starts) + 1)
     return numbers[places.ravel()]
+
+
+def are_planes(points: FloatArray, surface: MeshSurface) -> bool:
+    """Whether facets between sharp edges lie in one plane: then the part has no curved faces.
+
+    Args:
+        points: Nodes ``(n_points, 3)``, in any unit; those between corners are taken as half-way.
+        surface: Of the mesh.
+    """
+    _, _, cosine = _find_edges(points, surface)
+    return bool(((cosine > FLAT_COSINE) | (cosine <= SHARP_COSINE)).all())
+
+
+def _find_edges(points: FloatArray, surface: MeshSurface) -> tuple[IntArray, IntArray, FloatArray]:
+    """Facets on either side of each edge of a surface, and the cosine of their angle."""
+    corners = surface.facets[:, : surface.corners]
+    normals = corner_normals(points, surface)
+    sides = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2)
+    _, inverse, counts = np.unique(
+        np.sort(sides, axis=1), axis=0, return_inverse=True, return_counts=True
+    )
+    order = np.argsort(inverse.ravel(), kind="stable")
+    first = np.concatenate([[0], np.cumsum(counts)[:-1]])[counts == 2]
+    left, right = order[first] // surface.corners, order[first + 1] // surface.corners
+    cosine = np.einsum("ij,ij->i", normals[left], normals[right])
+    return left, right, cosine
 
 
 def describe_faces(points: FloatArray, surface: MeshSurface, owners: IntArray) -> list[CadFace]:

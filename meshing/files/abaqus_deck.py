@@ -36,8 +36,7 @@ _QUOTED = re.compile(r'(?:"[^"]*"|[^,"])+')
 SURFACE_NODES = {"3": (3, 3), "6": (6, 3), "65": (6, 3), "4": (4, 4), "8": (8, 4), "9": (9, 4)}
 # what makes or brings nodes and elements by rules that are not known here
 REFUSED = frozenset(
-    ("INCLUDE", "MANIFEST", "NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "PARAMETER",
-     "SYMMETRIC MODEL GENERATION")
+    ("INCLUDE", "MANIFEST", "NFILL", "NCOPY", "NMAP", "ELCOPY", "PARAMETER", "SYMMETRIC MODEL GENERATION")
 )  # fmt: skip
 CONSTRAINTS = frozenset(
     ("COUPLING", "RIGID BODY", "MPC", "EQUATION", "KINEMATIC COUPLING", "DISTRIBUTING COUPLING", "FASTENER",
@@ -270,6 +269,10 @@ class DeckReader:
             self._add_nodes(block)
         elif keyword == "ELEMENT":
             self._add_elements(block)
+        elif keyword == "NGEN":
+            self._generate_nodes(block)
+        elif keyword == "ELGEN":
+            self._generate_elements(block)
         elif keyword in ("NSET", "ELSET"):
             self._add_set(block)
         elif keyword == "SURFACE":
@@ -329,6 +332,9 @@ class DeckReader:
         if self.system is not None:
             origin, axes = self.system
             places = origin + places @ axes
+        self._place_nodes(block, numbers, places)
+
+    def _place_nodes(self, block: Block, numbers: Sequence[int], places: FloatArray) -> None:
         for number, place in zip(numbers, places, strict=True):
             x, y, z = (float(value) for value in place)
             if self.scope.nodes.setdefault(number, (x, y, z)) != (x, y, z) and np.isfinite(
@@ -338,6 +344,50 @@ class DeckReader:
         if "NSET" in block.options:
             own = Members(block.place, "", tuple(numbers))
             self.scope.node_sets.setdefault(block.option("NSET").upper(), []).append(own)
+
+    def _generate_nodes(self, block: Block) -> None:
+        """Nodes at even steps on the line between two others."""
+        if block.options.keys() - {"NSET"}:
+            raise MeshError(
+                f"{block.place}: *NGEN is read along straight lines only, without {', '.join(block.options)}; "
+                "write the nodes out"
+            )
+        for row in block.rows:
+            first, last, step = (int(word or 1) for word in [*row, "1"][:3])
+            if step < 1 or not 0 < last - first <= LONGEST_RANGE or (last - first) % step:
+                raise ValueError(f"{first} to {last} by {step} is no range of numbers")
+            numbers = range(first, last + 1, step)
+            ends = np.array([self.scope.nodes[first], self.scope.nodes[last]])
+            shares = np.linspace(0.0, 1.0, len(numbers))[1:-1, None]
+            between = (1.0 - shares) * ends[0] + shares * ends[1]
+            self._place_nodes(block, numbers, np.concatenate([ends[:1], between, ends[1:]]))
+
+    def _generate_elements(self, block: Block) -> None:
+        """Elements like a given one, in up to three directions, each with its steps of nodes and of
+        elements.
+        """
+        made: list[int] = []
+        for row in block.rows:
+            words = [int(word or 1) for word in row] + [1] * (10 - len(row))
+            master = words[0]
+            kind = next((e for e in self.scope.elements.values() if master in e.nodes), None)
+            if kind is None:
+                raise ValueError(f"there is no solid or surface element {master}")
+            sizes = [words[place : place + 3] for place in (1, 4, 7)]
+            if (
+                min(map(min, sizes)) < 1
+                or np.prod([float(size[0]) for size in sizes]) > LONGEST_RANGE
+            ):
+                raise ValueError("its counts and steps are no whole numbers above zero")
+            for counts in np.ndindex(*(size[0] for size in sizes)):
+                number = master + sum(n * size[2] for n, size in zip(counts, sizes, strict=True))
+                step = sum(n * size[1] for n, size in zip(counts, sizes, strict=True))
+                nodes = [node + step for node in kind.nodes[master]]
+                if self.scope.numbers.setdefault(number, nodes) != nodes:
+                    raise ValueError(f"element {number} is defined twice")
+                kind.nodes[number] = nodes
+                made.append(number)
+        self._name_elements(block, made)
 
     def _add_elements(self, block: Block) -> None:
         kind = block.option("TYPE").upper()

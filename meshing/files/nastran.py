@@ -6,7 +6,7 @@ Source: MSC Nastran Quick Reference Guide, "Format of Bulk Data Entries".
 import re
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +46,10 @@ NODE_SET = "1"
 _SET_NAME = re.compile(r'\$HMSET\s+(\d+)\s+(\d+)\s*"([^"\n]+)"')
 # an exponent may follow without its letter
 _SHORT_EXPONENT = re.compile(r"(?<=[\d.])([+-]\d+)$")
+# a line of = repeats the card before; how often more
+_REPEATED = re.compile(r"=(?:\(?(\d{1,7})\)?)?$")
+# what is added to a field of the card before
+_STEP = re.compile(r"\*\(?([^()]+)\)?$")
 REAL_COLUMNS, SMALL_REAL = 16, 1e-6
 SOLID_PROPERTY = 1
 FIELDS = 8  # of a line of small fields, and of a pair of lines of large ones
@@ -203,13 +207,53 @@ def _bulk_lines(path: Path, text: str) -> Iterator[Line]:
                     f"{path.name}:{number}: several bulk data sections are not read; write one part alone"
                 )
             begin = number
+    before: Line | None = None
+    steps: list[str] = []
     for number, row in enumerate(rows[begin:], begin + 1):
-        line = row.partition("$")[0].rstrip()
-        if not line:
+        text = row.partition("$")[0].rstrip()
+        if not text:
             continue
-        if line.lstrip().upper().startswith("ENDDATA"):
+        if text.lstrip().upper().startswith("ENDDATA"):
             return
-        yield _split_line(path, number, line)
+        line = _split_line(path, number, text)
+        if not line.name.startswith("="):
+            before, steps = line, []
+            yield line
+            continue
+        repeated = _REPEATED.match(line.name)
+        if repeated is None or before is None or not before.name or (repeated[1] and not steps):
+            raise MeshError(
+                f"{path.name}:{number}: {line.name} repeats no card of one line; write the cards out"
+            )
+        if not repeated[1]:
+            steps = line.fields
+        for _ in range(int(repeated[1] or 1)):
+            before = replace(before, number=number, fields=_add_steps(path, before, steps))
+            yield before
+
+
+def _add_steps(path: Path, before: Line, steps: Sequence[str]) -> list[str]:
+    """Fields of a card that repeats the one before: ``=`` for the same, ``==`` for all that follow, ``*(2)``
+    for two more.
+
+    Raises:
+        MeshError: A field to which something is added is no number.
+    """
+    known, fields = Card(f"{path.name}:{before.number}", before.name, before.fields), []
+    for place, (text, step) in enumerate(zip(before.fields, steps, strict=True)):
+        if step == "==":
+            return fields + before.fields[place:]
+        found = _STEP.match(step)
+        if found is None:
+            fields.append(text if step == "=" else step)
+            continue
+        added = Card(known.place, before.name, ["", found[1]])
+        whole = text.lstrip("+-").isdigit() and found[1].lstrip("+-").isdigit()
+        total = (
+            known.integer(place) + added.integer(1) if whole else known.real(place) + added.real(1)
+        )
+        fields.append(repr(total))
+    return fields
 
 
 def _split_line(path: Path, number: int, line: str) -> Line:
@@ -227,9 +271,9 @@ def _split_line(path: Path, number: int, line: str) -> Line:
         fields = [line[at : at + size].strip() for at in range(8, 72, size)]
         mark = line[72:80].strip()
     fields += [""] * (width - len(fields))
-    if head.startswith(("=", "*(")):
+    if head.startswith("*("):
         raise MeshError(
-            f"{path.name}:{number}: cards that repeat the one before ({head}) are not read; write them out"
+            f"{path.name}:{number}: lines that repeat a continuation ({head}) are not read; write them out"
         )
     continued = not head or head[0] in "+*"
     return Line(

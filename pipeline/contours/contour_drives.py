@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.machine.drives import Drive, GuideFriction, ripple_force
+from headstock.geometry.machine.drives import Drive, ripple_force
 from headstock.pipeline.contours.contour_run import ContourDrives
-from headstock.solvers.control.friction_loop import friction_force
+from headstock.solvers.control.friction import Rubbing, friction_force, stack_laws
 from headstock.solvers.paths.linear_motion import CompliantHistory, LinearMotion
-from headstock.solvers.paths.rubbing import Rubbing
 from headstock.solvers.paths.servo_motion import ServoMotion, close_motors
 
 FrictionSpeeds = Literal["set", "true"]
@@ -62,13 +61,13 @@ def close_drives(
     damping, load = np.array(free.damping), np.array(free.load)
     load[:, motors] -= own * accelerations
     rubbing = None
+    law = stack_laws([drive.friction for drive in drives])
     if friction == "set":
-        load[:, motors] -= _friction(drives, speeds)
+        load[:, motors] -= friction_force(law, speeds)
         # friction that grows with speed also damps deviations
-        damping[:, motors, motors] += _viscous(drives)
+        damping[:, motors, motors] += law.viscous
     elif any(drive.friction is not None for drive in drives):
-        laws = tuple(drive.friction or GuideFriction() for drive in drives)
-        rubbing = Rubbing(motors, laws, speeds)
+        rubbing = Rubbing(motors, law, speeds)
     for drive, motor, places in zip(drives, motors, positions.T, strict=True):
         load[:, motor] += ripple_force(drive, np.asarray(places))
     controls = [
@@ -102,13 +101,13 @@ def controlled_drives(
         history: Of its motion.
     """
     pushed = servo.forces(history)
-    moved = slice(servo.first, servo.first + len(drives))
-    inertia = _rotor_masses(drives) * (servo.accelerations + history.acceleration[:, moved])
-    rates = history.rate[:, moved]
+    pulled, rates = history.acceleration[:, servo.motors], history.rate[:, servo.motors]
+    inertia = _rotor_masses(drives) * (servo.accelerations + pulled)
     if servo.motion.rubbing is None:
-        rubbed = _friction(drives, servo.speeds) + _viscous(drives) * rates
+        law = stack_laws([drive.friction for drive in drives])
+        rubbed = friction_force(law, servo.speeds) + law.viscous * rates
     else:
-        rubbed = servo.motion.rubbing.force(servo.speeds + rates)
+        rubbed = servo.motion.rubbing.force(history.rate)
     leads = np.array([drive.lead for drive in drives])
 
     def forces(some: NDArray[np.intp]) -> FloatArray:
@@ -135,21 +134,3 @@ def _rotor_masses(drives: Sequence[Drive]) -> FloatArray:
     turns = np.array([2.0 * math.pi / drive.lead for drive in drives])
     own = np.array([drive.motor_inertia + drive.screw_inertia for drive in drives])
     return np.asarray(own * turns**2)
-
-
-def _viscous(drives: Sequence[Drive]) -> FloatArray:
-    """What friction grows by with speed ``(d,)`` [N s/m]."""
-    return np.array([0.0 if each.friction is None else each.friction.viscous for each in drives])
-
-
-def _friction(drives: Sequence[Drive], speeds: FloatArray) -> FloatArray:
-    """Forces ``(n, d)`` against motions at speeds [N]."""
-    return np.stack(
-        [
-            np.zeros(len(speeds))
-            if drive.friction is None
-            else friction_force(drive.friction, np.asarray(own))
-            for drive, own in zip(drives, speeds.T, strict=True)
-        ],
-        axis=1,
-    )

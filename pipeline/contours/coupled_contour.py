@@ -30,23 +30,21 @@ from headstock.pipeline.contours.way_errors import STEPS_PER_WAVE, find_way_erro
 from headstock.pipeline.contours.way_motors import (
     WayMotors,
     close_way,
-    lead_bodies,
     plan_motors,
 )
 from headstock.pipeline.contours.way_probes import (
-    alike_channels,
-    follow_probes,
+    drive_bodies,
     join_probes,
     probe_channels,
+    probe_kinds,
 )
 from headstock.pipeline.contours.ways import (
     FORCE,
-    GRAVITY_LOAD,
     RigidWay,
     axes_way,
-    drive_outputs,
     find_screws,
     has_coriolis,
+    join_screws,
     judge_turning,
     mechanism_way,
     place_machine,
@@ -57,7 +55,7 @@ from headstock.pipeline.stages.probe_motions import place_probes, read_probes
 from headstock.pipeline.stages.run_state import RunState
 from headstock.scene.reading.forces import ForceRecord
 from headstock.scene.requests import ContouringRequest
-from headstock.solvers.control.friction_loop import friction_force
+from headstock.solvers.control.friction import friction_force
 from headstock.solvers.milling.path_drives import find_tool_positions
 from headstock.solvers.milling.stability import TipDynamics, tip_dynamics
 from headstock.solvers.milling.tool_dynamics import mount_modes
@@ -73,15 +71,17 @@ from headstock.solvers.paths.sampled_motion import (
     LOAD_SPACING,
     MOST_SAMPLES,
     NODE_SPACING,
+    SampledHistory,
     SampledMotion,
-    follow_drives,
     follow_motion,
+    follow_outputs,
     follow_way,
     sample_motion,
     vary_motion,
 )
 from headstock.solvers.paths.set_points import PathMotion
 from headstock.solvers.paths.varying_system import PlantChannels
+from headstock.solvers.second_order import Channel
 
 POSES_PER_PIECE = 6  # of a way, at the least, and as many again where they do not suffice
 SHORTEST = 1e-6  # of the whole way: closer bends are one
@@ -149,6 +149,11 @@ def _list_breaks(plan: ContourPlan, rounding: float, end: float) -> list[float]:
     return [*breaks, end]
 
 
+def tool_channels(request: ContouringRequest) -> tuple[Channel, ...]:
+    """Where the cut pushes, and where the tool moves."""
+    return tuple((request.point or "", direction) for direction in DIRECTIONS)
+
+
 def run_coupled_contour(
     state: RunState,
     request: ContouringRequest,
@@ -170,7 +175,7 @@ def run_coupled_contour(
         ForceFileError: The record does not cover it.
         ModelError: The machine is free to move.
     """
-    tool = tuple((request.point or "", direction) for direction in DIRECTIONS)
+    tool = tool_channels(request)
     if beside is not None:
         plan, fit, rigid, motors = beside.plan, beside.fit, beside.rigid, beside.motors
     else:
@@ -196,29 +201,21 @@ def run_coupled_contour(
     if errors is not None:
         way = errors.join(rigid, lambda now: PathMotion(now, np.ones(len(now)), np.zeros(len(now))))
         spacing = min(spacing, errors.shortest / STEPS_PER_WAVE)
-    drives = () if motors is None else motors.drives
     probes = tuple(state.scene.machine.probes)
-    outputs = (
-        *tool,
-        *((name, FORCE) for name in screws),
-        *drive_outputs(drives),
-        *probe_channels(probes),
-    )
+    loads, pushes = way.acting, tuple((name, FORCE) for name in screws)
+    inputs, seen = (*tool, *loads.channels), probe_channels(probes)
+    joins = [join_screws(screws), join_probes(state.parts, way)]
+    driven_outputs: tuple[Channel, ...] = ()
+    if motors is not None:
+        joins.append(motors.join(way))
+        driven_outputs = (*motors.scales, *motors.momenta)
     channels = PlantChannels(
-        inputs=(*tool, GRAVITY_LOAD, *way.channels),
-        outputs=outputs,
+        inputs=inputs,
+        outputs=(*tool, *pushes, *driven_outputs, *seen),
         up_to_hz=request.modes_to_hz,
-        alike=alike_channels(outputs, probes),
+        kinds=probe_kinds(seen, probes),
     )
-    place = place_machine(
-        state,
-        way,
-        screws,
-        drives,
-        led=lead_bodies(motors),
-        up_to_hz=request.modes_to_hz,
-        join=lambda model, posed: join_probes(state.parts, model, way, posed),
-    )
+    place = place_machine(state, way, request.modes_to_hz, joins)
     breaks = [0.0, end]
     if request.follows_pose:
         breaks = _list_breaks(plan, AVERAGES * request.contour.window, end)
@@ -233,7 +230,7 @@ def run_coupled_contour(
     _judge_steps(state, request, sampled, step)
 
     motion = follow_motion(
-        sampled, times, way.given, node_spacing=NODE_SPACING, load_spacing=spacing
+        sampled, times, loads, tool, node_spacing=NODE_SPACING, load_spacing=spacing
     )
     servo = None
     friction: FrictionSpeeds = "true" if request.model == "nonlinear" else "set"
@@ -242,9 +239,9 @@ def run_coupled_contour(
             motors,
             sampled,
             motion,
-            scales=len(tool) + len(screws),
-            way=way,
-            given=way.given,
+            loads=loads,
+            offsets=way.offsets,
+            tool=tool,
             friction=friction,
             load_spacing=spacing,
         )
@@ -256,17 +253,17 @@ def run_coupled_contour(
     )
 
     def acting(part: slice) -> FloatArray:
-        given = follow_way(way.given, times[part], spacing)[:, 1:]
+        given = follow_way(loads.deviating, times[part], spacing)
         return np.concatenate([cut.carried[part], given], axis=1)
 
     def drive_forces(some: NDArray[np.intp]) -> FloatArray:
-        pushed = follow_drives(
+        pushed = follow_outputs(
             sampled,
             times[some],
+            outputs=pushes,
             coordinates=history.compliant[some],
-            force=cut.carried[some],
-            given=follow_way(way.given, times[some]),
-            count=len(screws),
+            acting=np.concatenate([cut.carried[some], follow_way(loads.at, times[some])], axis=1),
+            inputs=inputs,
         )
         if way.leg_forces is None:
             return pushed
@@ -289,14 +286,8 @@ def run_coupled_contour(
         _tool_direction(state),
     )
     placed = place_probes(state.parts, middle.coupled, probes)
-    seen = follow_probes(
-        placed,
-        motion=motion,
-        history=history,
-        found=sampled.at(motion.nodes, "rows", "direct"),
-        first=len(outputs) - len(probe_channels(probes)),
-        acting=acting,
-        led=None if motors is None else motors.at(motion.nodes).channels,
+    known = SampledHistory(
+        motion, history, sampled.at(motion.nodes, "rows", "direct"), inputs, acting
     )
     return CoupledRun(
         times=times,
@@ -311,7 +302,13 @@ def run_coupled_contour(
         highest_hz=sampled.highest_hz,
         coriolis=has_coriolis(state),
         assumed=(*assumed, *turning),
-        probes=read_probes(placed, times, seen),
+        probes=read_probes(
+            placed,
+            times,
+            drive_bodies(known, motors, slice(0) if servo is None else servo.motors).follow_probes(
+                placed
+            ),
+        ),
         way=SampledWay(state, plan, fit, rigid, motors, sampled),
     )
 
@@ -329,10 +326,10 @@ def coupled_face_dynamics(run: CoupledRun, request: ContouringRequest, face: int
         face: Number of the straight cut, counted from zero.
     """
     cut = run.plan.cuts[face]
-    now = run.way.sampled.at(np.array([cut.middle]))
+    now, tool = run.way.sampled.at(np.array([cut.middle])), tool_channels(request)
     frame: FloatArray = travel_frames(cut.travel[None], cut.part)[0]
-    tip = frame @ now.rows[0, :3]
-    rest = frame @ now.direct[0, :3, :3] @ frame.T
+    tip = frame @ now.rows_of(tool)[0]
+    rest = frame @ now.direct_of(tool, tool)[0] @ frame.T
     # of unit mass, flexible as what is left out: shapes are its square root times the frequency
     omega = RESIDUAL_REACH * 2.0 * np.pi * max(run.highest_hz, request.modes_to_hz)
     values, vectors = np.linalg.eigh(0.5 * (rest + rest.T))
@@ -453,7 +450,7 @@ def drive_torque(drive: Drive, speed: FloatArray, acceleration: FloatArray) -> F
 
 
 def _axis_motion(way: RigidWay, name: str, times: FloatArray) -> tuple[FloatArray, FloatArray]:
-    if way.axis_motion is None or (name, "acceleration") not in way.channels:
+    if way.axis_motion is None or (name, "acceleration") not in way.bodies:
         return np.zeros(len(times)), np.zeros(len(times))
     return way.axis_motion(name, times)
 

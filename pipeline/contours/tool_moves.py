@@ -5,7 +5,7 @@ errors, the cut and the forces of its speeds, by the steps in time of contours.
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,15 +28,13 @@ from headstock.pipeline.contours.way_errors import STEPS_PER_WAVE, WayErrors, fi
 from headstock.pipeline.contours.way_motors import (
     WayMotors,
     close_way,
-    lead_bodies,
     lead_motors,
     plan_motors,
 )
-from headstock.pipeline.contours.way_probes import follow_probes, join_probes, probe_channels
+from headstock.pipeline.contours.way_probes import drive_bodies, join_probes, probe_channels
 from headstock.pipeline.contours.ways import (
-    GRAVITY_LOAD,
+    Join,
     RigidWay,
-    drive_outputs,
     has_coriolis,
     judge_turning,
     mechanism_way,
@@ -52,7 +50,11 @@ from headstock.pipeline.planning.budgets import PATH_STEPS_PER_TURN
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.control import drive_along
 from headstock.pipeline.stages.machine import damp_system
-from headstock.pipeline.stages.motion_forces import leave_out_roundoff, record_drives
+from headstock.pipeline.stages.motion_forces import (
+    largest_joint_forces,
+    record_drives,
+    watch_joints,
+)
 from headstock.pipeline.stages.probe_motions import (
     place_probes,
     read_probes,
@@ -61,7 +63,6 @@ from headstock.pipeline.stages.probe_motions import (
 from headstock.pipeline.stages.run_state import Outcome, PoseModel, RunState
 from headstock.reduction.coupling.joint_forces import JointForces, joint_outputs
 from headstock.reduction.coupling.probes import PlacedProbe
-from headstock.reduction.estimates.probe_errors import SEEN
 from headstock.scene.requests import PathRequest
 from headstock.scene.scene import SceneMechanism
 from headstock.solvers.milling.forces import cutting_forces
@@ -77,14 +78,15 @@ from headstock.solvers.paths.linear_motion import (
 )
 from headstock.solvers.paths.response import PathDeviation, filter_deviation
 from headstock.solvers.paths.sampled_motion import (
+    SampledHistory,
     SampledMotion,
     follow_motion,
     sample_motion,
 )
 from headstock.solvers.paths.set_points import SetPoint, sample_move
-from headstock.solvers.paths.varying_system import PlantChannels, SampledPlant
-from headstock.solvers.second_order import Channel
-from headstock.solvers.watched_outputs import Extreme, find_largest
+from headstock.solvers.paths.varying_system import PlantChannels
+from headstock.solvers.second_order import Channel, Index
+from headstock.solvers.watched_outputs import Watch
 
 STEPS_PER_SWING = 24  # of the highest mode that is kept
 NODE_TURN = 0.05  # of bodies on turning axes between two of them [rad]
@@ -96,7 +98,6 @@ NODE_ANGLE = 4e-3  # [rad]
 TINY = 1e-30
 BEFORE = 2  # steps before the move begins: the first one is at rest
 MATTERS = 1e-3  # of a natural frequency: what moves it less is no warning
-TOOL_FORCES = 3  # of the inputs are forces on the tool
 TWICE = 2.0  # as high as modes are kept, to judge what is left out
 
 
@@ -202,26 +203,21 @@ class ToolLine:
             self.start, self.along, self.request.moves[0], 1.0 / self.request.sampling_hz
         )
         way = self.way(first)
+        joins, driven = list[Join](), tuple[Channel, ...]()
+        if self.unit_motors is not None:
+            motors, _ = self.unit_motors
+            joins, driven = [motors.join(way)], (*motors.scales, *motors.momenta)
         watched = () if follows else self.watched
         channels = PlantChannels(
-            inputs=(*self.tool, GRAVITY_LOAD, *way.channels),
-            outputs=(*self.tool, *self.request.outputs, *watched, *drive_outputs(self.drives)),
+            inputs=(*self.tool, *way.acting.channels),
+            outputs=(*self.tool, *self.request.outputs, *watched, *driven),
             up_to_hz=up_to_hz,
         )
-        speeding = None if self.unit_motors is None else self.unit_motors[0]
-        led = lead_bodies(speeding)
         if follows:
-            place = place_machine(self.state, way, {}, self.drives, led=led, up_to_hz=up_to_hz)
+            place = place_machine(self.state, way, up_to_hz, joins)
             return sample_motion(place, [0.0, length], channels)
-        held = place_machine(
-            self.state,
-            way,
-            {},
-            self.drives,
-            led=led,
-            up_to_hz=up_to_hz,
-            join=lambda model, posed: join_probes(self.state.parts, model, way, posed),
-        )(0.5 * length)
+        joins = [*joins, join_probes(self.state.parts, way)]
+        held = place_machine(self.state, way, up_to_hz, joins)(0.5 * length)
         return sample_motion(lambda where: held, [0.0, length], channels)
 
 
@@ -417,46 +413,43 @@ def _solve_move(
     """Deviation over one move, from the equilibrium at its beginning, and what drives take; in the
     middle everywhere what joints take and probes see, too, which are outputs after those wanted.
     """
-    joints = line.joints if middle else ()
     samples = sample_path(line.request, move)
     parts = _count_steps(line, sampled, move)
     step = float(samples[1] - samples[0]) / parts
     times = step * np.arange(-BEFORE, parts * (len(samples) - 1) + 1, dtype=np.float64)
     path = StraightPath(line.start, line.along, move, step)
     way = line.way(path)
-    given = np.concatenate([way.given(times[part]) for part in chunk_slices(len(times))])
+    given = np.concatenate([way.acting.at(times[part]) for part in chunk_slices(len(times))])
     sampled = dataclasses.replace(sampled, along=lambda now: sample_move(move, now).positions)
 
-    def values(now: FloatArray) -> FloatArray:
-        return interpolate_nodes(now, times, given)
-
+    loads = dataclasses.replace(way.acting, at=lambda now: interpolate_nodes(now, times, given))
     motion = follow_motion(
         sampled,
         times,
-        values,
+        loads,
+        line.tool,
         node_spacing=min(NODE_SPACING, NODE_ANGLE / max(line.turning * move.feed, TINY)),
         load_spacing=step,
     )
-    outputs = slice(len(line.tool), len(line.tool) + len(line.request.outputs))
+    outputs, inputs = line.request.outputs, (*line.tool, *loads.channels)
     found = sampled.at(motion.nodes, "rows", "direct")
-    rows, direct = found.rows[:, outputs], found.direct[:, outputs]
+    rows = found.rows_of(outputs)
     motors = servo = None
     if line.unit_motors is not None:
         motors = lead_motors(*line.unit_motors, line.nodes, path.travel)
     if motors is not None:
-        scales = outputs.stop + (len(line.watched) if middle else 0)
         servo = close_way(
             motors,
             sampled,
             motion,
-            scales=scales,
-            way=way,
-            given=values,
+            loads=loads,
+            offsets=way.offsets,
+            tool=line.tool,
             friction="true",
             load_spacing=step,
         )
         motion = servo.motion
-        moved = motors.at(motion.nodes).outputs[:, outputs]
+        moved = motors.at(motion.nodes).outputs[:, Index(motors.outputs).of(outputs)]
         rows = np.concatenate([rows, moved], axis=2)
         states = motion.mass.shape[-1] - rows.shape[-1]
         rows = np.pad(rows, ((0, 0), (0, 0), (0, states)))
@@ -464,8 +457,9 @@ def _solve_move(
     history = march_linear(motion, motion.load + motion.tool_load(force))
     limit_hz = choose_model(line.request).low_frequency_limit_hz
     split = _split_motion(motion, rows, history, limit_hz=0.0 if motors else limit_hz)
-    pulled = motion.apply(direct[:, :, len(line.tool) + 1 :], given[:, 1:])
-    total = split.total + pulled + motion.apply(direct[:, :, : len(line.tool)], force)
+    deviating = loads.deviating(times)
+    pulled = motion.apply(found.direct_of(outputs, loads.channels), deviating)
+    total = split.total + pulled + motion.apply(found.direct_of(outputs, line.tool), force)
     at_once = split.quasi_static + pulled
     total, at_once, slow = (
         (part - part[0])[BEFORE::parts] for part in (total, at_once, split.low_frequency)
@@ -482,61 +476,20 @@ def _solve_move(
     deviation = PathDeviation(samples, total, at_once, slow, total - at_once - slow)
     if not middle:
         return deviation, PathForces(drives, {})
-    acting = np.concatenate([force, given[:, 1:]], axis=1)
-    seen = follow_probes(
-        line.probes,
-        motion=motion,
-        history=history,
-        found=found,
-        first=outputs.stop + len(joint_outputs(joints)),
-        acting=lambda part: acting[part].copy(),
-        led=None if motors is None else motors.at(motion.nodes).channels,
-        further=len(smoothing_channels(line.probes)),
-    )
-    seen, smoothed = np.split((seen - seen[0])[shown], [SEEN * len(line.probes)], axis=1)
-    return deviation, PathForces(
-        drives,
-        _find_joint_forces(joints, motion, history, found, first=outputs.stop, acting=acting),
-        read_probes(line.probes, samples, seen, smoothed),
-    )
-
-
-def _find_joint_forces(
-    joints: Sequence[JointForces],
-    motion: LinearMotion,
-    history: CompliantHistory,
-    found: SampledPlant,
-    *,
-    first: int,
-    acting: FloatArray,
-) -> dict[str, dict[str, Extreme]]:
-    """Largest forces of joints beside those by weight alone.
-
-    Args:
-        joints: Of which springs and dampers are outputs.
-        motion: The machine.
-        history: Of its coordinates.
-        found: Its matrices at the nodes of the motion.
-        first: The first of these outputs.
-        acting: ``(n, 3 + r)`` forces on the tool, and what the way gives after gravity.
-    """
-    weight = interpolate_nodes(motion.times, motion.nodes, motion.gravity_deflection)
-    modes = found.rows.shape[2]
-    moved, rates = (history.compliant - weight)[:, :modes], history.rate[:, :modes]
-    # of what acts, gravity stands between the tool and the way
-    beyond = np.delete(found.direct, TOOL_FORCES, axis=2)
-    forces: dict[str, dict[str, Extreme]] = {}
-    for joint in joints:
-        count = len(joint.directions)
-        springs, dampers = slice(first, first + count), slice(first + count, first + 2 * count)
-        values = motion.apply(found.rows[:, springs], moved)
-        values += motion.apply(found.rows[:, dampers], rates)
-        values += motion.apply(beyond[:, springs], acting)
-        first += 2 * count
-        forces[joint.name] = dict(
-            zip(joint.directions, find_largest(motion.times, values), strict=True)
+    acting = np.concatenate([force, deviating], axis=1)
+    known = SampledHistory(motion, history, found, inputs, lambda part: acting[part])
+    driven = drive_bodies(known, motors, slice(0) if servo is None else servo.motors)
+    seen, smoothed = (
+        (values - values[0])[shown]
+        for values in (
+            driven.follow_probes(line.probes),
+            driven.seen.observe(Watch(smoothing_channels(line.probes))),
         )
-    return leave_out_roundoff(forces)
+    )
+    forces = largest_joint_forces(
+        line.joints, times, lambda joint: known.observe(watch_joints([joint]))
+    )
+    return deviation, PathForces(drives, forces, read_probes(line.probes, samples, seen, smoothed))
 
 
 def _cut_forces(line: ToolLine, move: SetPoint, times: FloatArray) -> FloatArray:

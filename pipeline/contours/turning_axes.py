@@ -211,7 +211,7 @@ def turning_motors(
             positions=first + positions[:, None] * shares,
             speeds=np.broadcast_to(speed * shares, (len(positions), len(drives))),
             accelerations=np.broadcast_to(acceleration * shares, (len(positions), len(drives))),
-            channels=np.concatenate([bodies, np.zeros_like(bodies)], axis=2).reshape(
+            bodies=np.concatenate([bodies, np.zeros_like(bodies)], axis=2).reshape(
                 len(positions), -1, len(drives)
             ),
             mass=np.einsum("nbkd,nbke->nde", weighed, bodies),
@@ -220,7 +220,7 @@ def turning_motors(
             inertia=np.einsum("nbkd,nbk->nd", weighed, pulled),
         )
 
-    return WayMotors(drives, at)
+    return WayMotors(drives, at, body_channels(names), tuple(outputs))
 
 
 def _place_along(machine: Machine, path: MachinePath) -> Callable[..., dict[str, Frame]]:

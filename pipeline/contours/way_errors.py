@@ -17,19 +17,18 @@ from headstock.pipeline.contours.ways import PlacedErrors, RigidWay, coupled_mac
 from headstock.pipeline.stages.lumped_machine import sample_leg_errors
 from headstock.pipeline.stages.machine import DAMPING, damp_system
 from headstock.pipeline.stages.mechanism import LumpedPose
-from headstock.pipeline.stages.probe_motions import watch_probes
+from headstock.pipeline.stages.probe_motions import probe_values
 from headstock.pipeline.stages.run_state import PoseModel, RunState
 from headstock.reduction.coupling.error_travel import (
     ACCELERATION,
     check_offsets,
-    differentiate,
     find_offset_motions,
+    follow_offsets,
     plan_travel,
 )
 from headstock.reduction.coupling.guide_errors import GUIDE_ERRORS, has_errors
 from headstock.reduction.coupling.joint_forces import SPRING
-from headstock.reduction.coupling.probes import carry_probe
-from headstock.reduction.motions.path_errors import move_outputs
+from headstock.reduction.motions.path_errors import pass_offsets
 from headstock.scene.scene import SceneMechanism
 from headstock.solvers.paths.set_points import PathMotion
 from headstock.solvers.second_order import Channel
@@ -75,20 +74,17 @@ class WayErrors:
 
         def amounts(times: FloatArray) -> FloatArray:
             now = motion(times)
-            here = np.clip(now.positions, *self.ends)
             step = BESIDE * (self.ends[1] - self.ends[0])
-            first, second = differentiate(self.offsets, here, self.ends, step)
-            speeds, pulls = now.speeds[:, None], now.accelerations[:, None]
-            rates, growth = first * speeds, second * speeds**2 + first * pulls
-            own = [self.offsets(here), rates[:, list(self.rated)], growth[:, list(self.pulled)]]
+            offsets, rates, growth = follow_offsets(self.offsets, now, self.ends, step)
+            own = [offsets, rates[:, list(self.rated)], growth[:, list(self.pulled)]]
             return np.concatenate([way.amounts(times), *own], axis=1)
 
         pulling = self.channels[len(self.channels) - len(self.pulled) :]
         return dataclasses.replace(
             way,
             amounts=amounts,
-            channels=(*way.channels, *self.channels),
             errors=self.place,
+            error_channels=self.channels,
             offsets=tuple(
                 (self.channels[number], channel)
                 for number, channel in zip(self.pulled, pulling, strict=True)
@@ -147,34 +143,17 @@ def find_way_errors(
             system = damp_system(state.scene, system, model.all_modes)
         found = find_offset_motions(coupled, travel, system)
         columns = [found.loads, found.rates[:, rated], found.accelerations[:, pulled]]
-        taken = {
-            ((f"{joint} {SPRING}", DOF_NAMES[row]), channel): -UNIT * float(forces[row, number])
-            for joint, forces in found.forces.items()
-            for number, channel in enumerate(travel.channels)
-            for row in range(len(DOF_NAMES))
-            if forces[row, number]
-        }
-        taken |= {
-            ((f"{joint} {SPRING}", DOF_NAMES[row]), travel.rates[number]): -UNIT * float(passed)
-            for joint in found.passed
-            for number in rated
-            for row, passed in enumerate(found.passed[joint][: len(DOF_NAMES), number])
-            if passed
-        }
-        if rigid:
-            outputs = [(name, dof) for name, dof in coupled.system.outputs if dof in DOF_NAMES]
-            rows = [*move_outputs(coupled, machine, found, outputs)]
-            for name, probe in machine.probes.items():
-                outputs += watch_probes([name]).channels
-                rows += [*carry_probe(coupled, probe, found.moved)]
-            taken |= {
-                (output, travel.channels[number]): UNIT * float(row[number])
-                for output, row in zip(outputs, rows, strict=True)
-                for number in rigid
-            }
+        outputs = [(name, dof) for name, dof in coupled.system.outputs if dof in DOF_NAMES]
+        passed = pass_offsets(
+            coupled, travel, found, outputs, model.joints, probe_values(machine.probes)
+        )
         return PlacedErrors(
             loads=dict(zip(channels, UNIT * np.hstack(columns).T, strict=True)),
-            relief=taken,
+            relief={
+                (passed.outputs[row], passed.inputs[column]): UNIT * float(share)
+                for (row, column), share in np.ndenumerate(passed.shares)
+                if share
+            },
             moved=UNIT * found.moved[:, pulled] if rigid else None,
         )
 

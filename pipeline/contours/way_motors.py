@@ -22,9 +22,23 @@ from headstock.geometry.mechanisms.closures import evaluate_kinematics
 from headstock.geometry.mechanisms.exechon import LENGTHS
 from headstock.geometry.mechanisms.kinematics import skew_matrices
 from headstock.pipeline.contours.contour_drives import FrictionSpeeds, close_drives
-from headstock.pipeline.contours.ways import RigidWay
-from headstock.pipeline.stages.run_state import MachineParts, RunState
+from headstock.pipeline.contours.ways import (
+    Feedthrough,
+    Further,
+    Join,
+    PlacedErrors,
+    RigidWay,
+    axis_channels,
+    body_channels,
+    coupled_machine,
+)
+from headstock.pipeline.stages.mechanism import LumpedPose
+from headstock.pipeline.stages.run_state import MachineParts, PoseModel, RunState
+from headstock.reduction.coupling.drives import find_scales, scale_rows
+from headstock.reduction.coupling.error_travel import move_rows
+from headstock.reduction.coupling.path_loads import momentum_rows
 from headstock.scene.scene import SceneMechanism
+from headstock.solvers.control.drive_trains import SCALE
 from headstock.solvers.mechanisms.partitioning import velocity_maps
 from headstock.solvers.milling.path_drives import move_markers
 from headstock.solvers.milling.tool_path import ToolPath
@@ -34,10 +48,12 @@ from headstock.solvers.paths.linear_motion import (
     even_nodes,
     interpolate_nodes,
 )
-from headstock.solvers.paths.sampled_motion import GIVEN, LOAD_SPACING, TOOL, SampledMotion
+from headstock.solvers.paths.sampled_motion import LOAD_SPACING, SampledMotion, WayLoads
 from headstock.solvers.paths.servo_motion import ServoMotion
 from headstock.solvers.paths.set_points import PathMotion
-from headstock.solvers.second_order import Channel
+from headstock.solvers.second_order import Channel, Index
+
+MOMENTUM = "momentum"  # along the travel that a motor brings about, as an output per speed
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,9 +64,10 @@ class MovedMachine:
         positions: ``(n, d)`` set positions [m].
         speeds: ``(n, d)`` set speeds [m/s].
         accelerations: ``(n, d)`` set accelerations [m/s^2].
-        channels: ``(n, r, d)`` acceleration in each channel of the way per that of each motor.
+        bodies: ``(n, b, d)`` acceleration in each channel of the rigid motion per that of each
+            motor.
         mass: ``(n, d, d)`` [kg].
-        outputs: ``(n, p, d)`` motion at the outputs of the way per travel of each motor.
+        outputs: ``(n, p, d)`` motion at outputs per travel of each motor.
         weight: ``(n, d)`` generalised weight [N].
         inertia: ``(n, d)`` what the rigid motion takes beside the weight [N].
     """
@@ -58,7 +75,7 @@ class MovedMachine:
     positions: FloatArray
     speeds: FloatArray
     accelerations: FloatArray
-    channels: FloatArray
+    bodies: FloatArray
     mass: FloatArray
     outputs: FloatArray
     weight: FloatArray
@@ -72,10 +89,58 @@ class WayMotors:
     Attributes:
         drives: Their drives.
         at: What they move at times ``(n,)``.
+        bodies: Channels of the rigid motion that they move.
+        outputs: Where what they move is known.
     """
 
     drives: tuple[Drive, ...]
     at: Callable[[FloatArray], MovedMachine]
+    bodies: tuple[Channel, ...]
+    outputs: tuple[Channel, ...]
+
+    @property
+    def scales(self) -> tuple[Channel, ...]:
+        """What scales read."""
+        return tuple((drive.name, SCALE) for drive in self.drives)
+
+    @property
+    def momenta(self) -> tuple[Channel, ...]:
+        """Momenta along what motors move."""
+        return tuple((drive.name, MOMENTUM) for drive in self.drives)
+
+    def join(self, way: RigidWay) -> Join:
+        """Give a machine on a way what scales read with locked motors, and the momenta along the
+        travels that motors bring about.
+        """
+
+        def join(where: float, model: PoseModel, errors: PlacedErrors) -> Further:
+            travels = self.at(np.array([where])).bodies[0]
+            loads, drives, taken = way.loads(model), self.drives, Feedthrough()
+            pulled = np.array([loads[channel] for channel in self.bodies])
+            rows = [*_scale_rows(model, drives), *(-travels.T @ pulled)]
+            outputs = (*self.scales, *self.momenta)
+            if model.coupled is not None and errors.moved is not None:
+                read = scale_rows(model.coupled, model.parts.scene.machine, drives)
+                bodies = way.travels(model.coupled)[:, Index(way.bodies).of(self.bodies)]
+                carried = momentum_rows(model.coupled, bodies @ travels)
+                moved = move_rows(np.vstack([read, carried]), errors.moved)
+                taken |= {
+                    (output, offset): float(value)
+                    for output, own in zip(outputs, moved, strict=True)
+                    for (offset, _), value in zip(way.offsets, own, strict=True)
+                }
+            return dict(zip(outputs, rows, strict=True)), taken
+
+        return join
+
+
+def _scale_rows(model: PoseModel, drives: Sequence[Drive]) -> list[FloatArray]:
+    """What the linear scale of each drive reads with locked motors ``(n,)``."""
+    if not isinstance(model, LumpedPose):
+        return find_scales(coupled_machine(model), model.parts.scene.machine, drives)
+    unit = np.eye(len(model.system.mass))
+    # a scale reads the leg up to its joint at the platform, its spring along itself included
+    return [unit[2 * LENGTHS.index(drive.axis) + 1] for drive in drives]
 
 
 def plan_motors(
@@ -104,7 +169,7 @@ def plan_motors(
         return _leg_motors(
             parts, scene.mechanism, path, drives, amounts, direction=direction, outputs=outputs
         )
-    return _axis_motors(parts, scene.machine, outputs[0][0], path)
+    return _axis_motors(parts, scene.machine, outputs, path)
 
 
 def lead_motors(
@@ -142,24 +207,17 @@ def lead_motors(
             inertia=found.inertia * v**2 + held * a,
         )
 
-    return WayMotors(speeding.drives, at)
-
-
-def lead_bodies(motors: WayMotors | None) -> Callable[[float], FloatArray]:
-    """Travel ``(r, d)`` in each channel of a way per travel of each motor, at a place of it."""
-    if motors is None:
-        return lambda where: np.zeros((0, 0))
-    return lambda where: motors.at(np.array([where])).channels[0]
+    return dataclasses.replace(speeding, at=at)
 
 
 def close_way(
     motors: WayMotors,
     sampled: SampledMotion,
     motion: LinearMotion,
-    scales: int,
     *,
-    way: RigidWay,
-    given: Callable[[FloatArray], FloatArray],
+    loads: WayLoads,
+    offsets: Sequence[tuple[Channel, Channel]],
+    tool: Sequence[Channel],
     friction: FrictionSpeeds,
     load_spacing: float = LOAD_SPACING,
 ) -> ServoMotion:
@@ -167,12 +225,11 @@ def close_way(
 
     Args:
         motors: Of the machine.
-        sampled: The machine with locked motors; its last outputs are what linear scales read, then
-            momenta, its inputs after gravity the channels of the way.
+        sampled: The machine with locked motors.
         motion: The same between its nodes.
-        scales: The first of these outputs.
-        way: Of the machine.
-        given: Values ``(n, 1 + r)`` of weight and of its channels at times.
+        loads: That act along the way.
+        offsets: Channels of offsets that motors feel at once, and of their accelerations.
+        tool: Where the tool moves.
         friction: At which speeds it acts.
         load_spacing: Time between which loads of the rigid motion are linear [s].
     """
@@ -181,8 +238,7 @@ def close_way(
     modes, count = sampled.modes, len(motors.drives)
     kept, own = slice(0, modes), slice(modes, modes + count)
     # the load of an acceleration is what the travel's inertia takes of the modes
-    bodies = slice(GIVEN.start + 1, GIVEN.start + 1 + now.channels.shape[1])
-    coupling = -found.loads[:, :, bodies] @ now.channels
+    coupling = -found.loads_of(motors.bodies) @ now.bodies
     mass = np.zeros((len(motion.nodes), modes + count, modes + count))
     mass[:, kept, kept], mass[:, own, own] = motion.mass, now.mass
     mass[:, kept, own], mass[:, own, kept] = coupling, np.swapaxes(coupling, 1, 2)
@@ -194,17 +250,15 @@ def close_way(
         return interpolate_nodes(motion.times, load_nodes, np.concatenate(values))
 
     # offsets of joints that modes follow at once move what scales read and what motors accelerate
-    reads, momenta = slice(scales, scales + count), slice(scales + count, scales + 2 * count)
-    placed = {channel: 1 + number for number, channel in enumerate(way.channels)}
-    offsets, pulling = ([placed[pair[end]] for pair in way.offsets] for end in (0, 1))
-    moved, moving = (
-        between([given(load_nodes[part])[:, columns] for part in chunk_slices(len(load_nodes))])
-        for columns in (offsets, pulling)
+    follow = Index(loads.channels)
+    moving, pulling = ([pair[end] for pair in offsets] for end in (0, 1))
+    moved, accelerated = (
+        between([loads.at(load_nodes[part])[:, columns] for part in chunk_slices(len(load_nodes))])
+        for columns in (follow.of(moving), follow.of(pulling))
     )
-    beyond = found.direct[:, :, [GIVEN.start + column for column in offsets]]
     pulled = between([each.weight - each.inertia for each in finer])
-    pulled -= motion.apply(beyond[:, momenta], moving)
-    weight = np.concatenate([found.loads[:, :, GIVEN.start], now.weight], axis=1)
+    pulled -= motion.apply(found.direct_of(motors.momenta, moving), accelerated)
+    weight = np.concatenate([found.loads_of([loads.weight])[..., 0], now.weight], axis=1)
     unit = np.broadcast_to(np.eye(count), (len(motion.nodes), count, count))
     return close_drives(
         dataclasses.replace(
@@ -212,7 +266,9 @@ def close_way(
             mass=mass,
             damping=np.pad(motion.damping, extra),
             stiffness=np.pad(motion.stiffness, extra),
-            tool=np.concatenate([motion.tool, now.outputs[:, TOOL]], axis=2),
+            tool=np.concatenate(
+                [motion.tool, now.outputs[:, Index(motors.outputs).of(tool)]], axis=2
+            ),
             load=np.concatenate([motion.load, pulled], axis=1),
         ),
         motors.drives,
@@ -220,17 +276,17 @@ def close_way(
         speeds=between([each.speeds for each in finer]),
         accelerations=between([each.accelerations for each in finer]),
         gravity=weight,
-        scales=np.concatenate([found.rows[:, reads], unit], axis=2),
-        beside=motion.apply(beyond[:, reads], moved),
+        scales=np.concatenate([found.rows_of(motors.scales), unit], axis=2),
+        beside=motion.apply(found.direct_of(motors.scales, moving), moved),
         friction=friction,
     )
 
 
 def _axis_motors(
-    parts: MachineParts, machine: Machine, point: str, path: ToolPath
+    parts: MachineParts, machine: Machine, tool: Sequence[Channel], path: ToolPath
 ) -> WayMotors | None:
     """Motors of linear axes."""
-    travel = find_tool_travel(machine, machine.points[point])
+    travel = find_tool_travel(machine, machine.points[tool[0][0]])
     drives = tuple(each for each in parts.scene.drives.values() if each.axis in travel.axes)
     if not drives:
         return None
@@ -254,8 +310,8 @@ def _axis_motors(
             for axis in axes
         ]
     )
-    channels = np.eye(len(travel.axes))[:, columns]
-    tool = travel.directions[:, columns]
+    bodies = np.eye(len(travel.axes))[:, columns]
+    moved = travel.directions[:, columns]
 
     def at(times: FloatArray) -> MovedMachine:
         points, count = path.at(times), len(times)
@@ -267,14 +323,14 @@ def _axis_motors(
             positions,
             speeds,
             accelerations,
-            channels=np.broadcast_to(channels, (count, *channels.shape)),
+            bodies=np.broadcast_to(bodies, (count, *bodies.shape)),
             mass=np.broadcast_to(mass, (count, *mass.shape)),
-            outputs=np.broadcast_to(tool, (count, *tool.shape)),
+            outputs=np.broadcast_to(moved, (count, *moved.shape)),
             weight=np.broadcast_to(weight, (count, len(weight))),
             inertia=accelerations @ mass,
         )
 
-    return WayMotors(drives, at)
+    return WayMotors(drives, at, axis_channels(travel.axes), tuple(tool))
 
 
 def _leg_motors(
@@ -304,7 +360,7 @@ def _leg_motors(
         count = len(drives)
         mass = np.zeros((len(times), count, count))
         weight, inertia = np.zeros((len(times), count)), np.zeros((len(times), count))
-        channels = []
+        travels = []
 
         def travel(name: str, local: FloatArray) -> tuple[FloatArray, FloatArray]:
             """Motion and turning ``(n, 3, d)`` of a place in a body."""
@@ -344,17 +400,17 @@ def _leg_motors(
             mass += body.mass_kg * (left @ moving) + about @ tensor @ turning
             weight += body.mass_kg * (left @ gravity)
             inertia += (body.mass_kg * (left @ straight) + about @ tensor @ spin)[..., 0]
-            channels += [moving, turning]
+            travels += [moving, turning]
         driven = np.arange(known.driven_slice.start, known.driven_slice.stop)[legs]
         return MovedMachine(
             positions=moved.states[:, driven],
             speeds=moved.rates[:, driven],
             accelerations=moved.growth[:, driven],
-            channels=np.concatenate(channels, axis=1),
+            bodies=np.concatenate(travels, axis=1),
             mass=mass,
             outputs=np.stack([output_rows(channel) for channel in outputs], axis=1),
             weight=weight,
             inertia=inertia,
         )
 
-    return WayMotors(tuple(drives), at)
+    return WayMotors(tuple(drives), at, body_channels(bodies), tuple(outputs))

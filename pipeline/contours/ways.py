@@ -10,19 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray
-from headstock.geometry.machine.drives import Drive
 from headstock.geometry.machine.joints import Axis
 from headstock.geometry.machine.machine import Machine, Pose
 from headstock.geometry.machine.tool_travel import ToolTravel
-from headstock.geometry.mechanisms.exechon import LENGTHS
 from headstock.pipeline.contours.carried_bodies import move_bodies
 from headstock.pipeline.contours.contour_run import CORIOLIS
 from headstock.pipeline.stages.machine import CoupledPose, damp_system, warn_of_no_damping
 from headstock.pipeline.stages.mechanism import LumpedPose, build_mechanism, place_pose
 from headstock.pipeline.stages.run_state import PoseModel, RunState
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
-from headstock.reduction.coupling.drives import find_scales, scale_rows
-from headstock.reduction.coupling.error_travel import RATE, move_rows
+from headstock.reduction.coupling.error_travel import RATE
 from headstock.reduction.coupling.joint_forces import SPRING, joint_outputs
 from headstock.reduction.coupling.joint_springs import PlacedJoint
 from headstock.reduction.coupling.memo import CouplingMemo
@@ -33,26 +30,26 @@ from headstock.reduction.coupling.path_loads import (
     body_travel,
     bound_gyroscopic_shift,
     inertia_load,
-    momentum_rows,
     rigid_travel,
     stack_modes,
     turn_with_bodies,
 )
 from headstock.scene.scene import SceneMechanism
-from headstock.solvers.control.drive_trains import SCALE
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_lowest_modes
 from headstock.solvers.milling.path_drives import move_markers
 from headstock.solvers.milling.tool_path import PathPoints, ToolPath
+from headstock.solvers.paths.sampled_motion import WayLoads
 from headstock.solvers.paths.varying_system import PosedModes
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 
 GRAVITY_LOAD: Channel = ("gravity", "load")
 FORCE = "force"
-MOMENTUM = "momentum"  # along the travel that a motor brings about, as an output per speed
 STACKED = 2.0  # times the highest frequency kept, up to which modes may be compared between poses
 LEAST_SHIFT = 1e-9  # of a natural frequency: roundoff, as of bodies that are rigid
 Amounts = Callable[[FloatArray], FloatArray]
 Feedthrough = dict[tuple[Channel, Channel], float]
+# further outputs of a machine at a place: rows, and what they have of inputs at once
+Further = tuple[Mapping[Channel, FloatArray], Feedthrough]
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,24 +69,26 @@ class PlacedErrors:
     moved: FloatArray | None = None
 
 
+Join = Callable[[float, PoseModel, PlacedErrors], Further]
+
+
 @dataclass(frozen=True, eq=False)
 class RigidWay:
     """How the rigid machine follows a path.
 
     Attributes:
         pose_at: The pose at a place of the way: a time of a contour, a position of a straight move.
-        loads: Channels of the load by its inertia, in the order of the amounts, of a machine in a
-            pose.
-        amounts: Accelerations ``(n, r)`` of these channels at times ``(n,)``.
-        channels: Their names.
+        loads: Load ``(n,)`` by its inertia in each of its channels, of a machine in a pose.
+        amounts: Values ``(n, r)`` of all channels at times ``(n,)``.
+        bodies: Channels of the rigid motion: accelerations.
         axis_motion: Speed and acceleration ``(n,)`` of an axis at times; None of a mechanism.
         leg_forces: Forces ``(n, d)`` that hold up and accelerate the legs of a mechanism themselves,
             between their drives and their screws, at times; None of axes.
         turning: Bodies that turn on the way, whose speeds act.
-        travels: Motion ``(n_all, r)`` of the stacked dofs per travel in each of the ``r`` channels of
+        travels: Motion ``(n_all, b)`` of the stacked dofs per travel in each of the ``b`` channels of
             the rigid motion, of a machine of components in a pose.
-        errors: What errors do, of a machine in a pose; their channels follow those of the rigid
-            motion.
+        errors: What errors do, of a machine in a pose.
+        error_channels: Of these errors.
         offsets: Of the errors that motors under control feel at once, channels of the offset and of
             its acceleration.
     """
@@ -97,16 +96,26 @@ class RigidWay:
     pose_at: Callable[[float], Pose]
     loads: Callable[[PoseModel], dict[Channel, FloatArray]]
     amounts: Amounts
-    channels: tuple[Channel, ...]
+    bodies: tuple[Channel, ...]
     axis_motion: Callable[[str, FloatArray], tuple[FloatArray, FloatArray]] | None = None
     leg_forces: Amounts | None = None
     turning: tuple[str, ...] = ()
     travels: Callable[[CoupledMachine], FloatArray] = lambda coupled: np.zeros((0, 0))
     errors: Callable[[PoseModel], PlacedErrors] = lambda model: PlacedErrors()
+    error_channels: tuple[Channel, ...] = ()
     offsets: tuple[tuple[Channel, Channel], ...] = ()
 
-    def given(self, times: FloatArray) -> FloatArray:
-        """Values ``(n, 1 + r)`` of weight and of these channels at times ``(n,)``."""
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """All channels."""
+        return (*self.bodies, *self.error_channels)
+
+    @property
+    def acting(self) -> WayLoads:
+        """What acts along the way: weight, and the amounts of all channels."""
+        return WayLoads((GRAVITY_LOAD, *self.channels), self._given, GRAVITY_LOAD)
+
+    def _given(self, times: FloatArray) -> FloatArray:
         return np.concatenate([np.ones((len(times), 1)), self.amounts(times)], axis=1)
 
 
@@ -136,7 +145,7 @@ def find_screws(machine: Machine) -> dict[str, tuple[str, Axis | None]]:
 
 def axes_way(machine: Machine, travel: ToolTravel, path: ToolPath) -> RigidWay:
     """Linear axes that follow a path."""
-    channels = tuple((name, "acceleration") for name in travel.axes)
+    channels = axis_channels(travel.axes)
     directions = {
         name: dict.fromkeys(machine.axes[name].moves, machine.axes[name].direction)
         for name in travel.axes
@@ -231,6 +240,11 @@ def mechanism_way(
     )
 
 
+def axis_channels(axes: Iterable[str]) -> tuple[Channel, ...]:
+    """Accelerations of axes."""
+    return tuple((name, "acceleration") for name in axes)
+
+
 def body_channels(names: Iterable[str]) -> tuple[Channel, ...]:
     """Accelerations of bodies along and about the machine's axes."""
     return tuple((name, f"acceleration {dof}") for name in names for dof in DOF_NAMES)
@@ -249,11 +263,6 @@ def load_bodies(model: PoseModel, names: Iterable[str]) -> dict[Channel, FloatAr
     return found
 
 
-def drive_outputs(drives: Sequence[Drive]) -> tuple[Channel, ...]:
-    """What scales read, then momenta along what motors move."""
-    return tuple((drive.name, kind) for kind in (SCALE, MOMENTUM) for drive in drives)
-
-
 def travel_bodies(coupled: CoupledMachine, names: Iterable[str]) -> FloatArray:
     """Motion ``(n_all, r)`` of the stacked dofs per travel in each of these channels."""
     columns = []
@@ -265,26 +274,15 @@ def travel_bodies(coupled: CoupledMachine, names: Iterable[str]) -> FloatArray:
 
 
 def place_machine(
-    state: RunState,
-    way: RigidWay,
-    screws: Mapping[str, tuple[str, Axis | None]],
-    drives: Sequence[Drive],
-    led: Callable[[float], FloatArray],
-    up_to_hz: float,
-    join: Callable[[PoseModel, PosedModes], PosedModes] = lambda model, posed: posed,
+    state: RunState, way: RigidWay, up_to_hz: float, joins: Sequence[Join] = ()
 ) -> Callable[[float], PosedModes]:
     """The machine at a place of the way: damped as the scene says, with every channel.
 
     Args:
         state: Of the run.
         way: Of the rigid machine.
-        screws: Whose forces are outputs.
-        drives: What whose linear scales read is an output, and the momentum along the travel that
-            their motors bring about.
-        led: Travel ``(r, d)`` in each channel of the rigid motion per travel of each of these motors,
-            at a place.
         up_to_hz: Modes kept.
-        join: What gives the machine in a pose further outputs.
+        joins: What gives the machine at a place further outputs.
     """
     model_at, undamped = place_model(state), False
 
@@ -301,31 +299,15 @@ def place_machine(
                 'the way is followed without damping: write [effects] damping = { modal = "2 %" }'
             )
         weight = model.loads.get("gravity", np.zeros(len(system.mass)))
-        coupled, errors, loads = model.coupled, way.errors(model), way.loads(model)
-        rows = {} if coupled is None else _screw_rows(coupled, screws)
-        taken = dict(errors.relief)
-        if coupled is not None:
-            taken |= _relieve_screws(coupled, screws, errors.relief)
-        if drives:
-            travels = led(where)
-            pulled = np.array([loads[channel] for channel in way.channels[: len(travels)]])
-            rows |= _drive_rows(drives, SCALE, _scale_rows(model, drives))
-            rows |= _drive_rows(drives, MOMENTUM, list(-travels.T @ pulled))
-            if coupled is not None and errors.moved is not None:
-                read = scale_rows(coupled, state.scene.machine, drives)
-                carried = momentum_rows(coupled, way.travels(coupled) @ travels)
-                for kind, stacked in ((SCALE, read), (MOMENTUM, carried)):
-                    taken |= {
-                        ((drive.name, kind), offset): float(value)
-                        for drive, own in zip(drives, move_rows(stacked, errors.moved), strict=True)
-                        for (offset, _), value in zip(way.offsets, own, strict=True)
-                    }
+        errors, loads = way.errors(model), way.loads(model)
         system = dataclasses.replace(
             system,
             inputs={**system.inputs, GRAVITY_LOAD: weight, **loads, **errors.loads},
-            outputs={**system.outputs, **rows, **joint_outputs(model.joints)},
+            outputs={**system.outputs, **joint_outputs(model.joints)},
         )
-        posed = join(model, dataclasses.replace(_stack(model, system, modes), feedthrough=taken))
+        posed = dataclasses.replace(_stack(model, system, modes), feedthrough=errors.relief)
+        for join in joins:
+            posed = posed.join(*join(where, model, errors))
         if not way.turning:
             return posed
         return turn_with_bodies(posed, _turning_bodies(model, way.turning))
@@ -482,47 +464,27 @@ def _turning_bodies(model: PoseModel, names: Sequence[str]) -> list[TurningBody]
     return found
 
 
-def _drive_rows(
-    drives: Sequence[Drive], kind: str, rows: Sequence[FloatArray]
-) -> dict[Channel, FloatArray]:
-    return {(drive.name, kind): row for drive, row in zip(drives, rows, strict=True)}
+def join_screws(screws: Mapping[str, tuple[str, Axis | None]]) -> Join:
+    """Give a machine the forces with which screws push their nuts, along the axis [N]."""
 
+    def join(where: float, model: PoseModel, errors: PlacedErrors) -> Further:
+        joints = {joint.name: joint for joint in coupled_machine(model).joint_springs}
+        rows, taken = dict[Channel, FloatArray](), Feedthrough()
+        for name, (joint, axis) in screws.items():
+            spring = joints[joint]
+            sign = _screw_sign(spring, axis)
+            rows[name, FORCE] = sign * (spring.stiffness @ spring.rows)[0]
+            taken |= {
+                ((name, FORCE), given): sign * size
+                for (output, given), size in errors.relief.items()
+                # the rates act through dampers, which are no part of it
+                if output == (f"{joint} {SPRING}", DOF_NAMES[0]) and given[0] != RATE
+            }
+        return rows, taken
 
-def _scale_rows(model: PoseModel, drives: Sequence[Drive]) -> list[FloatArray]:
-    """What the linear scale of each drive reads with locked motors ``(n,)``."""
-    if not isinstance(model, LumpedPose):
-        return find_scales(coupled_machine(model), model.parts.scene.machine, drives)
-    unit = np.eye(len(model.system.mass))
-    # a scale reads the leg up to its joint at the platform, its spring along itself included
-    return [unit[2 * LENGTHS.index(drive.axis) + 1] for drive in drives]
-
-
-def _screw_rows(
-    coupled: CoupledMachine, screws: Mapping[str, tuple[str, Axis | None]]
-) -> dict[Channel, FloatArray]:
-    """Row ``(n,)`` of the force with which each screw pushes its nut, along the axis [N]."""
-    joints = {joint.name: joint for joint in coupled.joint_springs}
-    return {
-        (name, FORCE): _screw_sign(joints[joint], axis)
-        * (joints[joint].stiffness @ joints[joint].rows)[0]
-        for name, (joint, axis) in screws.items()
-    }
+    return join
 
 
 def _screw_sign(screw: PlacedJoint, axis: Axis | None) -> float:
     """Whether a screw pushes along its axis or against it."""
     return 1.0 if axis is None else float(np.sign(screw.frame.rotation[:, 0] @ axis.direction))
-
-
-def _relieve_screws(
-    coupled: CoupledMachine, screws: Mapping[str, tuple[str, Axis | None]], relief: Feedthrough
-) -> Feedthrough:
-    """The relief of the forces of screws, from that of the springs of their joints."""
-    joints = {joint.name: joint for joint in coupled.joint_springs}
-    return {
-        ((name, FORCE), given): _screw_sign(joints[joint], axis) * size
-        for name, (joint, axis) in screws.items()
-        for (output, given), size in relief.items()
-        # the rates act through dampers, which are no part of it
-        if output == (f"{joint} {SPRING}", DOF_NAMES[0]) and given[0] != RATE
-    }

@@ -3,7 +3,7 @@
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import travel_directions
 from headstock.pipeline.paths.closed_path import judge_energy
-from headstock.pipeline.paths.path_cut import path_loads, pushed_channels
+from headstock.pipeline.paths.path_cut import path_loads
 from headstock.pipeline.paths.path_model import couple_at
 from headstock.pipeline.paths.travels import axis_shares
 from headstock.pipeline.stages.control import drive_along
@@ -18,6 +18,7 @@ from headstock.reduction.coupling.path_loads import (
 )
 from headstock.scene.requests import PathRequest
 from headstock.solvers.control.friction_loop import friction_channels
+from headstock.solvers.paths.loads import load_channels
 from headstock.solvers.paths.response import PathDeviation
 from headstock.solvers.paths.set_points import SetPoint
 from headstock.solvers.paths.varying_control import (
@@ -45,10 +46,11 @@ def close_along(
     directions = travel_directions(machine, request.path)
     trains = middle.release(state.scene.drives.values()).trains
     travels = find_rigid_travels(middle.coupled, trains, directions, axis_shares(request))
+    loads = path_loads(machine, directions, request.cut)
     channels = loop_channels(
         trains,
         path=PATH_INPUT,
-        loads=pushed_channels(request),
+        loads=load_channels(loads),
         outputs=request.outputs,
         up_to_hz=VARYING_REACH * request.band_hz,
     )
@@ -63,11 +65,12 @@ def close_along(
     return VaryingLoop(
         plant=sample_plant(place, request.path.length, channels),
         channels=channels,
+        path=PATH_INPUT,
+        outputs=request.outputs,
         trains=trains,
         travels=travels,
-        count=len(request.outputs),
         low_frequency_limit_hz=low_frequency_limit_hz,
-        loads=path_loads(machine, directions, request.cut),
+        loads=loads,
         watched=watch_drives(state.scene.drives.values()).channels,
     )
 

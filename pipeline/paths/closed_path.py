@@ -6,7 +6,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import travel_directions
-from headstock.pipeline.paths.path_cut import path_loads, pushed_channels
+from headstock.pipeline.paths.path_cut import path_loads
 from headstock.pipeline.paths.travels import axis_shares, travel_of_channel
 from headstock.pipeline.stages.control import drive_machine
 from headstock.pipeline.stages.machine import CoupledPose
@@ -24,6 +24,7 @@ from headstock.solvers.paths.controlled import (
     solve_controlled_path,
     solve_rubbing_path,
 )
+from headstock.solvers.paths.loads import load_channels
 from headstock.solvers.paths.response import PathDeviation
 from headstock.solvers.paths.set_points import SetPoint
 
@@ -59,19 +60,19 @@ def close_path(
     probes = place_probes(state.parts, driven.released.coupled, tuple(state.scene.machine.probes))
     own = joint_outputs(joints) | probe_outputs(state.parts, probes)
     watched = watch_joints(joints).join(watch_path_probes(probes))
-    cut = request.cut
-    pushed = pushed_channels(request)
     reach = reach or (FRICTION_REACH if channels else LINEAR_REACH)
     machine = state.scene.machine
     directions = travel_directions(machine, request.path)
+    loads = path_loads(machine, directions, request.cut)
     return ControlledPath(
         loop=close_loops(
             dataclasses.replace(driven.system, outputs=driven.system.outputs | own),
             driven.trains,
-            inputs=(*pushed, *channels),
+            inputs=(*load_channels(loads), *channels),
             outputs=(*request.outputs, *own),
             up_to_hz=reach * request.band_hz,
         ),
+        outputs=request.outputs,
         shares=axis_shares(request),
         travel=np.array(
             [
@@ -80,7 +81,7 @@ def close_path(
             ]
         ),
         low_frequency_limit_hz=low_frequency_limit_hz,
-        loads=path_loads(machine, directions, cut),
+        loads=loads,
         watched=watched.join(watch_drives(state.scene.drives.values())),
     )
 

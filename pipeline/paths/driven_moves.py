@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import travel_directions
 from headstock.pipeline.answers.motion_forces import PathForces
 from headstock.pipeline.answers.probe_motions import ProbeMotion
@@ -18,6 +17,8 @@ from headstock.pipeline.stages.probe_motions import place_probes
 from headstock.pipeline.stages.run_state import RunState
 from headstock.reduction.estimates.probe_errors import SEEN
 from headstock.scene.requests import PathRequest
+from headstock.solvers.control.drive_loops import ENCODER
+from headstock.solvers.control.drive_trains import FORCE
 from headstock.solvers.paths.controlled import solve_controlled_path
 from headstock.solvers.paths.loads import cut_times
 from headstock.solvers.paths.response import PathDeviation, PathModel
@@ -30,7 +31,7 @@ def drive_moves(
     state: RunState,
     request: PathRequest,
     model: PathModel,
-    beside: Sequence[FloatArray | None],
+    disturbed: Sequence[PathDeviation | None],
 ) -> SolvedMoves:
     """Deviation of every move with the drives of the scene under control.
 
@@ -38,8 +39,7 @@ def drive_moves(
         state: Of the run.
         request: The path.
         model: What is asked.
-        beside: Of every move what errors of guides and torque ripple add to joints and probes; None
-            for nothing.
+        disturbed: Every move as errors of guides and torque ripple disturb it; None for nothing.
     """
     middle = couple_at(state, request, 0.5 * request.path.length)
     loop = close_path(state, request, middle, model.low_frequency_limit_hz)
@@ -64,13 +64,14 @@ def drive_moves(
         (
             read_joints(joints, each),
             read_path_probes(
-                probes, joints, each, -np.outer(sample_move(move, each.times).positions, travel)
+                probes, each, -np.outer(sample_move(move, each.times).positions, travel)
             ),
         )
-        for move, each in zip(request.moves, map(add_watched, kept, beside), strict=True)
+        for move, each in zip(request.moves, map(add_watched, kept, disturbed), strict=True)
     ]
     if not request.follows_pose:
-        return SolvedMoves(kept, kept, _read_forces(state, request, kept, shares, taken))
+        whole = [*map(add_watched, kept, disturbed)]
+        return SolvedMoves(kept, kept, _read_forces(state, request, whole, shares, taken))
     along = close_along(state, request, middle, model.low_frequency_limit_hz)
     fine, _ = cut_times(sample_path(request, request.moves[0]), along.loads)
     table = make_loop_table(along, float(fine[1] - fine[0]))
@@ -79,7 +80,7 @@ def drive_moves(
     )
     move = request.moves[-1]
     samples = sample_path(request, move)
-    whole, short = (
+    full, short = (
         solve_controlled_path(
             close_path(state, request, middle, model.low_frequency_limit_hz, reach=reach),
             move,
@@ -88,11 +89,12 @@ def drive_moves(
         for reach in (LINEAR_REACH, VARYING_REACH)
     )
     poses = judge_poses(
-        request, along.plant, table.steps, found=found, kept=kept, short=short, whole=whole
+        request, along.plant, table.steps, found=found, kept=kept, short=short, whole=full
     )
     # what a controller reads is there the deviation from the rigid machine
     shares = [travel.axis - travel.encoder for travel in along.travels]
-    return SolvedMoves(found, kept, _read_forces(state, request, found, shares, taken), poses)
+    whole = [*map(add_watched, found, disturbed)]
+    return SolvedMoves(found, kept, _read_forces(state, request, whole, shares, taken), poses)
 
 
 def _read_forces(
@@ -107,16 +109,16 @@ def _read_forces(
     Args:
         state: Of the run.
         request: The path.
-        found: Watched at last are the forces of all drives, then what they read.
+        found: The moves, which watched the drives.
         shares: Of each drive, what it should read per travel along the path.
         taken: By joints, and seen by probes, on every move.
     """
     drives, forces = tuple(state.scene.drives.values()), []
     for move, each, own in zip(request.moves, found, taken, strict=True):
-        if each.watched is None:
-            raise ValueError("a path under control watches its drives")
         way = sample_move(move, each.times).positions
-        pushed, read = np.split(each.watched[:, -2 * len(drives) :], 2, axis=1)
+        pushed, read = (
+            each.watched.of((drive.name, what) for drive in drives) for what in (FORCE, ENCODER)
+        )
         history = record_drives(drives, each.times, pushed, np.outer(way, shares) - read)
         forces.append(PathForces(history, *own))
     return tuple(forces)

@@ -5,11 +5,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import travel_directions
 from headstock.pipeline.answers.motion_forces import PathForces
 from headstock.pipeline.paths.followed_poses import judge_poses
-from headstock.pipeline.paths.path_cut import path_loads, pushed_channels
+from headstock.pipeline.paths.path_cut import path_loads
 from headstock.pipeline.paths.path_model import couple_at, sample_path
 from headstock.pipeline.paths.solved_moves import SolvedMoves, add_watched, read_path_probes
 from headstock.pipeline.stages.machine import damp_system, warn_of_no_damping
@@ -24,7 +23,7 @@ from headstock.reduction.estimates.probe_errors import SEEN
 from headstock.scene.requests import PathRequest
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.paths.loads import cut_times
-from headstock.solvers.paths.response import PathModel, solve_path
+from headstock.solvers.paths.response import PathDeviation, PathModel, solve_path
 from headstock.solvers.paths.set_points import sample_move
 from headstock.solvers.paths.varying_response import make_step_table, solve_varying_path
 from headstock.solvers.paths.varying_system import PosedModes, sample_system
@@ -49,7 +48,7 @@ def move_freely(
     request: PathRequest,
     middle: PosedModes,
     model: PathModel,
-    beside: Sequence[FloatArray | None],
+    disturbed: Sequence[PathDeviation | None],
 ) -> SolvedMoves:
     """Deviation of every move by its acceleration and the cut, with motors that follow their set
     point.
@@ -59,12 +58,12 @@ def move_freely(
         request: The path.
         middle: The machine in the middle of it.
         model: What is asked.
-        beside: Of every move what errors of guides add to joints and probes; None for nothing.
+        disturbed: Every move as errors of guides disturb it; None for nothing.
     """
     machine = state.scene.machine
     directions = travel_directions(machine, request.path)
     loads = path_loads(machine, directions, request.cut)
-    model = dataclasses.replace(model, pushed=pushed_channels(request), loads=loads)
+    model = dataclasses.replace(model, loads=loads)
     posed = couple_at(state, request, 0.5 * request.path.length)
     joints = posed.joints
     probes = place_probes(state.parts, posed.coupled, tuple(machine.probes))
@@ -93,12 +92,11 @@ def move_freely(
             # the acceleration of the travel is none of the deviation
             read_path_probes(
                 probes,
-                joints,
                 each,
                 -np.outer(sample_move(move, each.times).accelerations, carried),
             ),
         )
-        for move, each in zip(request.moves, map(add_watched, kept, beside), strict=True)
+        for move, each in zip(request.moves, map(add_watched, kept, disturbed), strict=True)
         for none in (np.zeros((len(each.times), 0)),)
     )
     if not request.follows_pose:

@@ -6,6 +6,7 @@ before any run in time. Only rank 0 has anything to do.
 """
 
 import dataclasses
+import operator
 from collections.abc import Callable
 
 from headstock.geometry.frames import FloatArray
@@ -21,13 +22,8 @@ from headstock.pipeline.paths.solved_moves import SolvedMoves
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.repeats import EACH
 from headstock.pipeline.stages.better_machines import repeat_at_ends, repeat_without, silence
-from headstock.pipeline.stages.motion_forces import add_to_drives
 from headstock.pipeline.stages.run_state import Outcome, RunState
-from headstock.reduction.motions.path_errors import (
-    NODES,
-    add_deviations,
-    find_path_errors,
-)
+from headstock.reduction.motions.path_errors import NODES, find_path_errors
 from headstock.scene.requests import PathRequest
 from headstock.solvers.errors import ModelError, UnstableControlError
 from headstock.solvers.milling.coefficients import CuttingCoefficients
@@ -90,7 +86,7 @@ def _solve_moves(
         nodes=nodes,
     )
     drives = state.scene.drives
-    nothing: list[FloatArray | None] = [None] * len(request.moves)
+    nothing = [None] * len(request.moves)
     if errors is None and not any(drive.ripple for drive in drives.values()):
         if drives:
             return drive_moves(state, request, model, nothing)
@@ -101,36 +97,19 @@ def _solve_moves(
         else disturb_freely(state, request, errors, move, middle)
         for move in request.moves
     ]
-    # watched of each are joints and probes, then drives
-    beside = [
-        None if own.watched is None else own.watched[:, : own.watched.shape[1] - 2 * len(drives)]
-        for own in disturbed
-    ]
     solved = (
-        drive_moves(state, request, model, beside)
+        drive_moves(state, request, model, disturbed)
         if drives
-        else move_freely(state, request, middle, model, beside)
+        else move_freely(state, request, middle, model, disturbed)
     )
     posed = [
         own if errors is None else errors.follow_pose(own, move)
         for own, move in zip(disturbed, request.moves, strict=True)
     ]
-    forces = tuple(
-        own
-        if other.watched is None or not drives
-        else dataclasses.replace(
-            own,
-            drives=add_to_drives(
-                own.drives, drives.values(), other.times, other.watched[:, -2 * len(drives) :]
-            ),
-        )
-        for own, other in zip(solved.forces, disturbed, strict=True)
-    )
     return dataclasses.replace(
         solved,
-        found=tuple(map(add_deviations, solved.found, posed)),
-        kept=tuple(map(add_deviations, solved.kept, disturbed)),
-        forces=forces,
+        found=tuple(map(operator.add, solved.found, posed)),
+        kept=tuple(map(operator.add, solved.kept, disturbed)),
         disturbed=True,
     )
 

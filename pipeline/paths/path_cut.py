@@ -9,16 +9,10 @@ from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.machine.machine import Machine
 from headstock.pipeline.paths.travels import travel_of_channel
 from headstock.pipeline.planning.budgets import PATH_STEPS_PER_TURN
-from headstock.scene.requests import PathCut, PathRequest
+from headstock.scene.requests import PathCut
 from headstock.solvers.errors import ModelError
 from headstock.solvers.milling.forces import cutting_forces, part_sign
 from headstock.solvers.paths.loads import PathLoads
-from headstock.solvers.second_order import Channel
-
-
-def pushed_channels(request: PathRequest) -> tuple[Channel, ...]:
-    """Where the cut pushes."""
-    return () if request.cut is None else tuple((request.cut.at, dof) for dof in DIRECTIONS)
 
 
 def path_loads(
@@ -28,7 +22,8 @@ def path_loads(
     if cut is None:
         return None
     step = 2.0 * math.pi / cut.cut.spindle / PATH_STEPS_PER_TURN
-    return PathLoads(cutting_loads(cut, _tool_travel(machine, directions, cut.at)), step)
+    channels = tuple((cut.at, dof) for dof in DIRECTIONS)
+    return PathLoads(channels, cutting_loads(cut, _tool_travel(machine, directions, cut.at)), step)
 
 
 def cutting_loads(

@@ -13,7 +13,12 @@ from headstock.pipeline.paths.path_model import choose_model, couple_at, sample_
 from headstock.pipeline.paths.travels import axis_shares
 from headstock.pipeline.stages.control import drive_machine
 from headstock.pipeline.stages.motion_forces import watch_drives, watch_joints
-from headstock.pipeline.stages.probe_motions import place_probes, probe_outputs, watch_path_probes
+from headstock.pipeline.stages.probe_motions import (
+    place_probes,
+    probe_outputs,
+    probe_values,
+    watch_path_probes,
+)
 from headstock.pipeline.stages.run_state import RunState
 from headstock.reduction.coupling.drives import housing_rows, scale_rows
 from headstock.reduction.coupling.error_travel import find_offset_motions
@@ -30,8 +35,8 @@ from headstock.scene.requests import PathRequest
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.drive_trains import FORCE, SCALE
 from headstock.solvers.control.friction_loop import friction_channels
-from headstock.solvers.paths.disturbed import solve_disturbed_loop
-from headstock.solvers.paths.response import PathDeviation
+from headstock.solvers.linear.state_space import Feedthrough
+from headstock.solvers.paths.response import Disturbance, PathDeviation, solve_loop_loads
 from headstock.solvers.paths.set_points import SetPoint, sample_move
 from headstock.solvers.paths.varying_system import PosedModes
 from headstock.solvers.second_order import Channel
@@ -54,7 +59,7 @@ def disturb_loop(
     system = dataclasses.replace(driven.system, outputs=driven.system.outputs | seen)
     channels: tuple[Channel, ...] = ()
     shortest = math.inf
-    feedthrough: FloatArray = np.zeros((len(request.outputs), 0))
+    passed: Feedthrough | None = None
     if errors is not None:
         shortest = errors.shortest
         drives = tuple(state.scene.drives.values())
@@ -69,8 +74,8 @@ def disturb_loop(
         spun = housing_loads(driven.trains, turned, len(system.mass))
         motions = dataclasses.replace(motions, accelerations=motions.accelerations + spun)
         system, channels = add_error_inputs(system, errors.travel, motions)
-        feedthrough = pass_offsets(
-            driven.coupled, machine, motions, request.outputs, joints, probes
+        passed = pass_offsets(
+            driven.coupled, errors.travel, motions, request.outputs, joints, probe_values(probes)
         )
     rippling = [drive for drive in state.scene.drives.values() if drive.ripple]
     channels = (*channels, *((drive.name, FORCE) for drive in rippling))
@@ -87,14 +92,12 @@ def disturb_loop(
         outputs=(*request.outputs, *seen),
         up_to_hz=LINEAR_REACH * request.band_hz,
     )
-    return solve_disturbed_loop(
+    step = min(shortest, shortest_ripple(rippling, request)) / move.feed / STEPS_PER_WAVE
+    return solve_loop_loads(
         loop.space,
-        len(request.outputs),
-        loads,
-        channels=channels,
-        feedthrough=feedthrough,
+        request.outputs,
+        Disturbance(channels, loads, step, passed),
         samples=sample_path(request, move),
-        load_step=min(shortest, shortest_ripple(rippling, request)) / move.feed / STEPS_PER_WAVE,
         watch=watch_joints(joints)
         .join(watch_path_probes(probes))
         .join(watch_drives(state.scene.drives.values())),
@@ -128,7 +131,7 @@ def disturb_freely(
         samples=sample_path(request, move),
         low_frequency_limit_hz=choose_model(request).low_frequency_limit_hz,
         joints=joints,
-        probes=probes,
+        probes=probe_values(probes),
         watch=watch_joints(joints).join(watch_path_probes(probes)),
     )
 

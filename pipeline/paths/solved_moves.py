@@ -1,15 +1,14 @@
 """Moves of a path as solved, before any filter."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.motion_forces import PathForces
 from headstock.pipeline.answers.path import FollowedPoses
 from headstock.pipeline.answers.probe_motions import ProbeMotion
-from headstock.pipeline.stages.probe_motions import read_probes, smoothing_channels
-from headstock.reduction.coupling.joint_forces import JointForces
+from headstock.pipeline.stages.probe_motions import read_probes, smoothing_channels, watch_probes
 from headstock.reduction.coupling.probes import PlacedProbe
 from headstock.solvers.paths.response import PathDeviation
 
@@ -33,37 +32,25 @@ class SolvedMoves:
     disturbed: bool = False
 
 
-def add_watched(found: PathDeviation, beside: FloatArray | None) -> PathDeviation:
-    """A move with what something else adds to the first of what it watches.
-
-    Args:
-        found: The move.
-        beside: ``(n, w)``; None for nothing.
-    """
-    if beside is None or found.watched is None:
+def add_watched(found: PathDeviation, disturbed: PathDeviation | None) -> PathDeviation:
+    """Return a move with what disturbances add to what it watches; None for no disturbances."""
+    if disturbed is None:
         return found
-    watched = found.watched.copy()
-    watched[:, : beside.shape[1]] += beside
-    return dataclasses.replace(found, watched=watched)
+    return dataclasses.replace(found, watched=found.watched + disturbed.watched)
 
 
 def read_path_probes(
-    probes: Mapping[str, PlacedProbe],
-    joints: Sequence[JointForces],
-    found: PathDeviation,
-    added: FloatArray,
+    probes: Mapping[str, PlacedProbe], found: PathDeviation, added: FloatArray
 ) -> dict[str, ProbeMotion]:
-    """What probes saw on a move, which watched them after the joints.
+    """Return what probes saw on a move, which watched them.
 
     Args:
         probes: ``p`` of them.
-        joints: Before them.
         found: The move.
         added: ``(n, 9 p)`` what is to be added.
     """
-    if found.watched is None or not probes:
-        return {}
-    first = sum(len(joint.directions) for joint in joints)
-    seen, last = found.watched[:, first:], added.shape[1]
-    count = len(smoothing_channels(probes))
-    return read_probes(probes, found.times, seen[:, :last] + added, seen[:, last : last + count])
+    seen, smoothed = (
+        found.watched.of(channels)
+        for channels in (watch_probes(probes).channels, smoothing_channels(probes))
+    )
+    return read_probes(probes, found.times, seen + added, smoothed)

@@ -93,6 +93,7 @@ from headstock.solvers.second_order import (
     Channel,
     ComplexArray,
     SecondOrderSystem,
+    find_links,
     input_columns,
     output_rows,
 )
@@ -295,6 +296,7 @@ class LoadedMachine:
         coupled: Of superelements; None of a lumped mechanism.
         modes: All undamped modes of the system.
         inputs: Of the request.
+        bare: Its equations without modal damping; under control those that it is.
         trains: Its drives, whose loops are closed; None where motors are locked.
     """
 
@@ -302,6 +304,7 @@ class LoadedMachine:
     coupled: CoupledMachine | None
     modes: ModalResult
     inputs: tuple[Channel, ...]
+    bare: SecondOrderSystem
     trains: tuple[DriveTrain, ...] | None = None
 
     def prepare(
@@ -314,7 +317,9 @@ class LoadedMachine:
         """
         system = dataclasses.replace(self.system, outputs=self.system.outputs | {**(rows or {})})
         if self.trains is None:
-            return prepare_frf(system, inputs=self.inputs, outputs=outputs, modes=self.modes)
+            model = prepare_frf(system, inputs=self.inputs, outputs=outputs, modes=self.modes)
+            linked = find_links(self.bare, model.direct.loads, model.direct.rows)
+            return model if linked.all() else dataclasses.replace(model, linked=linked)
         return prepare_closed_frf(
             system, self.trains, inputs=self.inputs, outputs=outputs, modes=self.modes
         )
@@ -326,10 +331,10 @@ def _load_machine(machine: PoseModel) -> LoadedMachine:
         driven = drive_machine(machine, lambda message: None)
         system = add_load_inputs(driven.system, driven.released.loads, request.inputs)
         coupled = driven.released.coupled
-        return LoadedMachine(system, coupled, driven.modes, request.inputs, driven.trains)
+        return LoadedMachine(system, coupled, driven.modes, request.inputs, system, driven.trains)
     system = damp_system(machine.parts.scene, machine.system, modes)
     system = add_load_inputs(system, machine.loads, request.inputs)
-    return LoadedMachine(system, machine.coupled, modes, request.inputs)
+    return LoadedMachine(system, machine.coupled, modes, request.inputs, machine.system)
 
 
 def _place_probes(
@@ -422,6 +427,9 @@ def respond(
             "frequency response: a mode in the range has no damping, so its peak is unbounded; "
             "write [effects] damping = true and give joints or materials damping, or damping = { modal = 0.02 }"
         )
+    if model.linked is not None:
+        named = ", ".join(_name_entries(response, ~model.linked))
+        warnings.append(f"frequency response: {named}: zero, because nothing connects these bodies")
     figures = find_stability_figures(model, response) if bounded else ()
     estimate, placed = None, {}
     if judged:
@@ -437,7 +445,7 @@ def respond(
             loaded.trains,
         )
     shares = {} if estimate is None else estimate.shares
-    count = len(response.outputs)
+    count, linked = len(response.outputs), True if model.linked is None else model.linked
     traced: tuple[ProbeCurves, ...] = ()
     if placed:
         watched = loaded.prepare(list(rows), rows)
@@ -459,12 +467,12 @@ def respond(
             response.receptance,
             request.motion,
             request.spacing,
-            {source: size[:, :count] for source, size in shares.items()},
+            {source: np.where(linked, size[:, :count], 0.0) for source, size in shares.items()},
             traced,
         ),
         method=response.method,
         damped=damped,
-        free_body=_name_entries(response),
+        free_body=_name_entries(response, response.free_body.any(axis=0)),
         singular_hz=tuple(
             float(hz) for hz in response.frequencies_hz[response.singular.any(axis=(1, 2))]
         ),
@@ -555,7 +563,11 @@ def _name_peaks(
         listed = list_poles(driven, model.form.found, limit)
         return np.array([pole.frequency_hz for pole in listed]), tuple(pole.name for pole in listed)
     near = keep_lowest(machine.all_modes, up_to_hz=limit)
-    return near.frequencies_hz, machine.name_modes(near).names if judged else ()
+    if not judged:
+        return near.frequencies_hz, ()
+    # what moves freely has no resonance: which of its motions comes first means nothing
+    free = ("",) * near.rigid_count
+    return near.frequencies_hz, free + machine.name_modes(near).names[near.rigid_count :]
 
 
 def peaks_have_tops(poles: ComplexArray, to_hz: float) -> bool:
@@ -576,8 +588,8 @@ def frequency_grid(request: FrfRequest, poles: ComplexArray) -> FloatArray:
     return refine_grid(base, poles) if request.adaptive else base
 
 
-def _name_entries(response: FrequencyResponse) -> tuple[str, ...]:
-    rows, columns = np.nonzero(response.free_body.any(axis=0))
+def _name_entries(response: FrequencyResponse, chosen: BoolArray) -> tuple[str, ...]:
+    rows, columns = np.nonzero(chosen)
     return tuple(
         f"{' '.join(response.outputs[row])} / {' '.join(response.inputs[column])}"
         for row, column in zip(rows, columns, strict=True)

@@ -3,7 +3,7 @@ of joints, from the states of its motion.
 """
 
 import math
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -98,27 +98,6 @@ def record_drives(
     return DriveHistory({name: DriveExtremes(*both) for name, *both in largest}, torques, errors)
 
 
-def add_to_drives(
-    history: DriveHistory, drives: Collection[Drive], times: FloatArray, watched: FloatArray
-) -> DriveHistory:
-    """What drives did, with what something else makes them do.
-
-    Args:
-        history: Of ``d`` drives under control.
-        drives: These.
-        times: ``(n,)`` [s].
-        watched: ``(n, 2 d)`` forces that it adds, then what is read of it.
-    """
-    forces, read = np.split(watched, 2, axis=1)
-    added = record_drives(drives, times, forces, -read)
-    torques = history.torques + added.torques
-    errors = history.position_errors + added.position_errors
-    largest = zip(
-        history.extremes, find_largest(times, torques), find_largest(times, errors), strict=True
-    )
-    return DriveHistory({name: DriveExtremes(*both) for name, *both in largest}, torques, errors)
-
-
 def watch_joints(joints: Iterable[JointForces]) -> Watch:
     """Springs of joints, with their dampers."""
     joints = tuple(joints)
@@ -135,13 +114,29 @@ def watch_drives(drives: Collection[Drive]) -> Watch:
 def read_joints(
     joints: Iterable[JointForces], found: PathDeviation
 ) -> dict[str, dict[str, Extreme]]:
-    """Largest forces of joints, which a path watched first."""
-    if found.watched is None:
-        return {}
-    largest = iter(find_largest(found.times, found.watched))
-    return leave_out_roundoff(
-        {joint.name: dict(zip(joint.directions, largest, strict=False)) for joint in joints}
+    """Return the largest forces of joints, which a path watched."""
+    return largest_joint_forces(
+        joints, found.times, lambda joint: found.watched.of(joint.channels(SPRING))
     )
+
+
+def largest_joint_forces(
+    joints: Iterable[JointForces],
+    times: FloatArray,
+    observe: Callable[[JointForces], FloatArray],
+) -> dict[str, dict[str, Extreme]]:
+    """Return the largest force on the first end of every joint, by direction.
+
+    Args:
+        joints: Of a machine.
+        times: ``(n,)`` [s].
+        observe: Forces of a joint ``(n, d)`` then.
+    """
+    found = {
+        joint.name: dict(zip(joint.directions, find_largest(times, observe(joint)), strict=True))
+        for joint in joints
+    }
+    return leave_out_roundoff(found)
 
 
 def find_largest_forces(

@@ -191,6 +191,11 @@ def watch_probes(names: Iterable[str]) -> Watch:
     )
 
 
+def probe_values(names: Iterable[str]) -> dict[str, tuple[Channel, ...]]:
+    """Displacement and stress at each of some probes."""
+    return {name: watch_probes([name]).channels for name in names}
+
+
 def watch_path_probes(probes: Mapping[str, PlacedProbe]) -> Watch:
     """The same, then what recovery changes in the stresses of all of them."""
     return watch_probes(probes).join(Watch(smoothing_channels(probes)))

@@ -456,7 +456,9 @@ def _solve(
     motion = solve_transient(space, stepped, state + space.b @ moving)
     rubbed = None
     if model.rubbing is not None:
-        rubbed = solve_rubbing_transient(model.rubbing, stepped, motion, len(request.outputs))
+        rubbed = solve_rubbing_transient(
+            model.rubbing, stepped, motion, inputs=space.inputs, outputs=request.outputs
+        )
     response = read_response(space, motion) if rubbed is None else rubbed.response
     figures = find_figures(response, start=start, final=final, near=request.settled)
     figures = _leave_out_roundoff(figures, request.outputs)

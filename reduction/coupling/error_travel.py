@@ -26,6 +26,7 @@ from headstock.reduction.coupling.guide_errors import (
 from headstock.reduction.coupling.joint_springs import PlacedJoint, place_joints
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.errors import ModelError
+from headstock.solvers.paths.set_points import PathMotion
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 
 PROBED = 401  # places of the way at which offsets are looked for
@@ -310,6 +311,26 @@ def check_offsets(coupled: CoupledMachine, travel: ErrorTravel) -> None:
         first = last
     if names:
         raise contradiction_error(names)
+
+
+def follow_offsets(
+    sample: Callable[[FloatArray], FloatArray],
+    motion: PathMotion,
+    ends: tuple[float, float],
+    step: float,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return offsets, their rates and their accelerations ``(n, k)`` over a motion along a way.
+
+    Args:
+        sample: Offsets ``(m, k)`` at places ``(m,)``.
+        motion: Along the way; beyond its ends the outermost offsets hold.
+        ends: Of the way.
+        step: Between places from which derivatives are differenced.
+    """
+    here = np.clip(motion.positions, *ends)
+    first, second = differentiate(sample, here, ends, step)
+    speeds, pulls = motion.speeds[:, None], motion.accelerations[:, None]
+    return sample(here), first * speeds, second * speeds**2 + first * pulls
 
 
 def differentiate(

@@ -6,7 +6,7 @@ at hand, from poses along the way.
 """
 
 import dataclasses
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,20 +19,20 @@ from headstock.reduction.coupling.error_travel import (
     ErrorTravel,
     OffsetMotions,
     check_offsets,
-    differentiate,
     find_offset_motions,
+    follow_offsets,
     move_rows,
     plan_travel,
 )
 from headstock.reduction.coupling.guide_errors import has_errors
-from headstock.reduction.coupling.joint_forces import JointForces
+from headstock.reduction.coupling.joint_forces import SPRING, JointForces
 from headstock.reduction.coupling.probes import carry_probe
 from headstock.reduction.motions.body_motions import solve_machine_static
 from headstock.reduction.motions.tool_deviation import channel_rows
 from headstock.reduction.superelement import Superelement
-from headstock.solvers.paths.disturbed import solve_disturbed_path
-from headstock.solvers.paths.response import PathDeviation
-from headstock.solvers.paths.set_points import SetPoint, sample_move
+from headstock.solvers.linear.state_space import Feedthrough
+from headstock.solvers.paths.response import Disturbance, PathDeviation, solve_loads
+from headstock.solvers.paths.set_points import PathMotion, SetPoint, sample_move
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 from headstock.solvers.watched_outputs import Watch
 
@@ -67,35 +67,23 @@ class PathErrors:
         """Shortest period of a wave along the path [m]; infinite without waves."""
         return self.travel.shortest * self.path.length
 
-    def offsets(self, move: SetPoint, times: FloatArray) -> FloatArray:
-        """Offsets ``(n, k)`` at instants of a move, from those at its beginning [m, rad]."""
-        return self.travel.sample(self._shares(move, times)) - self.travel.sample(np.zeros(1))
-
     def amounts(self, move: SetPoint, times: FloatArray) -> FloatArray:
-        """Offsets, their rates and their accelerations at instants of a move ``(n, 3 k)``: what the
-        channels of :func:`add_error_inputs` take.
+        """Offsets from those at the beginning, their rates and their accelerations at instants of a
+        move ``(n, 3 k)``: what the channels of :func:`add_error_inputs` take.
         """
-        motion, length = sample_move(move, times), self.path.length
-        first, second = differentiate(
-            self.travel.sample,
-            self._shares(move, times),
-            (0.0, 1.0),
-            min(MOST_STEP, self.travel.shortest / PLACES_PER_WAVE),
-        )
-        speeds, pulls = (each[:, None] / length for each in (motion.speeds, motion.accelerations))
-        return np.hstack(
-            [self.offsets(move, times), first * speeds, second * speeds**2 + first * pulls]
-        )
-
-    def _shares(self, move: SetPoint, times: FloatArray) -> FloatArray:
-        way = sample_move(move, times).positions / self.path.length
-        return np.asarray(np.clip(way, 0.0, 1.0))
+        now, length = sample_move(move, times), self.path.length
+        values = (now.positions, now.speeds, now.accelerations)
+        shares = PathMotion(*(np.asarray(each / length) for each in values))
+        step = min(MOST_STEP, self.travel.shortest / PLACES_PER_WAVE)
+        offsets, rates, growth = follow_offsets(self.travel.sample, shares, (0.0, 1.0), step)
+        return np.hstack([offsets - self.travel.sample(np.zeros(1)), rates, growth])
 
     def follow_pose(self, frozen: PathDeviation, move: SetPoint) -> PathDeviation:
         """A deviation in the frozen pose with the static part of the pose at hand."""
         if len(self.places) == 1:
             return frozen
-        shares = self._shares(move, frozen.times)
+        way = sample_move(move, frozen.times).positions / self.path.length
+        shares: FloatArray = np.clip(way, 0.0, 1.0)
         gains = scipy.interpolate.BarycentricInterpolator(self.places, self.gains)
         first, own = self.travel.sample(np.zeros(1)), self.travel.sample(shares)
         here = np.einsum("nok,nk->no", gains(shares), own) - gains(0.0) @ first[0]
@@ -176,53 +164,43 @@ def move_outputs(
     return np.array([moved[name][DOF_NAMES.index(dof)] for name, dof in outputs])
 
 
-def relieve_joints(motions: OffsetMotions, joints: Sequence[JointForces]) -> FloatArray:
-    """What unit offsets, then unit rates of them, add at once to the forces of joints ``(w, 2 k)``: their
-    springs rest elsewhere.
+def pass_offsets(
+    coupled: CoupledMachine,
+    travel: ErrorTravel,
+    motions: OffsetMotions,
+    outputs: Sequence[Channel],
+    joints: Sequence[JointForces],
+    probes: Mapping[str, Sequence[Channel]],
+) -> Feedthrough:
+    """Return what unit offsets, and their unit rates, add at once to outputs, to forces of joints, whose
+    springs rest elsewhere, and to what probes see.
 
     Args:
+        coupled: The machine in a pose.
+        travel: Of the offsets.
         motions: Of unit offsets.
-        joints: Whose directions are ``w`` in all.
+        outputs: Points or interfaces, with a direction.
+        joints: Whose forces are watched.
+        probes: Names of probes to what they see.
     """
-    rows: list[FloatArray] = []
+    machine, still = travel.machine, np.zeros(motions.moved.shape[1])
+    moved = move_outputs(coupled, machine, motions, outputs)
+    rows = [np.concatenate([row, still]) for row in moved]
+    channels = [*outputs]
     for joint in joints:
+        channels += joint.channels(SPRING)
         for direction, damper in zip(joint.directions, joint.dampers, strict=True):
             dof = DOF_NAMES.index(direction)
             passed = motions.passed[joint.name][dof] * float(damper.any())
             rows.append(-np.concatenate([motions.forces[joint.name][dof], passed]))
-    return np.array(rows).reshape(len(rows), 2 * motions.moved.shape[1])
-
-
-def pass_offsets(
-    coupled: CoupledMachine,
-    machine: Machine,
-    motions: OffsetMotions,
-    outputs: Sequence[Channel],
-    joints: Sequence[JointForces],
-    probes: Collection[str],
-) -> FloatArray:
-    """What unit offsets, then unit rates of them, add at once ``(r, 2 k)`` to outputs, forces of joints
-    and what probes see.
-
-    Args:
-        coupled: The machine in a pose.
-        machine: With its points and probes.
-        motions: Of unit offsets.
-        outputs: Points or interfaces, with a direction.
-        joints: Whose forces are watched.
-        probes: Names of probes.
-    """
-    none = np.zeros((0, motions.moved.shape[1]))
-    moved = np.vstack([none, move_outputs(coupled, machine, motions, outputs)])
-    seen = np.vstack(
-        [none, *(carry_probe(coupled, machine.probes[name], motions.moved) for name in probes)]
-    )
-    return np.vstack(
-        [
-            np.hstack([moved, np.zeros_like(moved)]),
-            relieve_joints(motions, joints),
-            np.hstack([seen, np.zeros_like(seen)]),
-        ]
+    for name, seen in probes.items():
+        channels += seen
+        carried = carry_probe(coupled, machine.probes[name], motions.moved)
+        rows += [np.concatenate([row, still]) for row in carried]
+    return Feedthrough(
+        tuple(channels),
+        (*travel.channels, *travel.rates),
+        np.array(rows).reshape(len(rows), 2 * len(still)),
     )
 
 
@@ -244,7 +222,7 @@ def respond_to_errors(
     samples: FloatArray,
     low_frequency_limit_hz: float,
     joints: Sequence[JointForces],
-    probes: Collection[str],
+    probes: Mapping[str, Sequence[Channel]],
     watch: Watch,
 ) -> PathDeviation:
     """Deviation by errors of guides over a move with ideal motors, from that at its beginning, in
@@ -256,32 +234,23 @@ def respond_to_errors(
         move: Along the path.
         samples: ``(n,)`` evenly spaced, from zero [s].
         low_frequency_limit_hz: Modes below count as low-frequency response [Hz].
-        joints: Whose forces are watched first.
-        probes: That are watched after them.
+        joints: Whose forces are watched.
+        probes: Names of those watched to what they see.
         watch: All that is.
     """
     travel, middle = errors.travel, errors.middle
     motions = find_offset_motions(middle, travel, system)
     disturbed, channels = add_error_inputs(system, travel, motions)
-    return solve_disturbed_path(
+    return solve_loads(
         disturbed,
         errors.outputs,
-        lambda times: errors.amounts(move, times),
-        channels=channels,
-        feedthrough=pass_offsets(middle, travel.machine, motions, errors.outputs, joints, probes),
+        Disturbance(
+            channels,
+            lambda times: errors.amounts(move, times),
+            errors.shortest / move.feed / STEPS_PER_WAVE,
+            pass_offsets(middle, travel, motions, errors.outputs, joints, probes),
+        ),
         samples=samples,
-        load_step=errors.shortest / move.feed / STEPS_PER_WAVE,
         low_frequency_limit_hz=low_frequency_limit_hz,
         watch=watch,
-    )
-
-
-def add_deviations(first: PathDeviation, second: PathDeviation) -> PathDeviation:
-    """Two deviations of a linear machine together."""
-    return PathDeviation(
-        first.times,
-        first.total + second.total,
-        first.quasi_static + second.quasi_static,
-        first.low_frequency + second.low_frequency,
-        first.dynamic + second.dynamic,
     )

@@ -276,3 +276,12 @@ def _check_coefficients(key: KeyPath, table: CuttingTable, findings: Findings) -
                 (*key, name),
                 f"{1e-6 * values[name]:.4g} N/mm^2 is more than {MOST_ACROSS:g} times Ktc, {1e-6 * (tangential or 0.0):.4g} N/mm^2; check both",
             )
+    for name, unit, factor, reason in (
+        ("Krc", "N/mm^2", 1e-6, "with a rake above the angle of friction (Merchant 1945)"),
+        ("Kre", "N/mm", 1e-3, "where a fit of small chips bends it"),
+    ):
+        if values.get(name, 0.0) < 0.0:
+            findings.warn(
+                (*key, name),
+                f"{factor * values[name]:.4g} {unit} draws the edge into the part, as only happens {reason}; check the sign",
+            )

@@ -32,6 +32,7 @@ from headstock.scene.schema.types import (
     Size,
     StrictTable,
     Text,
+    WholeNumber,
     not_both,
     one_of,
     problem,
@@ -297,7 +298,7 @@ class RailTable(StrictTable):
 
     along: Literal["x", "y", "z"]
     """axis of the component that the rail runs along"""
-    control_points: Annotated[Count, Between(4, 1000)] | None = None
+    control_points: Annotated[WholeNumber, Between(4, 1000)] | None = None
     """control points of the spline that describes its motion, 4 dofs each; default: 2.5 intervals per length of the shortest carriage"""
 
 
@@ -307,7 +308,7 @@ AUTO_SHAPES = 24
 class FlexibleTable(StrictTable):
     """An interface that keeps deformation shapes besides its rigid motions."""
 
-    flexible: Annotated[Count, Between(3, 300)] | Literal["auto"]
+    flexible: Annotated[WholeNumber, Between(3, 300)] | Literal["auto"]
     """most deformation shapes besides the six rigid motions; whole levels of polynomials over the patch, as many as fit; a rigid joint
     makes those of both sides one; `"auto"`: as many as the [accuracy](accuracy.md) needs, 24 without one; what they leave out is then a
     part of every ±"""
@@ -426,7 +427,7 @@ class MeshTable(StrictTable):
     """polynomial order of the elements; order 1 locks in bending and is refused or warned of"""
     cells: Literal["tet", "hex"] = "tet"
     """shape of the elements; `hex` for boxes only"""
-    across_patches: Annotated[Count, Between(1, 100)] = 4
+    across_patches: Annotated[WholeNumber, Between(1, 100)] = 4
     """minimum number of elements across a patch on a face; elements grow with the distance from it"""
     growth: Annotated[Number, Between(0.05, 2.0)] | None = None
     """tets only: growth of the element size per distance from a patch's rim, `0.3` for smooth, `0.6` for coarse grading; default: even
@@ -483,7 +484,7 @@ class SegmentsTable(StrictTable):
     along the longest side.
     """
 
-    count: Annotated[Count, Between(1, 1000)] = 10
+    count: Annotated[WholeNumber, Between(1, 1000)] = 10
     """number of segments"""
     along: Literal["x", "y", "z"] | None = None
     """axis of the component along which it is cut; default: the longest side"""

@@ -3,7 +3,7 @@ contouring on it, and of stability lobes, which share its tool.
 """
 
 import math
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal, NamedTuple, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
@@ -17,7 +17,6 @@ from headstock.scene.schema.types import (
     Angle,
     AxisPosition,
     Between,
-    Count,
     DampingShare,
     Direction,
     Flag,
@@ -39,6 +38,7 @@ from headstock.scene.schema.types import (
     RequestTable,
     StrictTable,
     Text,
+    WholeNumber,
     one_of,
     problem,
     read_direction,
@@ -167,7 +167,7 @@ class MillTable(StrictTable):
 
     diameter: Annotated[PositiveLength, AfterValidator(_check_diameter)]
     """diameter of the tool"""
-    teeth: Annotated[Count, Between(1, MOST_TEETH)]
+    teeth: Annotated[WholeNumber, Between(1, MOST_TEETH)]
     """number of teeth"""
     helix: Annotated[Angle, AfterValidator(_check_helix)] = 0.0
     """helix angle; a positive one pulls the tool down"""
@@ -247,7 +247,7 @@ class ContouringTable(RequestTable):
     model: Literal["linear", "nonlinear"] = "linear"
     """`linear`: matrices along the path; `nonlinear`: the full equations of a lumped mechanism, and on any machine friction at the speeds
     of the motors"""
-    steps_per_turn: Annotated[Count, Between(24, 2000)] = 96
+    steps_per_turn: Annotated[WholeNumber, Between(24, 2000)] = 96
     """time steps per turn of the spindle"""
     point: Text | None = None
     """where the tool is, against the work; default: the scene's first point"""
@@ -290,26 +290,27 @@ def _read_speeds(value: object) -> object:
         raise problem(
             'is not a span; write lowest, highest and number of speeds: ["2000 rpm", "12000 rpm", 400]'
         )
-    return {"low": value[0], "high": value[1], "count": value[2]}
+    return value
 
 
-class SpeedsTable(StrictTable):
+class SpeedsSpan(NamedTuple):
     """Lowest and highest speed of the spindle and the number of speeds."""
 
     low: PositiveAngularSpeed
     high: PositiveAngularSpeed
-    count: Annotated[Count, Between(2, MOST_SPEEDS)]
+    count: Annotated[WholeNumber, Between(2, MOST_SPEEDS)]
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if self.high <= self.low:
-            raise problem("ends at no higher speed than it begins; write the lowest speed first")
-        return self
+
+def _check_speeds(span: SpeedsSpan) -> SpeedsSpan:
+    if span.high <= span.low:
+        raise problem("ends at no higher speed than it begins; write the lowest speed first")
+    return span
 
 
 Speeds = Annotated[
-    SpeedsTable,
+    SpeedsSpan,
     BeforeValidator(_read_speeds),
+    AfterValidator(_check_speeds),
     JsonForm(
         {
             "type": "array",

@@ -38,6 +38,7 @@ from headstock.scene.schema.types import (
     RequestTable,
     StrictTable,
     Text,
+    WholeNumber,
     not_both,
     problem,
     read_share,
@@ -63,7 +64,7 @@ class FrfTable(RequestTable):
     """lowest frequency; the value at 0 Hz is the static compliance"""
     to: PositiveFrequency
     """highest frequency; fixed-interface modes are kept up to twelve times this"""
-    points: Annotated[Count, Between(2, 100_000)] = 401
+    points: Annotated[WholeNumber, Between(2, 100_000)] = 401
     """number of frequencies of the regular grid"""
     spacing: Literal["linear", "log"] = "linear"
     """spacing of the regular grid"""
@@ -191,7 +192,7 @@ class MapTable(RequestTable):
 
     sweep: Text
     """a sweep of `axes` in which two or three have several positions, at most 40 000 poses"""
-    count: Annotated[Count, Between(1, 6)] = 3
+    count: Annotated[WholeNumber, Between(1, 6)] = 3
     """number of natural frequencies; each mode is tracked by its shape"""
 
 

@@ -4,7 +4,7 @@ analyses in poses.
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
@@ -23,6 +23,7 @@ from headstock.scene.schema.types import (
     QuantityPattern,
     StrictTable,
     Text,
+    WholeNumber,
     one_of,
     problem,
 )
@@ -105,7 +106,7 @@ class StudyTable(StrictTable):
     """which analyses are run; default: all of the scene's"""
     store: Literal["warm", "cold"] = "warm"
     """`cold`: every point starts from an empty store, so that seconds are those of the whole computation"""
-    repeats: Annotated[Count, Between(1, MAX_REPEATS)] = 1
+    repeats: Annotated[WholeNumber, Between(1, MAX_REPEATS)] = 1
     """runs per point, for the median and spread of seconds"""
     reference: Literal["kono-cantilever", "kono-fixed-beam"] | None = None
     """published study of this beam that the results are compared with"""
@@ -141,10 +142,10 @@ def _read_span(value: object) -> object:
         raise problem(
             'is not a span; write lowest, highest and number of positions: ["-100 mm", "100 mm", 21]'
         )
-    return {"low": value[0], "high": value[1], "positions": value[2]}
+    return value
 
 
-class SpanTable(StrictTable):
+class AxisSpan(NamedTuple):
     """Lowest and highest position of an axis and the number of positions."""
 
     low: AxisPosition
@@ -157,7 +158,7 @@ class SpanTable(StrictTable):
 
 
 Span = Annotated[
-    SpanTable,
+    AxisSpan,
     BeforeValidator(_read_span),
     JsonForm(
         {

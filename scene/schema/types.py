@@ -206,7 +206,8 @@ class Between:
 
     def _check(self, value: float) -> float:
         if not self.low <= value <= self.high:
-            raise problem(f"is {value:g} but must lie between {self.low:g} and {self.high:g}")
+            shown = show_value(value) if isinstance(value, int) else f"{value:g}"
+            raise problem(f"is {shown} but must lie between {self.low:g} and {self.high:g}")
         return value
 
 
@@ -362,12 +363,17 @@ def _read_number(value: object) -> float:
     return float(value)
 
 
+def _read_whole(value: object) -> int:
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise problem(
+            f"{show_value(value)} is not a whole number; write one without quotes, such as 1"
+        )
+    return value
+
+
 def _read_count(lowest: int, highest: int = MAX_COUNT) -> Callable[[object], int]:
     def read(value: object) -> int:
-        if isinstance(value, bool) or not isinstance(value, int):
-            raise problem(
-                f"{show_value(value)} is not a whole number; write one without quotes, such as {max(lowest, 1)}"
-            )
+        value = _read_whole(value)
         if not lowest <= value <= highest:
             raise problem(f"is {show_value(value)} but must lie between {lowest} and {highest}")
         return value
@@ -379,6 +385,8 @@ Number = Annotated[float, BeforeValidator(_read_number), JsonForm({"type": "numb
 PositiveNumber = Annotated[
     Number, AfterValidator(_POSITIVE), JsonForm({"type": "number", "exclusiveMinimum": 0.0})
 ]
+WholeNumber = Annotated[int, BeforeValidator(_read_whole), JsonForm({"type": "integer"})]
+WholeNumber = Annotated[int, BeforeValidator(_read_whole), JsonForm({"type": "integer"})]
 Count = Annotated[int, BeforeValidator(_read_count(1)), JsonForm({"type": "integer", "minimum": 1})]
 CountFromZero = Annotated[
     int, BeforeValidator(_read_count(0)), JsonForm({"type": "integer", "minimum": 0})

@@ -12,7 +12,7 @@ set point by a constant.
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,7 +44,7 @@ class ClosedLoop:
         trains: Its drives.
         plant_size: How many states are the machine's, the first ones.
         rates: ``(n_drives, n)`` velocity of each motor per state.
-        plant: The machine with free motors: drive forces first among its inputs.
+        plant: The machine with free motors.
     """
 
     space: StateSpace
@@ -74,9 +74,8 @@ def close_loops(
     Raises:
         ModelError: A channel is unknown.
     """
-    return close_plant(
-        open_plant(system, trains, inputs=inputs, outputs=outputs, up_to_hz=up_to_hz), trains
-    )
+    plant = open_plant(system, trains, inputs=inputs, outputs=outputs, up_to_hz=up_to_hz)
+    return close_plant(plant, trains, inputs, outputs)
 
 
 def open_plant(
@@ -97,22 +96,46 @@ def open_plant(
         outputs: Where motion is wanted.
         up_to_hz: Keep machine modes up to here, the others statically; None keeps all.
     """
-    forces = [(train.name, FORCE) for train in trains]
-    seen = [measured_channel(train) for train in trains]
-    own = [(train.name, what) for what in (MOTOR, SLIDE) for train in trains]
     return to_state_space(
-        system, inputs=[*forces, *inputs], outputs=[*outputs, *seen, *own], up_to_hz=up_to_hz
+        system,
+        inputs=[*force_channels(trains), *inputs],
+        outputs=[*outputs, *plant_outputs(trains)],
+        up_to_hz=up_to_hz,
     )
 
 
-def close_plant(plant: StateSpace, trains: Sequence[DriveTrain]) -> ClosedLoop:
-    """Close the loops of all drives around a plant made for them."""
-    trains = tuple(trains)
+def force_channels(trains: Iterable[DriveTrain]) -> tuple[Channel, ...]:
+    """Forces of drives: inputs of a plant, outputs of a closed loop."""
+    return tuple((train.name, FORCE) for train in trains)
+
+
+def plant_outputs(trains: Sequence[DriveTrain]) -> tuple[Channel, ...]:
+    """Outputs of a plant that close its loops: what controllers read, then motors, then slides."""
+    seen = (measured_channel(train) for train in trains)
+    return (*seen, *((train.name, what) for what in (MOTOR, SLIDE) for train in trains))
+
+
+def close_plant(
+    plant: StateSpace,
+    trains: Sequence[DriveTrain],
+    inputs: Sequence[Channel] = (),
+    outputs: Sequence[Channel] = (),
+) -> ClosedLoop:
+    """Close the loops of all drives around a plant made for them.
+
+    Args:
+        plant: With ``force_channels`` among its inputs, ``plant_outputs`` among its outputs.
+        trains: Its drives.
+        inputs: Where loads act; two on one channel stand once.
+        outputs: Where motion is wanted.
+    """
+    trains, inputs = tuple(trains), tuple(dict.fromkeys(inputs))
+    # from here on forces of drives stand first, and what closes the loops last
+    plant = plant.select((*force_channels(trains), *inputs), (*outputs, *plant_outputs(trains)))
     plant = _take_off_anchors(plant, trains)
-    inputs, outputs = plant.inputs[len(trains) :], plant.outputs[: -3 * len(trains)]
     control = stack_blocks([make_controller(train.control) for train in trains])
     return ClosedLoop(
-        space=_feed_back(plant, control, trains, inputs, outputs),
+        space=_feed_back(plant, control, trains, inputs, tuple(outputs)),
         trains=trains,
         plant_size=len(plant.a),
         rates=np.hstack(

@@ -4,17 +4,20 @@ Steps are exact but for friction (``rubbing_steps``). They are as long as what i
 modes allow, and are halved where friction changes faster than its parabola follows.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.control.drive_loops import ClosedLoop
+from headstock.solvers.control.friction import friction_force
 from headstock.solvers.control.friction_loop import RubbingLoop, make_rubbing_loop
 from headstock.solvers.control.loop_track import Given, IntArray, LoopTrack, still_track
 from headstock.solvers.control.rubbing_march import WORKS, RubbingMarch
 from headstock.solvers.control.rubbing_steps import GIVEN
 from headstock.solvers.control.step_grid import CHUNK, cut_steps, find_rare_sizes
+from headstock.solvers.second_order import Channel
 
 TOLERANCE = 1e-10  # error of a step by friction, as a share of the size of each kind of state
 ANGLE = 8.0  # of the fastest natural mode in a step [rad]: works are integrated inside it
@@ -108,7 +111,7 @@ def solve_motion(
     given: Given,
     times: FloatArray,
     *,
-    spread: FloatArray | None = None,
+    spread: Mapping[Channel, FloatArray] | None = None,
     breaks: FloatArray | None = None,
     longest: float = np.inf,
     tolerance: float = TOLERANCE,
@@ -116,10 +119,11 @@ def solve_motion(
     """Motion from rest under set points and loads, with the friction of every drive that has one.
 
     Args:
-        loop: Closed with the given loads, then ``friction_channels`` of its drives, as inputs.
+        loop: Closed with ``friction_channels`` of its drives among its inputs.
         given: What is given ``(n, q)`` at times ``(n,)``.
         times: ``(n,)`` instants wanted, rising; the first is the start.
-        spread: ``(m, q)`` set points, then loads, of what is given; None for these themselves.
+        spread: Set points and loads to their rows ``(q,)`` of what is given; None for these
+            themselves, in their order.
         breaks: Instants at which what is given jumps or kinks: no step reaches over one.
         longest: Over which what is given is a polynomial of degree four [s].
         tolerance: Of a step.
@@ -237,19 +241,20 @@ def _observe(
     track: LoopTrack, positions: FloatArray, states: FloatArray, given: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Friction ``(n, k)`` and outputs ``(n, p)``."""
-    rubbed = track.loop(0).friction(
+    rubbed = friction_force(
+        track.loop(0).law,
         track.blend(
             positions,
             lambda model, which: states[which] @ model.slides.T + given[which] @ model.guides.T,
-        )
+        ),
     )
 
     def outputs(model: RubbingLoop, which: slice | IntArray) -> FloatArray:
         space, rows = model.loop.space, slice(None) if track.rows is None else track.rows
         return np.asarray(
             states[which] @ space.c[rows].T
-            + given[which] @ (space.d[rows, : model.given] @ model.spread).T
-            - rubbed[which] @ space.d[rows, model.given :].T
+            + given[which] @ model.d[rows].T
+            - rubbed[which] @ model.passed[rows].T
         )
 
     return rubbed, track.blend(positions, outputs)
@@ -266,7 +271,7 @@ def _coarse_states(model: RubbingLoop, given: Given, times: FloatArray) -> Float
     step = float(instants[1] - instants[0])
     # implicit Euler: rough and never unstable; only sizes are wanted
     solve = np.linalg.inv(np.eye(model.size) - step * model.loop.space.a)
-    pushes = step * given(instants) @ (model.loop.space.b[:, : model.given] @ model.spread).T
+    pushes = step * given(instants) @ model.b.T
     state: FloatArray = np.zeros(model.size)
     states = np.zeros((PROBES, model.size))
     for number, push in enumerate(pushes):
@@ -278,7 +283,7 @@ def _coarse_states(model: RubbingLoop, given: Given, times: FloatArray) -> Float
 def _state_scale(model: RubbingLoop, states: FloatArray, duration: float) -> FloatArray:
     """How large each kind of state gets ``(m,)``, from states ``(p, m)`` as large."""
     machine = model.loop.plant_size
-    dry = sum(max(law.coulomb, law.breakaway) for law in model.laws)
+    dry = float(np.maximum(model.law.coulomb, model.law.breakaway).sum())
     energy = float(model.stored_energy(states).max(initial=0.0))
     slid = float(np.abs(states @ model.slides.T).max(initial=0.0))
     energy = max(energy, dry * slid * duration, 1e-12)

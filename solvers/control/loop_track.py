@@ -1,6 +1,6 @@
 """A closed loop with friction that may change along a path: known at places, cubic between them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.control.friction_loop import RubbingLoop
 from headstock.solvers.control.rubbing_steps import RubbingStep, make_rubbing_step
+from headstock.solvers.second_order import Positions
 
 IntArray = NDArray[np.intp]
 Given = Callable[[FloatArray], FloatArray]
@@ -30,7 +31,7 @@ class LoopTrack:
     places: FloatArray
     loop_at: Callable[[float], RubbingLoop]
     positions: Given
-    rows: Sequence[int] | None = None
+    rows: Positions | None = None
     _loops: dict[int, RubbingLoop] = field(default_factory=dict)
     _steps: dict[tuple[int, str], RubbingStep] = field(default_factory=dict)
 

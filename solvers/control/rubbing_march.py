@@ -10,7 +10,8 @@ import numpy as np
 from scipy.linalg.lapack import dgesv
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.control.friction_loop import RubbingLoop, rub
+from headstock.solvers.control.friction import rub
+from headstock.solvers.control.friction_loop import RubbingLoop
 from headstock.solvers.control.loop_track import LoopTrack, forget
 from headstock.solvers.control.rubbing_steps import (
     CHECKS,
@@ -96,7 +97,7 @@ class RubbingMarch:
     def __init__(self, track: LoopTrack, typical: RubbingLoop, allowed: FloatArray) -> None:
         """Steps of a loop, with errors that are allowed of each state ``(n,)``."""
         self._track, self._allowed = track, allowed
-        self._laws, self._size, self._count = typical.stacked, typical.size, len(typical.laws)
+        self._laws, self._size, self._count = typical.law, typical.size, len(typical.law)
         self._level, self._last = 0, math.inf
         self._forces: FloatArray = np.zeros((len(FORCED), self._count))
         self._unit: FloatArray = np.eye(len(FORCED) * self._count)

@@ -20,6 +20,7 @@ import numpy as np
 import scipy.linalg
 
 from headstock.geometry.frames import FloatArray
+from headstock.solvers.control.drive_loops import force_channels
 from headstock.solvers.control.friction_loop import RubbingLoop
 
 PARTS = 12
@@ -83,13 +84,13 @@ class RubbingStep:
 
 def make_rubbing_step(model: RubbingLoop, size: float) -> RubbingStep:
     """The step of a loop over ``size`` seconds."""
-    space, n, q, k = model.loop.space, model.size, model.spread.shape[1], len(model.laws)
+    space, n, q, k = model.loop.space, model.size, model.b.shape[1], len(model.law)
     own, given, rubbed = slice(0, n), slice(n, n + q), n + len(GIVEN) * q
     whole = rubbed + len(FORCED) * k
     # polynomials as their derivatives, each of which is the rate of the one before
     growth = np.zeros((whole, whole))
     growth[own, own] = size * space.a
-    growth[own, given] = size * space.b[:, : model.given] @ model.spread
+    growth[own, given] = size * model.acting @ model.spread
     growth[own, rubbed : rubbed + k] = -size * model.drag
     growth[n : rubbed - q, n + q : rubbed] = np.eye(rubbed - q - n)
     growth[rubbed : whole - k, rubbed + k :] = np.eye(whole - k - rubbed)
@@ -100,8 +101,9 @@ def make_rubbing_step(model: RubbingLoop, size: float) -> RubbingStep:
     values[rubbed:, rubbed:] = np.kron(_derivatives(NODES[list(FORCED)]), np.eye(k))
 
     machine, count = model.loop.plant_size, len(model.loop.trains)
-    pushing = model.spread[model.sets :]
-    sizes = (k, k, count, count, len(pushing), len(pushing), machine)
+    forces = space.rows.of(force_channels(model.loop.trains))
+    loaded = len(model.pushing)
+    sizes = (k, k, count, count, loaded, loaded, machine)
     ends = [0, *itertools.accumulate(sizes)]
     sliding, guides, drives, motors, reached, loads, speeds = itertools.starmap(
         slice, itertools.pairwise(ends)
@@ -109,12 +111,12 @@ def make_rubbing_step(model: RubbingLoop, size: float) -> RubbingStep:
     first: FloatArray = np.zeros((ends[-1], whole))
     first[sliding, own] = model.slides
     first[guides, given] = model.guides
-    first[drives, own] = space.c[-count:]
-    first[drives, given] = space.d[-count:, : model.given] @ model.spread
-    first[drives, rubbed : rubbed + k] = -space.d[-count:, model.given :]
+    first[drives, own] = space.c[forces]
+    first[drives, given] = model.d[forces]
+    first[drives, rubbed : rubbed + k] = -model.passed[forces]
     first[motors, own] = model.loop.rates
-    first[reached, :machine] = model.loop.plant.b[:, count : count + len(pushing)].T
-    first[loads, given] = pushing
+    first[reached, :machine] = model.reach
+    first[loads, given] = model.pushing
     first[speeds, :machine] = np.eye(machine)
     seen: FloatArray = np.empty((PARTS + 1, *first.shape))
     seen[0] = first

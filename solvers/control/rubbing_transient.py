@@ -3,21 +3,20 @@ transient analysis.
 """
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.control.drive_loops import ClosedLoop, set_channels
+from headstock.solvers.control.drive_loops import ClosedLoop
 from headstock.solvers.control.driven_motion import DrivenMotion, Outset, integrate_motion
-from headstock.solvers.control.friction_loop import (
-    RubbingLoop,
-    friction_slope,
-    make_rubbing_loop,
-)
+from headstock.solvers.control.friction import friction_force, friction_slope
+from headstock.solvers.control.friction_loop import RubbingLoop, make_rubbing_loop
 from headstock.solvers.control.loop_track import Given, still_track
 from headstock.solvers.linear.load_history import SteppedLoads
 from headstock.solvers.linear.transient import EnergyBalance, Motion, Response
+from headstock.solvers.second_order import Channel
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,39 +59,42 @@ def sharpen_friction(loop: ClosedLoop, share: float) -> ClosedLoop:
 
 
 def solve_rubbing_transient(
-    loop: ClosedLoop, loads: SteppedLoads, free: Motion, count: int
+    loop: ClosedLoop,
+    loads: SteppedLoads,
+    free: Motion,
+    *,
+    inputs: Sequence[Channel],
+    outputs: Sequence[Channel],
 ) -> RubbingTransient:
     """Motion under loads with friction, set points at rest.
 
     Args:
-        loop: Closed with the loads, then ``friction_channels`` of its drives, as inputs; the outputs
-            wanted are its first ones.
+        loop: Closed with the inputs and ``friction_channels`` of its drives.
         loads: On their grid.
         free: The same motion without friction, which begins alike and tells how large states get.
-        count: Outputs wanted.
+        inputs: Where the loads act.
+        outputs: Wanted.
 
     Raises:
         ConvergenceError: Friction does not settle.
     """
-    pushing = loads.linear.shape[2]
-    sets = len(set_channels(loop.trains))
-    model = make_rubbing_loop(loop, np.vstack([np.zeros((sets, pushing)), np.eye(pushing)]))
+    # several loads may act on one channel
+    rows = {channel: np.array([float(other == channel) for other in inputs]) for channel in inputs}
+    model = make_rubbing_loop(loop, rows)
     found = integrate_motion(
         still_track(model),
         _follow_loads(loads),
         loads.times,
-        outset=Outset(
-            free.left[0], loads.impulses @ loop.space.b[:, sets : model.given].T, free.right
-        ),
+        outset=Outset(free.left[0], loads.impulses @ model.b.T, free.right),
     )
     rubbed = (
-        model.friction(found.right[:-1] @ model.slides.T),
-        model.friction(found.left[1:] @ model.slides.T),
+        friction_force(model.law, found.right[:-1] @ model.slides.T),
+        friction_force(model.law, found.left[1:] @ model.slides.T),
     )
     return RubbingTransient(
         found,
         rubbed,
-        _read_outputs(model, loads, found, rubbed, count),
+        _read_outputs(model, loads, found, rubbed, outputs),
         _add_energies(model, found),
     )
 
@@ -120,28 +122,23 @@ def _read_outputs(
     loads: SteppedLoads,
     motion: DrivenMotion,
     friction: tuple[FloatArray, FloatArray],
-    count: int,
+    outputs: Sequence[Channel],
 ) -> Response:
     """Displacements and speeds of the outputs wanted."""
-    space, given, sets = model.loop.space, model.given, model.sets
-    rows, direct = space.c[:count], space.d[:count]
+    space = model.loop.space
+    wanted = space.rows.of(outputs)
+    rows, direct, passed = space.c[wanted], model.d[wanted], model.passed[wanted]
     values, rates = loads.evaluate()
     moved, speeds = [], []
     for end, states in enumerate((motion.right[:-1], motion.left[1:])):
         sliding, rubbed = states @ model.slides.T, friction[end]
-        changes = (
-            states @ space.a.T + values[:, end] @ space.b[:, sets:given].T - rubbed @ model.drag.T
-        )
-        slopes = friction_slope(model.stacked, sliding)
-        moved.append(
-            states @ rows.T
-            + values[:, end] @ direct[:, sets:given].T
-            - rubbed @ direct[:, given:].T
-        )
+        changes = states @ space.a.T + values[:, end] @ model.b.T - rubbed @ model.drag.T
+        slopes = friction_slope(model.law, sliding)
+        moved.append(states @ rows.T + values[:, end] @ direct.T - rubbed @ passed.T)
         speeds.append(
             changes @ rows.T
-            + rates[:, end] @ direct[:, sets:given].T
-            - (slopes * (changes @ model.slides.T)) @ direct[:, given:].T
+            + rates[:, end] @ direct.T
+            - (slopes * (changes @ model.slides.T)) @ passed.T
         )
     return Response(loads.times, moved[0], moved[1], speeds[0], speeds[1], loads.sampled)
 

@@ -13,7 +13,13 @@ import scipy.linalg
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl
 from headstock.solvers.control.dead_time import LARGEST_ANGLE
-from headstock.solvers.control.drive_loops import ClosedLoop, close_loops, close_plant, open_plant
+from headstock.solvers.control.drive_loops import (
+    ClosedLoop,
+    close_loops,
+    close_plant,
+    force_channels,
+    open_plant,
+)
 from headstock.solvers.control.drive_trains import DriveTrain
 from headstock.solvers.errors import UnstableControlError
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
@@ -73,7 +79,7 @@ def find_loop_poles(loop: ClosedLoop) -> LoopPoles:
     kept = kept[np.argsort(np.abs(poles[kept]), kind="stable")]
     poles = np.where(real, poles.real + 0.0j, poles)[kept]
     shapes = vectors[:, kept]
-    forces = loop.space.c[-len(loop.trains) :] @ shapes
+    forces = loop.space.c[loop.space.rows.of(force_channels(loop.trains))] @ shapes
     power = np.abs(forces * (loop.rates @ shapes))
     energy = np.abs(shapes[: loop.plant_size]) ** 2
     modal = energy.reshape(-1, 2, len(kept)).sum(axis=1) if loop.plant_size else energy

@@ -89,6 +89,8 @@ class FrfModel:
         at_rest: ``(n_outputs, n_inputs)`` static compliance, NaN where nothing holds.
         coordinates: Modal coordinates, where the system has them.
         method: What the form is called in results.
+        linked: ``(n_outputs, n_inputs)`` whether anything connects both; the others are zero. None
+            where all are.
     """
 
     inputs: tuple[Channel, ...]
@@ -98,6 +100,7 @@ class FrfModel:
     at_rest: FloatArray
     coordinates: ModalCoordinates | None
     method: str
+    linked: BoolArray | None = None
 
 
 def solve_frf(
@@ -185,6 +188,8 @@ def evaluate_frf(model: FrfModel, frequencies_hz: FloatArray) -> FrequencyRespon
     if len(moving):
         values[moving] = model.form.evaluate(omega[moving])
     values[frequencies < 0.0] = values[frequencies < 0.0].conj()
+    if model.linked is not None:
+        values[:, ~model.linked] = 0.0
     missing = np.isnan(values)
     rest = (omega == 0.0)[:, None, None]
     return FrequencyResponse(

@@ -3,6 +3,7 @@
 """
 
 import dataclasses
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -24,6 +25,7 @@ from headstock.solvers.linear.modal_coordinates import (
 from headstock.solvers.second_order import (
     Channel,
     ComplexArray,
+    Index,
     SecondOrderSystem,
     input_columns,
     name_channel,
@@ -50,6 +52,21 @@ class ModalPairs:
 
 
 @dataclass(frozen=True, eq=False)
+class Feedthrough:
+    """What outputs have of inputs at once, whatever moves.
+
+    Attributes:
+        outputs: ``p`` of them.
+        inputs: ``k`` of them.
+        shares: ``(p, k)``.
+    """
+
+    outputs: tuple[Channel, ...]
+    inputs: tuple[Channel, ...]
+    shares: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class StateSpace:
     """A linear system in time.
 
@@ -73,25 +90,46 @@ class StateSpace:
     states: tuple[str, ...]
     pairs: ModalPairs | None = None
 
+    @functools.cached_property
+    def columns(self) -> Index:
+        """Where the inputs stand."""
+        return Index(self.inputs)
+
+    @functools.cached_property
+    def rows(self) -> Index:
+        """Where the outputs stand."""
+        return Index(self.outputs)
+
     def select(self, inputs: Sequence[Channel], outputs: Sequence[Channel]) -> "StateSpace":
         """The same states between some of the inputs and outputs."""
-        columns = [self.inputs.index(channel) for channel in inputs]
-        rows = [self.outputs.index(channel) for channel in outputs]
+        if (tuple(inputs), tuple(outputs)) == (self.inputs, self.outputs):
+            return self
+        columns, rows = self.columns.of(inputs), self.rows.of(outputs)
         return dataclasses.replace(
             self,
             b=self.b[:, columns],
             c=self.c[rows],
-            d=self.d[np.ix_(rows, columns)],
+            d=self.d[rows][:, columns],
             inputs=tuple(inputs),
             outputs=tuple(outputs),
         )
+
+    def pass_on(self, direct: "Feedthrough | None") -> "StateSpace":
+        """Return the system with what else some outputs have of some inputs at once."""
+        if direct is None:
+            return self
+        d, rows = self.d.copy(), self.rows.of(direct.outputs)
+        block = d[rows]
+        block[:, self.columns.of(direct.inputs)] += direct.shares
+        d[rows] = block
+        return dataclasses.replace(self, d=d)
 
     def watch(self, outputs: Watch) -> WatchedOutputs:
         """Some of the outputs, with rates and accelerations of others added.
 
         Those others are displacements: what inputs do to them at once has no rate here.
         """
-        rows = [self.outputs.index(channel) for channel in outputs.channels]
+        rows = self.rows.of(outputs.channels)
         states, inputs = self.c[rows], self.d[rows]
         rates, accelerations = (
             self._find_rows(outputs.channels, added) @ self.a
@@ -107,9 +145,8 @@ class StateSpace:
     ) -> FloatArray:
         """Rows ``(k, n)`` of what is added to each channel; zero for nothing."""
         found = np.zeros((len(channels), len(self.a)))
-        for number, channel in enumerate(channels):
-            if channel in added:
-                found[number] = self.c[self.outputs.index(added[channel])]
+        some = [number for number, channel in enumerate(channels) if channel in added]
+        found[some] = self.c[self.rows.of(added[channels[number]] for number in some)]
         return found
 
     def respond(self, omega: FloatArray) -> ComplexArray:

@@ -166,7 +166,7 @@ def refine_motion[T: Tried](
             off[:, : pushed.shape[1]] -= pushed
         if motion.rubbing is not None:
             own = motion.rubbing
-            off[:, own.coordinates] += own.force(own.speeds + found.rate[:, own.coordinates])
+            off[:, own.coordinates] += own.force(found.rate)
         extra = extra - off
         tried = solve(extra, tried)
         size = float(np.abs(tried.history.compliant - found.compliant)[:, :moving].max())

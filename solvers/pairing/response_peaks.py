@@ -185,7 +185,7 @@ def _resonances(coordinates: ModalCoordinates) -> tuple[FloatArray, FloatArray]:
 def _sample(model: FrfModel, hz: FloatArray, ratios: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Frequencies around resonances ``(n, w)`` and sizes ``(n, w, n_outputs, n_inputs)`` there."""
     lines = hz[:, None] * (1.0 + ratios[:, None] * WINDOW)
-    values = model.form.evaluate(2.0 * np.pi * lines.ravel())
+    values = evaluate_frf(model, lines.ravel()).receptance
     return lines, np.abs(values).reshape(*lines.shape, *values.shape[1:])
 
 

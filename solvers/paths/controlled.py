@@ -3,20 +3,28 @@ rigid-body response, residual vibration.
 """
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.linalg
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.control.drive_loops import ClosedLoop, set_channels
+from headstock.solvers.control.drive_loops import SET_POINTS, ClosedLoop, set_channels
 from headstock.solvers.control.driven_motion import DrivenMotion, solve_motion
+from headstock.solvers.control.friction_loop import friction_channels, spread_inputs
 from headstock.solvers.control.stability import has_free_motions
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.state_space import StateSpace
 from headstock.solvers.linear.time_response import solve_stepped_response
-from headstock.solvers.paths.loads import PathLoads, cut_times, loads_at, longest_step, step_loads
+from headstock.solvers.paths.loads import (
+    PathLoads,
+    cut_times,
+    load_channels,
+    loads_at,
+    longest_step,
+    step_loads,
+)
 from headstock.solvers.paths.response import PathDeviation, step_times
 from headstock.solvers.paths.set_points import (
     SetPoint,
@@ -24,7 +32,8 @@ from headstock.solvers.paths.set_points import (
     sample_move,
     step_accelerations,
 )
-from headstock.solvers.watched_outputs import Watch, WatchedOutputs
+from headstock.solvers.second_order import Channel, Positions
+from headstock.solvers.watched_outputs import Watch, WatchedOutputs, WatchedValues
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +41,8 @@ class ControlledPath:
     """A closed loop along a straight path.
 
     Attributes:
-        loop: Closed; its first outputs are those wanted.
+        loop: Closed.
+        outputs: Those wanted.
         shares: Travel of each driven axis per travel along the path [-].
         travel: ``(n_outputs,)`` how the rigid machine moves each output wanted per travel along the
             path.
@@ -43,6 +53,7 @@ class ControlledPath:
     """
 
     loop: ClosedLoop
+    outputs: tuple[Channel, ...]
     shares: Mapping[str, float]
     travel: FloatArray
     low_frequency_limit_hz: float
@@ -54,6 +65,35 @@ class ControlledPath:
         """What is watched, of states and inputs."""
         return self.loop.space.watch(self.watched)
 
+    @functools.cached_property
+    def rows(self) -> Positions:
+        """Where the outputs wanted stand."""
+        return self.loop.space.rows.of(self.outputs)
+
+    @property
+    def given(self) -> dict[Channel, FloatArray]:
+        """Inputs of the loop, of position, speed and acceleration along the path, then of loads."""
+        units = dict(zip(SET_POINTS, np.eye(len(SET_POINTS)), strict=True))
+        sets = {
+            (axis, kind): self.shares.get(axis, 0.0) * units[kind]
+            for axis, kind in set_channels(self.loop.trains)
+        }
+        return add_loads(sets, load_channels(self.loads))
+
+
+def add_loads(
+    sets: Mapping[Channel, FloatArray], loads: Sequence[Channel]
+) -> dict[Channel, FloatArray]:
+    """Rows ``(3 + k,)`` of inputs of position, speed and acceleration along a path, then of ``k`` loads.
+
+    Args:
+        sets: Rows ``(3,)`` of inputs that loads do not enter.
+        loads: Where these act.
+    """
+    units = np.eye(len(SET_POINTS) + len(loads))
+    padded = {channel: np.pad(row, (0, len(loads))) for channel, row in sets.items()}
+    return padded | dict(zip(loads, units[len(SET_POINTS) :], strict=True))
+
 
 @dataclass(frozen=True, eq=False)
 class _Motion:
@@ -64,9 +104,10 @@ class _Motion:
         place: X_s ``(n,)``: at rest, per travel.
         speed: X_v: at constant speed.
         pull: X_a: at constant acceleration.
-        inputs: ``(n, 3)`` columns of position, speed and acceleration along the path.
-        direct: ``(n_outputs + w, 3)`` what they do at once to the outputs, then to what is watched,
-            through drive forces and the flexibility of modes left out.
+        inputs: ``(n, 3 + k)`` columns of position, speed and acceleration along the path, and loads.
+        direct: ``(n_outputs, 3 + k)`` what they do at once to the outputs, through drive forces and
+            the flexibility of modes left out.
+        beside: ``(w, 3 + k)`` the same to what is watched.
         low_frequency: ``(n, n)`` projector on the low-frequency poles.
     """
 
@@ -75,6 +116,7 @@ class _Motion:
     pull: FloatArray
     inputs: FloatArray
     direct: FloatArray
+    beside: FloatArray
     low_frequency: FloatArray
 
 
@@ -100,28 +142,21 @@ def solve_controlled_path(
     """
     motion = _split(path)
     space, count = path.loop.space, len(path.travel)
-    rows, size = space.c[:count], len(space.a)
+    rows, size = space.c[path.rows], len(space.a)
     a = np.zeros((size + 2, size + 2))
     a[:size] = np.hstack([space.a, motion.inputs[:, :2]])
     a[size, size + 1] = 1.0
-    first = len(set_channels(path.loop.trains))
-    own = space.b[:, first : first + loads_at(path.loads, np.zeros(1), np.zeros(1)).shape[1]]
-    b = np.hstack(
-        [
-            np.append(motion.inputs[:, 2], [0.0, 1.0])[:, None],
-            np.vstack([own, np.zeros((2, own.shape[1]))]),
-        ]
-    )
+    # of position and speed, which are states, the acceleration is the rate
+    acting = motion.inputs[:, 2:]
+    b = np.vstack([acting, np.zeros((2, acting.shape[1]))])
+    b[-1, 0] = 1.0
     low_frequency = rows @ motion.low_frequency
-    others, loads = path.others, slice(first, first + own.shape[1])
-    direct = np.zeros((2 * count + len(others.states), b.shape[1]))
-    direct[:count, 0] = motion.direct[:count, 2]
-    direct[:count, 1:] = space.d[:count, loads]
-    direct[2 * count :, 0] = motion.direct[count:, 2]
-    direct[2 * count :, 1:] = others.inputs[:, loads]
+    direct = np.vstack(
+        [motion.direct[:, 2:], np.zeros((count, acting.shape[1])), motion.beside[:, 2:]]
+    )
     c = np.vstack(
         [
-            np.hstack([rows, motion.direct[:count, :2] - np.outer(path.travel, [1.0, 0.0])]),
+            np.hstack([rows, motion.direct[:, :2] - np.outer(path.travel, [1.0, 0.0])]),
             np.hstack(
                 [
                     low_frequency,
@@ -129,7 +164,7 @@ def solve_controlled_path(
                     -(low_frequency @ motion.speed)[:, None],
                 ]
             ),
-            np.hstack([others.states, motion.direct[count:, :2]]),
+            np.hstack([path.others.states, motion.beside[:, :2]]),
         ]
     )
     whole = StateSpace(a, b, c, direct, (), (), ())
@@ -147,7 +182,7 @@ def solve_controlled_path(
         quasi_static,
         low_frequency,
         total - quasi_static - low_frequency,
-        found[:, 2 * count :] if path.watched.channels else None,
+        WatchedValues(path.watched.channels, found[:, 2 * count :]),
     )
 
 
@@ -157,46 +192,39 @@ def solve_rubbing_path(
     """The same with friction in the guides; what friction does counts as dynamic.
 
     Args:
-        path: Its loop is closed with its loads, then ``friction_channels``, as inputs.
+        path: Its loop is closed with its loads and ``friction_channels``.
         move: Along it.
         samples: ``(n,)`` from zero [s].
 
     Raises:
         ConvergenceError: Friction does not settle.
     """
-    linear = solve_controlled_path(path, move, samples)
-    cosines = [
-        path.shares.get(axis, 0.0)
-        for axis, kind in set_channels(path.loop.trains)
-        if kind == "position"
-    ]
+    linear, space = solve_controlled_path(path, move, samples), path.loop.space
 
     def given(times: FloatArray) -> FloatArray:
         now = sample_move(move, times)
         own = [now.positions, now.speeds, now.accelerations]
         return np.column_stack([*own, loads_at(path.loads, times, now.speeds)])
 
-    pushing = np.eye(loads_at(path.loads, np.zeros(1), np.zeros(1)).shape[1])
-    spread = scipy.linalg.block_diag(np.kron(np.array(cosines)[:, None], np.eye(3)), pushing)
     found = solve_motion(
         path.loop,
         given,
         samples,
-        spread=spread,
+        spread=path.given,
         breaks=list_breaks(move),
         longest=longest_step(path.loads),
     )
     way = sample_move(move, samples).positions
-    total = found.outputs[:, : len(path.travel)] - np.outer(way, path.travel)
+    total = found.outputs[:, path.rows] - np.outer(way, path.travel)
+    acting = given(samples) @ spread_inputs(space.inputs, path.given).T
+    acting[:, space.columns.of(friction_channels(path.loop.trains))] = -found.friction
     return PathDeviation(
         samples,
         total,
         linear.quasi_static,
         linear.low_frequency,
         total - linear.quasi_static - linear.low_frequency,
-        path.others.evaluate(found.right, np.hstack([given(samples) @ spread.T, -found.friction]))
-        if path.watched.channels
-        else None,
+        WatchedValues(path.watched.channels, path.others.evaluate(found.right, acting)),
     ), found
 
 
@@ -206,13 +234,11 @@ def _split(path: ControlledPath) -> _Motion:
         raise ModelError(
             "the machine floats, so nothing holds it against accelerating axes; join it to ground by a mount"
         )
-    sets = set_channels(path.loop.trains)
-    shares = np.array([path.shares.get(axis, 0.0) for axis, _ in sets])
-    given, direct = (
-        np.column_stack(
-            [(part[:, : len(sets)] * shares)[:, kind::3].sum(axis=1) for kind in range(3)]
-        )
-        for part in (space.b, np.vstack([space.d[: len(path.travel)], path.others.inputs]))
+    spread = spread_inputs(space.inputs, path.given)
+    # sums in the order of the axes: of what constant speed holds little is left
+    given, direct, beside = (
+        (part[:, :, None] * spread).sum(axis=1)
+        for part in (space.b, space.d[path.rows], path.others.inputs)
     )
     factors = scipy.linalg.lu_factor(space.a)
     place = scipy.linalg.lu_solve(factors, -given[:, 0])
@@ -224,6 +250,7 @@ def _split(path: ControlledPath) -> _Motion:
         pull,
         given,
         direct,
+        beside,
         project_slow(space.a, 2.0 * np.pi * path.low_frequency_limit_hz),
     )
 
@@ -232,11 +259,9 @@ def _follow(
     path: ControlledPath, motion: _Motion, move: SetPoint, samples: FloatArray
 ) -> FloatArray:
     """What speed and acceleration hold ``(n, n_outputs)``."""
-    rows = path.loop.space.c[: len(path.travel)]
-    now = sample_move(move, samples)
-    direct = motion.direct[: len(rows)]
-    speed = rows @ motion.speed + direct[:, 1]
-    pull = rows @ (motion.pull - motion.low_frequency @ motion.pull) + direct[:, 2]
+    rows, now = path.loop.space.c[path.rows], sample_move(move, samples)
+    speed = rows @ motion.speed + motion.direct[:, 1]
+    pull = rows @ (motion.pull - motion.low_frequency @ motion.pull) + motion.direct[:, 2]
     return np.asarray(np.outer(now.speeds, speed) + np.outer(now.accelerations, pull))
 
 

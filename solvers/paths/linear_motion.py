@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.solvers.control.friction import Rubbing
 from headstock.solvers.errors import ConvergenceError
 from headstock.solvers.mechanisms.generalized_alpha import AlphaScheme
-from headstock.solvers.paths.rubbing import Rubbing
 
 INVERSE_TOLERANCE = 1e-10  # of what an interpolated inverse leaves of the identity
 MOST_PARTS = 64  # of the way between two nodes
@@ -61,7 +61,7 @@ class LinearMotion:
         steps.
         """
         parts = [
-            (self.between(values, part) @ others[part][..., None])[..., 0]
+            apply_matrices(self.between(values, part), others[part])
             for part in chunk_slices(len(others))
         ]
         return np.concatenate(parts)
@@ -330,6 +330,11 @@ def interpolate_nodes(times: FloatArray, nodes: FloatArray, values: FloatArray) 
     left = np.clip(place.astype(np.intp), 0, len(nodes) - 2)
     share = (place - left).reshape(-1, *([1] * (values.ndim - 1)))
     return np.asarray((1.0 - share) * values[left] + share * values[left + 1])
+
+
+def apply_matrices(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
+    """Return the products ``(n, p)`` of matrices ``(n, p, c)`` with vectors ``(n, c)``."""
+    return np.asarray((matrices @ vectors[..., None])[..., 0])
 
 
 def chunk_slices(count: int) -> list[slice]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.paths.set_points import SetPoint, sample_move
+from headstock.solvers.second_order import Channel
 
 
 @dataclass(frozen=True, eq=False)
@@ -15,10 +16,12 @@ class PathLoads:
     """Loads on a machine along a path.
 
     Attributes:
+        channels: Where they act.
         at: Loads ``(n, n_loads)`` at instants and at the speeds along the path there.
         step: Longest time over which a load may be taken for straight [s].
     """
 
+    channels: tuple[Channel, ...]
     at: Callable[[FloatArray, FloatArray], FloatArray]
     step: float
 
@@ -30,9 +33,19 @@ def cut_times(samples: FloatArray, loads: PathLoads | None) -> tuple[FloatArray,
         samples: ``(n,)`` evenly spaced [s].
         loads: None where there are none.
     """
-    parts = max(1, math.ceil((samples[1] - samples[0]) / longest_step(loads)))
+    return refine_times(samples, longest_step(loads))
+
+
+def refine_times(samples: FloatArray, longest: float) -> tuple[FloatArray, int]:
+    """Return instants ``(n,)`` with no step longer than allowed, and how many steps a sample takes."""
+    parts = max(1, math.ceil((samples[1] - samples[0]) / longest))
     fine = np.linspace(samples[0], samples[-1], parts * (len(samples) - 1) + 1)
     return np.asarray(fine, dtype=float), parts
+
+
+def load_channels(loads: PathLoads | None) -> tuple[Channel, ...]:
+    """Where loads act."""
+    return () if loads is None else loads.channels
 
 
 def longest_step(loads: PathLoads | None) -> float:

@@ -3,7 +3,7 @@ figures in each acceleration zone.
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
@@ -20,9 +20,16 @@ from headstock.solvers.linear.modal_coordinates import (
     keep_modes,
     to_modal_coordinates,
 )
-from headstock.solvers.linear.state_space import modal_state_space
+from headstock.solvers.linear.state_space import Feedthrough, StateSpace, modal_state_space
 from headstock.solvers.linear.time_response import add_direct, solve_stepped_response
-from headstock.solvers.paths.loads import PathLoads, cut_times, loads_at, step_loads
+from headstock.solvers.paths.loads import (
+    PathLoads,
+    cut_times,
+    load_channels,
+    loads_at,
+    refine_times,
+    step_loads,
+)
 from headstock.solvers.paths.set_points import (
     SetPoint,
     list_breaks,
@@ -30,7 +37,7 @@ from headstock.solvers.paths.set_points import (
     step_accelerations,
 )
 from headstock.solvers.second_order import Channel, SecondOrderSystem
-from headstock.solvers.watched_outputs import Watch
+from headstock.solvers.watched_outputs import Watch, WatchedValues
 
 SAME_INSTANT = 1e-9  # a break so near to a sample, as a share of the step, is the sample
 FILTER_ORDER = 4
@@ -53,7 +60,7 @@ class PathDeviation:
         low_frequency: ``(n, n_outputs)``: the slower modes, in which the machine sways on soft
             mounts as a whole.
         dynamic: ``(n, n_outputs)``: the residual vibration of the faster modes.
-        watched: ``(n, w)`` what else was asked for, such as forces; None for nothing.
+        watched: What else was asked for, such as forces.
     """
 
     times: FloatArray
@@ -61,7 +68,18 @@ class PathDeviation:
     quasi_static: FloatArray
     low_frequency: FloatArray
     dynamic: FloatArray
-    watched: FloatArray | None = None
+    watched: WatchedValues = field(default_factory=WatchedValues)
+
+    def __add__(self, other: "PathDeviation") -> "PathDeviation":
+        """Return two deviations of a linear machine together."""
+        return PathDeviation(
+            self.times,
+            self.total + other.total,
+            self.quasi_static + other.quasi_static,
+            self.low_frequency + other.low_frequency,
+            self.dynamic + other.dynamic,
+            self.watched + other.watched,
+        )
 
 
 @dataclass(frozen=True)
@@ -73,8 +91,7 @@ class PathModel:
         outputs: Where the deviation is wanted.
         low_frequency_limit_hz: Modes below it do not follow a ramp [Hz].
         up_to_hz: Modes kept; those above follow at once. None keeps all.
-        pushed: Inputs at which loads act.
-        loads: Of these inputs; None for none.
+        loads: On the machine; None for none.
         watched: Other outputs that are asked for as a whole.
     """
 
@@ -82,14 +99,57 @@ class PathModel:
     outputs: tuple[Channel, ...]
     low_frequency_limit_hz: float
     up_to_hz: float | None = None
-    pushed: tuple[Channel, ...] = ()
     loads: PathLoads | None = None
     watched: Watch = field(default_factory=Watch)
 
     @property
     def inputs(self) -> tuple[Channel, ...]:
         """All of them."""
-        return (self.source, *self.pushed)
+        return (self.source, *load_channels(self.loads))
+
+
+@dataclass(frozen=True, eq=False)
+class Disturbance:
+    """Loads along a path that do not come from its acceleration.
+
+    Attributes:
+        channels: Where they act.
+        at: Loads ``(n, k)`` at instants ``(n,)``.
+        step: Longest time over which a load may be taken for straight [s].
+        passed: What outputs have of them at once; None for nothing.
+    """
+
+    channels: tuple[Channel, ...]
+    at: Callable[[FloatArray], FloatArray]
+    step: float
+    passed: Feedthrough | None = None
+
+    def act_on(
+        self,
+        space: StateSpace,
+        outputs: Sequence[Channel],
+        watch: Watch,
+        *,
+        slow: NDArray[np.bool_],
+        held: FloatArray,
+        samples: FloatArray,
+    ) -> PathDeviation:
+        """Return what they do to a system between their channels and outputs; see
+        :func:`respond_exactly`.
+        """
+        fine, parts = refine_times(samples, self.step)
+        given = self.at(fine)
+        return respond_exactly(
+            space,
+            outputs,
+            watch,
+            slow=slow,
+            held=held,
+            times=fine,
+            given=np.stack([given[:-1], given[1:]], axis=1),
+            some=np.arange(0, len(fine), parts),
+            now=given[::parts],
+        )
 
 
 def sample_times(move: SetPoint, sampling_hz: float, settle: float) -> FloatArray:
@@ -141,11 +201,7 @@ def solve_path(
         ModelError: A channel is unknown, or a damper acts on a dof without mass.
     """
     outputs = (*model.outputs, *model.watched.outputs)
-    coordinates = to_modal_coordinates(equivalent_viscous(system), model.inputs, outputs)
-    if coordinates is None:
-        raise ModelError(
-            "a damper acts on a dof without mass, or a matrix is not symmetric; give every body a mass"
-        )
+    coordinates = find_coordinates(system, model.inputs, outputs)
     if model.up_to_hz is not None:
         coordinates = keep_modes(coordinates, count_modes(coordinates, model.up_to_hz))
     fine, parts = cut_times(samples, model.loads)
@@ -154,38 +210,135 @@ def solve_path(
         [step_accelerations(move, times)[:, :, None], step_loads(model.loads, move, times)], axis=2
     )
     space = modal_state_space(coordinates, model.inputs, outputs)
-    others = space.watch(model.watched)
-    count = len(model.outputs)
-    below = np.repeat(coordinates.omega < 2.0 * np.pi * model.low_frequency_limit_hz, 2)
-    shown = space.c[:count]
-    rows = np.vstack([shown, np.where(below, shown, 0.0), others.states])
-    stretched = type(space)(
-        space.a,
-        space.b,
-        rows,
-        np.zeros((len(rows), len(model.inputs))),
-        (),
-        (),
-        space.states,
-        space.pairs,
+    held = static_share(coordinates, space, model.outputs, model.low_frequency_limit_hz)
+    # of what loads do nothing counts as quasi-static
+    held[:, space.columns.of(load_channels(model.loads))] = 0.0
+    return respond_exactly(
+        space,
+        model.outputs,
+        model.watched,
+        slow=coordinates.omega < 2.0 * np.pi * model.low_frequency_limit_hz,
+        held=held,
+        times=times,
+        given=given,
+        some=places[::parts],
+        now=act_at(model, move, samples),
     )
-    moved = solve_stepped_response(stretched, times, given).outputs[places[::parts]]
-    now = act_at(model, move, samples)
-    low_frequency, quasi_static = (
-        moved[:, count : 2 * count],
-        now[:, :1] * static_share(coordinates, model.low_frequency_limit_hz)[:count],
+
+
+def find_coordinates(
+    system: SecondOrderSystem, inputs: Sequence[Channel], outputs: Sequence[Channel]
+) -> ModalCoordinates:
+    """Return the modes of a system in time.
+
+    Raises:
+        ModelError: A channel is unknown, a damper acts on a dof without mass, or a matrix is not
+            symmetric.
+    """
+    found = to_modal_coordinates(equivalent_viscous(system), inputs, outputs)
+    if found is None:
+        raise ModelError(
+            "a damper acts on a dof without mass, or a matrix is not symmetric; give every body a mass"
+        )
+    return found
+
+
+def respond_exactly(
+    space: StateSpace,
+    outputs: Sequence[Channel],
+    watch: Watch,
+    *,
+    slow: NDArray[np.bool_],
+    held: FloatArray,
+    times: FloatArray,
+    given: FloatArray,
+    some: NDArray[np.intp],
+    now: FloatArray,
+) -> PathDeviation:
+    """Return the motion of a system from rest under loads that are straight between times, without
+    any error of integration.
+
+    Args:
+        space: The system.
+        outputs: Where the deviation is wanted.
+        watch: What else is.
+        slow: ``(m,)`` modes of low frequency: two states each; none of a system without modes.
+        held: ``(n_outputs, k)`` what inputs hold statically, without the slow modes.
+        times: ``(n,)`` rising, from zero [s].
+        given: ``(n - 1, 2, k)`` inputs at the beginning and at the end of each step.
+        some: Which of the times are samples.
+        now: ``(n_samples, k)`` inputs there.
+    """
+    rows, watched = space.rows.of(outputs), space.watch(watch)
+    shown, count = space.c[rows], len(outputs)
+    below = np.where(np.repeat(slow, 2), shown, 0.0) if len(slow) else np.zeros_like(shown)
+    c = np.vstack([shown, below, watched.states])
+    states = dataclasses.replace(
+        space, c=c, d=np.zeros((len(c), len(space.inputs))), inputs=(), outputs=()
     )
-    total = moved[:, :count] + now @ space.d[:count].T
-    watched = moved[:, 2 * count :]
-    add_direct(watched, now, others.inputs)
+    moved = solve_stepped_response(states, times, given).outputs[some]
+    total, low_frequency = moved[:, :count], moved[:, count : 2 * count]
+    total, values = total + now @ space.d[rows].T, moved[:, 2 * count :]
+    add_direct(values, now, watched.inputs)
+    quasi_static = now @ held.T
     return PathDeviation(
-        samples,
+        times[some],
         total,
         quasi_static,
         low_frequency,
         total - quasi_static - low_frequency,
-        watched if model.watched.channels else None,
+        WatchedValues(watch.channels, values),
     )
+
+
+def solve_loads(
+    system: SecondOrderSystem,
+    outputs: Sequence[Channel],
+    loads: Disturbance,
+    *,
+    samples: FloatArray,
+    low_frequency_limit_hz: float,
+    watch: Watch,
+) -> PathDeviation:
+    """Deviation of a system at rest under loads along a path that do not come from its acceleration,
+    such as errors of guides as they are passed, exact for loads that are straight between fine steps.
+
+    Args:
+        system: Symmetric, with the channels of the loads among its inputs.
+        outputs: Where the deviation is wanted.
+        loads: They begin at zero.
+        samples: ``(n,)`` evenly spaced, from zero [s].
+        low_frequency_limit_hz: Modes below count as low-frequency response [Hz].
+        watch: What else is wanted of it.
+
+    Raises:
+        ModelError: A channel is unknown, or a damper acts on a dof without mass.
+    """
+    wanted = (*outputs, *watch.outputs)
+    coordinates = find_coordinates(system, loads.channels, wanted)
+    space = modal_state_space(coordinates, loads.channels, wanted).pass_on(loads.passed)
+    share = static_share(coordinates, space, outputs, low_frequency_limit_hz)
+    slow = coordinates.omega < 2.0 * np.pi * low_frequency_limit_hz
+    return loads.act_on(space, outputs, watch, slow=slow, held=share, samples=samples)
+
+
+def solve_loop_loads(
+    loop: StateSpace,
+    outputs: Sequence[Channel],
+    loads: Disturbance,
+    *,
+    samples: FloatArray,
+    watch: Watch,
+) -> PathDeviation:
+    """The same of a stable closed loop that holds its set points; its quasi-static part is what it
+    holds under constant loads.
+    """
+    columns, rows = loop.columns.of(loads.channels), loop.rows.of(outputs)
+    b, d = loop.b[:, columns], loop.d[:, columns]
+    space = dataclasses.replace(loop, b=b, d=d, inputs=loads.channels).pass_on(loads.passed)
+    held = space.d[rows] - loop.c[rows] @ np.linalg.solve(loop.a, b)
+    none = np.zeros(0, dtype=np.bool_)
+    return loads.act_on(space, outputs, watch, slow=none, held=held, samples=samples)
 
 
 def act_at(model: PathModel, move: SetPoint, times: FloatArray) -> FloatArray:
@@ -194,16 +347,19 @@ def act_at(model: PathModel, move: SetPoint, times: FloatArray) -> FloatArray:
     return np.column_stack([motion.accelerations, loads_at(model.loads, times, motion.speeds)])
 
 
-def static_share(coordinates: ModalCoordinates, low_frequency_limit_hz: float) -> FloatArray:
-    """Deviation per unit acceleration ``(n_outputs,)`` if all but the low-frequency modes respond
-    quasi-statically
-    [m/(m/s^2)].
+def static_share(
+    coordinates: ModalCoordinates,
+    space: StateSpace,
+    outputs: Sequence[Channel],
+    low_frequency_limit_hz: float,
+) -> FloatArray:
+    """Deviation per unit of each input ``(n_outputs, k)`` if all but the low-frequency modes respond
+    quasi-statically, and what outputs have at once.
     """
+    rows = space.rows.of(outputs)
     fast = coordinates.omega >= 2.0 * np.pi * low_frequency_limit_hz
-    share = (coordinates.outputs[:, fast] / coordinates.eigenvalues[fast]) @ coordinates.inputs[
-        fast, 0
-    ]
-    return np.asarray(share if coordinates.complete else share + coordinates.residual[:, 0])
+    moved = coordinates.outputs[rows][:, fast] / coordinates.eigenvalues[fast]
+    return np.asarray(moved @ coordinates.inputs[fast] + space.d[rows])
 
 
 def slow_modes(frequencies_hz: Sequence[float] | FloatArray, low_frequency_limit_hz: float) -> int:

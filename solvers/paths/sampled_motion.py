@@ -23,7 +23,9 @@ from scipy.interpolate import CubicSpline
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import AccuracyError, ModelError
 from headstock.solvers.paths.linear_motion import (
+    CompliantHistory,
     LinearMotion,
+    apply_matrices,
     chunk_slices,
     even_nodes,
     interpolate_nodes,
@@ -41,14 +43,14 @@ from headstock.solvers.paths.varying_system import (
     transport_modes,
     turn_plant,
 )
+from headstock.solvers.second_order import Channel
+from headstock.solvers.watched_outputs import Watch
 
 MOST_SAMPLES = 400
 # of what splines miss half-way between poses, as a share of its size, before the last halving
 MISS_TOLERANCE = 1e-3
 FADED = 1.5  # times the frequency up to which modes are kept: there nothing is left of them
 ROUNDOFF = 1e-5  # an input so much smaller than the largest one moves nothing
-TOOL = slice(0, 3)  # inputs and outputs begin with those of the tool
-GIVEN = slice(3, None)  # then come loads that the way gives, gravity first, and forces of drives
 NODE_SPACING = 0.02
 LOAD_SPACING = 1e-3
 FIELDS = ("stiffness", "damping", "loads", "rows", "direct")
@@ -56,10 +58,32 @@ ANCHORED = 4  # parts of a piece at whose ends a machine that differs little is 
 
 
 @dataclass(frozen=True, eq=False)
+class WayLoads:
+    """What acts on a machine along its way.
+
+    Attributes:
+        channels: Inputs at which it acts.
+        at: Values ``(n, r)`` of these at times ``(n,)``.
+        weight: The one of gravity: what it moves alone is no deviation.
+    """
+
+    channels: tuple[Channel, ...]
+    at: Callable[[FloatArray], FloatArray]
+    weight: Channel
+
+    def deviating(self, times: FloatArray) -> FloatArray:
+        """Return the values ``(n, r)`` at times ``(n,)``, zero of the weight."""
+        values = np.array(self.at(times))
+        values[:, self.channels.index(self.weight)] = 0.0
+        return values
+
+
+@dataclass(frozen=True, eq=False)
 class SampledMotion:
     """A machine on its way.
 
     Attributes:
+        channels: Its inputs and outputs.
         breaks: ``(b,)`` times at which pieces of the way meet, its ends among them [s].
         pieces: Of each piece, field of :class:`SampledPlant` to its spline over time.
         poses: How many poses were taken.
@@ -74,6 +98,7 @@ class SampledMotion:
             was.
     """
 
+    channels: PlantChannels
     breaks: FloatArray
     pieces: tuple[Mapping[str, CubicSpline], ...]
     poses: int
@@ -107,7 +132,7 @@ class SampledMotion:
                 found[places == piece] = splines[name](inside[places == piece])
             return found
 
-        return SampledPlant(*(find(name) for name in FIELDS))
+        return SampledPlant(self.channels, *(find(name) for name in FIELDS))
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,6 +201,7 @@ def sample_motion(
         }
         if not wide:
             return SampledMotion(
+                channels=channels,
                 breaks=np.array(breaks, dtype=float),
                 pieces=tuple(_join(grid, carried) for grid in finer),
                 poses=len(poses),
@@ -385,7 +411,8 @@ def _swing(finer: Sequence[float], carried: Mapping[float, CarriedPose]) -> floa
 def follow_motion(
     sampled: SampledMotion,
     times: FloatArray,
-    given: Callable[[FloatArray], FloatArray],
+    loads: WayLoads,
+    tool: Sequence[Channel],
     *,
     node_spacing: float = NODE_SPACING,
     load_spacing: float = LOAD_SPACING,
@@ -393,38 +420,39 @@ def follow_motion(
     """The linear system along a way: matrices at nodes, loads of the rigid motion at finer ones.
 
     Args:
-        sampled: Its first three inputs and outputs are force on and motion of the tool; the fourth
-            input is gravity, others follow.
+        sampled: The machine.
         times: ``(n,)`` even steps [s].
-        given: Values ``(n, r)`` of the inputs from the fourth on, at times ``(n,)``.
+        loads: That act on it, but for those on the tool.
+        tool: Its three inputs and outputs of force and motion.
         node_spacing: Time between which matrices are linear [s].
         load_spacing: Time between which loads are linear [s].
     """
     nodes, load_nodes = even_nodes(times, node_spacing), even_nodes(times, load_spacing)
-    found = sampled.at(nodes)
-    loads, rests = [], []
+    found, moved = sampled.at(nodes), sampled.channels.rows.of(tool)
+    given = sampled.channels.columns.of(loads.channels)
+    acting, rests = [], []
     for part in chunk_slices(len(load_nodes)):
-        now, amounts = load_nodes[part], given(load_nodes[part])[..., None]
+        now = load_nodes[part]
         finer = sampled.at(now, "loads", "direct")
-        loads.append((finer.loads[:, :, GIVEN] @ amounts)[..., 0])
-        # gravity alone is no deviation: what it adds by the modes left out is taken off again
-        beyond = finer.direct[:, TOOL, GIVEN]
-        rests.append((beyond[:, :, 1:] @ amounts[:, 1:])[..., 0])
-    weight = given(nodes)[:, 0]
+        acting.append(apply_matrices(finer.loads[:, :, given], loads.at(now)))
+        # gravity alone is no deviation, also of the modes left out
+        beyond = finer.direct[:, moved][:, :, given]
+        rests.append(apply_matrices(beyond, loads.deviating(now)))
+    weight = loads.at(nodes)[:, loads.channels.index(loads.weight)]
     return LinearMotion(
         times=times,
         nodes=nodes,
         mass=np.broadcast_to(np.eye(sampled.modes), found.stiffness.shape),
         damping=found.damping,
         stiffness=found.stiffness,
-        tool=found.rows[:, TOOL],
+        tool=found.rows_of(tool),
         gravity_deflection=np.asarray(
             np.linalg.solve(
-                found.stiffness, (found.loads[:, :, GIVEN.start] * weight[:, None])[..., None]
+                found.stiffness, found.loads_of([loads.weight]) * weight[:, None, None]
             )[..., 0]
         ),
-        load=interpolate_nodes(times, load_nodes, np.concatenate(loads)),
-        flexibility=found.direct[:, TOOL, TOOL],
+        load=interpolate_nodes(times, load_nodes, np.concatenate(acting)),
+        flexibility=found.direct_of(tool, tool),
         rest=interpolate_nodes(times, load_nodes, np.concatenate(rests)),
     )
 
@@ -441,31 +469,81 @@ def follow_way(
     )
 
 
-def follow_drives(
+@dataclass(frozen=True, eq=False)
+class SampledHistory:
+    """What a machine did on its way, and what acted on it beside its weight.
+
+    Attributes:
+        motion: The machine; its first coordinates are its modes.
+        history: Of its coordinates.
+        plant: Its matrices at the nodes of the motion.
+        inputs: Where something acts.
+        acting: Values ``(m, k)`` of these in a part of the steps.
+    """
+
+    motion: LinearMotion
+    history: CompliantHistory
+    plant: SampledPlant
+    inputs: tuple[Channel, ...]
+    acting: Callable[[slice], FloatArray]
+
+    def observe(self, watch: Watch) -> FloatArray:
+        """Return what is watched ``(n, p)``, less what the weight alone does."""
+        motion, plant, states = self.motion, self.plant, self.history
+        modes = plant.rows.shape[2]
+        rows, direct = plant.rows_of(watch.channels), plant.direct_of(watch.channels, self.inputs)
+        added = [
+            (self._added_rows(watch.channels, outputs), values)
+            for outputs, values in (
+                (watch.rates, states.rate),
+                (watch.accelerations, states.acceleration),
+            )
+            if outputs
+        ]
+        found = np.empty((len(motion.times), len(watch.channels)))
+        for part in chunk_slices(len(motion.times)):
+            moved = states.compliant[part] - motion.between(motion.gravity_deflection, part)
+            found[part] = apply_matrices(motion.between(rows, part), moved[:, :modes])
+            for others, values in added:
+                found[part] += apply_matrices(motion.between(others, part), values[part, :modes])
+            found[part] += apply_matrices(motion.between(direct, part), self.acting(part))
+        return found
+
+    def _added_rows(
+        self, channels: Sequence[Channel], outputs: Mapping[Channel, Channel]
+    ) -> FloatArray:
+        rows = np.zeros((len(self.motion.nodes), len(channels), self.plant.rows.shape[2]))
+        some = [number for number, channel in enumerate(channels) if channel in outputs]
+        rows[:, some] = self.plant.rows_of(outputs[channels[number]] for number in some)
+        return rows
+
+
+def follow_outputs(
     sampled: SampledMotion,
     times: FloatArray,
     *,
+    outputs: Sequence[Channel],
     coordinates: FloatArray,
-    force: FloatArray,
-    given: FloatArray,
-    count: int,
+    acting: FloatArray,
+    inputs: Sequence[Channel],
 ) -> FloatArray:
-    """Forces of the drives ``(n, d)``: the outputs after those of the tool.
+    """Return outputs ``(n, p)`` of a machine on its way.
 
     Args:
-        sampled: The machine on its way.
+        sampled: The machine.
         times: ``(n,)`` [s].
-        coordinates: ``(n, m)`` then.
-        force: ``(n, 3)`` on the tool [N].
-        given: ``(n, r)`` the other inputs.
-        count: Of the ``d`` drives.
+        outputs: ``p`` of them.
+        coordinates: ``(n, m)`` of its modes then.
+        acting: ``(n, k)`` values of inputs.
+        inputs: These.
     """
-    parts, drives = [], slice(TOOL.stop, TOOL.stop + count)
+    rows, columns = sampled.channels.rows.of(outputs), sampled.channels.columns.of(inputs)
+    parts = []
     for part in chunk_slices(len(times)):
         found = sampled.at(times[part], "rows", "direct")
-        loads = np.concatenate([force[part], given[part]], axis=1)
+        direct = found.direct[:, rows][:, :, columns]
         parts.append(
-            (found.rows[:, drives] @ coordinates[part][..., None])[..., 0]
-            + (found.direct[:, drives] @ loads[..., None])[..., 0]
+            apply_matrices(found.rows[:, rows], coordinates[part])
+            + apply_matrices(direct, acting[part])
         )
     return np.concatenate(parts)

@@ -28,7 +28,7 @@ class ServoMotion:
 
     Attributes:
         motion: Its coordinates are those of the machine, then motors, then controllers.
-        first: The first motor among them.
+        motors: Where motors stand among them.
         control: All controllers, one below the other.
         speeds: ``(n, d)`` set speeds [m/s].
         accelerations: ``(n, d)`` set accelerations [m/s^2].
@@ -37,7 +37,7 @@ class ServoMotion:
     """
 
     motion: LinearMotion
-    first: int
+    motors: slice
     control: LinearBlock
     speeds: FloatArray
     accelerations: FloatArray
@@ -46,7 +46,7 @@ class ServoMotion:
 
     def read(self, history: CompliantHistory) -> FloatArray:
         """What the position controllers read beside their set points ``(n, d)`` [m]."""
-        states = history.compliant[:, : self.first + self.speeds.shape[1]]
+        states = history.compliant[:, : self.motors.stop]
         reads = self.motion.between(self.reads, slice(None))
         return np.asarray((reads @ states[..., None])[..., 0] + self.beside)
 
@@ -57,14 +57,15 @@ class ServoMotion:
             history: Of the motion.
         """
         count, states = self.speeds.shape[1], history.compliant
-        free = self.first + count
         read = self.read(history)
         given = np.zeros((len(states), count, INPUTS))
         given[:, :, SPEED], given[:, :, ACCELERATION] = self.speeds, self.accelerations
         given[:, :, POSITION] = read
-        given[:, :, MOTOR_SPEED] = self.speeds + history.rate[:, self.first : free]
+        given[:, :, MOTOR_SPEED] = self.speeds + history.rate[:, self.motors]
         flat = given.reshape(len(states), -1)
-        return np.asarray(states[:, free:] @ self.control.c.T + flat @ self.control.d.T)
+        return np.asarray(
+            states[:, self.motors.stop :] @ self.control.c.T + flat @ self.control.d.T
+        )
 
 
 def close_motors(
@@ -133,4 +134,4 @@ def close_motors(
         gravity_deflection=np.asarray(np.linalg.solve(stiffness, weight[..., None])[..., 0]),
         load=load,
     )
-    return ServoMotion(motion, size - count, block, speeds, accelerations, reads, read)
+    return ServoMotion(motion, motors, block, speeds, accelerations, reads, read)

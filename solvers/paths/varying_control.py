@@ -17,21 +17,34 @@ import scipy.linalg
 from scipy.interpolate import CubicSpline
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.control.drive_loops import ClosedLoop, close_plant, set_channels
-from headstock.solvers.control.drive_trains import FORCE, MOTOR, SLIDE, DriveTrain, measured_channel
+from headstock.solvers.control.drive_loops import (
+    SET_POINTS,
+    ClosedLoop,
+    close_plant,
+    force_channels,
+    plant_outputs,
+)
+from headstock.solvers.control.drive_trains import DriveTrain
 from headstock.solvers.control.driven_motion import DrivenMotion, integrate_motion
 from headstock.solvers.control.friction_loop import (
     RubbingLoop,
     friction_channels,
     make_rubbing_loop,
+    spread_inputs,
 )
 from headstock.solvers.control.loop_track import LoopTrack
 from headstock.solvers.control.stability import has_free_motions
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.modal_coordinates import ModalCoordinates
 from headstock.solvers.linear.state_space import StateSpace, modal_state_space
-from headstock.solvers.paths.controlled import project_slow
-from headstock.solvers.paths.loads import PathLoads, cut_times, loads_at, longest_step
+from headstock.solvers.paths.controlled import add_loads, project_slow
+from headstock.solvers.paths.loads import (
+    PathLoads,
+    cut_times,
+    load_channels,
+    loads_at,
+    longest_step,
+)
 from headstock.solvers.paths.response import PathDeviation, step_times
 from headstock.solvers.paths.set_points import (
     SetPoint,
@@ -46,7 +59,8 @@ from headstock.solvers.paths.varying_response import (
     tabulate_steps,
 )
 from headstock.solvers.paths.varying_system import PlantChannels, SampledPlant, VaryingSystem
-from headstock.solvers.second_order import Channel
+from headstock.solvers.second_order import Channel, Positions
+from headstock.solvers.watched_outputs import WatchedValues
 
 LEAST = 1e-9  # size of a pole [rad/s]: below it one does not move
 
@@ -73,11 +87,12 @@ class VaryingLoop:
     """A machine under control along a straight path.
 
     Attributes:
-        plant: With free motors, along the path; its channels are those of :func:`loop_channels`.
-        channels: Its channels.
+        plant: With free motors, along the path.
+        channels: Its channels: those of :func:`loop_channels`.
+        path: The one of the acceleration along the path.
+        outputs: Where the deviation is wanted.
         trains: Its drives.
         travels: Of each drive.
-        count: How many of the first outputs are wanted.
         low_frequency_limit_hz: Poles below this frequency are rigid-body motion on the drives and
             mounts; as many along the whole path [Hz].
         loads: On the machine; None for none.
@@ -86,17 +101,34 @@ class VaryingLoop:
 
     plant: VaryingSystem[SampledPlant]
     channels: PlantChannels
+    path: Channel
+    outputs: tuple[Channel, ...]
     trains: tuple[DriveTrain, ...]
     travels: tuple[RigidTravel, ...]
-    count: int
     low_frequency_limit_hz: float
     loads: PathLoads | None = None
     watched: tuple[Channel, ...] = ()
 
-    def rows(self, space: StateSpace) -> list[int]:
-        """Which outputs of the closed loop are wanted."""
-        others = [space.outputs.index(channel) for channel in self.watched]
-        return [*range(self.count), *others]
+    def rows(self, space: StateSpace) -> Positions:
+        """Where the outputs wanted, then those watched, stand in the closed loop."""
+        return space.rows.of((*self.outputs, *self.watched))
+
+    @property
+    def given(self) -> dict[Channel, FloatArray]:
+        """Inputs of the closed loop, of position, speed and acceleration along the path, then of
+        loads: a controller is given what deviates.
+        """
+        found = {self.path: np.array([0.0, 0.0, 1.0])}
+        for train, travel in zip(self.trains, self.travels, strict=True):
+            control = train.control
+            deviating = (
+                travel.axis - travel.encoder,
+                control.velocity_feed_forward * travel.axis - travel.motor,
+                control.acceleration_feed_forward * travel.axis,
+            )
+            kinds = ((train.name, kind) for kind in SET_POINTS)
+            found |= dict(zip(kinds, np.diag(deviating), strict=True))
+        return add_loads(found, load_channels(self.loads))
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,15 +172,9 @@ def loop_channels(
         up_to_hz: Modes kept [Hz].
     """
     trains = tuple(trains)
-    own = [(train.name, what) for what in (MOTOR, SLIDE) for train in trains]
     return PlantChannels(
-        inputs=(
-            *((train.name, FORCE) for train in trains),
-            *loads,
-            path,
-            *friction_channels(trains),
-        ),
-        outputs=(*outputs, *(measured_channel(train) for train in trains), *own),
+        inputs=(*force_channels(trains), *loads, path, *friction_channels(trains)),
+        outputs=(*outputs, *plant_outputs(trains)),
         up_to_hz=up_to_hz,
     )
 
@@ -156,9 +182,9 @@ def loop_channels(
 def close_along(loop: VaryingLoop, position: float) -> ClosedLoop:
     """The closed loop of deviations at a position [m]: its set points are those of each drive."""
     sample = loop.plant.at(position)
-    return close_plant(
-        _plant_at(sample, loop.plant.scales, loop.channels), deviation_trains(loop.trains)
-    )
+    plant = _plant_at(sample, loop.plant.scales, loop.channels)
+    inputs = (*load_channels(loop.loads), loop.path, *friction_channels(loop.trains))
+    return close_plant(plant, deviation_trains(loop.trains), inputs, loop.outputs)
 
 
 def deviation_trains(trains: Sequence[DriveTrain]) -> tuple[DriveTrain, ...]:
@@ -250,8 +276,8 @@ def solve_varying_control(
         table.slow, now.positions, motion[:, :2]
     )
     quasi_static = observe_along(table.quasi_static, now.positions, motion)
-    count = loop.count
-    others = total[:, count:] if loop.watched else None
+    count = len(loop.outputs)
+    others = WatchedValues(loop.watched, total[:, count:])
     total, quasi_static, low_frequency = (
         part[:, :count] for part in (total, quasi_static, low_frequency)
     )
@@ -284,12 +310,12 @@ def solve_varying_rubbing(
     found = integrate_motion(
         track, given, samples, breaks=list_breaks(move), longest=longest_step(loop.loads)
     )
-    shown = found.outputs[:, : loop.count]
+    shown, watched = np.split(found.outputs, [len(loop.outputs)], axis=1)
     return dataclasses.replace(
         linear,
         total=shown,
         dynamic=shown - linear.quasi_static - linear.low_frequency,
-        watched=found.outputs[:, loop.count :] if loop.watched else None,
+        watched=WatchedValues(loop.watched, watched),
     ), found
 
 
@@ -297,19 +323,15 @@ def _rubbing_at(loop: VaryingLoop, position: float) -> RubbingLoop:
     """The loop with its friction at a position: position, speed and acceleration along the path, and
     the loads, are given.
     """
-    closed = close_along(loop, position)
-    sets = _set_matrix(loop)
-    pushing = len(closed.space.inputs) - len(friction_channels(loop.trains)) - len(sets) - 1
-    spread = scipy.linalg.block_diag(sets, np.eye(pushing), np.zeros((1, 0)))
-    spread[-1, 2] = 1.0
     slides = [
         travel.slide
         for train, travel in zip(loop.trains, loop.travels, strict=True)
         if train.friction is not None
     ]
-    guides = np.zeros((len(slides), spread.shape[1]))
-    guides[:, 1] = slides
-    return make_rubbing_loop(closed, spread, guides)
+    given = loop.given
+    guides = np.zeros((len(slides), len(given[loop.path])))
+    guides[:, SET_POINTS.index("velocity")] = slides
+    return make_rubbing_loop(close_along(loop, position), given, guides)
 
 
 def _plant_at(sample: SampledPlant, scales: FloatArray, channels: PlantChannels) -> StateSpace:
@@ -336,19 +358,6 @@ def _plant_at(sample: SampledPlant, scales: FloatArray, channels: PlantChannels)
     return dataclasses.replace(space, a=a, pairs=None)
 
 
-def _set_matrix(loop: VaryingLoop) -> FloatArray:
-    """Set points of the deviations ``(3 n_drives, 3)`` per position, speed and acceleration along
-    the path.
-    """
-    found = np.zeros((3 * len(loop.trains), 3))
-    for number, (train, travel) in enumerate(zip(loop.trains, loop.travels, strict=True)):
-        control = train.control
-        found[3 * number, 0] = travel.axis - travel.encoder
-        found[3 * number + 1, 1] = control.velocity_feed_forward * travel.axis - travel.motor
-        found[3 * number + 2, 2] = control.acceleration_feed_forward * travel.axis
-    return found
-
-
 @dataclass(frozen=True, eq=False)
 class _Inputs:
     """A closed loop between the path and its outputs.
@@ -366,17 +375,8 @@ class _Inputs:
 
 def _drive_inputs(loop: VaryingLoop, position: float) -> _Inputs:
     space = close_along(loop, position).space
-    sets = len(set_channels(deviation_trains(loop.trains)))
-    rubbing = len(friction_channels(loop.trains))
-    path = len(space.inputs) - rubbing - 1
-    matrix = _set_matrix(loop)
-
-    def collect(columns: FloatArray) -> FloatArray:
-        along = columns[:, :sets] @ matrix
-        along[:, 2] += columns[:, path]
-        return np.hstack([along, columns[:, sets:path]])
-
-    return _Inputs(space, collect(space.b), collect(space.d[loop.rows(space)]))
+    spread = spread_inputs(space.inputs, loop.given)
+    return _Inputs(space, space.b @ spread, space.d[loop.rows(space)] @ spread)
 
 
 def _exact_step(loop: VaryingLoop, position: float, size: float) -> FloatArray:

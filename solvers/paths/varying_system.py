@@ -12,6 +12,7 @@ linear parametric reduced-order models, SIAM J. Sci. Comput. 33, 2169 (consisten
 """
 
 import dataclasses
+import functools
 import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -31,7 +32,7 @@ from headstock.solvers.linear.modal_coordinates import (
     to_modal_coordinates,
 )
 from headstock.solvers.paths.response import PathModel
-from headstock.solvers.second_order import Channel, SecondOrderSystem
+from headstock.solvers.second_order import Channel, Index, SecondOrderSystem
 
 FIRST_POSES = 5
 MOST_POSES = 257
@@ -65,6 +66,16 @@ class PosedModes:
     motions: FloatArray
     momenta: FloatArray
     feedthrough: Mapping[tuple[Channel, Channel], float] = field(default_factory=dict)
+
+    def join(
+        self,
+        rows: Mapping[Channel, FloatArray],
+        feedthrough: Mapping[tuple[Channel, Channel], float],
+    ) -> "PosedModes":
+        """Return the system with further outputs ``(n,)`` and what they have of inputs at once."""
+        system = dataclasses.replace(self.system, outputs={**self.system.outputs, **rows})
+        taken = {**self.feedthrough, **feedthrough}
+        return dataclasses.replace(self, system=system, feedthrough=taken)
 
 
 class PoseSample(Protocol):
@@ -135,6 +146,7 @@ class SampledPlant:
     them, the first axis of every field.
 
     Attributes:
+        channels: Its ``k`` inputs and ``p`` outputs.
         stiffness: ``(m, m)``.
         damping: ``(m, m)`` viscous.
         loads: ``(m, k)`` of each input.
@@ -144,12 +156,26 @@ class SampledPlant:
             beside. It is not interpolated.
     """
 
+    channels: "PlantChannels"
     stiffness: FloatArray
     damping: FloatArray
     loads: FloatArray
     rows: FloatArray
     direct: FloatArray
     reach: FloatArray | None = None
+
+    def loads_of(self, inputs: Iterable[Channel]) -> FloatArray:
+        """Return the loads ``(..., m, k')`` of some inputs."""
+        return self.loads[..., self.channels.columns.of(inputs)]
+
+    def rows_of(self, outputs: Iterable[Channel]) -> FloatArray:
+        """Return the rows ``(..., p', m)`` of some outputs."""
+        return self.rows[..., self.channels.rows.of(outputs), :]
+
+    def direct_of(self, outputs: Iterable[Channel], inputs: Iterable[Channel]) -> FloatArray:
+        """Return what some outputs have of some inputs at once ``(..., p', k')``."""
+        rows = self.direct[..., self.channels.rows.of(outputs), :]
+        return rows[..., self.channels.columns.of(inputs)]
 
     def sizes(self) -> dict[str, FloatArray]:
         """See :class:`PoseSample`."""
@@ -169,22 +195,32 @@ class PlantChannels:
         inputs: Where loads act.
         outputs: Where motion is wanted.
         up_to_hz: Modes kept [Hz]; those above follow at once.
-        alike: Numbers of outputs, the same for those of one kind, whose misfit is a share of the
-            largest of them; none where each stands for itself.
+        kinds: Output to its kind: the misfit of outputs of one kind is a share of the largest of
+            them. An output without a kind stands for itself.
     """
 
     inputs: tuple[Channel, ...]
     outputs: tuple[Channel, ...]
     up_to_hz: float
-    alike: tuple[int, ...] = ()
+    kinds: Mapping[Channel, Channel] = field(default_factory=dict)
+
+    @functools.cached_property
+    def columns(self) -> Index:
+        """Where the inputs stand."""
+        return Index(self.inputs)
+
+    @functools.cached_property
+    def rows(self) -> Index:
+        """Where the outputs stand."""
+        return Index(self.outputs)
 
     def share_sizes(self, sizes: FloatArray) -> FloatArray:
         """Sizes ``(p, 1)`` of the outputs, of those of one kind the largest."""
-        if not self.alike:
-            return sizes
-        largest = np.zeros((max(self.alike) + 1, 1))
-        np.maximum.at(largest, np.array(self.alike), sizes)
-        return np.asarray(largest[np.array(self.alike)])
+        kinds = [self.kinds.get(channel, channel) for channel in self.outputs]
+        largest: dict[Channel, float] = {}
+        for kind, size in zip(kinds, map(float, sizes[:, 0]), strict=True):
+            largest[kind] = max(largest.get(kind, 0.0), size)
+        return np.array([[largest[kind]] for kind in kinds]).reshape(-1, 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,10 +257,11 @@ class VaryingSystem[S: PoseSample]:
 
 @dataclass(frozen=True, eq=False)
 class PoseModes:
-    """What is kept of a pose: its modes as they come, and what each output has of each input at once,
-    whatever moves ``(p, k)``.
+    """What is kept of a pose: its modes as they come between some channels, and what each output has of
+    each input at once, whatever moves ``(p, k)``.
     """
 
+    channels: PlantChannels
     coordinates: ModalCoordinates
     motions: FloatArray
     momenta: FloatArray
@@ -274,7 +311,8 @@ def sample_plant(
     ) -> dict[float, SampledPlant]:
         return {place: turn_plant(pose, turns[place]) for place, pose in poses.items()}
 
-    return _sample(place, length, channels, turn_poses, SampledPlant)
+    make = functools.partial(SampledPlant, channels)
+    return _sample(place, length, channels, turn_poses, make)
 
 
 def _sample[S: PoseSample](
@@ -373,7 +411,11 @@ def look_at_pose(
         ]
     ).reshape(len(channels.outputs), len(channels.inputs))
     return PoseModes(
-        coordinates, posed.motions[:, :count].copy(), posed.momenta[:, :count].copy(), at_once
+        channels,
+        coordinates,
+        posed.motions[:, :count].copy(),
+        posed.momenta[:, :count].copy(),
+        at_once,
     )
 
 
@@ -506,6 +548,7 @@ def turn_plant(pose: PoseModes, turn: FloatArray) -> SampledPlant:
         rows, columns = largest_entries(found.outputs), largest_entries(found.inputs.T).T
         reach = reach + ROUNDOFF * rows * columns / found.eigenvalues[flexible].min()
     return SampledPlant(
+        channels=pose.channels,
         stiffness=turn.T @ (found.eigenvalues[:, None] * turn),
         damping=turn.T @ damping @ turn,
         loads=turn.T @ found.inputs,

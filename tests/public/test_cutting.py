@@ -248,11 +248,13 @@ def test_what_nobody_can_mill_is_refused_by_key(
 @pytest.mark.parametrize(("setting", "words"), [
     ({"cutting.my_steel.Ktc": "1800 Pa"}, "cutting.my_steel.Ktc"),
     ({"cutting.my_steel.Krc": "5400 MPa"}, "cutting.my_steel.Krc"),
+    ({"cutting.my_steel.Krc": "-540 MPa"}, "into the part"),
+    ({"cutting.my_steel.Kre": "-9 N/mm"}, "into the part"),
     ({"cutting.my_steel": {"kc11": "15 GPa", "mc": 0.25}}, "cutting.my_steel.kc11"),
     ({"cutting.my_steel": {"kc11": "1.5 GPa", "mc": 0.9}}, "cutting.my_steel.mc"),
     ({"analyses.path.cut.spindle": "30 rpm"}, "feed per tooth"),
 ])  # fmt: skip
-def test_coefficients_that_look_like_slips_of_units_bring_a_warning(
+def test_coefficients_that_look_like_slips_bring_a_warning(
     tmp_path: Path, setting: dict[str, Any], words: str
 ) -> None:
     path = write(tmp_path)

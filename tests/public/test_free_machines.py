@@ -191,3 +191,21 @@ def test_figures_of_a_free_machine_are_those_of_a_line_that_has_a_value(tmp_path
     lines = results.frf["reference"].curves.frequencies_hz
     assert figures.static is None
     assert figures.most_negative_real_hz == approx(lines[1])
+
+
+def test_bodies_that_nothing_connects_do_not_move_each_other(tmp_path: Path) -> None:
+    """Roundoff between twelve free motions is no peak, and none of them is a mode near a minimum."""
+    beam = bar('fidelity = "polynomial"').replace("count = 9", "count = 20")
+    start, end = beam.index("[components.beam]"), beam.index("[effects]")
+    other = beam[start:end].replace("beam]", "other]").replace("1000 mm", "900 mm")
+    text = beam[:end] + other + 'at = ["1 m", "0 mm", "0 mm"]\n' + beam[end:]
+    text = text.replace('[["beam.end", "x"]]', '[["beam.end", "x"], ["other.end", "x"]]')
+    results = run(tmp_path, text)
+    response = results.frf["reference"]
+    receptance = response.curves.receptance
+    assert not receptance[:, 0, 1].any() and not receptance[:, 1, 0].any()
+    assert np.abs(receptance[:, [0, 1], [0, 1]]).min() > 0.0
+    assert len(response.heights) >= 2
+    assert all(height.output == height.given for height in response.heights)
+    assert [figures.minimum_dynamic_stiffness_mode for figures in response.figures] == ["", ""]
+    assert any("nothing connects" in warning for warning in results.warnings)

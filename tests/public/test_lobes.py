@@ -105,6 +105,8 @@ def test_a_range_without_a_limit_is_no_error(tmp_path: Path) -> None:
     ("changes", "key", "text"),
     [
         ({"speeds": ["1 rpm", "10 rpm", 3]}, "analyses.lobes.speeds", "begin at"),
+        ({"speeds": ["1000 rpm", "9000 rpm", 1]}, "analyses.lobes.speeds[2]", "2 and 5000"),
+        ({"mill.teeth": 0}, "analyses.lobes.mill.teeth", "1 and 40"),
         ({"mill.helix": "90 deg"}, "analyses.lobes.mill.helix", "75"),
         ({"low_immersion": 0.1}, "analyses.lobes.low_immersion", "remove the key"),
     ],

@@ -173,6 +173,74 @@ def test_a_deck_of_cae_moved_and_turned_is_the_same_bar(
     assert "1 MASS, 1 CONN3D2, 2 B31; taken are 5 solid cells" in said[0]
 
 
+GENERATED = """*NODE
+1, 0., 0., 0.
+3, 20., 0., 0.
+7, 0., 20., 0.
+9, 20., 20., 0.
+19, 0., 0., 20.
+21, 20., 0., 20.
+25, 0., 20., 20.
+27, 20., 20., 20.
+*NGEN, NSET=EDGE
+1, 3, 1
+7, 9
+*NGEN
+19, 21, 1
+25, 27, 1
+1, 7, 3
+2, 8, 3
+3, 9, 3
+19, 25, 3
+20, 26, 3
+21, 27, 3
+*ELEMENT, TYPE=C3D8, ELSET=E
+1, 1, 2, 5, 4, 19, 20, 23, 22
+*ELGEN, ELSET=ALL
+1, 2, 1, 1, 2, 3, 2
+"""
+REPEATED = """BEGIN BULK
+GRID,1,,0.,0.,0.
+=,*(1),=,*(10.),==
+=(1)
+GRID,11,,0.,20.,0.
+=,*1,=,*1.+1,==
+=1
+GRID,21,,0.,0.,2.D1
+=       *1      =       *10.    ==
+=(1)
+GRID,31,,0.,20.,20.
+=,*1,=,*10.,==
+=(1)
+CHEXA,1,1,1,2,12,11,21,22,+
++,32,31
+CHEXA,2,1,2,3,13,12,22,23,+
++,33,32
+ENDDATA
+"""
+
+
+@pytest.mark.parametrize(("name", "text"), [("bar.inp", GENERATED), ("bar.bdf", REPEATED)])
+def test_nodes_and_elements_made_of_others_are_read(tmp_path: Path, name: str, text: str) -> None:
+    result = run(tmp_path, name, text, fidelity="rigid", ends=("z-", "z+"))
+    assert result.components["bar"].mass_kg == approx(7850.0 * 0.02**3, rel=1e-12)
+    said = refuse(tmp_path, "arc.inp", GENERATED.replace("NSET=EDGE", "LINE=C"))
+    assert "arc.inp:10: *NGEN is read along straight lines only" in said
+
+
+@pytest.mark.parametrize("curved", [False, True])
+def test_only_meshes_of_curved_parts_leave_curved_faces_out_of_their_errors(
+    tmp_path: Path, curved: bool
+) -> None:
+    bar = Bar(wedges=True)
+    if curved:
+        # a tenth of a degree would be flat; this is an arc of 9 degrees from end to end
+        bar.points = [(x + 1e-3 * z**2, y, z) for x, y, z in bar.points]
+    result = run(tmp_path, "bar.inp", flat(bar, "C3D15"))
+    said = str([number.error for number in result.modal[0].list_numbers()])
+    assert ("curved faces of bar" in said) == curved
+
+
 def test_wedges_are_cut_into_tets_of_the_same_part(tmp_path: Path, straight_hz: float) -> None:
     result = run(tmp_path, "bar.inp", flat(Bar(wedges=True), "C3D15"))
     assert result.components["bar"].mass_kg == approx(MASS, rel=1e-9)

@@ -14,7 +14,7 @@ from headstock.app.charts.charts import draw_responses, label_decades, new_figur
 from headstock.app.charts.comparison import draw_comparison, spread_labels
 from headstock.app.charts.study import describe_column, draw_study
 from headstock.app.charts.sweep import draw_sweep
-from headstock.app.report.frf import draw_overlay
+from headstock.app.drawings.frf import draw_overlay
 from headstock.app.report.pages import render_comparison
 from headstock.app.texts.curves import response_unit, round_ticks
 from headstock.pipeline.answers.frf import ResponseCurves

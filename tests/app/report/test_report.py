@@ -26,11 +26,11 @@ from headstock.app.report.viewer_data import (
     encode_machine,
     pack_columns,
     pose_shapes,
-    script_json,
 )
 from headstock.app.tables.table import Column
 from headstock.app.terminal.console import Screen
 from headstock.app.terminal.summary import tell_rows
+from headstock.app.texts.scripts import script_json
 from headstock.geometry.frames import FloatArray, Frame, rigid_map
 from headstock.geometry.parts.skins import Skin
 from headstock.geometry.parts.solid_skins import box_skin

@@ -36,7 +36,8 @@ from headstock.solvers.control.drive_loops import (
 )
 from headstock.solvers.control.drive_trains import DriveTrain
 from headstock.solvers.control.driven_motion import solve_motion
-from headstock.solvers.control.friction_loop import friction_channels, friction_force
+from headstock.solvers.control.friction import friction_force
+from headstock.solvers.control.friction_loop import friction_channels
 from headstock.solvers.linear.time_response import solve_stepped_response
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.solvers.mechanisms.generalized_alpha import MotionState

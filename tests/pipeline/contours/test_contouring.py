@@ -11,8 +11,8 @@ import pytest
 from mpi4py import MPI
 
 from common import approx
-from headstock.app.report.milled_faces import draw_milled_faces
-from headstock.app.report.path import draw_contour
+from headstock.app.drawings.milled_faces import draw_milled_faces
+from headstock.app.drawings.path import draw_contour
 from headstock.app.tables.contouring import (
     contour_words,
     list_faces,

@@ -14,6 +14,7 @@ from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import MachinePath, Pose, travel_directions
 from headstock.meshing.components.meshing import describe_component
+from headstock.pipeline.contours import coupled_contour
 from headstock.pipeline.contours.contour_cut import travel_frames
 from headstock.pipeline.contours.contour_run import ContourRun
 from headstock.pipeline.contours.contouring import cut_multiplier, evaluate_contour, face_stability
@@ -42,7 +43,7 @@ from headstock.solvers.milling.forces import repeated_forces
 from headstock.solvers.milling.tool_path import plan_contour
 from headstock.solvers.paths.linear_motion import march_linear
 from headstock.solvers.paths.response import PathModel, sample_times
-from headstock.solvers.paths.sampled_motion import follow_motion, sample_motion
+from headstock.solvers.paths.sampled_motion import WayLoads, follow_motion, sample_motion
 from headstock.solvers.paths.set_points import Ramp, SetPoint, sample_move
 from headstock.solvers.paths.varying_response import make_step_table, solve_varying_path
 from headstock.solvers.paths.varying_system import PlantChannels, PosedModes, sample_system
@@ -135,12 +136,65 @@ def test_a_straight_move_deviates_as_in_the_path_analysis(tmp_path: Path) -> Non
         [0.0, 0.14, move.duration - 0.14, move.duration],
         PlantChannels((*outputs, NO_GRAVITY, PATH_INPUT), outputs, 2000.0),
     )
-    motion = follow_motion(sampled, samples, go)
+    loads = WayLoads((NO_GRAVITY, PATH_INPUT), go, NO_GRAVITY)
+    motion = follow_motion(sampled, samples, loads, outputs)
     history = march_linear(motion, motion.load)
     mine = motion.tool_motion(history.compliant) + motion.tool_rest(np.zeros((len(samples), 3)))
     size = np.abs(other.total).max()
     assert size > 1e-6
     assert np.abs(mine - other.total).max() < 1e-3 * size
+
+
+def drive(axis: str, more: str) -> str:
+    return (
+        f"drives.{axis}={{axis='{axis}',inertia='1e-3 kg m^2',lead='10 mm',kv='40 1/s',velocity_gain='5e4 N s/m',"
+        f"integral_time='20 ms',friction={{coulomb='60 N'}}{more}}}"
+    )
+
+
+RIGID = "{lateral='rigid',normal='rigid',roll='rigid',pitch='rigid',yaw='rigid'}"
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        (),
+        ("effects={damping={modal='2 %'},friction=true,drive_control=true,guide_errors=true}",),
+    ],
+    ids=["locked motors and a cut", "controlled motors and errors of rigid guides"],
+)
+def test_channels_may_stand_in_any_order(
+    settings: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    errors = "axes.Y.errors={EX={waves=[{period='10 mm',amplitude='2 um'}]},EC={polynomial=['0 urad','20 urad'],over='50 mm'}}"
+    if settings:
+        settings += (drive("X", ",encoder='scale',scale='tcp'"), drive("Y", ""), errors)
+        settings += tuple(f"joints.{name}.stiffness={RIGID}" for name in ("x_guide", "y_guide"))
+    state = build_state(tmp_path, MILL, settings=settings)
+    found = [run(state, 0.2)]
+    asked: list[PlantChannels] = []
+
+    def shuffle(**channels: Any) -> PlantChannels:
+        order = np.random.default_rng(3)
+        for name in ("inputs", "outputs"):
+            numbers = order.permutation(len(channels[name]))
+            channels[name] = tuple(channels[name][number] for number in numbers)
+        asked.append(PlantChannels(**channels))
+        return asked[-1]
+
+    monkeypatch.setattr(coupled_contour, "PlantChannels", shuffle)
+    found.append(run(state, 0.2))
+    first = found[0].way.sampled.channels
+    assert asked[0].inputs != first.inputs and asked[0].outputs != first.outputs
+    some = np.arange(0, len(found[0].times), 20)
+    for ours, theirs in (
+        [each.gap for each in found],
+        [each.history.compliant for each in found],
+        [each.drives.forces(some) for each in found],
+        [each.motion.load for each in found],
+    ):
+        assert np.abs(ours).max() > 0.0
+        assert np.abs(ours - theirs).max() < 1e-9 * np.abs(ours).max()
 
 
 def test_a_slow_cut_bends_the_machine_as_its_compliance_says(tmp_path: Path) -> None:

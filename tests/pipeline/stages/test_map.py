@@ -9,7 +9,7 @@ import pytest
 from mpi4py import MPI
 
 from common import approx
-from headstock.app.report.figures import draw_map, map_layers, map_values
+from headstock.app.drawings.figures import draw_map, map_layers, map_values
 from headstock.app.tables.map import tabulate_map
 from headstock.app.tables.run import list_tables
 from headstock.pipeline.results.summary import RunSummary, summarise

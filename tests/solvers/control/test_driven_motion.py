@@ -13,12 +13,8 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl, GuideFriction
 from headstock.solvers.control.drive_loops import ClosedLoop, close_loops
 from headstock.solvers.control.driven_motion import solve_motion
-from headstock.solvers.control.friction_loop import (
-    friction_channels,
-    friction_force,
-    friction_slope,
-    make_rubbing_loop,
-)
+from headstock.solvers.control.friction import friction_force, friction_slope
+from headstock.solvers.control.friction_loop import friction_channels, make_rubbing_loop
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.time_response import solve_stepped_response, solve_time_response
 from headstock.validation.machines.drive_cases import LOAD, TwoMasses, make_drive
@@ -84,7 +80,7 @@ def integrate(law: GuideFriction, times: FloatArray) -> FloatArray:
 
     def rate(time: float, state: FloatArray) -> FloatArray:
         rubbed = friction_force(law, model.slides @ state)
-        pushed = space.b[:, : model.given] @ push(np.array([time]))[0]
+        pushed = model.b @ push(np.array([time]))[0]
         return np.asarray(space.a @ state + pushed - model.drag @ rubbed)
 
     start = np.zeros(model.size)
@@ -125,7 +121,7 @@ def test_friction_is_breakaway_at_rest_and_coulomb_with_viscous_when_fast() -> N
 
 def test_a_loop_closed_without_its_friction_is_refused() -> None:
     system, train = make_drive(TwoMasses(), CONTROL, LAW)
-    with pytest.raises(ValueError, match="last inputs"):
+    with pytest.raises(ValueError, match="among its inputs"):
         make_rubbing_loop(close_loops(system, [train]))
 
 

@@ -12,7 +12,8 @@ from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl, GuideFriction
 from headstock.solvers.control.drive_loops import close_loops
-from headstock.solvers.control.friction_loop import friction_channels, friction_force
+from headstock.solvers.control.friction import friction_force
+from headstock.solvers.control.friction_loop import friction_channels
 from headstock.solvers.control.rubbing_transient import (
     RubbingTransient,
     sharpen_friction,
@@ -70,7 +71,9 @@ def respond(
     stepped = step_loads(loads, duration, rate)
     _, _, state = rest_positions(space, loads, duration)
     free = solve_transient(space, stepped, state)
-    found = solve_rubbing_transient(sharpen_friction(loop, share), stepped, free, 1)
+    found = solve_rubbing_transient(
+        sharpen_friction(loop, share), stepped, free, inputs=inputs, outputs=[LOAD]
+    )
     return found, read_response(space, free)
 
 

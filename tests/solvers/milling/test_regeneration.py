@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import GuideFriction
-from headstock.solvers.control.friction_loop import friction_force
+from headstock.solvers.control.friction import Rubbing, friction_force, stack_laws
 from headstock.solvers.errors import ModelError
 from headstock.solvers.milling.forces import (
     CuttingCoefficients,
@@ -28,7 +28,6 @@ from headstock.solvers.milling.regeneration import (
 )
 from headstock.solvers.milling.stability import largest_multiplier, milling_gains, tip_dynamics
 from headstock.solvers.paths.linear_motion import LinearMotion, Regeneration, march_linear
-from headstock.solvers.paths.rubbing import Rubbing
 
 pytestmark = pytest.mark.slow
 
@@ -151,7 +150,7 @@ def test_a_cut_and_friction_meet_as_in_a_fine_integration_of_the_delay_equation(
     )
     motion = machine(8)
     count, still = len(motion.times), np.zeros((len(motion.times), 1))
-    rubbing = Rubbing(np.array([0], dtype=np.intp), (law,), still)
+    rubbing = Rubbing(np.array([0], dtype=np.intp), stack_laws([law]), still)
     cut = RegenerativeCut(
         (phase,),
         STEPS // 4,

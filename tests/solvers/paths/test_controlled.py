@@ -18,9 +18,11 @@ from headstock.solvers.paths.controlled import (
     solve_controlled_path,
     solve_rubbing_path,
 )
+from headstock.solvers.paths.loads import PathLoads
 from headstock.solvers.paths.response import PathModel, solve_path
 from headstock.solvers.paths.set_points import Ramp, plan_move
 from headstock.solvers.second_order import SecondOrderSystem
+from headstock.solvers.watched_outputs import Watch
 from headstock.validation.machines.drive_cases import LOAD, TwoMasses, make_drive
 
 MASSES = TwoMasses()
@@ -34,7 +36,7 @@ def path_with(
 ) -> ControlledPath:
     system, train = make_drive(masses, control, law)
     loop = close_loops(system, [train], inputs=friction_channels((train,)), outputs=[LOAD])
-    return ControlledPath(loop, {"X": 1.0}, np.ones(1), low_frequency_limit_hz=5.0)
+    return ControlledPath(loop, (LOAD,), {"X": 1.0}, np.ones(1), low_frequency_limit_hz=5.0)
 
 
 def test_at_constant_speed_it_lags_by_the_speed_over_kv_and_the_parts_add_up() -> None:
@@ -85,13 +87,39 @@ def test_steps_with_friction_that_is_none_give_the_exact_discretisation() -> Non
     assert motion.energy.error < 1e-6
 
 
+def test_channels_may_stand_in_any_order() -> None:
+    """Loads and friction in front of set points, what is read in front of what is wanted."""
+    short, samples = plan_move(0.01, 0.05, Ramp("linear", 0.1)), SAMPLES[:600:10]
+    own = dataclasses.replace(
+        path_with(law=GuideFriction(coulomb=30.0, smoothing=1e-4)),
+        loads=PathLoads((LOAD,), lambda times, speeds: 40.0 * speeds[:, None], step=1e-3),
+        watched=Watch((("X", "encoder"), ("X", "force"))),
+    )
+    system, trains = make_drive(MASSES, CONTROL, own.loop.trains[0].friction)
+    loop = close_loops(system, [trains], inputs=[LOAD, ("X", "slide")], outputs=[LOAD])
+    first = dataclasses.replace(own, loop=loop)
+    space = loop.space.select(loop.space.inputs[::-1], loop.space.outputs[::-1])
+    turned = dataclasses.replace(first, loop=dataclasses.replace(loop, space=space))
+    for solve in (solve_controlled_path, lambda *given: solve_rubbing_path(*given)[0]):
+        ours, theirs = (solve(path, short, samples) for path in (first, turned))
+        for part in ("total", "quasi_static", "low_frequency", "dynamic"):
+            size = np.abs(getattr(ours, part)).max()
+            np.testing.assert_allclose(
+                getattr(theirs, part), getattr(ours, part), atol=1e-9 * size, err_msg=part
+            )
+        for channel in own.watched.channels:
+            values = ours.watched.of([channel])
+            off = np.abs(theirs.watched.of([channel]) - values).max()
+            assert off < 1e-9 * np.abs(values).max()
+
+
 def test_set_points_act_at_once_through_the_flexibility_of_modes_left_out() -> None:
     """A drive force strains what has no mode of its own; forgotten, the load stopped 191 um off."""
     found = []
     for up_to_hz in (None, 60.0):
         system, train = make_drive(MASSES, CONTROL)
         loop = close_loops(system, [train], outputs=[LOAD], up_to_hz=up_to_hz)
-        path = ControlledPath(loop, {"X": 1.0}, np.ones(1), low_frequency_limit_hz=5.0)
+        path = ControlledPath(loop, (LOAD,), {"X": 1.0}, np.ones(1), low_frequency_limit_hz=5.0)
         found.append(solve_controlled_path(path, MOVE, SAMPLES))
     whole, cut = found
     # the mode at 160 Hz is left out; the move is slow against it

@@ -11,10 +11,9 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl, Encoder, GuideFriction
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.drive_trains import DriveTrain
-from headstock.solvers.control.friction_loop import friction_force
+from headstock.solvers.control.friction import Rubbing, friction_force, stack_laws
 from headstock.solvers.linear.time_response import solve_stepped_response
 from headstock.solvers.paths.linear_motion import LinearMotion, march_linear
-from headstock.solvers.paths.rubbing import Rubbing
 from headstock.solvers.paths.servo_motion import ServoMotion, close_motors
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 
@@ -81,7 +80,7 @@ def close_table(
     )
     if friction is not None:
         slide, set_speeds = np.array([1], dtype=np.intp), speeds[:, None]
-        rubbing = Rubbing(slide, (friction,), set_speeds)
+        rubbing = Rubbing(slide, stack_laws([friction]), set_speeds)
         free = dataclasses.replace(free, rubbing=rubbing)
     servo = close_motors(
         free,

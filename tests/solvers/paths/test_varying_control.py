@@ -15,7 +15,8 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl, GuideFriction
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.drive_trains import DriveTrain, free_motors
-from headstock.solvers.control.friction_loop import friction_channels, friction_force
+from headstock.solvers.control.friction import friction_force
+from headstock.solvers.control.friction_loop import friction_channels
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.paths.controlled import (
     ControlledPath,
@@ -67,7 +68,7 @@ LAW = GuideFriction(
 )
 # the base stands on the ground and carries the screw's nut; the tool hangs on the carriage
 STRETCH = np.array([[1.0, 0.0, 0.0], [-1.0, 1.0, 0.0], [0.0, -1.0, 1.0]])
-LOADS = PathLoads(lambda times, speeds: (30.0 * np.sin(300.0 * times))[:, None], step=1e-4)
+LOADS = PathLoads((PUSH,), lambda times, speeds: (30.0 * np.sin(300.0 * times))[:, None], step=1e-4)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -121,13 +122,24 @@ def place(case: Case, position: float) -> PosedModes:
     return PosedModes(system, modes, motions, heavy[:, None] * motions)
 
 
-def make_loop(case: Case) -> VaryingLoop:
+def make_loop(case: Case, order: int = 1) -> VaryingLoop:
+    """The loop along the path; of order -1 with all channels the other way round."""
     train = make_train(case)
     loads = (PUSH,) if case.loads else ()
     channels = loop_channels([train], path=PATH, loads=loads, outputs=(TIP,), up_to_hz=UP_TO_HZ)
+    channels = dataclasses.replace(
+        channels, inputs=channels.inputs[::order], outputs=channels.outputs[::order]
+    )
     plant = sample_plant(functools.partial(place, case), LENGTH, channels)
     return VaryingLoop(
-        plant, channels, (train,), (RigidTravel(1.0, 1.0, 1.0, 1.0),), 1, LIMIT_HZ, case.loads
+        plant,
+        channels,
+        PATH,
+        (TIP,),
+        (train,),
+        (RigidTravel(1.0, 1.0, 1.0, 1.0),),
+        LIMIT_HZ,
+        case.loads,
     )
 
 
@@ -140,7 +152,7 @@ def freeze(case: Case, position: float) -> ControlledPath:
         inputs=(*loads, *friction_channels((train,))),
         outputs=(TIP,),
     )
-    return ControlledPath(loop, {"X": 1.0}, np.ones(1), LIMIT_HZ, case.loads)
+    return ControlledPath(loop, (TIP,), {"X": 1.0}, np.ones(1), LIMIT_HZ, case.loads)
 
 
 def samples(rate: float = 2500.0) -> FloatArray:
@@ -273,6 +285,22 @@ def test_with_friction_it_follows_that_integrator_too() -> None:
     assert energy.error < 1e-7
     without = dataclasses.replace(energy, pose=np.zeros_like(energy.pose))
     assert without.error > 100.0 * energy.error
+
+
+@pytest.mark.parametrize("friction", [None, LAW])
+def test_channels_may_stand_in_any_order(friction: GuideFriction | None) -> None:
+    case, times = Case(friction=friction, loads=LOADS), samples(1000.0)
+    times = times[times <= (0.02 if friction else 0.1)]
+    found = []
+    for order in (1, -1):
+        loop = dataclasses.replace(make_loop(case, order), watched=(("X", "force"),))
+        if friction is None:
+            found.append(solve_varying_control(loop, MOVE, times))
+        else:
+            found.append(solve_varying_rubbing(loop, MOVE, times)[0])
+    parts_agree(found[1], found[0], 1e-9)
+    forces = [each.watched.of([("X", "force")]) for each in found]
+    assert np.abs(forces[1] - forces[0]).max() < 1e-9 * np.abs(forces[0]).max()
 
 
 def test_parts_are_those_of_the_pose() -> None:

@@ -144,8 +144,8 @@ def test_a_load_on_the_way_adds_what_an_integrator_says() -> None:
     """A force in proportion to the feed, in steps of its own; where nothing changes the end is the
     static deflection.
     """
-    loads = PathLoads(lambda times, speeds: 4e3 * speeds[:, None], step=2.5e-4)
-    model = dataclasses.replace(MODEL, pushed=(TIP,), loads=loads)
+    loads = PathLoads((TIP,), lambda times, speeds: 4e3 * speeds[:, None], step=2.5e-4)
+    model = dataclasses.replace(MODEL, loads=loads)
     along = sample_system(place_chain, LENGTH, model)
     samples = sample_times(MOVE, 2500.0, 0.05)
     found = solve_varying_path(along, model, MOVE, samples)
@@ -155,7 +155,8 @@ def test_a_load_on_the_way_adds_what_an_integrator_says() -> None:
     np.testing.assert_allclose(found.total[:, 0], reference, atol=2e-5 * size)
     heavy = dataclasses.replace(place_bare(0.0), damping=np.diag([1e5, 6.7e4, 1.7e4]))
     steady = dataclasses.replace(
-        model, loads=PathLoads(lambda times, speeds: np.full((len(times), 1), 7.0), step=1.0)
+        model,
+        loads=PathLoads((TIP,), lambda times, speeds: np.full((len(times), 1), 7.0), step=1.0),
     )
     late = solve_path(heavy, steady, MOVE, sample_times(MOVE, 1000.0, 1.0)).total[-1, 0]
     static = 7.0 * heavy.outputs[TIP] @ np.linalg.solve(heavy.stiffness, PUSHED)

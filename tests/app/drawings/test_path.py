@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 
-from headstock.app.report.path import draw_path
+from headstock.app.drawings.path import draw_path
 from headstock.app.tables.path import path_stem, tabulate_path
 from headstock.app.texts.curves import thin_curve
 from headstock.pipeline.answers.path import PathCurves

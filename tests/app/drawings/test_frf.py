@@ -15,7 +15,7 @@ from PIL import Image
 from common import approx, present
 from headstock.app.charts.charts import draw_responses
 from headstock.app.command_line import main
-from headstock.app.report.frf import draw_response
+from headstock.app.drawings.frf import draw_response
 from headstock.app.report.report import render_report
 from headstock.app.tables.frf import tabulate_response
 from headstock.app.tables.table import encode_csv

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from markupsafe import Markup
 
-from headstock.app.report import svg
+from headstock.app.drawings import svg
 from headstock.app.texts.curves import even_ticks
 from headstock.pipeline.answers.milled_faces import MilledFaceSummary
 

@@ -8,8 +8,8 @@ from typing import Literal
 import numpy as np
 from markupsafe import Markup
 
-from headstock.app.report import svg
-from headstock.app.report.panels import (
+from headstock.app.drawings import svg
+from headstock.app.drawings.panels import (
     Panel,
     draw_axes,
     draw_curve,

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from markupsafe import Markup
 
-from headstock.app.report import svg
-from headstock.app.report.panels import Panel, draw_axes, draw_curve, show_range
+from headstock.app.drawings import svg
+from headstock.app.drawings.panels import Panel, draw_axes, draw_curve, show_range
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import SCENE_UNITS
 from headstock.pipeline.answers.volumetric import SYMBOLS, AxisMotionsSummary, VolumetricSummary

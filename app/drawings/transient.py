@@ -5,8 +5,8 @@ under control do.
 import numpy as np
 from markupsafe import Markup
 
-from headstock.app.report import svg
-from headstock.app.report.panels import Panel, draw_axes, draw_curve, show_range
+from headstock.app.drawings import svg
+from headstock.app.drawings.panels import Panel, draw_axes, draw_curve, show_range
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.path import PathCurves, deviation_unit
 from headstock.pipeline.answers.probes import MEGA

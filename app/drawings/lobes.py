@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from markupsafe import Markup
 
-from headstock.app.report import svg
+from headstock.app.drawings import svg
 from headstock.app.tables.lobes import show_best_depth
 from headstock.app.texts.bounded_values import show_bound, show_bounded
 from headstock.app.texts.curves import even_ticks

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from markupsafe import Markup
 
-from headstock.app.report import svg
+from headstock.app.drawings import svg
 from headstock.app.texts.curves import even_ticks, thin_curve
 from headstock.geometry.frames import FloatArray
 

@@ -12,7 +12,7 @@ import numpy as np
 from markupsafe import Markup
 from PIL import Image
 
-from headstock.app.report import svg
+from headstock.app.drawings import svg
 from headstock.app.tables.static import sort_shares
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import show_position

@@ -5,7 +5,7 @@ from typing import get_type_hints
 
 import pytest
 
-from headstock.app.report.lobes import LETTER, SIZE, WIDTH, draw_lobes
+from headstock.app.drawings.lobes import LETTER, SIZE, WIDTH, draw_lobes
 from headstock.pipeline.answers.lobes import DirectionSummary, LobeSummary
 
 LONG = "Y translation of y_slider + z_slider on y_carriage_1..4 + y_drive"

@@ -1,0 +1,122 @@
+"""Friction in guides (Coulomb, Stribeck, viscous; smooth through zero velocity): its law, and its forces
+on coordinates of a system whose steps are linear but for them.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.drives import GuideFriction
+from headstock.solvers.errors import ConvergenceError
+
+MOST_PASSES = 60
+SETTLED = 1e-13  # of the speeds at hand, or of the smoothing
+
+
+@dataclass(frozen=True, eq=False)
+class StackedFriction:
+    """Laws of ``d`` guides as arrays ``(d,)``; see :class:`GuideFriction`."""
+
+    coulomb: FloatArray
+    breakaway: FloatArray
+    stribeck_speed: FloatArray
+    viscous: FloatArray
+    smoothing: FloatArray
+
+    def __len__(self) -> int:
+        """Return the number of guides."""
+        return len(self.coulomb)
+
+
+def stack_laws(laws: Sequence[GuideFriction | None]) -> StackedFriction:
+    """Return the laws of several guides, to be evaluated together; None for a guide without friction."""
+    names = [each.name for each in dataclasses.fields(StackedFriction)]
+    known = [law or GuideFriction() for law in laws]
+    return StackedFriction(*(np.array([getattr(law, name) for law in known]) for name in names))
+
+
+type FrictionLaw = GuideFriction | StackedFriction
+
+
+def friction_force(law: FrictionLaw, velocity: FloatArray) -> FloatArray:
+    """Force against the motion [N]; of several guides at speeds ``(..., d)``."""
+    return rub(law, velocity)[0]
+
+
+def friction_slope(law: FrictionLaw, velocity: FloatArray) -> FloatArray:
+    """Derivative of the force by the velocity [N s/m]; negative where friction falls with speed."""
+    return rub(law, velocity)[1]
+
+
+def rub(law: FrictionLaw, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Force against the motion [N] and its derivative by the velocity [N s/m], likewise.
+
+    Source: Armstrong-Helouvry, Dupont and Canudas de Wit (1994), A survey of models, section 2.1
+    (Stribeck curve with a Gaussian);
+        the sign of the velocity is smoothed to a tanh.
+    """
+    bend, fast = np.tanh(velocity / law.smoothing), velocity / law.stribeck_speed
+    more = (law.breakaway - law.coulomb) * np.exp(-(fast**2))
+    level = law.coulomb + more
+    falling = (-2.0 / law.stribeck_speed) * fast * more * bend
+    return (
+        np.asarray(level * bend + law.viscous * velocity),
+        np.asarray(falling + level * (1.0 - bend**2) / law.smoothing + law.viscous),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Rubbing:
+    """Friction on ``d`` coordinates.
+
+    Attributes:
+        coordinates: ``(d,)`` which.
+        law: Of each.
+        speeds: ``(n, d)`` at ``n`` steps, what the speed of each is beside that of the system [m/s].
+    """
+
+    coordinates: NDArray[np.intp]
+    law: StackedFriction
+    speeds: FloatArray
+
+    def force(self, rates: FloatArray) -> FloatArray:
+        """Return the forces ``(n, d)`` against the motion at rates ``(n, c)`` of all coordinates [N]."""
+        return friction_force(self.law, self.speeds + rates[:, self.coordinates])
+
+    def settle(self, step: int, free: FloatArray, gain: FloatArray) -> FloatArray:
+        """Forces ``(d,)`` that act on the coordinates at a step [N].
+
+        Args:
+            step: Its number.
+            free: ``(d,)`` speeds of the coordinates at its end without these forces [m/s].
+            gain: ``(d, d)`` speed per force on them [m/s/N].
+
+        Raises:
+            ConvergenceError: Newton's method does not settle.
+        """
+        target = self.speeds[step] + free
+        scale = np.abs(target).max() + self.law.smoothing.max()
+        now = target
+        rubbed, slopes = rub(self.law, now)
+        off = now + gain @ rubbed - target
+        for _ in range(MOST_PASSES):
+            if np.abs(off).max() <= SETTLED * scale:
+                return np.asarray(-rubbed)
+            change = np.linalg.solve(np.eye(len(now)) + gain * slopes, -off)
+            share, missed = 1.0, np.abs(off).max()
+            while True:
+                # the law bends within its smoothing: what overshoots is halved
+                trial = now + share * change
+                rubbed, slopes = rub(self.law, trial)
+                off = trial + gain @ rubbed - target
+                if np.abs(off).max() < missed or share < 1e-3:
+                    break
+                share *= 0.5
+            now = trial
+        raise ConvergenceError(
+            f"friction at step {step} of the motion does not settle; give it a larger smoothing"
+        )
