@@ -16,28 +16,16 @@ from pathlib import Path
 import pytest
 from slurm_stand_ins import write_stand_ins
 
+from fixture_machines import machine
+
 ROOT = Path(__file__).resolve().parents[2]
 SHIM = Path(__file__).with_name("data") / "opened_files.c"
-SCENE = """
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.bar]
-solid = { box = ["40 mm", "40 mm", "200 mm"] }
-material = "steel"
-mesh = { size = "100 mm" }
-[components.bar.interfaces]
-foot = { face = "z-" }
-tip = { face = "z+" }
-[joints.clamp]
-between = ["ground", "bar.foot"]
-kind = "rigid"
-[points]
-tcp = { tool = "bar.tip", work = "ground" }
-[analyses.static]
-at = "tcp"
-"""
+SCENE = machine("""
+machine = "bar"
+components.bar.mesh = { size = "100 mm" }
+components.bar.interfaces = { foot = { face = "z-" }, tip = { face = "z+" } }
+analyses.static = { at = "tcp" }
+""")
 # a module that says that it was imported
 TELLTALE = "open({place!r}, 'w')\n"
 MODULES = (
