@@ -149,13 +149,14 @@ def test_checking_loads_no_library_that_reads_settings(tmp_path: Path, shim: Pat
 def test_other_commands_open_what_they_name_and_nothing_else(tmp_path: Path, shim: Path) -> None:
     """The store knows the part from the first; the trace of all is one file."""
     folder = plant(tmp_path / "work")
-    for words in (
+    commands = (
         "run scene.toml -o out --no-figures",
         "report out",
         "export scene.toml bar --mesh out/bar.med",
-    ):
-        found, _ = opened(folder, [ROOT / "headstock", *words.split()], shim)
-        assert (words, found) == (words, set())
+    )
+    lines = {text: [ROOT / "headstock", *text.split()] for text in commands}
+    found = {text: opened(folder, words, shim)[0] for text, words in lines.items()}
+    assert found == dict.fromkeys(commands, set())
 
 
 def test_a_job_of_slurm_opens_its_scene_and_its_results_and_nothing_else(
