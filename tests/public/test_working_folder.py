@@ -156,7 +156,7 @@ def test_other_commands_open_what_they_name_and_nothing_else(tmp_path: Path, shi
     )
     lines = {text: [ROOT / "headstock", *text.split()] for text in commands}
     found = {text: opened(folder, words, shim)[0] for text, words in lines.items()}
-    assert found == dict.fromkeys(commands, set())
+    assert found == {text: set() for text in commands}
 
 
 def test_a_job_of_slurm_opens_its_scene_and_its_results_and_nothing_else(
