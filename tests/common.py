@@ -12,7 +12,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import BinaryIO, cast
+from typing import BinaryIO, SupportsFloat, cast
 
 import numpy as np
 import pytest
@@ -92,7 +92,7 @@ def run_command(ranks: int, folder: Path, *words: str) -> subprocess.CompletedPr
     return run_on_ranks(ranks, folder, "-m", "mpi4py", "-m", "headstock.app.command_line", *words)
 
 
-def approx(expected: object, rel: float | None = None, abs: float | None = None) -> object:  # noqa: A002
+def approx(expected: object, rel: float | None = None, abs: SupportsFloat | None = None) -> object:
     """`pytest.approx` without its absolute tolerance of 1e-12, within which compliances of 1e-9 m/N
     are all alike: an expected zero needs an ``abs`` of its own.
     """

@@ -317,11 +317,13 @@ def test_a_fragment_of_a_document_completes_a_scene(page: str, text: str, tmp_pa
     refusals = []
     for base in BASES.get(page, OTHER_PAGES):
         try:
-            assert complete(base, text, tmp_path).machine.components
-            return
+            machine = complete(base, text, tmp_path).machine
+            break
         except SceneError as error:
             refusals.append(f"{base}: {error}")
-    pytest.fail("\n".join(refusals))
+    else:
+        pytest.fail("\n".join(refusals))
+    assert machine.components
 
 
 def test_a_fragment_with_a_wrong_key_is_noticed(tmp_path: Path) -> None:
@@ -331,7 +333,9 @@ def test_a_fragment_with_a_wrong_key_is_noticed(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "python")])
 def test_the_python_of_a_document_compiles(page: str) -> None:
-    for number, text in enumerate(blocks(page, "python")):
+    texts = blocks(page, "python")
+    assert texts
+    for number, text in enumerate(texts):
         names = {node.id for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Name)}
         assert names
         imported = "import " in text

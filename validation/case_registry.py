@@ -16,7 +16,11 @@ from headstock.validation.coverage.cases import (
     cover_new_parts,
 )
 from headstock.validation.coverage.probe_cases import check_probes, check_probes_smoke
-from headstock.validation.coverage.search_cases import check_search, check_search_smoke
+from headstock.validation.coverage.search_cases import (
+    check_fresh_search,
+    check_search,
+    check_search_smoke,
+)
 from headstock.validation.machines.accuracy_cases import (
     check_beam_accuracy,
     check_machine_accuracy,
@@ -342,9 +346,16 @@ CASES: tuple[Case, ...] = (
         on_request=True,
     ),
     Case(
+        "coverage-search-fresh",
+        "estimates",
+        "the same on eight fresh ones: elliptical ring, frustum, S-bent pipe, slotted tube, U-bar",
+        on_root(check_fresh_search),
+        on_request=True,
+    ),
+    Case(
         "coverage-search-smoke",
         "estimates",
-        "the same on two of them",
+        "the same on two of the twelve",
         on_root(check_search_smoke),
         on_request=True,
     ),

@@ -44,6 +44,27 @@ def _elbow(sizes: Sizes) -> None:
     occ.remove(ring, recursive=True)
 
 
+def _swan(sizes: Sizes) -> None:
+    """A pipe in the form of an S: two quarters of a ring."""
+    occ, bend = gmsh.model.occ, sizes["bend"]
+    _elbow(sizes)
+    first = occ.getEntities(3)
+    second = occ.copy(first)
+    occ.rotate(second, 0, 0, -bend, 0, 1, 0, 3.141592653589793)
+    occ.fuse(first, second)
+
+
+def _oval(sizes: Sizes) -> None:
+    """A ring between two ellipses."""
+    occ, wall = gmsh.model.occ, sizes["wall"]
+    outer, inner = (
+        occ.addDisk(0, 0, 0, sizes["long"] - less, sizes["short"] - less) for less in (0.0, wall)
+    )
+    ring, _ = occ.cut([(2, outer)], [(2, inner)])
+    occ.extrude(ring, 0, 0, sizes["height"])
+    occ.remove(ring, recursive=True)
+
+
 def _bow(sizes: Sizes) -> None:
     """A bent bar of rectangular section: a part of a ring."""
     occ, wide, high = gmsh.model.occ, sizes["wide"], sizes["high"]
@@ -104,6 +125,8 @@ SAMPLES: dict[str, Callable[[Sizes], None]] = {
     "ball": _ball,
     "cone": _cone,
     "elbow": _elbow,
+    "swan": _swan,
+    "oval": _oval,
     "bow": _bow,
     "hairpin": _hairpin,
     "block": _block,

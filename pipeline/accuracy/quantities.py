@@ -7,7 +7,7 @@ still move.
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -191,6 +191,7 @@ def weigh_estimates(
     after: Sequence[Quantity],
     steps: Mapping[str, float],
     known: Factors,
+    unseen: Container[str] = (),
 ) -> dict[str, float]:
     """Factors by which the estimates of meshes are to be counted, from how far numbers moved
     between two rounds.
@@ -205,6 +206,7 @@ def weigh_estimates(
         after: The same of the next one.
         steps: Refined component to its new size over the old one.
         known: Factors of rounds before.
+        unseen: Components whose estimates see part of the error: what numbers moved by counts in full.
 
     Source: Roache (1994), J. Fluids Eng. 116, 405-413, on the grid convergence index.
     """
@@ -231,8 +233,8 @@ def weigh_estimates(
         own = [(moved[owner], ratio) for moved, ratio in ratios.values() if owner in moved]
         decisive = DECISIVE * max(part for part, _ in own)
         largest = max(ratio for part, ratio in own if part >= decisive)
-        found = float(np.clip(largest, LEAST_FACTOR, MOST_FACTOR))
         name = owner[0]
+        found = float(np.clip(largest, LEAST_FACTOR, np.inf if name in unseen else MOST_FACTOR))
         factors[name] = min(found, known.get(name, found)) if steps[name] > CLOSE else found
     return factors
 

@@ -1,7 +1,7 @@
 """Whether a round of a search is good enough, and what is refined where it is not."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,6 +19,8 @@ from headstock.pipeline.accuracy.quantities import (
     worst_quantity,
 )
 from headstock.pipeline.accuracy.settings import (
+    DEFAULT_RATE,
+    LEAST_STEP,
     Trial,
     are_equal,
     follows_errors,
@@ -32,8 +34,10 @@ from headstock.pipeline.accuracy.settings import (
 from headstock.pipeline.answers.accuracy import AccuracyRound
 from headstock.pipeline.numbers.changes import Owner
 from headstock.pipeline.numbers.estimates import DISCRETISATION, LEFT_OUT, show_share
+from headstock.pipeline.stages.components import load_or_make_mesh
 from headstock.pipeline.stages.run_state import RunState
 from headstock.scene.scene import AccuracyGoal, Scene
+from headstock.solvers.recovery.discretisation_error import find_seen_step
 
 # Share of the accuracy that the next round aims at: one that misses by little costs another one.
 # Errors of coarse meshes fall less than their sizes ask for: a round ended beyond its aim by about
@@ -121,7 +125,10 @@ def judge_round(
         for name, scale in scales.items()
         if name in history.scales and (step := scale.step_from(history.scales[name])) < 1.0
     }
-    factors = weigh_estimates(history.quantities, estimated, steps, history.factors)
+    # a mesh that hardly changed tells nothing
+    apart = [name for name, step in steps.items() if step <= LEAST_STEP]
+    unseen = _find_seen_steps(state, parts, apart)
+    factors = weigh_estimates(history.quantities, estimated, steps, history.factors, unseen)
     quantities = count_safely(estimated, factors)
     worst = worst_quantity(quantities)
     if worst is None:
@@ -136,7 +143,15 @@ def judge_round(
     trials = _remember(history.trials, parts, scales, estimated, quantities)
     learnt = History(trials, estimated, scales, factors)
     if worst.error <= goal.to or state.failures:
-        return Verdict(True, scene, found), learnt
+        # what an estimate sees part of is told by a second mesh
+        owners = [
+            name
+            for name in parts
+            if len(trials.get(name, ())) < 2
+            and any(each.parts and each.owner == (name, DISCRETISATION) for each in quantities)
+        ]
+        single = {} if state.failures else _find_seen_steps(state, parts, owners)
+        return _confirm(scene, single, found), learnt
     seconds = {
         name: LEAST_SECONDS
         + sum(
@@ -147,6 +162,43 @@ def judge_round(
     wanted = _wanted_ratios(quantities, goal.to, parts, seconds)
     short = [quantity for quantity in quantities if quantity.error > goal.to]
     return _refine(scene, state, goal.to, wanted, short, trials, found), learnt
+
+
+def _find_seen_steps(
+    state: RunState, parts: Mapping[str, Component], names: Iterable[str]
+) -> dict[str, float]:
+    """Of the components whose mesh recovery sees part of the error of, the size over the present one with
+    which it sees all; on rank 0.
+    """
+    found = {}
+    for name in names:
+        if is_chosen(parts[name]) and follows_errors(parts[name]):
+            step = find_seen_step(load_or_make_mesh(state, state.plan.components[name])[0])
+            if step < 1.0:
+                found[name] = step
+    return found
+
+
+def _confirm(scene: Scene, steps: Mapping[str, float], found: AccuracyRound) -> Verdict:
+    """The end of a search that is good enough by its estimates; or the next scene where some of them see
+    part of the error, with finer meshes of these components, by the steps given.
+    """
+    parts = scene.machine.components
+    finer = {
+        other: refine_mesh(parts[other], ratio=step**DEFAULT_RATE, trials=())
+        for name, step in steps.items()
+        for other in parts
+        if are_equal(parts[name], parts[other])
+    }
+    if not finer:
+        return Verdict(True, scene, found)
+    reason = f"single tetrahedra fill walls of {', '.join(steps)}: a finer mesh has to confirm it"
+    changes = {
+        name: f"{describe_settings(parts[name])} → {describe_settings(part)}: {reason}"
+        for name, part in finer.items()
+    }
+    told = dataclasses.replace(found, reason=f"{found.reason}; {reason}", changes=changes)
+    return Verdict(False, replace_components(scene, {**parts, **finer}), told)
 
 
 def _find_scale(part: Component, state: RunState) -> MeshScale | None:

@@ -274,7 +274,9 @@ def _refine_in_rounds(scene: Scene, run_round: RunRound, note: Note, most_rounds
         try:
             plan = plan_scene(verdict.scene)
         except BudgetError as error:
-            failure = str(error)
+            estimated = verdict.round.error
+            confirms = estimated is not None and estimated <= goal.to
+            failure = f"no finer mesh confirms it: {error}" if confirms else str(error)
             break
         if state.is_root:
             for name, change in (verdict.round.changes or {}).items():

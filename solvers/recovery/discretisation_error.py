@@ -14,7 +14,7 @@ from headstock.geometry.parts.components import Material
 from headstock.meshing.component_mesh import ComponentMesh, IntArray
 from headstock.meshing.elements.quadratic import straight_cells
 from headstock.meshing.elements.quality import PLACES, facet_moments, facet_tables
-from headstock.meshing.elements.surface import MeshSurface
+from headstock.meshing.elements.surface import MeshSurface, extract_surface
 from headstock.meshing.elements.topology import (
     FACETS,
     Family,
@@ -22,7 +22,7 @@ from headstock.meshing.elements.topology import (
     cell_order,
     shape_functions,
 )
-from headstock.solvers.recovery.free_sides import FreeSides
+from headstock.solvers.recovery.free_sides import FreeSides, find_free_sides
 from headstock.solvers.recovery.patch_recovery import (
     BLOCK_VALUES,
     COMPONENTS,
@@ -112,10 +112,7 @@ def mesh_safety(mesh: ComponentMesh, surface: MeshSurface) -> float:
         if _fill_most(spans, stout):
             return STOUT_SAFETY
         return SINGLE_SAFETY if _fill_most(spans, single) else base
-    areas, _ = facet_moments(mesh.points, surface.facets)
-    # an even triangle of a side has 0.43 times its square
-    width, thickness = np.sqrt(2.3 * areas.mean()), 2.0 * mesh.quality.volume / areas.sum()
-    return base * float(np.clip(width / (WIDE * thickness), 1.0, WIDEST))
+    return base * float(np.clip(_find_flatness(mesh, surface) / WIDE, 1.0, WIDEST))
 
 
 def locate_truth(mesh: ComponentMesh, safety: float) -> tuple[float, float]:
@@ -147,6 +144,35 @@ def sees_errors(mesh: ComponentMesh) -> bool:
         | (single.sum(axis=1, keepdims=True) >= 4)
     )
     return not _fill_most(spans, thick)
+
+
+def find_seen_step(mesh: ComponentMesh) -> float:
+    """Size of the elements over the present one with which recovery sees what they miss; 1 where it does
+    already.
+
+    Single tetrahedra through a wall, somewhat wider than it is thick, miss up to twice as much of its
+    shear and torsion as either fit shows. Sheets, which are far thinner, have little of that.
+    """
+    if mesh.kind != "tet10":
+        return 1.0
+    surface, corners = extract_surface(mesh.cells, mesh.kind), mesh.cells[:, :4]
+    at_surface = np.zeros(len(mesh.points), dtype=bool)
+    at_surface[surface.facets[:, :3]] = True
+    single, sides = at_surface[corners].all(axis=1), find_free_sides(mesh)
+    unseen = single if sides is None else single & ~sides.alone[corners].all(axis=1)
+    edges = mesh.points[corners[:, 1:]] - mesh.points[corners[:, :1]]
+    volumes = np.abs(np.linalg.det(edges))
+    step = 1.0 / _find_flatness(mesh, surface)
+    if volumes[unseen].sum() <= UNSEEN_SHARE * volumes.sum() or step < 1.0 / WIDE:
+        return 1.0
+    return min(step, 1.0)
+
+
+def _find_flatness(mesh: ComponentMesh, surface: MeshSurface) -> float:
+    """Width of tetrahedra at the surface of a mesh over the thickness of its walls, in the mean."""
+    areas, _ = facet_moments(mesh.points, surface.facets)
+    # an even triangle of a side has 0.43 times its square
+    return float(np.sqrt(2.3 * areas.mean()) * areas.sum() / (2.0 * mesh.quality.volume))
 
 
 def _fill_most(spans: FloatArray, chosen: NDArray[np.bool_]) -> bool:

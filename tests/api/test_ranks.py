@@ -10,43 +10,19 @@ from pathlib import Path
 import pytest
 
 from common import approx, rank_words
+from fixture_machines import machine
 
-SCENE = """
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.block]
-solid = { box = ["100 mm", "100 mm", "300 mm"] }
-material = "steel"
-fidelity = "elastic"
-mesh = { size = "100 mm" }
-interfaces = { foot = { face = "z-" }, tip = { face = "z+" } }
-[joints.mount]
-between = ["ground", "block.foot"]
-kind = "spring"
-[joints.mount.stiffness]
-x = "10 N/um"
-y = "12 N/um"
-z = "40 N/um"
-rx = "1 MN m/rad"
-ry = "1 MN m/rad"
-rz = "1 MN m/rad"
-[axes.X]
-joints = ["mount"]
-direction = "x"
-limits = ["-50 mm", "50 mm"]
-[points]
-tcp = { tool = "block.tip", work = "ground" }
-[sweeps.line]
-axes = { X = ["0 mm", "10 mm", 3] }
-[variants.heavy]
-"materials.steel.rho" = "9000 kg/m^3"
-[analyses.static]
-at = "tcp"
-[analyses.modal]
-count = 4
-"""
+SCENE = machine("""
+machine = "block"
+components.block.solid = { box = ["100 mm", "100 mm", "300 mm"] }
+components.block.fidelity = "elastic"
+components.block.mesh = { size = "100 mm" }
+joints.mount.stiffness = { x = "10 N/um", y = "12 N/um", z = "40 N/um", rx = "1 MN m/rad", ry = "1 MN m/rad", rz = "1 MN m/rad" }
+axes.X = { joints = ["mount"], direction = "x", limits = ["-50 mm", "50 mm"] }
+sweeps.line = { axes = { X = ["0 mm", "10 mm", 3] } }
+variants.heavy = { "materials.steel.rho" = "9000 kg/m^3" }
+analyses.modal.count = 4
+""")
 TARGETS = """
 [cases.measured]
 frequencies = ["60 Hz", "70 Hz"]

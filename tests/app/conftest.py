@@ -6,43 +6,19 @@ from pathlib import Path
 
 import pytest
 
+from fixture_machines import machine
 from headstock.app.command_line import main
 
-BLOCK = """
+BLOCK = machine("""
+machine = "block"
 name = "A block on springs"
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.block]
-solid = { box = ["100 mm", "100 mm", "100 mm"] }
-material = "steel"
-fidelity = "rigid"
-[components.block.interfaces]
-foot = { face = "z-" }
-tip = { face = "z+" }
-[joints.mount]
-between = ["ground", "block.foot"]
-kind = "spring"
-stiffness = { x = "10 N/um", y = "10 N/um", z = "40 N/um", rx = "1 MN m/rad", ry = "1 MN m/rad", rz = "1 MN m/rad" }
-[axes.X]
-joints = ["mount"]
-direction = "x"
-limits = ["-50 mm", "50 mm"]
-[points]
-tcp = { tool = "block.tip", work = "ground" }
-[analyses.static]
-at = "tcp"
-[analyses.modal]
-count = 6
-[variants.heavy]
-"materials.steel.rho" = "8000 kg/m^3"
-[sweeps.line]
-axes = { X = ["0 mm", "10 mm", 2] }
+axes.X = { joints = ["mount"], direction = "x", limits = ["-50 mm", "50 mm"] }
+variants.heavy = { "materials.steel.rho" = "8000 kg/m^3" }
+sweeps.line = { axes = { X = ["0 mm", "10 mm", 2] } }
 [studies.E]
 vary = { "materials.steel.rho" = ["7000 kg/m^3", "8000 kg/m^3"] }
 watch = ["modal.frequencies_hz[0:3]"]
-"""
+""")
 
 TARGETS = """
 [cases.measured]

@@ -481,21 +481,18 @@ def test_a_fault_of_the_program_is_called_one(capsys: pytest.CaptureFixture[str]
     assert "Traceback" not in message
 
 
+@pytest.mark.parametrize("command", ["check", "plan", "run"])
 def test_brackets_in_names_are_no_markup(
-    scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    command: str, scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "[x].toml"
     path.write_text(
         scene_file.read_text().replace("A block on springs", "[/red] a [bold]block[/nonsense]")
     )
-    for command in (
-        ["check", str(path)],
-        ["plan", str(path)],
-        ["run", str(path), "-o", str(tmp_path / "[/]"), "--no-figures"],
-    ):
-        assert main(command) == 0
-        # a long path breaks the line
-        assert "[/red] a [bold]block[/nonsense]" in " ".join(capsys.readouterr().out.split())
+    more = {"run": ["-o", str(tmp_path / "[/]"), "--no-figures"]}
+    assert main([command, str(path), *more.get(command, [])]) == 0
+    # a long path breaks the line
+    assert "[/red] a [bold]block[/nonsense]" in " ".join(capsys.readouterr().out.split())
 
 
 @pytest.mark.parametrize(
@@ -554,12 +551,13 @@ def test_a_terminal_without_arrows_and_signs_is_told_all_the_same(
     assert "um/kN" in done.stdout
 
 
+@pytest.mark.parametrize("folder", ["block.toml", "/proc"])
 def test_an_export_that_cannot_be_written_is_named(
-    scene_file: Path, capsys: pytest.CaptureFixture[str]
+    folder: str, scene_file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for path in (f"{scene_file}/x.h5", "/proc/x.h5"):
-        assert main(["export", str(scene_file), "block", "-o", path]) == 1
-        assert f"OutputError: {path} cannot be written" in capsys.readouterr().err
+    path = scene_file.parent / folder / "x.h5"
+    assert main(["export", str(scene_file), "block", "-o", str(path)]) == 1
+    assert f"OutputError: {path} cannot be written" in capsys.readouterr().err
 
 
 def test_an_interrupt_ends_with_130() -> None:
@@ -581,8 +579,9 @@ def test_schema_is_a_json_schema_of_scenes(capsys: pytest.CaptureFixture[str]) -
     assert {"materials", "components", "joints", "analyses"} <= schema["properties"].keys()
 
 
+@pytest.mark.parametrize(("home", "figures"), [({}, []), ({"HOME": ""}, ["--no-figures"])])
 def test_without_home_the_libraries_get_the_one_of_the_account(
-    scene_file: Path, tmp_path: Path
+    scene_file: Path, tmp_path: Path, home: dict[str, str], figures: list[str]
 ) -> None:
     environment = {name: value for name, value in os.environ.items() if name != "HOME"}
     code = "import sys; from headstock.app.command_line import main; sys.exit(main(sys.argv[1:]))"
@@ -596,8 +595,7 @@ def test_without_home_the_libraries_get_the_one_of_the_account(
         "-o",
         str(tmp_path / "out"),
     ]
-    for home, figures in (({}, ()), ({"HOME": ""}, ("--no-figures",))):
-        done = subprocess.run(
-            [*command, *figures], env=environment | home, capture_output=True, text=True
-        )
-        assert (done.returncode, done.stderr) == (0, ""), done.stderr
+    done = subprocess.run(
+        [*command, *figures], env=environment | home, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stderr) == (0, ""), done.stderr

@@ -9,35 +9,21 @@ from typing import Any
 import pytest
 
 from common import approx, run_command
+from fixture_machines import machine
 
 pytestmark = pytest.mark.process
 
-SCENE = """
+SCENE = machine("""
+machine = "block"
+names = { block = "column" }
 name = "A column on springs"
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.column]
-fidelity = "segmented"
-solid = { box = ["50 mm", "50 mm", "200 mm"] }
-material = "steel"
-mesh = { size = "25 mm" }
-segments = { along = "z", count = 4 }
-[components.column.interfaces]
-foot = { face = "z-" }
-tip = { face = "z+", coupling = "average" }
-[joints.mount]
-between = ["ground", "column.foot"]
-kind = "spring"
-stiffness = { x = "100 N/um", y = "80 N/um", z = "200 N/um", rx = "1 MN m/rad", ry = "1 MN m/rad", rz = "1 MN m/rad" }
-[points]
-tcp = { tool = "column.tip", work = "ground" }
-[analyses.static]
-at = "tcp"
-[analyses.modal]
-count = 6
-"""
+components.column.fidelity = "segmented"
+components.column.solid = { box = ["50 mm", "50 mm", "200 mm"] }
+components.column.mesh = { size = "25 mm" }
+components.column.segments = { along = "z", count = 4 }
+components.column.interfaces = { foot = { face = "z-" }, tip = { face = "z+", coupling = "average" } }
+joints.mount.stiffness = { x = "100 N/um", y = "80 N/um", z = "200 N/um", rx = "1 MN m/rad", ry = "1 MN m/rad", rz = "1 MN m/rad" }
+""")
 TARGETS = """
 [fit]
 starts = 4

@@ -230,24 +230,26 @@ def test_ranks_are_started_by_mpirun_inside_the_root(host: Host, ranks: list[str
     assert words[start + 12 :] == ["run", "x.toml", *ranks]
 
 
+@pytest.mark.parametrize(
+    ("answer", "extra"), [("HYDRA build details:", []), ("(Open MPI) 5.0.7", ["--oversubscribe"])]
+)
 def test_ranks_of_another_mpi_than_open_mpi_get_no_words_that_it_does_not_know(
-    tmp_path: Path,
+    tmp_path: Path, answer: str, extra: list[str]
 ) -> None:
     folder = clone(tmp_path / "clone")
     (tmp_path / "bin").mkdir()
     (tmp_path / "bin" / "python3").symlink_to(sys.executable)
-    for answer, extra in (("HYDRA build details:", []), ("(Open MPI) 5.0.7", ["--oversubscribe"])):
-        mpirun = tmp_path / "bin" / "mpirun"
-        mpirun.write_text(f"#!/bin/sh\necho 'mpirun {answer}'\n")
-        mpirun.chmod(0o755)
-        done = direct(
-            *(folder, "run", "x.toml", "--ranks", "2"),
-            HEADSTOCK_PYTHON=str(tmp_path / "bin" / "python3"),
-            HEADSTOCK_DRY_RUN="1",
-        )
-        words = done.stdout.splitlines()
-        start = words.index(str(mpirun))
-        assert words[start + 1 : start + len(extra) + 5] == [*extra, "--bind-to", "none", "-n", "2"]
+    mpirun = tmp_path / "bin" / "mpirun"
+    mpirun.write_text(f"#!/bin/sh\necho 'mpirun {answer}'\n")
+    mpirun.chmod(0o755)
+    done = direct(
+        *(folder, "run", "x.toml", "--ranks", "2"),
+        HEADSTOCK_PYTHON=str(tmp_path / "bin" / "python3"),
+        HEADSTOCK_DRY_RUN="1",
+    )
+    words = done.stdout.splitlines()
+    start = words.index(str(mpirun))
+    assert words[start + 1 : start + len(extra) + 5] == [*extra, "--bind-to", "none", "-n", "2"]
 
 
 def test_with_a_newer_dolfinx_the_python_of_its_own_environment_computes(host: Host) -> None:
@@ -263,10 +265,10 @@ def test_with_a_newer_dolfinx_the_python_of_its_own_environment_computes(host: H
     assert "write --with dolfinx-new before a command" in done.stderr
 
 
-def test_ranks_of_a_job_on_a_cluster_are_left_to_the_job(host: Host) -> None:
-    for on in (["--on", "slurm"], ["--on=slurm"]):
-        assert "/usr/bin/mpirun" not in dry(host, "sweep", "x.toml", "grid", "--ranks", "2", *on)
-        assert "/usr/bin/mpirun" not in dry(host, "sweep", "x.toml", "grid", *on, "--ranks=2")
+@pytest.mark.parametrize("on", [["--on", "slurm"], ["--on=slurm"]])
+def test_ranks_of_a_job_on_a_cluster_are_left_to_the_job(host: Host, on: list[str]) -> None:
+    assert "/usr/bin/mpirun" not in dry(host, "sweep", "x.toml", "grid", "--ranks", "2", *on)
+    assert "/usr/bin/mpirun" not in dry(host, "sweep", "x.toml", "grid", *on, "--ranks=2")
 
 
 def test_slurm_runs_in_a_root_of_its_own_with_processes_and_a_host_name_of_its_own(
@@ -983,11 +985,11 @@ def clone(target: Path) -> Path:
 
 
 def test_each_of_two_clones_runs_its_own_code_from_anywhere(tmp_path: Path) -> None:
-    for name in ("one", "the other clone"):
-        folder = clone(tmp_path / name)
-        code = "import headstock.geometry; print(headstock.geometry.__path__[0])"
-        done = direct(folder, "exec", sys.executable, "-c", code, cwd=tmp_path)
-        assert Path(done.stdout.strip()).resolve() == folder / "geometry", done.stderr
+    folders = [clone(tmp_path / name) for name in ("one", "the other clone")]
+    code = "import headstock.geometry; print(headstock.geometry.__path__[0])"
+    runs = [direct(each, "exec", sys.executable, "-c", code, cwd=tmp_path) for each in folders]
+    found = [Path(done.stdout.strip()).resolve() for done in runs]
+    assert found == [folder / "geometry" for folder in folders], runs
 
 
 def test_a_checkout_without_its_links_is_told_apart_from_a_fault(tmp_path: Path) -> None:

@@ -10,35 +10,23 @@ import numpy as np
 import pytest
 
 from common import approx, run_alone, run_command, run_on_ranks
+from fixture_machines import machine
 from headstock.pipeline import runner
 from headstock.reduction.components import elastic
 from headstock.solvers.errors import ConvergenceError
 
-SCENE = """
+SCENE = machine("""
+machine = "bar"
+names = { bar = "column", clamp = "mount" }
 name = "A column on springs"
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.column]
-solid = { box = ["50 mm", "50 mm", "200 mm"] }
-material = "steel"
-mesh = { size = "25 mm" }
-reduction = { modes = 6 }
-[components.column.interfaces]
-foot = { face = "z-" }
-tip = { face = "z+", coupling = "average" }
-[joints.mount]
-between = ["ground", "column.foot"]
-kind = "spring"
-stiffness = { x = "100 N/um", y = "100 N/um", z = "200 N/um", rx = "1 MN m/rad", ry = "1 MN m/rad", rz = "1 MN m/rad" }
-[points]
-tcp = { tool = "column.tip", work = "ground" }
-[analyses.static]
-at = "tcp"
-[analyses.modal]
-count = 10
-"""
+components.column.solid = { box = ["50 mm", "50 mm", "200 mm"] }
+components.column.mesh = { size = "25 mm" }
+components.column.reduction = { modes = 6 }
+joints.mount.kind = "spring"
+joints.mount.stiffness = { x = "100 N/um", y = "100 N/um", z = "200 N/um", rx = "1 MN m/rad", ry = "1 MN m/rad", rz = "1 MN m/rad" }
+analyses.static = { at = "tcp" }
+analyses.modal = { count = 10 }
+""")
 FAILING_RANK = """
 import sys
 from mpi4py import MPI

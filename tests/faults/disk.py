@@ -63,11 +63,7 @@ KINDS = ("run", *RESUMED)
 
 
 def require_named(code: int, said: str) -> None:
-    """Check that what did not end well ended with 1 and with words about the disk.
-
-    Raises:
-        FaultError: It did not.
-    """
+    """Check that what did not end well ended with 1 and with words about the disk."""
     if (
         code != 1
         or "Traceback" in said
@@ -81,11 +77,7 @@ class RunTrials:
     """Runs of one variant over the finished result of another."""
 
     def __init__(self, root: Path, *, limited_files: bool) -> None:
-        """Run both variants undisturbed.
-
-        Raises:
-            FaultError: One of them does not work.
-        """
+        """Run both variants undisturbed."""
         places = make_places(root)
         self._limited_files, self._old = limited_files, places.results
         self._expected: dict[str, Numbers] = {}
@@ -103,12 +95,7 @@ class RunTrials:
         )
 
     def attempt(self, folder: Path, share: float, turn: int) -> str:
-        """Run with a share of the room needed, in a folder of its own; how it ended, in words.
-
-        Raises:
-            FaultError: An end without a named error, a changed old result, a temporary left behind,
-                other numbers.
-        """
+        """Run with a share of the room needed, in a folder of its own; how it ended, in words."""
         shared = SHARED[turn % len(SHARED)]
         # where temporary files are on the small disk, forms are compiled too: the compiler writes
         # there
@@ -145,11 +132,7 @@ class RunTrials:
 
 
 class ResumeTrials:
-    """Sweeps or studies over the finished result of another variant.
-
-    Attributes:
-        results: What an undisturbed one left.
-    """
+    """Sweeps or studies over the finished result of another variant."""
 
     def __init__(
         self,
@@ -160,18 +143,7 @@ class ResumeTrials:
         scene: str = SCENE,
         start: Start | None = None,
     ) -> None:
-        """Leave both variants undisturbed once.
-
-        Args:
-            root: Folder to work in.
-            kind: One of ``RESUMED``.
-            limited_files: Limit the size of each file, where no small disk can be made.
-            scene: With the sweep, the study and the variant of ``SCENE``.
-            start: How one is started; in a process of its own unless told otherwise.
-
-        Raises:
-            FaultError: One of them does not work.
-        """
+        """Leave both variants undisturbed once."""
         self._kind, self._limited_files, self._scene, self._run = (
             kind,
             limited_files,
@@ -196,12 +168,7 @@ class ResumeTrials:
 
     def attempt(self, folder: Path, share: float, turn: int) -> str:
         """Start with a share of the room needed, and again with more until it ends well; how it
-        ended, in words.
-
-        Raises:
-            FaultError: An end without a named error, a torn file, a finished pose or point lost,
-                another content in the end.
-        """
+        ended, in words."""
         # Open MPI keeps files of its own where temporary files are
         choices = (
             SHARED
@@ -307,17 +274,7 @@ def _run_process(
 
 def fill_disks(runs: int, *, seed: int, root: Path, kinds: Sequence[str] = KINDS) -> Outcome:
     """Work into a file system (tmpfs) with too little or just enough room left; where none can be
-    made, with a file size limit.
-
-    Args:
-        runs: How many.
-        seed: Of the random sizes, which go from no room to enough.
-        root: Empty folder to work in.
-        kinds: Which of ``KINDS`` are tried in turn.
-
-    Raises:
-        FaultError: Not even undisturbed ones work.
-    """
+    made, with a file size limit."""
     # one that has threads cannot change its view of the file system
     return in_own_process(_fill_disks, root, runs, seed, kinds)
 

@@ -40,11 +40,7 @@ TORN = (
 
 def check_files(folder: Path) -> list[str]:
     """Check that every file below a folder is whole, as far as its kind shows; return the
-    temporaries that were found.
-
-    Raises:
-        FaultError: Names the torn file.
-    """
+    temporaries that were found."""
     temporaries = []
     for path in sorted(path for path in folder.rglob("*") if path.is_file()):
         if path.name == LIST_FILE:
@@ -57,11 +53,7 @@ def check_files(folder: Path) -> list[str]:
 
 
 def check_file(path: Path) -> None:
-    """Check that one file is whole.
-
-    Raises:
-        FaultError: It is not.
-    """
+    """Check that one file is whole."""
     content = path.read_bytes()
     try:
         CHECKS.get(path.suffix, _check_any)(content)

@@ -233,16 +233,7 @@ def run_file_fuzz(runs: int, *, seed: int, root: Path) -> Outcome:
 
     A fault is anything but success or a named error, more than ``SECONDS_ALLOWED`` of processor
     time, or a process that grows beyond ``MB_ALLOWED``. Readers of superelements, forces, paths and
-    targets run in this process, the first once a child has survived the file.
-
-    Args:
-        runs: How many files.
-        seed: Of the damage.
-        root: Empty folder to work in.
-
-    Raises:
-        FaultError: A sound file is refused.
-    """
+    targets run in this process, the first once a child has survived the file."""
     outcome, samples, earlier_mb = Outcome(), write_samples(root), _largest_child_mb()
     (root / "scene.toml").write_text(PATH_SCENE)
     steps = sorted(MACHINES.glob("*.step"))
@@ -277,11 +268,7 @@ def run_file_fuzz(runs: int, *, seed: int, root: Path) -> Outcome:
 
 
 def try_file(path: Path, content: bytes) -> str:
-    """Write and read a file as a scene would; how it ended.
-
-    Raises:
-        Exception: Whatever no reader should raise.
-    """
+    """Write and read a file as a scene would; how it ended."""
     path.write_bytes(content)
     try:
         if path.suffix == ".h5":

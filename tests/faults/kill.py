@@ -33,16 +33,7 @@ FORMS_EVERY = 20  # this often the compiled forms are cleared too, since compili
 
 def kill_runs(runs: int, *, seed: int, root: Path) -> Outcome:
     """Kill ``headstock run`` with signal 9 again and again; after each kill look at every file and
-    let a run end.
-
-    Args:
-        runs: How many are killed.
-        seed: Of the random times.
-        root: Empty folder to work in.
-
-    Raises:
-        FaultError: Not even an undisturbed run works.
-    """
+    let a run end."""
     chance = random.Random(seed)
     # the user's forms stay: those that are cleared are the runs' own
     cache = root / "cache" if runs >= FORMS_EVERY else None
@@ -116,11 +107,7 @@ def _require_nothing_runs(group: int) -> None:
 
 
 def check_remains(places: Places, expected: dict[str, Numbers]) -> None:
-    """Check that each file a killed run leaves is whole and one of the two results.
-
-    Raises:
-        FaultError: Names the file that is not.
-    """
+    """Check that each file a killed run leaves is whole and one of the two results."""
     check_files(places.results)
     for numbers in (
         read_results(places.results / "results.h5"),

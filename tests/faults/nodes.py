@@ -40,12 +40,7 @@ class Point:
 
 @dataclass(frozen=True)
 class TwoNodes:
-    """A Slurm of two nodes and a folder for scenes, stores and results.
-
-    Attributes:
-        root: The folder.
-        slurm: Its daemons.
-    """
+    """A Slurm of two nodes and a folder for scenes, stores and results."""
 
     root: Path
     slurm: Slurm
@@ -70,15 +65,7 @@ class TwoNodes:
         folder: str | Path = ".",
         **variables: str,
     ) -> "subprocess.CompletedProcess[str]":
-        """Run a command to its end, in an allocation where there are several nodes.
-
-        Args:
-            words: The command line.
-            nodes: How many nodes; of one the command starts its ranks itself.
-            store: Folder of the store: a new one, where the work is to be done.
-            folder: To start in.
-            variables: Of the environment, besides.
-        """
+        """Run a command to its end, in an allocation where there are several nodes."""
         allocation = ["salloc", f"--nodes={nodes}", "--ntasks=4", "--quiet"] if nodes > 1 else []
         return subprocess.run(
             [*allocation, *words],
@@ -141,11 +128,7 @@ class TwoNodes:
 
 @contextlib.contextmanager
 def run_two_nodes() -> Iterator[TwoNodes]:
-    """Start a Slurm of two nodes, and stop it at the end.
-
-    Raises:
-        FaultError: A daemon does not start.
-    """
+    """Start a Slurm of two nodes, and stop it at the end."""
     # munged wants every folder above its socket open to all
     with tempfile.TemporaryDirectory() as name:
         root = Path(name)
@@ -159,18 +142,7 @@ def run_two_nodes() -> Iterator[TwoNodes]:
 
 def fail_node_under_study(two: TwoNodes, output: str) -> list[Point]:
     """Submit a study over both nodes, let a node fail when a point is finished, start the node again
-    and wait until the job, which Slurm puts back into the queue, has ended.
-
-    Args:
-        two: The nodes.
-        output: Folder of the results.
-
-    Returns:
-        The points that were finished when the node failed.
-
-    Raises:
-        FaultError: The job does not go as it should; says where.
-    """
+    and wait until the job, which Slurm puts back into the queue, has ended."""
     job = two.submit([*two.words("study", output), "--ranks", "2"], store=f"store-{output}")
     _wait(two, job, "finished no point", lambda: bool(two.points(output)))
     two.slurm.fail_node(NODES[1])

@@ -18,53 +18,25 @@ import h5py
 import numpy as np
 
 from faults.runs import FaultError, Outcome, wait_for_end
+from fixture_machines import machine
 from headstock.pipeline.storage.journals import read_journal
 from headstock.studies.sweeps.journals import pose_form
 
-SCENE = """
+SCENE = machine("""
+machine = "rail"
 name = "Resumed"
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.bed]
-solid = { box = ["600 mm", "80 mm", "50 mm"] }
-material = "steel"
-fidelity = "segmented"
-segments = { count = 10 }
-[components.bed.interfaces]
-rail = { face = "z+", rail = { along = "x" } }
-foot = { face = "z-" }
-[components.slide]
-solid = { box = ["150 mm", "120 mm", "60 mm"] }
-material = "steel"
-at = ["0 mm", "0 mm", "60 mm"]
-fidelity = "rigid"
-[components.slide.interfaces]
-bottom = { face = "z-" }
-[joints.foot]
-between = ["bed.foot", "ground"]
-kind = "spring"
-stiffness = { x = "50 N/um", y = "60 N/um", z = "70 N/um", rx = "1 kN m/mrad", ry = "1 kN m/mrad", rz = "1 kN m/mrad" }
-[joints.carriage]
-between = ["slide.bottom", "bed.rail"]
-kind = "spring"
-length = "120 mm"
-stiffness = { x = "80 N/um", y = "90 N/um", z = "150 N/um", rx = "90 N m/mrad", ry = "200 N m/mrad", rz = "150 N m/mrad" }
-[axes.X]
-joints = ["carriage"]
-direction = "x"
-[points]
-tcp = { tool = "slide.bottom", work = "ground" }
-[sweeps.line]
-axes = { X = ["-200 mm", "200 mm", 500] }
+components.bed.fidelity = "segmented"
+components.bed.segments = { count = 10 }
+components.slide.interfaces = { bottom = { face = "z-" } }
+axes.X.direction = "x"
+points.tcp.tool = "slide.bottom"
+sweeps.line = { axes = { X = ["-200 mm", "200 mm", 500] } }
+analyses.static = {}
+analyses.modal = { count = 5 }
 [studies.grid]
 vary = { "components.bed.segments.count" = [6, 7, 8, 9, 10, 11, 12, 13] }
 watch = ["modal.frequencies_hz[0:3]", "static.tcp.compliance_um_per_kN[0][0]"]
-[analyses.static]
-[analyses.modal]
-count = 5
-"""
+""")
 NAMES = {"sweep": "line", "study": "grid"}
 # what is run in turn; the last on two ranks, of which one is killed
 KINDS = ("sweep", "study", "sweep on 2 ranks")

@@ -19,41 +19,24 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from fixture_machines import machine
 from headstock.geometry.frames import FloatArray
 
 VARIANTS = ("steel", "iron")
-SCENE = """
+SCENE = machine("""
+machine = "bar"
+names = { bar = "column" }
 name = "Column"
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[materials.iron]
-E = "110 GPa"
-nu = 0.25
-rho = "7200 kg/m^3"
-[components.column]
-solid = { box = ["40 mm", "60 mm", "200 mm"] }
-material = "steel"
-mesh = { size = "20 mm" }
-reduction = { modes = 8 }
-[components.column.interfaces]
-foot = { face = "z-" }
-tip = { face = "z+" }
-[joints.clamp]
-between = ["ground", "column.foot"]
-kind = "rigid"
-[points]
-tcp = { tool = "column.tip", work = "ground" }
-[variants.steel]
-"components.column.material" = "steel"
-[variants.iron]
-"components.column.material" = "iron"
-[analyses.static]
-at = "tcp"
-[analyses.modal]
-count = 4
-"""
+materials.iron = { E = "110 GPa", nu = 0.25, rho = "7200 kg/m^3" }
+components.column.solid = { box = ["40 mm", "60 mm", "200 mm"] }
+components.column.mesh = { size = "20 mm" }
+components.column.reduction = { modes = 8 }
+components.column.interfaces = { foot = { face = "z-" }, tip = { face = "z+" } }
+variants.steel = { "components.column.material" = "steel" }
+variants.iron = { "components.column.material" = "iron" }
+analyses.static = { at = "tcp" }
+analyses.modal = { count = 4 }
+""")
 TIME_LIMIT = 1800.0  # of what takes seconds: for machines where a dozen other programs run
 EQUAL = 1e-12
 
@@ -64,16 +47,7 @@ class FaultError(Exception):
 
 @dataclass
 class Outcome:
-    """Tally of trials, filled in while they run.
-
-    Attributes:
-        trials: How many were made.
-        happened: How they ended, in words, and how often.
-        faults: What should never happen, each with the trial it happened in.
-        slowest_seconds: Longest trial, where trials are bounded.
-        peak_mb: Largest memory of a trial, where it is bounded [MB].
-        notes: Where the trials had to make do with less.
-    """
+    """Tally of trials, filled in while they run."""
 
     trials: int = 0
     happened: Counter[str] = field(default_factory=Counter)
@@ -91,12 +65,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Places:
-    """Folders of the runs: results, store, temporary files, and the scene.
-
-    Attributes:
-        root: Holds all of them.
-        cache: Cache folder of every run, which keeps compiled forms; None for the user's.
-    """
+    """Folders of the runs: results, store, temporary files, and the scene."""
 
     root: Path
     cache: Path | None = None
@@ -145,11 +114,7 @@ class Numbers:
 
 def in_own_process[**P, T](work: Callable[P, T], *arguments: P.args, **options: P.kwargs) -> T:
     """What a function returns in a new process, which has neither the threads nor the memory of
-    this one.
-
-    Raises:
-        BrokenProcessPool: The process ended otherwise.
-    """
+    this one."""
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         return pool.submit(work, *arguments, **options).result()
 
@@ -198,11 +163,7 @@ def finish_run(places: Places, variant: str) -> tuple[int, str]:
 
 
 def wait_for_end(process: "subprocess.Popen[str]", *, seconds: float = TIME_LIMIT) -> str:
-    """Wait until the leader of a process group ends; what it said on standard error.
-
-    Raises:
-        FaultError: It did not end in time; it and its group are then killed.
-    """
+    """Wait until the leader of a process group ends; what it said on standard error."""
     try:
         _, said = process.communicate(timeout=seconds)
     except subprocess.TimeoutExpired:
@@ -214,11 +175,7 @@ def wait_for_end(process: "subprocess.Popen[str]", *, seconds: float = TIME_LIMI
 
 
 def read_numbers(results: Path) -> Numbers:
-    """Numbers of ``results.h5``, after a check that ``summary.json`` holds the same.
-
-    Raises:
-        FaultError: A file is torn, or the two contradict each other.
-    """
+    """Numbers of ``results.h5``, after a check that ``summary.json`` holds the same."""
     from_file = read_results(results / "results.h5")
     if not from_file.equal(read_summary_numbers(results / "summary.json")):
         raise FaultError(f"results.h5 and summary.json in {results} are of different runs")
@@ -226,11 +183,7 @@ def read_numbers(results: Path) -> Numbers:
 
 
 def read_results(path: Path) -> Numbers:
-    """Numbers of a ``results.h5``.
-
-    Raises:
-        FaultError: It cannot be read.
-    """
+    """Numbers of a ``results.h5``."""
     try:
         with h5py.File(path, "r") as file:
             pose = next(iter(file["modal"]))
@@ -242,11 +195,7 @@ def read_results(path: Path) -> Numbers:
 
 
 def read_summary_numbers(path: Path) -> Numbers:
-    """Numbers of a ``summary.json``.
-
-    Raises:
-        FaultError: It cannot be read.
-    """
+    """Numbers of a ``summary.json``."""
     try:
         summary = json.loads(path.read_text())
         return Numbers(

@@ -38,13 +38,7 @@ def run_scene_fuzz(runs: int, *, seed: int, root: Path) -> Outcome:
     each.
 
     A fault is anything but success or a named error, more than ``SECONDS_ALLOWED`` of processor
-    time, or a process that grows beyond ``MB_ALLOWED`` (interpreter and libraries included).
-
-    Args:
-        runs: How many scenes.
-        seed: Of the damage; scene number n is the same whatever the other arguments.
-        root: Empty folder to work in.
-    """
+    time, or a process that grows beyond ``MB_ALLOWED`` (interpreter and libraries included)."""
     outcome = Outcome()
     for first in range(0, runs, CHUNK):
         count = min(CHUNK, runs - first)
@@ -73,11 +67,7 @@ def damaged_scene(number: int, seed: int, texts: tuple[str, ...]) -> str:
 
 
 def shipped_texts() -> tuple[str, ...]:
-    """The scenes that are damaged.
-
-    Raises:
-        FaultError: There are none beside the program.
-    """
+    """The scenes that are damaged."""
     texts = tuple(path.read_text() for path in sorted(MACHINES.glob("*.toml")))
     if not texts:
         raise FaultError(f"no scenes in {MACHINES}")
@@ -85,11 +75,7 @@ def shipped_texts() -> tuple[str, ...]:
 
 
 def try_scene(path: Path, overrides: tuple[str, ...]) -> str:
-    """Load and plan a scene; how it ended, in words.
-
-    Raises:
-        Exception: Whatever neither the loader nor the planner should raise.
-    """
+    """Load and plan a scene; how it ended, in words."""
     try:
         scene = load_scene(path, overrides=overrides)
     except SceneError as error:

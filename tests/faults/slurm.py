@@ -86,16 +86,7 @@ def sweep_words(folder: Path) -> list[str]:
 
 def disturb_slurm(runs: int, *, seed: int, root: Path) -> Outcome:
     """Start Slurm, sweep on it again and again, hold each file against that of a local sweep, and
-    stop Slurm.
-
-    Args:
-        runs: How many sweeps, of each kind in ``ENDINGS`` in turn.
-        seed: Of which task is disturbed.
-        root: Empty folder to work in.
-
-    Raises:
-        FaultError: Slurm does not start, or the local sweep fails.
-    """
+    stop Slurm."""
     outcome, chance = Outcome(), random.Random(seed)
     before = list_processes()
     root.chmod(0o755)

@@ -97,11 +97,7 @@ class Slurm:
                 os.kill(process, number)
 
     def wait_until_idle(self) -> None:
-        """Wait until every node waits for jobs.
-
-        Raises:
-            FaultError: A daemon ended, or it takes too long.
-        """
+        """Wait until every node waits for jobs."""
         self.wait_until(lambda: self.node_states() == {"idle"})
 
     def node_states(self) -> set[str]:
@@ -116,11 +112,7 @@ class Slurm:
         return set(done.stdout.split()) if done.returncode == 0 else set()
 
     def wait_until(self, is_ready: Callable[[], bool]) -> None:
-        """Wait, as long as all daemons live.
-
-        Raises:
-            FaultError: A daemon ended, or it takes too long; says the last words of the daemon.
-        """
+        """Wait, as long as all daemons live."""
         end = time.monotonic() + START_SECONDS
         while not is_ready():
             for name, process in self._daemons.items():
@@ -144,16 +136,7 @@ class Slurm:
 
 @contextlib.contextmanager
 def run_slurm(folder: Path, *, cpus: int, nodes: Sequence[str] = ()) -> Iterator[Slurm]:
-    """Start Slurm and stop it at the end, whatever happens.
-
-    Args:
-        folder: Empty, for settings, sockets and logs.
-        cpus: Each node is said to have; more than there are lets tasks run side by side.
-        nodes: Names of the nodes, all on this machine; none for one of the machine's own name.
-
-    Raises:
-        FaultError: A daemon does not start; its last words are told.
-    """
+    """Start Slurm and stop it at the end, whatever happens."""
     nodes = nodes or (_host(),)
     _write_settings(folder, cpus, nodes)
     slurm = Slurm(folder, {"SLURM_CONF": str(folder / "slurm.conf")})

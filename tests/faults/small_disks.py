@@ -24,11 +24,7 @@ SetRoom = Callable[[int | None], None]
 
 
 def enter_own_view() -> None:
-    """Give this process a user and a mount namespace of its own; only while it has a single thread.
-
-    Raises:
-        FaultError: The kernel refuses.
-    """
+    """Give this process a user and a mount namespace of its own; only while it has a single thread."""
     user, group = os.geteuid(), os.getegid()
     try:
         if sys.platform != "linux":
@@ -43,11 +39,7 @@ def enter_own_view() -> None:
 
 @contextlib.contextmanager
 def small_disk(folder: Path, size: int) -> Iterator[Path]:
-    """A tmpfs of so many bytes at a folder, inside ``enter_own_view``.
-
-    Raises:
-        FaultError: The kernel refuses.
-    """
+    """A tmpfs of so many bytes at a folder, inside ``enter_own_view``."""
     folder.mkdir(parents=True, exist_ok=True)
     _call(MOUNT, b"tmpfs", bytes(folder), b"tmpfs", 0, f"size={size}".encode())
     try:
@@ -58,11 +50,7 @@ def small_disk(folder: Path, size: int) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def bound_folder(folder: Path, source: Path) -> Iterator[None]:
-    """Show a folder at another place too, inside ``enter_own_view``.
-
-    Raises:
-        FaultError: The kernel refuses.
-    """
+    """Show a folder at another place too, inside ``enter_own_view``."""
     folder.mkdir(exist_ok=True)
     _call(MOUNT, bytes(source), bytes(folder), None, BIND, None)
     try:
@@ -79,16 +67,7 @@ def _call(name: str, *arguments: object) -> None:
 
 @contextlib.contextmanager
 def limited_room(folder: Path, names: Sequence[str], *, limited_files: bool) -> Iterator[SetRoom]:
-    """Put folders on a disk that fills up; the body sets how far it is filled.
-
-    Args:
-        folder: Holds the folders.
-        names: Of the folders; those that are there are empty and take their place on the disk.
-        limited_files: Limit the size of each file of this process and its children instead.
-
-    Raises:
-        FaultError: The kernel refuses a file system.
-    """
+    """Put folders on a disk that fills up; the body sets how far it is filled."""
     if limited_files:
         for name in names:
             (folder / name).mkdir(exist_ok=True)

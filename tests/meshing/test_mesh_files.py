@@ -328,6 +328,7 @@ def test_h12_points_lines_and_single_facets_are_refused_unless_forced(
             )
         )
         assert len(np.unique(forced.patches["a"])) == (len(edge) if name == "edge" else 1)
+    assert len(edge) > 1
     single = Patch("z+", "rect", (0.0025, 0.0025, 0.0), (0.006, 0.003))
     with pytest.raises(MeshError, match=r"single facet.*allow_singular"):
         mesh_component(make_component(MeshFile(tmp_path / "box.inp"), {"a": single}))

@@ -6,14 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 from common import approx
 from headstock.geometry.frames import rotate_dofs, rotation_about
 from headstock.pipeline.results.results import Results
-from headstock.pipeline.runner import run_scene
-from headstock.pipeline.storage.store import Store
-from headstock.scene.building.loader import load_scene
+from scene_runs import compute
 
 pytestmark = pytest.mark.fem
 
@@ -80,11 +77,7 @@ MM_T_S = {
 
 def _run(folder: Path, text: str) -> Results:
     folder.mkdir()
-    scene = folder / "machine.toml"
-    scene.write_text(text)
-    return run_scene(
-        load_scene(scene), folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store")
-    )
+    return compute(folder, text)
 
 
 @pytest.fixture(scope="module")

@@ -60,6 +60,7 @@ def store(tmp_path: Path) -> Store:
 def test_every_format_gives_the_same_frequencies(tmp_path: Path, store: Store, solid: str) -> None:
     scene = load_scene(write_scene(tmp_path / "own.toml", solid, "z-", "z+"))
     given = run_scene(scene, tmp_path / "own", comm=MPI.COMM_SELF, store=store).modal[0]
+    assert len(given.frequencies_hz) == 6
     for suffix in (".xdmf", ".exo", ".med", ".bdf", ".msh"):
         name = f"part{suffix}"
         text = export_mesh(scene, None, tmp_path / name, comm=MPI.COMM_SELF, store=store)

@@ -12,11 +12,8 @@ pytestmark = [pytest.mark.hard("H43"), pytest.mark.fem, pytest.mark.process]
 
 @pytest.mark.trials
 def test_two_runs_without_a_common_store_are_equal_to_the_last_bit(tmp_path: Path) -> None:
-    found = []
-    for name in ("one", "two"):
-        places = make_places(tmp_path / name)
-        code, said = finish_run(places, "steel")
-        assert code == 0, said
-        found.append(read_numbers(places.results))
+    both = [make_places(tmp_path / name) for name in ("one", "two")]
+    assert [finish_run(places, "steel")[0] for places in both] == [0, 0]
+    found = [read_numbers(places.results) for places in both]
     np.testing.assert_array_equal(found[0].compliance, found[1].compliance)
     np.testing.assert_array_equal(found[0].frequencies_hz, found[1].frequencies_hz)

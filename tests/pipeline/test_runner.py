@@ -42,6 +42,7 @@ from headstock.reduction.components import elastic as elastic_reduction
 from headstock.reduction.superelement import Superelement
 from headstock.scene.requests import Analyses, ModalRequest, StaticRequest
 from headstock.scene.scene import Scene
+from scene_runs import run
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
 INTERFACES = {
@@ -114,10 +115,6 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         elastic_reduction, "reduce_elastic", record("reduce", elastic_reduction.reduce_elastic)
     )
     return made
-
-
-def run(scene: Scene, folder: Path) -> Results:
-    return run_scene(scene, folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
 
 
 def frequencies(results: Results) -> Any:

@@ -16,33 +16,20 @@ import numpy as np
 import pytest
 
 import headstock as hs
+from fixture_machines import machine
 from headstock.app.command_line import main
 
 SECONDS = 4.0  # of the processor, on a busy machine
-BLOCK = """
+BLOCK = machine("""
+machine = "block"
+names = { mount = "spring" }
 name = "block"
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.block]
-solid = { box = ["40 mm", "60 mm", "90 mm"] }
-material = "steel"
-fidelity = "rigid"
-[components.block.interfaces]
-foot = { face = "z-" }
-[joints.spring]
-between = ["ground", "block.foot"]
-kind = "spring"
-stiffness = { x = "5 N/um", y = "5 N/um", z = "9 N/um", rx = "1e5 N m/rad", ry = "1e5 N m/rad", rz = "1e5 N m/rad" }
-[points.tcp]
-tool = "block.foot"
-work = "ground"
-[analyses.static]
-at = "tcp"
-[analyses.modal]
-count = 3
-"""
+components.block.solid = { box = ["40 mm", "60 mm", "90 mm"] }
+components.block.interfaces = { foot = { face = "z-" } }
+joints.spring.stiffness = { x = "5 N/um", y = "5 N/um", z = "9 N/um", rx = "1e5 N m/rad", ry = "1e5 N m/rad", rz = "1e5 N m/rad" }
+points.tcp.tool = "block.foot"
+analyses.modal.count = 3
+""")
 SIZES = 'fidelity = "elastic"\nmesh = { sizes = "FILE" }'
 MESH = 'solid = { mesh = "FILE", unit = "1 mm" }'
 

@@ -6,27 +6,15 @@ from pathlib import Path
 import pytest
 
 from common import run_alone
+from fixture_machines import machine
 
-CANTILEVER = """
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.part]
-solid = { box = ["40 mm", "40 mm", "100 mm"] }
-material = "steel"
-mesh = { size = "40 mm", cells = "hex" }
-[components.part.interfaces]
-foot = { face = "z-" }
-tip = { face = "z+", coupling = "average" }
-[joints.clamp]
-between = ["ground", "part.foot"]
-kind = "rigid"
-[points]
-tcp = { tool = "part.tip", work = "ground" }
-[analyses.static]
-at = "tcp"
-"""
+CANTILEVER = machine("""
+machine = "bar"
+names = { bar = "part" }
+components.part.solid = { box = ["40 mm", "40 mm", "100 mm"] }
+components.part.mesh = { size = "40 mm", cells = "hex" }
+analyses.static = { at = "tcp" }
+""")
 UFF = "    -1\n   151\nmodal test\n    -1\n"
 
 

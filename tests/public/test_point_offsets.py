@@ -9,40 +9,23 @@ from numpy.typing import NDArray
 
 import headstock as hs
 from common import approx
+from fixture_machines import machine
 
 ROOT = Path(__file__).resolve().parents[2]
 OFFSET = np.array([0.03, -0.02, -0.1])
-BODY = """
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.arm]
-solid = { box = ["40 mm", "50 mm", "200 mm"] }
-material = "steel"
-rotate = { axis = "y", angle = "90 deg" }
-fidelity = "FIDELITY"
-mesh = { size = "50 mm" }
-[components.arm.interfaces]
-foot = { face = "z-" }
-tip = { face = "z+" }
-[joints.foot]
-between = ["arm.foot", "ground"]
-kind = "spring"
-stiffness = { x = "100 N/um", y = "50 N/um", z = "200 N/um", rx = "10 kN m/rad", ry = "20 kN m/rad", rz = "30 kN m/rad" }
-[points.tip]
-tool = "arm.tip"
-work = "ground"
-[points.longer]
-tool = "arm.tip"
-work = "ground"
-offset = ["30 mm", "-20 mm", "-100 mm"]
-[points.ground_tool]
-tool = "ground"
-work = "arm.tip"
-offset = ["30 mm", "-20 mm", "-100 mm"]
-[analyses.static]
-"""
+BODY = machine("""
+machine = "block"
+names = { block = "arm", mount = "foot", tcp = "tip" }
+without = ["analyses.modal", "analyses.static.at"]
+components.arm.solid = { box = ["40 mm", "50 mm", "200 mm"] }
+components.arm.rotate = { axis = "y", angle = "90 deg" }
+components.arm.fidelity = "FIDELITY"
+components.arm.mesh = { size = "50 mm" }
+joints.foot.between = ["arm.foot", "ground"]
+joints.foot.stiffness = { x = "100 N/um", y = "50 N/um", z = "200 N/um", rx = "10 kN m/rad", ry = "20 kN m/rad", rz = "30 kN m/rad" }
+points.longer = { tool = "arm.tip", work = "ground", offset = ["30 mm", "-20 mm", "-100 mm"] }
+points.ground_tool = { tool = "ground", work = "arm.tip", offset = ["30 mm", "-20 mm", "-100 mm"] }
+""")
 
 
 def carried(arm: NDArray[np.float64]) -> NDArray[np.float64]:

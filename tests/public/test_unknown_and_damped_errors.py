@@ -8,41 +8,28 @@ import numpy as np
 import pytest
 
 import headstock as hs
+from fixture_machines import machine
 
-SHEET = """
-[materials.steel]
-E = "200 GPa"
-nu = 0.3
-rho = "8000 kg/m^3"
-[components.sheet]
-solid = { box = ["400 mm", "20 mm", "20 mm"] }
-material = "steel"
-mesh = MESH
-interfaces = { foot = { face = "x-" }, tip = { face = "x+" } }
-[joints.clamp]
-between = ["sheet.foot", "ground"]
-kind = "rigid"
-[points]
-tip = { tool = "sheet.tip", work = "ground" }
-[probes.top]
-component = "sheet"
-at = ["0 mm", "0 mm", "20 mm"]
-[effects]
-damping = { modal = "2 %" }
-[analyses.static]
-[analyses.modal]
-count = 3
-[analyses.frf]
-inputs = [["tip", "z"]]
-to = "100 Hz"
-points = 21
+SHEET = machine("""
+machine = "bar"
+names = { bar = "sheet", tcp = "tip" }
+materials.steel = { E = "200 GPa", rho = "8000 kg/m^3" }
+components.sheet.solid = { box = ["400 mm", "20 mm", "20 mm"] }
+components.sheet.mesh = "MESH"
+components.sheet.interfaces = { foot = { face = "x-" }, tip = { face = "x+" } }
+joints.clamp.between = ["sheet.foot", "ground"]
+probes.top = { component = "sheet", at = ["0 mm", "0 mm", "20 mm"] }
+effects.damping = { modal = "2 %" }
+[analyses]
+static = {}
+modal = { count = 3 }
+frf = { inputs = [["tip", "z"]], to = "100 Hz", points = 21 }
 [analyses.transient]
 duration = "0.05 s"
 up_to = "400 Hz"
 outputs = [["tip", "z"], "top"]
-[analyses.transient.loads]
-push = { at = ["tip", "z"], size = "100 N", shape = "step" }
-"""
+loads.push = { at = ["tip", "z"], size = "100 N", shape = "step" }
+""")
 ROD = """
 [materials.soft]
 E = "10 GPa"
@@ -85,7 +72,7 @@ def run(folder: Path, text: str, name: str = "scene") -> tuple[hs.Results, dict[
 
 
 def test_a_mesh_that_shows_no_error_leaves_no_number_with_an_error(tmp_path: Path) -> None:
-    _, summary = run(tmp_path, SHEET.replace("MESH", '{ size = "20 mm", cells = "hex" }'))
+    _, summary = run(tmp_path, SHEET.replace('"MESH"', '{ size = "20 mm", cells = "hex" }'))
     moved = summary["transient"]["reference"]["outputs"]["tip z"]
     assert moved["error"] is None
     assert moved["error_share"]["discretisation"] is None
@@ -102,7 +89,7 @@ def test_a_mesh_that_shows_no_error_leaves_no_number_with_an_error(tmp_path: Pat
 
 
 def test_a_mesh_with_an_error_keeps_it(tmp_path: Path) -> None:
-    _, summary = run(tmp_path, SHEET.replace("MESH", '{ size = "10 mm" }'))
+    _, summary = run(tmp_path, SHEET.replace('"MESH"', '{ size = "10 mm" }'))
     moved = summary["transient"]["reference"]["outputs"]["tip z"]
     assert moved["error_share"]["discretisation"] > 0.0
     assert not any("shows no error" in words for words in summary["modal"][0]["error_left_out"])

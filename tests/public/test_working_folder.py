@@ -16,28 +16,16 @@ from pathlib import Path
 import pytest
 from slurm_stand_ins import write_stand_ins
 
+from fixture_machines import machine
+
 ROOT = Path(__file__).resolve().parents[2]
 SHIM = Path(__file__).with_name("data") / "opened_files.c"
-SCENE = """
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.bar]
-solid = { box = ["40 mm", "40 mm", "200 mm"] }
-material = "steel"
-mesh = { size = "100 mm" }
-[components.bar.interfaces]
-foot = { face = "z-" }
-tip = { face = "z+" }
-[joints.clamp]
-between = ["ground", "bar.foot"]
-kind = "rigid"
-[points]
-tcp = { tool = "bar.tip", work = "ground" }
-[analyses.static]
-at = "tcp"
-"""
+SCENE = machine("""
+machine = "bar"
+components.bar.mesh = { size = "100 mm" }
+components.bar.interfaces = { foot = { face = "z-" }, tip = { face = "z+" } }
+analyses.static = { at = "tcp" }
+""")
 # a module that says that it was imported
 TELLTALE = "open({place!r}, 'w')\n"
 MODULES = (
@@ -161,13 +149,14 @@ def test_checking_loads_no_library_that_reads_settings(tmp_path: Path, shim: Pat
 def test_other_commands_open_what_they_name_and_nothing_else(tmp_path: Path, shim: Path) -> None:
     """The store knows the part from the first; the trace of all is one file."""
     folder = plant(tmp_path / "work")
-    for words in (
+    commands = (
         "run scene.toml -o out --no-figures",
         "report out",
         "export scene.toml bar --mesh out/bar.med",
-    ):
-        found, _ = opened(folder, [ROOT / "headstock", *words.split()], shim)
-        assert (words, found) == (words, set())
+    )
+    lines = {text: [ROOT / "headstock", *text.split()] for text in commands}
+    found = {text: opened(folder, words, shim)[0] for text, words in lines.items()}
+    assert found == {text: set() for text in commands}
 
 
 def test_a_job_of_slurm_opens_its_scene_and_its_results_and_nothing_else(

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from fixture_machines import machine
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.pipeline.storage.store import Store
@@ -17,41 +18,16 @@ pytestmark = pytest.mark.fem
 MACHINES = Path(__file__).resolve().parents[2] / "machines"
 SHIPPED = ["cantilever", "fixed_beam", "guideway", "three_axis", "tripteor"]
 # a slender column that bends, on a compact block that hardly does
-TOWER = """
-name = "Column on a block"
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.block]
-solid = { box = ["300 mm", "300 mm", "150 mm"] }
-material = "steel"
-at = ["0 mm", "0 mm", "-150 mm"]
-fidelity = "elastic"
-mesh = { size = "75 mm", cells = "hex" }
-[components.block.interfaces]
-bottom = { face = "z-" }
-top = { face = "z+", rect = { size = ["60 mm", "60 mm"] } }
-[components.column]
-solid = { box = ["24 mm", "16 mm", "500 mm"] }
-material = "steel"
-fidelity = "segmented"
-segments = { count = 10, along = "z" }
-interfaces = { foot = { face = "z-" }, tip = { face = "z+", coupling = "average" } }
-[joints.feet]
-between = ["block.bottom", "ground"]
-kind = "spring"
-stiffness = { x = "2000 N/um", y = "2000 N/um", z = "2000 N/um", rx = "1 MN m/rad", ry = "1 MN m/rad", rz = "1 MN m/rad" }
-[joints.bolts]
-between = ["block.top", "column.foot"]
-kind = "rigid"
-[points]
-tcp = { tool = "column.tip", work = "ground" }
-[analyses.static]
-at = "tcp"
-[analyses.modal]
-count = 2
-"""
+TOWER = machine("""
+machine = "column"
+components.block.interfaces = { bottom = { face = "z-" }, top = { face = "z+", rect = { size = ["60 mm", "60 mm"] } } }
+components.column.solid = { box = ["24 mm", "16 mm", "500 mm"] }
+components.column.fidelity = "segmented"
+components.column.segments = { count = 10, along = "z" }
+joints.feet.stiffness = { x = "2000 N/um", y = "2000 N/um", z = "2000 N/um", rx = "1 MN m/rad", ry = "1 MN m/rad", rz = "1 MN m/rad" }
+analyses.static = { at = "tcp" }
+analyses.modal = { count = 2 }
+""")
 
 
 def trial(sense: Sense) -> ModelTrial:

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from common import approx
+from fixture_machines import machine
 from headstock.app.command_line import main
 from headstock.studies.answers import compare_answers
 
@@ -17,61 +18,34 @@ pytestmark = pytest.mark.fem
 DATA = Path(__file__).resolve().parents[1] / "data"
 # a stiff block on soft springs, whose mesh matters little, and a column of few linear elements,
 # whose mesh matters much
-COLUMN = """
-name = "Column on a block"
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.block]
-solid = { box = ["300 mm", "300 mm", "150 mm"] }
-material = "steel"
-at = ["0 mm", "0 mm", "-150 mm"]
-fidelity = "elastic"
-mesh = { size = "50 mm", cells = "hex" }
-[components.block.interfaces]
-bottom = { face = "z-", coupling = "average" }
-top = { face = "z+", coupling = "average" }
-[components.column]
-solid = { box = ["40 mm", "60 mm", "400 mm"] }
-material = "steel"
-fidelity = "elastic"
-mesh = { size = "50 mm", cells = "hex", order = 1 }
-interfaces = { foot = { face = "z-" }, tip = { face = "z+", coupling = "average" } }
-[joints.feet]
-between = ["block.bottom", "ground"]
-kind = "spring"
-stiffness = { x = "10 N/um", y = "10 N/um", z = "10 N/um", rx = "1 MN m/rad", ry = "1 MN m/rad", rz = "1 MN m/rad" }
-[joints.bolts]
-between = ["block.top", "column.foot"]
-kind = "rigid"
-[points]
-tcp = { tool = "column.tip", work = "ground" }
-[analyses.modal]
-count = 8
-"""
+COLUMN = machine("""
+machine = "column"
+components.block.mesh = { size = "50 mm", cells = "hex" }
+components.block.interfaces = { bottom = { face = "z-", coupling = "average" }, top = { face = "z+", coupling = "average" } }
+components.column.fidelity = "elastic"
+components.column.mesh = { size = "50 mm", cells = "hex", order = 1 }
+analyses.modal = { count = 8 }
+""")
 # the seam of two halves is as flexible as the plate; a block on soft springs needs no shapes at its
 # foot
-PLATE = """
+PLATE = machine("""
+machine = "column"
+names = { column = "left", bolts = "weld" }
 name = "A plate of two halves on a block"
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.block]
-solid = { box = ["200 mm", "200 mm", "150 mm"] }
-material = "steel"
-at = ["-100 mm", "0 mm", "0 mm"]
-fidelity = "elastic"
-mesh = { size = "33 mm", cells = "hex" }
-interfaces = { foot = { face = "x-", coupling = { flexible = 60 } }, front = { face = "x+", rect = { size = ["200 mm", "20 mm"] } } }
-[components.left]
-solid = { box = ["200 mm", "200 mm", "20 mm"] }
-material = "steel"
-at = ["100 mm", "0 mm", "65 mm"]
-fidelity = "elastic"
-mesh = { size = "50 mm", cells = "hex" }
-interfaces = { seam = { face = "x+", coupling = { flexible = 12 } }, end = { face = "x-" } }
+components.block.solid = { box = ["200 mm", "200 mm", "150 mm"] }
+components.block.at = ["-100 mm", "0 mm", "0 mm"]
+components.block.mesh = { size = "33 mm", cells = "hex" }
+components.block.interfaces = { foot = { face = "x-", coupling = { flexible = 60 } }, front = { face = "x+", rect = { size = ["200 mm", "20 mm"] } } }
+components.left.solid = { box = ["200 mm", "200 mm", "20 mm"] }
+components.left.at = ["100 mm", "0 mm", "65 mm"]
+components.left.fidelity = "elastic"
+components.left.mesh = { size = "50 mm", cells = "hex" }
+components.left.interfaces = { seam = { face = "x+", coupling = { flexible = 12 } }, end = { face = "x-" } }
+joints.feet.between = ["block.foot", "ground"]
+joints.weld.between = ["left.end", "block.front"]
+joints.glue = { between = ["left.seam", "right.seam"], kind = "rigid" }
+points.tcp.tool = "right.end"
+analyses.modal = { count = 8 }
 [components.right]
 solid = { box = ["200 mm", "200 mm", "20 mm"] }
 material = "steel"
@@ -79,21 +53,7 @@ at = ["300 mm", "0 mm", "65 mm"]
 fidelity = "elastic"
 mesh = { size = "50 mm", cells = "hex" }
 interfaces = { seam = { face = "x-", coupling = { flexible = 12 } }, end = { face = "x+" } }
-[joints.feet]
-between = ["block.foot", "ground"]
-kind = "spring"
-stiffness = { x = "10 N/um", y = "10 N/um", z = "10 N/um", rx = "1 MN m/rad", ry = "1 MN m/rad", rz = "1 MN m/rad" }
-[joints.weld]
-between = ["left.end", "block.front"]
-kind = "rigid"
-[joints.glue]
-between = ["left.seam", "right.seam"]
-kind = "rigid"
-[points]
-tcp = { tool = "right.end", work = "ground" }
-[analyses.modal]
-count = 8
-"""
+""")
 PATH = """
 [effects]
 damping = { modal = "2 %" }

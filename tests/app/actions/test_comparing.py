@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from common import approx
+from fixture_machines import machine
 from headstock.app.command_line import main
 from headstock.app.texts.bounded_values import show_bound, show_bounded
 from headstock.geometry.parts.components import Component
@@ -19,35 +20,18 @@ from headstock.reduction.components import elastic as elastic_reduction
 from headstock.reduction.superelement import Superelement
 from headstock.studies.answers import list_answers
 
-SCENE = """
+SCENE = machine("""
+machine = "block"
+names = { block = "bar" }
 name = "A bar on springs"
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.bar]
-solid = { box = ["40 mm", "60 mm", "500 mm"] }
-material = "steel"
-fidelity = "segmented"
-[components.bar.interfaces]
-foot = { face = "z-" }
-tip = { face = "z+" }
-[joints.mount]
-between = ["ground", "bar.foot"]
-kind = "mount"
-stiffness = { vertical = "200 N/um", horizontal = "60 N/um", tilt = "1 kN m/mrad", torsion = "4 kN m/mrad" }
-[points]
-tcp = { tool = "bar.tip", work = "ground" }
-[poses.home]
-[variants.R]
-"components.bar.fidelity" = "rigid"
-[variants.thick]
-"components.bar.solid.box" = ["50 mm", "60 mm", "500 mm"]
-[analyses.static]
-at = "tcp"
-[analyses.modal]
-count = 6
-"""
+components.bar.solid = { box = ["40 mm", "60 mm", "500 mm"] }
+components.bar.fidelity = "segmented"
+joints.mount.kind = "mount"
+joints.mount.stiffness = { vertical = "200 N/um", horizontal = "60 N/um", tilt = "1 kN m/mrad", torsion = "4 kN m/mrad" }
+poses.home = {}
+variants.R = { "components.bar.fidelity" = "rigid" }
+variants.thick = { "components.bar.solid.box" = ["50 mm", "60 mm", "500 mm"] }
+""")
 
 LOBES = """
 [analyses.lobes]
@@ -275,7 +259,7 @@ def test_the_baseline_is_a_column_unless_it_is_refused(scene: Path, tmp_path: Pa
 def test_a_baseline_without_an_answer_leaves_the_others_theirs(
     scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    spring = SCENE[SCENE.index('kind = "mount"') : SCENE.index("[points]")]
+    spring = SCENE[SCENE.index('kind = "mount"') : SCENE.index("[points.tcp]")]
     text = SCENE.replace(spring, 'kind = "rigid"\n').replace(
         'fidelity = "segmented"', 'fidelity = "rigid"'
     )

@@ -12,6 +12,7 @@ import pytest
 import scipy.linalg
 
 from common import approx
+from fixture_machines import machine
 from headstock.app.command_line import main
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.solids import Box
@@ -19,38 +20,18 @@ from headstock.scene.building.loader import load_scene
 from headstock.studies.variants import choose_variants
 
 MACHINES = Path(__file__).parents[3] / "machines"
-SCENE = """
+SCENE = machine("""
+machine = "block"
+names = { block = "bar" }
 name = "A bar on springs"
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.bar]
-solid = { box = ["40 mm", "60 mm", "500 mm"] }
-material = "steel"
-fidelity = "elastic"
-mesh = { size = "20 mm", cells = "hex" }
-[components.bar.interfaces]
-foot = { face = "z-" }
-tip = { face = "z+" }
-[joints.mount]
-between = ["ground", "bar.foot"]
-kind = "mount"
-stiffness = { vertical = "200 N/um", horizontal = "60 N/um", tilt = "4 kN m/mrad", torsion = "4 kN m/mrad" }
-[points]
-tcp = { tool = "bar.tip", work = "ground" }
-[analyses.static]
-at = "tcp"
-[analyses.modal]
-count = 6
-[analyses.frf]
-inputs = ["tcp"]
-to = "900 Hz"
-points = 181
-adaptive = false
-[effects]
-damping = { modal = 0.02 }
-"""
+components.bar.solid = { box = ["40 mm", "60 mm", "500 mm"] }
+components.bar.fidelity = "elastic"
+components.bar.mesh = { size = "20 mm", cells = "hex" }
+joints.mount.kind = "mount"
+joints.mount.stiffness = { vertical = "200 N/um", horizontal = "60 N/um", tilt = "4 kN m/mrad", torsion = "4 kN m/mrad" }
+analyses.frf = { inputs = ["tcp"], to = "900 Hz", points = 181, adaptive = false }
+effects.damping = { modal = 0.02 }
+""")
 
 
 @pytest.fixture
@@ -257,7 +238,7 @@ def test_what_a_fidelity_cannot_have_says_why_beside_those_that_can(
     scene: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     # fixed at its foot, a rigid bar has no dof left
-    mount = SCENE[SCENE.index('kind = "mount"') : SCENE.index("[points]")]
+    mount = SCENE[SCENE.index('kind = "mount"') : SCENE.index("[points.tcp]")]
     scene.write_text(SCENE.replace(mount, 'kind = "rigid"\n'))
     summary = compare(scene)
     printed = capsys.readouterr().out

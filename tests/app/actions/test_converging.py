@@ -6,34 +6,20 @@ from pathlib import Path
 
 import pytest
 
+from fixture_machines import machine
 from headstock.app.command_line import main
 from headstock.app.terminal.convergence import ConvergenceListing
 from headstock.studies.parameters.records import POINTS_FILE
 
 DATA = Path(__file__).resolve().parents[2] / "data"
-SCENE = """
+SCENE = machine("""
+machine = "bar"
+names = { bar = "part" }
 name = "cantilever"
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.part]
-solid = { box = ["40 mm", "40 mm", "200 mm"] }
-material = "steel"
-mesh = { size = "20 mm" }
-[components.part.interfaces]
-foot = { face = "z-" }
-tip = { face = "z+", coupling = "average" }
-[joints.clamp]
-between = ["ground", "part.foot"]
-kind = "rigid"
-[points]
-tcp = { tool = "part.tip", work = "ground" }
-[analyses.static]
-at = "tcp"
-[analyses.modal]
-count = 5
-"""
+components.part.mesh = { size = "20 mm" }
+analyses.static = { at = "tcp" }
+analyses.modal = { count = 5 }
+""")
 
 ARM = """
 [components.arm]
@@ -196,13 +182,13 @@ def test_what_cannot_be_refined_is_refused_with_a_remedy(
     assert not (tmp_path / "out" / POINTS_FILE).exists()
 
 
+@pytest.mark.parametrize("name", ["none.step", "part.step"])
 def test_a_file_that_is_no_part_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
 ) -> None:
     (tmp_path / "part.step").write_text("no part")
-    for name in ("none.step", "part.step"):
-        assert main(["converge", str(tmp_path / name), "-o", str(tmp_path / "out")]) == 2
-        assert name in capsys.readouterr().err
+    assert main(["converge", str(tmp_path / name), "-o", str(tmp_path / "out")]) == 2
+    assert name in capsys.readouterr().err
 
 
 def test_a_scene_without_anything_to_watch_says_what_to_write(

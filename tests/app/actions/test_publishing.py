@@ -208,7 +208,7 @@ def test_a_summary_that_is_none_is_named_and_nothing_is_overwritten(
         assert main(["report", str(folder)]) == 2
         message = capsys.readouterr().err
         assert message.startswith("error: ") and "internal error" not in message
-        assert (folder / "report.html").read_bytes() == report
+    assert (folder / "report.html").read_bytes() == report
 
 
 def test_a_spreadsheet_takes_no_text_of_a_scene_for_a_formula() -> None:

@@ -284,10 +284,10 @@ def test_labels_of_a_logarithmic_axis_do_not_touch(ends: tuple[float, float]) ->
         axes.set_xlim(*ends)
         label_decades(axes)
     figure.draw_without_rendering()
-    for axes in figure.axes:
-        boxes = [label.get_window_extent() for label in axes.get_xticklabels()]
-        assert len(boxes) >= 2
-        assert all(before.x1 + 4.0 < after.x0 for before, after in itertools.pairwise(boxes))
+    boxes = [[label.get_window_extent() for label in a.get_xticklabels()] for a in figure.axes]
+    assert min(map(len, boxes)) >= 2
+    pairs = itertools.chain(*map(itertools.pairwise, boxes))
+    assert all(before.x1 + 4.0 < after.x0 for before, after in pairs)
 
 
 def test_the_responses_of_all_poses_are_drawn_over_each_other(figures: list[Figure]) -> None:

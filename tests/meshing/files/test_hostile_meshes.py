@@ -50,17 +50,19 @@ def read_file(path: Path) -> ComponentMesh:
     return mesh_component(Component("part", MeshFile(path, 1.0, beside), STEEL))
 
 
+@pytest.mark.parametrize("share", [0.0, 0.9])
 @pytest.mark.parametrize("name", ["part.xdmf", "part.med", "part.exo", "part.bdf"])
-def test_a_file_that_is_cut_short_is_refused(write: Callable[[str], Path], name: str) -> None:
+def test_a_file_that_is_cut_short_is_refused(
+    write: Callable[[str], Path], name: str, share: float
+) -> None:
     path = write(name)
     content = path.read_bytes()
     read_file(path)
-    for share in (0.0, 0.9):
-        path.write_bytes(content[: int(share * len(content))])
-        start = time.monotonic()
-        with pytest.raises(PartFileError, match=name):
-            read_file(path)
-        assert time.monotonic() - start < 20.0
+    path.write_bytes(content[: int(share * len(content))])
+    start = time.monotonic()
+    with pytest.raises(PartFileError, match=name):
+        read_file(path)
+    assert time.monotonic() - start < 20.0
 
 
 def replace_array(file: h5py.File, place: str, data: object, **options: object) -> None:

@@ -69,21 +69,27 @@ def test_every_form_is_read_as_another_reader_reads_it(name: str) -> None:
     assert volume(data) == approx(stacked * CUBE, rel=1e-4)
 
 
-def test_the_default_system_of_grid_points_holds_where_they_name_none() -> None:
-    for name, alike in [("grdset.bdf", "cord2r.bdf"), ("grdset_zero.bdf", "cord2s.bdf")]:
-        corners, _ = read_cells(DECKS / name)
-        assert len(corners) == len(EXPECTED[alike]["corners"])
-        for number, places in EXPECTED[alike]["corners"].items():
-            assert np.allclose(corners[number], places, atol=ROUNDING, rtol=0)
+@pytest.mark.parametrize(
+    ("name", "alike"), [("grdset.bdf", "cord2r.bdf"), ("grdset_zero.bdf", "cord2s.bdf")]
+)
+def test_the_default_system_of_grid_points_holds_where_they_name_none(
+    name: str, alike: str
+) -> None:
+    corners, _ = read_cells(DECKS / name)
+    assert len(corners) == len(EXPECTED[alike]["corners"])
+    for number, places in EXPECTED[alike]["corners"].items():
+        assert np.allclose(corners[number], places, atol=ROUNDING, rtol=0)
 
 
 def test_lines_that_continue_a_card_are_found_by_their_mark(tmp_path: Path) -> None:
     cell = f"{'CTETRA':<8}{1:>8}{1:>8}{1:>8}{2:>8}{3:>8}{4:>8}{6:>8}{7:>8}+T1\n"
     grids = GRIDS + "GRID,6,,.5,0.,0.\nGRID,7,,.5,.5,0.\nGRID,8,,0.,.5,0.\n"
     far = f"{'+T1':<8}{8:>8}\n"
-    for text in (cell + far + grids, cell + grids + far, far + grids + cell):
-        data = read_text(tmp_path / "part.bdf", "BEGIN BULK\n" + text + "ENDDATA\n")
-        assert data.kind == "tet10" and volume(data) == approx(1 / 6)
+    texts = (cell + far + grids, cell + grids + far, far + grids + cell)
+    path = tmp_path / "part.bdf"
+    read = [read_text(path, "BEGIN BULK\n" + text + "ENDDATA\n") for text in texts]
+    assert [data.kind for data in read] == ["tet10"] * 3
+    assert [volume(data) for data in read] == approx([1 / 6] * 3)
 
 
 @pytest.mark.parametrize(

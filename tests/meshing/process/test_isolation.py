@@ -135,11 +135,10 @@ def test_a_file_is_seen_under_the_name_it_was_given_by(
     (tmp_path / "link").symlink_to("deep/er")
     (tmp_path / "part.msh").symlink_to("deep/store")
     monkeypatch.chdir(tmp_path)
-    for given in (tmp_path / "part.msh", Path("part.msh"), Path("link/../store")):
-        end = run(
-            "print(Path(words[0]).read_text(), file=sys.stderr)", str(given), readable=(given,)
-        )
-        assert (given, end.last_line) == (given, "content")
+    shown = "print(Path(words[0]).read_text(), file=sys.stderr)"
+    names = (tmp_path / "part.msh", Path("part.msh"), Path("link/../store"))
+    ends = {given: run(shown, str(given), readable=(given,)).last_line for given in names}
+    assert ends == dict.fromkeys(names, "content")
 
 
 def test_a_worker_that_waits_is_ended_by_the_wall_clock(run: Run) -> None:

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 from common import approx
 from headstock.geometry.frames import FloatArray
@@ -17,10 +16,9 @@ from headstock.pipeline.numbers.estimates import INTERFACE
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
-from headstock.pipeline.runner import run_scene
-from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.solvers.second_order import ComplexArray
+from scene_runs import compute
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
@@ -66,11 +64,7 @@ kind = "rigid"
 
 
 def run(folder: Path, text: str, name: str) -> Results:
-    path = folder / f"{name}.toml"
-    path.write_text(text)
-    return run_scene(
-        load_scene(path), folder / name, comm=MPI.COMM_SELF, store=Store(folder / "store")
-    )
+    return compute(folder, text, name=name, into=name)
 
 
 def solve_halves(folder: Path, coupling: str, name: str) -> Results:
@@ -193,15 +187,15 @@ def test_lines_of_a_response_get_the_difference_to_joints_with_shapes(folder: Pa
         )
 
 
+@pytest.mark.parametrize(
+    ("coupling", "expected"), [('"rigid"', 1), ('"average"', 1), ("{ flexible = 24 }", 0)]
+)
 def test_without_the_comparison_a_large_rigid_joint_is_named_and_a_flexible_one_is_not(
-    folder: Path,
+    folder: Path, coupling: str, expected: int
 ) -> None:
-    for coupling, expected in (('"rigid"', 1), ('"average"', 1), ("{ flexible = 24 }", 0)):
-        text = HEAD.replace("TIP", "upper.tip").replace("interface_errors = true", "") + HALVES
-        found = run(folder, text.replace("COUPLING", f"coupling = {coupling}"), "plain")
-        assert (
-            len([text for text in found.warnings if "lower.cut and upper.cut" in text]) == expected
-        )
+    text = HEAD.replace("TIP", "upper.tip").replace("interface_errors = true", "") + HALVES
+    found = run(folder, text.replace("COUPLING", f"coupling = {coupling}"), "plain")
+    assert len([text for text in found.warnings if "lower.cut and upper.cut" in text]) == expected
 
 
 def test_a_scene_without_such_a_joint_says_that_nothing_is_compared(folder: Path) -> None:

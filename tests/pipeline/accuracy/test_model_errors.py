@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 from common import approx
+from fixture_machines import machine
 from headstock.pipeline.answers.accuracy import ModelErrorsAnswer
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
@@ -15,61 +15,40 @@ from headstock.pipeline.numbers.numbers import parse_key
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
-from headstock.pipeline.runner import run_scene
-from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
+from scene_runs import compute
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
 # a column on a heavy block on springs, a head on bolts at its top
-SCENE = """
+SCENE = machine("""
+machine = "column"
+names = { bolts = "foot", tcp = "nose", tip = "head" }
+without = ["components.block.at", "components.block.mesh"]
 name = "column"
 model_errors = true
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.block]
-solid = { box = ["400 mm", "300 mm", "100 mm"] }
-material = "steel"
-fidelity = "rigid"
-interfaces = { bottom = { face = "z-" }, top = { face = "z+", rect = { size = ["80 mm", "60 mm"] } } }
-[components.column]
-solid = { box = ["80 mm", "60 mm", "400 mm"] }
-material = "steel"
-at = ["0 mm", "0 mm", "250 mm"]
-fidelity = "FIDELITY"
-segments = { count = 4 }
-interfaces = { foot = { face = "z-" }, head = { face = "z+" } }
+components.block.solid = { box = ["400 mm", "300 mm", "100 mm"] }
+components.block.fidelity = "rigid"
+components.block.interfaces = { bottom = { face = "z-" }, top = { face = "z+", rect = { size = ["80 mm", "60 mm"] } } }
+components.column.solid = { box = ["80 mm", "60 mm", "400 mm"] }
+components.column.at = ["0 mm", "0 mm", "250 mm"]
+components.column.fidelity = "FIDELITY"
+components.column.segments = { count = 4 }
+components.column.interfaces = { foot = { face = "z-" }, head = { face = "z+" } }
+joints.neck = { between = ["column.head", "head.below"], kind = "rigid" }
+joints.feet.stiffness = { x = "200 N/um", y = "200 N/um", z = "300 N/um", rx = "9 N m/urad", ry = "9 N m/urad", rz = "9 N m/urad" }
+points.nose.tool = "head.nose"
+effects.damping = { modal = "3 %" }
+analyses.static = {}
+analyses.modal = { count = 5 }
+analyses.frf = { inputs = ["nose"], to = "400 Hz" }
 [components.head]
 solid = { box = ["200 mm", "120 mm", "80 mm"] }
 material = "steel"
 at = ["60 mm", "0 mm", "490 mm"]
 fidelity = "rigid"
 interfaces = { below = { face = "z-", rect = { center = ["-60 mm", "0 mm"], size = ["80 mm", "60 mm"] } }, nose = { face = "x+" } }
-[joints]
-foot = { between = ["block.top", "column.foot"], kind = "rigid" }
-neck = { between = ["column.head", "head.below"], kind = "rigid" }
-[joints.feet]
-between = ["block.bottom", "ground"]
-kind = "spring"
-stiffness.x = "200 N/um"
-stiffness.y = "200 N/um"
-stiffness.z = "300 N/um"
-stiffness.rx = "9 N m/urad"
-stiffness.ry = "9 N m/urad"
-stiffness.rz = "9 N m/urad"
-[points]
-nose = { tool = "head.nose", work = "ground" }
-[effects]
-damping = { modal = "3 %" }
-[analyses.static]
-[analyses.modal]
-count = 5
-[analyses.frf]
-inputs = ["nose"]
-to = "400 Hz"
-"""
+""")
 FINE = ("40 mm", "20 mm", "20 mm")
 
 
@@ -79,10 +58,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run(folder: Path, fidelity: str, *overrides: str) -> Results:
-    path = folder / f"{fidelity}.toml"
-    path.write_text(SCENE.replace("FIDELITY", fidelity))
-    scene = load_scene(path, overrides=overrides)
-    return run_scene(scene, folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
+    return compute(folder, SCENE.replace("FIDELITY", fidelity), *overrides, name=fidelity)
 
 
 @pytest.fixture(scope="module")

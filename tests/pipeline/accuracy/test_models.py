@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from fixture_machines import machine
 from headstock.pipeline.accuracy.models import add_change
 from headstock.pipeline.answers.accuracy import AccuracyAnswer
 from headstock.pipeline.answers.answer import find_answers
@@ -17,45 +18,27 @@ from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
+from scene_runs import compute
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
 # a slender mast on a heavy block on soft springs; written as a rigid one on an elastic block
-SCENE = """
+SCENE = machine("""
+machine = "column"
+names = { column = "mast", tcp = "tip" }
+without = ["components.block.at", "components.block.fidelity", "components.block.mesh"]
 name = "mast"
-accuracy = { to = "ASKED", models = "all" }
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.block]
-solid = { box = ["300 mm", "300 mm", "200 mm"] }
-material = "steel"
-interfaces = { bottom = { face = "z-" }, top = { face = "z+", coupling = "average" } }
-[components.mast]
-solid = { box = ["60 mm", "40 mm", "800 mm"] }
-material = "steel"
-at = ["0 mm", "0 mm", "500 mm"]
-fidelity = "rigid"
-interfaces = { foot = { face = "z-", coupling = "average" }, tip = { face = "z+", coupling = "average" } }
-[joints.bolts]
-between = ["block.top", "mast.foot"]
-kind = "rigid"
-[joints.feet]
-between = ["block.bottom", "ground"]
-kind = "spring"
-stiffness.x = "20 N/um"
-stiffness.y = "20 N/um"
-stiffness.z = "50 N/um"
-stiffness.rx = "1 N m/urad"
-stiffness.ry = "1 N m/urad"
-stiffness.rz = "1 N m/urad"
-[points]
-tip = { tool = "mast.tip", work = "ground" }
-[analyses.static]
-[analyses.modal]
-count = 5
-"""
+accuracy.to = "ASKED"
+accuracy.models = "all"
+components.block.solid = { box = ["300 mm", "300 mm", "200 mm"] }
+components.mast.solid = { box = ["60 mm", "40 mm", "800 mm"] }
+components.mast.at = ["0 mm", "0 mm", "500 mm"]
+components.mast.fidelity = "rigid"
+components.mast.interfaces = { foot = { face = "z-", coupling = "average" }, tip = { face = "z+", coupling = "average" } }
+joints.feet.stiffness = { x = "20 N/um", y = "20 N/um", z = "50 N/um", rx = "1 N m/urad", ry = "1 N m/urad", rz = "1 N m/urad" }
+analyses.static = {}
+analyses.modal = { count = 5 }
+""")
 
 
 @pytest.fixture(scope="module")
@@ -64,10 +47,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run(folder: Path, asked: str, *overrides: str) -> Results:
-    path = folder / "mast.toml"
-    path.write_text(SCENE.replace("ASKED", asked))
-    scene = load_scene(path, overrides=overrides)
-    return run_scene(scene, folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
+    return compute(folder, SCENE.replace("ASKED", asked), *overrides, name="mast")
 
 
 @pytest.fixture(scope="module")
@@ -130,26 +110,17 @@ def test_softer_models_lie_between_finite_elements_and_the_truth_stiffer_ones_do
     assert add_change(0.02, 0.0, 0.015) == 0.02 and add_change(0.02, 0.0, -0.015) == 0.035
 
 
-CLAMPED = """
+CLAMPED = machine("""
+machine = "bar"
+names = { bar = "block", clamp = "wall", tcp = "tip" }
 name = "clamped"
 accuracy = "2 %"
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.block]
-solid = { box = ["300 mm", "200 mm", "200 mm"] }
-material = "steel"
-interfaces = { root = { face = "x-" }, tip = { face = "x+", coupling = "average" } }
-[joints.wall]
-between = ["block.root", "ground"]
-kind = "rigid"
-[points]
-tip = { tool = "block.tip", work = "ground" }
-[analyses.static]
-[analyses.modal]
-count = 3
-"""
+components.block.solid = { box = ["300 mm", "200 mm", "200 mm"] }
+components.block.interfaces = { root = { face = "x-" }, tip = { face = "x+", coupling = "average" } }
+joints.wall.between = ["block.root", "ground"]
+analyses.static = {}
+analyses.modal = { count = 3 }
+""")
 
 
 def test_a_clamped_body_that_could_not_move_as_a_rigid_one_stays_elastic(tmp_path: Path) -> None:

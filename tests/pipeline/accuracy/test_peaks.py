@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 from common import approx, present
+from fixture_machines import machine
 from headstock.app.command_line import main
 from headstock.app.texts.bounded_values import accuracy_words
 from headstock.pipeline.answers.accuracy import AccuracyAnswer
@@ -17,45 +17,27 @@ from headstock.pipeline.numbers.estimates import MODEL, Estimate
 from headstock.pipeline.numbers.numbers import Key, Number
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
-from headstock.pipeline.runner import run_scene
-from headstock.pipeline.storage.store import Store
-from headstock.scene.building.loader import load_scene
+from scene_runs import compute
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
 # a slender mast on a heavy block on soft springs
-SCENE = """
+SCENE = machine("""
+machine = "column"
+names = { column = "mast", tcp = "tip" }
+without = ["components.block.at", "components.block.fidelity"]
 name = "mast"
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.block]
-solid = { box = ["300 mm", "300 mm", "200 mm"] }
-material = "steel"
-mesh = { size = "70 mm", cells = "hex" }
-interfaces = { bottom = { face = "z-" }, top = { face = "z+", coupling = "average", rect = { size = ["60 mm", "40 mm"] } } }
-[components.mast]
-solid = { box = ["60 mm", "40 mm", "500 mm"] }
-material = "steel"
-at = ["0 mm", "0 mm", "350 mm"]
-mesh = { size = "80 mm", cells = "tet" }
-interfaces = { foot = { face = "z-", coupling = "average" }, tip = { face = "z+", coupling = "average" } }
-[joints.bolts]
-between = ["block.top", "mast.foot"]
-kind = "rigid"
-[joints.feet]
-between = ["block.bottom", "ground"]
-kind = "spring"
-stiffness = { x = "20 N/um", y = "20 N/um", z = "50 N/um", rx = "1 N m/urad", ry = "1 N m/urad", rz = "1 N m/urad" }
-[points]
-tip = { tool = "mast.tip", work = "ground" }
-[effects]
-damping = { modal = "2 %" }
-[analyses.frf]
-inputs = ["tip"]
-to = "400 Hz"
-"""
+components.block.solid = { box = ["300 mm", "300 mm", "200 mm"] }
+components.block.mesh = { size = "70 mm", cells = "hex" }
+components.block.interfaces = { bottom = { face = "z-" }, top = { face = "z+", coupling = "average", rect = { size = ["60 mm", "40 mm"] } } }
+components.mast.solid = { box = ["60 mm", "40 mm", "500 mm"] }
+components.mast.at = ["0 mm", "0 mm", "350 mm"]
+components.mast.mesh = { size = "80 mm", cells = "tet" }
+components.mast.interfaces = { foot = { face = "z-", coupling = "average" }, tip = { face = "z+", coupling = "average" } }
+joints.feet.stiffness = { x = "20 N/um", y = "20 N/um", z = "50 N/um", rx = "1 N m/urad", ry = "1 N m/urad", rz = "1 N m/urad" }
+effects.damping = { modal = "2 %" }
+analyses.frf = { inputs = ["tip"], to = "400 Hz" }
+""")
 FINE = (
     'components.mast.mesh={ size = "19 mm", cells = "hex" }',
     'components.block.mesh={ size = "60 mm", cells = "tet", across_patches = 14, growth = 0.45 }',
@@ -68,10 +50,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run(folder: Path, *overrides: str) -> Results:
-    path = folder / "mast.toml"
-    path.write_text(SCENE)
-    scene = load_scene(path, overrides=overrides)
-    return run_scene(scene, folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
+    return compute(folder, SCENE, *overrides, name="mast")
 
 
 @pytest.fixture(scope="module")

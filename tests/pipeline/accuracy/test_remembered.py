@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from fixture_machines import machine
 from headstock.pipeline import runner
 from headstock.pipeline.numbers.estimates import MODEL
 from headstock.pipeline.results.results import Results
@@ -13,38 +14,25 @@ from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
+from scene_runs import compute
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
 # a tube that is held at its lower end by springs
-SCENE = """
+SCENE = machine("""
+machine = "block"
+names = { block = "pole", mount = "feet", tcp = "tip" }
+without = ["components.pole.fidelity", "analyses.static.at"]
 name = "pole"
 accuracy = "ASKED"
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.pole]
-solid = { tube = { outer = "80 mm", inner = "60 mm", length = "1200 mm" } }
-material = "steel"
-interfaces = { foot = { face = "z-" }, tip = { face = "z+" } }
-[joints.feet]
-between = ["pole.foot", "ground"]
-kind = "spring"
-stiffness = { x = "20 N/um", y = "20 N/um", z = "50 N/um", rx = "1 N m/urad", ry = "1 N m/urad", rz = "1 N m/urad" }
-[points]
-tip = { tool = "pole.tip", work = "ground" }
-[analyses.static]
-[analyses.modal]
-count = 6
-"""
+components.pole.solid = { tube = { outer = "80 mm", inner = "60 mm", length = "1200 mm" } }
+joints.feet.between = ["pole.foot", "ground"]
+joints.feet.stiffness = { x = "20 N/um", y = "20 N/um", z = "50 N/um", rx = "1 N m/urad", ry = "1 N m/urad", rz = "1 N m/urad" }
+""")
 
 
 def run(folder: Path, asked: str, *overrides: str) -> Results:
-    path = folder / "pole.toml"
-    path.write_text(SCENE.replace("ASKED", asked))
-    scene = load_scene(path, overrides=overrides)
-    return run_scene(scene, folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
+    return compute(folder, SCENE.replace("ASKED", asked), *overrides, name="pole")
 
 
 def stages(results: Results) -> list[str]:

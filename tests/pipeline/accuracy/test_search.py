@@ -6,7 +6,6 @@ from typing import cast
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 from common import approx, present
 from headstock.app.texts.bounded_values import accuracy_words
@@ -30,10 +29,9 @@ from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import ResponseSummary
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
-from headstock.pipeline.runner import run_scene
-from headstock.pipeline.storage.store import Store
 from headstock.scene.requests import Analyses, ModalRequest, StaticRequest
 from headstock.scene.scene import AccuracyGoal, Limits, Scene
+from scene_runs import run
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
@@ -77,10 +75,6 @@ def make_scene(goal: AccuracyGoal | None, *, memory: float | None = None) -> Sce
         limits,
     )
     return dataclasses.replace(scene, accuracy=goal)
-
-
-def run(scene: Scene, folder: Path) -> Results:
-    return run_scene(scene, folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
 
 
 def numbers(results: Results) -> FloatArray:

@@ -11,6 +11,7 @@ import pytest
 from mpi4py import MPI
 
 from common import approx
+from fixture_machines import machine
 from headstock.app.report.report import render_report
 from headstock.app.tables.run import list_tables
 from headstock.geometry.frames import DOF_NAMES
@@ -104,38 +105,20 @@ def test_a_probe_goes_with_its_leg_where_an_uneven_rigid_screw_leads_it(
     assert np.abs(np.mean(ends, axis=0) - tip).max() < 2e-2 * size
 
 
-BAR = """
-[materials.steel]
-E = "210 GPa"
-nu = 0.0
-rho = "7850 kg/m^3"
+BAR = machine("""
+machine = "carried_bar"
+names = { screw = "x_screw" }
+joints.x_screw.between = ["carrier.bottom", "table.top"]
+axes.Y = { joints = ["y_guide", "y_screw"], direction = "y", limits = ["-100 mm", "100 mm"] }
+axes.X.joints = ["x_guide", "x_screw"]
+axes.X.direction = "x"
+effects.cutting_force = true
 [components.table]
 solid = { box = ["200 mm", "200 mm", "50 mm"] }
 material = "steel"
 at = ["0 mm", "0 mm", "-50 mm"]
 fidelity = "rigid"
-[components.table.interfaces]
-bottom = { face = "z-" }
-top = { face = "z+" }
-[components.carrier]
-solid = { box = ["100 mm", "100 mm", "50 mm"] }
-material = "steel"
-fidelity = "rigid"
-[components.carrier.interfaces]
-bottom = { face = "z-" }
-front = { face = "x+" }
-[components.bar]
-solid = { box = ["200 mm", "20 mm", "20 mm"] }
-material = "steel"
-at = ["150 mm", "0 mm", "0 mm"]
-mesh = { size = "10 mm", cells = "hex" }
-reduction = { modes = 6 }
-[components.bar.interfaces]
-foot = { face = "x-", coupling = "average" }
-tip = { face = "x+", coupling = "average" }
-[joints.glue]
-between = ["carrier.front", "bar.foot"]
-kind = "rigid"
+interfaces = { bottom = { face = "z-" }, top = { face = "z+" } }
 [joints.y_guide]
 between = ["table.bottom", "ground"]
 kind = "linear_guide"
@@ -151,39 +134,12 @@ between = ["carrier.bottom", "table.top"]
 kind = "linear_guide"
 axis = "x"
 stiffness = { lateral = "rigid", normal = "rigid", roll = "rigid", pitch = "rigid", yaw = "rigid" }
-[joints.x_screw]
-between = ["carrier.bottom", "table.top"]
-kind = "ball_screw"
-axis = "x"
-stiffness = { axial = "200 N/um" }
-[axes.Y]
-joints = ["y_guide", "y_screw"]
-direction = "y"
-limits = ["-100 mm", "100 mm"]
-[axes.X]
-joints = ["x_guide", "x_screw"]
-direction = "x"
-limits = ["-100 mm", "100 mm"]
-[points]
-tip = { tool = "bar.tip", work = "ground" }
-[probes.inside]
-component = "bar"
-at = ["-37 mm", "3 mm", "5 mm"]
-[drives.X]
-inertia = "1e-3 kg m^2"
-lead = "10 mm"
-kv = "60 1/s"
-velocity_gain = "3e4 N s/m"
-feed_forward = { velocity = "100 %", acceleration = "100 %" }
 [drives.Y]
 inertia = "1e-3 kg m^2"
 lead = "10 mm"
 kv = "60 1/s"
 velocity_gain = "3e4 N s/m"
 feed_forward = { velocity = "100 %", acceleration = "100 %" }
-[effects]
-damping = { modal = 0.2 }
-cutting_force = true
 [analyses.contouring]
 polyline = [["0 mm", "-30 mm", "0 mm"], ["0 mm", "30 mm", "0 mm"], ["50 mm", "30 mm", "0 mm"]]
 averaging = "40 ms"
@@ -194,7 +150,7 @@ axial_depth = "2 mm"
 radial_depth = "2 mm"
 forces = "steady.csv"
 modes_to = "1 kHz"
-"""
+""")
 PULL, PUSH = 100.0, 20.0  # on the end of the bar, along and across it [N]
 LENGTH, SIDE, DENSITY, MODULUS = 0.2, 0.02, 7850.0, 210e9
 PLACE, OFF_AXIS = 0.063, 0.003  # of the probe, from the foot and off the axis [m]

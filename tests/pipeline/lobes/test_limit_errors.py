@@ -7,6 +7,7 @@ import pytest
 from mpi4py import MPI
 
 from common import approx, present
+from fixture_machines import machine
 from headstock.app.report.report import render_report
 from headstock.app.texts.bounded_values import show_bound
 from headstock.pipeline.answers.answer import find_answers
@@ -21,25 +22,14 @@ from headstock.scene.building.loader import load_scene
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
-SCENE = """
+SCENE = machine("""
+machine = "bar"
+names = { bar = "column", tip = "top" }
 name = "column"
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.column]
-solid = { box = ["60 mm", "100 mm", "400 mm"] }
-material = "steel"
-interfaces = { foot = { face = "z-", coupling = "rigid" }, top = { face = "z+", coupling = "average" } }
-[components.column.mesh]
-size = "100 mm"
-[joints.clamp]
-between = ["ground", "column.foot"]
-kind = "rigid"
-[points]
-tcp = { tool = "column.top", work = "ground" }
-[effects]
-damping = { modal = "3 %" }
+components.column.solid = { box = ["60 mm", "100 mm", "400 mm"] }
+components.column.interfaces = { foot = { face = "z-", coupling = "rigid" }, top = { face = "z+", coupling = "average" } }
+components.column.mesh = { size = "100 mm" }
+effects.damping = { modal = "3 %" }
 [analyses.lobes]
 speeds = ["9000 rpm", "12000 rpm", 30]
 mill = { diameter = "12 mm", teeth = 4, helix = "30 deg" }
@@ -47,7 +37,7 @@ material = "al7075-t6"
 radial_depth = "12 mm"
 up_to = "3 kHz"
 directions = ["x"]
-"""
+""")
 
 
 @pytest.fixture(scope="module")

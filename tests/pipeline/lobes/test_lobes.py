@@ -7,17 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 from common import approx, present
 from headstock.app.report.report import render_report
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.lobes import DirectionLobes, PoseLobes
 from headstock.pipeline.results.summary import summarise
-from headstock.pipeline.runner import run_scene
-from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
+from scene_runs import run
 
 DATA = Path(__file__).parents[2] / "data"
 LOBES = """
@@ -50,9 +48,7 @@ def write_scene(folder: Path, more: str = "", *changes: tuple[str, str]) -> Path
 def lobes_of(path: Path, tmp_path: Path) -> PoseLobes:
     scene = load_scene(path)
     scene = dataclasses.replace(scene, analyses=scene.analyses.keep(["lobes"]))
-    results = run_scene(
-        scene, tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store")
-    )
+    results = run(scene, tmp_path)
     assert results.failures == ()
     (found,) = find_answers(results.answers, PoseLobes)
     return found
@@ -104,9 +100,7 @@ def test_a_share_of_the_speeds_is_looked_at_and_the_others_are_unknown(tmp_path:
 def test_report_and_tables_show_the_lobes(tmp_path: Path) -> None:
     scene = load_scene(write_scene(tmp_path))
     scene = dataclasses.replace(scene, analyses=scene.analyses.keep(["lobes"]))
-    results = run_scene(
-        scene, tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store")
-    )
+    results = run(scene, tmp_path)
     summary = summarise(results)
     (direction, _) = summary["lobes"]["left"]["directions"]
     assert len(direction["series"]["limit_depth_mm"]) == 60
@@ -117,13 +111,14 @@ def test_report_and_tables_show_the_lobes(tmp_path: Path) -> None:
 
 
 def test_stiff_modes_of_spindle_and_tool_change_nothing_and_soft_ones_do(tmp_path: Path) -> None:
-    plain = along_x(lobes_of(write_scene(tmp_path), tmp_path))
+    few = ('rpm", 60]', 'rpm", 20]')
+    plain = along_x(lobes_of(write_scene(tmp_path, "", few), tmp_path))
     stiff = MODES
     for old, new in (("700", "1e5"), ("1500", "1e5"), ("40 N", "4e3 N"), ("12 N", "4e3 N")):
         stiff = stiff.replace(old, new)
-    same = along_x(lobes_of(write_scene(tmp_path, stiff), tmp_path))
+    same = along_x(lobes_of(write_scene(tmp_path, stiff, few), tmp_path))
     assert same.depths.min() == approx(plain.depths.min(), rel=5e-3)
-    found = along_x(lobes_of(write_scene(tmp_path, MODES), tmp_path))
+    found = along_x(lobes_of(write_scene(tmp_path, MODES, few), tmp_path))
     assert {lobe.part for lobe in found.lobes} & {"spindle", "tool"}
 
 

@@ -56,7 +56,11 @@ def find_difference(one: object, other: object, place: str = "") -> str:
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Results, Path]:
     folder = tmp_path_factory.mktemp("run")
-    scene = load_scene(MACHINES / "three_axis.toml", variant="R+frf+controlled")
+    few = (
+        'analyses.path.feeds=["3000 mm/min"]',
+        'analyses.lobes.speeds=["3000 rpm", "9000 rpm", 20]',
+    )
+    scene = load_scene(MACHINES / "three_axis.toml", variant="R+frf+controlled", overrides=few)
     wanted = keep_analyses(scene, list(list_analyses(scene)))
     return run_scene(wanted, folder, comm=MPI.COMM_SELF), folder
 

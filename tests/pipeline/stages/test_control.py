@@ -11,6 +11,7 @@ import pytest
 from mpi4py import MPI
 
 from common import approx, present
+from fixture_machines import machine
 from headstock.app.report.report import render_report
 from headstock.meshing.components.meshing import describe_component
 from headstock.pipeline.answers.answer import find_answers
@@ -31,45 +32,14 @@ from headstock.solvers.linear.damping import add_modal_damping
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.response_forms import find_poles
 from headstock.solvers.milling.forces import cutting_forces
+from scene_runs import run
 
-SCENE = """
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.bed]
-solid = { box = ["1 m", "0.5 m", "0.3 m"] }
-material = "steel"
-fidelity = "rigid"
-[components.bed.interfaces]
-bottom = { face = "z-" }
-top = { face = "z+" }
-[components.slider]
-solid = { box = ["200 mm", "200 mm", "100 mm"] }
-material = "steel"
-fidelity = "rigid"
-at = ["0 mm", "0 mm", "300 mm"]
-[components.slider.interfaces]
-foot = { face = "z-" }
-top = { face = "z+" }
-[joints.feet]
-between = ["bed.bottom", "ground"]
-kind = "rigid"
-[joints.guide]
-between = ["slider.foot", "bed.top"]
-kind = "linear_guide"
-axis = "x"
-stiffness = { lateral = "200 N/um", normal = "300 N/um", roll = "1e6 N m/rad", pitch = "1e6 N m/rad", yaw = "1e6 N m/rad" }
-[joints.screw]
-between = ["slider.foot", "bed.top"]
-kind = "ball_screw"
-axis = "x"
-stiffness = { axial = "50 N/um" }
-[axes.X]
-joints = ["guide", "screw"]
-limits = ["-100 mm", "100 mm"]
-[points]
-tcp = { tool = "slider.top", work = "ground" }
+SCENE = machine("""
+machine = "axis"
+joints.screw.stiffness = { axial = "50 N/um" }
+effects.drive_control = true
+effects.damping = { modal = 0.01 }
+analyses.control = {}
 [drives.X]
 inertia = "2e-4 kg m^2"
 lead = "10 mm"
@@ -78,11 +48,7 @@ coupling = "5e3 N m/rad"
 kv = "50 1/s"
 velocity_gain = "2e4 N s/m"
 integral_time = "20 ms"
-[effects]
-drive_control = true
-damping = { modal = 0.01 }
-[analyses.control]
-"""
+""")
 LATE = ('integral_time = "20 ms"', 'integral_time = "20 ms"\nsampling = "250 us"')
 FAST = ("50 1/s", "5000 1/s")
 PITCH = 0.01 / (2.0 * math.pi)
@@ -108,11 +74,7 @@ def couple_scene(path: Path) -> tuple[Scene, CoupledMachine]:
 
 
 def summary_of(path: Path, tmp_path: Path) -> RunSummary:
-    return summarise(
-        run_scene(
-            load_scene(path), tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store")
-        )
-    )
+    return summarise(run(load_scene(path), tmp_path))
 
 
 def test_the_travel_of_a_free_axis_has_exactly_no_frequency(tmp_path: Path) -> None:

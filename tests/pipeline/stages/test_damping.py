@@ -7,56 +7,36 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 from common import approx
+from fixture_machines import machine
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.results.results import Results
-from headstock.pipeline.runner import run_scene
-from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from headstock.solvers.second_order import ComplexArray
+from scene_runs import compute
 
 COLUMN = Path(__file__).resolve().parents[2] / "data" / "segmented_column.toml"
 MASS, STIFFNESS = 2.0, 5e6
 OMEGA = math.sqrt(STIFFNESS / MASS)
-SLIDER = """
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.slider]
-solid = { box = ["100 mm", "50 mm", "50 mm"] }
-material = "steel"
-mass = "2 kg"
-fidelity = "rigid"
-interfaces = { foot = { face = "z-" } }
-[joints.spring]
-between = ["ground", "slider.foot"]
-kind = "prismatic"
-axis = "x"
-stiffness = { x = "5 N/um" }
-[points]
-tcp = { tool = "slider.foot", work = "ground" }
-[analyses.modal]
-count = 1
-[analyses.frf]
-inputs = [["tcp", "x"]]
-to = "600 Hz"
-points = 61
-adaptive = false
-"""
-
-
-def compute(folder: Path, text: str, *settings: str) -> Results:
-    path = folder / "scene.toml"
-    path.write_text(text)
-    scene = load_scene(path, overrides=settings)
-    return run_scene(scene, folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
+SLIDER = machine("""
+machine = "bar"
+names = { bar = "slider", clamp = "spring" }
+components.slider.solid = { box = ["100 mm", "50 mm", "50 mm"] }
+components.slider.mass = "2 kg"
+components.slider.fidelity = "rigid"
+components.slider.interfaces = { foot = { face = "z-" } }
+joints.spring.kind = "prismatic"
+joints.spring.axis = "x"
+joints.spring.stiffness = { x = "5 N/um" }
+points.tcp.tool = "slider.foot"
+analyses.modal = { count = 1 }
+analyses.frf = { inputs = [["tcp", "x"]], to = "600 Hz", points = 61, adaptive = false }
+""")
 
 
 def run(folder: Path, text: str, *settings: str) -> tuple[PoseModes, PoseResponse, Results]:

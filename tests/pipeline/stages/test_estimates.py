@@ -13,6 +13,7 @@ import pytest
 from mpi4py import MPI
 
 from common import present
+from fixture_machines import machine
 from headstock.pipeline.answers.modal import DAMPED_FREQUENCY, DAMPING_RATIO
 from headstock.pipeline.answers.static import PointCompliance, StaticAnswer, compliance_key
 from headstock.pipeline.numbers.estimates import DISCRETISATION, REDUCTION, Estimate
@@ -26,33 +27,13 @@ from headstock.scene.building.loader import load_scene
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
-SCENE = """
+SCENE = machine("""
+machine = "halves"
 name = "two halves"
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.lower]
-solid = { box = ["40 mm", "60 mm", "200 mm"] }
-material = "steel"
-mesh = { size = "20 mm", cells = "hex" }
-interfaces = { foot = { face = "z-", coupling = "average" }, top = { face = "z+" } }
-[components.upper]
-solid = { box = ["40 mm", "60 mm", "200 mm"] }
-material = "steel"
-at = ["0 mm", "0 mm", "200 mm"]
-mesh = { size = "20 mm", cells = "hex" }
-interfaces = { foot = { face = "z-" }, top = { face = "z+", coupling = "average" } }
-[joints.clamp]
-between = ["ground", "lower.foot"]
-kind = "rigid"
-[joints.glue]
-between = ["lower.top", "upper.foot"]
-kind = "rigid"
-[analyses.modal]
-count = 6
-spread = true
-"""
+components.lower.interfaces = { foot = { face = "z-", coupling = "average" }, top = { face = "z+" } }
+components.upper.interfaces = { foot = { face = "z-" }, top = { face = "z+", coupling = "average" } }
+analyses.modal = { count = 6, spread = true }
+""")
 
 
 def test_interfaces_whose_kind_matters_are_named_with_about_the_range_that_both_kinds_span(
@@ -165,30 +146,24 @@ def test_a_number_that_is_less_than_twice_its_error_is_warned_of_with_its_owner_
     assert "smaller mesh size" in found[1]
 
 
-ROD = """
+ROD = machine("""
+machine = "bar"
+names = { bar = "rod", clamp = "dashpot" }
+without = ["points"]
 name = "rod on a dashpot"
 effects = ["damping"]
-[materials.steel]
-E = "210 GPa"
-nu = 0.0
-rho = "7850 kg/m^3"
-[components.rod]
-solid = { box = ["1000 mm", "50 mm", "50 mm"] }
-material = "steel"
-mesh = { size = "25 mm", cells = "hex" }
-interfaces = { root = { face = "x-" }, tip = { face = "x+" } }
-reduction = { modes_to = "MODES kHz" }
-[joints.clamp]
-between = ["rod.root", "ground"]
-kind = "rigid"
-[joints.dashpot]
-between = ["rod.tip", "ground"]
-kind = "spring"
-stiffness = { x = "1 N/m" }
-damping = { x = "DASHPOT N s/m", y = "100 N s/m", z = "100 N s/m" }
-[analyses.modal]
-up_to = "6.6 kHz"
-"""
+materials.steel.nu = 0.0
+components.rod.solid = { box = ["1000 mm", "50 mm", "50 mm"] }
+components.rod.mesh = { size = "25 mm", cells = "hex" }
+components.rod.interfaces = { root = { face = "x-" }, tip = { face = "x+" } }
+components.rod.reduction = { modes_to = "MODES kHz" }
+joints.clamp = { between = ["rod.root", "ground"], kind = "rigid" }
+joints.dashpot.between = ["rod.tip", "ground"]
+joints.dashpot.kind = "spring"
+joints.dashpot.stiffness = { x = "1 N/m" }
+joints.dashpot.damping = { x = "DASHPOT N s/m", y = "100 N s/m", z = "100 N s/m" }
+analyses.modal = { up_to = "6.6 kHz" }
+""")
 SPEED = np.sqrt(210e9 / 7850.0)
 IMPEDANCE = 0.0025 * np.sqrt(210e9 * 7850.0)
 Rods = Callable[[str, float], Results]

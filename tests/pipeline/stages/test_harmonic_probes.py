@@ -7,62 +7,33 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 from common import approx, present
+from fixture_machines import machine
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.answers.probes import ProbeAnswer, ProbeCurves
 from headstock.pipeline.results.files import read_curves, read_summary
 from headstock.pipeline.results.results import Results
-from headstock.pipeline.runner import run_scene
-from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from headstock.solvers.second_order import ComplexArray
+from scene_runs import compute
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
 LENGTH, WIDTH, MODULUS, DENSITY, LOSS = 0.2, 0.02, 210e9, 7850.0, 0.04
-BAR = """
-[materials.steel]
-E = "210 GPa"
-nu = 0.0
-rho = "7850 kg/m^3"
-loss_factor = 0.04
-[components.bar]
-solid = { box = ["200 mm", "20 mm", "20 mm"] }
-material = "steel"
-mesh = { size = "10 mm", cells = "hex" }
-reduction = { modes = 24 }
-[components.bar.interfaces]
-tip = { face = "x+", coupling = "average" }
-[supports.clamp]
-face = "bar.x-"
-fix = ["x", "y", "z"]
-[loads.pull]
-face = "bar.x+"
-traction = ["1 MPa", "0 MPa", "0 MPa"]
-[loads.push]
-face = "bar.z-"
-pressure = "1 kPa"
-[probes.inside]
-component = "bar"
-at = ["-37 mm", "3 mm", "15 mm"]
-[probes.middle]
-component = "bar"
-at = ["0 mm", "0 mm", "10 mm"]
-[probes.top]
-component = "bar"
-at = ["0 mm", "0 mm", "20 mm"]
-[probes.foot]
-component = "bar"
-at = ["-100 mm", "0 mm", "20 mm"]
-[points]
-tip = { tool = "bar.tip", work = "ground" }
-[effects]
-damping = true
+BAR = machine("""
+machine = "probed_bar"
+materials.steel.loss_factor = 0.04
+components.bar.reduction = { modes = 24 }
+loads.push = { face = "bar.z-", pressure = "1 kPa" }
+probes.inside.at = ["-37 mm", "3 mm", "15 mm"]
+probes.middle = { component = "bar", at = ["0 mm", "0 mm", "10 mm"] }
+probes.top = { component = "bar", at = ["0 mm", "0 mm", "20 mm"] }
+probes.foot = { component = "bar", at = ["-100 mm", "0 mm", "20 mm"] }
+effects.damping = true
 [analyses.frf]
 inputs = ["pull", "push", ["tip", "x"]]
 outputs = [["tip", "x"], "middle", "inside", "top", "foot"]
@@ -70,14 +41,7 @@ from = "1 Hz"
 to = "8000 Hz"
 points = 41
 fields_at = ["900 Hz", "6465 Hz"]
-"""
-
-
-def compute(folder: Path, *settings: str, into: str = "out") -> Results:
-    path = folder / "scene.toml"
-    path.write_text(BAR)
-    scene = load_scene(path, overrides=settings)
-    return run_scene(scene, folder / into, comm=MPI.COMM_SELF, store=Store(folder / "store"))
+""")
 
 
 def traced(results: Results) -> dict[str, ProbeCurves]:
@@ -102,7 +66,7 @@ def bar_under_end_load(
 @pytest.fixture(scope="module")
 def bar(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Results]:
     folder = tmp_path_factory.mktemp("bar")
-    return folder, compute(folder)
+    return folder, compute(folder, BAR)
 
 
 @pytest.mark.parametrize(("name", "place"), [("inside", 0.063), ("middle", 0.1)])
@@ -167,7 +131,8 @@ def test_a_cantilever_at_its_resonance_has_the_bending_stress_of_its_shape(
 def test_slow_loads_give_the_response_at_rest(bar: tuple[Path, Results]) -> None:
     folder = bar[0]
     results = compute(
-        folder, "effects.damping=false", 'analyses.frf.from="0.001 Hz"',
+        folder,
+        BAR, "effects.damping=false", 'analyses.frf.from="0.001 Hz"',
         "analyses.frf.points=5", "analyses.frf.adaptive=false", 'analyses.static={ at = "tip" }',
         'analyses.frf.inputs=["pull", "push"]', into="slow",
     )  # fmt: skip

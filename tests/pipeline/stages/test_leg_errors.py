@@ -89,6 +89,7 @@ def test_legs_of_components_move_the_tool_as_lumped_ones(tmp_path: Path) -> None
     lumped = moved(run(load_scene(SCENE, overrides=LUMPED), tmp_path / "lumped"))
     scene = load_scene(SCENE, variant="components", overrides=BY_JOINTS)
     joined = moved(run(scene, tmp_path / "components"))
+    assert lumped and lumped.keys() == joined.keys()
     for pose, motion in lumped.items():
         size = np.abs(motion[:3]).max()
         assert joined[pose][:3] == approx(motion[:3], abs=1e-6 * size)

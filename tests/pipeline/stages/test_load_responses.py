@@ -12,68 +12,43 @@ from mpi4py import MPI
 from scipy.optimize import brentq
 
 from common import approx
+from fixture_machines import machine
 from headstock.app.report.report import render_report
 from headstock.app.tables.frf import tabulate_response
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.exports import export_state_space
-from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
-from headstock.pipeline.runner import run_scene
-from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from headstock.solvers.second_order import ComplexArray
+from scene_runs import compute
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
 LENGTH, WIDTH, HEIGHT, MODULUS, DENSITY, RATIO = 0.5, 0.02, 0.01, 210e9, 7850.0, 0.02
-BEAM = """
-[materials.steel]
-E = "210 GPa"
-nu = 0.0
-rho = "7850 kg/m^3"
-[components.beam]
-solid = { box = ["500 mm", "20 mm", "10 mm"] }
-material = "steel"
-mesh = { size = "25 mm", cells = "hex" }
-[components.beam.interfaces]
-root = { face = "x-" }
-tip = { face = "x+", coupling = "average" }
-[joints.wall]
-between = ["ground", "beam.root"]
-kind = "rigid"
-[points]
-tip = { tool = "beam.tip", work = "ground" }
-[loads.wind]
-face = "beam.z-"
-pressure = "1 kPa"
-[loads.shake]
-component = "beam"
-body = ["0 m/s^2", "0 m/s^2", "10 m/s^2"]
-[loads.push]
-at = "beam.tip"
-force = ["0 N", "2 N", "3 N"]
-[effects]
-damping = { modal = "2 %" }
-[analyses.static]
-[analyses.modal]
-count = 2
+BEAM = machine("""
+machine = "bar"
+names = { bar = "beam", clamp = "wall", tcp = "tip" }
+materials.steel.nu = 0.0
+components.beam.solid = { box = ["500 mm", "20 mm", "10 mm"] }
+components.beam.mesh = { size = "25 mm", cells = "hex" }
+components.beam.interfaces = { root = { face = "x-" }, tip = { face = "x+", coupling = "average" } }
+joints.wall.between = ["ground", "beam.root"]
+loads.wind = { face = "beam.z-", pressure = "1 kPa" }
+loads.shake = { component = "beam", body = ["0 m/s^2", "0 m/s^2", "10 m/s^2"] }
+loads.push = { at = "beam.tip", force = ["0 N", "2 N", "3 N"] }
+effects.damping = { modal = "2 %" }
+analyses.static = {}
+analyses.modal = { count = 2 }
 [analyses.frf]
 inputs = ["wind", "shake", "push", ["tip", "y"], ["tip", "z"]]
 outputs = [["tip", "z"], ["tip", "y"]]
 to = "400 Hz"
 points = 81
 adaptive = false
-"""
-
-
-def compute(folder: Path, text: str, *settings: str) -> Results:
-    path = folder / "scene.toml"
-    path.write_text(text)
-    scene = load_scene(path, overrides=settings)
-    return run_scene(scene, folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
+""")
 
 
 def modal_sum(omega: FloatArray, force_per_length: float, count: int = 8) -> ComplexArray:

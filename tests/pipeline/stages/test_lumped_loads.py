@@ -79,7 +79,9 @@ def test_loads_deflect_lumped_bodies_as_joined_ones(pair: tuple[Results, Results
 
 
 def test_a_wrench_at_the_tool_moves_it_by_its_compliance(pair: tuple[Results, Results]) -> None:
-    for answer in find_answers(pair[0].answers, StaticAnswer):
+    answers = find_answers(pair[0].answers, StaticAnswer)
+    assert answers
+    for answer in answers:
         point = answer.points["tcp"]
         wrench = np.array([100.0, -40.0, 30.0, 5.0, 8.0, -3.0])
         np.testing.assert_allclose(point.displacements["push"], point.compliance @ wrench)

@@ -7,60 +7,31 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
+from fixture_machines import machine
 from headstock.meshing.components import skins
 from headstock.pipeline.results.results import Results
-from headstock.pipeline.runner import run_scene
-from headstock.pipeline.stages import machine
-from headstock.pipeline.storage.store import Store
-from headstock.scene.building.loader import load_scene
+from headstock.pipeline.stages import machine as machine_stage
+from scene_runs import compute
 
 pytestmark = [pytest.mark.process, pytest.mark.fem]
 
-SCENE = """
+SCENE = machine("""
+machine = "halves"
+names = { lower = "low", upper = "high", clamp = "ground", glue = "middle" }
 name = "tower"
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.low]
-solid = { tube = { outer = "100 mm", inner = "60 mm", length = "200 mm" } }
-material = "steel"
-mesh = { size = "16 mm" }
-[components.low.interfaces]
-foot = { face = "z-" }
-top = { face = "z+" }
-[components.high]
-solid = { tube = { outer = "100 mm", inner = "60 mm", length = "200 mm" } }
-material = "steel"
-mesh = { size = "16 mm" }
-at = ["0 mm", "0 mm", "200 mm"]
-[components.high.interfaces]
-foot = { face = "z-" }
-top = { face = "z+" }
-[joints.ground]
-between = ["ground", "low.foot"]
-kind = "rigid"
-[joints.middle]
-between = ["low.top", "high.foot"]
-kind = "rigid"
-[points]
-tip = { tool = "high.top", work = "ground" }
-[analyses]
-static = {}
-modal = { count = 4 }
-"""
+components.low.solid = { tube = { outer = "100 mm", inner = "60 mm", length = "200 mm" } }
+components.low.mesh = { size = "16 mm" }
+components.high.solid = { tube = { outer = "100 mm", inner = "60 mm", length = "200 mm" } }
+components.high.mesh = { size = "16 mm" }
+points.tip = { tool = "high.top", work = "ground" }
+analyses.static = {}
+analyses.modal = { count = 4 }
+""")
 
 
 def run(folder: Path) -> Results:
-    (folder / "scene.toml").write_text(SCENE)
-    return run_scene(
-        load_scene(folder / "scene.toml"),
-        folder / "out",
-        comm=MPI.COMM_SELF,
-        store=Store(folder / "store"),
-    )
+    return compute(folder, SCENE)
 
 
 def test_fine_parts_are_drawn_coarser_once_and_move_as_the_fine_ones(
@@ -69,7 +40,7 @@ def test_fine_parts_are_drawn_coarser_once_and_move_as_the_fine_ones(
     whole = run(tmp_path)
     count = sum(len(skin.triangles) for skin in whole.view.skins.values())
     assert all(skin.thinned_from is None for skin in whole.view.skins.values())
-    monkeypatch.setattr(machine, "MOST_TRIANGLES", count // 2)
+    monkeypatch.setattr(machine_stage, "MOST_TRIANGLES", count // 2)
     thin = run(tmp_path)
     fine, coarse = (results.view.poses["reference"] for results in (whole, thin))
     for name, skin in thin.view.skins.items():

@@ -13,9 +13,7 @@ from common import approx
 from headstock.app.tables.modes import list_modes
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.results.mode_files import write_mode_files
-from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
-from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages.machine import couple_pose
 from headstock.pipeline.stages.run_state import RunState
 from headstock.pipeline.stages.shared_components import make_superelements
@@ -23,16 +21,10 @@ from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from headstock.solvers.second_order import SecondOrderSystem
+from scene_runs import compute
 
 SCENE = (Path(__file__).resolve().parents[2] / "data" / "segmented_column.toml").read_text()
 LOOSE = SCENE.replace('kind = "rigid"', 'kind = "prismatic"\naxis = "x"') + "[analyses.modal]\n"
-
-
-def compute(folder: Path, text: str, *settings: str) -> Results:
-    path = folder / "scene.toml"
-    path.write_text(text)
-    scene = load_scene(path, overrides=settings)
-    return run_scene(scene, folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
 
 
 def build_system(folder: Path) -> SecondOrderSystem:

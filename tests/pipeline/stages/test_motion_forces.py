@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 from scipy.integrate import solve_ivp
 
 from common import approx
@@ -19,9 +18,7 @@ from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.answers.transient import TransientAnswer
 from headstock.pipeline.results.files import read_histories
 from headstock.pipeline.results.results import Results
-from headstock.pipeline.runner import run_scene
-from headstock.pipeline.storage.store import Store
-from headstock.scene.building.loader import load_scene
+from scene_runs import compute
 
 ROOT = Path(__file__).resolve().parents[3]
 SLIDE = ROOT / "tests" / "data" / "slide.toml"
@@ -71,11 +68,7 @@ X = "0 mm"
 
 def run(text: str, folder: Path) -> Results:
     folder.mkdir(exist_ok=True)
-    path = folder / "scene.toml"
-    path.write_text(text)
-    return run_scene(
-        load_scene(path), folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store")
-    )
+    return compute(folder, text)
 
 
 def answer_of(results: Results) -> TransientAnswer:

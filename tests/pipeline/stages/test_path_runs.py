@@ -8,6 +8,7 @@ import pytest
 from mpi4py import MPI
 
 from common import approx, present
+from fixture_machines import machine
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.numbers.estimates import DISCRETISATION
@@ -23,49 +24,19 @@ from headstock.scene.requests import PathRequest
 from headstock.scene.scene import Scene, keep_analyses, list_analyses
 from headstock.solvers.milling.forces import cutting_forces
 
-SCENE = """
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.bed]
-solid = { box = ["1 m", "0.5 m", "0.3 m"] }
-material = "steel"
-fidelity = "rigid"
-[components.bed.interfaces]
-bottom = { face = "z-" }
-top = { face = "z+" }
-[components.slider]
-solid = { box = ["200 mm", "200 mm", "300 mm"] }
-material = "steel"
-at = ["0 mm", "0 mm", "300 mm"]
-fidelity = "rigid"
-[components.slider.interfaces]
-foot = { face = "z-" }
-nose = { face = "z+" }
-[joints.feet]
-between = ["bed.bottom", "ground"]
-kind = "bolted"
-stiffness = { normal = "500 N/um", shear = "300 N/um", tilt = "1e7 N m/rad" }
-[joints.guide]
-between = ["slider.foot", "bed.top"]
-kind = "linear_guide"
-axis = "x"
-stiffness = { lateral = "200 N/um", normal = "300 N/um", roll = "1e6 N m/rad", pitch = "1e6 N m/rad", yaw = "1e6 N m/rad" }
-[joints.screw]
-between = ["slider.foot", "bed.top"]
-kind = "ball_screw"
-axis = "x"
-stiffness = { axial = "100 N/um" }
-[axes.X]
-joints = ["guide", "screw"]
-direction = "x"
-limits = ["-100 mm", "100 mm"]
-[points]
-tcp = { tool = "slider.nose", work = "bed.top" }
-[effects]
-damping = { modal = "2 %" }
-[analyses.modal]
+SCENE = machine("""
+machine = "axis"
+names = { top = "nose" }
+components.bed.interfaces = { bottom = { face = "z-" }, top = { face = "z+" } }
+components.slider.solid = { box = ["200 mm", "200 mm", "300 mm"] }
+joints.feet.kind = "bolted"
+joints.feet.stiffness = { normal = "500 N/um", shear = "300 N/um", tilt = "1e7 N m/rad" }
+joints.guide.between = ["slider.foot", "bed.top"]
+joints.screw.between = ["slider.foot", "bed.top"]
+axes.X.direction = "x"
+points.tcp.work = "bed.top"
+effects.damping = { modal = "2 %" }
+analyses.modal = {}
 [analyses.path]
 from = { X = "-40 mm" }
 to = { X = "40 mm" }
@@ -73,7 +44,7 @@ feeds = ["600 mm/min", "3000 mm/min"]
 time_constant = "100 ms"
 lowpass = "300 Hz"
 on_request = true
-"""
+""")
 
 
 CUT = """

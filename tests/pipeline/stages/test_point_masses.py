@@ -6,25 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.results import Results
-from headstock.pipeline.runner import run_scene
-from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
+from scene_runs import compute
 
 MASS, STIFFNESS = 3.0, 2e6
 NATURAL = np.sqrt(STIFFNESS / MASS) / (2.0 * np.pi)
-
-
-def compute(folder: Path, text: str, *settings: str) -> Results:
-    path = folder / "scene.toml"
-    path.write_text(text)
-    scene = load_scene(path, overrides=settings)
-    return run_scene(scene, folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
 
 
 def chain(count: int, *, closed: bool = False, more: str = "") -> str:

@@ -6,54 +6,30 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 from common import approx
+from fixture_machines import machine
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.static import PointCompliance, StaticAnswer
 from headstock.pipeline.results.results import Results
-from headstock.pipeline.runner import run_scene
-from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
+from scene_runs import compute
 
 LENGTH, STIFFNESS = 0.4, 2e5
-BEAM = """
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.beam]
-solid = { box = ["10 mm", "10 mm", "400 mm"] }
-material = "steel"
-fidelity = "segmented"
-segments = { count = 8 }
-interfaces = { foot = { face = "z-" }, tip = { face = "z+" } }
-[joints.wall]
-between = ["ground", "beam.foot"]
-kind = "rigid"
-[joints.prop]
-between = ["beam.tip", "ground"]
-kind = "spring"
-stiffness = { x = "0.2 N/um" }
-[points]
-tip = { tool = "beam.tip", work = "ground" }
-[loads.turn]
-joint = "wall"
-rotation = ["0 rad", "1 mrad", "0 rad"]
-[loads.lift]
-joint = "prop"
-displacement = ["50 um", "7 um", "0 um"]
-[analyses.static]
-"""
-
-
-def compute(folder: Path, text: str, *settings: str) -> Results:
-    path = folder / "scene.toml"
-    path.write_text(text)
-    scene = load_scene(path, overrides=settings)
-    return run_scene(scene, folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
+BEAM = machine("""
+machine = "bar"
+names = { bar = "beam", clamp = "wall", tcp = "tip" }
+components.beam.solid = { box = ["10 mm", "10 mm", "400 mm"] }
+components.beam.fidelity = "segmented"
+components.beam.segments = { count = 8 }
+components.beam.interfaces = { foot = { face = "z-" }, tip = { face = "z+" } }
+joints.prop = { between = ["beam.tip", "ground"], kind = "spring", stiffness = { x = "0.2 N/um" } }
+loads.turn = { joint = "wall", rotation = ["0 rad", "1 mrad", "0 rad"] }
+loads.lift = { joint = "prop", displacement = ["50 um", "7 um", "0 um"] }
+analyses.static = {}
+""")
 
 
 def at_tip(results: Results) -> PointCompliance:
@@ -156,30 +132,17 @@ def test_what_cannot_be_displaced_is_refused(tmp_path: Path, setting: str, words
 
 
 def test_a_displacement_that_a_support_holds_is_named_with_it(tmp_path: Path) -> None:
-    text = """
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.beam]
-solid = { box = ["40 mm", "40 mm", "100 mm"] }
-material = "steel"
-mesh = { size = "40 mm", cells = "hex" }
-interfaces = { foot = { face = "z-" }, tip = { face = "z+" } }
-[supports.floor]
-face = "beam.z-"
-fix = ["z"]
-[joints.wall]
-between = ["beam.foot", "ground"]
-kind = "spring"
-stiffness = { x = "100 N/um", y = "100 N/um", z = "100 N/um", rz = "1 kN m/mrad" }
-[points]
-tip = { tool = "beam.tip", work = "ground" }
-[loads.lift]
-joint = "wall"
-displacement = ["0 um", "7 um", "20 um"]
-[analyses.static]
-"""
+    text = machine("""
+machine = "block"
+names = { block = "beam", mount = "wall", tcp = "tip" }
+without = ["components.beam.fidelity", "analyses.modal", "analyses.static.at"]
+components.beam.solid = { box = ["40 mm", "40 mm", "100 mm"] }
+components.beam.mesh = { size = "40 mm", cells = "hex" }
+supports.floor = { face = "beam.z-", fix = ["z"] }
+joints.wall.between = ["beam.foot", "ground"]
+joints.wall.stiffness = { x = "100 N/um", y = "100 N/um", z = "100 N/um", rz = "1 kN m/mrad" }
+loads.lift = { joint = "wall", displacement = ["0 um", "7 um", "20 um"] }
+""")
     results = compute(tmp_path, text)
     (warning,) = [each for each in results.warnings if "moves nothing" in each or "'lift'" in each]
     assert "joint 'wall' along z" in warning and "support 'floor'" in warning

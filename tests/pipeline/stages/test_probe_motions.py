@@ -11,6 +11,7 @@ import pytest
 from mpi4py import MPI
 
 from common import approx, present
+from fixture_machines import machine
 from headstock.app.report.report import render_report
 from headstock.app.tables.run import list_tables
 from headstock.app.tables.transient import tabulate_transient
@@ -27,50 +28,22 @@ from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
+from scene_runs import compute
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
 LENGTH, WIDTH, MODULUS, DENSITY = 0.2, 0.02, 210e9, 7850.0
-BAR = """
-[materials.steel]
-E = "210 GPa"
-nu = 0.0
-rho = "7850 kg/m^3"
-[components.bar]
-solid = { box = ["200 mm", "20 mm", "20 mm"] }
-material = "steel"
-mesh = { size = "10 mm", cells = "hex" }
-reduction = { modes = 60 }
-[components.bar.interfaces]
-tip = { face = "x+", coupling = "average" }
-[supports.clamp]
-face = "bar.x-"
-fix = ["x", "y", "z"]
-[loads.pull]
-face = "bar.x+"
-traction = ["1 MPa", "0 MPa", "0 MPa"]
-[probes.inside]
-component = "bar"
-at = ["-37 mm", "3 mm", "5 mm"]
-[probes.foot]
-component = "bar"
-at = ["-80 mm", "0 mm", "10 mm"]
-[points]
-tip = { tool = "bar.tip", work = "ground" }
-"""
+BAR = machine("""
+machine = "probed_bar"
+components.bar.reduction = { modes = 60 }
+probes.foot = { component = "bar", at = ["-80 mm", "0 mm", "10 mm"] }
+""")
 PULSE = (
     'analyses={ transient={ duration="1.2 ms", up_to="60 kHz", sampling="500 kHz", outputs=[["tip", "x"], "inside", "foot"],'
     ' loads={ pull={ LOAD, shape="half_sine", time="0.9 ms" } } } }'
 )
 AT_TIP = 'at=["tip", "x"], size="400 N"'  # 1 MPa on 400 mm^2
 OVER_FACE = 'load="pull"'
-
-
-def compute(folder: Path, *settings: str, into: str = "out") -> Results:
-    path = folder / "scene.toml"
-    path.write_text(BAR)
-    scene = load_scene(path, overrides=settings)
-    return run_scene(scene, folder / into, comm=MPI.COMM_SELF, store=Store(folder / "store"))
 
 
 def answer_of(results: Results) -> TransientAnswer:
@@ -110,7 +83,8 @@ def modal_sum(place: float, times: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 @pytest.mark.parametrize("load", [AT_TIP, OVER_FACE])
 def test_stress_in_a_bar_follows_its_modal_sum_within_its_error(load: str, tmp_path: Path) -> None:
-    answer = answer_of(compute(tmp_path, PULSE.replace("LOAD", load)))
+    answer = answer_of(compute(tmp_path, BAR, PULSE.replace("LOAD", load)))
+    assert answer.probes.keys() == {"inside", "foot"}
     for name, place in (("inside", 0.063), ("foot", 0.02)):
         found = answer.probes[name]
         moved, stress = modal_sum(place, answer.curves.times)
@@ -135,7 +109,7 @@ def test_a_pulse_at_probes_is_the_frequency_response_in_time(tmp_path: Path) -> 
         ' loads={ pull={ load="pull", shape="half_sine", time="0.1 ms" } } },'
         ' frf={ inputs=["pull"], outputs=[["tip", "x"], "inside"], from="500 Hz", to="9000 Hz", points=12, adaptive=false } }'
     )
-    results = compute(tmp_path, request, damped)
+    results = compute(tmp_path, BAR, request, damped)
     trace = answer_of(results).probes["inside"].trace
     times = answer_of(results).curves.times
     (response,) = find_answers(results.answers, PoseResponse)
@@ -155,7 +129,7 @@ def test_a_slow_load_has_the_stress_of_statics_with_its_error(tmp_path: Path) ->
         'analyses={ static={}, transient={ duration="50 ms", up_to="20 kHz", outputs=[["tip", "x"], "inside"],'
         ' loads={ pull={ load="pull", shape="ramp", time="50 ms" } } } }'
     )
-    answer = answer_of(compute(tmp_path, request))
+    answer = answer_of(compute(tmp_path, BAR, request))
     found = answer.probes["inside"]
     assert found.von_mises.value == approx(1e6, rel=2e-3)
     assert found.stress[0] == approx(1e6, rel=2e-3)
@@ -163,7 +137,7 @@ def test_a_slow_load_has_the_stress_of_statics_with_its_error(tmp_path: Path) ->
 
 
 def of_files(folder: Path) -> tuple[ProbeMotion, dict[str, object]]:
-    answer = answer_of(compute(folder, PULSE.replace("LOAD", AT_TIP)))
+    answer = answer_of(compute(folder, BAR, PULSE.replace("LOAD", AT_TIP)))
     return answer.probes["foot"], json.loads((folder / "out" / "summary.json").read_text())
 
 
@@ -184,56 +158,16 @@ def test_probes_are_tabled_written_and_drawn(tmp_path: Path) -> None:
 
 def test_a_probe_has_no_direction(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match='write "foot" alone'):
-        compute(tmp_path, PULSE.replace("LOAD", AT_TIP).replace('"foot"]', '["foot", "x"]]'))
+        compute(tmp_path, BAR, PULSE.replace("LOAD", AT_TIP).replace('"foot"]', '["foot", "x"]]'))
 
 
-SLIDE = """
-[materials.steel]
-E = "210 GPa"
-nu = 0.0
-rho = "7850 kg/m^3"
-[components.carrier]
-solid = { box = ["100 mm", "100 mm", "50 mm"] }
-material = "steel"
-fidelity = "rigid"
-[components.carrier.interfaces]
-bottom = { face = "z-" }
-front = { face = "x+" }
-[components.bar]
-solid = { box = ["200 mm", "20 mm", "20 mm"] }
-material = "steel"
-at = ["150 mm", "0 mm", "0 mm"]
-mesh = { size = "10 mm", cells = "hex" }
-reduction = { modes = MODES }
-[components.bar.interfaces]
-foot = { face = "x-", coupling = "average" }
-tip = { face = "x+", coupling = "average" }
-[joints.glue]
-between = ["carrier.front", "bar.foot"]
-kind = "rigid"
+SLIDE = machine("""
+machine = "carried_bar"
+components.bar.reduction.modes = "MODES"
 [joints.guide]
 between = ["ground", "carrier.bottom"]
 kind = "spring"
 stiffness = { x = "0 N/um", y = "rigid", z = "rigid", rx = "rigid", ry = "rigid", rz = "rigid" }
-[joints.screw]
-between = ["carrier.bottom", "ground"]
-kind = "ball_screw"
-axis = "x"
-stiffness = { axial = "200 N/um" }
-[axes.X]
-joints = ["guide", "screw"]
-limits = ["-100 mm", "100 mm"]
-[points]
-tip = { tool = "bar.tip", work = "ground" }
-[probes.inside]
-component = "bar"
-at = ["-37 mm", "3 mm", "5 mm"]
-[drives.X]
-inertia = "1e-3 kg m^2"
-lead = "10 mm"
-kv = "60 1/s"
-velocity_gain = "3e4 N s/m"
-feed_forward = { velocity = "100 %", acceleration = "100 %" }
 [analyses.path]
 from = { X = "-40 mm" }
 to = { X = "40 mm" }
@@ -245,7 +179,7 @@ pose_model = "frozen"
 outputs = [["tip", "x"]]
 [effects]
 damping = { modal = 0.2 }
-"""
+""")
 
 
 @pytest.mark.parametrize("modes", [0, 12])
@@ -259,7 +193,7 @@ def test_a_bar_that_is_pushed_along_a_path_carries_its_inertia(
     follow the acceleration.
     """
     path = tmp_path / "scene.toml"
-    text = SLIDE.replace("MODES", str(modes)) + control
+    text = SLIDE.replace('"MODES"', str(modes)) + control
     if "friction" in control:
         text = text.replace("feed_forward", 'friction = { coulomb = "5 N" }\nfeed_forward')
     path.write_text(text)
@@ -292,7 +226,7 @@ def test_the_error_at_a_probe_along_a_path_covers_what_a_fine_mesh_changes(
     """A bar that is pushed across bends near its foot; tetrahedra as thick as the bar, and cells of a
     fifth of that.
     """
-    text = SLIDE.replace("MODES", "4") + control
+    text = SLIDE.replace('"MODES"', "4") + control
     for old, new in (
         ('"-37 mm", "3 mm", "5 mm"', '"-70 mm", "4 mm", "8 mm"'),
         ('foot = { face = "x-", coupling = "average" }', 'foot = { face = "x-" }'),
@@ -313,6 +247,7 @@ def test_the_error_at_a_probe_along_a_path_covers_what_a_fine_mesh_changes(
         (found,) = find_answers(results.answers, PathResult)
         judged.append({number.key.kind: number for number in found.list_numbers()})
     coarse, fine = judged
+    assert coarse.keys() == fine.keys()
     for kind in ("peak_stress", "peak_displacement"):
         missed = abs(coarse[kind].value - fine[kind].value)
         error = present(present(coarse[kind].error).total)

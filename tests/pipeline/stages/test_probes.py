@@ -3,59 +3,40 @@
 from pathlib import Path
 
 import pytest
-from mpi4py import MPI
 
 from common import approx
+from fixture_machines import machine
 from headstock.pipeline.results.files import read_summary
 from headstock.pipeline.results.summary import RunSummary
-from headstock.pipeline.runner import run_scene
-from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
+from scene_runs import compute
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
 LENGTH, SIDE, PRESSURE, YOUNG = 0.4, 0.02, 0.1e6, 210e9
-SCENE = """
+SCENE = machine("""
+machine = "bar"
 name = "Beam under pressure"
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.beam]
-solid = { box = ["20 mm", "20 mm", "400 mm"] }
-material = "steel"
-mesh = { size = "10 mm" }
-ROTATE
-[components.beam.interfaces]
-tip = { face = "z+", coupling = "average" }
-[supports.clamp]
-face = "beam.z-"
-fix = ["x", "y", "z"]
-[loads.side]
-face = "beam.x-"
-pressure = "0.1 MPa"
-[probes.middle]
-component = "beam"
-at = ["10 mm", "0 mm", "200 mm"]
-[points]
-tcp = { tool = "beam.tip", work = "ground" }
-[analyses.static]
-at = "tcp"
-"""
+names = { bar = "beam" }
+without = ["joints", "components.beam.interfaces"]
+components.beam.solid = { box = ["20 mm", "20 mm", "400 mm"] }
+components.beam.mesh = { size = "10 mm" }
+components.beam.interfaces = { tip = { face = "z+", coupling = "average" } }
+supports.clamp = { face = "beam.z-", fix = ["x", "y", "z"] }
+loads.side = { face = "beam.x-", pressure = "0.1 MPa" }
+probes.middle = { component = "beam", at = ["10 mm", "0 mm", "200 mm"] }
+analyses.static = { at = "tcp" }
+""")
 
 
 def _run(tmp_path: Path, text: str) -> RunSummary:
-    scene = tmp_path / "beam.toml"
-    scene.write_text(text)
-    run_scene(
-        load_scene(scene), tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store")
-    )
+    compute(tmp_path, text, name="beam")
     return read_summary(tmp_path / "out")
 
 
 def test_bending_stress_and_tip_deflection_follow_beam_theory(tmp_path: Path) -> None:
-    summary = _run(tmp_path, SCENE.replace("ROTATE", ""))
+    summary = _run(tmp_path, SCENE)
     line, inertia = PRESSURE * SIDE, SIDE**4 / 12.0
     bending = line * (LENGTH / 2) ** 2 / 2 * (SIDE / 2) / inertia
     probe = summary["probes"]["reference"]["middle"]
@@ -67,16 +48,18 @@ def test_bending_stress_and_tip_deflection_follow_beam_theory(tmp_path: Path) ->
 def test_a_turned_component_shows_the_same_stress_in_turned_axes(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
     (tmp_path / "b").mkdir()
-    straight = _run(tmp_path / "a", SCENE.replace("ROTATE", ""))["probes"]["reference"]["middle"]
-    turned = SCENE.replace("ROTATE", 'rotate = { axis = "y", angle = "90 deg" }')
+    straight = _run(tmp_path / "a", SCENE)["probes"]["reference"]["middle"]
+    turned = SCENE.replace(
+        "[components.beam]\n", '[components.beam]\nrotate = { axis = "y", angle = "90 deg" }\n'
+    )
     lying = _run(tmp_path / "b", turned)["probes"]["reference"]["middle"]
     assert lying["stress_mpa"]["xx"] == approx(straight["stress_mpa"]["zz"], rel=1e-9)
     assert lying["displacement_um"][2] == approx(-straight["displacement_um"][0], rel=1e-9)
 
 
 def test_a_second_run_recovers_the_same_stress_from_the_store(tmp_path: Path) -> None:
-    first = _run(tmp_path, SCENE.replace("ROTATE", ""))
-    second = _run(tmp_path, SCENE.replace("ROTATE", ""))
+    first = _run(tmp_path, SCENE)
+    second = _run(tmp_path, SCENE)
     assert second["probes"] == first["probes"]
     reductions = [stage for stage in second["stages"] if stage["stage"] == "reduce"]
     assert reductions and all(stage["cached"] for stage in reductions)
@@ -84,9 +67,7 @@ def test_a_second_run_recovers_the_same_stress_from_the_store(tmp_path: Path) ->
 
 def test_a_probe_without_loads_is_refused_with_the_remedy(tmp_path: Path) -> None:
     scene = tmp_path / "beam.toml"
-    text = SCENE.replace("ROTATE", "").replace(
-        '[loads.side]\nface = "beam.x-"\npressure = "0.1 MPa"\n', ""
-    )
+    text = SCENE.replace('[loads.side]\nface = "beam.x-"\npressure = "0.1 MPa"\n', "")
     scene.write_text(text)
     with pytest.raises(SceneError, match=r"\[loads\.NAME\].*gravity"):
         load_scene(scene)

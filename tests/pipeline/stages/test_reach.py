@@ -4,45 +4,33 @@ estimate where there is no bound.
 
 import math
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 from common import approx
+from fixture_machines import machine
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component, Material
 from headstock.geometry.parts.solids import Box
 from headstock.pipeline.numbers.estimates import REDUCTION
 from headstock.pipeline.results.results import Results
-from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages.warnings import node_spacing, shortest_wave
-from headstock.pipeline.storage.store import Store
-from headstock.scene.building.loader import load_scene
+from scene_runs import compute
 
 pytestmark = [pytest.mark.hard("H52"), pytest.mark.fem, pytest.mark.process]
 
-SCENE = """
+SCENE = machine("""
+machine = "bar"
+names = { bar = "strip", foot = "root" }
+without = ["points"]
 name = "plate strip"
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.strip]
-solid = { box = ["400 mm", "40 mm", "8 mm"] }
-material = "steel"
-mesh = { size = "SIZE", cells = "hex" }
-reduction = { modes = MODES }
-[components.strip.interfaces]
-root = { face = "x-" }
-tip = { face = "x+", coupling = "average" }
-[joints.clamp]
-between = ["ground", "strip.root"]
-kind = "rigid"
-[analyses.modal]
-count = COUNT
-"""
+components.strip.solid = { box = ["400 mm", "40 mm", "8 mm"] }
+components.strip.mesh = { size = "SIZE", cells = "hex" }
+components.strip.reduction = { modes = "MODES" }
+components.strip.interfaces = { root = { face = "x-" }, tip = { face = "x+", coupling = "average" } }
+analyses.modal = { count = "COUNT" }
+""")
 Sheet = Callable[[str, str], tuple[FloatArray, list[str]]]
 
 
@@ -51,13 +39,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, int, int], R
     folder = tmp_path_factory.mktemp("h52")
 
     def go(size: str, modes: int, count: int) -> Results:
-        path: Path = folder / "scene.toml"
-        path.write_text(
-            SCENE.replace("SIZE", size).replace("MODES", str(modes)).replace("COUNT", str(count))
-        )
-        return run_scene(
-            load_scene(path), folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store")
-        )
+        text = SCENE.replace("SIZE", size).replace('"MODES"', str(modes))
+        return compute(folder, text.replace('"COUNT"', str(count)))
 
     return go
 
@@ -132,14 +115,11 @@ def sheet(tmp_path_factory: pytest.TempPathFactory) -> Sheet:
     folder = tmp_path_factory.mktemp("sheet")
 
     def go(size: str, cells: str) -> tuple[FloatArray, list[str]]:
-        path: Path = folder / "scene.toml"
         text = SCENE.replace('"400 mm", "40 mm", "8 mm"', '"200 mm", "60 mm", "0.4 mm"').replace(
             '"hex"', f'"{cells}"'
         )
-        path.write_text(text.replace("SIZE", size).replace("MODES", "12").replace("COUNT", "2"))
-        results = run_scene(
-            load_scene(path), folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store")
-        )
+        text = text.replace("SIZE", size).replace('"MODES"', "12").replace('"COUNT"', "2")
+        results = compute(folder, text)
         return results.modal[0].frequencies_hz, [
             text for text in results.warnings if "lock" in text
         ]

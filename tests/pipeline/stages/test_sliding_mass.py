@@ -8,6 +8,7 @@ import numpy as np
 from mpi4py import MPI
 from scipy.integrate import solve_ivp
 
+from fixture_machines import machine
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.components.meshing import describe_component
 from headstock.pipeline.answers.path import PathResult
@@ -21,42 +22,21 @@ from headstock.scene.building.loader import load_scene
 from headstock.scene.requests import PathRequest
 
 STIFFNESS = 32000.0  # of the hinge [N m/rad]
-SCENE = """
+SCENE = machine("""
+machine = "axis"
+names = { bed = "arm", feet = "hinge" }
+without = ["joints.guide.stiffness", "axes.X.limits"]
 name = "A slider on an arm on a torsion spring"
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7800 kg/m^3"
-[components.arm]
-solid = { box = ["1200 mm", "60 mm", "40 mm"] }
-material = "steel"
-fidelity = "rigid"
-interfaces = { top = { face = "z+" }, bottom = { face = "z-" } }
-[components.slider]
-solid = { box = ["100 mm", "200 mm", "200 mm"] }
-material = "steel"
-at = ["0 mm", "0 mm", "40 mm"]
-fidelity = "rigid"
-interfaces = { foot = { face = "z-" }, top = { face = "z+" } }
-[joints.hinge]
-between = ["arm.bottom", "ground"]
-kind = "spring"
-at = ["-600 mm", "0 mm", "20 mm"]
-stiffness = { x = "rigid", y = "rigid", z = "rigid", rx = "rigid", ry = "32000 N m/rad", rz = "rigid" }
-[joints.guide]
-between = ["slider.foot", "arm.top"]
-kind = "prismatic"
-axis = "x"
-[joints.screw]
-between = ["slider.foot", "arm.top"]
-kind = "ball_screw"
-axis = "x"
-stiffness = { axial = "100 N/um" }
-[axes.X]
-joints = ["guide", "screw"]
-direction = "x"
-[points]
-tcp = { tool = "slider.foot", work = "ground" }
+materials.steel.rho = "7800 kg/m^3"
+components.arm.solid = { box = ["1200 mm", "60 mm", "40 mm"] }
+components.slider.solid = { box = ["100 mm", "200 mm", "200 mm"] }
+components.slider.at = ["0 mm", "0 mm", "40 mm"]
+joints.hinge.kind = "spring"
+joints.hinge.at = ["-600 mm", "0 mm", "20 mm"]
+joints.hinge.stiffness = { x = "rigid", y = "rigid", z = "rigid", rx = "rigid", ry = "32000 N m/rad", rz = "rigid" }
+joints.guide.kind = "prismatic"
+axes.X.direction = "x"
+points.tcp.tool = "slider.foot"
 [analyses.path]
 from = { X = "-400 mm" }
 to = { X = "400 mm" }
@@ -64,7 +44,7 @@ feeds = ["24 m/min"]
 time_constant = "300 ms"
 sampling = "1 kHz"
 outputs = [["tcp", "z"]]
-"""
+""")
 
 
 def test_a_mass_slides_along_an_arm_that_tilts_as_lagranges_equation_says(tmp_path: Path) -> None:

@@ -6,42 +6,33 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
+from fixture_machines import machine
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
-from headstock.pipeline.runner import run_scene
-from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import Scene
+from scene_runs import compute
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
-SCENE = """
+SCENE = machine("""
+machine = "bar"
+names = { bar = "arm", clamp = "stay", tip = "bolt" }
+without = ["points"]
 name = "bracket"
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.arm]
-solid = { box = ["300 mm", "60 mm", "40 mm"] }
-material = "steel"
-mesh = { size = "40 mm", cells = "hex" }
-reduction = { modes = 12 }
-[components.arm.interfaces]
-root = { face = "x-", coupling = "average" }
-bolt = { face = "z+", rect = { center = ["90 mm", "0 mm"], size = ["80 mm", "60 mm"] } }
-[joints.wall]
-between = ["ground", "arm.root"]
-kind = "rigid"
-[joints.stay]
-between = ["ground", "arm.bolt"]
-kind = "spring"
-stiffness = { x = "50 N/um", y = "50 N/um", z = "50 N/um", rx = "100 N m/mrad", ry = "100 N m/mrad", rz = "100 N m/mrad" }
-[analyses.modal]
-count = 4
-"""
+components.arm.solid = { box = ["300 mm", "60 mm", "40 mm"] }
+components.arm.mesh = { size = "40 mm", cells = "hex" }
+components.arm.reduction = { modes = 12 }
+components.arm.interfaces.root = { face = "x-", coupling = "average" }
+components.arm.interfaces.bolt = { face = "z+", rect = { center = ["90 mm", "0 mm"], size = ["80 mm", "60 mm"] } }
+joints.wall = { between = ["ground", "arm.root"], kind = "rigid" }
+joints.stay.between = ["ground", "arm.bolt"]
+joints.stay.kind = "spring"
+joints.stay.stiffness = { x = "50 N/um", y = "50 N/um", z = "50 N/um", rx = "100 N m/mrad", ry = "100 N m/mrad", rz = "100 N m/mrad" }
+analyses.modal = { count = 4 }
+""")
 
 
 @pytest.fixture(scope="module")
@@ -56,9 +47,7 @@ def load(folder: Path, *overrides: str) -> Scene:
 
 
 def run(folder: Path, *overrides: str) -> Results:
-    return run_scene(
-        load(folder, *overrides), folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store")
-    )
+    return compute(folder, SCENE, *overrides)
 
 
 def test_the_range_reaches_from_all_averaging_to_all_rigid(folder: Path) -> None:

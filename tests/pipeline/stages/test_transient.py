@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from common import approx, present
+from fixture_machines import machine
 from headstock.app.report.report import render_report
 from headstock.app.tables.transient import tabulate_transient
 from headstock.geometry.frames import FloatArray
@@ -23,7 +24,6 @@ from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.results.files import read_histories
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
-from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages.control import drive_machine
 from headstock.pipeline.stages.machine import couple_pose, damp_system
 from headstock.pipeline.stages.mechanism import build_mechanism, place_pose
@@ -35,32 +35,20 @@ from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.scene import Scene
 from headstock.studies.answers import compare_answers
+from scene_runs import run
 
 ROOT = Path(__file__).resolve().parents[3]
 COLUMN = ROOT / "tests" / "data" / "segmented_column.toml"
 SLIDE = ROOT / "tests" / "data" / "slide.toml"
-ROD = """
-[materials.steel]
-E = "210 GPa"
-nu = 0.0
-rho = "7850 kg/m^3"
-[components.rod]
-solid = { box = ["10 mm", "10 mm", "400 mm"] }
-material = "steel"
-fidelity = "polynomial"
-[components.rod.interfaces]
-foot = { face = "z-" }
-tip = { face = "z+", coupling = "average" }
-[joints.clamp]
-between = ["ground", "rod.foot"]
-kind = "rigid"
-[points]
-tcp = { tool = "rod.tip", work = "ground" }
-[effects]
-damping = { modal = "1 %" }
-[analyses.transient]
-outputs = [["tcp", "x"]]
-"""
+ROD = machine("""
+machine = "bar"
+names = { bar = "rod" }
+materials.steel.nu = 0.0
+components.rod.solid = { box = ["10 mm", "10 mm", "400 mm"] }
+components.rod.fidelity = "polynomial"
+effects.damping = { modal = "1 %" }
+analyses.transient = { outputs = [["tcp", "x"]] }
+""")
 
 
 def write_scene(folder: Path, text: str, transient: str, more: str = "") -> Scene:
@@ -71,10 +59,6 @@ def write_scene(folder: Path, text: str, transient: str, more: str = "") -> Scen
 
 def column_scene(folder: Path, transient: str, more: str = "") -> Scene:
     return write_scene(folder, COLUMN.read_text(), f"[analyses.transient]\n{transient}", more)
-
-
-def run(scene: Scene, folder: Path) -> Results:
-    return run_scene(scene, folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
 
 
 def answer_of(results: Results) -> TransientAnswer:

@@ -7,15 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 from common import approx
+from fixture_machines import machine
 from headstock.pipeline.preview.rigid_view import view_rigid
-from headstock.pipeline.results.results import Results
-from headstock.pipeline.runner import run_scene
-from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
+from scene_runs import compute
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
@@ -40,13 +38,6 @@ fix = ["normal"]
 [analyses.modal]
 count = 1
 """
-
-
-def compute(folder: Path, text: str) -> Results:
-    path = folder / "scene.toml"
-    path.write_text(text)
-    scene = load_scene(path)
-    return run_scene(scene, folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
 
 
 def test_a_beam_on_its_lower_edges_has_the_frequency_of_a_simply_supported_one(
@@ -74,29 +65,22 @@ def test_a_beam_on_its_lower_edges_has_the_frequency_of_a_simply_supported_one(
     np.testing.assert_allclose(supports["side"].directions, [[0.0, -1.0, 0.0]], atol=1e-12)
 
 
-TUBE = """
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.quill]
-solid = { tube = { outer = "60 mm", inner = "40 mm", length = "25 mm" } }
-material = "steel"
-mesh = { size = "25 mm" }
-reduction = { modes = 0 }
-rotate = { axis = "y", angle = "30 deg" }
-interfaces = { nose = { face = "z+", coupling = "average" } }
-[supports.bore]
-face = "quill.outer"
-fix = ["normal"]
-[joints.stop]
-between = ["ground", "quill.nose"]
-kind = "spring"
-axis = [0.5, 0, 0.8660254037844386]
-stiffness = { x = "1 N/um", rx = "500 N m/rad" }
-[analyses.modal]
-count = 2
-"""
+TUBE = machine("""
+machine = "bar"
+names = { bar = "quill", clamp = "stop", tip = "nose" }
+without = ["points"]
+components.quill.solid = { tube = { outer = "60 mm", inner = "40 mm", length = "25 mm" } }
+components.quill.mesh = { size = "25 mm" }
+components.quill.reduction = { modes = 0 }
+components.quill.rotate = { axis = "y", angle = "30 deg" }
+components.quill.interfaces = { nose = { face = "z+", coupling = "average" } }
+supports.bore = { face = "quill.outer", fix = ["normal"] }
+joints.stop.between = ["ground", "quill.nose"]
+joints.stop.kind = "spring"
+joints.stop.axis = [0.5, 0, 0.8660254037844386]
+joints.stop.stiffness = { x = "1 N/um", rx = "500 N m/rad" }
+analyses.modal = { count = 2 }
+""")
 
 
 def test_a_tube_held_all_around_slides_and_turns_on_its_springs(tmp_path: Path) -> None:

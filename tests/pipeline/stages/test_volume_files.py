@@ -11,6 +11,7 @@ import pyvista
 from mpi4py import MPI
 
 from common import approx
+from fixture_machines import machine
 from headstock.app.command_line import main
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Material
@@ -25,38 +26,23 @@ from headstock.scene.building.loader import load_scene
 from headstock.solvers.stresses import largest_von_mises, pack_tensor, true_stresses
 
 WIDTH, LENGTH = 0.02, 0.2
-SCENE = """
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
+SCENE = machine("""
+machine = "bar"
+names = { bar = "beam" }
+components.beam.solid = { box = ["20 mm", "20 mm", "200 mm"] }
+components.beam.at = ["0 mm", "0 mm", "20 mm"]
+components.beam.mesh = { size = "10 mm", cells = "CELLS" }
+components.beam.interfaces = { foot = { face = "z-" }, tip = { face = "z+" } }
+joints.ground = { between = ["ground", "block.low"], kind = "rigid" }
+joints.clamp.between = ["block.top", "beam.foot"]
+analyses.static = {}
+analyses.modal = { count = 2 }
 [components.block]
 solid = { box = ["20 mm", "20 mm", "20 mm"] }
 material = "steel"
 fidelity = "rigid"
-[components.block.interfaces]
-top = { face = "z+" }
-low = { face = "z-" }
-[components.beam]
-solid = { box = ["20 mm", "20 mm", "200 mm"] }
-material = "steel"
-at = ["0 mm", "0 mm", "20 mm"]
-mesh = { size = "10 mm", cells = "CELLS" }
-[components.beam.interfaces]
-foot = { face = "z-" }
-tip = { face = "z+" }
-[joints.ground]
-between = ["ground", "block.low"]
-kind = "rigid"
-[joints.clamp]
-between = ["block.top", "beam.foot"]
-kind = "rigid"
-[points]
-tcp = { tool = "beam.tip", work = "ground" }
-[analyses.static]
-[analyses.modal]
-count = 2
-"""
+interfaces = { top = { face = "z+" }, low = { face = "z-" } }
+""")
 
 
 FORCE, FIRST = "static tcp x", "mode 01"
@@ -199,7 +185,7 @@ def test_a_result_hands_out_the_mesh_that_its_files_hold(
     write_mode_files(out, summarise(result)["modal"], result.view)
     assert set(read_mesh(out, "block").celltypes) == {5}
     for wrong in ({"component": "beem"}, {"component": "beam", "pose": "far"}):
-        with pytest.raises(KeyError, match=r"there are: (block, beam|reference)"):
+        with pytest.raises(KeyError, match=r"there are: (beam, block|reference)"):
             result.mesh(**wrong)
     check_surfaces(result)
 

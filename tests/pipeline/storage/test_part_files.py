@@ -19,7 +19,7 @@ from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.part_files import find_missing_patches
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
-from headstock.scene.scene import Scene
+from scene_runs import run
 
 pytestmark = [pytest.mark.process]
 
@@ -70,10 +70,6 @@ def fill(tmp_path: Path, solid: str, *, foot: str, tip: str) -> Path:
     path = tmp_path / "scene.toml"
     path.write_text(SCENE.replace("FILE", solid).replace("FOOT", foot).replace("TIP", tip))
     return path
-
-
-def run(scene: Scene, tmp_path: Path) -> None:
-    run_scene(scene, tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store"))
 
 
 @pytest.mark.parametrize("name", ["box.msh", "box.xdmf", "box.med", "box.exo", "box.bdf"])

@@ -150,6 +150,7 @@ def test_a_flipped_byte_anywhere_is_noticed(tmp_path: Path) -> None:
     write_entry(store, KEY, make_mesh())
     path = entry_path(store, "componentmesh", KEY)
     content = path.read_bytes()
+    assert len(content) > 2000
     for position in [0, 40, *range(512, len(content), 997), len(content) - 1]:
         damaged = bytearray(content)
         damaged[position] ^= 0x10

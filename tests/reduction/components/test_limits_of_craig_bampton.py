@@ -192,6 +192,7 @@ def test_loads_on_the_body_move_every_point_as_in_the_full_model_for_any_count(
         "oil": surface_load(mesh, "load:oil", [0.0, 2.5e5, 0.0]),
         "wind:y": surface_load(mesh, "load:wind", [0, 1, 0]),
     }
+    assert loads.keys() <= element.loads.keys()
     for name, force in loads.items():
         exact = basis @ np.linalg.solve(basis.T @ stiffness @ basis, basis.T @ force)
         fixed = slice(

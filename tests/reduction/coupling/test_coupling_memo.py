@@ -36,6 +36,7 @@ def test_every_matrix_is_that_of_a_coupling_without_a_memo(fixed: bool) -> None:
         for name, part in machine.components.items()
     }
     memo = CouplingMemo({"tcp"})
+    assert machine.axes.keys() == {"X"}
     for place in (0.0, 0.1, 0.1, -0.2, 0.0):
         pose = Pose("p", {"X": place})
         quick, plain = couple(parts, machine, pose, memo=memo), couple(parts, machine, pose)

@@ -86,6 +86,7 @@ def test_a_finer_mesh_is_as_soft_as_the_estimate(coarse: Superelement) -> None:
     own, better = (solve_deviation(each, MACHINE, "tcp").sources for each in (coupled, softer))
     found = estimate_deviation(coupled, MACHINE, DOWN, solve_deviation(coupled, MACHINE, "tcp"))
     size = {source: np.abs(found[source].meshes["body"]).max() for source in (FORCES, GRAVITY)}
+    assert min(size.values()) > 0.0
     for source, largest in size.items():
         # of loads inside the body products of two errors are left out
         left = 1e-9 if source == FORCES else 0.01

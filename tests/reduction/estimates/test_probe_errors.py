@@ -137,6 +137,7 @@ def test_modes_that_are_kept_change_no_error_at_rest() -> None:
             found.append(estimate_at_rest(coupled, placed, moved[:, 0], inside))
             own = present(placed.missing) @ moved[:, 0]
             inner.append(own + present(placed.loads["oil"].missing))
+    assert len(found) == 2 * len(PROBES)
     for seed in SEEDS:
         first, second = (found[seed + place].products["body"] for place in (0, len(SEEDS)))
         apart = inner[seed] - inner[seed + len(SEEDS)]

@@ -5,32 +5,24 @@ from pathlib import Path
 import pytest
 
 from common import approx
+from fixture_machines import machine
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 
-SCENE = """\
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.post]
-solid = { tube = { outer = "100 mm", inner = "0 mm", length = "300 mm" } }
-material = "steel"
-[components.post.interfaces]
-foot = { face = "z-" }
-top = { face = "z+", COUPLING }
-[joints.clamp]
-between = ["ground", "post.foot"]
-kind = "rigid"
-[analyses.modal]
-count = 3
-"""
+SCENE = machine("""
+machine = "bar"
+names = { bar = "post", tip = "top" }
+without = ["points"]
+components.post.solid = { tube = { outer = "100 mm", inner = "0 mm", length = "300 mm" } }
+components.post.interfaces = { foot = { face = "z-" }, top = "COUPLING" }
+analyses.modal = { count = 3 }
+""")
 FLEXIBLE = "coupling = { flexible = 12 }"
 
 
 def write(folder: Path, coupling: str) -> Path:
     path = folder / "scene.toml"
-    path.write_text(SCENE.replace('face = "z+", COUPLING', coupling))
+    path.write_text(SCENE.replace('"COUPLING"', f"{{ {coupling} }}"))
     return path
 
 
@@ -73,36 +65,29 @@ def test_a_flexible_interface_that_cannot_be_is_named_with_its_remedy(
     assert any(message in item.message for item in found), str(caught.value)
 
 
-GLUED = """\
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.base]
-solid = { box = ["200 mm", "100 mm", "50 mm"] }
-material = "steel"
-interfaces = { foot = { face = "z-" }, top = { BASE } }
-[components.post]
-solid = { box = ["100 mm", "80 mm", "300 mm"] }
-material = "steel"
-at = ["0 mm", "0 mm", "50 mm"]
-interfaces = { foot = { POST } }
-[joints.clamp]
-between = ["ground", "base.foot"]
-kind = "rigid"
-[joints.glue]
-between = ["base.top", "post.foot"]
-JOINT
-[analyses.modal]
-count = 3
-"""
+GLUED = machine("""
+machine = "halves"
+names = { lower = "base", upper = "post" }
+without = ["components.base.mesh", "components.post.mesh", "joints.glue.kind"]
+components.base.solid = { box = ["200 mm", "100 mm", "50 mm"] }
+components.base.interfaces = { foot = { face = "z-" }, top = "BASE" }
+components.post.solid = { box = ["100 mm", "80 mm", "300 mm"] }
+components.post.at = ["0 mm", "0 mm", "50 mm"]
+components.post.interfaces = { foot = "POST" }
+joints.glue.kind = "JOINT"
+analyses.modal = { count = 3 }
+""")
 RECT = 'face = "z+", rect = { size = ["100 mm", "80 mm"] }'
 LAYER = 'kind = "bolted"\nstiffness_per_area = { normal = "3 N/um/mm^2", shear = "1 N/um/mm^2" }'
 
 
 def glue(folder: Path, base: str, post: str, joint: str) -> Path:
     path = folder / "glued.toml"
-    path.write_text(GLUED.replace("BASE", base).replace("POST", post).replace("JOINT", joint))
+    path.write_text(
+        GLUED.replace('"BASE"', f"{{ {base} }}")
+        .replace('"POST"', f"{{ {post} }}")
+        .replace('kind = "JOINT"', joint)
+    )
     return path
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from common import approx
+from fixture_machines import machine
 from headstock.pipeline.preview.free_motions import free_motion_warnings
 from headstock.scene.building.joints import KINDS, build_joint, find_joint_faults, joint_rotation
 from headstock.scene.building.loader import load_scene
@@ -136,33 +137,26 @@ def test_damping_of_a_fixed_dof_is_refused() -> None:
     assert "damping" in find_joint_faults(table)[0].message
 
 
-SPINDLE = """
+SPINDLE = machine("""
+machine = "bar"
+names = { bar = "shaft", clamp = "front" }
 name = "spindle"
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.shaft]
-solid = { box = ["40 mm", "40 mm", "200 mm"] }
-material = "steel"
-at = ["0 mm", "0 mm", "0 mm"]
-interfaces = { nose = { face = "z-" }, rear = { face = "z+" } }
-[joints.front]
-between = ["ground", "shaft.rear"]
-kind = "bearing"
-axis = "z"
-at = ["0 mm", "0 mm", "60 mm"]
-stiffness = { radial = "300 N/um", axial = "200 N/um", %s }
+components.shaft.at = ["0 mm", "0 mm", "0 mm"]
+components.shaft.interfaces = { nose = { face = "z-" }, rear = { face = "z+" } }
+points.tcp.tool = "shaft.nose"
+joints.front.between = ["ground", "shaft.rear"]
+joints.front.kind = "bearing"
+joints.front.axis = "z"
+joints.front.at = ["0 mm", "0 mm", "60 mm"]
+joints.front.stiffness = { radial = "300 N/um", axial = "200 N/um", REST = "REST" }
 [joints.back]
 between = ["ground", "shaft.rear"]
 kind = "bearing"
 axis = "z"
 at = ["%s mm", "0 mm", "180 mm"]
 stiffness = { radial = "200 N/um" }
-[points]
-tcp = { tool = "shaft.nose", work = "ground" }
 [analyses.static]
-"""
+""")
 
 
 @pytest.mark.parametrize(
@@ -179,7 +173,7 @@ def test_a_spindle_that_may_turn_is_known_before_any_mesh(
     fixed: str, offset: int, free: str | None, tmp_path: Path
 ) -> None:
     path = tmp_path / "spindle.toml"
-    path.write_text(SPINDLE % (fixed, offset))
+    path.write_text(SPINDLE.replace('REST = "REST"', "%s") % (fixed, offset))
     found = free_motion_warnings(load_scene(path))
     assert len(found) == (0 if free is None else 1)
     if free is not None:

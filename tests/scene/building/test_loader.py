@@ -341,6 +341,7 @@ def test_bolted_faces_of_the_three_axis_machine_lie_on_each_other(
         low, high = ((-x / 2, x / 2), (-y / 2, y / 2), (0.0, z))[axis]
         center[axis] = high if patch.face[1] == "+" else low
         places.append(frames[end.component].origin + frames[end.component].rotation @ center)
+    assert len(places) == 2
     np.testing.assert_allclose(places[0], places[1], atol=1e-12)
 
 

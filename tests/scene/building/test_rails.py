@@ -6,53 +6,30 @@ from pathlib import Path
 import pytest
 
 from common import approx
+from fixture_machines import machine
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.scene import Scene
 
-GOOD = """\
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.bed]
-solid = { box = ["600 mm", "200 mm", "80 mm"] }
-material = "steel"
-[components.bed.interfaces]
-foot = { face = "z-" }
-rail = { face = "z+", strip = { along = "x", width = "20 mm" }, rail = { along = "x" } }
-[components.slide]
-solid = { box = ["100 mm", "100 mm", "40 mm"] }
-material = "steel"
-at = ["0 mm", "0 mm", "90 mm"]
-fidelity = "rigid"
-[components.slide.interfaces]
-block = { face = "z-" }
-top = { face = "z+" }
-[joints.clamp]
-between = ["ground", "bed.foot"]
-kind = "rigid"
-[joints.guide]
-between = ["bed.rail", "slide.block"]
-kind = "linear_guide"
-axis = "x"
-length = "60 mm"
-stiffness = { lateral = "300 N/um", normal = "400 N/um", roll = "1 kN m/mrad", pitch = "2 kN m/mrad", yaw = "2 kN m/mrad" }
-[joints.screw]
-between = ["bed.foot", "slide.block"]
-kind = "ball_screw"
-axis = "x"
-stiffness = { axial = "100 N/um" }
-[axes.X]
-joints = ["guide", "screw"]
-[points]
-tcp = { tool = "slide.top", work = "ground" }
-[poses.home]
-[poses.far]
-X = "270 mm"
-[analyses.static]
-at = "tcp"
-"""
+GOOD = machine("""
+machine = "axis"
+names = { slider = "slide", feet = "clamp", bottom = "foot", top = "rail", foot = "block" }
+without = ["components.bed.fidelity", "axes.X.limits"]
+components.bed.solid = { box = ["600 mm", "200 mm", "80 mm"] }
+components.bed.interfaces = { foot = { face = "z-" }, rail = { face = "z+", strip = { along = "x", width = "20 mm" }, rail = { along = "x" } } }
+components.slide.solid = { box = ["100 mm", "100 mm", "40 mm"] }
+components.slide.at = ["0 mm", "0 mm", "90 mm"]
+components.slide.interfaces = { block = { face = "z-" }, top = { face = "z+" } }
+joints.clamp.between = ["ground", "bed.foot"]
+joints.guide.between = ["bed.rail", "slide.block"]
+joints.guide.length = "60 mm"
+joints.guide.stiffness = { lateral = "300 N/um", normal = "400 N/um", roll = "1 kN m/mrad", pitch = "2 kN m/mrad", yaw = "2 kN m/mrad" }
+joints.screw.between = ["bed.foot", "slide.block"]
+points.tcp.tool = "slide.top"
+poses.home = {}
+poses.far = { X = "270 mm" }
+analyses.static = { at = "tcp" }
+""")
 
 
 def load(folder: Path, *changes: tuple[str, str]) -> Scene:
@@ -113,8 +90,8 @@ def test_a_carriage_that_cannot_be_is_named_with_its_remedy(
 
 def test_segments_longer_than_the_carriage_are_warned_of(tmp_path: Path) -> None:
     change = (
-        'material = "steel"\n[components.bed.interfaces]',
-        'material = "steel"\nfidelity = "segmented"\nsegments = { count = 8 }\n[components.bed.interfaces]',
+        'material = "steel"\ninterfaces = { foot',
+        'material = "steel"\nfidelity = "segmented"\nsegments = { count = 8 }\ninterfaces = { foot',
     )
     warnings = load(tmp_path, change).warnings
     assert any(
@@ -142,8 +119,8 @@ def test_a_screw_with_a_shaft_is_built_of_steel_and_ties_its_bearings_only_on_el
         1.0 / (1.0 / 4e8 + 0.5 / (210e9 * area))
     )
     rigid = (
-        'material = "steel"\n[components.bed.interfaces]',
-        'material = "steel"\nfidelity = "rigid"\n[components.bed.interfaces]',
+        'material = "steel"\ninterfaces = { foot',
+        'material = "steel"\nfidelity = "rigid"\ninterfaces = { foot',
     )
     assert "screw_shaft" not in load(tmp_path, (ENDS, nut_first + far), rigid).machine.joints
 

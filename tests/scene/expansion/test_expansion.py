@@ -225,8 +225,7 @@ def test_a_fault_is_told_where_it_is_written(
     load: Load, setting: str, expected: tuple[str, ...]
 ) -> None:
     said = fault(load, setting)
-    for text in expected:
-        assert text in said
+    assert [text for text in expected if text not in said] == [], said
 
 
 def test_what_the_manual_shows_becomes_what_it_says() -> None:

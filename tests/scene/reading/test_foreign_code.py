@@ -47,7 +47,9 @@ def test_there_are_sources_to_look_at() -> None:
 
 @pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.relative_to(ROOT).as_posix())
 def test_a_module_runs_no_text_and_unpacks_no_objects(path: Path) -> None:
-    for node in ast.walk(ast.parse(path.read_text())):
+    nodes = list(ast.walk(ast.parse(path.read_text())))
+    assert nodes
+    for node in nodes:
         if isinstance(node, ast.Import | ast.ImportFrom):
             names = (
                 {alias.name.split(".")[0] for alias in node.names}

@@ -72,11 +72,9 @@ def test_a_velocity_gain_that_no_kv_helps_is_named() -> None:
     ):
         require_stable(system, [train])
     largest = present(find_largest_gain(system, [train], "X", scale_velocity_gain))
-    for factor, stable in ((0.999, True), (1.001, False)):
-        changed = dataclasses.replace(
-            train, control=scale_velocity_gain(train.control, factor * largest)
-        )
-        assert (not len(find_loop_poles(close_loops(system, [changed])).growing())) == stable
+    gains = [scale_velocity_gain(train.control, factor * largest) for factor in (0.999, 1.001)]
+    loops = [close_loops(system, [dataclasses.replace(train, control=gain)]) for gain in gains]
+    assert [len(find_loop_poles(loop).growing()) > 0 for loop in loops] == [False, True]
 
 
 def test_what_grows_without_oscillation_is_told_so() -> None:

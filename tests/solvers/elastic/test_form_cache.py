@@ -103,6 +103,7 @@ def test_compiled_code_is_not_run_where_others_may_write_it(folder: Path, tmp_pa
         assert "CompileError" in done.stderr
         place.chmod(before)
     # as the shared temporary folder
+    assert (tmp_path / "cache").is_dir()
     (tmp_path / "cache").chmod(0o1777)
     require_private(folder)
 

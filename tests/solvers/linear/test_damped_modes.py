@@ -108,10 +108,8 @@ def _chain(size: int, strength: float) -> SecondOrderSystem:
 def test_the_lowest_modes_alone_are_those_of_the_whole_state_matrix(strength: float) -> None:
     system = _chain(150, strength)
     few, whole = solve_damped(system, lowest=8), solve_damped(system)
-    for found, expected in zip(
-        damping_of_undamped(few, 8), damping_of_undamped(whole, 8), strict=True
-    ):
-        assert len(found) == 8 and found == approx(expected, rel=1e-8)
+    found, expected = (sum(damping_of_undamped(each, 8), ()) for each in (few, whole))
+    assert len(found) == 16 and found == approx(expected, rel=1e-8)
 
 
 def test_the_lowest_modes_of_a_lightly_damped_system_do_not_need_the_whole_state_matrix() -> None:
@@ -127,25 +125,25 @@ def test_a_negative_damper_on_a_high_mode_is_seen_when_only_the_lowest_are_wante
     assert solve_damped(_system(system.mass, damping, stiffness), lowest=8).poles.real.max() > 1.0
 
 
+@pytest.mark.parametrize("seed", range(20))
 @pytest.mark.parametrize("brake", [0.0, 3.0])
-def test_a_free_motion_is_at_rest_or_comes_to_rest_and_never_grows(brake: float) -> None:
+def test_a_free_motion_is_at_rest_or_comes_to_rest_and_never_grows(brake: float, seed: int) -> None:
     """Two bodies on a spring with a damper, free to move together, on stiff and soft springs
     inside; a brake to ground or none.
     """
-    random = np.random.default_rng(5)
-    for _ in range(20):
-        springs = 10.0 ** random.uniform(4.0, 9.0, 11)
-        stiffness = (
-            np.diag(np.append(springs, 0.0) + np.append(0.0, springs))
-            - np.diag(springs, 1)
-            - np.diag(springs, -1)
-        )
-        line = np.zeros(12)
-        line[[2, 7]] = 1.0, -1.0
-        damping = 300.0 * np.outer(line, line)
-        damping[0, 0] += brake
-        found = solve_damped(_system(np.diag(random.uniform(0.5, 5.0, 12)), damping, stiffness))
-        slowest = np.abs(found.poles[found.frequencies_hz > 0.0]).min()
-        assert found.poles.real.max() <= 1e-6 * slowest
-        if not brake:
-            assert (found.poles[:2] == 0.0).all() and found.poles.real.max() <= 0.0
+    random = np.random.default_rng(seed)
+    springs = 10.0 ** random.uniform(4.0, 9.0, 11)
+    stiffness = (
+        np.diag(np.append(springs, 0.0) + np.append(0.0, springs))
+        - np.diag(springs, 1)
+        - np.diag(springs, -1)
+    )
+    line = np.zeros(12)
+    line[[2, 7]] = 1.0, -1.0
+    damping = 300.0 * np.outer(line, line)
+    damping[0, 0] += brake
+    found = solve_damped(_system(np.diag(random.uniform(0.5, 5.0, 12)), damping, stiffness))
+    slowest = np.abs(found.poles[found.frequencies_hz > 0.0]).min()
+    assert found.poles.real.max() <= 1e-6 * slowest
+    if not brake:
+        assert (found.poles[:2] == 0.0).all() and found.poles.real.max() <= 0.0

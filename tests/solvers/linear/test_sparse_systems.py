@@ -74,17 +74,17 @@ def test_a_count_that_misses_a_mode_is_seen_and_nothing_is_given(
     )
 
 
-def test_pivots_count_eigenvalues_below_a_shift() -> None:
+@pytest.mark.parametrize("number", [0, 1, 7, 30])
+def test_pivots_count_eigenvalues_below_a_shift(number: int) -> None:
     stiffness, mass = chains()
     eigenvalues = eigh(stiffness, mass, eigvals_only=True)
-    for number in (0, 1, 7, 30):
-        shift = (
-            eigenvalues[0] / 2.0
-            if number == 0
-            else 0.5 * (eigenvalues[number - 1] + eigenvalues[number])
-        )
-        factor = factorise_sparse(find_sparse(stiffness - shift * mass))
-        assert factor is not None and factor.negative == number
+    shift = (
+        eigenvalues[0] / 2.0
+        if number == 0
+        else 0.5 * (eigenvalues[number - 1] + eigenvalues[number])
+    )
+    factor = factorise_sparse(find_sparse(stiffness - shift * mass))
+    assert factor is not None and factor.negative == number
 
 
 def test_what_is_free_or_without_mass_is_left_to_the_full_solve() -> None:

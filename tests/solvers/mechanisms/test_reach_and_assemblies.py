@@ -17,6 +17,7 @@ from headstock.geometry.frames import FloatArray, Frame, rotation_about
 from headstock.geometry.mechanisms.closures import close_loops
 from headstock.geometry.mechanisms.exechon import (
     ASSEMBLIES,
+    Assembly,
     ExechonDimensions,
     MountedExechon,
     platform_states,
@@ -86,14 +87,14 @@ def test_a_survey_flags_what_single_poses_refuse() -> None:
     assert np.isinf(survey.condition[2])
 
 
-def test_the_assembly_that_was_asked_for_is_kept_along_a_path() -> None:
+@pytest.mark.parametrize("assembly", ASSEMBLIES)
+def test_the_assembly_that_was_asked_for_is_kept_along_a_path(assembly: Assembly) -> None:
     points = np.stack(
         [np.linspace(-0.3, 0.3, 61), np.linspace(-0.3, 0.3, 61), np.full(61, 0.2)], axis=-1
     )
-    for assembly in ASSEMBLIES:
-        machine = dataclasses.replace(MACHINE, assembly=assembly, limits={})
-        states = survey_tool_poses(machine, points, DOWN).states[:, :3]
-        assert np.abs(np.diff(states, axis=0)).max() < 0.03
+    machine = dataclasses.replace(MACHINE, assembly=assembly, limits={})
+    states = survey_tool_poses(machine, points, DOWN).states[:, :3]
+    assert np.abs(np.diff(states, axis=0)).max() < 0.03
 
 
 def test_a_path_that_changes_the_assembly_is_refused_at_its_time() -> None:

@@ -1,6 +1,7 @@
 """Stability lobes by a single frequency: closed forms and the published directional factors."""
 
 import numpy as np
+import pytest
 
 from common import approx
 from headstock.geometry.frames import FloatArray
@@ -99,7 +100,8 @@ def test_mean_stiffness_is_that_of_the_forces_with_any_helix() -> None:
         np.testing.assert_allclose(found, expected, atol=5e-4 * np.abs(expected).max())
 
 
-def test_limits_lie_on_the_border_in_closed_form() -> None:
+@pytest.mark.parametrize("waves", [0, 2])
+def test_limits_lie_on_the_border_in_closed_form(waves: int) -> None:
     """Of one mode: a = 1 / (2 A Re G), with the speed at which the waves fit (Altintas 2012, 4.2)."""
     mill = EndMill(0.02, 2)
     gain = mean_cutting_stiffness(cut_of(mill, 0.02))[0, 0]
@@ -107,16 +109,15 @@ def test_limits_lie_on_the_border_in_closed_form() -> None:
     response = receptance(ONE_MODE, chatter)[:, 0, 0]
     depth = 0.5 / (gain * response.real)
     # exp(-i omega T) = 1 - 1 / (a A G)
-    for waves in (0, 2):
-        angle = -np.angle(1.0 - 1.0 / (depth * gain * response)) % TURN
-        speeds = TURN * chatter / (mill.teeth * (angle + TURN * waves))
-        found = lobes_of(ONE_MODE, mill, 0.02, np.sort(speeds))
-        order = np.argsort(speeds)
-        same = found.waves == waves
-        assert same.sum() >= 2  # beyond the crossing of two lobes the other one is lower
-        np.testing.assert_allclose(found.depths[same], depth[order][same], rtol=1e-6)
-        np.testing.assert_allclose(found.chatter[same], chatter[order][same], rtol=1e-7)
-        assert (found.depths[~same] < depth[order][~same]).all()
+    angle = -np.angle(1.0 - 1.0 / (depth * gain * response)) % TURN
+    speeds = TURN * chatter / (mill.teeth * (angle + TURN * waves))
+    found = lobes_of(ONE_MODE, mill, 0.02, np.sort(speeds))
+    order = np.argsort(speeds)
+    same = found.waves == waves
+    assert same.sum() >= 2  # beyond the crossing of two lobes the other one is lower
+    np.testing.assert_allclose(found.depths[same], depth[order][same], rtol=1e-6)
+    np.testing.assert_allclose(found.chatter[same], chatter[order][same], rtol=1e-7)
+    assert (found.depths[~same] < depth[order][~same]).all()
 
 
 def test_lowest_limit_is_that_of_the_published_chain_of_formulas() -> None:

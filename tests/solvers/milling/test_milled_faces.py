@@ -79,14 +79,14 @@ def test_parameters_of_cusps_are_those_of_parabolas() -> None:
     assert np.abs(pushed - profile - 7.3e-6).max() < 1e-15
 
 
-def test_a_wave_passes_the_filter_as_the_standard_says() -> None:
+@pytest.mark.parametrize("ratio", [0.5, 1.0, 2.0, 5.0])
+def test_a_wave_passes_the_filter_as_the_standard_says(ratio: float) -> None:
     spacing, wave = 5e-6, 1e-6
     places = spacing * np.arange(20_000)
     inside = slice(4_000, 16_000)
-    for ratio in (0.5, 1.0, 2.0, 5.0):
-        profile = wave * np.sin(2.0 * np.pi * places / (0.8e-3 * ratio))
-        left = np.ptp(waviness_profile(profile, spacing, 0.8e-3)[inside]) / (2.0 * wave)
-        assert left == approx(2.0 ** -(1.0 / ratio**2), rel=1e-4)
+    profile = wave * np.sin(2.0 * np.pi * places / (0.8e-3 * ratio))
+    left = np.ptp(waviness_profile(profile, spacing, 0.8e-3)[inside]) / (2.0 * wave)
+    assert left == approx(2.0 ** -(1.0 / ratio**2), rel=1e-4)
 
 
 def vibrate(times: FloatArray) -> ToolMotion:
@@ -122,21 +122,21 @@ def removed_on_a_raster(
 
 
 @pytest.mark.parametrize("sense", ["down", "up"])
-def test_a_vibrating_face_is_what_removal_on_a_raster_leaves(sense: Sense) -> None:
+@pytest.mark.parametrize(("runout", "height"), [((), 4e-3), ((1e-6, 0.3), 0.0)])
+def test_a_vibrating_face_is_what_removal_on_a_raster_leaves(
+    sense: Sense, runout: tuple[float, ...], height: float
+) -> None:
     positions: FloatArray = np.asarray(np.arange(1e-3, 3e-3, 5e-7))
     motion = vibrate(move(0.004).times)
     span = float(motion.times[0]), float(motion.times[-1])
-    for mill, height in (
-        (EndMill(0.02, 4, np.deg2rad(30.0)), 4e-3),
-        (EndMill(0.02, 4, np.deg2rad(30.0), 1e-6, 0.3), 0.0),
-    ):
-        profile = mill_profile(mill, SPINDLE, motion, positions, height, sense=sense)
-        raster = removed_on_a_raster(mill, span, positions, height, spin_of(sense))
-        # a cell of the raster takes the lowest place within half a cell
-        assert np.ptp(profile) > 2e-6
-        slope = np.abs(np.gradient(profile, positions)).max()
-        assert slope < 0.04
-        assert np.abs(profile - raster).max() < 0.5 * slope * 5e-7 + 1e-9
+    mill = EndMill(0.02, 4, np.deg2rad(30.0), *runout)
+    profile = mill_profile(mill, SPINDLE, motion, positions, height, sense=sense)
+    raster = removed_on_a_raster(mill, span, positions, height, spin_of(sense))
+    # a cell of the raster takes the lowest place within half a cell
+    assert np.ptp(profile) > 2e-6
+    slope = np.abs(np.gradient(profile, positions)).max()
+    assert slope < 0.04
+    assert np.abs(profile - raster).max() < 0.5 * slope * 5e-7 + 1e-9
 
 
 def test_what_cannot_be_milled_is_refused() -> None:

@@ -40,21 +40,17 @@ def test_jerk_is_limited_everywhere() -> None:
     assert np.abs(path.at(np.array(path.span)).velocity).max() < 1e-12
 
 
-def test_feed_is_kept_on_faces_and_the_block_stays_on_the_right() -> None:
+@pytest.mark.parametrize("face", range(4))
+def test_feed_is_kept_on_faces_and_the_block_stays_on_the_right(face: int) -> None:
     plan = plan_contour(CONTOUR)
-    path, markers = plan.path, [cut.begins for cut in plan.cuts]
-    center = np.array([*CONTOUR.center, CONTOUR.height])
-    for face in range(4):
-        points = path.at(
-            np.linspace(markers[face] + 0.1, plan.cuts[face].ends - 0.3, 50, dtype=np.float64)
-        )
-        assert np.allclose(
-            np.linalg.norm(points.velocity, axis=1), CONTOUR.feed, rtol=1e-11, atol=0.0
-        )
-        right = np.cross(points.velocity, [0.0, 0.0, 1.0])
-        assert (((center - points.position) * right).sum(axis=1) > 0.0).all()
-        outward = [(-1, 0), (0, 1), (1, 0), (0, -1)][face]
-        assert np.allclose((points.position - center)[:, :2] @ outward, 0.11, atol=1e-12)
+    cut, center = plan.cuts[face], np.array([*CONTOUR.center, CONTOUR.height])
+    points = plan.path.at(np.linspace(cut.begins + 0.1, cut.ends - 0.3, 50, dtype=np.float64))
+    speeds = np.linalg.norm(points.velocity, axis=1)
+    assert np.allclose(speeds, CONTOUR.feed, rtol=1e-11, atol=0.0)
+    right = np.cross(points.velocity, [0.0, 0.0, 1.0])
+    assert (((center - points.position) * right).sum(axis=1) > 0.0).all()
+    outward = [(-1, 0), (0, 1), (1, 0), (0, -1)][face]
+    assert np.allclose((points.position - center)[:, :2] @ outward, 0.11, atol=1e-12)
 
 
 def test_a_block_on_the_left_is_gone_around_the_other_way_and_its_faces_look_outward() -> None:

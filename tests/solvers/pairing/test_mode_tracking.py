@@ -80,9 +80,9 @@ def test_three_oscillators_that_meet_in_one_point_keep_their_curves() -> None:
     modes = sweep_modes(stiffnesses)
     modes.fields[10, :, :3] = modes.fields[10, :, :3] @ turn
     found = tracked_frequencies(modes.frequencies_hz, track_modes(modes, chain(21)).index)
-    for column in range(3):
-        curve = np.sqrt([level[column] for level in levels]) / (2.0 * np.pi)
-        assert np.abs(found[:, :3] - curve[:, None]).max(axis=0).min() < 1e-9
+    curves = np.sqrt(np.array(levels)[:, :3]) / (2.0 * np.pi)
+    missed = np.abs(found[:, :3, None] - curves[:, None]).max(axis=0)
+    assert missed.min(axis=0).max() < 1e-9
 
 
 def test_modes_that_veer_in_small_steps_exchange_their_shapes_and_do_not_cross() -> None:

@@ -100,6 +100,7 @@ def test_channels_may_stand_in_any_order() -> None:
     first = dataclasses.replace(own, loop=loop)
     space = loop.space.select(loop.space.inputs[::-1], loop.space.outputs[::-1])
     turned = dataclasses.replace(first, loop=dataclasses.replace(loop, space=space))
+    assert first.loop.space.inputs != space.inputs and own.watched.channels
     for solve in (solve_controlled_path, lambda *given: solve_rubbing_path(*given)[0]):
         ours, theirs = (solve(path, short, samples) for path in (first, turned))
         for part in ("total", "quasi_static", "low_frequency", "dynamic"):

@@ -25,7 +25,7 @@ LOBES = """
 [effects]
 damping = { modal = "3 %" }
 [analyses.lobes]
-speeds = ["3000 rpm", "12000 rpm", 30]
+speeds = ["3000 rpm", "12000 rpm", 12]
 mill = { diameter = "16 mm", teeth = 4 }
 material = "al7075-t6"
 radial_depth = "16 mm"

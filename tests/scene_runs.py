@@ -1,0 +1,31 @@
+"""Scenes written into a folder and run there, with a store of their own."""
+
+from pathlib import Path
+
+from mpi4py import MPI
+
+from headstock.pipeline.results.results import Results
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.storage.store import Store
+from headstock.scene.building.loader import load_scene
+from headstock.scene.scene import Scene
+
+
+def write_scene(folder: Path, text: str, *changes: tuple[str, str], name: str = "scene") -> Path:
+    """The file of a scene; each change has to have something to replace."""
+    for old, new in changes:
+        assert old in text, old
+        text = text.replace(old, new)
+    path = folder / f"{name}.toml"
+    path.write_text(text)
+    return path
+
+
+def run(scene: Scene, folder: Path, into: str = "out") -> Results:
+    return run_scene(scene, folder / into, comm=MPI.COMM_SELF, store=Store(folder / "store"))
+
+
+def compute(
+    folder: Path, text: str, *settings: str, name: str = "scene", into: str = "out"
+) -> Results:
+    return run(load_scene(write_scene(folder, text, name=name), overrides=settings), folder, into)
