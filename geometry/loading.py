@@ -98,7 +98,6 @@ class Library:
     """A library that is loaded when something of it is first used.
 
     Args:
-        name: Of its module.
         annotated: Classes that annotations alone name: what is not loaded yet stands for them.
     """
 

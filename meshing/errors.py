@@ -27,8 +27,6 @@ class PatchError(PartFileError):
 
         Args:
             message: What is wrong and what there is.
-            group: As the attribute.
-            patch: As the attribute.
         """
         super().__init__(message)
         self.group = group

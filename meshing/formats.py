@@ -21,7 +21,6 @@ class MeshFormat:
     """A format of finished meshes.
 
     Attributes:
-        name: As users know it.
         suffixes: Endings of its files, lower case.
         worker: Module whose worker process reads it.
         written: ``export --mesh`` writes it.
@@ -50,7 +49,6 @@ def find_format(path: Path, *, written: bool = False) -> MeshFormat:
     """The format of a mesh file by its ending.
 
     Args:
-        path: Of the file.
         written: Only formats that are written count.
 
     Raises:

@@ -11,7 +11,6 @@ def doubt_mesh_size(solid: MeshFile, extent: float, mass: float) -> str | None:
     """Say why the unit of a mesh file is in doubt; None where its part is plausible.
 
     Args:
-        solid: The file with its unit.
         extent: Longest side of the part [m].
         mass: Of the part [kg].
     """

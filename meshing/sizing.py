@@ -112,9 +112,7 @@ def count_patch_cells(patch: Patch, solid: ParametricSolid, *, across: int, size
     its rim, else 0.
 
     Args:
-        patch: Imprinted on a face.
         solid: On which it is; strips run all along it.
-        across: Elements across the patch.
         size: Element size elsewhere [m].
     """
     if patch.shape == "whole" or not patch.size or min(patch.size) / across >= NARROW_PATCH * size:
@@ -137,9 +135,7 @@ def dense_patch_message(count: float, width: float, across: int) -> str:
     """What to tell the user when a patch asks for too many elements; width in [m].
 
     Args:
-        count: Of elements.
         width: Narrowest side of the patch [m].
-        across: Elements across it.
     """
     return (
         f"the patch is {1e3 * width:.4g} mm wide, and elements of {1e3 * width / across:.3g} mm at its rim make about {count:.2g} cells;"
@@ -152,9 +148,7 @@ def estimate_behind_faces(triangles: int, cubes: float, order: int) -> tuple[int
     """Number of tets and of nodes behind a meshed surface.
 
     Args:
-        triangles: On the surface.
         cubes: Volume over the third power of the element size inside.
-        order: Of the elements.
 
     Source: Euler's formula; edges of tets are ``vertices + cells + triangles / 2``.
     """

@@ -27,7 +27,6 @@ class PatchShapes:
         center: ``(3,)`` of the area [m].
         normal: Axis of the component across the patch, 0..2.
         half_lengths: As those of the ``Outline``.
-        count: Number of shapes.
         first: Index of the first of their dofs in the superelement.
         strong: The patch's displacement is in their span; else only its moments are those of one.
         hole: As that of the ``Outline``.
@@ -58,7 +57,6 @@ def list_degrees(outline: Outline, most: int) -> list[tuple[int, int]]:
     later; likewise around a thin ring. Over a square and a disk levels are total degrees.
 
     Args:
-        outline: Of the patch.
         most: Shapes besides the rigid motions; the first level has three, which with the rigid
             motions span all linear displacements.
     """

@@ -70,8 +70,6 @@ def lay_out_rail(component: Component, interface: Interface, centroid: FloatArra
     between its ends.
 
     Args:
-        component: With its solid.
-        interface: The rail.
         centroid: ``(3,)`` of the rail's area, component frame [m].
 
     Raises:
@@ -156,7 +154,6 @@ def carriage_rows(rail: Rail, place: float, length: float) -> FloatArray:
     it is three times continuously differentiable in the place.
 
     Args:
-        rail: The rail.
         place: Middle of the carriage along the rail's axis, component frame [m].
         length: Length of the carriage [m].
 

@@ -53,7 +53,6 @@ class ReductionExtent:
     Attributes:
         modes: Number of fixed-interface modes; None for a static reduction.
         cutoff_hz: They are complete up to here.
-        mass: Its mass was assembled.
         gravity: The response to unit gravity is there.
         verified: The number of modes was counted.
     """
@@ -108,8 +107,6 @@ def needs_mass(component: Component, loads: Sequence[Load], request: ReductionRe
     free are weighed by it.
 
     Args:
-        component: With or without interfaces.
-        loads: Static loads on it.
         request: Modes and gravity wanted.
     """
     return (
@@ -127,8 +124,6 @@ def trim_superelement(
 
     Args:
         element: Of a component's own reduction; see ``ReductionExtent.serves``.
-        request: What is wanted.
-        mass: The request assembles mass.
 
     Source: Craig and Bampton (1968): the fixed-interface modes of a basis do not depend on each
     other.

@@ -69,7 +69,6 @@ class InterfaceMap:
 
     Attributes:
         node: Index of the 6-dof boundary node that carries the interface rigidly.
-        frame: Frame of the interface in the component frame.
         shapes: Deformation shapes that it has besides; interfaces of the same points share them.
     """
 
@@ -127,7 +126,6 @@ class ProbeRows:
         missing: ``(9, n)`` energy products of the discretisation errors of the dofs with those of
             the response to the load that does the work of what is seen, with boundary and modal dofs
             fixed; None where nobody knows.
-        loads: By load of the superelement.
         strain_reach: Size of its cells over Young's modulus: what an error of the stress moves
             across them [m/Pa].
         singular: What makes the stress there grow with every finer mesh; empty for nothing.
@@ -172,10 +170,8 @@ class ErrorEstimates:
             either side in 95 of 100 cases.
         shape_stiffness: ``(n, n)`` change of the stiffness by the part's curved faces, which the
             mesh cuts short or overshoots.
-        shape_mass: The same of the mass.
         left_out_stiffness: ``(n, n)`` change of the stiffness by small features of the part that the
             mesh lacks; None where it lacks none.
-        left_out_mass: The same of the mass.
         corrected: The stiffness has been corrected by ``missing_energy``: errors of the mesh are of
             either sign.
     """
@@ -199,7 +195,6 @@ class Superelement:
     rails | deformation shapes of its flexible interfaces | modal dofs].
 
     Attributes:
-        name: Component name.
         labels: ``(node, control point or "mode", dof name or mode number)`` for each dof, in their order.
         frames: Frame of each boundary node in the component frame (origin where its 6 dofs live,
             axes parallel to the component).
@@ -220,7 +215,6 @@ class Superelement:
         mass_kg: Mass [kg].
         center_of_mass: ``(3,)`` [m].
         inertia: ``(3, 3)`` about the centre of mass, component axes [kg m^2].
-        loads: By load name.
         residual: Largest relative residual of the solves behind it.
         warnings: What the reduction has to say to the user.
         free_dofs: Boundary dofs that no mass and no stiffness reaches (named to the user), e.g. a

@@ -25,7 +25,6 @@ def check_superelement(superelement: Superelement, *, rounding: float = ROUNDING
     (all zero) no mass properties; those checks fall away for it.
 
     Args:
-        superelement: What to check.
         rounding: Relative error of its numbers: of double precision, or ``FILE_ROUNDING``.
 
     Raises:

@@ -163,7 +163,6 @@ class Case:
         name: What the command line calls it.
         group: ``beams``, ``benchmarks``, ``orders``, ``reduction``, ``machines``,
             ``axis_construction_kit``, ``tripteor`` or ``tripteor_verification``.
-        title: One line.
         compute: Collective function that returns the rows.
         on_request: Takes so long that it runs only when it is named itself.
         draw: Computes rows of what is drawn from a seed on, for cases that draw what they compare.

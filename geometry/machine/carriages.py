@@ -78,8 +78,6 @@ class Carriage:
     """A carriage on its rail.
 
     Attributes:
-        joint: Name of the joint.
-        rail: The rail it holds on to.
         place: Its middle along the rail's axis in the frame of the rail's component [m].
         length: Its length [m].
         span: Where the rail begins and ends [m].

@@ -63,7 +63,6 @@ class TorqueRipple:
 
     Attributes:
         torque: Amplitude [N m].
-        per_turn: Waves per turn.
         phase: At position zero [rad].
     """
 
@@ -77,12 +76,9 @@ class Drive:
     """A ball screw drive of an axis.
 
     Attributes:
-        name: Name in the scene.
-        axis: Axis it moves.
         joint: Its ball screw, nut at the first end.
         motor_inertia: Of rotor and coupling [kg m^2].
         lead: Travel per turn [m].
-        control: The controller.
         screw_inertia: Of the screw about its axis [kg m^2]; zero where it does not count.
         coupling: Torsional stiffness between motor and screw [N m/rad]; infinite where it is rigid.
         scale: Point whose motion along the axis a linear scale reads, tool against work; None for
@@ -112,7 +108,6 @@ def ripple_force(drive: Drive, positions: FloatArray) -> FloatArray:
     """Force along the axis ``(n,)`` by the ripple of a motor's torque at positions of the axis [N].
 
     Args:
-        drive: With its ripple.
         positions: ``(n,)`` [m].
     """
     turns, found = positions / drive.lead, np.zeros_like(positions)

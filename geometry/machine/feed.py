@@ -40,7 +40,6 @@ def find_feed(machine: Machine, point: Point, tip: FloatArray, poses: Sequence[P
 
     Args:
         machine: Its components, axes and mechanism.
-        point: The tool and its work.
         tip: ``(3,)`` of the tool in the frame of its component [m].
         poses: One after the other.
 

@@ -54,7 +54,6 @@ class ErrorProfile:
         values: ``(k,)`` there, with straight lines between them.
         coefficients: ``(c,)`` of the powers 0, 1, ... of the position over ``scale``.
         scale: Position at which every term of the polynomial is its coefficient.
-        waves: Added to both.
     """
 
     positions: FloatArray = field(default_factory=lambda: np.zeros(0))
@@ -151,7 +150,6 @@ def average_profile(profile: ErrorProfile, places: FloatArray, length: float) ->
     """The straight line through a profile under a carriage, by least squares over its length.
 
     Args:
-        profile: Of the rail.
         places: ``(n,)`` middles of the carriage.
         length: Of the carriage; zero for a point, which sees the value and no slope.
 

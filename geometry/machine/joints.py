@@ -85,8 +85,6 @@ class Joint:
     next to the joint point, at the position of the pose.
 
     Attributes:
-        name: Name in the scene.
-        ends: The two ends.
         kind: What the scene called it.
         rotation: ``(3, 3)`` joint axes in the machine frame, all fixed to the body that carries the
             joint point.
@@ -136,7 +134,6 @@ class Axis:
     """A machine axis: its position slides (or turns) every body on the far side of its joints.
 
     Attributes:
-        name: Name in the scene.
         joints: Names of the joints across which it moves (guides and drive).
         moves: Names of the components it carries, worked out from the joint graph or given.
         direction: ``(3,)`` unit vector in the machine frame.
@@ -162,7 +159,6 @@ def connected_groups(names: Iterable[str], edges: Iterable[tuple[str, str]]) -> 
     Args:
         names: All there are, in the order in which groups and their members are listed; names of
             edges beside them come last.
-        edges: Pairs of names.
     """
     group_of = {name: [name] for name in names}
     for edge in edges:

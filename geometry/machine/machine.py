@@ -32,8 +32,6 @@ class Point:
     """A named point at which results are wanted: the motion of ``tool`` relative to ``work``.
 
     Attributes:
-        name: Name in the scene.
-        tool: Interface of the tool, or ground.
         work: Interface of the workpiece, or ground.
         offset: Where the point is, from the origin of its ``carrier`` in the axes of that component
             [m]: a rigid extension without mass.
@@ -55,8 +53,6 @@ class Probe:
     """A place on a component where displacement and stress under the static loads are wanted.
 
     Attributes:
-        name: Name in the scene.
-        component: Component name.
         position: In the component's own frame [m].
     """
 
@@ -71,8 +67,6 @@ class JointDisplacement:
     without ground, its second end moves relative to the first.
 
     Attributes:
-        name: Name in the scene.
-        joint: Of the machine.
         motion: Translation of the joint's point and rotation about it, machine axes [m, rad].
     """
 
@@ -94,15 +88,8 @@ class Machine:
     """A machine as data, SI units, no numerics.
 
     Attributes:
-        name: Name of the scene.
         components: By name, placed at zero axis positions.
-        joints: By name.
-        points: By name.
         axes: By name, in the order in which the scene lists them.
-        supports: By name.
-        loads: By name.
-        displacements: Prescribed displacements by name.
-        probes: By name.
         gravity: Acceleration of gravity in the machine frame [m/s^2].
         gravity_stiffening: Whether small motions include the geometric stiffness due to gravity.
         rayleigh: Viscous damping by mass and stiffness of everything, springs of joints included.
@@ -202,7 +189,6 @@ def find_limit_fault(axis: str, position: float, *, low: float, high: float, uni
     """Why an axis cannot stand at a position; empty where it can.
 
     Args:
-        axis: Its name.
         position: Where it is to stand [m, rad].
         low: Lowest position [m, rad].
         high: Highest position [m, rad].
@@ -310,8 +296,6 @@ class MachinePath:
     stand at zero.
 
     Attributes:
-        start: Where it begins.
-        end: Where it ends.
         rotary: Axes whose positions are angles.
     """
 

@@ -16,7 +16,6 @@ class ToolTravel:
     """Axes that move a tool against its work.
 
     Attributes:
-        axes: Their names.
         directions: ``(3, a)`` travel of the tool against the work per travel of each axis.
     """
 

@@ -44,7 +44,6 @@ class Kinematics:
     """A mechanism in a state, with first derivatives.
 
     Attributes:
-        placement: Where everything is.
         of_position: ``(..., P, 3, n)`` derivative of the markers' positions.
         of_rotation: ``(..., P, 3, n)`` of their orientations.
         closure_jacobian: ``(..., m, n)`` ``phi_q``.
@@ -141,7 +140,6 @@ def closure_residual(
     """``phi``, ``(..., m)`` [m, rad], by how much the loops are open.
 
     Args:
-        mechanism: With its chains and closures.
         state: Coordinates ``(..., n)`` [m, rad].
         placement: Of the markers there, where it is known already.
     """
@@ -159,8 +157,6 @@ def closure_bias(mechanism: Mechanism, placement: Placement, bias: Bias) -> Floa
     accelerations.
 
     Args:
-        mechanism: With its chains and closures.
-        placement: Of the markers in a state.
         bias: Accelerations of the markers there with zero joint accelerations.
     """
     layout = closure_layout(mechanism)
@@ -210,7 +206,6 @@ def close_kinematics(
     method.
 
     Args:
-        mechanism: With its chains and closures.
         state: Coordinates ``(..., n)`` [m, rad] to start from.
         unknown: Which coordinates may change; None for the passive ones.
     """
@@ -266,7 +261,6 @@ class Mobility:
 
     Attributes:
         freedom: Motions that the closures leave, compliant coordinates fixed.
-        rank: Rank of the closures.
         closures: Number of closure equations; those above the rank are redundant, and forces in
             them not unique.
         passive_condition: Condition number of the closures in the passive coordinates; infinite

@@ -136,12 +136,10 @@ class MountedExechon:
     """An Exechon in its place above a table.
 
     Attributes:
-        dimensions: Of the tripod and its wrist.
         mounting: Base frame in the table frame.
         limits: Lowest and highest value of coordinates that have limits [m, rad].
         assembly: Which way round it is put together: signs of the plane's and of the platform's
             angle.
-        mechanism: The chains and closures.
     """
 
     dimensions: ExechonDimensions
@@ -178,7 +176,6 @@ def solve_tool_pose(
     """Coordinates ``(n,)`` at which the tool stands in one pose.
 
     Args:
-        machine: The mounted mechanism.
         point: ``(3,)`` tool point in the table frame [m].
         direction: ``(3,)`` unit vector along the tool, from the wrist to the tip, in the table
             frame.
@@ -213,7 +210,6 @@ def survey_tool_poses(
     raised.
 
     Args:
-        machine: The mounted mechanism.
         points: ``(..., 3)`` tool points in the table frame [m].
         directions: ``(3,)`` or ``(..., 3)`` unit vectors along the tool in the table frame.
     """
@@ -248,7 +244,6 @@ def platform_states(
     zero; NaN where it cannot be.
 
     Args:
-        dimensions: Of the tripod.
         center: ``(..., 3)`` wrist centre in the base frame [m].
         assembly: One of :data:`ASSEMBLIES`; together they are all solutions with legs of positive
             length.

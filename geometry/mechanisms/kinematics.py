@@ -63,7 +63,6 @@ class Placement:
     """Where a mechanism is in a state.
 
     Attributes:
-        layout: The chains.
         frames: ``(..., C, D + 1, 4, 4)`` frame after each motion.
         axes: ``(..., C, D, 3)`` axis of each motion in the ground frame.
         rotations: ``(..., P, 3, 3)`` orientation of each marker.

@@ -94,7 +94,6 @@ class Mechanism:
     """A mechanism: open chains from ground, closed into loops.
 
     Attributes:
-        name: For messages.
         chains: Each a row of steps and markers, from the ground frame outwards; chains may share
             coordinates.
         closures: What makes loops of the chains.

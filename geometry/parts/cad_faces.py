@@ -24,7 +24,6 @@ class CadFace:
 
     Attributes:
         number: What ``face:N`` counts, from 1.
-        kind: Kind of surface.
         area: [m^2].
         center: Centroid [m].
         normal: Outward unit normal: of a plane everywhere, of a curved face where its largest facet
@@ -63,9 +62,7 @@ class Hole:
     """A full round hole, of one or several faces.
 
     Attributes:
-        faces: Their numbers.
         radius: [m].
-        axis: Unit direction.
         place: The middle of its axis [m].
         depth: Length along the axis [m].
     """

@@ -22,7 +22,6 @@ class Material:
     """An isotropic, linear elastic material.
 
     Attributes:
-        name: Name in the scene.
         youngs_modulus: E [Pa].
         poisson_ratio: nu [-].
         density: rho [kg/m^3].
@@ -115,7 +114,6 @@ class Interface:
     """An area of a component with a 6-dof frame at its centroid, axes parallel to the component's.
 
     Attributes:
-        name: Name within the component.
         patches: One or several patches that together make up the area.
         coupling: ``rigid`` (RBE2) or ``average`` (RBE3); a rail always averages.
         flexible: Most deformation shapes that it keeps besides its rigid motions: with the coupling
@@ -212,9 +210,6 @@ class Support:
     """Pointwise support of whole patches of one component, or of the edge where two meet.
 
     Attributes:
-        name: Name in the scene.
-        component: Component name.
-        patches: Supported area.
         directions: Fixed displacement directions in the component's axes.
         edge: With these, the support is the edge where the patches meet them; empty for an area.
     """
@@ -244,14 +239,11 @@ class Load:
     """A static load on one component, in the machine frame's axes.
 
     Attributes:
-        name: Name in the scene.
-        component: Component name.
         kind: ``traction`` [Pa] (uniform over patches, ``vector``), ``pressure`` [Pa] (along the
             inward normal, ``magnitude``), ``body`` [m/s^2 acceleration field, ``vector``],
             ``force`` [N, N m] at an interface (``vector`` of 6).
         patches: Loaded area for traction and pressure.
         interface: Interface name for ``force``.
-        vector: Components of the load.
         magnitude: Pressure [Pa].
     """
 
@@ -269,13 +261,9 @@ class Component:
     """One body of a machine.
 
     Attributes:
-        name: Name in the scene.
         solid: Its shape in its own frame.
-        material: Its material.
         placement: Its own frame in the machine frame at zero axis positions.
-        interfaces: By name.
         fidelity: ``rigid``, ``segmented``, ``polynomial`` or ``elastic``.
-        mesh: Mesh settings.
         reduction: Which fixed-interface modes to keep.
         segments: How a segmented component is cut.
         mass: Overrides the solid's mass [kg]: the density is scaled so that the mass comes out.

@@ -110,7 +110,6 @@ def strip_axes(patch: Patch, normal: FloatArray) -> FloatArray:
     """Unit directions along and across a strip in a plane, ``(2, 3)``.
 
     Args:
-        patch: A strip.
         normal: Unit normal of the plane, ``(3,)``.
 
     Raises:
@@ -181,7 +180,6 @@ def _find_axis(
         origin: Point of the face, ``(3,)``.
         points: All over the face, ``(n, 3)``.
         normals: Its unit normals there, ``(n, 3)``.
-        tolerance: To which these are right.
 
     Source: Pottmann and Wallner (2001), Computational Line Geometry, section 3.4.
     """

@@ -47,7 +47,6 @@ class SolidProperties:
         patch_areas: Area of each interface [m^2].
         patch_centroids: Centroid ``(3,)`` of each interface [m].
         box: ``(2, 3)`` lowest and highest coordinates of the solid [m].
-        patch_boxes: The same of each interface.
         remarks: What the user should know of the file it is from.
     """
 

@@ -81,7 +81,6 @@ def rib_spans(count: int, thickness: float, low: float, high: float) -> list[Spa
     ``high`` [m].
 
     Args:
-        count: Of ribs.
         thickness: Of each [m].
         low: Where the first gap begins [m].
         high: Where the last gap ends [m].
@@ -95,7 +94,6 @@ def clear_spans(count: int, thickness: float, low: float, high: float) -> list[S
     """The clear gaps that ``rib_spans`` leaves [m].
 
     Args:
-        count: Of ribs.
         thickness: Of each [m].
         low: Where the first gap begins [m].
         high: Where the last gap ends [m].
@@ -193,7 +191,6 @@ def patch_outline(solid: object, patch: Patch) -> Outline | None:
 
     Args:
         solid: Of the component. The end of a tube is a ring, or a disk.
-        patch: On one face.
     """
     if patch.shape == "rect":
         return Outline(0.5 * np.array(patch.size))

@@ -41,7 +41,6 @@ def prism_skin(solid: Solid, axis: int, places: FloatArray) -> Skin:
     so that it can bend.
 
     Args:
-        solid: The solid.
         axis: Direction of the bar, 0..2.
         places: ``(n,)`` ascending along the axis, from end to end [m].
     """

@@ -31,7 +31,6 @@ class Plate:
     Attributes:
         size: Length x, width y and thickness z of the plate itself.
         rib_height: Height of the ribs above the plate; zero for a plain plate.
-        rib_thickness: Thickness of each rib.
         ribs_x: Number of ribs that run along x, spread evenly over the width.
         ribs_y: Number of ribs that run along y, spread evenly over the length.
     """
@@ -73,7 +72,6 @@ class StepFile:
     """A solid read from a STEP file; units come from the file's own header.
 
     Attributes:
-        path: Absolute path.
         solid: Index or name of the solid when the file holds several.
     """
 
@@ -86,7 +84,6 @@ class MeshFile:
     """A solid given as a finished mesh, in a format of ``meshing/formats.py``.
 
     Attributes:
-        path: Absolute path.
         unit: Length of one unit of the file's coordinates [m].
         beside: Absolute paths of the files that hold its arrays (XDMF).
         solid: Name of the set of cells of the file that the solid is; None for all of one material, ``*``

@@ -27,7 +27,6 @@ def cut_curved_face(face: int, patch: Patch, extent: float, unit: float) -> list
     """Cut the part of a curved face that a patch takes.
 
     Args:
-        face: Tag of the face.
         patch: A disk, rect or strip; its size is in the unit of the model.
         extent: Longest side of the solid.
         unit: Length of the model's unit [m], for messages.
@@ -198,10 +197,6 @@ def _choose_pieces(pieces: list[int], laid: CurvedPatch) -> list[int]:
 def measure_under(face: int, laid: CurvedPatch) -> float:
     """Area of a face under a patch's outline, without the kernel's Boolean operations: cells of its
     parameters are halved along the outline and along the face's own rim.
-
-    Args:
-        face: Tag.
-        laid: The patch on it.
     """
     low, high = (np.array(bound) for bound in gmsh.model.getParametrizationBounds(2, face))
     widths = (high - low) / START

@@ -138,9 +138,7 @@ def write_sample(kind: str, sizes: Sizes, path: str) -> None:
     """Write one solid as a STEP file.
 
     Args:
-        kind: Which solid.
         sizes: Its lengths by name [mm].
-        path: Of the STEP file.
     """
     with open_kernel():
         SAMPLES[kind](sizes)

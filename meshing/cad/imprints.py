@@ -30,14 +30,10 @@ class OpenShape:
     """A volume in the open gmsh model.
 
     Attributes:
-        volume: Its tag.
-        solid: The solid it was built from.
         faces: Tags of its faces in the order in which ``face:N`` counts them.
         low: Lower corner ``(3,)`` of the bounding box.
         high: Upper corner ``(3,)`` of the bounding box.
-        size: Element size.
         unit: Length of the model's unit [m], for messages.
-        across: Elements across an imprint.
         refinement: How many times finer than that imprints are meshed.
         polygons: Imprint disks as regular polygons of equal area, so that straight-sided elements
             keep the area.
@@ -65,7 +61,6 @@ class Imprints:
     """Where patches ended up.
 
     Attributes:
-        faces: Face tags of each group.
         sizes: Element size on each face that was imprinted.
         remarks: What to tell the user.
     """

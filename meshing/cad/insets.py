@@ -26,8 +26,6 @@ class _Loop:
     """An inner loop of a plane face.
 
     Attributes:
-        plane: Tag of the face.
-        curves: Tags of its curves.
         low: Lower corner ``(3,)`` of its bounding box.
         high: Upper corner ``(3,)``.
     """
@@ -48,7 +46,6 @@ class _Feature:
     """Faces behind loops.
 
     Attributes:
-        faces: Their tags.
         loops: Where they meet the rest.
     """
 
@@ -78,7 +75,6 @@ def close_planes(
     """Close plane faces over the features within them that are narrower than a width.
 
     Args:
-        volume: Tag.
         list_boundary: Tags of the faces of a volume, in the order in which ``face:N`` counts them.
         width: Widest features that go.
         named: Numbers of faces that something refers to and that must stay.

@@ -84,13 +84,7 @@ class CurvedFaces:
 def measure_curved_faces(
     faces: Sequence[int], patch_faces: Mapping[str, Sequence[int]], order: int
 ) -> CurvedFaces:
-    """Curved faces of the open gmsh model, and the round rims of its plane patches.
-
-    Args:
-        faces: Tags of all faces.
-        patch_faces: Tags of the faces of each patch group.
-        order: Of the elements.
-    """
+    """Curved faces of the open gmsh model, and the round rims of its plane patches."""
     chosen = {tag for tags in patch_faces.values() for tag in tags}
     rows: list[tuple[float, ...]] = []
     rims: list[tuple[float, float]] = []
@@ -124,10 +118,6 @@ def size_curved_faces(
     """Element sizes on curved faces: as coarse as volume and patch areas allow.
 
     Args:
-        curved: Curved faces.
-        volume: Volume of the shape.
-        thickness: Of its walls.
-        size: Element size elsewhere.
         order: 1 or 2.
         refinement: How many times finer than that the curved faces are to be meshed.
         smallest: What curvature alone does not go below.
@@ -343,7 +333,6 @@ def add_growth_fields(edges: EdgeSizes, *, size: float, smallest: float) -> list
     """Let elements grow from short edges, and return the tags of the fields.
 
     Args:
-        edges: Of the open model.
         size: Element size far away.
         smallest: Where growth begins at edges that are shorter still.
     """
@@ -366,7 +355,6 @@ def describe_short_edges(
     belong to.
 
     Args:
-        edges: Of the open model.
         numbers: What ``face:N`` counts, by tag.
         smallest: Element size beside them.
         unit: Length of the model's unit [m].

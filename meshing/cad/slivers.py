@@ -107,7 +107,6 @@ def refuse_slivers(
     """Refuse a shape with slivers.
 
     Args:
-        faces: Tags of the faces to look at.
         left: Tags of those that the shape to be meshed still has.
         size: Of elements, in the unit of the model.
         unit: Of the model's lengths [m].

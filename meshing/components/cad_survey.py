@@ -24,8 +24,6 @@ class NamedSet:
     """A set of a mesh file, where it lies on the surface.
 
     Attributes:
-        name: As the file calls it.
-        facets: Their number.
         area: [m^2].
         center: Centroid [m].
     """

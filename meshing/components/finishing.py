@@ -64,8 +64,6 @@ def finish_mesh(data: MeshData, component: Component, groups: Groups) -> Compone
     Args:
         data: Points [m], cells, and the facet corners of each group or, from a mesh file, of each
             named set.
-        component: The component it was made for.
-        groups: Patches of each group, for messages.
 
     Raises:
         MeshError: The mesh is disconnected, has bad elements, or misses the CAD volume or a patch
@@ -144,8 +142,6 @@ def find_patch_faults(data: MeshData, component: Component, groups: Groups) -> l
 
     Args:
         data: What the file holds [m].
-        component: The component it is of.
-        groups: Its patches by group.
     """
     _, cells, kind, _ = _shape_elements(data, component)
     surface = extract_surface(cells, kind)

@@ -121,11 +121,6 @@ def find_file_faults(
     """What is wrong with the patches of a component from a mesh file, which is read for it, and
     remarks on the file; none of any other solid.
 
-    Args:
-        component: Whose patches.
-        supports: Of any component.
-        loads: Of any component.
-
     Raises:
         MeshError: The file cannot be read.
     """
@@ -181,7 +176,6 @@ class MeshEstimate:
     """What a mesh will be like, roughly.
 
     Attributes:
-        cells: Their number.
         nodes: Number of nodes; 0 where it follows from the cells alone.
         volume: Of the solid [m^3]; None where it is not known.
     """
@@ -203,9 +197,6 @@ def estimate_mesh(
     """What a component's mesh will be like before meshing.
 
     Args:
-        component: What to mesh.
-        supports: Of any component.
-        loads: Of any component.
         survey: Mesh the surface of what has patches or curved faces, with the sizes of the mesh
             itself: within a factor of 1.5.
         known: Surveys that were made before, which equal components share; this one is added.
@@ -343,7 +334,6 @@ def count_hexes(component: Component, size: float, across: int = 4) -> int:
     """Number of hexes of a box with grid lines along its patches.
 
     Args:
-        component: A box.
         size: Largest side of a hex [m].
         across: Fewest hexes across a patch.
 
@@ -369,7 +359,6 @@ def patch_groups(
     """Patches of every group of a component, by group name.
 
     Args:
-        component: With interfaces.
         supports: Of the machine; those on other components are left out.
         loads: Of the machine; those on other components are left out.
     """
@@ -396,7 +385,6 @@ def run_shape_job(
 
     Args:
         component: With a CAD or parametric solid.
-        groups: Patches by group name.
         task: Mesh it, list its faces, or count what a mesh would have.
         time_limit: Processor time of the worker process [s].
         refinement: How many times finer the curved faces are to be meshed.
@@ -553,7 +541,6 @@ def read_mesh_file(solid: MeshFile, what: str, time_limit: float = DESCRIBE_TIME
     """Read a mesh file in a worker process, in metres.
 
     Args:
-        solid: The file and its unit.
         what: Whose mesh it is, for messages.
         time_limit: Processor time of the worker process [s].
 

@@ -42,7 +42,6 @@ def unmeshed_skin(solid: Solid, *, thinned: bool = True) -> Skin | None:
     boundary of a mesh file.
 
     Args:
-        solid: The solid.
         thinned: Take triangles out of the fine surface of a STEP file, which takes seconds.
 
     Returns:
@@ -87,7 +86,6 @@ def thin_skin(skin: Skin, *, largest: int, pixel: float | None = None) -> Skin:
     where VTK is missing or there is none.
 
     Args:
-        skin: The surface.
         largest: How many triangles there may be if it then looks the same.
         pixel: Largest invisible deviation [m]; default: a pixel of a picture of this surface.
     """

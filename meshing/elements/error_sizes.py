@@ -38,11 +38,7 @@ def mean_edges(field: SizeField) -> FloatArray:
 
 
 def find_singular(mesh: ComponentMesh) -> NDArray[np.bool_]:
-    """Cells ``(n_cells,)`` with a corner at a sharp inner edge or at the rim of a patch.
-
-    Args:
-        mesh: Of tetrahedra.
-    """
+    """Cells ``(n_cells,)`` with a corner at a sharp inner edge or at the rim of a patch."""
     surface = extract_surface(mesh.cells, mesh.kind)
     corners, normals = surface.facets[:, :3], corner_normals(mesh.points, surface)
     sides = np.sort(corners[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
@@ -72,7 +68,6 @@ def spread_error(
     for all of them.
 
     Args:
-        mesh: Of tetrahedra.
         energies: ``(n_cells,)`` what each of its cells misses, in any unit.
         share: What all may miss in sum, over what they miss.
         before: Sizes that the mesh was made with, if they were given from place to place.

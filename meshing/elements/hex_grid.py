@@ -24,7 +24,6 @@ def mesh_box_grid(
     """Mesh a box with 8- or 27-node hexes.
 
     Args:
-        box: The block.
         groups: Patches of each group: whole faces, rects and strips.
         size: Largest element side [m].
         order: 1 or 2.
@@ -52,8 +51,6 @@ def grid_lines(
     between them.
 
     Args:
-        box: The block.
-        patches: On its faces.
         size: Largest distance of planes [m].
         across: Fewest elements across a patch.
     """

@@ -20,7 +20,6 @@ def place_features(
     Args:
         points: ``(n_points, 3)`` [m].
         cells: ``(n_cells, nodes per cell)`` tetrahedra.
-        kind: Of the cells.
         left_out: The features [m].
     """
     places = left_out.places.reshape(-1, 3)

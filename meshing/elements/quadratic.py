@@ -68,7 +68,6 @@ def is_straight(
     Args:
         points: Nodes, ``(n, 3)`` [m].
         cells: Nodes of each cell, ``(n_cells, k)``.
-        kind: Of the cells.
         tolerance: Share of the size of the mesh.
     """
     return bool(straight_cells(points, cells, kind, tolerance).all())
@@ -83,7 +82,6 @@ def straight_cells(
     Args:
         points: Nodes, ``(n, 3)`` [m].
         cells: Nodes of each cell, ``(n_cells, k)``.
-        kind: Of the cells.
         tolerance: Share of the size of the mesh.
     """
     away = np.zeros(len(cells))

@@ -38,7 +38,6 @@ def scaled_jacobians(points: FloatArray, cells: IntArray, kind: CellKind) -> Flo
     Args:
         points: ``(n_points, 3)`` [m].
         cells: ``(n_cells, nodes per cell)``.
-        kind: Cell kind.
 
     Returns:
         ``(n_cells,)``.
@@ -62,7 +61,6 @@ def integrate_mesh(points: FloatArray, cells: IntArray, kind: CellKind) -> Volum
     Args:
         points: Nodes, ``(n, 3)`` [m].
         cells: Nodes of each cell, ``(n_cells, k)``.
-        kind: Of the cells.
     """
     origin = points.mean(axis=0)  # far-off meshes would cancel otherwise
     nodes, weights = _quadrature(kind, 5)
@@ -86,7 +84,6 @@ def mesh_volume(points: FloatArray, cells: IntArray, kind: CellKind) -> float:
     Args:
         points: Nodes, ``(n, 3)`` [m].
         cells: Nodes of each cell, ``(n_cells, k)``.
-        kind: Of the cells.
     """
     nodes, weights = _quadrature(kind, 1 if kind == "tet4" else 3)
     return float(
@@ -131,7 +128,6 @@ def jacobian_determinants(
     Args:
         points: Nodes, ``(n, 3)`` [m].
         cells: Nodes of each cell, ``(n_cells, k)``.
-        kind: Of the cells.
         samples: Reference points, ``(n_samples, 3)``.
     """
     return _determinants(_jacobians(points, cells, kind, samples))
@@ -258,7 +254,6 @@ def facet_tables(node_count: int, places: int = 6) -> tuple[FloatArray, FloatArr
     quad4, quad8 and quad9 facets.
 
     Args:
-        node_count: Nodes per facet.
         places: Gauss points along each side.
     """
     nodes, weights = np.polynomial.legendre.leggauss(places)

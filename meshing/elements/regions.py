@@ -31,8 +31,6 @@ def are_whole_faces(points: FloatArray, surface: MeshSurface, chosen: IntArray) 
 
     Args:
         points: Nodes ``(n_points, 3)``, in any unit.
-        surface: Of the mesh.
-        chosen: Numbers of the facets.
     """
     owners = split_surface(points, surface)
     return len(np.unique(chosen)) == int(np.isin(owners, owners[chosen]).sum())
@@ -47,7 +45,6 @@ def split_surface(points: FloatArray, surface: MeshSurface) -> IntArray:
 
     Args:
         points: Nodes ``(n_points, 3)``, in any unit.
-        surface: Of the mesh.
     """
     corners = surface.facets[:, : surface.corners]
     left, right, cosine = _find_edges(points, surface)
@@ -72,7 +69,6 @@ def are_planes(points: FloatArray, surface: MeshSurface) -> bool:
 
     Args:
         points: Nodes ``(n_points, 3)``, in any unit; those between corners are taken as half-way.
-        surface: Of the mesh.
     """
     _, _, cosine = _find_edges(points, surface)
     return bool(((cosine > FLAT_COSINE) | (cosine <= SHARP_COSINE)).all())
@@ -98,7 +94,6 @@ def describe_faces(points: FloatArray, surface: MeshSurface, owners: IntArray) -
 
     Args:
         points: Nodes ``(n_points, 3)`` [m].
-        surface: Of the mesh.
         owners: Number of the face of each facet, as ``split_surface`` gives them.
     """
     normals = corner_normals(points, surface)

@@ -48,7 +48,6 @@ def match_facets(surface: MeshSurface, facets: IntArray) -> tuple[IntArray, int]
     surface.
 
     Args:
-        surface: Boundary facets.
         facets: ``(n, >= corners)``, corners first, in any orientation.
 
     Returns:
@@ -92,8 +91,6 @@ def count_parts(cells: IntArray, kind: CellKind, n_points: int) -> tuple[int, In
 
     Args:
         cells: Nodes of each cell, ``(n_cells, k)``.
-        kind: Of the cells.
-        n_points: Number of nodes.
     """
     corners = cells[:, : corner_count(kind)]
     rows = np.repeat(corners[:, 0], corners.shape[1] - 1)
@@ -117,8 +114,6 @@ def measure_gaps(points: FloatArray, surface: MeshSurface, curved: CurvedFacets)
 
     Args:
         points: ``(n_points, 3)`` of the mesh as it is used [m], repaired.
-        surface: Its boundary.
-        curved: Facets on curved faces.
     """
     values, gradients, weights = facet_tables(curved.nodes.shape[1], PLACES)
     nodes = points[curved.nodes]

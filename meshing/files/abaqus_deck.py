@@ -107,12 +107,9 @@ class Scope:
     """What a part, an instance or the deck itself defines, by its own numbers.
 
     Attributes:
-        nodes: Node number to position.
-        elements: By type.
         numbers: Nodes by element number, of solids and surface elements.
         others: Numbers of elements that are left out.
         node_sets: Members by name in upper case.
-        element_sets: The same of elements.
         surfaces: Blocks of each named surface, by name in upper case.
         internal: Sets that only help to define others.
         sections: Set and material, in upper case, and where that stands.
@@ -137,11 +134,9 @@ class Instance:
 
     Attributes:
         name: As written; empty for the deck itself.
-        scope: Of its part.
         own: What stands between its own keywords, a mesh of its own where it has one.
         rotation: ``(3, 3)``.
         shift: ``(3,)``, added after the rotation.
-        rows: Row of each of its nodes in the mesh.
         cells: Which solid cell of the mesh each of its solid elements is.
     """
 
@@ -161,7 +156,6 @@ class Deck:
     Attributes:
         root: What stands outside of parts and instances.
         parts: By name in upper case.
-        instances: In their order.
         materials: Numbers of each material by keyword, by name in upper case.
         ties: Surfaces of each pair that is bonded, with their place.
         left_out: Elements and constraints that are no solid cells, by kind.

@@ -37,11 +37,6 @@ NAMED = 6
 def guard_reader(path: Path, reader: Callable[[Path], RawMesh], solid: str | None) -> MeshData:
     """Read a mesh file with a reader that may raise anything.
 
-    Args:
-        path: Of the file.
-        reader: Of its format.
-        solid: As `assemble_mesh`.
-
     Returns:
         Points in the file's unit, cells of one kind in gmsh's node order, and named surface and
         node sets.
@@ -69,7 +64,6 @@ def assemble_mesh(path: Path, raw: RawMesh, solid: str | None = None) -> MeshDat
     """Make one solid of what a file holds.
 
     Args:
-        path: Of the file, for messages.
         raw: What its reader found.
         solid: Name of the set of cells to take; None for all of one material, ``*`` for all of whatever
             material.

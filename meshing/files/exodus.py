@@ -188,7 +188,6 @@ def add_side_sets(path: Path, cells: IntArray, sets: Mapping[str, IntArray]) -> 
     """Add side sets to an Exodus file with one block of cells.
 
     Args:
-        path: Of the file.
         cells: Its cells, corners first, ``(n_cells, k)``.
         sets: Corners of the facets of each set, ``(n, 3 or 4)``.
     """

@@ -51,10 +51,6 @@ def upright_first(family: SolidFamily) -> tuple[tuple[int, int], ...]:
 def middle_groups(family: SolidFamily, count: int) -> tuple[Group, ...] | None:
     """Corners whose middles the nodes behind the corners are, edges first; None for a number of nodes that no
     cell of the family has.
-
-    Args:
-        family: Of the cell.
-        count: Its number of nodes.
     """
     edges = FAMILY_EDGES[family]
     quads = tuple(face for face in FAMILY_FACES[family] if len(face) == 4)

@@ -119,7 +119,6 @@ def read_xdmf(path: Path, beside: Sequence[Path]) -> RawMesh:
     several.
 
     Args:
-        path: Of the file.
         beside: HDF5 files that it may read.
 
     Raises:
@@ -253,8 +252,6 @@ def _add_tags(
     """Sets of surface elements, and groups of solid cells, by the integer values that a grid gives them.
 
     Args:
-        reader: Of the file.
-        grid: With the values.
         blocks: Kind and nodes of its cells.
         raw: What takes the sets.
         cells: What the cells of each block count as among the solid ones; none of surface elements.

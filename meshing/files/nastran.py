@@ -60,7 +60,6 @@ class Line:
     """One line of a card.
 
     Attributes:
-        number: In the file.
         name: Of the card, upper case; empty for a line that continues one.
         label: Behind the sign of continuation.
         fields: The four or eight fields of the line.
@@ -83,7 +82,6 @@ class Card:
     Attributes:
         place: Name of the file and number of the line, for messages.
         name: Upper case, without ``*``.
-        fields: Behind the name.
     """
 
     place: str
@@ -172,12 +170,7 @@ def read_nastran(path: Path) -> RawMesh:
 
 
 def _unnamed_properties(elements: Sequence[Card], known: Collection[int]) -> set[int]:
-    """Properties that are but the number of their one element, as they are where none is written.
-
-    Args:
-        elements: Of one kind.
-        known: Properties with a card.
-    """
+    """Properties that are but the number of their one element, as they are where none is written."""
     count = Counter(card.integer(1, card.integer(0)) for card in elements)
     return {
         card.integer(0)

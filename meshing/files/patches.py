@@ -33,8 +33,6 @@ def select_facets(data: MeshData, surface: MeshSurface, patch: Patch) -> IntArra
 
     Args:
         data: The mesh; its unit is that of the patch.
-        surface: Its boundary facets.
-        patch: What to select.
 
     Raises:
         MeshError: The patch names nothing that exists, or wraps around its face.
@@ -72,7 +70,6 @@ def end_facets(points: FloatArray, surface: MeshSurface, face: str) -> IntArray:
 
     Args:
         points: Nodes, ``(n, 3)`` [m].
-        surface: Of the mesh.
         face: ``x-`` to ``z+``.
     """
     axis, sign = FACE_DIRECTIONS[face]

@@ -31,7 +31,6 @@ class SolidBlock:
     """Solid cells of one family and one number of nodes.
 
     Attributes:
-        family: Of the cells.
         nodes: ``(n, k)`` corners first; -1 where the file leaves out a node that is no corner.
         groups: Corners whose middle each further node is, as the format has it.
         ordered: Programs keep to that order.
@@ -71,7 +70,6 @@ class RawMesh:
         points: ``(n, 3)``.
         solids: Blocks of solid cells; cells are counted over them all.
         facets: Corners ``(n, 3 or 4)`` of the blocks of each named set of surface elements.
-        node_sets: Node numbers of each named set.
         groups: Cells of each named set, which ``solid`` of a scene may choose.
         sections: Which cells have which material.
         left_out: How many elements of each kind are no solid cells and carry stiffness or mass.
@@ -103,7 +101,6 @@ class RawMesh:
         """Add a block of solid cells.
 
         Args:
-            family: Of the cells.
             nodes: ``(n, k)`` corners first.
             edges: In the order in which the format lists their middles; where nodes lie decides as well.
             numbers: ``(n,)`` of the cells in the file; counted from 1 where it has none.
@@ -146,7 +143,6 @@ class RawMesh:
         """Add surface elements to a named set; elements of other kinds are passed over.
 
         Args:
-            name: Of the set.
             kind: Of the elements, by meshio's name.
             nodes: ``(n, k)``, corners first.
         """
@@ -162,21 +158,13 @@ class RawMesh:
         """Add solid cells to a named set.
 
         Args:
-            name: Of the set.
             cells: Counted over all blocks, ``(n,)``.
         """
         if len(cells):
             self.groups.setdefault(clean_name(name), []).append(cells)
 
     def add_section(self, name: str, cells: IntArray, material: str, key: Hashable) -> None:
-        """Add solid cells to a named set that has one material.
-
-        Args:
-            name: As that of a group.
-            cells: As those of a group.
-            material: As in `Section`.
-            key: As in `Section`.
-        """
+        """Add solid cells to a named set that has one material."""
         if len(cells):
             self.add_group(name, cells)
             self.sections.append(Section(clean_name(name), cells, material, key))

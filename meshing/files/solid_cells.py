@@ -36,7 +36,6 @@ class SolidCells:
     """Cells of one family.
 
     Attributes:
-        family: Of the cells.
         nodes: ``(n, MOST_NODES)`` corners, middles of edges, of quadrilateral faces and of the body as
             `middle_groups` has them; -1 where there is none.
         index: ``(n,)`` which cells of the file they are.
@@ -79,9 +78,7 @@ def gather_cells(path: Path, points: FloatArray, blocks: Sequence[SolidBlock]) -
     and programs differ in how well they keep to the format they write.
 
     Args:
-        path: Of the file, for messages.
         points: ``(n, 3)`` of the file.
-        blocks: Its cells.
 
     Raises:
         MeshError: Cells lack corners, or mid-side nodes lie at no sides.
@@ -149,7 +146,6 @@ def mirror_cells(cells: SolidCells, turned: NDArray[np.bool_]) -> SolidCells:
     """Cells of which some are counted from the other side.
 
     Args:
-        cells: Of one family.
         turned: ``(n,)`` which.
     """
     corners = MIRRORED[cells.family]
@@ -170,7 +166,6 @@ def signed_volumes(points: FloatArray, cells: SolidCells) -> FloatArray:
 
     Args:
         points: ``(n_points, 3)``.
-        cells: Of one family.
     """
     places = points[cells.corners]
     places = places - places[:, :1]
@@ -191,10 +186,7 @@ def fill_middles(
     """Cells with a node in the middle of every edge: that of a neighbour, or a new one half-way.
 
     Args:
-        path: Of the file, for messages.
         points: ``(n, 3)``.
-        every: Cells of all families.
-        numbers: Of the cells in the file.
 
     Raises:
         MeshError: Two cells have nodes in different places in the middle of an edge that they share.
@@ -315,7 +307,6 @@ def cut_to_tets(
 
     Args:
         points: ``(n, 3)``.
-        every: Cells of all families.
 
     Returns:
         Points, tets ``(n, 10)`` and which cells of the file they are of.

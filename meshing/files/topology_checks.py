@@ -65,11 +65,7 @@ class Faces:
 
 
 def list_faces(every: Sequence[SolidCells]) -> Faces:
-    """The faces of cells; a face that collapses to a triangle is one, to less is none.
-
-    Args:
-        every: Cells of all families.
-    """
+    """The faces of cells; a face that collapses to a triangle is one, to less is none."""
     nodes, owners = [], []
     for cells in every:
         corners = cells.corners
@@ -99,9 +95,6 @@ def drop_repeated_cells(
     """Cells without those that have the corners of another, and what is to be said of them.
 
     Args:
-        path: Of the file, for messages.
-        every: Cells of all families.
-        numbers: Of the cells in the file.
         materials: Number of the material of each cell, -1 where none is known.
 
     Raises:
@@ -152,7 +145,6 @@ def turn_cells(
 
     Args:
         points: ``(n, 3)``.
-        every: Cells of all families.
     """
     volumes = [signed_volumes(points, cells) for cells in every]
     if all((part >= 0.0).all() for part in volumes):
@@ -189,10 +181,8 @@ def check_one_solid(
     """Refuse cells that are no solid: with faces of three cells, within each other, or in several parts.
 
     Args:
-        path: Of the file, for messages.
         points: ``(n, 3)``.
         every: Cells of all families, none of them twice.
-        numbers: Of the cells in the file.
         names: Of the groups of cells that the file has, for messages.
 
     Raises:
@@ -241,9 +231,6 @@ def _check_cuts(path: Path, every: Sequence[SolidCells], numbers: IntArray, piec
     """Refuse quadrilaterals that meet two triangles cut across the other diagonal, a slit in the mesh.
 
     Args:
-        path: Of the file, for messages.
-        every: Cells of all families.
-        numbers: Of the cells in the file.
         pieces: Faces of the tets they are cut into.
     """
     order, starts, lengths = pieces.runs()

@@ -50,7 +50,6 @@ def encode_mesh(mesh: ComponentMesh, path: Path) -> dict[str, bytes]:
     Lengths are in metres.
 
     Args:
-        mesh: With a patch for each set.
         path: Of the file; its ending chooses the format.
 
     Raises:

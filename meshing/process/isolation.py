@@ -65,8 +65,6 @@ class WorkerLimits:
 
     Attributes:
         memory_bytes: Of address space, and of each file it writes.
-        cpu_seconds: Of processor time.
-        wall_seconds: From its start.
     """
 
     memory_bytes: int
@@ -91,7 +89,6 @@ class WorkerEnd:
     Attributes:
         code: Exit code; minus the number of the signal that ended it.
         errors: What it wrote on standard error.
-        limits: The limits it had.
         wanted: The limits it was meant to have.
     """
 
@@ -160,8 +157,6 @@ def run_isolated(
     """Run a module that calls `accept_limits` in a worker process.
 
     Args:
-        module: Name of the module.
-        words: Its arguments.
         limits: What it may use at most.
         readable: Files it may read; of its own code and the system's libraries it sees what it
             needs.

@@ -38,14 +38,11 @@ class MeshJob:
             mesh its surface to count cells), ``faces`` (list and triangulate its faces) or ``file``
             (read a finished mesh).
         solid: What is meshed or read.
-        groups: Patches of each patch group.
         unit: Length of the job's unit [m], for messages.
         size: Element size, None for the default rule (STEP files only).
-        across_patches: Elements across an imprint.
         growth: Element size per distance from the rim of an imprint, on top of the size there; None
             for gmsh's own grading.
         rims: Groups around which stresses are singular.
-        rim_size: Element size at their rims.
         smallest: What curvature and short edges do not go below; None for the default share of the
             element size.
         leave_out: Largest radius of the fillets, holes and pins that are taken off before meshing;
@@ -85,7 +82,6 @@ class MeshData:
         cells: ``(n, nodes per cell)`` in gmsh order.
         kind: Cell kind, or None when only described.
         facets: Facet corners ``(n, 3 or 4)`` of each group or named surface set.
-        node_sets: Node numbers of each named node set.
         properties: Of the CAD shape with its patch groups, or None for a mesh file.
         size: Element size that was used.
         estimate: Number of cells that were expected.

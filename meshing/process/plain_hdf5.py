@@ -27,7 +27,6 @@ def plain_objects(
     soft links and filters from plug-ins have no place in a file of numbers either.
 
     Args:
-        start: Where to begin.
         error: Raised for the first thing that is not in the file itself, or is too large.
         names: Of the members of the group to look at; None for all.
     """
@@ -68,8 +67,6 @@ def require_own_data(item: h5py.Dataset, where: str, error: type[HeadstockError]
     """Refuse a data set whose values lie elsewhere or unpack to more than the file could hold.
 
     Args:
-        item: The data set.
-        where: Its path, for messages.
         error: Raised for what is refused.
 
     Returns:

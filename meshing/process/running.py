@@ -36,7 +36,6 @@ def run_job(
     """Run a job in a worker process.
 
     Args:
-        job: What to do.
         what: Names the component in messages.
         time_limit: Processor time after which the worker is killed [s]; it waits for processors and
             disks at most four times as long.

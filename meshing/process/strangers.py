@@ -52,7 +52,6 @@ class FileKind:
     """A kind of files that others make.
 
     Attributes:
-        name: With an article.
         most_bytes: That one may have.
         advice: What to do with a larger one.
     """
@@ -92,10 +91,7 @@ def read_apart(
     """Read a file of strangers: a large one in a process apart, with limits.
 
     Args:
-        path: Of the file.
-        kind: What it is to be.
         reader: A function of a module. It takes the path and the arguments and raises ``error``.
-        arguments: For the reader.
         error: Raised for everything that is wrong with the file.
 
     Returns:
@@ -118,8 +114,6 @@ def require_size(path: Path, kind: FileKind, error: type[HeadstockError]) -> os.
     """Refuse what is no regular file, or is larger than its kind.
 
     Args:
-        path: Of the file.
-        kind: What it is to be.
         error: Raised where it is not.
     """
     try:

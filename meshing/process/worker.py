@@ -18,7 +18,6 @@ def serve_job(arguments: list[str], perform: Callable[[MeshJob], MeshData]) -> i
 
     Args:
         arguments: The limits, and the number of the open file that takes the result (npz).
-        perform: Does the job.
 
     Returns:
         Exit code: 0 done, 3 refused for a stated reason, 4 the file is to blame, 5 it lacks a patch, whose

@@ -122,7 +122,6 @@ def build_boundary_basis(
     """Boundary nodes, fixed dofs and dependence rows of a component's interfaces and supports.
 
     Args:
-        component: With its interfaces.
         mesh: Its mesh, with a patch per interface and the groups of patches of each support.
         supports: Those of this component; each fixes some directions of the points of its patch.
 
@@ -236,8 +235,6 @@ def lay_out_shapes(component: Component, node: BoundaryNode, first: int) -> Patc
     ring as written, or the rectangle around it as the mesh has it.
 
     Args:
-        component: With the interface.
-        node: Its boundary node.
         first: Where the dofs of its shapes begin.
 
     Raises:

@@ -92,9 +92,6 @@ def reduce_elastic(
     Args:
         component: Description; its material's density is scaled when the component states its mass.
         mesh: Its mesh on rank 0; what other ranks hand in is not looked at.
-        supports: Pointwise supports of this component.
-        loads: Static loads on this component.
-        comm: Communicator; collective.
         request: What to deliver; by default the component's own reduction settings with mass.
         probes: Places where displacement and stress are wanted; those in other components are left
             out.
@@ -167,7 +164,6 @@ def reduce_operators(
         component: Geometry, material, interfaces and reduction settings.
         mesh: Its mesh on rank 0.
         operators: Stiffness, and mass where the request needs it, of this mesh.
-        supports: Supports of this component.
         loads: Static loads; those on other components are left out.
         request: How many modes, and whether gravity, recovery and error estimates.
         probes: Those on other components are left out.
@@ -330,8 +326,6 @@ def find_cell_errors(
 
     Args:
         component: What was meshed.
-        mesh: Its mesh, whole.
-        element: Its superelement, with recovery.
         motions: ``(n, k)`` of the superelement's dofs.
 
     Raises:

@@ -30,7 +30,6 @@ def without_rigid_stiffness(
     spring, which hides mechanisms; with a single boundary node nothing but rounding is left.
 
     Args:
-        element: Superelement as projected.
         points: ``(n_points, 3)`` mesh points [m].
         held: What supports fix.
         scale: Largest entry of the stiffness it was reduced from [N/m].

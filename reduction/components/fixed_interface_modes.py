@@ -143,7 +143,6 @@ def draw_numbers(nodes: IntArray, count: int, *, seed: int) -> FloatArray:
 
     Args:
         nodes: ``(n,)`` mesh points.
-        count: Numbers for each.
         seed: Another one gives others.
 
     Source: Steele, Lea and Flood (2014), Fast splittable pseudorandom number generators, fig. 15.

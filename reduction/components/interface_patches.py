@@ -16,14 +16,12 @@ class MeshPatch:
     """A patch as the mesh sees it.
 
     Attributes:
-        name: Patch group.
         nodes: ``(n,)`` sorted mesh points of the patch.
         points: ``(n, 3)`` [m].
         weights: ``(n, n)`` consistent surface mass ``integral N_i N_j dA`` [m^2].
         normals: ``(n, 3)`` ``integral N_i n dA``, outward [m^2].
         area: [m^2]; zero for a forced point or line, whose nodes then weigh one each.
         centroid: ``(3,)`` [m].
-        facet_count: Number of facets.
     """
 
     name: str

@@ -79,7 +79,6 @@ def scatter_rows(values: FloatArray, nodes: IntArray, operators: ElasticOperator
     Args:
         values: ``(n, ...)`` by node.
         nodes: ``(n,)`` mesh points, each once.
-        operators: Nodes of this rank.
     """
     result = np.zeros((len(operators.nodes), *values.shape[1:]))
     _, given, own = np.intersect1d(nodes, operators.nodes, assume_unique=True, return_indices=True)

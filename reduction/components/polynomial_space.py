@@ -90,7 +90,6 @@ def build_space(
         bar: Its axis, ends and centre.
         solid: The tube, for a round section; None for a rectangular one.
         half: ``(2,)`` half sides of the rectangle around the section [m].
-        material: Isotropic.
         across: Highest degrees along both sides of a rectangle; of a round section the first is
             that of all products.
         along: Highest degree along the bar.

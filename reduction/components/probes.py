@@ -63,12 +63,6 @@ def find_probe_places(
 ) -> dict[str, ProbePlace]:
     """Where the probes of a component are in its mesh.
 
-    Args:
-        component: With its interfaces.
-        mesh: Its mesh.
-        supports: Of the component.
-        probes: Of the component.
-
     Raises:
         ModelError: A probe lies outside the mesh.
     """
@@ -99,11 +93,6 @@ def find_singular_edges(
 
     A support that holds a flat face along its normal alone is a plane of symmetry for the faces
     next to it, where they are square to it.
-
-    Args:
-        component: With its interfaces.
-        mesh: Its mesh.
-        supports: Of the component.
 
     Source: Williams (1952), J. Appl. Mech. 19, 526-528, stress singularities at corners.
     """
@@ -234,9 +223,6 @@ def read_smoothing(
     The change at the probe alone is sometimes small by chance: that of its cells stands beside it.
 
     Args:
-        mesh: The component's mesh.
-        material: Its material.
-        places: Of the probes.
         fields: ``(3 n_points, k)`` displacement of the mesh points [m].
     """
     return {
@@ -269,9 +255,7 @@ def gather_probes(
     """The probes of a superelement of ``n`` dofs and ``k`` loads.
 
     Args:
-        places: Of the probes.
         watched: What they see.
-        loads: Names of the loads.
         smoothing: By probe, ``(s, 6, n + k)`` what recovery changes in the stresses of dofs and
             loads; None where nobody knows.
         missing: ``(9 p, n + k)`` energy products of the errors of unit responses at the probes with

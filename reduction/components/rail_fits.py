@@ -46,12 +46,10 @@ class RailFit:
     """A rail as the mesh sees it.
 
     Attributes:
-        name: Interface name.
         axis: Axis of the component it runs along, 0..2.
         center: ``(3,)`` middle of its centre line [m].
         knots: ``(N + 4,)`` along the axis [m].
         points: ``(N, 3)`` places of the control points [m].
-        patch: Its area.
         operator: ``(3 n, 4 N)`` matrix C whose ``C^T u`` are the control values.
     """
 
@@ -75,10 +73,7 @@ def fit_rail(
     carriages do not see it: their pitch and yaw follow from the motion along the rail.
 
     Args:
-        component: Its name, for messages.
         interface: The rail, with its direction and its number of control points.
-        patch: The strip on the mesh.
-        order: Of the elements.
         own_mesh: The mesh follows a size; else it is that of a file.
 
     Raises:
@@ -117,13 +112,7 @@ def fit_rail(
 
 
 def free_rails(fits: Sequence[RailFit], first: int, size: int) -> dict[str, Rail]:
-    """Rails whose control values are dofs of their own.
-
-    Args:
-        fits: In the order of their dofs.
-        first: Index of the first of these.
-        size: Dofs of the superelement.
-    """
+    """Rails whose control values are dofs of their own."""
     rails = {}
     for fit in fits:
         count = CONTROL_POINT_DOFS * len(fit.points)
@@ -191,8 +180,6 @@ def line_condition(lines: Sequence[FloatArray], control_points: int, order: int)
 
     Args:
         lines: Ends of the elements along the rail [m], ascending, of each of its pieces.
-        control_points: Number of control points.
-        order: Of the elements.
     """
     knots = place_knots(float(lines[0][0]), float(lines[-1][-1]), control_points)
     gram = np.zeros((control_points, control_points))
@@ -213,8 +200,6 @@ def longest_elements(pieces: Spans, control_points: int, order: int) -> float | 
 
     Args:
         pieces: Where the rail is along its axis [m].
-        control_points: Number of control points.
-        order: Of the elements.
     """
     interval = (pieces[-1][1] - pieces[0][0]) / (control_points - DEGREE)
     for length in LENGTHS:
@@ -234,9 +219,7 @@ def describe_coarse_rail(
     """Why a mesh does not tell the control points of a rail apart, and what to write.
 
     Args:
-        interface: The rail.
         pieces: Where it is along its axis [m].
-        order: Of the elements.
         own_mesh: The mesh follows a size; else it is that of a file.
     """
     count = DEGREE + 1 if interface.rail is None else interface.rail.control_points

@@ -68,7 +68,6 @@ def segment_mass(bar: PrismaticBar, density: float, length: float) -> FloatArray
     """Mass matrix ``(6, 6)`` of a rigid segment about its centre [kg, kg m^2].
 
     Args:
-        bar: Section and axis of the bar.
         density: [kg/m^3].
         length: Of the segment [m].
     """
@@ -89,7 +88,6 @@ class SegmentNode:
     Attributes:
         low: Where it begins along the bar [m].
         high: Where it ends [m].
-        node: Index of its node.
     """
 
     low: float
@@ -103,9 +101,6 @@ class SegmentChain:
     that holds no centre.
 
     Attributes:
-        bar: The bar.
-        material: Its material.
-        count: Number of segments.
         places: ``(n, 3)`` node places in the component frame [m].
         nodes_along: In ascending order along the bar; springs run between neighbours.
         coupled: Segments whose centre lies in a rigid stretch that another node represents:
@@ -127,9 +122,6 @@ def lay_out_chain(
     edge to edge.
 
     Args:
-        bar: The bar.
-        material: Its material.
-        count: Number of segments.
         rigid_spans: Where rigid interfaces begin and end; those that touch become one rigid
             stretch. An end face is a span without length, which gets a node of its own beyond half
             a segment's spring.

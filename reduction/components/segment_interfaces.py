@@ -32,10 +32,7 @@ class SegmentedBar:
 
     Attributes:
         chain: Segments and rigid stretches.
-        solid: The shape it stands for.
         frames: Of every node: those of the chain first, then one per averaging interface.
-        names: A name per node.
-        interface_maps: Interface to node and frame.
         constraints: ``(m, 6 n)`` rows that tie nodes under one rigid interface, or make a node the
             mean of a surface.
     """
@@ -148,7 +145,6 @@ def traction_load(
 
     Args:
         chain: The segmented bar with ``n`` nodes.
-        solid: The shape it stands for.
         patches: Where the traction acts.
 
     Returns:

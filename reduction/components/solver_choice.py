@@ -21,9 +21,7 @@ class SolverChoice:
     """Which way a component's stiffness is solved with.
 
     Attributes:
-        method: Factors or iteration.
         reason: Why, in plain words.
-        factor_entries: Of the factors, as predicted.
     """
 
     method: SolverMethod
@@ -38,7 +36,6 @@ def predict_factor_entries(dofs: int, extents: Sequence[float] | None) -> float:
     and with the cuts around its piece; a slender part has small cuts, a compact one large ones.
 
     Args:
-        dofs: Displacement dofs.
         extents: Sides of the box around it [m]; None takes a cube, which has the most.
 
     Source: George (1973), nested dissection; the count of his lattice, for boxes of any shape.
@@ -81,7 +78,6 @@ def choose_method(
 
     Args:
         settings: Of its reduction; ``verify`` counts modes by factors.
-        factor_entries: As predicted.
         direct_mb: Memory that the factorisation would take [MB].
         memory_mb: Memory that there is [MB].
     """

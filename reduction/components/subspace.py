@@ -24,7 +24,6 @@ class ReductionSpace:
     """The subspace ``[psi phi]`` of a component.
 
     Attributes:
-        basis: Its boundary dofs.
         means: What averaging interfaces prescribe.
         psi: Constraint modes ``(3 n_owned, n_b)``.
         modes: Fixed-interface modes ``phi``.

@@ -29,7 +29,6 @@ class HeldPoints:
         nodes: ``(m,)`` mesh points that do not move along a turned direction, once for each.
         points: ``(m, 3)`` where they are [m].
         directions: ``(m, 3)`` unit vectors, component axes; those of one point orthogonal.
-        warnings: For the user.
     """
 
     dofs: IntArray
@@ -53,9 +52,7 @@ def hold_points(
     """What the supports of a component fix; several may meet in a point.
 
     Args:
-        component: With its solid.
         mesh: Its mesh, with the groups of patches of each support.
-        supports: Those of this component.
 
     Raises:
         ModelError: An edge is none, or a turned direction holds too many points.

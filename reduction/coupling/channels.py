@@ -35,7 +35,6 @@ def machine_channels(
 
     Args:
         layout: Places of the components' dofs among the ``n_all`` stacked ones.
-        machine: With its points.
         basis: ``(n_all, n)`` stacked dofs per free coordinate.
         wanted: Names of interfaces (``component.interface``) and points; None for all.
     """
@@ -93,7 +92,6 @@ def machine_loads(
 
     Args:
         layout: Places of the components' dofs among the ``n_all`` stacked ones.
-        machine: With its loads.
         matrices: Matrices of each component in machine axes; their masses weigh gravity.
         basis: ``(n_all, n)`` stacked dofs per free coordinate.
         gravity: ``(3,)`` acceleration in machine axes [m/s^2]; None without.

@@ -36,7 +36,6 @@ def place_layer(joint: Joint, layer: ContactLayer, layout: DofLayout, frame: Fra
     parts across and along the patch, so nothing couples them.
 
     Args:
-        joint: Its ends.
         layer: Stiffness per area.
         layout: Places of the components' dofs among the ``n_all`` stacked ones.
         frame: Joint point and joint axes in the machine frame.

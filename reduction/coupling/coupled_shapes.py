@@ -37,7 +37,6 @@ def couple_shapes(machine: Machine, layout: DofLayout) -> ShapeRows:
     are free.
 
     Args:
-        machine: Its joints.
         layout: Places of the components' dofs among the ``n_all`` stacked ones.
 
     Raises:
@@ -158,8 +157,6 @@ def _cover_each_other(
     """Whether two areas in parallel planes are one.
 
     Args:
-        own: Of one component.
-        far: Of another.
         carry: Points of the one ``(k, 3)`` in the frame of the other.
     """
     axes = list(in_plane_axes(far.normal))

@@ -71,7 +71,6 @@ class CoupledMachine:
         loads: Load name to generalised load ``(n,)``.
         floating: Groups of components that no joint or support connects to ground.
         redundant_constraints: Number of fixed motions that others already hold.
-        warnings: For the user.
         fixed: What was eliminated.
         errors: What the errors of guides and drives do, together the load ``guide_errors``; None
             without any.
@@ -133,9 +132,7 @@ def couple(
     digit of a soft mount is lost beside a stiff bolt; no stiffness is changed.
 
     Args:
-        superelements: By component name.
         machine: Its joints, points, axes, loads and placements.
-        pose: Axis positions.
         gravity: ``(3,)`` acceleration in machine axes [m/s^2] to make a load ``gravity`` of, or
             None.
         memo: What the poses of a sweep share; the result is the same without.

@@ -31,7 +31,6 @@ class DofLayout:
     """The stacked dofs of all components, boundary dofs turned to machine axes.
 
     Attributes:
-        superelements: By component name.
         placements: Frame of each component in the machine frame.
         offsets: Slice of each component in the stacked vector.
         size: Number of stacked dofs.
@@ -209,8 +208,6 @@ def locate_interface(
     """Position ``(3,)`` of an interface in the machine frame [m].
 
     Args:
-        layout: The bodies as placed.
-        end: The interface.
         offset: ``(3,)`` of a place from it, in the axes of the component [m].
     """
     component, interface = _named_end(layout, end)
@@ -234,7 +231,6 @@ def motion_rows(
     point; zero for ground.
 
     Args:
-        layout: The stacked dofs.
         end: An interface, a rail or ground.
         point: ``(3,)`` in the machine frame [m].
         length: On a rail, of the carriage beside the point [m]; None for the mean motion of the

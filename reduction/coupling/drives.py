@@ -68,13 +68,7 @@ def place_drives(
 def find_scales(
     coupled: CoupledMachine, machine: Machine, drives: Iterable[Drive]
 ) -> list[FloatArray]:
-    """What the linear scale of each drive reads with locked motors ``(n,)``.
-
-    Args:
-        coupled: The machine coupled in a pose.
-        machine: The same machine as described.
-        drives: Each names its joint.
-    """
+    """What the linear scale of each drive reads with locked motors ``(n,)``."""
     return list(scale_rows(coupled, machine, drives) @ coupled.basis)
 
 
@@ -89,8 +83,6 @@ def housing_rows(coupled: CoupledMachine, machine: Machine, drives: Iterable[Dri
     their screws, as travel.
 
     Args:
-        coupled: The machine coupled in a pose.
-        machine: The same machine as described.
         drives: ``d`` of axes.
     """
     stacked = {spring.name: spring for spring in coupled.fixed.springs}
@@ -106,11 +98,6 @@ def housing_rows(coupled: CoupledMachine, machine: Machine, drives: Iterable[Dri
 
 def free_legs(coupled: CoupledMachine, machine: Machine, drives: Iterable[Drive]) -> Machine:
     """A machine in which the legs of its mechanism slide freely where a drive holds them rigidly.
-
-    Args:
-        coupled: The machine in a pose.
-        machine: The same as described.
-        drives: Each names its joint.
 
     Raises:
         ModelError: A joint neither holds its leg along itself nor is a ball screw.
@@ -180,7 +167,6 @@ def make_rigid_train(
     """A drive whose motor moves what it drives without any compliance, but for its coupling.
 
     Args:
-        drive: As described.
         slide: ``(n,)`` motion that it drives, free in the system.
         scale: ``(n,)`` what its linear scale reads.
         stator: ``(n,)`` turn of the motor's housing as travel.
@@ -215,7 +201,6 @@ def anchor_motors(
     counts in its stiffness does not fall.
 
     Args:
-        trains: The drives.
         masses: Of all bodies [kg].
         gravity: ``(3,)`` [m/s^2].
     """
@@ -230,7 +215,6 @@ def find_weight_stiffness(
 
     Args:
         system: From ``free_motors``, with anchors.
-        trains: Its drives.
         geometric: ``(k, k)`` geometric stiffness in its first coordinates.
     """
     found = np.zeros_like(system.stiffness)

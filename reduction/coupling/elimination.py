@@ -102,7 +102,6 @@ class _Set:
 
     Attributes:
         dofs: ``(k,)`` of all.
-        rows: Indices of its rows in each block of rows.
     """
 
     dofs: IntArray

@@ -39,7 +39,6 @@ class ErrorTravel:
     """Offsets of joints along a way.
 
     Attributes:
-        machine: With its errors.
         nodes: ``(k,)`` places of the way, rising: shares of a path, or times [s].
         places: Where errors are read there; between two nodes linearly, else on cubic splines.
         directions: Joint and its dof 0..5 that have an offset on the way.
@@ -128,10 +127,7 @@ def plan_travel(
     """The offsets along a way; None where no joint has any.
 
     Args:
-        machine: With its errors.
-        superelements: By component.
         nodes: ``(k,)`` places of the way, rising.
-        poses: Of the machine there.
 
     Raises:
         ModelError: A place lies outside a table.
@@ -213,8 +209,6 @@ def find_offset_motions(
     fixed directions move what they hold, ``q = B y + O e``.
 
     Args:
-        coupled: The machine in the pose.
-        travel: With the directions.
         damped: Its system with the damping that acts.
         unmoved: ``(r, n_all)`` rows of what fixed directions are not to move at zero free
             coordinates, such as what scales read; None for none.
@@ -288,10 +282,6 @@ def _modal_rates(
 def check_offsets(coupled: CoupledMachine, travel: ErrorTravel) -> None:
     """Refuse errors of fixed joints that contradict each other somewhere on a way.
 
-    Args:
-        coupled: The machine in a pose of it.
-        travel: The offsets along it.
-
     Raises:
         ModelError: They do; names the joints.
     """
@@ -324,7 +314,6 @@ def follow_offsets(
     Args:
         sample: Offsets ``(m, k)`` at places ``(m,)``.
         motion: Along the way; beyond its ends the outermost offsets hold.
-        ends: Of the way.
         step: Between places from which derivatives are differenced.
     """
     here = np.clip(motion.positions, *ends)

@@ -57,7 +57,6 @@ class _Contact:
         shift: ``(3, n_all)`` rows of the motion of the second against the first at the point.
         frame: ``(3, n_all)`` rows of the rotation of the axes in which the force is constant.
         first: Rows ``(3, n_all)`` of the rotation of the first body there.
-        second: Of the second.
         bodies: First and second; None for ground.
     """
 
@@ -84,7 +83,6 @@ def find_gravity_stiffness(
     """Geometric stiffness ``(n_all, n_all)`` in stacked dofs [N/m].
 
     Args:
-        system: The machine without it.
         machine: Its joints and components, and gravity.
         layout: Places of the components' dofs among the ``n_all`` stacked ones.
         matrices: Matrices of each component in machine axes.
@@ -281,8 +279,6 @@ def _segment_contacts(
     """What neighbouring segments do to each other, half-way between their nodes.
 
     Args:
-        name: Of the component.
-        layout: Of the machine.
         pulls: ``(n,)`` forces that act on its nodes from outside, machine axes.
     """
     superelement, placement = layout.superelements[name], layout.placements[name]

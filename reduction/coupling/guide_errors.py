@@ -125,9 +125,7 @@ def find_places(
     """Where the errors of a machine are read in a pose.
 
     Args:
-        machine: With its errors.
         positions: Of its axes; zero for those not named.
-        layout: Placements of the components.
         springs: Every joint as placed.
     """
     frames = {spring.name: spring.frame for spring in springs}
@@ -157,7 +155,6 @@ def sample_offsets(machine: Machine, places: ErrorPlaces) -> dict[str, dict[str,
     joint.
 
     Args:
-        machine: With its errors.
         places: Where they are read in ``n`` poses.
 
     Raises:
@@ -207,7 +204,6 @@ def find_displacements(
     end does relative to the first.
 
     Args:
-        machine: With its displacements.
         springs: Every joint as placed.
     """
     frames = {spring.name: spring.frame for spring in springs}
@@ -225,7 +221,6 @@ def warn_of_held_displacements(machine: Machine, reduced: Sequence[PlacedJoint])
     points are held by supports.
 
     Args:
-        machine: With its displacements.
         reduced: Every joint with rows in free coordinates.
     """
     by_name, warnings = {spring.name: spring for spring in reduced}, []
@@ -266,7 +261,6 @@ def solve_error_loads(
         offsets: ``(6,)`` by source and joint, joint axes.
         fixed: What was eliminated.
         reduced: Every joint with rows in free coordinates.
-        layout: The stacked dofs.
         matrices: Of the components, machine axes.
         basis: ``(n_all, n)`` stacked dofs per free coordinate.
 

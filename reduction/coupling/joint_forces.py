@@ -18,7 +18,6 @@ class JointForces:
     across it.
 
     Attributes:
-        name: Of the joint.
         directions: ``k`` of them: those in which it has a spring or a damper. What a direction holds
             rigidly is no force of a spring, and is left out.
         springs: ``(k, n)`` per motion [N/m, N m/m].
@@ -53,7 +52,6 @@ def find_joint_forces(joints: Iterable[PlacedJoint], *, damped: bool) -> tuple[J
 
     Args:
         joints: With their rows in the coordinates ``(n,)`` of a machine.
-        damped: Dampers act.
     """
     found = []
     for joint in joints:

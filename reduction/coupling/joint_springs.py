@@ -67,7 +67,6 @@ def place_screw(joint: Joint, shaft: ScrewShaft, distance: float) -> ScrewSpring
 
     Args:
         joint: Its stiffness holds the nut's: axial, and about the axis if it has one.
-        shaft: Its shaft.
         distance: From the fixed bearing to the nut [m].
 
     Raises:
@@ -110,7 +109,6 @@ class PlacedJoint:
     """A joint as placed in a pose.
 
     Attributes:
-        name: Joint name.
         rows: ``(6 + m, n)`` motion of its second end relative to its first, in joint axes, at the
             joint point, and of a contact layer the relative deformation by ``m`` shapes: of all
             stacked dofs as placed, of the free coordinates in a ``CoupledMachine``.
@@ -133,7 +131,6 @@ class SpringDirection:
     """One principal direction of a joint's stiffness.
 
     Attributes:
-        joint: Joint name.
         dof: The joint dof it acts on most.
         direction: ``(6 + m,)`` combination of the joint's rows.
         stiffness: [N/m or N m/rad] along it.
@@ -346,10 +343,6 @@ def leading_end(joint: Joint, layout: DofLayout) -> JointEnd:
     """The end whose body carries the joint point: on a rail it is the carriage that does, not the
     rail.
 
-    Args:
-        joint: The joint.
-        layout: Of the machine.
-
     Raises:
         ModelError: Both ends are ground, or there is not one carriage on one rail.
     """
@@ -410,7 +403,6 @@ def grade_springs(
     the machine.
 
     Args:
-        springs: Joints as placed.
         layout: Components and the characteristic length of the machine.
         stiffnesses: ``(n, n)`` of each component in machine axes.
         memo: Keeps deformations of components for the next pose.
@@ -499,7 +491,6 @@ def _ratio_warnings(parts: Sequence[SpringDirection], most_compliant: SpringDire
 
     Args:
         parts: Of all joints, the stiffest first.
-        most_compliant: The last of them.
     """
     stiff: dict[str, list[SpringDirection]] = {}
     for part in parts:

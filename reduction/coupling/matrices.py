@@ -55,7 +55,6 @@ def component_matrices(
     """Turn every superelement's matrices to machine axes, its rigid motions free of roundoff.
 
     Args:
-        layout: Placed superelements.
         memo: Keeps matrices for the next pose; None for no memory.
         rayleigh: Damping by mass and stiffness of each component, on top of what the superelements
             bring; None for none.
@@ -196,7 +195,6 @@ def sum_mass(
     Args:
         layout: Places of the components' dofs among the ``n_all`` stacked ones.
         matrices: Matrices of each component in machine axes.
-        elimination: Free coordinates.
         memo: Keeps the components' sum for the next pose; None for no memory.
     """
     return _sum_components(layout, matrices.masses, elimination, memo, "mass")
@@ -213,7 +211,6 @@ def sum_damping(
     Args:
         layout: Places of the components' dofs among the ``n_all`` stacked ones.
         matrices: Matrices of each component in machine axes.
-        elimination: Free coordinates.
         springs: Every joint, its rows already in the free coordinates, ``(6, n)``.
     """
     dampers = [spring for spring in springs if np.any(spring.damping)]

@@ -28,7 +28,6 @@ class CouplingMemo:
 
         Args:
             name: One per kind of value.
-            made_of: All that the value depends on.
             make: Makes the value; it must depend on nothing else.
         """
         kept = self._kept.get(name)

@@ -121,7 +121,6 @@ def stack_modes(
 
     Args:
         system: The machine in one pose, ``n`` free coordinates, with its path input.
-        modes: Its lowest natural modes, or all.
         coupled: The coupling with the basis ``(n_all, n)`` and the masses of the components.
     """
     motions = coupled.basis @ modes.shapes
@@ -141,7 +140,6 @@ class TurningBody:
             and itself about machine axes.
         mass: ``(n_own, n_own)`` in machine axes.
         rotation: ``(3, 3)`` from its own axes to the machine's.
-        kilograms: Its mass.
         inertia: ``(3, 3)`` about its centre of mass, own axes.
     """
 
@@ -161,10 +159,6 @@ def turn_with_bodies(posed: PosedModes, bodies: Sequence[TurningBody]) -> PosedM
     takes all of the coupling by speeds (Coriolis and gyroscopic terms) out of the equations; by that
     of ``t`` and ``theta`` it would leave what the turning of the inertia brings about. Of an elastic
     body that is so for the rigid part of its motion; its deformation is compared in machine axes.
-
-    Args:
-        posed: A machine in a pose.
-        bodies: Of the machine.
     """
     motions, momenta = [posed.motions], [posed.momenta]
     for body in bodies:
@@ -201,7 +195,6 @@ def bound_gyroscopic_shift(
 
     Args:
         posed: A machine in a pose, its modes of unit mass, in dofs that do not turn.
-        bodies: That turn.
         rates: Speed of each [rad/s].
     """
     elastic = slice(posed.modes.rigid_count, None)
@@ -227,7 +220,6 @@ def find_rigid_travels(
 
     Args:
         coupled: The machine in a pose, motors locked.
-        trains: Its drives there.
         directions: Velocity ``(3,)`` of every component that travels per unit speed along the path.
         shares: Travel of each axis per travel along the path.
     """
@@ -256,7 +248,6 @@ def add_driven_path_input(
         released: The machine it belongs to, from ``release_motors``.
         trains: Its drives in the pose, rows as long as without motors.
         directions: Velocity ``(3,)`` of every component that travels per unit speed along the path.
-        travels: Of each drive.
     """
     load = inertia_load(released, directions)
     for (row, mass), travel in zip(
@@ -295,7 +286,6 @@ def housing_loads(trains: Sequence[DriveTrain], turned: FloatArray, total: int) 
     Args:
         trains: Drives of a machine with free motors.
         turned: ``(d, k)`` turn of each housing about its screw, as travel.
-        total: Coordinates of the machine.
     """
     found = np.zeros((total, turned.shape[1]))
     twice = np.repeat(turned, 2, axis=0)

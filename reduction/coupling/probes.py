@@ -23,7 +23,6 @@ class PlacedProbe:
     """What a probe sees of a machine with ``n`` free coordinates, machine axes.
 
     Attributes:
-        component: That it is in.
         values: ``(9, n)`` displacement x y z [m] and stress xx yy zz xy xz yz [Pa].
         offset: ``(9,)`` the same at zero free coordinates, by what is prescribed.
         inertia: ``(9, n)`` that modes left out add at rest per acceleration, times -1.
@@ -31,7 +30,6 @@ class PlacedProbe:
             root of whose sum of squares counts; None where nobody knows.
         missing: ``(9, n)`` energy products of the errors of unit responses with those of the
             coordinates; None where nobody knows.
-        loads: By load of the machine, whole.
         limit: Square of the angular frequency from which on modes are left out [rad^2/s^2].
         strain_reach: What an error of the stress moves across its cells [m/Pa].
         singular: What makes the stress there grow with every finer mesh; empty for nothing.
@@ -58,9 +56,6 @@ def place_probe(
     """What a probe sees of a coupled machine.
 
     Args:
-        coupled: The machine in a pose.
-        machine: With its loads.
-        probe: One of its.
         gravity: ``(3,)`` acceleration in machine axes [m/s^2]; None without.
 
     Raises:
@@ -129,9 +124,6 @@ def component_factors(
     """By load of the machine, how much of each unit load of a component's superelement it takes.
 
     Args:
-        coupled: The machine in a pose.
-        machine: With its loads.
-        name: Of the component.
         gravity: ``(3,)`` acceleration in machine axes [m/s^2]; None without.
     """
     known = coupled.layout.superelements[name].loads
@@ -177,8 +169,6 @@ def missing_of_loads(
     bodies with those of the coordinates, together; by component with such loads, as far as known.
 
     Args:
-        coupled: The machine in a pose.
-        machine: With its loads.
         gravity: ``(3,)`` acceleration in machine axes [m/s^2]; None without.
         wanted: Names of loads; None for all.
     """

@@ -74,7 +74,6 @@ def stack_pieces(layout: DofLayout, machine: Machine, wanted: Selection) -> Stac
 
     Args:
         layout: Placed superelements with ``n_all`` stacked dofs.
-        machine: Joints and points.
         wanted: Names of the components, joints and observers that are taken.
 
     Raises:
@@ -166,12 +165,7 @@ def _mean_motion_rows(layout: DofLayout, name: str) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class CoupledSlopes:
-    """A machine in one pose ready to be differentiated.
-
-    Attributes:
-        coupled: The machine.
-        pieces: All of its parts.
-    """
+    """A machine in one pose ready to be differentiated."""
 
     coupled: CoupledMachine
     pieces: StackedPieces
@@ -327,8 +321,6 @@ def slope_point_compliance(
         slope: Derivatives of the parts that the parameter moves.
         answers: ``(n_all, 2)`` static motions under a unit force where the motion is seen, and
             where the force acts.
-        motion: That is seen.
-        force: That acts.
     """
     rows = np.vstack(
         [machine.pieces.observers[channel.observer][channel.dof] for channel in (motion, force)]

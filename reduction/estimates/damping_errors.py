@@ -58,7 +58,6 @@ def estimate_damping_errors(
     nothing, and a dashpot that swallows every wave leaves poles that no finer model has.
 
     Args:
-        coupled: The machine.
         system: The same with its viscous damping.
         damped: Its poles, those of the lowest undamped modes at least.
         count: Number of undamped modes.

@@ -48,9 +48,7 @@ def estimate_deviation(
 
     Args:
         coupled: The machine in a pose, with the loads of its sources.
-        machine: With its loads.
         gravity: ``(3,)`` acceleration in machine axes [m/s^2]; None without.
-        deviation: Of a point of it.
 
     Source: Prudhomme and Oden (1999), Comput. Methods Appl. Mech. Engrg. 176, 313-331.
     """

@@ -72,9 +72,7 @@ def bound_frequency_errors(
     q``.
 
     Args:
-        system: The coupled machine.
         parts: Its components that leave modes out.
-        modes: Its lowest modes.
 
     Source: Leung (1978) for the condensed dynamic stiffness; Boo, Kim and Lee (2016) for residual
     modes as an error estimator that splits

@@ -24,7 +24,6 @@ def shape_energies(
     of mass-normalised modes fall when the joint gets its shapes.
 
     Args:
-        coupled: The machine with shapes.
         joints: By name; only those with shapes are among the result.
         motions: ``(n, m)`` generalised displacements.
     """

@@ -55,7 +55,6 @@ def find_border_changes(
     """How far limits may be off.
 
     Args:
-        space: The machine in a trial space.
         find: Its border with a change; NaN at other speeds than those asked for.
         chatter: ``(n,)`` angular frequency of chatter; NaN where there is no limit.
     """

@@ -136,7 +136,6 @@ def missing_energies(coupled: CoupledMachine, motions: FloatArray) -> dict[str, 
     machine.
 
     Args:
-        coupled: The machine.
         motions: ``(n, m)`` generalised displacements.
 
     Returns:
@@ -234,7 +233,6 @@ def compliance_shape_errors(
     component.
 
     Args:
-        coupled: The machine.
         displacements: ``(n, m)`` responses to unit loads.
     """
     return {
@@ -251,7 +249,6 @@ def compliance_feature_errors(
     component.
 
     Args:
-        coupled: The machine.
         displacements: ``(n, m)`` responses to unit loads.
     """
     return {
@@ -268,7 +265,6 @@ def product_errors(
     faces and small features that it lacks, ``(m,)`` per component.
 
     Args:
-        coupled: The machine.
         left: ``(n, m)`` responses to the loads that do the work of what is sought.
         right: ``(n,)`` response that it is sought of.
 
@@ -297,7 +293,6 @@ def compliance_mesh_errors(
     """By how much each mesh makes a static compliance too small.
 
     Args:
-        coupled: The machine.
         displacements: ``(n, 6)`` responses to unit loads at a point.
 
     Returns:
@@ -326,7 +321,6 @@ def doubted_energies(
     ``component.interface``.
 
     Args:
-        coupled: The machine.
         motions: ``(n, m)`` generalised displacements.
         squares: ``(m,)`` of the angular frequencies at which they move, 0 at rest.
         areas: Area of fixed interfaces by component and interface [m^2].

@@ -51,7 +51,6 @@ def watch_modes(
     """Enough modes of a machine for the first of another model of it to find theirs.
 
     Args:
-        coupled: The machine.
         places: By component, points that stand for its mass.
         motions: By component, motion ``(3 k, n)`` of those points per unit dof of this model of it.
         count: Modes of the other model that look for theirs.
@@ -72,7 +71,6 @@ def compare_modes(plain: WatchedModes, better: WatchedModes, *, count: int) -> M
     from far above. Both machines are small, so both are solved.
 
     Args:
-        plain: Of the machine.
         better: Of the same with better models of some bodies.
         count: How many modes of the machine are judged, rigid-body modes included.
 
@@ -104,7 +102,6 @@ def split_change(size: float, singles: Mapping[str, float]) -> dict[str, float]:
     to one another, and together that size.
 
     Args:
-        size: Of the change by all bodies.
         singles: Body to the change that it alone makes; NaN where nobody knows.
     """
     sizes = {name: abs(single) for name, single in singles.items() if np.isfinite(single)}

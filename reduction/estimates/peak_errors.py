@@ -30,10 +30,7 @@ class PeakErrors:
     knows.
 
     Attributes:
-        finer: By finer meshes.
-        faces: By true curved faces.
         left_out: By small features that meshes lack.
-        modes: By the modes left out.
     """
 
     finer: dict[str, FloatArray] = field(default_factory=dict)
@@ -47,8 +44,6 @@ class _Follower:
 
     Args:
         plain: Without any change.
-        peaks: Of the machine.
-        levels: Of the machine.
     """
 
     def __init__(
@@ -104,8 +99,6 @@ def find_peak_errors(
     Args:
         space: The machine in its trial space, without the damping of modes.
         respond: Its response with a change, damped as the scene says.
-        peaks: Of the machine.
-        levels: Of the machine.
 
     Source: Prudhomme and Oden (1999) for changes by meshes and Leung (1978) for those by modes left
     out (see ``bound_response_errors``).

@@ -33,7 +33,6 @@ class RestErrors:
     """Errors of displacement x y z [m] and stress xx yy zz xy xz yz [Pa] at a probe.
 
     Attributes:
-        component: That the probe is in.
         products: Component to ``(9,)`` what finer meshes would add: by way of the coordinates, and in
             its component inside; of displacements times the factor of the mesh, of stresses as
             estimated; NaN where nobody knows.
@@ -78,8 +77,6 @@ def estimate_at_rest(
     coordinates means nothing alone: where a part bends more, its stress per motion falls.
 
     Args:
-        coupled: The machine.
-        probe: Of it.
         moved: ``(n,)`` the response.
         inside: ``missing_of_loads`` of the machine.
 
@@ -137,7 +134,6 @@ def bound_von_mises(stress: FloatArray, errors: RestErrors) -> tuple[float, floa
 
     Args:
         stress: ``(6,)`` [Pa].
-        errors: Of the stress.
     """
     products = np.sum([change[MOVED:] for change in errors.products.values()], axis=0)
     parts = [

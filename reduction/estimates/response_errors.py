@@ -84,7 +84,6 @@ class _Moments:
         second: ``(m, m)``.
         limit: Lowest ``omega_k^2`` [rad^2/s^2].
         loss: One and the structural loss factor times i.
-        rayleigh: Their viscous damping.
     """
 
     first: FloatArray
@@ -98,7 +97,6 @@ class ResponseSpace:
     """A damped system and its sources of error, in a trial space.
 
     Attributes:
-        sources: Of error.
         loads: ``(m, n_inputs)``.
         rows: ``(n_outputs, m)``.
         rest: Square of the angular frequency that counts as rest.
@@ -251,8 +249,6 @@ class ResponseSpace:
         """The machine in the trial space as a system of its own.
 
         Args:
-            inputs: Names of its loads.
-            outputs: Names of its outputs.
             change: What is added, such as by finer meshes; None for nothing.
         """
         added = change or SystemChange(
@@ -340,8 +336,6 @@ def project_response(
 
     Args:
         system: The coupled machine with its damping.
-        sources: Of error.
-        modes: All its undamped modes.
         channels: Loads ``(n, n_inputs)`` and output rows ``(n_outputs, n)``.
         highest_hz: Up to where it will be asked.
         control: What the drives of the system add to its dynamic stiffness, where its motors are free.
@@ -459,7 +453,6 @@ def bound_response_errors(space: ResponseSpace, frequencies_hz: FloatArray) -> R
     product of the errors of the responses to both.
 
     Args:
-        space: The machine in its trial space.
         frequencies_hz: ``(n_freq,)``.
 
     Source: Leung (1978) for the condensed dynamic stiffness; Jakobsson, Bengzon and Larson (2012,

@@ -32,7 +32,6 @@ class BodyMotion:
     """The motion of one component.
 
     Attributes:
-        component: Its name.
         rigid: ``(6,)`` best rigid motion at the centre of mass, machine axes.
         deformation: ``(n_c,)`` what is left of its dofs, machine axes.
         weights: ``(6,)`` size of each rigid motion: by kinetic energy, or with a length for
@@ -67,8 +66,6 @@ def rigid_dofs(coupled: CoupledMachine, name: str, point: FloatArray) -> FloatAr
     unit rotations, machine axes.
 
     Args:
-        coupled: The machine.
-        name: The component.
         point: ``(3,)`` point about which it rotates, machine frame [m].
     """
     return np.asarray(
@@ -192,7 +189,6 @@ def solve_machine_static(coupled: CoupledMachine, loads: FloatArray) -> Balanced
     """Static displacements of a coupled machine under loads that do no work on its free motions.
 
     Args:
-        coupled: The machine.
         loads: ``(n,)`` or ``(n, m)`` generalised loads.
 
     Raises:

@@ -50,9 +50,7 @@ class WeakLink:
 
     Attributes:
         name: Its name, such as ``y_base`` or ``z_carriage_1..4``.
-        plural: It is a family of several.
         direction: ``x``, ``y`` or ``z``.
-        share: Its share of the compliance.
         change: Relative change of the compliance when its stiffness is doubled, recomputed.
     """
 
@@ -229,8 +227,6 @@ def find_weakest_link(
     count as one part.
 
     Args:
-        coupled: The machine.
-        point: A point's name.
         direction: ``x``, ``y`` or ``z``.
         budget: The point's budget where it is already known.
 

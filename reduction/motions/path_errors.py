@@ -47,10 +47,8 @@ class PathErrors:
     """Errors of guides along a path.
 
     Attributes:
-        path: The way.
         outputs: Where its deviation is wanted.
         travel: Offsets of joints along it.
-        middle: The machine coupled in the middle of it.
         places: Shares ``(m,)`` of the way; the middle alone where the pose is frozen.
         gains: Static response ``(m, n_outputs, k)`` per unit offset there.
     """
@@ -104,9 +102,6 @@ def find_path_errors(
     """Errors of guides along a path; None where there are none.
 
     Args:
-        superelements: By component.
-        machine: With its errors.
-        path: The way.
         outputs: Where its deviation is wanted.
         nodes: Poses between which the static response is interpolated; one keeps the middle one.
 
@@ -150,9 +145,6 @@ def move_outputs(
     """What fixed directions move of outputs at zero free coordinates ``(n_outputs, k)``.
 
     Args:
-        coupled: The machine in a pose.
-        machine: With its points.
-        motions: Of unit offsets.
         outputs: Points or interfaces, with a direction.
     """
     if not motions.moved.any():
@@ -176,9 +168,6 @@ def pass_offsets(
     springs rest elsewhere, and to what probes see.
 
     Args:
-        coupled: The machine in a pose.
-        travel: Of the offsets.
-        motions: Of unit offsets.
         outputs: Points or interfaces, with a direction.
         joints: Whose forces are watched.
         probes: Names of probes to what they see.
@@ -229,14 +218,11 @@ def respond_to_errors(
     the pose of the middle.
 
     Args:
-        errors: Along the path.
         system: The machine in the middle of it, with its damping.
-        move: Along the path.
         samples: ``(n,)`` evenly spaced, from zero [s].
         low_frequency_limit_hz: Modes below count as low-frequency response [Hz].
         joints: Whose forces are watched.
         probes: Names of those watched to what they see.
-        watch: All that is.
     """
     travel, middle = errors.travel, errors.middle
     motions = find_offset_motions(middle, travel, system)

@@ -68,8 +68,6 @@ def fixed_offsets(coupled: CoupledMachine, machine: Machine, name: str) -> dict[
     displaces, at zero free coordinates; no entry of a load that displaces none.
 
     Args:
-        coupled: The machine in a pose.
-        machine: With the point.
         name: A point, or ``component.interface``.
     """
     offsets: dict[str, FloatArray] = {}
@@ -101,8 +99,6 @@ def solve_deviation(coupled: CoupledMachine, machine: Machine, point: str) -> To
 
     Args:
         coupled: The machine in a pose, with the loads of its sources.
-        machine: With the point.
-        point: Its name.
 
     Raises:
         ModelError: A load does work on a free motion, or there is no such point.

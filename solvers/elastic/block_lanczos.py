@@ -35,10 +35,8 @@ def block_lanczos_pairs(problem: EigenProblem, start: FloatArray, target: ModeTa
     sheet fixed all over, are left out.
 
     Args:
-        problem: Inverse and mass.
         start: ``(n, b)`` start block; it is widened when a mode turns out to occur b times or
             more.
-        target: Which modes.
 
     Raises:
         ConvergenceError: A frequency was not reached when the Krylov space filled the whole space

@@ -21,7 +21,6 @@ def gmsh_cell_order(shape: str, nodes: int) -> NDArray[np.int32]:
 
     Args:
         shape: ``tetrahedron`` or ``hexahedron``.
-        nodes: Number of nodes of a cell.
     """
     return np.asarray(_GMSH.cell_perm_array(dolfinx.cpp.mesh.to_type(shape), nodes))
 

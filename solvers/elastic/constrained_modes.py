@@ -36,7 +36,6 @@ def lowest_modes(
     Args:
         solver: Factorised stiffness of the component.
         start: ``(3 n_owned, b)`` start block, of ``start_width`` vectors; Krylov-Schur takes its first.
-        target: Which modes.
         eigensolver: By which method where there are factors; else LOBPCG.
 
     Returns:
@@ -59,7 +58,6 @@ class _ConstrainedProblem:
     """The eigenproblem on the dofs that are not fixed.
 
     Attributes:
-        problem: Inverse and mass.
         rows: ``(n,)`` dof behind each row that this rank holds.
         owned: How many dofs this rank owns, fixed ones too.
     """

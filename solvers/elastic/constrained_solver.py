@@ -41,7 +41,6 @@ class ConstrainedSolver:
     that no penalty and no second factorisation is needed and the pins carry no force.
 
     Args:
-        operators: Stiffness of the component.
         fixed: ``(3 n_owned,)`` dofs that do not move.
         constraints: ``(3 n_owned, n_c)`` columns of C, of full column rank on the dofs that are not
             fixed.
@@ -312,7 +311,6 @@ def free_combinations(
     dof.
 
     Args:
-        operators: Nodes of this rank.
         fixed: ``(3 n_owned,)`` dofs that do not move.
         turned: Rows ``(m, 6)`` that must vanish, too, of unit rigid motions about a point, alike on
             all ranks; None for none.

@@ -92,8 +92,6 @@ def select_pairs(
     Args:
         values: ``(m,)`` of the inverse, falling.
         bounds: ``(m,)`` relative residual bounds.
-        target: Which modes.
-        complete: The values are all there are.
         tolerance: Of the bounds of wanted pairs.
     """
     frequencies = np.asarray(1.0 / (2.0 * np.pi * np.sqrt(values)))

@@ -15,7 +15,6 @@ class EigenProblem:
         inverse: ``F -> K^-1 F``, symmetric, on the constrained space; on vectors (``solve``) and on
             dense blocks (``matSolve``).
         mass: ``(n, n)``.
-        dimension: Dimension of the constrained space.
     """
 
     inverse: PETSc.KSP

@@ -176,9 +176,7 @@ def assemble_elasticity(
 
     Args:
         mesh: On rank 0; what others hand in is not looked at.
-        material: Isotropic material.
         comm: Communicator to distribute over; collective.
-        with_mass: Assemble the mass too.
         with_corners: Assemble the corner level, too.
 
     Raises:

@@ -92,7 +92,6 @@ class Factorization:
     k)``; entries on fixed dofs are ignored in right-hand sides and zero in solutions.
 
     Args:
-        operators: Stiffness of the component.
         fixed: ``(3 n_owned,)`` dofs that do not move.
 
     Raises:
@@ -353,9 +352,7 @@ def apply_once(
     """A solver of one application of a preconditioner, which is still to be chosen, and that.
 
     Args:
-        matrix: Its operator.
         prefix: Of PETSc's options.
-        settings: Options of the preconditioner.
     """
     solver = PETSc.KSP().create(matrix.getComm())
     solver.setType(PETSc.KSP.Type.PREONLY)

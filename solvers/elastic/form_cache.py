@@ -31,7 +31,6 @@ def compile_form(form: ufl.Form, comm: MPI.Comm, name: str) -> fem.Form:
 
     Args:
         form: A UFL form over a mesh of the communicator.
-        comm: Collective.
         name: Of the kernel; a link of this name is left in the cache folder.
 
     Returns:

@@ -18,8 +18,6 @@ def kernel_name(part: KernelPart, kind: CellKind, *, straight: bool) -> str:
 
     Args:
         part: Of the operators: stiffness, mass, or stiffness of the corners alone.
-        kind: Of the cells.
-        straight: Their edges are.
     """
     if part == "corners" and kind in ("tet4", "hex8"):
         part = "stiffness"  # it has no other nodes

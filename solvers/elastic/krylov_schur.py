@@ -32,9 +32,7 @@ def krylov_schur_pairs(problem: EigenProblem, start: FloatArray, target: ModeTar
     rounding: block Lanczos is the surer one there.
 
     Args:
-        problem: Inverse and mass.
         start: ``(n, b)``, of which the first vector is taken.
-        target: Which modes.
 
     Raises:
         ConvergenceError: The frequency asked for was not reached.

@@ -45,7 +45,6 @@ def lobpcg_pairs(
         multigrid: Stiffness, and what is near its inverse.
         start: ``(3 n_owned, b)`` random block, of ``block_width`` vectors; where more are wanted,
             those that converged make room for new ones.
-        target: Which modes.
 
     Returns:
         Pairs with shapes ``(3 n_owned, m)``.

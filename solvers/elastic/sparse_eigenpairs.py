@@ -61,7 +61,6 @@ def lowest_symmetric_pairs(
     Args:
         stiffness: ``(n, n)`` symmetric; bordered by constraint rows if there are any.
         mass: ``(n, n)`` symmetric, positive semidefinite; zero in the border.
-        count: How many.
         shift: Of omega^2 [rad^2/s^2], below all eigenvalues.
         constraints: Number of rows in the border.
 

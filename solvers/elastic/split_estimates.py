@@ -56,7 +56,6 @@ def estimate_split_errors(
 
     Args:
         mesh: On rank 0.
-        material: Its material.
         operators: Which cells each rank owns.
         fields: ``(n_points, 3, k)`` displacement of the mesh points [m].
         weights: ``(n_cells,)`` what the energies of cells are multiplied by, on rank 0.

@@ -55,8 +55,6 @@ def find_point_rows(mesh: ComponentMesh, material: Material, point: FloatArray) 
     holds the point is evaluated.
 
     Args:
-        mesh: The component's mesh.
-        material: Its material.
         point: ``(3,)`` in the component's frame [m].
 
     Raises:

@@ -36,7 +36,6 @@ def count_frequencies_below(
     Rigid-body motions that nothing holds count too. Collective over the operators' communicator.
 
     Args:
-        operators: Stiffness and mass.
         fixed: ``(3 n_owned,)`` dofs that do not move.
         frequency_hz: Shift [Hz], above zero and not itself a natural frequency.
         constraints: ``(3 n_owned, n_c)`` independent columns C with ``C^T u = 0``.

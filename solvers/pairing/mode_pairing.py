@@ -63,7 +63,6 @@ def pair_modes(
 
     Args:
         first: One model's modes.
-        second: The other's.
         mac_threshold: Correlation below which two modes are not the same.
 
     Source: Bjoerck and Golub (1973), angles between spaces.

@@ -29,8 +29,6 @@ class ResponsePeak:
     """A peak of an entry of a response.
 
     Attributes:
-        output: Row of the entry.
-        given: Its column.
         mode: Index of the natural mode beside it, rigid-body modes counted.
         hz: Where it is [Hz].
         height: Size of the receptance there [m/N, ...].
@@ -60,7 +58,6 @@ def find_response_peaks(model: FrfModel, from_hz: float, to_hz: float) -> list[R
     that they have no peak.
 
     Args:
-        model: The response.
         from_hz: Lowest frequency [Hz].
         to_hz: Highest frequency [Hz].
     """
@@ -107,7 +104,6 @@ def find_levels(model: FrfModel, from_hz: float) -> list[ResponseLevel]:
     entry is not small beside the others; none of what is free at rest.
 
     Args:
-        model: The response.
         from_hz: Lowest frequency [Hz].
     """
     coordinates = model.coordinates
@@ -132,8 +128,6 @@ def follow_peaks(
     Each is sought where it lies if it moves along with its mode.
 
     Args:
-        model: The other model.
-        peaks: Of the first one.
         partners: Index of the natural mode of the other model for each peak, -1 without one.
         lines_hz: Frequency of the natural mode of the first model for each peak [Hz].
     """

@@ -120,7 +120,6 @@ def locate_truth(mesh: ComponentMesh, safety: float) -> tuple[float, float]:
     numbers.
 
     Args:
-        mesh: That is judged.
         safety: What covers its true errors.
     """
     key = cell_family(mesh.kind), cell_order(mesh.kind)
@@ -217,8 +216,6 @@ def estimate_mesh_errors(
     times the volume between the mesh's facets and the part's faces, to first order in that.
 
     Args:
-        mesh: The component's mesh.
-        material: Its material.
         displacement: ``(3 n_points, k)`` of the mesh points [m].
         weights: ``(n_cells,)`` what the energies of cells are multiplied by; None for 1.
         counted: Number of leading cells whose energies count; the others help to recover stresses.
@@ -263,8 +260,6 @@ def estimate_cell_errors(
     each cell, see ``estimate_mesh_errors``: their sums are the diagonal of its ``missing_energy``.
 
     Args:
-        mesh: The component's mesh.
-        material: Its material.
         displacement: ``(3 n_points, k)`` of the mesh points [m].
         weights: ``(n_cells,)`` what the energies of cells are multiplied by; None for 1.
         sides: Where single tetrahedra fill the part, and its free sides there; None for none.
@@ -284,7 +279,6 @@ def cut_neighbourhood(mesh: ComponentMesh, cells: IntArray) -> tuple[ComponentMe
     mesh points that it has.
 
     Args:
-        mesh: The component's mesh.
         cells: ``(c,)``.
     """
     samples, _ = gauss_places(
@@ -312,7 +306,6 @@ def recover_at_nodes(
 
     Args:
         part: Those cells and their neighbours, as ``cut_neighbourhood`` finds them.
-        material: Of the component.
         displacement: ``(3 n_points, k)`` of the part's points [m].
         counted: Number of those cells.
     """

@@ -54,7 +54,6 @@ class FreeSides:
 
         Args:
             nodes: ``(n,)`` its points, sorted.
-            cells: Its cells, in its own order.
         """
         place = np.full(int(max(cells.max(initial=0), self.cells.max(initial=0))) + 1, -1)
         place[cells] = np.arange(len(cells))
@@ -149,7 +148,6 @@ class SideFit:
     Attributes:
         places: ``(n, q, 3)`` places on free facets [m].
         tractions: ``(n, q, 3, 6)`` tractions there per scaled stress, in its scale.
-        of_cells: Facets of each cell.
     """
 
     places: FloatArray
@@ -204,8 +202,6 @@ def prepare_fit(mesh: ComponentMesh, material: Material, sides: FreeSides) -> Si
 
     Args:
         mesh: Of second-order tetrahedra.
-        material: Isotropic.
-        sides: Of the mesh.
     """
     values, gradients, _ = facet_tables(sides.facets.shape[1], SIDE_PLACES)
     nodes = mesh.points[sides.facets]

@@ -82,10 +82,7 @@ def stress_operators(
     values_b)`` per volume.
 
     Args:
-        mesh: The component's mesh.
-        material: Its material; isotropic.
         places: ``(n_places, 3)`` in the reference cell.
-        cells: Which cells.
     """
     nodes = mesh.cells[cells]
     gradients = shape_gradients(mesh.kind, places)
@@ -110,9 +107,7 @@ def local_motions(mesh: ComponentMesh, displacement: FloatArray, cells: IntArray
     the order of the operators.
 
     Args:
-        mesh: The component's mesh.
         displacement: ``(3 n_points, k)``.
-        cells: Which cells.
     """
     nodes = mesh.cells[cells]
     dofs = 3 * nodes[:, None, :] + np.arange(3)[:, None]
@@ -154,7 +149,6 @@ class CornerPatches:
     Attributes:
         corners: ``(n_v,)`` mesh points that are corners of cells.
         own: ``(n_cells, corners per cell)`` their numbers among these.
-        cells: By corner.
     """
 
     corners: IntArray
@@ -338,7 +332,6 @@ def _gather_patches(own: IntArray, count: int, enough: FloatArray) -> _Lists:
 
     Args:
         own: ``(n_cells, corners per cell)`` number of each corner.
-        count: Number of corners.
         enough: ``(n_v,)`` least number of cells, where three more rings bring them.
     """
     starts = np.arange(0, own.size + 1, own.shape[1])

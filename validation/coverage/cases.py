@@ -116,8 +116,6 @@ class PartCoverage:
     """Numbers of one part on its judged meshes.
 
     Attributes:
-        seed: Of the part.
-        kind: Of the part.
         compliances: ``(n,)`` 1 for compliances, 0 for frequencies.
         errors: ``(n,)`` true errors over the number.
         estimates: ``(n,)`` what stands behind ±, over the number; NaN for ``± ?``.
@@ -146,14 +144,10 @@ class _Solved:
     """A part on one mesh.
 
     Attributes:
-        modes: That are watched.
-        places: At which modes are compared.
         compliances: ``(3,)`` along x, y and z.
         plain: Mesh errors of frequencies and compliances, as estimated without safety.
-        total: All that stands behind ±.
         coupled: The part, held at its foot.
         body: What was meshed.
-        mesh: Its mesh.
         motions: ``(n, k)`` of the superelement, per number of such a height that the energy it
             strains is the number's relative error.
     """
@@ -185,9 +179,6 @@ def keep_measured[Measured: "DataclassInstance"](
     """What is measured of the part of a seed, from the store where it is there.
 
     Args:
-        seed: Of the part.
-        measure: What to do with it.
-        kind: Of the result.
         files: The code of the measurement, beside that of the program.
     """
     store = Store(default_store_root())

@@ -47,7 +47,6 @@ class CoveragePart:
 
     Attributes:
         seed: What it was drawn from.
-        kind: Kind of part.
         machine: The part alone, named ``part``, fixed at ``foot`` and loaded at ``tip`` (point
             ``tcp``).
         meshes: Settings that are judged, from coarse to finer.
@@ -69,14 +68,8 @@ class _Drawn:
     """A solid with the patches that are fixed and loaded.
 
     Attributes:
-        solid: Its shape.
-        foot: Where it is fixed.
-        tip: Where it is loaded.
         extent: Its diagonal [m].
         shares: Sizes of the judged meshes as shares of the diagonal.
-        fine: And of the true one.
-        hex: Hexahedra.
-        order: Of the elements.
         graded: Elements grow from the rims.
         across: Elements across patches of the judged meshes, at least.
         rounds: Meshes that follow errors.

@@ -61,8 +61,6 @@ class ProbeCoverage:
     any of its probes under the same load, stresses over the equivalent stress.
 
     Attributes:
-        seed: Of the part.
-        kind: Of the part.
         quantities: ``(n,)`` which of ``QUANTITIES``.
         errors: ``(n,)`` true errors.
         estimates: ``(n,)`` what stands behind ±; NaN for ``± ?``.

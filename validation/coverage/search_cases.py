@@ -60,7 +60,6 @@ class SlenderPart:
     """A part of the suite.
 
     Attributes:
-        name: Of it.
         solid: Its shape; or of a curved solid its kind and lengths [m].
         up_to_hz: How far its frequencies are asked for.
         grid: Hexahedra of the coarser true grid: through the section, across or around it, along.
@@ -169,7 +168,6 @@ class SearchedPart:
     """How a search ended.
 
     Attributes:
-        name: Of the part.
         met: The search says that the accuracy is kept.
         errors: ``(n,)`` true errors over the numbers.
         given: ``(n,)`` ± over the numbers; NaN where there is none.
@@ -206,7 +204,6 @@ def judge_searches(case: str, parts: Sequence[SearchedPart]) -> list[ValidationR
     """Rows of a suite.
 
     Args:
-        case: Its name.
         parts: How the searches ended.
     """
     errors, given, unsure = (
@@ -286,7 +283,6 @@ def make_scene(part: SlenderPart, folder: Path) -> Scene:
     """A part alone, whose frequencies are asked for.
 
     Args:
-        part: Of the suite.
         folder: For its STEP file, where it has one.
     """
     solid: Solid
@@ -311,11 +307,7 @@ def make_scene(part: SlenderPart, folder: Path) -> Scene:
 
 
 def find_truth(part: SlenderPart) -> SlenderTruth:
-    """The frequencies of a part from two swept grids.
-
-    Args:
-        part: Of the suite.
-    """
+    """The frequencies of a part from two swept grids."""
     coarse, fine = (
         _grid_frequencies(part, tuple(math.ceil(factor * count) for count in part.grid))
         for factor in (1.0, FINER)
@@ -338,7 +330,6 @@ def place_section(solid: Tube | tuple[str, dict[str, float]], places: FloatArray
     """Points ``(n, 3)`` of a swept solid [m].
 
     Args:
-        solid: Of a part.
         places: ``(n, 3)`` through its section, across or around it, and along, 0 to 1; of a tube
             around and along.
     """
@@ -427,13 +418,7 @@ def sweep_grid(
 
 
 def search_part(part: SlenderPart, scene: Scene, truth: SlenderTruth) -> SearchedPart:
-    """How far a search for an accuracy is off.
-
-    Args:
-        part: Of the suite.
-        scene: With it.
-        truth: Of the same part.
-    """
+    """How far a search for an accuracy is off."""
     goal = dataclasses.replace(scene, accuracy=AccuracyGoal(ASKED))
     try:
         results = _run(goal)

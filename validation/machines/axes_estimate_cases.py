@@ -97,9 +97,6 @@ def _judge_machines(case: str, seeds: list[int]) -> list[ValidationRow]:
 def compare_axes(seed: int) -> dict[str, JudgedNumbers]:
     """Numbers of a machine by what they are, beside those of fine meshes with more modes: measures of
     its map, errors in single poses, paths with motors that follow and with drives under control.
-
-    Args:
-        seed: Of the machine.
     """
     with tempfile.TemporaryDirectory(prefix="headstock-axes-") as name:
         folder = Path(name)
@@ -142,7 +139,6 @@ def pair_numbers(
 
     Args:
         coarse: ``(n,)`` each.
-        fine: The same of fine meshes.
         least: Numbers up to here are none.
     """
     (values, errors), (truth, doubt) = coarse, fine
@@ -151,12 +147,7 @@ def pair_numbers(
 
 
 def refine_scene(scene: Scene, across: int = FINE_ACROSS) -> Scene:
-    """A machine with fine meshes, corrected, and more modes.
-
-    Args:
-        scene: Of the machine.
-        across: Elements across a patch.
-    """
+    """A machine with fine meshes, corrected, and more modes."""
     fine = dict(scene.machine.components)
     for name, part in fine.items():
         size = part.mesh.size
@@ -221,13 +212,7 @@ def _list_sizes(numbers: Iterable[Number]) -> tuple[FloatArray, FloatArray]:
 
 
 def judge_numbers(case: str, what: str, machines: list[JudgedNumbers]) -> list[ValidationRow]:
-    """Whether their ± covers the true errors, and how large it is beside them.
-
-    Args:
-        case: Of the validation.
-        what: The numbers are.
-        machines: Numbers of each.
-    """
+    """Whether their ± covers the true errors, and how large it is beside them."""
     values, errors, truth, doubt = (
         np.concatenate([np.abs(getattr(machine, field)) for machine in machines])
         for field in ("values", "errors", "truth", "doubt")

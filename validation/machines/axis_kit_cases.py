@@ -196,8 +196,6 @@ def compliance_name(variant: str, fidelity: str, axis: str) -> str:
     """What the table calls a compliance.
 
     Args:
-        variant: Variant of the machine.
-        fidelity: Fidelity of its components.
         axis: Direction of the force, ``x``, ``y`` or ``z``.
     """
     return f"{variant} {WORDS[fidelity]}: dz/F{axis}"

@@ -76,10 +76,7 @@ class MeasuredMode:
     """A mode of table 2.
 
     Attributes:
-        number: In the table.
         frequency_hz: Measured [Hz].
-        words: Its description, shortened.
-        motions: The description as motions of bodies.
         paired: The YCE mode that the authors put beside it (from 1 in table 3), None where there is
             none.
     """

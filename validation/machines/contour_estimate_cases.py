@@ -74,7 +74,6 @@ def compare_contours(
     """Numbers of a contour by what they are, beside those of fine meshes with more modes.
 
     Args:
-        seed: Of the machine.
         settings: Keys of its scene that are others.
         across: Elements across a patch of the fine meshes.
     """

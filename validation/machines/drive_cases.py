@@ -84,7 +84,6 @@ def make_drive(
 
     Args:
         masses: Motor, load and what is between them.
-        control: The controller.
         friction: On the slide; None where there is none.
     """
     one: FloatArray = np.ones(1)

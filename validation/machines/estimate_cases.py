@@ -392,7 +392,6 @@ def judge_pairs(case: str, what: str, pairs: ErrorPairs) -> list[ValidationRow]:
     """Rows for coverage, size and rank correlation of estimates.
 
     Args:
-        case: Name of the case.
         what: Beginning of the rows' names.
         pairs: True and estimated errors.
     """
@@ -425,7 +424,6 @@ def report_coverage(case: str, name: str, pairs: ErrorPairs) -> ValidationRow:
     """A row for the share of true errors that their estimate covers, and how much too large it is.
 
     Args:
-        case: Name of the case.
         name: What was estimated, and of which part.
         pairs: True and estimated errors, in one unit.
     """

@@ -117,7 +117,6 @@ def measure(truth: FitPoint, seed: int, noise: float) -> str:
 
     Args:
         truth: From ``solve_measured``.
-        seed: Of the noise.
         noise: Standard deviation, relative.
     """
     rng = np.random.default_rng(seed)

@@ -125,13 +125,7 @@ def check_guideway() -> list[ValidationRow]:
 def reduce_parts(
     machine: Machine, meshes: Mapping[str, ComponentMesh], comm: MPI.Comm
 ) -> dict[str, Superelement]:
-    """Superelements of meshed components, and of the others from their mass properties; collective.
-
-    Args:
-        machine: With its components.
-        meshes: Of the elastic components.
-        comm: Ranks; collective.
-    """
+    """Superelements of meshed components, and of the others from their mass properties; collective."""
     return {
         name: reduce_elastic(part, meshes[name], comm=comm)
         if name in meshes
@@ -146,7 +140,6 @@ def answer_reduced(machine: Machine, parts: dict[str, Superelement], place: floa
 
     Args:
         machine: With an axis X along the rails.
-        parts: Its superelements.
         place: Position of the axis [m].
     """
     system = couple(parts, machine, Pose("p", {"X": place})).system
@@ -160,7 +153,6 @@ def answer_same_mesh(machine: Machine, mesh: ComponentMesh, place: float) -> Ans
 
     Args:
         machine: With an axis X along the rails.
-        mesh: Of the bed.
         place: Position of the axis [m].
     """
     pose = Pose("p", {"X": place})
@@ -195,8 +187,6 @@ def find_ripple(machine: Machine, parts: dict[str, Superelement], samples: int =
 
     Args:
         machine: With an axis X along the rails.
-        parts: Its superelements.
-        samples: Number of positions.
     """
     spacing = next(iter(parts["bed"].rails.values())).blur
     places = np.linspace(-spacing, spacing, samples)

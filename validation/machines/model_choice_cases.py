@@ -81,7 +81,6 @@ class ChosenScene:
     """A machine or part with a stated accuracy.
 
     Attributes:
-        seed: Of it.
         asked: Relative error allowed.
         met: The search says that it is kept.
         doubt: How far off the truth may be that it was compared with.
@@ -146,12 +145,7 @@ def _keep[T: ScenesBeside | ChosenScene](key: str, kind: type[T], measure: Calla
 
 
 def load_drawn(seed: int, folder: Path) -> Scene:
-    """The machine of a seed, of which frequencies and compliances are asked for.
-
-    Args:
-        seed: Of the machine.
-        folder: For its file.
-    """
+    """The machine of a seed, of which frequencies and compliances are asked for."""
     path = folder / "machine.toml"
     path.write_text(draw_machine(seed))
     scene = load_scene(path)
@@ -162,10 +156,6 @@ def load_drawn(seed: int, folder: Path) -> Scene:
 def load_part(seed: int, folder: Path) -> Scene:
     """The part of a seed of `coverage`, held at its foot, of which six frequencies and the
     compliances of its tip are asked for.
-
-    Args:
-        seed: Of the part.
-        folder: For its file.
     """
     machine = draw_part(seed, folder).machine
     return Scene(
@@ -195,9 +185,7 @@ def measure_beside(scene: Scene, asked: float, folder: Path) -> ScenesBeside:
     """What is true of a machine, and what somebody would try.
 
     Args:
-        scene: Without an accuracy.
         asked: Relative error that is to be judged.
-        folder: For its files.
     """
     parts = scene.machine.components
     fine = replace_components(
@@ -224,11 +212,7 @@ def measure_choice(
     """Errors and cost of a machine with a stated accuracy.
 
     Args:
-        seed: Of the machine.
         asked: Relative error allowed.
-        scene: Without an accuracy.
-        beside: What it is compared with.
-        folder: For its files.
     """
     goal = dataclasses.replace(scene, accuracy=AccuracyGoal(asked, models="all"))
     chosen = _run(goal, folder)

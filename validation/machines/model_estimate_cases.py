@@ -61,7 +61,6 @@ class MachineNumbers:
     """Numbers of a machine of rigid and segmented bodies beside those of fine finite elements.
 
     Attributes:
-        seed: Of the machine.
         compliances: ``(n,)`` 1 for compliances, 0 for frequencies.
         errors: ``(n,)`` true errors over the number; NaN for modes without a partner of their
             shape.
@@ -112,9 +111,7 @@ def measure_machine(seed: int, scene: Scene, store: Store) -> MachineNumbers:
     """Errors and estimates of a machine of rigid and segmented bodies.
 
     Args:
-        seed: Of the machine.
         scene: With ``model_errors``, and statics, modes and a frequency response.
-        store: For its superelements.
     """
     plain = _solve(scene, store)
     fine = {

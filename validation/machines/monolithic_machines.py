@@ -82,8 +82,6 @@ def monolithic_machine(
 
     Args:
         machine: Its joints between fixed interfaces.
-        meshes: By component.
-        pose: Axis positions.
         views: By ``component.interface`` on an elastic component, in place of what its patch and
             coupling say.
 
@@ -135,7 +133,6 @@ def monolithic_frequencies(model: MonolithicMachine, count: int, *, shift_hz: fl
 
     Args:
         model: The whole machine, without supports.
-        count: How many.
         shift_hz: Magnitude of the shift ``-(2 pi f)^2`` [Hz]: below zero, so that it hits no
             eigenvalue, rigid-body modes included.
     """
@@ -334,11 +331,6 @@ def view_carriages(
 ) -> dict[str, InterfaceView]:
     """Motion that every carriage takes from a mesh on which only the rails are patches, weighted as
     in the reduced model.
-
-    Args:
-        machine: With carriages on rails.
-        meshes: By component with rails.
-        pose: Where the carriages are.
 
     Returns:
         By ``component.joint``, rows ``(6, 3 n_points)`` and the carriage's place on the rail.

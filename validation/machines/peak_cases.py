@@ -60,12 +60,7 @@ def load_three_axis(_folder: Path) -> Scene:
 
 
 def load_drawn(seed: int, folder: Path) -> Scene:
-    """The machine of a seed, all bodies of which are finite elements.
-
-    Args:
-        seed: Of the machine.
-        folder: For its file.
-    """
+    """The machine of a seed, all bodies of which are finite elements."""
     path = folder / "machine.toml"
     path.write_text(draw_machine(seed))
     scene = load_scene(path)

@@ -208,7 +208,6 @@ def compare_meshes(
     real parts.
 
     Args:
-        machine: Of one body.
         fine: Mesh whose response counts as true.
         meshes: Coarser ones, whose errors are estimated.
     """

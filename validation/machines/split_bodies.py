@@ -61,7 +61,6 @@ class SplitBody:
     """A free body of boxes that meet in planes, each box a part.
 
     Attributes:
-        name: For the table.
         grid: Corners of the elements along x, y and z [m]; all faces of the boxes are among them.
         bars: The parts; each meets the next one across ``axis``.
         axis: Across which they meet, 0..2.
@@ -115,11 +114,9 @@ def cut_box(
     """A box of equal elements cut into equal parts across an axis.
 
     Args:
-        name: For the table.
         size: Edge lengths [m].
         counts: Elements along each; along the axis a multiple of ``parts``.
         axis: Which the cuts are across, 0..2.
-        parts: How many.
         finer: Parts with a mesh of their own.
         round_section: The box is bent to a shaft.
     """
@@ -152,8 +149,6 @@ def join_parts(body: SplitBody, form: Form, flexible: int, modes: int) -> Couple
     """The body of parts with rigid joints between their interfaces.
 
     Args:
-        body: With its parts.
-        form: Of the interfaces.
         flexible: Most shapes of each; with 0 they move as rigid bodies or in the mean.
         modes: Fixed-interface modes kept of each part.
     """

@@ -71,7 +71,6 @@ class AbsoluteSystem:
         mass: ``(b,)`` [kg].
         inertia: ``(b, 3, 3)`` about the centres of mass, body axes.
         constraints: In order; multipliers come in the same order.
-        springs: In order.
         gravity: ``(3,)`` [m/s^2].
         load: Point of a body at which an outer force acts.
     """
@@ -125,7 +124,6 @@ class AbsoluteSolution:
         acceleration: ``(b, 3)``.
         spin_rate: ``(b, 3)`` in space axes.
         multipliers: ``(m,)``.
-        violation: Largest constraint violation.
         stretch: ``(s,)`` length of each spring.
         stretch_acceleration: ``(s,)``.
     """
@@ -200,7 +198,6 @@ def solve_instant(
     Args:
         system: Bodies, constraints and springs.
         time: [s].
-        state: Consistent with the constraints.
         force: ``(3,)`` outer force at the loaded point [N].
     """
     vectors = _Vectors(time, state)

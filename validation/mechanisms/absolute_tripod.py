@@ -58,10 +58,8 @@ def absolute_exechon(
     the springs.
 
     Args:
-        dimensions: Of the Exechon.
         bodies: By the names above; a leg's sleeve is given about its base joint, its beam about its
             tip, the platform about its origin, wrist and spindle about the wrist centre.
-        legs: The same for every leg.
         drive: Three lengths and two wrist angles at a time.
         gravity: ``(3,)`` in the base frame [m/s^2].
     """

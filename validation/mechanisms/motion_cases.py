@@ -320,7 +320,6 @@ class Passage:
         angles: ``(k,)`` of the platform [rad].
         energies: ``(k,)`` [J].
         violations: ``(k,)`` of the closures [m, rad].
-        report: Of the projected start.
     """
 
     angles: FloatArray

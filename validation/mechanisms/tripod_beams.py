@@ -73,11 +73,9 @@ def solve_tripod(
     """Lowest natural frequencies ``(count,)`` [Hz].
 
     Args:
-        legs: In the pose.
         platform: Rigid bodies that move as one.
         frame: What the base joints stand on; it does not turn.
         frame_stiffness: ``(3,)`` along x, y, z [N/m], infinite where it is fixed.
-        count: How many.
     """
     origin = platform[0].center
     grids = [_leg_grid(leg) for leg in legs]

@@ -74,8 +74,6 @@ def solve_beams(tripteor: LeggedTripteor, pose: str, count: int) -> FloatArray:
 
     Args:
         tripteor: The machine with segmented legs.
-        pose: Name of the pose.
-        count: How many.
 
     Raises:
         ValueError: The machine has no mechanism.

@@ -33,7 +33,6 @@ class Tripteor:
     """The lumped machine of the scene.
 
     Attributes:
-        scene: Its mechanism as written.
         model: Bodies, springs, gravity.
         poses: Pose name to coordinates ``(n,)``.
     """

@@ -224,7 +224,6 @@ def face_interface(name: str, face: str, coupling: str) -> Interface:
     """A whole face as an interface.
 
     Args:
-        name: Of the interface.
         face: Face of a box, such as ``z+``.
         coupling: ``average`` or ``rigid``.
     """

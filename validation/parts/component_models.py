@@ -43,7 +43,6 @@ class FullModel:
     """Operators of a component and what holds it.
 
     Attributes:
-        mesh: Its mesh.
         operators: Stiffness and mass, distributed.
         fixed: ``(n_points, 3)`` mesh dofs that do not move.
         means: ``(n_points, 3, n_c)`` weighted means of the displacement that vanish.
@@ -97,8 +96,6 @@ def full_model(
 
     Args:
         mesh: The same on every rank.
-        material: Isotropic material.
-        comm: Communicator; collective.
         fixed: ``(n_points, 3)`` dofs that do not move.
         means: ``(n_points, 3, n_c)`` means that vanish.
         with_corners: Assemble what iteration needs, too.
@@ -138,7 +135,6 @@ def full_modes(
     Args:
         model: Operators and what holds it.
         count: How many at least; a cluster at the end is completed.
-        eigensolver: By which method, on factors.
         method: By factors, or by LOBPCG on a multigrid.
 
     Raises:
@@ -209,9 +205,6 @@ def shared_mesh(
     """The mesh of a component on every rank, made by rank 0.
 
     Args:
-        component: What to mesh.
-        supports: On it.
-        loads: On it.
         comm: Ranks that get the mesh; collective.
 
     Raises:
@@ -235,10 +228,7 @@ def interface_compliance(
     """Compliances of the interfaces of a supported component by its static superelement.
 
     Args:
-        component: With interfaces.
-        mesh: Its mesh.
         supports: That leave no rigid motion free.
-        comm: Ranks; collective.
 
     Returns:
         For each pair of interface names the motion ``(6, 6)`` of the first under unit forces and
@@ -277,8 +267,6 @@ def rigid_face_matrices(
     """Matrices of a component whose named patches move as rigid bodies about given points.
 
     Args:
-        mesh: Mesh with the patches.
-        material: Isotropic material.
         centers: ``(3,)`` reference point [m] of each patch, in the order of its dofs.
     """
     stiffness, mass = _whole_matrices(mesh, material)

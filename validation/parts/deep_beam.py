@@ -50,7 +50,6 @@ class LoadedBeam:
     Attributes:
         system: In: the uniform load; out: displacement of the axis at midspan, and every
             coordinate.
-        mesh: Its mesh.
         fields: ``(3 n_points, n)`` displacement of the mesh points per coordinate.
     """
 

@@ -20,7 +20,6 @@ def rod_system(
 
     Args:
         beam: Its length, section and material.
-        elements: Equal elements.
         clamped: The left end is fixed; else it is free.
         end_dashpot: Viscous damper between the left end and ground [N s/m].
 
@@ -49,8 +48,6 @@ def spectral_rod(beam: PrismaticBeam, elements: int, order: int) -> SecondOrderS
 
     Args:
         beam: Its length, section and material.
-        elements: Equal elements.
-        order: Of the polynomials.
 
     Source: Maday and Patera (1989), Spectral element methods; Canuto, Hussaini, Quarteroni and Zang
     (2006), section 2.3.

@@ -94,9 +94,7 @@ def rod_frequencies(
     their shapes.
 
     Args:
-        kind: Of the cells.
         elements: Along the rod; one across.
-        comm: Ranks; collective.
         sideways: Whether nodes may move across the rod.
     """
     mesh = lattice_mesh(
@@ -115,11 +113,6 @@ def rod_frequencies(
 def cube_error(kind: CellKind, elements: int, comm: MPI.Comm) -> float:
     """Relative mean-square error [-] of the displacement in a clamped unit cube under a
     manufactured body force.
-
-    Args:
-        kind: Of the cells.
-        elements: Along each side.
-        comm: Ranks; collective.
     """
     mesh = lattice_mesh(straight_lattice((elements,) * 3, (1.0, 1.0, 1.0)), kind, straight=True)
     fixed = np.any((mesh.points < 1e-9) | (mesh.points > 1.0 - 1e-9), axis=1)

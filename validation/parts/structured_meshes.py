@@ -74,7 +74,6 @@ def integrate_over_cells(
     Args:
         points: ``(n_points, 3)`` [m].
         cells: ``(n_cells, n)``.
-        kind: Cell kind.
         integrand: From ``(m, 3)`` positions to ``(m,)`` values.
     """
     places, weights = _gauss_rule(kind)
@@ -98,7 +97,6 @@ def field_error(
     Args:
         points: ``(n_points, 3)`` [m].
         cells: ``(n_cells, n)``.
-        kind: Cell kind.
         field: ``(n_points, 3)`` nodal values.
         exact: From ``(m, 3)`` positions to ``(m, 3)`` values.
     """
@@ -207,7 +205,6 @@ def lattice_mesh(lattice: FloatArray, kind: CellKind, *, straight: bool) -> Comp
     Args:
         lattice: ``(2 n_u + 1, 2 n_v + 1, 2 n_w + 1, 3)`` element nodes [m].
         kind: ``tet4``, ``tet10``, ``hex8`` or ``hex27``.
-        straight: Element edges are straight.
     """
     shape = lattice.shape[:3]
     cells = tetrahedral_cells(shape) if kind.startswith("tet") else lattice_cells(shape)

@@ -32,7 +32,6 @@ def euler_bernoulli_roots(ends: EndConditions, count: int) -> FloatArray:
 
     Args:
         ends: How the two ends are fixed.
-        count: Number of roots.
 
     Returns:
         ``(count,)`` [-]: ``cos cosh = -1`` clamped-free, ``cos cosh = 1`` clamped-clamped and
@@ -53,8 +52,6 @@ def euler_bernoulli_frequencies(beam: PrismaticBeam, ends: EndConditions, count:
     """Bending frequencies ``(count,)`` [Hz] in the direction of the beam's depth.
 
     Args:
-        beam: Uniform, slender.
-        ends: How it is supported.
         count: How many, from the lowest elastic one.
 
     Source: Blevins (1979), equation 8-17: ``f = lambda^2 / (2 pi L^2) sqrt(E I / (rho A))``.
@@ -99,7 +96,6 @@ def strip_frequencies(beam: PrismaticBeam, ends: EndConditions, count: int) -> F
 
     Args:
         beam: Uniform, as wide as a plate.
-        ends: How it is supported.
         count: How many, from the lowest elastic one.
 
     Source: Timoshenko and Woinowsky-Krieger (1959), cylindrical bending of a long plate, chapter 1.
@@ -146,7 +142,6 @@ def timoshenko_frequencies(beam: PrismaticBeam, ends: EndConditions, count: int)
 
     Args:
         beam: Uniform, with its shear coefficient.
-        ends: How it is supported.
         count: How many, from the lowest elastic one.
 
     Source: Timoshenko (1921); transfer matrices after Pestel and Leckie (1963), chapter 5.

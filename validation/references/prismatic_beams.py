@@ -22,7 +22,6 @@ class PrismaticBeam:
         length: Span [m].
         width: Side of the section normal to the bending plane [m].
         depth: Side of the section in the bending plane [m].
-        material: Isotropic material.
     """
 
     length: float
@@ -78,7 +77,6 @@ def bracket_roots(
         function: Continuous, with simple roots further apart than ``step``.
         count: Number of roots wanted.
         start: Where to begin; not itself a root.
-        step: Width of the walk.
 
     Returns:
         ``count`` roots in rising order.

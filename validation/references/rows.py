@@ -16,11 +16,9 @@ class ValidationRow:
     """One number compared with another.
 
     Attributes:
-        case: Case name.
         quantity: What was computed.
         value: The number, NaN when the computation failed.
         reference: What it is compared with, NaN where there is nothing to compare with.
-        unit: Unit of both.
         relative_error: ``value / reference - 1``; the value itself where the reference is zero.
         tolerance: Largest allowed size of the relative error, NaN where the row is shown only.
         kind: Where the reference comes from: ``published``, ``closed form``, ``converged 3D``,
@@ -47,7 +45,6 @@ class Target:
 
     Attributes:
         reference: The right value, NaN when there is none.
-        unit: Its unit.
         tolerance: Largest allowed relative error, NaN for a row that is shown only.
         kind: Where the reference comes from.
     """
@@ -78,12 +75,9 @@ def judge(case: str, quantity: str, value: float, target: Target, note: str = ""
     finite never passes.
 
     Args:
-        case: Name of the case.
         quantity: What the value is, in words.
-        value: In the unit of the target.
         target: The right value and the relative error allowed; where the right value is zero, the
             absolute one.
-        note: Remark.
     """
     # plain numbers: numpy's own do not go into JSON
     value, right, allowed = float(value), float(target.reference), float(target.tolerance)
@@ -98,7 +92,6 @@ def judge_order(case: str, quantity: str, value: float, expected: float) -> Vali
     """A row for an order of convergence, which passes within 0.2 of what theory promises.
 
     Args:
-        case: Name of the case.
         quantity: What the value is, in words.
         value: Observed order [-].
         expected: Order of the theory [-].
@@ -114,11 +107,9 @@ def judge_bound(
     """A row for a number that should be zero and may be as large as a bound.
 
     Args:
-        case: Name of the case.
         quantity: What the value is, in words.
         value: Relative or counted [-].
         bound: Largest magnitude allowed.
-        note: Remark.
     """
     return judge(case, quantity, value, Target(0.0, "-", bound, "identity"), note)
 
@@ -127,11 +118,7 @@ def show(case: str, quantity: str, value: float, unit: str, note: str = "") -> V
     """A row that is printed for the reader and cannot fail unless it is not finite.
 
     Args:
-        case: Name of the case.
         quantity: What the value is, in words.
-        value: Its value.
-        unit: Its unit.
-        note: Remark.
     """
     return judge(case, quantity, value, Target(math.nan, unit, math.nan, SHOWN_ONLY), note)
 
@@ -147,7 +134,6 @@ def judge_all(
     """One row for each value of a reference case, in its order.
 
     Args:
-        case: Case name for the rows.
         reference: What the values are compared with.
         values: As many as the reference has.
         tolerance: In place of the reference's own.

@@ -32,8 +32,6 @@ def axial_frequencies(beam: PrismaticBeam, ends: EndConditions, count: int) -> F
     """Axial frequencies ``(count,)`` [Hz]: ``f = lambda / (2 pi L) sqrt(E / rho)``.
 
     Args:
-        beam: Uniform.
-        ends: How it is supported.
         count: How many, from the lowest elastic one.
 
     Source: Blevins (1979), equation 8-112.
@@ -74,7 +72,6 @@ def torsional_frequencies(beam: PrismaticBeam, ends: EndConditions, count: int) 
 
     Args:
         beam: Uniform, of rectangular section.
-        ends: How it is supported.
         count: How many, from the lowest elastic one.
 
     Source: Blevins (1979), table 8-19: ``f = lambda / (2 pi L) sqrt(G J / (rho I_p))``.

@@ -16,15 +16,10 @@ class ReferenceCase:
     """Numbers that a correct program reproduces.
 
     Attributes:
-        name: Key in the table.
-        id: Name of the benchmark.
-        description: One line.
         provenance: ``published``, ``derived-closed-form`` or ``derived-numerical``.
         source: Where the numbers come from.
         tolerance: Relative tolerance within which they are to be met [-].
         traps: What they must not be used for.
-        unit: Unit of every value.
-        values: By quantity.
     """
 
     name: str

@@ -67,7 +67,6 @@ def brick_model(
     Args:
         sides: Of the box [m].
         counts: Bricks along x, y and z.
-        material: Isotropic.
     """
     axes = [
         side * (np.arange(count + 1) / count - 0.5)
@@ -95,7 +94,6 @@ def brick_stiffness(brick: FloatArray, material: Material, *, bending: bool = Tr
 
     Args:
         brick: ``(3,)`` sides [m].
-        material: Isotropic.
         bending: With a shape ``1 - xi^2`` in each direction; else the plain trilinear element.
     """
     elastic = _elasticity(material)
@@ -127,7 +125,6 @@ def solve_fixed(model: BrickModel, fixed: IntArray, loads: FloatArray) -> FloatA
 
     Args:
         model: Of ``n`` nodes.
-        fixed: Numbers of the fixed nodes.
         loads: ``(3 n, m)`` nodal forces [N].
     """
     free = _free_dofs(model, fixed)
@@ -141,7 +138,6 @@ def fixed_modes(model: BrickModel, fixed: IntArray, count: int) -> tuple[FloatAr
 
     Args:
         model: Of ``n`` nodes.
-        fixed: Numbers of the fixed nodes.
         count: How many modes.
 
     Returns:

@@ -53,7 +53,6 @@ class RefinementPoint:
         kind: Segmented bodies, or the finite elements; ``wilson8`` are the paper's own, which
             Headstock has not.
         ndof: As the paper counts: 6 per segment, 3 per node.
-        group: Static or modal.
         values: By quantity [um, Hz]; a mode that no shape of the model resembles is missing.
         macs: Likeness of each mode to the shape it is named after.
         seconds: From the scene to the results [s]; NaN for the paper's own elements.
@@ -73,8 +72,6 @@ def measure_beam(reference: str, scene: Scene, results: Results) -> Measured:
     """What a scene's results say about a beam, for the record of a study's point.
 
     Args:
-        reference: Name of the beam.
-        scene: The scene with one model of it.
         results: What its run found.
 
     Raises:
@@ -229,9 +226,6 @@ class RefinementSeries:
 
     Attributes:
         beam: What they are models of.
-        kinds: Of models.
-        group: Static or modal.
-        points: By rising nDOF.
     """
 
     beam: ReferenceBeam
@@ -272,9 +266,6 @@ def pick_series(
 
     Args:
         beam: What they are models of.
-        points: All points of the study.
-        group: Static or modal.
-        kinds: Segmented, or kinds of elements.
     """
     own = sorted(
         (point for point in points if point.group == group and point.kind in kinds),
@@ -295,7 +286,6 @@ def deviations(
     Args:
         series: Models by rising nDOF.
         quantities: Names of the quantities; those that a model has not are left out.
-        above: Least nDOF.
         against: Reference: the paper's analytic value, Timoshenko's, or that of converged 3D
             elasticity.
 
@@ -317,8 +307,6 @@ def reference_value(beam: ReferenceBeam, quantity: str, against: Against) -> flo
     """The value that a quantity of a beam is compared with, in the unit of the quantity.
 
     Args:
-        beam: With references by quantity.
-        quantity: Name of the quantity.
         against: Reference: the paper's analytic value, Timoshenko's, or that of converged 3D
             elasticity.
     """
@@ -342,8 +330,6 @@ def worst_by_ndof(
 
     Args:
         series: Models by rising nDOF.
-        quantities: Names of the quantities.
-        above: Least nDOF.
         against: Reference: the paper's analytic value, Timoshenko's, or that of converged 3D
             elasticity.
     """
@@ -365,7 +351,6 @@ def ndof_within(
 
     Args:
         series: Models by rising nDOF.
-        quantities: Names of the quantities.
         limit: Largest relative deviation [-].
         against: Reference: the paper's analytic value, Timoshenko's, or that of converged 3D
             elasticity.
@@ -383,7 +368,6 @@ def nearest_rung(series: RefinementSeries, ndof: int, quantity: str) -> Refineme
 
     Args:
         series: Models by rising nDOF.
-        ndof: Wanted nDOF.
         quantity: The model must have it.
     """
     own = [point for point in series.points if quantity in point.values]

@@ -41,7 +41,6 @@ class BeamReference:
 
     Attributes:
         quantity: ``dx(Fx)`` [um] or a natural frequency such as ``X1`` [Hz].
-        group: Static or modal.
         analytic: The paper's analytic value: Euler-Bernoulli bending, Saint-Venant torsion.
         beam: Timoshenko's in place of Euler-Bernoulli's: what exact beam springs tend to.
         solid: Converged 3D elasticity: what finite elements tend to.
@@ -62,11 +61,9 @@ class ReferenceBeam:
 
     Attributes:
         name: As a scene's study names it.
-        title: In words.
         size: Sides of its box [m].
         axis: Direction of the beam, 0..2.
         ends: How they are fixed.
-        material: Of the references.
         references: By quantity, in the paper's order.
         figures: Numbers of the paper's figures: segmented static, FEM static, segmented modal, FEM
             modal.

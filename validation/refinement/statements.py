@@ -50,8 +50,6 @@ class JudgedStatement:
 
     Attributes:
         figure: Number of the paper's figure.
-        models: Which models it is about.
-        text: The statement.
         confirmed: Whether the series shows it.
         decides: The number that decides, and where it was met.
         value: That number; None where there is none.
@@ -74,7 +72,6 @@ class Statement:
     Attributes:
         series: Models by rising nDOF.
         text: The statement, in the paper's words.
-        quantities: Names of the quantities it is about.
     """
 
     series: RefinementSeries
@@ -113,8 +110,6 @@ class Statement:
 
         Args:
             limit: Relative deviation that is to be exceeded [-].
-            above: Least nDOF.
-            below: Largest nDOF.
             note: Remark for where it is not exceeded.
         """
         worst = [
@@ -215,8 +210,6 @@ class Statement:
 
         Args:
             worse: Models that are to deviate more.
-            above: Least nDOF.
-            below: Largest nDOF.
         """
         gaps = []
         for own in deviations(self.series, self.quantities, above=above):
@@ -276,7 +269,6 @@ class Statement:
         Args:
             others: Models of about equal nDOF.
             limit: Largest difference of two relative deviations [-].
-            above: Least nDOF.
         """
         gaps = []
         for own in deviations(self.series, self.quantities, above=above):

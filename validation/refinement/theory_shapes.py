@@ -26,7 +26,6 @@ class NamedShape:
     Attributes:
         name: ``X1``: first bending mode in x; ``T1``: first torsional mode.
         direction: Axis it moves in, 0..2; the beam's own axis for torsion.
-        kind: Bending or torsion.
         number: From 1.
     """
 
