@@ -12,7 +12,7 @@ from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.meshing.process.libraries import h5py
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.numbers.estimates import Estimate
-from headstock.pipeline.numbers.numbers import Number, make_key
+from headstock.pipeline.numbers.numbers import Key, Number, make_key
 from headstock.pipeline.storage.json_texts import check_finite
 from headstock.solvers.second_order import Channel, ComplexArray
 from headstock.solvers.stresses import STRESS_NAMES, largest_von_mises
@@ -70,18 +70,12 @@ class ProbeResponse:
         component: Its name.
         displacement: ``(3,)`` [m].
         stress: ``(6,)`` xx yy zz xy xz yz [Pa].
-        displacement_errors: Along x, y, z [m].
-        stress_errors: Of the six numbers [Pa].
-        von_mises_error: Of the equivalent stress [Pa].
         singular: What makes the stress there grow with every finer mesh; empty for nothing.
     """
 
     component: str
     displacement: FloatArray
     stress: FloatArray
-    displacement_errors: tuple[Estimate, ...]
-    stress_errors: tuple[Estimate, ...]
-    von_mises_error: Estimate
     singular: str = ""
 
 
@@ -110,18 +104,10 @@ class ProbeAnswer(Answer):
     def list_numbers(self) -> Iterator[Number]:
         """Yield displacements, stresses and equivalent stresses."""
         for name, probe in self.probes.items():
-            at = {"pose": self.pose, "probe": name}
-            for direction, value, error in zip(
-                DIRECTIONS, probe.displacement, probe.displacement_errors, strict=True
-            ):
-                key = make_key("probe_displacement", direction=direction, **at)
-                yield Number(key, float(value), "m", error)
-            for component, value, error in (
-                *zip(STRESS_NAMES, probe.stress, probe.stress_errors, strict=True),
-                ("von_mises", largest_von_mises(probe.stress), probe.von_mises_error),
-            ):
-                key = make_key("probe_stress", component=component, **at)
-                yield Number(key, float(value), "Pa", error)
+            values = (*probe.displacement, *probe.stress, largest_von_mises(probe.stress))
+            for key, value in zip(probe_keys(self.pose, name), values, strict=True):
+                unit = "m" if key.kind == "probe_displacement" else "Pa"
+                yield Number(key, float(value), unit, self.errors.get(key))
 
     def summarise(self) -> dict[str, ProbeSummary]:
         """Its probes as they stand in ``summary.json``.
@@ -129,19 +115,34 @@ class ProbeAnswer(Answer):
         Raises:
             AccuracyError: A response is not a finite number.
         """
-        return {name: _summarise_probe(name, probe) for name, probe in self.probes.items()}
+        return {
+            name: _summarise_probe(
+                name,
+                probe,
+                [self.errors.get(key, Estimate()) for key in probe_keys(self.pose, name)],
+            )
+            for name, probe in self.probes.items()
+        }
 
     def fill(self, file: "h5py.File") -> None:
         """Write displacements and stresses, NaN for errors that nobody knows."""
         for name, probe in self.probes.items():
             group = file.create_group(f"probes/{self.pose}/{name}")
             group["displacement"], group["stress"] = probe.displacement, probe.stress
-            for what, errors in (
-                ("displacement", probe.displacement_errors),
-                ("stress", probe.stress_errors),
-            ):
-                totals = [np.nan if each.total is None else each.total for each in errors]
-                group[f"{what}_error"] = np.array(totals)
+            totals = [
+                np.nan if (total := self.errors.get(key, Estimate()).total) is None else total
+                for key in probe_keys(self.pose, name)
+            ]
+            group["displacement_error"] = np.array(totals[:3])
+            group["stress_error"] = np.array(totals[3:-1])
+
+
+def probe_keys(pose: str, probe: str) -> tuple[Key, ...]:
+    """Return the keys of displacement along x, y, z, of six stresses and of the equivalent stress."""
+    at = {"pose": pose, "probe": probe}
+    moved = (make_key("probe_displacement", direction=each, **at) for each in DIRECTIONS)
+    names = (*STRESS_NAMES, "von_mises")
+    return (*moved, *(make_key("probe_stress", component=each, **at) for each in names))
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,24 +315,23 @@ def _summarise_peak(curves: ProbeCurves, column: int) -> ProbePeakSummary:
     }
 
 
-def _summarise_probe(name: str, probe: ProbeResponse) -> ProbeSummary:
+def _summarise_probe(name: str, probe: ProbeResponse, errors: list[Estimate]) -> ProbeSummary:
     what = f"response at probe {name}"
-    errors = (*probe.displacement_errors, *probe.stress_errors)
     mises = float(largest_von_mises(probe.stress))
     moved = _clear(probe.displacement, float(np.linalg.norm(probe.displacement)))
     stress = _clear(probe.stress, mises)
     return {
         "component": probe.component,
         "displacement_um": check_finite(what, moved * MICRO),
-        "displacement_error_um": [_scale(each, MICRO) for each in probe.displacement_errors],
+        "displacement_error_um": [_scale(each, MICRO) for each in errors[:3]],
         "stress_mpa": dict(zip(STRESS_NAMES, check_finite(what, stress * MEGA), strict=True)),
         "stress_error_mpa": dict(
-            zip(STRESS_NAMES, (_scale(each, MEGA) for each in probe.stress_errors), strict=True)
+            zip(STRESS_NAMES, (_scale(each, MEGA) for each in errors[3:-1]), strict=True)
         ),
         "von_mises_mpa": mises * MEGA,
-        "von_mises_error_mpa": _scale(probe.von_mises_error, MEGA),
+        "von_mises_error_mpa": _scale(errors[-1], MEGA),
         "singular": probe.singular,
-        "error_left_out": sorted({words for each in errors for words in each.left_out}),
+        "error_left_out": sorted({words for each in errors[:-1] for words in each.left_out}),
     }
 
 

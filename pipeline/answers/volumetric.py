@@ -11,7 +11,7 @@ from headstock.meshing.process.libraries import h5py
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.map import GridSummary, nest_grid
 from headstock.pipeline.numbers.estimates import Estimate, scale_parts, scale_shares
-from headstock.pipeline.numbers.numbers import Number, Series, make_key
+from headstock.pipeline.numbers.numbers import Key, Number, Series, make_key
 from headstock.pipeline.storage.json_texts import check_finite
 from headstock.solvers.linear.volumetric import AxisMotions, Squareness, measure_range
 
@@ -80,11 +80,6 @@ class VolumetricAnswer(Answer):
         lines: Error motions along each axis through the middle of the grid.
         squareness: Of each pair of linear axes.
         grid_errors: ``(n0, n1, ..., 6)`` how far the error of each pose may be off; NaN where nobody knows.
-        range_errors: Source to how far its range may be off, in the order of the symbols.
-        total_errors: The same of all sources together.
-        largest_error: How far the largest error may be off.
-        line_errors: How far the deviations of each line may be off.
-        squareness_errors: How far each squareness may be off.
         failed: Poses without an answer.
     """
 
@@ -98,11 +93,6 @@ class VolumetricAnswer(Answer):
     lines: tuple[AxisMotions, ...]
     squareness: tuple[Squareness, ...]
     grid_errors: FloatArray
-    range_errors: dict[str, list[Estimate]]
-    total_errors: list[Estimate]
-    largest_error: Estimate
-    line_errors: tuple[list[Estimate], ...]
-    squareness_errors: tuple[Estimate, ...]
     failed: int = 0
     units: ClassVar[dict[str, str]] = {
         r"volumetric/.*/positions/.*": "m or rad",
@@ -122,25 +112,19 @@ class VolumetricAnswer(Answer):
 
     def list_numbers(self) -> Iterator[Number]:
         """Yield ranges by source, the largest error, deviations along axes and squareness."""
-        at = {"point": self.point}
-        every = {TOTAL: (self.total, self.total_errors)} | {
-            source: (values, self.range_errors.get(source, ()))
-            for source, values in self.sources.items()
-        }
-        for source, (values, errors) in every.items():
-            for number, size in enumerate(measure_range(values)):
-                key = make_key("volumetric_range", source=source, component=SYMBOLS[number], **at)
-                error = errors[number] if errors else None
-                yield Number(key, float(size), _unit_of(number), error)
+        values: dict[Key, tuple[float, str]] = {}
+        for source, grid in {TOTAL: self.total, **self.sources}.items():
+            for symbol, size in zip(SYMBOLS, measure_range(grid), strict=True):
+                values[range_key(self.point, source, symbol)] = float(size), _unit_of(symbol)
         largest = float(np.nanmax(np.linalg.norm(self.total[..., :3], axis=-1)))
-        yield Number(make_key("volumetric_error", **at), largest, "m", self.largest_error)
-        for line, errors in zip(self.lines, self.line_errors, strict=True):
-            for number, size in enumerate(line.deviations):
-                key = make_key("line_deviation", axis=line.axis, component=SYMBOLS[number], **at)
-                yield Number(key, float(size), _unit_of(number), errors[number])
-        for each, error in zip(self.squareness, self.squareness_errors, strict=True):
-            key = make_key("squareness", axes=f"{each.first}-{each.second}", **at)
-            yield Number(key, float(each.angle), "rad", error)
+        values[largest_key(self.point)] = largest, "m"
+        for line in self.lines:
+            for symbol, size in zip(SYMBOLS, line.deviations, strict=True):
+                values[line_key(self.point, line.axis, symbol)] = float(size), _unit_of(symbol)
+        for pair in self.squareness:
+            values[squareness_key(self.point, pair)] = float(pair.angle), "rad"
+        for key, (value, unit) in values.items():
+            yield Number(key, value, unit, self.errors.get(key))
 
     def list_series(self) -> Iterator[Series]:
         """Yield the error over the grid by source and component."""
@@ -150,9 +134,10 @@ class VolumetricAnswer(Answer):
         }
         for source, values in {TOTAL: self.total, **self.sources}.items():
             for number, symbol in enumerate(SYMBOLS):
+                unit = _unit_of(symbol)
                 key = f"volumetric(point={self.point},source={source},component={symbol})"
                 errors = {"all": self.grid_errors[..., number]} if source == TOTAL else {}
-                yield Series(key, axes, values[..., number], _unit_of(number), errors)
+                yield Series(key, axes, values[..., number], unit, errors)
 
     def summarise(self) -> VolumetricSummary:
         """As it stands in ``summary.json``."""
@@ -177,43 +162,43 @@ class VolumetricAnswer(Answer):
                 source: _by_symbol(measure_range(values)) for source, values in every.items()
             },
             "range_errors": {
-                source: _errors_by_symbol(errors)
-                for source, errors in {TOTAL: self.total_errors, **self.range_errors}.items()
+                source: {
+                    symbol: _scale(self.errors[range_key(self.point, source, symbol)])
+                    for symbol in SYMBOLS
+                }
+                for source in every
             },
             "error_share": {
-                symbol: scale_shares(error, MICRO)
-                for symbol, error in zip(SYMBOLS, self.total_errors, strict=True)
+                symbol: scale_shares(self.errors[range_key(self.point, TOTAL, symbol)], MICRO)
+                for symbol in SYMBOLS
             },
             "error_parts": {
-                symbol: scale_parts(error, MICRO)
-                for symbol, error in zip(SYMBOLS, self.total_errors, strict=True)
+                symbol: scale_parts(self.errors[range_key(self.point, TOTAL, symbol)], MICRO)
+                for symbol in SYMBOLS
             },
-            "error_left_out": list(self.largest_error.left_out),
+            "error_left_out": list(self.errors[largest_key(self.point)].left_out),
             "largest_um": MICRO * float(sizes[worst]),
-            "largest_error_um": _scale(self.largest_error),
+            "largest_error_um": _scale(self.errors[largest_key(self.point)]),
             "largest_at": {
                 axis: float(values[place])
                 for axis, values, place in zip(self.axes, self.positions, worst, strict=True)
             },
             "budget": self.budget,
-            "lines": {
-                line.axis: self._summarise_line(line, errors)
-                for line, errors in zip(self.lines, self.line_errors, strict=True)
-            },
+            "lines": {line.axis: self._summarise_line(line) for line in self.lines},
             "squareness": [
                 {
                     "first": each.first,
                     "second": each.second,
                     "symbol": each.symbol,
                     "angle_urad": MICRO * each.angle,
-                    "error_urad": _scale(error),
+                    "error_urad": _scale(self.errors[squareness_key(self.point, each)]),
                 }
-                for each, error in zip(self.squareness, self.squareness_errors, strict=True)
+                for each in self.squareness
             ],
             "failed": self.failed,
         }
 
-    def _summarise_line(self, line: AxisMotions, errors: list[Estimate]) -> AxisMotionsSummary:
+    def _summarise_line(self, line: AxisMotions) -> AxisMotionsSummary:
         return {
             "unit": self.axis_units[line.axis],
             "positions": [float(value) for value in line.positions],
@@ -222,7 +207,10 @@ class VolumetricAnswer(Answer):
                 for dof, symbol in enumerate(SYMBOLS)
             },
             "deviations": _by_symbol(line.deviations),
-            "errors": _errors_by_symbol(errors),
+            "errors": {
+                symbol: _scale(self.errors[line_key(self.point, line.axis, symbol)])
+                for symbol in SYMBOLS
+            },
             "along": None
             if line.along is None
             else f"{'-' if line.travel[line.along] < 0.0 else ''}{'xyz'[line.along]}",
@@ -238,9 +226,29 @@ class VolumetricAnswer(Answer):
         group["error"] = self.grid_errors
 
 
-def _unit_of(number: int) -> str:
-    """Return the unit of a component by its number."""
-    return "m" if number < 3 else "rad"
+def range_key(point: str, source: str, symbol: str) -> Key:
+    """Return the key of the range of a component over the volume."""
+    return make_key("volumetric_range", point=point, source=source, component=symbol)
+
+
+def largest_key(point: str) -> Key:
+    """Return the key of the largest error over the volume."""
+    return make_key("volumetric_error", point=point)
+
+
+def line_key(point: str, axis: str, symbol: str) -> Key:
+    """Return the key of the deviation of a component along an axis."""
+    return make_key("line_deviation", point=point, axis=axis, component=symbol)
+
+
+def squareness_key(point: str, pair: Squareness) -> Key:
+    """Return the key of the squareness of two axes."""
+    return make_key("squareness", point=point, axes=f"{pair.first}-{pair.second}")
+
+
+def _unit_of(symbol: str) -> str:
+    """Return the SI unit of a component."""
+    return "m" if symbol in SYMBOLS[:3] else "rad"
 
 
 def _scale(error: Estimate) -> float | None:
@@ -249,7 +257,3 @@ def _scale(error: Estimate) -> float | None:
 
 def _by_symbol(values: FloatArray) -> dict[str, float]:
     return {symbol: MICRO * float(value) for symbol, value in zip(SYMBOLS, values, strict=True)}
-
-
-def _errors_by_symbol(errors: list[Estimate]) -> dict[str, float | None]:
-    return {symbol: _scale(error) for symbol, error in zip(SYMBOLS, errors, strict=True)}

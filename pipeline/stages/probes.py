@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.answers.probes import ProbeAnswer, ProbeCurves, ProbeResponse
+from headstock.pipeline.answers.probes import ProbeAnswer, ProbeCurves, ProbeResponse, probe_keys
 from headstock.pipeline.numbers.estimates import (
     CURVED_FACES,
     DISCRETISATION,
@@ -68,7 +68,17 @@ def run_recover_stage(state: RunState, stage: Stage) -> Outcome:
     }
     return Outcome(
         detail=", ".join(found),
-        answers=(ProbeAnswer(pose, found),),
+        answers=(
+            ProbeAnswer(
+                pose,
+                {name: own for name, (own, _) in found.items()},
+                errors={
+                    key: error
+                    for name, (_, errors) in found.items()
+                    for key, error in zip(probe_keys(pose, name), errors, strict=True)
+                },
+            ),
+        ),
         warnings=tuple(warn_of_singular(name, probe.singular) for name, probe in placed.items()),
     )
 
@@ -89,8 +99,9 @@ def respond_at_rest(
     probe: PlacedProbe,
     moved: FloatArray,
     inside: Mapping[str, FloatArray],
-) -> ProbeResponse:
-    """Displacement and stress at a probe under all static loads, with their errors.
+) -> tuple[ProbeResponse, tuple[Estimate, ...]]:
+    """Return displacement and stress at a probe under all static loads, and the ± of both and of the
+    equivalent stress.
 
     Args:
         parts: Of the machine.
@@ -116,15 +127,13 @@ def respond_at_rest(
     mises = {DISCRETISATION: None if np.isnan(meshed) else meshed}
     if changes:
         mises[CURVED_FACES] = faced
-    return ProbeResponse(
+    response = ProbeResponse(
         component=probe.component,
         displacement=seen[:MOVED],
         stress=seen[MOVED:],
-        displacement_errors=errors[:MOVED],
-        stress_errors=errors[MOVED:],
-        von_mises_error=Estimate(mises, left_out.left_out),
         singular=probe.singular,
     )
+    return response, (*errors, Estimate(mises, left_out.left_out))
 
 
 def watched_rows(probes: Mapping[str, PlacedProbe]) -> dict[Channel, FloatArray]:

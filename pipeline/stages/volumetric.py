@@ -19,7 +19,15 @@ from headstock.geometry.machine.machine import (
     travel_directions,
 )
 from headstock.geometry.mechanisms.tool_mechanism import TOOL_AXES, TOOL_POINT
-from headstock.pipeline.answers.volumetric import VolumetricAnswer
+from headstock.pipeline.answers.volumetric import (
+    SYMBOLS,
+    TOTAL,
+    VolumetricAnswer,
+    largest_key,
+    line_key,
+    range_key,
+    squareness_key,
+)
 from headstock.pipeline.numbers.estimates import (
     CURVED_FACES,
     DISCRETISATION,
@@ -186,6 +194,27 @@ def _assemble(
     every = _add_changes(changes.values())
     judge = partial(estimate_measures, values=total, changes=every, left_out=first.left_out)
     units, lines = position_units(machine), read_lines(total)
+    squareness = read_squareness(total)
+    ranges = {TOTAL: judge(measure_range)} | {
+        source: estimate_measures(measure_range, sources[source], changes[source], first.left_out)
+        for source in sources
+    }
+    errors = {
+        range_key(point, source, symbol): error
+        for source, estimates in ranges.items()
+        for symbol, error in zip(SYMBOLS, estimates, strict=True)
+    }
+    errors[largest_key(point)] = judge(_measure_largest)[0]
+    for number, line in enumerate(lines):
+        along = judge(partial(measure_line, number=number))
+        errors |= {
+            line_key(point, line.axis, symbol): error
+            for symbol, error in zip(SYMBOLS, along, strict=True)
+        }
+    angles = judge(lambda values: np.array([pair.angle for pair in read_squareness(values)]))
+    errors |= {
+        squareness_key(point, pair): error for pair, error in zip(squareness, angles, strict=True)
+    }
     return VolumetricAnswer(
         point=point,
         axes=tuple(name for name, _ in request.axes),
@@ -198,22 +227,9 @@ def _assemble(
             for dof, direction in enumerate(DIRECTIONS)
         },
         lines=tuple(lines),
-        squareness=tuple(read_squareness(total)),
+        squareness=tuple(squareness),
         grid_errors=_size(every, total),
-        range_errors={
-            source: estimate_measures(
-                measure_range, sources[source], changes[source], first.left_out
-            )
-            for source in sources
-        },
-        total_errors=judge(measure_range),
-        largest_error=judge(_measure_largest)[0],
-        line_errors=tuple(
-            judge(partial(measure_line, number=number)) for number in range(len(lines))
-        ),
-        squareness_errors=tuple(
-            judge(lambda values: np.array([pair.angle for pair in read_squareness(values)]))
-        ),
+        errors=errors,
         failed=sum(each is None for each in found),
     )
 

@@ -15,13 +15,11 @@ from headstock.pipeline.accuracy.rounds import replace_components
 from headstock.pipeline.answers.answer import Answer, find_answers
 from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.answers.volumetric import VolumetricAnswer
-from headstock.pipeline.numbers.estimates import Estimate
 from headstock.pipeline.numbers.numbers import Number
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import Scene, keep_analyses
-from headstock.solvers.linear.volumetric import measure_range
 from headstock.solvers.mpi import MPI
 from headstock.validation.machines.drawn_axes import draw_axes
 from headstock.validation.references.rows import ValidationRow, judge_bound
@@ -159,20 +157,11 @@ def refine_scene(scene: Scene, across: int = FINE_ACROSS) -> Scene:
 
 
 def _list_measures(answer: VolumetricAnswer) -> tuple[FloatArray, FloatArray]:
-    """Sizes ``(n,)`` of all that is measured of a map, and what stands behind their ±."""
-    values = [measure_range(answer.total)]
-    errors: list[Estimate] = [*answer.total_errors]
-    for source, own in answer.range_errors.items():
-        values.append(measure_range(answer.sources[source]))
-        errors += own
-    for line, known in zip(answer.lines, answer.line_errors, strict=True):
-        values.append(line.deviations)
-        errors += known
-    values.append(np.array([abs(pair.angle) for pair in answer.squareness]))
-    errors += answer.squareness_errors
-    totals = [error.total for error in errors]
-    return np.concatenate(values), np.array(
-        [np.inf if total is None else total for total in totals]
+    """Return sizes ``(n,)`` of all that is measured of a map, and their ±; the largest error is among the
+    ranges.
+    """
+    return _list_sizes(
+        number for number in answer.list_numbers() if number.key.kind != "volumetric_error"
     )
 
 
