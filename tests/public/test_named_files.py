@@ -5,9 +5,9 @@ import re
 from pathlib import Path
 
 import pytest
+from cross_slide import ANALYSES, SCENE, TARGETS
 
 from common import run_alone
-from cross_slide import ANALYSES, SCENE, TARGETS
 from fixture_machines import machine
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -6,9 +6,9 @@ import json
 from pathlib import Path
 
 import pytest
+from cross_slide import ANALYSES, SCENE, TARGETS
 
 from common import run_alone
-from cross_slide import ANALYSES, SCENE, TARGETS
 
 pytestmark = pytest.mark.smoke
 
