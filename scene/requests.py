@@ -422,7 +422,12 @@ class LobesRequest(Request):
         """Rows of the matrix whose multipliers say whether a cut at a speed [rad/s] is stable, besides
         those of the machine's poles.
         """
-        return expected_rows(self.cut_at(speed), self.up_to_hz)
+        return expected_rows(self.cut_at(speed), self.highest_hz)
+
+    @property
+    def highest_hz(self) -> float:
+        """Highest natural frequency of machine, spindle and tool that is asked for [Hz]."""
+        return max([self.up_to_hz, *(mode.hz for mode in self.tool_modes)])
 
     @property
     def reach_hz(self) -> float:

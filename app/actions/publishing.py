@@ -18,17 +18,11 @@ from headstock.app.pictures.pictures import (
     stills_by_pose,
 )
 from headstock.app.report.report import Stills, Worth, render_report, write_report
-from headstock.app.tables.frf import tabulate_response
-from headstock.app.tables.path import tabulate_path
-from headstock.app.tables.probes import tabulate_probes
-from headstock.app.tables.run import list_tables
 from headstock.app.tables.table import encode_csv
-from headstock.app.tables.transient import tabulate_transient
 from headstock.app.terminal.console import print_remarks
+from headstock.app.views.registry import list_tables
+from headstock.app.views.view import Curves, FinishedRun
 from headstock.meshing.process.strangers import SUMMARY, require_size
-from headstock.pipeline.answers.frf import ResponseCurves
-from headstock.pipeline.answers.path import PathCurves
-from headstock.pipeline.answers.transient import TransientCurves
 from headstock.pipeline.numbers.folders import SUMMARY_FILE
 from headstock.pipeline.results.files import (
     FIGURES_FOLDER,
@@ -42,7 +36,6 @@ from headstock.pipeline.results.files import (
 )
 from headstock.pipeline.results.mode_files import MODES_FOLDER, VOLUME_FOLDER, write_mode_files
 from headstock.pipeline.results.summary import RunSummary
-from headstock.pipeline.results.views import MachineView
 from headstock.pipeline.storage.outputs import (
     UnusableOutputError,
     claim_output,
@@ -59,38 +52,26 @@ PARTS = (TABLES_FOLDER, FIGURES_FOLDER, MODES_FOLDER, VOLUME_FOLDER)
 
 
 def publish_run(
-    folder: Path,
-    summary: RunSummary,
-    view: MachineView,
-    curves: Sequence[ResponseCurves] = (),
-    paths: Sequence[PathCurves] = (),
-    histories: Sequence[TransientCurves] = (),
-    *,
-    figures: bool = True,
-    more: Sequence[Drawing] = (),
+    folder: Path, run: FinishedRun, *, figures: bool = True, more: Sequence[Drawing] = ()
 ) -> list[str]:
     """Write report, tables and modes, and pictures of the machine while that goes on; remarks for
     the user.
 
     Args:
         folder: Folder of results.
-        summary: Content of ``summary.json``.
-        view: What there is to draw.
-        curves: Of the frequency responses.
-        paths: Of the path analysis.
-        histories: Of the transient analysis.
+        run: What is published.
         figures: Draw pictures of the machine; else the report has none for browsers without WebGL.
         more: Pictures for ``figures`` besides those of the machine.
 
     Raises:
         OutputError: A file cannot be written.
     """
-    store = Store(default_store_root())
+    store, view = Store(default_store_root()), run.machine
     with ThreadPoolExecutor(1) as pool:
         drawing = pool.submit(draw_machine, view, store) if figures else None
         remarks = [
-            *_write_tables(folder, summary, curves, paths, histories),
-            *write_mode_files(folder, summary["modal"], view),
+            *_write_tables(folder, run),
+            *write_mode_files(folder, run.summary["modal"], view),
         ]
         drawn = drawing.result() if drawing is not None else Drawing({})
     images = {name: image for part in (*more, drawn) for name, image in part.images.items()}
@@ -98,8 +79,7 @@ def publish_run(
         folder, FIGURES_FOLDER, {f"{name}.png": image for name, image in images.items()}
     )
     stills = Stills(stills_by_pose(view, drawn.images), drawn.remark)
-    worth = read_worth(folder, summary)
-    write_report(folder, summary, view, stills, curves, paths, worth, histories)
+    write_report(folder, run, stills, read_worth(folder, run.summary))
     return list(dict.fromkeys([*remarks, *(part.remark for part in (drawn, *more) if part.remark)]))
 
 
@@ -113,9 +93,8 @@ def renew_report(folder: Path) -> Path:
     """
     summary = read_summary(folder)
     with claim_output(folder, (REPORT_FILE,), PARTS):
-        curves, paths = read_curves(folder), read_paths(folder)
-        histories = read_histories(folder)
-        print_remarks(publish_again(folder, summary, read_view(folder), curves, paths, histories))
+        curves: list[Curves] = [*read_curves(folder), *read_paths(folder), *read_histories(folder)]
+        print_remarks(publish_again(folder, FinishedRun(summary, curves, read_view(folder))))
     return folder / REPORT_FILE
 
 
@@ -146,24 +125,13 @@ def is_same_scene(first: ProvenanceSummary, second: ProvenanceSummary) -> bool:
     return own == other
 
 
-def publish_again(
-    folder: Path,
-    summary: RunSummary,
-    view: MachineView,
-    curves: Sequence[ResponseCurves] = (),
-    paths: Sequence[PathCurves] = (),
-    histories: Sequence[TransientCurves] = (),
-) -> list[str]:
+def publish_again(folder: Path, run: FinishedRun) -> list[str]:
     """Report, tables, modes and pictures anew from the files of a run, with all modes and every
     chart; remarks for the user.
 
     Args:
         folder: Folder of results.
-        summary: Content of ``summary.json``.
-        view: What there is to draw.
-        curves: Of the frequency responses.
-        paths: Of the path analysis.
-        histories: Of the transient analysis.
+        run: What is published.
 
     Raises:
         UnusableOutputError: The summary is not one that this version writes.
@@ -171,12 +139,13 @@ def publish_again(
     """
     try:
         # before anything is overwritten: the numbers may contradict each other
-        list_tables(summary)
-        render_report(summary, view)
+        plain = FinishedRun(run.summary, machine=run.machine)
+        list_tables(plain)
+        render_report(plain)
         with ThreadPoolExecutor(1) as pool:
-            modes = pool.submit(draw_modes, summary, view)
+            modes = pool.submit(draw_modes, run.summary, run.machine)
             more = (draw_charts(folder), modes.result())
-        return publish_run(folder, summary, view, curves, paths, histories, more=more)
+        return publish_run(folder, run, more=more)
     except (
         ArithmeticError,
         AttributeError,
@@ -190,26 +159,12 @@ def publish_again(
         ) from error
 
 
-def _write_tables(
-    folder: Path,
-    summary: RunSummary,
-    curves: Sequence[ResponseCurves] = (),
-    paths: Sequence[PathCurves] = (),
-    histories: Sequence[TransientCurves] = (),
-) -> list[str]:
+def _write_tables(folder: Path, run: FinishedRun) -> list[str]:
     """Write every table as ``tables/NAME.csv``, and remove those of an earlier run; remarks for the
     user.
 
     Raises:
         OutputError: A file cannot be written.
     """
-    tables = [
-        *list_tables(summary),
-        *map(tabulate_response, curves),
-        *(tabulate_probes(each) for each in curves if each.probes),
-        *map(tabulate_path, paths),
-        *map(tabulate_transient, histories),
-    ]
-    return replace_outputs(
-        folder, TABLES_FOLDER, {f"{table.name}.csv": encode_csv(table) for table in tables}
-    )
+    contents = {f"{table.name}.csv": encode_csv(table) for table in list_tables(run)}
+    return replace_outputs(folder, TABLES_FOLDER, contents)

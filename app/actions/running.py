@@ -15,6 +15,7 @@ from headstock.app.terminal.console import counted, print_remarks
 from headstock.app.terminal.guard import DONE, FAILED
 from headstock.app.terminal.progress import show_progress
 from headstock.app.terminal.summary import print_header, print_stage, print_summary
+from headstock.app.views.view import Curves, FinishedRun
 from headstock.geometry.parts.components import Fidelity
 from headstock.geometry.parts.solids import MeshFile, StepFile
 from headstock.pipeline.answers.answer import find_answers
@@ -84,29 +85,24 @@ def run_request(request: RunRequest, comm: MPI.Comm, origin: Provenance | None =
         results = _run_with_progress(scene, output, comm, volume=request.volume, origin=origin)
         if comm.rank == 0:
             summary = summarise(results)
-            curves = [response.curves for response in find_answers(results.answers, PoseResponse)]
-            paths = [
-                run.curves
-                for path in find_answers(results.answers, PathResult)
-                for run in path.runs
-            ]
-            histories = [item.curves for item in find_answers(results.answers, TransientAnswer)]
+            run = FinishedRun(summary, _list_curves(results), results.view)
             with show_progress() as progress:
                 progress.begin("report", DRAWING_SECONDS if request.figures else 0.0)
-                remarks = publish_run(
-                    output,
-                    summary,
-                    results.view,
-                    curves,
-                    paths,
-                    histories,
-                    figures=request.figures,
-                )
+                remarks = publish_run(output, run, figures=request.figures)
             if request.json_file is not None:
                 write_output(request.json_file, dump_summary(summary).encode())
             print_remarks(remarks)
             print_summary(summary, seconds=time.perf_counter() - start, folder=output, said=said)
     return int(share_from_root(comm, FAILED if results.failures else DONE))
+
+
+def _list_curves(results: Results) -> list[Curves]:
+    answers = results.answers
+    return [
+        *(response.curves for response in find_answers(answers, PoseResponse)),
+        *(feed.curves for path in find_answers(answers, PathResult) for feed in path.runs),
+        *(history.curves for history in find_answers(answers, TransientAnswer)),
+    ]
 
 
 @contextlib.contextmanager

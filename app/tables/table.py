@@ -3,6 +3,7 @@
 import csv
 import io
 import math
+import operator
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
@@ -64,6 +65,14 @@ def tabulate[Row](name: str, columns: Sequence[Column[Row]], rows: Iterable[Row]
     return PlainTable(
         name, headings, tuple(tuple(column.value(row) for column in kept) for row in rows)
     )
+
+
+def list_text_columns(*headings: str) -> list[Column[tuple[str, ...]]]:
+    """Return columns of the screen for rows that are texts, a heading for each."""
+    return [
+        Column(operator.itemgetter(number), screen=heading)
+        for number, heading in enumerate(headings)
+    ]
 
 
 def tabulate_curves(name: str, columns: Iterable[tuple[str, FloatArray]]) -> PlainTable:

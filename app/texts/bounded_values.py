@@ -65,7 +65,9 @@ def show_bound(value: float | None, error: float | None, known: float | None = N
 
 
 def show_bounded(value: float, error: float | None = None) -> str:
-    """A value to the decimal at which its error ends."""
+    """A value to the decimal at which its error ends; a dash for none."""
+    if not math.isfinite(value):
+        return "-"
     last = _round(value, error).last
     return (
         "0"

@@ -6,6 +6,7 @@ travels as its set points say, and its inertia is a load. Motors follow their se
 """
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,10 +16,16 @@ from numpy.typing import NDArray
 
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.machine.drives import Drive
+from headstock.geometry.machine.joints import Axis
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.machine.tool_travel import find_tool_travel
 from headstock.geometry.mechanisms.exechon import LENGTHS
-from headstock.pipeline.contours.contour_cut import cut_contour, travel_frames, turned_modes
+from headstock.pipeline.contours.contour_cut import (
+    CutMotion,
+    cut_contour,
+    travel_frames,
+    turned_modes,
+)
 from headstock.pipeline.contours.contour_drives import (
     FrictionSpeeds,
     controlled_drives,
@@ -28,8 +35,8 @@ from headstock.pipeline.contours.contour_run import ContourDrives, ContourRun
 from headstock.pipeline.contours.traced_path import Remembered, RememberedPath, plan_request
 from headstock.pipeline.contours.way_errors import STEPS_PER_WAVE, find_way_errors
 from headstock.pipeline.contours.way_motors import (
+    DrivenWay,
     WayMotors,
-    close_way,
     plan_motors,
 )
 from headstock.pipeline.contours.way_probes import (
@@ -71,9 +78,7 @@ from headstock.solvers.paths.sampled_motion import (
     LOAD_SPACING,
     MOST_SAMPLES,
     NODE_SPACING,
-    SampledHistory,
     SampledMotion,
-    follow_motion,
     follow_outputs,
     follow_way,
     sample_motion,
@@ -94,8 +99,8 @@ OF_SCREWS = "motor torques are the forces of the screws times lead over 2 pi"
 
 
 @dataclass(frozen=True, eq=False)
-class SampledWay:
-    """A machine of components on its way: all that a machine that differs little shares with it.
+class ContourWay:
+    """What a machine of components is to do along a contour.
 
     Attributes:
         state: Of the run.
@@ -103,7 +108,6 @@ class SampledWay:
         fit: How a spline went through measured positions; None for the computed path.
         rigid: How the rigid machine follows the path.
         motors: Drives under control; None without control.
-        sampled: The machine in poses.
     """
 
     state: RunState
@@ -111,6 +115,16 @@ class SampledWay:
     fit: TraceFit | None
     rigid: RigidWay
     motors: WayMotors | None
+
+
+@dataclass(frozen=True, eq=False)
+class SampledWay(ContourWay):
+    """A machine on its way: all that a machine that differs little shares with it.
+
+    Attributes:
+        sampled: The machine in poses.
+    """
+
     sampled: SampledMotion
 
 
@@ -175,142 +189,184 @@ def run_coupled_contour(
         ForceFileError: The record does not cover it.
         ModelError: The machine is free to move.
     """
-    tool = tool_channels(request)
-    if beside is not None:
-        plan, fit, rigid, motors = beside.plan, beside.fit, beside.rigid, beside.motors
-    else:
-        plan, fit = plan_request(request, *_trace_tool(state, request))
-        plan = dataclasses.replace(plan, path=RememberedPath(plan.path))
-        rigid = _plan_way(state, request, plan.path)
-        motors = plan_motors(
-            state,
-            plan.path,
-            tool,
-            amounts=rigid.amounts,
-            direction=_tool_direction(state),
-        )
-        if motors is not None:
-            motors = dataclasses.replace(motors, at=Remembered(motors.at))
-    path = plan.path
-    end = min(path.span[1], until)
+    course = beside or _lay_course(state, request)
+    end = min(course.plan.path.span[1], until)
     step = 2.0 * math.pi / request.cut.spindle / request.steps_per_turn
     times: FloatArray = np.asarray(np.arange(0.0, end, step), dtype=float)
-    screws = find_screws(state.scene.machine)
-    errors = find_way_errors(state, rigid.pose_at, even_nodes(np.array([0.0, end]), NODE_SPACING))
-    way, spacing = rigid, LOAD_SPACING
-    if errors is not None:
-        way = errors.join(rigid, lambda now: PathMotion(now, np.ones(len(now)), np.zeros(len(now))))
-        spacing = min(spacing, errors.shortest / STEPS_PER_WAVE)
-    probes = tuple(state.scene.machine.probes)
-    loads, pushes = way.acting, tuple((name, FORCE) for name in screws)
-    inputs, seen = (*tool, *loads.channels), probe_channels(probes)
-    joins = [join_screws(screws), join_probes(state.parts, way)]
-    driven_outputs: tuple[Channel, ...] = ()
-    if motors is not None:
-        joins.append(motors.join(way))
-        driven_outputs = (*motors.scales, *motors.momenta)
-    channels = PlantChannels(
-        inputs=inputs,
-        outputs=(*tool, *pushes, *driven_outputs, *seen),
-        up_to_hz=request.modes_to_hz,
-        kinds=probe_kinds(seen, probes),
-    )
-    place = place_machine(state, way, request.modes_to_hz, joins)
-    breaks = [0.0, end]
-    if request.follows_pose:
-        breaks = _list_breaks(plan, AVERAGES * request.contour.window, end)
-    else:
-        kept = place(plan.cuts[0].middle)
-        place = lambda time: kept  # noqa: E731
-    if beside is None:
-        sampled = sample_motion(place, breaks, channels)
-    else:
-        shared = shared_rows(way, beside.state, state)
-        sampled = vary_motion(beside.sampled, place, channels, shared)
+    contour = _join_errors(state, request, course, end)
+    way, loads = contour.driven.way, contour.driven.way.acting
+    sampled = contour.sample(end, beside)
     _judge_steps(state, request, sampled, step)
-
-    motion = follow_motion(
-        sampled, times, loads, tool, node_spacing=NODE_SPACING, load_spacing=spacing
-    )
-    servo = None
     friction: FrictionSpeeds = "true" if request.model == "nonlinear" else "set"
-    if motors is not None:
-        servo = close_way(
-            motors,
-            sampled,
-            motion,
-            loads=loads,
-            offsets=way.offsets,
-            tool=tool,
-            friction=friction,
-            load_spacing=spacing,
-        )
-        motion = servo.motion
-    cut = cut_contour(request, motion, plan, rotation=np.eye(3), record=record)
-    history = cut.history
+    machine = contour.driven.move(
+        sampled,
+        times,
+        loads,
+        friction=friction,
+        node_spacing=NODE_SPACING,
+        load_spacing=contour.spacing,
+    )
+    motion = machine.motion
+    cut = cut_contour(request, motion, course.plan, rotation=np.eye(3), record=record)
     gravity_deflection = motion.tool_motion(
         interpolate_nodes(times, motion.nodes, motion.gravity_deflection)
     )
 
     def acting(part: slice) -> FloatArray:
-        given = follow_way(loads.deviating, times[part], spacing)
+        given = follow_way(loads.deviating, times[part], contour.spacing)
         return np.concatenate([cut.carried[part], given], axis=1)
 
-    def drive_forces(some: NDArray[np.intp]) -> FloatArray:
-        pushed = follow_outputs(
-            sampled,
-            times[some],
-            outputs=pushes,
-            coordinates=history.compliant[some],
-            acting=np.concatenate([cut.carried[some], follow_way(loads.at, times[some])], axis=1),
-            inputs=inputs,
-        )
-        if way.leg_forces is None:
-            return pushed
-        # a drive at the base of a leg also carries the leg, and pushes against what its tip feels
-        return follow_way(way.leg_forces, times[some]) - pushed
-
-    if servo is None or motors is None:
-        torques, assumed = _motor_torques(state, tuple(screws), way, times)
-        driven, assumed = ContourDrives(tuple(screws), drive_forces, torques), (IDEAL, *assumed)
+    if machine.servo is None or course.motors is None:
+        driven, assumed = contour.drive_screws(sampled, times, cut)
     else:
-        driven = controlled_drives(servo, motors.drives, history)
-        assumed = drive_assumptions(motors.drives, friction)
+        driven = controlled_drives(machine.servo, course.motors.drives, cut.history)
+        assumed = drive_assumptions(course.motors.drives, friction)
     nodes: FloatArray = np.asarray(np.linspace(0.0, end, TURNING_NODES), dtype=float)
-    middle = place_model(state)(rigid.pose_at(plan.cuts[0].middle))
+    middle = place_model(state)(way.pose_at(course.plan.cuts[0].middle))
     turning = judge_turning(
-        state,
-        lambda: middle,
-        nodes,
-        path.at(nodes),
-        _tool_direction(state),
+        state, lambda: middle, nodes, course.plan.path.at(nodes), _tool_direction(state)
     )
-    placed = place_probes(state.parts, middle.coupled, probes)
-    known = SampledHistory(
-        motion, history, sampled.at(motion.nodes, "rows", "direct"), inputs, acting
-    )
+    placed = place_probes(state.parts, middle.coupled, contour.probes)
+    seen = drive_bodies(machine, machine.record(cut.history, acting)).follow_probes(placed)
     return CoupledRun(
         times=times,
         gap=cut.tip + motion.tool_rest(cut.force) - gravity_deflection,
         gravity_deflection=gravity_deflection,
         force=cut.force,
-        plan=plan,
-        fit=fit,
+        plan=course.plan,
+        fit=course.fit,
         motion=motion,
-        history=history,
+        history=cut.history,
         drives=driven,
         highest_hz=sampled.highest_hz,
         coriolis=has_coriolis(state),
         assumed=(*assumed, *turning),
-        probes=read_probes(
-            placed,
-            times,
-            drive_bodies(known, motors, slice(0) if servo is None else servo.motors).follow_probes(
-                placed
-            ),
+        probes=read_probes(placed, times, seen),
+        way=SampledWay(
+            state, course.plan, course.fit, course.rigid, course.motors, sampled=sampled
         ),
-        way=SampledWay(state, plan, fit, rigid, motors, sampled),
     )
+
+
+def _lay_course(state: RunState, request: ContouringRequest) -> ContourWay:
+    """Lay a contour out in time, with what the rigid machine and its motors do."""
+    plan, fit = plan_request(request, *_trace_tool(state, request))
+    plan = dataclasses.replace(plan, path=RememberedPath(plan.path))
+    rigid = _plan_way(state, request, plan.path)
+    motors = plan_motors(
+        state,
+        plan.path,
+        tool_channels(request),
+        amounts=rigid.amounts,
+        direction=_tool_direction(state),
+    )
+    if motors is not None:
+        motors = dataclasses.replace(motors, at=Remembered(motors.at))
+    return ContourWay(state, plan, fit, rigid, motors)
+
+
+@dataclass(frozen=True, eq=False)
+class _CoupledContour:
+    """A contour that a machine of components is to run.
+
+    Attributes:
+        state: Of the run.
+        request: Path, tool and cut.
+        plan: The contour, laid out in time.
+        driven: The rigid machine with its errors, and its motors.
+        spacing: Time between which loads are linear [s].
+    """
+
+    state: RunState
+    request: ContouringRequest
+    plan: ContourPlan
+    driven: DrivenWay
+    spacing: float
+
+    @functools.cached_property
+    def screws(self) -> dict[str, tuple[str, Axis | None]]:
+        """Ball screws that drive the machine."""
+        return find_screws(self.state.scene.machine)
+
+    @property
+    def pushes(self) -> tuple[Channel, ...]:
+        """Forces of the screws."""
+        return tuple((name, FORCE) for name in self.screws)
+
+    @property
+    def probes(self) -> tuple[str, ...]:
+        """Names of probes."""
+        return tuple(self.state.scene.machine.probes)
+
+    def sample(self, end: float, beside: SampledWay | None) -> SampledMotion:
+        """Return the machine in poses up to a time [s].
+
+        Args:
+            end: That time.
+            beside: A machine that differs little; None for none.
+        """
+        driven, request, seen = self.driven, self.request, probe_channels(self.probes)
+        channels = PlantChannels(
+            inputs=driven.inputs,
+            outputs=(*driven.tool, *self.pushes, *driven.outputs, *seen),
+            up_to_hz=request.modes_to_hz,
+            kinds=probe_kinds(seen, self.probes),
+        )
+        joins = (join_screws(self.screws), join_probes(self.state.parts, driven.way), *driven.joins)
+        place = place_machine(self.state, driven.way, request.modes_to_hz, joins)
+        breaks = [0.0, end]
+        if request.follows_pose:
+            breaks = _list_breaks(self.plan, AVERAGES * request.contour.window, end)
+        else:
+            kept = place(self.plan.cuts[0].middle)
+            place = lambda time: kept  # noqa: E731
+        if beside is None:
+            return sample_motion(place, breaks, channels)
+        shared = shared_rows(driven.way, beside.state, self.state)
+        return vary_motion(beside.sampled, place, channels, shared)
+
+    def drive_screws(
+        self, sampled: SampledMotion, times: FloatArray, cut: CutMotion
+    ) -> tuple[ContourDrives, tuple[str, ...]]:
+        """Return what motors do that follow their set points, and what is assumed of them.
+
+        Args:
+            sampled: The machine in poses.
+            times: ``(n,)`` steps [s].
+            cut: What it did.
+        """
+        way, loads, names = self.driven.way, self.driven.way.acting, tuple(self.screws)
+
+        def forces(some: NDArray[np.intp]) -> FloatArray:
+            given = follow_way(loads.at, times[some])
+            pushed = follow_outputs(
+                sampled,
+                times[some],
+                outputs=self.pushes,
+                coordinates=cut.history.compliant[some],
+                acting=np.concatenate([cut.carried[some], given], axis=1),
+                inputs=self.driven.inputs,
+            )
+            if way.leg_forces is None:
+                return pushed
+            # a drive at the base of a leg also carries the leg, and pushes against what its tip feels
+            return follow_way(way.leg_forces, times[some]) - pushed
+
+        torques, assumed = _motor_torques(self.state, names, way, times)
+        return ContourDrives(names, forces, torques), (IDEAL, *assumed)
+
+
+def _join_errors(
+    state: RunState, request: ContouringRequest, course: ContourWay, end: float
+) -> _CoupledContour:
+    """Add the errors of a machine up to a time [s] to its contour."""
+    way, spacing = course.rigid, LOAD_SPACING
+    errors = find_way_errors(state, way.pose_at, even_nodes(np.array([0.0, end]), NODE_SPACING))
+    if errors is not None:
+        way = errors.join(way, lambda now: PathMotion(now, np.ones(len(now)), np.zeros(len(now))))
+        spacing = min(spacing, errors.shortest / STEPS_PER_WAVE)
+    driven = DrivenWay(way, course.motors, tool_channels(request))
+    return _CoupledContour(state, request, course.plan, driven, spacing)
 
 
 def coupled_face_dynamics(run: CoupledRun, request: ContouringRequest, face: int) -> TipDynamics:

@@ -98,7 +98,11 @@ def _mill_face(
         per_tooth=per_tooth,
         cusp=per_tooth**2 / (4.0 * milling.mill.diameter),
         parameters=parameters,
-        marks=(float(off_mean[: inside.start].max()), float(off_mean[inside.stop :].max())),
+        # where the tool stays engaged up to a corner nothing is left out beside it
+        marks=(
+            float(off_mean[: inside.start].max(initial=0.0)),
+            float(off_mean[inside.stop :].max(initial=0.0)),
+        ),
         by_height=tuple(
             (
                 share * milling.axial_depth,

@@ -17,6 +17,7 @@ from headstock.geometry.mechanisms.exechon import LENGTHS
 from headstock.geometry.mechanisms.tool_mechanism import tool_pose
 from headstock.pipeline.answers.motion_forces import PathForces
 from headstock.pipeline.answers.path import FollowedPoses
+from headstock.pipeline.answers.probe_motions import ProbeMotion
 from headstock.pipeline.contours.carried_bodies import move_bodies
 from headstock.pipeline.contours.turning_axes import (
     find_feed,
@@ -26,14 +27,14 @@ from headstock.pipeline.contours.turning_axes import (
 )
 from headstock.pipeline.contours.way_errors import STEPS_PER_WAVE, WayErrors, find_way_errors
 from headstock.pipeline.contours.way_motors import (
+    DrivenWay,
+    MovingMachine,
     WayMotors,
-    close_way,
     lead_motors,
     plan_motors,
 )
 from headstock.pipeline.contours.way_probes import drive_bodies, join_probes, probe_channels
 from headstock.pipeline.contours.ways import (
-    Join,
     RigidWay,
     has_coriolis,
     judge_turning,
@@ -77,16 +78,11 @@ from headstock.solvers.paths.linear_motion import (
     march_linear,
 )
 from headstock.solvers.paths.response import PathDeviation, filter_deviation
-from headstock.solvers.paths.sampled_motion import (
-    SampledHistory,
-    SampledMotion,
-    follow_motion,
-    sample_motion,
-)
+from headstock.solvers.paths.sampled_motion import SampledHistory, SampledMotion, sample_motion
 from headstock.solvers.paths.set_points import SetPoint, sample_move
 from headstock.solvers.paths.varying_system import PlantChannels
-from headstock.solvers.second_order import Channel, Index
-from headstock.solvers.watched_outputs import Watch
+from headstock.solvers.second_order import Channel
+from headstock.solvers.watched_outputs import Extreme, Watch
 
 STEPS_PER_SWING = 24  # of the highest mode that is kept
 NODE_TURN = 0.05  # of bodies on turning axes between two of them [rad]
@@ -203,20 +199,17 @@ class ToolLine:
             self.start, self.along, self.request.moves[0], 1.0 / self.request.sampling_hz
         )
         way = self.way(first)
-        joins, driven = list[Join](), tuple[Channel, ...]()
-        if self.unit_motors is not None:
-            motors, _ = self.unit_motors
-            joins, driven = [motors.join(way)], (*motors.scales, *motors.momenta)
+        driven = DrivenWay(way, self.unit_motors and self.unit_motors[0], self.tool)
         watched = () if follows else self.watched
         channels = PlantChannels(
-            inputs=(*self.tool, *way.acting.channels),
-            outputs=(*self.tool, *self.request.outputs, *watched, *driven),
+            inputs=driven.inputs,
+            outputs=(*self.tool, *self.request.outputs, *watched, *driven.outputs),
             up_to_hz=up_to_hz,
         )
         if follows:
-            place = place_machine(self.state, way, up_to_hz, joins)
+            place = place_machine(self.state, way, up_to_hz, driven.joins)
             return sample_motion(place, [0.0, length], channels)
-        joins = [*joins, join_probes(self.state.parts, way)]
+        joins = (*driven.joins, join_probes(self.state.parts, way))
         held = place_machine(self.state, way, up_to_hz, joins)(0.5 * length)
         return sample_motion(lambda where: held, [0.0, length], channels)
 
@@ -421,45 +414,25 @@ def _solve_move(
     way = line.way(path)
     given = np.concatenate([way.acting.at(times[part]) for part in chunk_slices(len(times))])
     sampled = dataclasses.replace(sampled, along=lambda now: sample_move(move, now).positions)
-
     loads = dataclasses.replace(way.acting, at=lambda now: interpolate_nodes(now, times, given))
-    motion = follow_motion(
+    motors = line.unit_motors and lead_motors(*line.unit_motors, line.nodes, path.travel)
+    machine = DrivenWay(way, motors, line.tool).move(
         sampled,
         times,
         loads,
-        line.tool,
+        friction="true",
         node_spacing=min(NODE_SPACING, NODE_ANGLE / max(line.turning * move.feed, TINY)),
         load_spacing=step,
     )
-    outputs, inputs = line.request.outputs, (*line.tool, *loads.channels)
-    found = sampled.at(motion.nodes, "rows", "direct")
-    rows = found.rows_of(outputs)
-    motors = servo = None
-    if line.unit_motors is not None:
-        motors = lead_motors(*line.unit_motors, line.nodes, path.travel)
-    if motors is not None:
-        servo = close_way(
-            motors,
-            sampled,
-            motion,
-            loads=loads,
-            offsets=way.offsets,
-            tool=line.tool,
-            friction="true",
-            load_spacing=step,
-        )
-        motion = servo.motion
-        moved = motors.at(motion.nodes).outputs[:, Index(motors.outputs).of(outputs)]
-        rows = np.concatenate([rows, moved], axis=2)
-        states = motion.mass.shape[-1] - rows.shape[-1]
-        rows = np.pad(rows, ((0, 0), (0, 0), (0, states)))
+    motion, servo, outputs = machine.motion, machine.servo, line.request.outputs
     force = _cut_forces(line, move, times)
     history = march_linear(motion, motion.load + motion.tool_load(force))
     limit_hz = choose_model(line.request).low_frequency_limit_hz
+    rows, plant = machine.rows(outputs), machine.plant
     split = _split_motion(motion, rows, history, limit_hz=0.0 if motors else limit_hz)
     deviating = loads.deviating(times)
-    pulled = motion.apply(found.direct_of(outputs, loads.channels), deviating)
-    total = split.total + pulled + motion.apply(found.direct_of(outputs, line.tool), force)
+    pulled = motion.apply(plant.direct_of(outputs, loads.channels), deviating)
+    total = split.total + pulled + motion.apply(plant.direct_of(outputs, line.tool), force)
     at_once = split.quasi_static + pulled
     total, at_once, slow = (
         (part - part[0])[BEFORE::parts] for part in (total, at_once, split.low_frequency)
@@ -477,8 +450,27 @@ def _solve_move(
     if not middle:
         return deviation, PathForces(drives, {})
     acting = np.concatenate([force, deviating], axis=1)
-    known = SampledHistory(motion, history, found, inputs, lambda part: acting[part])
-    driven = drive_bodies(known, motors, slice(0) if servo is None else servo.motors)
+    known = machine.record(history, lambda part: acting[part])
+    return deviation, PathForces(drives, *_observe_middle(line, machine, known, samples, shown))
+
+
+def _observe_middle(
+    line: ToolLine,
+    machine: MovingMachine,
+    known: SampledHistory,
+    samples: FloatArray,
+    shown: slice,
+) -> tuple[dict[str, dict[str, Extreme]], dict[str, ProbeMotion]]:
+    """Return what joints took at most, and what probes saw.
+
+    Args:
+        line: With its joints and probes.
+        machine: In the pose of the middle.
+        known: What it did.
+        samples: ``(n,)`` instants of a move [s].
+        shown: Which steps are samples.
+    """
+    driven = drive_bodies(machine, known)
     seen, smoothed = (
         (values - values[0])[shown]
         for values in (
@@ -487,9 +479,9 @@ def _solve_move(
         )
     )
     forces = largest_joint_forces(
-        line.joints, times, lambda joint: known.observe(watch_joints([joint]))
+        line.joints, known.motion.times, lambda joint: known.observe(watch_joints([joint]))
     )
-    return deviation, PathForces(drives, forces, read_probes(line.probes, samples, seen, smoothed))
+    return forces, read_probes(line.probes, samples, seen, smoothed)
 
 
 def _cut_forces(line: ToolLine, move: SetPoint, times: FloatArray) -> FloatArray:

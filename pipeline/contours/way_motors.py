@@ -43,14 +43,22 @@ from headstock.solvers.mechanisms.partitioning import velocity_maps
 from headstock.solvers.milling.path_drives import move_markers
 from headstock.solvers.milling.tool_path import ToolPath
 from headstock.solvers.paths.linear_motion import (
+    CompliantHistory,
     LinearMotion,
     chunk_slices,
     even_nodes,
     interpolate_nodes,
 )
-from headstock.solvers.paths.sampled_motion import LOAD_SPACING, SampledMotion, WayLoads
+from headstock.solvers.paths.sampled_motion import (
+    LOAD_SPACING,
+    SampledHistory,
+    SampledMotion,
+    WayLoads,
+    follow_motion,
+)
 from headstock.solvers.paths.servo_motion import ServoMotion
 from headstock.solvers.paths.set_points import PathMotion
+from headstock.solvers.paths.varying_system import SampledPlant
 from headstock.solvers.second_order import Channel, Index
 
 MOMENTUM = "momentum"  # along the travel that a motor brings about, as an output per speed
@@ -208,6 +216,111 @@ def lead_motors(
         )
 
     return dataclasses.replace(speeding, at=at)
+
+
+@dataclass(frozen=True, eq=False)
+class DrivenWay:
+    """A machine on its way with its motors.
+
+    Attributes:
+        way: How the rigid machine follows its path, errors included.
+        motors: Under control; None where they follow their set points.
+        tool: Where forces act on the tool, and where it moves.
+    """
+
+    way: RigidWay
+    motors: WayMotors | None
+    tool: tuple[Channel, ...]
+
+    @property
+    def inputs(self) -> tuple[Channel, ...]:
+        """Where something acts: on the tool, then along the way."""
+        return (*self.tool, *self.way.acting.channels)
+
+    @property
+    def outputs(self) -> tuple[Channel, ...]:
+        """Outputs that close the loops of the motors."""
+        return () if self.motors is None else (*self.motors.scales, *self.motors.momenta)
+
+    @property
+    def joins(self) -> tuple[Join, ...]:
+        """What gives a machine these outputs."""
+        return () if self.motors is None else (self.motors.join(self.way),)
+
+    def move(
+        self,
+        sampled: SampledMotion,
+        times: FloatArray,
+        loads: WayLoads,
+        *,
+        friction: FrictionSpeeds,
+        node_spacing: float,
+        load_spacing: float,
+    ) -> "MovingMachine":
+        """Return the linear system along the way, its loops closed.
+
+        Args:
+            sampled: The machine with locked motors.
+            times: ``(n,)`` even steps [s].
+            loads: That act along the way.
+            friction: At which speeds it acts.
+            node_spacing: Time between which matrices are linear [s].
+            load_spacing: Time between which loads are linear [s].
+        """
+        motion = follow_motion(
+            sampled, times, loads, self.tool, node_spacing=node_spacing, load_spacing=load_spacing
+        )
+        servo = None
+        if self.motors is not None:
+            servo = close_way(
+                self.motors,
+                sampled,
+                motion,
+                loads=loads,
+                offsets=self.way.offsets,
+                tool=self.tool,
+                friction=friction,
+                load_spacing=load_spacing,
+            )
+            motion = servo.motion
+        return MovingMachine(self, sampled.at(motion.nodes, "rows", "direct"), motion, servo)
+
+
+@dataclass(frozen=True, eq=False)
+class MovingMachine:
+    """A machine as a linear system along its way.
+
+    Attributes:
+        driven: The way, and its motors.
+        plant: The matrices of the machine at the nodes of the motion.
+        motion: Of its modes, motors and controllers.
+        servo: The loops of the motors; None where they follow their set points.
+    """
+
+    driven: DrivenWay
+    plant: SampledPlant
+    motion: LinearMotion
+    servo: ServoMotion | None
+
+    def rows(self, outputs: Sequence[Channel]) -> FloatArray:
+        """Return the motion ``(k, p, c)`` at outputs per coordinate at the nodes."""
+        rows, motors = self.plant.rows_of(outputs), self.driven.motors
+        if motors is not None:
+            moved = motors.at(self.motion.nodes).outputs[:, Index(motors.outputs).of(outputs)]
+            rows = np.concatenate([rows, moved], axis=2)
+        states = self.motion.mass.shape[-1] - rows.shape[-1]
+        return np.pad(rows, ((0, 0), (0, 0), (0, states)))
+
+    def record(
+        self, history: CompliantHistory, acting: Callable[[slice], FloatArray]
+    ) -> SampledHistory:
+        """Return what the machine did, for observers.
+
+        Args:
+            history: Of its coordinates.
+            acting: Values ``(m, k)`` of its inputs in a part of the steps.
+        """
+        return SampledHistory(self.motion, history, self.plant, self.driven.inputs, acting)
 
 
 def close_way(

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from headstock.geometry.frames import DIRECTIONS, FloatArray
-from headstock.pipeline.contours.way_motors import WayMotors
+from headstock.pipeline.contours.way_motors import MovingMachine
 from headstock.pipeline.contours.ways import Feedthrough, Further, Join, PlacedErrors, RigidWay
 from headstock.pipeline.stages.probe_motions import (
     place_probes,
@@ -109,16 +109,12 @@ class DrivenBodies:
         return found
 
 
-def drive_bodies(seen: SampledHistory, motors: WayMotors | None, places: slice) -> DrivenBodies:
-    """Add what motors move to what a machine did.
-
-    Args:
-        seen: What the machine did.
-        motors: Of the machine; None where they follow their set points.
-        places: Of these among the coordinates.
-    """
-    if motors is None:
+def drive_bodies(machine: MovingMachine, seen: SampledHistory) -> DrivenBodies:
+    """Add what motors move to what a machine did."""
+    motors, servo = machine.driven.motors, machine.servo
+    if motors is None or servo is None:
         return DrivenBodies(seen)
+    places = servo.motors
     motion, history = seen.motion, seen.history
     travels = motors.at(motion.nodes).bodies
     columns = Index(seen.inputs).of(motors.bodies)

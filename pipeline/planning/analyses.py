@@ -373,7 +373,7 @@ RECORDS: tuple[AnalysisRecord, ...] = (
         LobesRequest,
         "headstock.pipeline.lobes.lobes:run_lobes_stage",
         f"{ANSWERS}.lobes:PoseLobes",
-        seconds=lambda machine, request: lobes_seconds(request, machine.dofs),
+        seconds=lambda machine, request: lobes_seconds(request, machine.components, machine.dofs),
         reach=lambda request: (request.up_to_hz, MODE_MARGIN),
         reach_name="lobes",
     ),

@@ -3,7 +3,7 @@ scene and the machine.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,7 @@ from headstock.geometry.parts.solids import Box
 from headstock.meshing.sizing import CELL_BUDGET
 from headstock.pipeline.planning.plan import Stage
 from headstock.scene.requests import LobesRequest, PathRequest
+from headstock.solvers.milling.border import DENSE
 from headstock.solvers.milling.forces import MillingCut
 from headstock.solvers.milling.windows import MOST_ROWS
 
@@ -80,11 +81,13 @@ SECONDS_OF_DOFS = {
     "modal": (0.005, 2.5e-4),
     "lobes": (0.1, 5e-4),
 }
-# of a limit: multipliers that find it, and their time by the rows of a matrix over a tooth period, which has those
-# of so many poles besides. Variant R of the three-axis machine and a slot of one mode, on a core of a virtual AMD
-# EPYC
-MULTIPLIERS_PER_LIMIT, ROWS_OF_POLES = 11, 30.0
-SECONDS_PER_ROW, SECONDS_PER_CUBIC_ROW = 2.2e-5, 3e-10
+# of a limit: multipliers that find it where speeds are dense and where they are not, and their time by the rows of a
+# matrix over a tooth period, which has those of so many poles besides. Variant R of the three-axis machine, a slot of
+# one mode and two free blocks, on a core of a virtual AMD EPYC. Elastic bodies bring ± of each limit and fast modes,
+# which deep cuts wake: two free blocks took 0.6 to 2.5 s for 18 limits, for which this says 0.8 s
+DENSE_MULTIPLIERS, SPARSE_MULTIPLIERS, ROWS_OF_POLES = 13, 32, 30.0
+ELASTIC_SHARE = 2.0
+SECONDS_PER_ROW, SECONDS_PER_CUBIC_ROW = 6.5e-6, 1.5e-10
 WRITE_START, SECONDS_PER_DRAWN_BODY = 0.025, 0.002
 DOFS_OF_A_BODY = 6
 STEPS_PER_SECOND = 3e4  # of a contour of a lumped mechanism
@@ -342,17 +345,24 @@ def pose_seconds(kind: str, dofs: int) -> float | None:
     return STAGE_SECONDS.get(kind)
 
 
-def lobes_seconds(request: LobesRequest, dofs: int) -> float:
+def lobes_seconds(request: LobesRequest, components: Mapping[str, Component], dofs: int) -> float:
     """Processor time of the lobes in a pose [s].
 
     Args:
         request: What is asked for.
+        components: Of the machine.
         dofs: Of the coupled machine.
     """
     rows = np.array([request.rows_at(float(speed)) for speed in request.speeds]) + ROWS_OF_POLES
-    each = MULTIPLIERS_PER_LIMIT * (SECONDS_PER_ROW * rows + SECONDS_PER_CUBIC_ROW * rows**3)
+    each = SECONDS_PER_ROW * rows + SECONDS_PER_CUBIC_ROW * rows**3
     start, slope = SECONDS_OF_DOFS["lobes"]
-    limits = request.checked * len(request.directions)
+    # waves between two teeth change so much from speed to speed, at most
+    periods = 2.0 * np.pi / (request.mill.teeth * request.checked * request.speeds)
+    apart = request.highest_hz * np.abs(np.diff(periods)).max(initial=0.0)
+    tries = DENSE_MULTIPLIERS if apart < DENSE else SPARSE_MULTIPLIERS
+    limits = request.checked * len(request.directions) * tries
+    if any(component.fidelity != "rigid" for component in components.values()):
+        limits *= ELASTIC_SHARE
     return float(start + slope * dofs + limits * each[rows < MOST_ROWS].sum())
 
 

@@ -41,6 +41,7 @@ FEWEST_SQUARINGS = 7  # before the first look at what is left
 TIMES = 2  # that each power is applied
 DOMINANT = 8  # multipliers that are left of it
 RESIDUAL = 1e-5  # of the largest multiplier: where squaring ends
+CHEAP_ROWS = 70  # of a matrix whose squaring takes as long as to apply it a few times
 SMALL_MATRIX = 36  # rows up to which all eigenvalues take no longer
 
 
@@ -429,13 +430,16 @@ def dominant_pair(matrix: FloatArray) -> tuple[complex, ComplexArray]:
         return _first_pair(matrix)
     # single precision is enough to find the space of a few vectors, not their values
     power, space = matrix.astype(np.float32), _start_vectors(len(matrix))
-    for squaring in range(SQUARINGS):
+    # a squaring of many rows takes longer than to apply what is there twice as often
+    spared = max(0, round(math.log2(len(matrix) / CHEAP_ROWS)))
+    for squaring in range(SQUARINGS - spared):
         power = power @ power
         power *= 1.0 / np.linalg.norm(power)
-        if squaring + 1 < FEWEST_SQUARINGS:
+        if squaring + 1 + spared < FEWEST_SQUARINGS:
             continue
-        for _ in range(TIMES):
+        for _ in range(TIMES * 2**spared):
             space = power @ space
+            space *= 1.0 / np.linalg.norm(space)
         space = np.linalg.qr(matrix @ space)[0]
         moved = matrix @ space
         value, vector = _first_pair(space.T @ moved)
@@ -452,4 +456,4 @@ def _first_pair(matrix: FloatArray) -> tuple[complex, ComplexArray]:
 
 @functools.lru_cache(maxsize=64)
 def _start_vectors(size: int) -> FloatArray:
-    return np.random.default_rng(0).standard_normal((size, DOMINANT))
+    return np.random.default_rng(0).standard_normal((size, DOMINANT)).astype(np.float32)

@@ -41,7 +41,7 @@ at = "tcp"
 """
 
 
-def write_shaft(path: Path, *, in_halves: bool) -> None:
+def write_shaft(path: Path, *, in_halves: bool, as_splines: bool = False) -> None:
     gmsh.initialize(interruptible=False, readConfigFiles=False)
     gmsh.option.setNumber("General.Terminal", 0)
     try:
@@ -54,6 +54,8 @@ def write_shaft(path: Path, *, in_halves: bool) -> None:
             occ.extrude([(2, occ.addPlaneSurface([occ.addCurveLoop(arcs)]))], 0, 0, 100)
         else:
             occ.addCylinder(0, 0, 0, 0, 0, 100, RADIUS)
+        if as_splines:
+            occ.convertToNURBS(occ.getEntities(3))
         occ.synchronize()
         gmsh.write(str(path))
     finally:
@@ -83,3 +85,17 @@ def test_a_disk_that_wraps_around_a_shaft_is_refused_by_name(tmp_path: Path) -> 
     write_shaft(tmp_path / "shaft.step", in_halves=False)
     with pytest.raises(hs.HeadstockError, match=r"seat: the disk of 120 mm.*wraps around"):
         compliance(tmp_path, 'disk = { diameter = "120 mm", center = ["50 mm", "0 mm", "50 mm"] }')
+
+
+def test_a_shaft_of_two_spline_faces_has_the_volume_of_its_mesh_and_the_gaps(
+    tmp_path: Path,
+) -> None:
+    """The CAD kernel integrates over such faces to 0.2 %, more than a mesh may be off."""
+    write_shaft(tmp_path / "shaft.step", in_halves=True, as_splines=True)
+    text = SCENE.format(patch="").replace(",  }", " }")
+    text = text.replace('fidelity = "rigid"', 'mesh = { size = "30 mm" }')
+    text = text.replace('"face:1"', '"face:3"').replace('"z+"', '"face:4"')
+    (tmp_path / "scene.toml").write_text(text)
+    result = hs.run(tmp_path / "scene.toml")
+    mass = 7850.0 * np.pi * (1e-3 * RADIUS) ** 2 * 0.1
+    assert result.components["shaft"].mass_kg == approx(mass, rel=2e-4)

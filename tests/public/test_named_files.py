@@ -1,12 +1,42 @@
 """What a command says it wrote is there, and a file of the wrong kind is called that."""
 
+import fnmatch
 import re
 from pathlib import Path
 
 import pytest
+from cross_slide import ANALYSES, SCENE, TARGETS
 
 from common import run_alone
 from fixture_machines import machine
+
+ROOT = Path(__file__).resolve().parents[2]
+# as documents and `--help` write files: a word in capitals stands for a name
+NAMED_FILE = re.compile(r"[`/ ]((?:[a-z]+/)?\w+\.(?:csv|html|h5|jsonl?|png|pvd|vtu|glb))[`,. \"]")
+STANDS_FOR = re.compile(r"[A-Z]{2,}|(?<=_)N(?=\.)")
+# of other programs; examples of what a name in capitals stands for; what needs controlled drives, a
+# study of costs or an elastic machine that mills
+NO_OUTPUT = {
+    *("dolfinx_jit_options.json", "ffcx_options.json"),
+    *("tables/path_600.csv", "tables/path_3000.csv", "results/report.html", "show/three_axis.png"),
+    *("tables/motors_path_FEED.csv", "cost.csv", "cost.png", "tables/probes_contour.csv"),
+}
+PROBED = """
+[probes.top]
+component = "part"
+at = ["0 mm", "0 mm", "50 mm"]
+[effects]
+damping = { modal = "2 %" }
+[analyses.modal]
+count = 1
+[analyses.frf]
+inputs = [["tcp", "x"]]
+to = "300 Hz"
+points = 5
+[analyses.transient]
+loads.push = { at = ["tcp", "x"], shape = "step", size = "1 N" }
+duration = "5 ms"
+"""
 
 CANTILEVER = machine("""
 machine = "bar"
@@ -60,3 +90,43 @@ def test_a_file_of_the_wrong_kind_is_called_that(scene: Path, words: list[str], 
     done = run_alone(scene.parent, command, *(str(scene.parent / file) for file in files))
     assert done.returncode == 2
     assert said in " ".join((done.stdout + done.stderr).split())
+
+
+def test_every_file_that_documents_and_help_name_is_written(
+    scene: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = scene.parent
+    monkeypatch.chdir(folder)
+    tables = "".join(
+        f"[analyses.{name}]\n{table}\n" for name, (_, table) in ANALYSES.items() if table
+    )
+    Path("slide.toml").write_text(
+        SCENE.replace("guide_errors", "cutting_force = true\nguide_errors") + tables
+    )
+    Path("fit.toml").write_text(TARGETS)
+    Path("probed.toml").write_text(CANTILEVER + PROBED)
+    for words in (
+        "run slide.toml -o run",
+        "report run",
+        "run probed.toml -o probed --volume --no-figures",
+        "numbers run --csv numbers.csv",
+        "sweep slide.toml line -o sweep",
+        "study slide.toml drive -o study",
+        "compare slide.toml -o compare",
+        "effects scene.toml --only effects --json effects.json --page effects.html",
+        "identify slide.toml fit.toml -o identify",
+        "converge scene.toml -o converge",
+        "show slide.toml",
+    ):
+        done = run_alone(folder, *words.split())
+        assert done.returncode == 0, done.stdout + done.stderr
+    written = [str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()]
+    sources = [*ROOT.glob("docs/*.md"), ROOT / "README.md", *ROOT.glob("app/commands/*.py")]
+    named = {name for source in sources for name in NAMED_FILE.findall(source.read_text())}
+    assert len(named) > 30
+    missing = {
+        name
+        for name in named - NO_OUTPUT
+        if not fnmatch.filter(written, f"*{STANDS_FOR.sub('*', name)}")
+    }
+    assert missing == set()

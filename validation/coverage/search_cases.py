@@ -107,7 +107,7 @@ PARTS = (
     ),
 )
 SMOKE_PARTS = (PARTS[0], PARTS[7])
-# drawn up before any of them was computed; no rule was written with them in view
+# drawn up before any of them was computed; of the rules only that of a second mesh is younger
 FRESH_PARTS = (
     SlenderPart(
         "elliptical ring",

@@ -18,6 +18,7 @@ from headstock.app.pictures import pictures
 from headstock.app.pictures.pictures import draw_machine
 from headstock.app.pictures.scenes import rest_picture
 from headstock.app.tables.table import PlainTable, encode_csv
+from headstock.app.views.view import FinishedRun
 from headstock.geometry.frames import Frame
 from headstock.geometry.parts.solid_skins import box_skin
 from headstock.pipeline.results.files import read_summary, read_view
@@ -116,7 +117,12 @@ def test_report_makes_the_same_page_again_and_draws_every_mode_and_chart(folder:
 
 
 def test_figures_can_be_left_out(folder: Path) -> None:
-    assert publish_run(folder, read_summary(folder), read_view(folder), figures=False) == []
+    assert (
+        publish_run(
+            folder, FinishedRun(read_summary(folder), machine=read_view(folder)), figures=False
+        )
+        == []
+    )
     assert '<img class="still"' not in (folder / "report.html").read_text()
     assert list((folder / "figures").glob("*.png")) == []
 
@@ -146,7 +152,7 @@ def test_a_report_without_pyvista_says_why_it_has_no_picture_and_still_has_chart
     (tmp_path / "pyvista.py").write_text("raise ModuleNotFoundError('no such room: pyvista')\n")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "empty"))
-    remarks = publish_again(folder, read_summary(folder), read_view(folder))
+    remarks = publish_again(folder, FinishedRun(read_summary(folder), machine=read_view(folder)))
     why = "ModuleNotFoundError: no such room: pyvista; ./headstock doctor tells what is missing"
     assert remarks == [f"no picture of the machine: {why}", f"no pictures of modes: {why}"]
     assert f"No picture of the machine: {why}." in (folder / "report.html").read_text()

@@ -19,6 +19,7 @@ from headstock.app.drawings.frf import draw_response
 from headstock.app.report.report import render_report
 from headstock.app.tables.frf import tabulate_response
 from headstock.app.tables.table import encode_csv
+from headstock.app.views.view import FinishedRun
 from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.results.files import read_curves, read_summary, read_view
 from headstock.solvers.second_order import ComplexArray
@@ -115,7 +116,7 @@ def test_the_report_is_written_again_from_the_files_alone(run_folder: Path) -> N
     html = (run_folder / "report.html").read_text()
     assert (
         render_report(
-            read_summary(run_folder), read_view(run_folder), curves=read_curves(run_folder)
+            FinishedRun(read_summary(run_folder), read_curves(run_folder), read_view(run_folder))
         )
         == html
     )

@@ -19,7 +19,8 @@ from scipy.spatial import cKDTree
 
 from common import approx, present, sketch
 from headstock.app.command_line import main
-from headstock.app.report.report import draw_rows, format_number, render_report
+from headstock.app.drawings.markup import draw_rows, format_number
+from headstock.app.report.report import render_report
 from headstock.app.report.viewer_data import (
     RIGID_SHARE,
     Caption,
@@ -31,6 +32,7 @@ from headstock.app.tables.table import Column
 from headstock.app.terminal.console import Screen
 from headstock.app.terminal.summary import tell_rows
 from headstock.app.texts.scripts import script_json
+from headstock.app.views.view import FinishedRun
 from headstock.geometry.frames import FloatArray, Frame, rigid_map
 from headstock.geometry.parts.skins import Skin
 from headstock.geometry.parts.solid_skins import box_skin
@@ -206,20 +208,22 @@ def test_the_report_loads_nothing(html: str) -> None:
 
 def test_the_same_report_is_written_again_from_the_files_alone(run_folder: Path, html: str) -> None:
     # no comparison by pytest: listing the differences of two pages takes minutes
-    same = render_report(read_summary(run_folder), read_view(run_folder)) == html
+    same = (
+        render_report(FinishedRun(read_summary(run_folder), machine=read_view(run_folder))) == html
+    )
     assert same
 
 
 def test_a_report_says_so_when_errors_were_not_estimated(run_folder: Path) -> None:
     summary = read_summary(run_folder)
-    assert "The column “± Hz”" in render_report(summary)
+    assert "The column “± Hz”" in render_report(FinishedRun(summary))
     count = len(summary["modal"][0]["error_hz"])
     for modes in summary["modal"]:
         modes["error_hz"] = [None] * len(modes["error_hz"])
         modes["error_share"] = [{} for _ in modes["error_share"]]
-    assert "was not estimated" in render_report(summary)
+    assert "was not estimated" in render_report(FinishedRun(summary))
     summary["modal"][0]["error_hz"] = [0.25] * count
-    changed = render_report(summary)
+    changed = render_report(FinishedRun(summary))
     assert '<data class="bound" value="0.25">0.25</data>' in changed
 
 
@@ -264,7 +268,9 @@ def test_the_first_mode_that_deforms_is_neither_free_nor_a_motion_of_the_whole_m
         for key, values in summary["modal"][0].items()
         if key in shortened and isinstance(values, list)
     }
-    html = render_report(summary | {"modal": [sketch(ModesSummary, summary["modal"][0] | modes)]})
+    html = render_report(
+        FinishedRun(summary | {"modal": [sketch(ModesSummary, summary["modal"][0] | modes)]})
+    )
     tile = html[html.index("First mode that deforms") :][:200]
     assert '<data value="87.5">' in tile and "a bends X" in tile
 
@@ -275,7 +281,7 @@ def test_warnings_and_failures_come_before_everything_else(run_folder: Path) -> 
         "failures": ["it floats"],
         "status": "failed",
     }
-    html = render_report(summary)
+    html = render_report(FinishedRun(summary))
     assert html.index("it floats") < html.index("the bed is soft") < html.index('class="keys"')
 
 
@@ -294,7 +300,7 @@ def test_a_report_of_part_of_the_analyses_holds_what_there_is(
 ) -> None:
     summary = read_summary(run_folder)
     summary.pop("static_poses")
-    html = render_report(sketch(RunSummary, summary | missing))
+    html = render_report(FinishedRun(sketch(RunSummary, summary | missing)))
     assert ('id="modes"' in html) == (missing.get("modal") != [])
     assert ('id="stiffness"' in html) == (missing.get("static") != {})
     assert 'id="machine"' not in html
@@ -327,7 +333,9 @@ def test_closed_loop_poles_are_shown_with_their_damping(run_folder: Path) -> Non
     }
     page = Page(
         render_report(
-            sketch(RunSummary, {**read_summary(run_folder), "control": {"reference": control}})
+            FinishedRun(
+                sketch(RunSummary, {**read_summary(run_folder), "control": {"reference": control}})
+            )
         )
     )
     assert (0.03125, "3.12 %") in page.numbers
@@ -346,7 +354,7 @@ def test_probes_are_shown_with_their_stress(run_folder: Path) -> None:
         "von_mises_error_mpa": None,
     }
     summary = {**read_summary(run_folder), "probes": {"reference": {"corner": probe}}}
-    page = Page(render_report(sketch(RunSummary, summary)))
+    page = Page(render_report(FinishedRun(sketch(RunSummary, summary))))
     assert {1.5, 7.25, 5.0} <= {value for value, _ in page.numbers}
     assert any("± ?" in words for words in page.words)
 
@@ -392,7 +400,7 @@ def hostile_summary(run_folder: Path) -> RunSummary:
 
 
 def test_text_from_a_scene_stays_text_wherever_it_stands(run_folder: Path) -> None:
-    html = render_report(hostile_summary(run_folder), hostile_view())
+    html = render_report(FinishedRun(hostile_summary(run_folder), machine=hostile_view()))
     page = Page(html)
     assert [tag for tag, _ in page.tags].count("script") == 2
     assert not any(
@@ -620,7 +628,9 @@ def test_a_huge_machine_is_drawn_with_fewer_shapes_and_the_page_says_that_and_ho
         "damped_error_hz": [None] * count,
         "energy_share": [{}] * count,
     }
-    page = render_report({**summary, "modal": [sketch(ModesSummary, full)]}, view)
+    page = render_report(
+        FinishedRun({**summary, "modal": [sketch(ModesSummary, full)]}, machine=view)
+    )
     assert (
         "To keep this page small" in page
         and "Thinned out for drawing, not for computing: big 0 with 16\u202f200 of 28\u202f800"

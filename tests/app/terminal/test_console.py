@@ -8,10 +8,9 @@ import re
 import pytest
 
 from common import sketch
-from headstock.app.tables.run import list_tables
 from headstock.app.tables.static import shared_budget
 from headstock.app.terminal.console import Screen, add_row, make_console, make_table, print_table
-from headstock.app.terminal.summary import describe_position, print_summary
+from headstock.app.terminal.summary import print_summary
 from headstock.app.texts.bounded_values import (
     bound_size,
     show_bound,
@@ -20,6 +19,9 @@ from headstock.app.texts.bounded_values import (
     show_damped,
     show_damping,
 )
+from headstock.app.views.modal import describe_position
+from headstock.app.views.registry import list_tables
+from headstock.app.views.view import FinishedRun
 from headstock.geometry.machine.machine import show_position
 from headstock.pipeline.results.summary import RunSummary
 
@@ -163,7 +165,7 @@ def test_terminal_and_csv_have_the_same_errors_and_the_damped_frequencies(
     summary = make_summary()
     print_summary(summary, seconds=1.0, folder="out")
     printed = capsys.readouterr().out
-    tables = {table.name: table for table in list_tables(summary)}
+    tables = {table.name: table for table in list_tables(FinishedRun(summary))}
     modes = tables["modes_left"]
     assert modes.headings[:3] == ("mode", "frequency [Hz]", "± [Hz]")
     assert modes.headings[3:7] == (
@@ -192,7 +194,7 @@ def test_a_compliance_across_two_directions_is_as_coarse_as_the_coarser_and_symm
 
 
 def test_the_table_of_the_whole_compliance_has_a_row_per_load_and_units_in_its_head() -> None:
-    table = {table.name: table for table in list_tables(make_summary())}[
+    table = {table.name: table for table in list_tables(FinishedRun(make_summary()))}[
         "compliance_6x6_reference_tcp"
     ]
     assert table.headings[1:5] == (

@@ -13,7 +13,8 @@ from mpi4py import MPI
 from common import approx
 from fixture_machines import machine
 from headstock.app.report.report import render_report
-from headstock.app.tables.run import list_tables
+from headstock.app.views.registry import list_tables
+from headstock.app.views.view import FinishedRun
 from headstock.geometry.frames import DOF_NAMES
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.contouring import ContourAnswer
@@ -192,8 +193,8 @@ def test_a_bar_along_a_contour_carries_its_inertia_and_the_cut(
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     peak = summary["contouring"]["probes"]["inside"]
     assert peak["peak_displacement_um"] >= 1e6 * np.abs(trace.displacement[:, 0]).max()
-    tables = {table.name: table for table in list_tables(summary)}
+    tables = {table.name: table for table in list_tables(FinishedRun(summary))}
     assert "stress xx inside [MPa]" in tables["contour"].headings
     assert tables["probes_contour"].rows[0][0] == "inside"
-    page = render_report(summary)
+    page = render_report(FinishedRun(summary))
     assert "Equivalent stress at probes, beside that under gravity [MPa]" in page

@@ -10,6 +10,7 @@ import pytest
 
 from common import approx, present
 from headstock.app.report.report import render_report
+from headstock.app.views.view import FinishedRun
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.lobes import DirectionLobes, PoseLobes
 from headstock.pipeline.results.summary import summarise
@@ -104,7 +105,7 @@ def test_report_and_tables_show_the_lobes(tmp_path: Path) -> None:
     summary = summarise(results)
     (direction, _) = summary["lobes"]["left"]["directions"]
     assert len(direction["series"]["limit_depth_mm"]) == 60
-    page = render_report(summary)
+    page = render_report(FinishedRun(summary))
     assert "Stability lobes" in page
     assert present(direction["lowest"])["mode"] in page
     assert "mean little without modes of spindle and tool" in page

@@ -13,6 +13,7 @@ from mpi4py import MPI
 from common import approx, present
 from fixture_machines import machine
 from headstock.app.report.report import render_report
+from headstock.app.views.view import FinishedRun
 from headstock.meshing.components.meshing import describe_component
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.path import PathResult
@@ -196,7 +197,7 @@ def test_poles_are_those_of_the_unsymmetric_second_order_system_by_another_solve
 
 def test_the_report_draws_every_pole_and_offers_them_as_a_table(tmp_path: Path) -> None:
     summary = summary_of(write_scene(tmp_path), tmp_path)
-    page = render_report(summary)
+    page = render_report(FinishedRun(summary))
     poles = summary["control"]["reference"]["poles"]
     assert page.count("<circle") >= len(poles)
     assert 'download="poles_reference.csv"' in page

@@ -15,6 +15,7 @@ from common import approx
 from fixture_machines import machine
 from headstock.app.report.report import render_report
 from headstock.app.tables.frf import tabulate_response
+from headstock.app.views.view import FinishedRun
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
@@ -97,7 +98,7 @@ def test_loads_of_a_scene_are_inputs_as_large_as_they_are(tmp_path: Path) -> Non
     assert any("wind, shake would excite directly" in words for words in response.error_left_out)
     headings = tabulate_response(curves).headings
     assert "Re tip z / wind load [m]" in headings and "Re tip z / tip z [m per N]" in headings
-    page = render_report(summarise(results), curves=(curves,))
+    page = render_report(FinishedRun(summarise(results), [curves]))
     assert "tip z / wind load" in page
     text = (tmp_path / "out" / "summary.json").read_text()
     assert json.loads(text)["frf"]["reference"]["inputs"][0] == ["wind", "load"]

@@ -11,7 +11,8 @@ from mpi4py import MPI
 from common import approx
 from headstock.app.drawings.figures import draw_map, map_layers, map_values
 from headstock.app.tables.map import tabulate_map
-from headstock.app.tables.run import list_tables
+from headstock.app.views.registry import list_tables
+from headstock.app.views.view import FinishedRun
 from headstock.pipeline.results.summary import RunSummary, summarise
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages.map import map_workspace
@@ -74,7 +75,7 @@ def test_poses_beyond_a_limit_are_empty_in_summary_table_and_picture(tmp_path: P
     found = run(tmp_path, f"sweeps.plane.axes={spans}")
     values = map_values(found["map"], "f1_hz")
     assert np.isfinite(values[0]).all() and np.isnan(values[-1]).all()
-    table = next(table for table in list_tables(found) if table.name == "map")
+    table = next(table for table in list_tables(FinishedRun(found)) if table.name == "map")
     assert table.rows[-1][-1] is None and len(table.rows) == 12
     assert "data:image/png;base64" in str(draw_map(found["map"], "f1_hz"))
 

@@ -13,8 +13,9 @@ from mpi4py import MPI
 from common import approx, present
 from fixture_machines import machine
 from headstock.app.report.report import render_report
-from headstock.app.tables.run import list_tables
 from headstock.app.tables.transient import tabulate_transient
+from headstock.app.views.registry import list_tables
+from headstock.app.views.view import FinishedRun
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
@@ -148,11 +149,11 @@ def test_probes_are_tabled_written_and_drawn(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "out" / "results.h5") as file:
         stress = file["transient/reference/probes/foot/stress"][:]
     assert np.array_equal(stress, found.trace.stress)
-    tables = {table.name: table for table in list_tables(summary)}  # type: ignore[arg-type]
+    tables = {table.name: table for table in list_tables(FinishedRun(summary))}  # type: ignore[arg-type]
     assert tables["probes_over_time_reference"].rows[0][0] in ("inside", "foot")
     headings = tabulate_transient(curves).headings
     assert "von Mises foot [MPa]" in headings and "stress xy inside [MPa]" in headings
-    page = render_report(summary, histories=[curves])  # type: ignore[arg-type]
+    page = render_report(FinishedRun(summary, [curves]))  # type: ignore[arg-type]
     assert "Equivalent stress at probes [MPa]" in page
 
 

@@ -16,6 +16,7 @@ from common import approx, present
 from fixture_machines import machine
 from headstock.app.report.report import render_report
 from headstock.app.tables.transient import tabulate_transient
+from headstock.app.views.view import FinishedRun
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
@@ -545,7 +546,7 @@ def test_results_are_written_read_and_shown(tmp_path: Path) -> None:
     table = tabulate_transient(curves)
     assert table.headings[:3] == ("time [s]", "press [N]", "tcp x [um]")
     assert len(table.rows) == 401 and table.rows[-1][1] == 100.0
-    page = render_report(summary, histories=[curves])
+    page = render_report(FinishedRun(summary, [curves]))
     assert "Motion over time" in page and "Load press [N]" in page
     own = summarise(results)
     damped = load_scene(scene.path, overrides=["effects={ damping = { modal = 0.1 } }"])

@@ -9,7 +9,8 @@ from mpi4py import MPI
 
 from common import approx
 from headstock.app.report.report import render_report
-from headstock.app.tables.run import list_tables
+from headstock.app.views.registry import list_tables
+from headstock.app.views.view import FinishedRun
 from headstock.geometry.machine.machine import Pose
 from headstock.meshing.components.meshing import describe_component
 from headstock.pipeline.numbers.folders import RESULTS_FILE
@@ -88,10 +89,10 @@ def test_effects_tell_what_errors_of_guides_move(
 
 
 def test_tables_and_report_show_it(run: tuple[RunSummary, Path]) -> None:
-    tables = {table.name: table for table in list_tables(run[0])}
+    tables = {table.name: table for table in list_tables(FinishedRun(run[0]))}
     assert len(tables["volumetric_tcp"].rows) == 60
     assert len(tables["error_motions_tcp"].rows) == 3
-    page = render_report(run[0])
+    page = render_report(FinishedRun(run[0]))
     for text in ("Volumetric errors", "EC0Y", "The volume as the tool travels it", "errors of X"):
         assert text in page
 

@@ -262,3 +262,29 @@ def test_an_island_of_one_speed_is_followed_to_its_neighbours(
     ]
     found = find_border(cuts, np.full(3, math.nan), safe=1e-4, deepest=0.02)  # type: ignore[arg-type]
     assert [limit.depth for limit in found] == approx([island] * 3, rel=1e-3)
+
+
+def test_a_dense_border_takes_few_multipliers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Limits are confirmed between those on either side, and islands looked for on the way there."""
+    tried: list[float] = []
+    largest = PeriodicCut.largest
+
+    def count(cut: PeriodicCut, depth: float, more: int = 0) -> Multiplier:
+        tried.append(depth)
+        return largest(cut, depth, more)
+
+    monkeypatch.setattr(PeriodicCut, "largest", count)
+    rpm = np.linspace(9000.0, 11000.0, 160, dtype=np.float64)
+    found = border_of(tip_of(PUBLISHED), EndMill(0.02, 3, 0.4), 0.012, rpm, 0.05)
+    assert all(limit.limited and limit.error < 1.1e-3 * limit.depth for limit in found)
+    assert len(tried) < 10 * len(rpm)
+
+
+@pytest.mark.parametrize("helix", [0.0, 0.4])
+def test_more_nodes_change_no_multiplier_of_a_fast_pole(helix: float) -> None:
+    """Long windows with many waves, several of them in a row, against twice as many nodes."""
+    tip = poles_of(tip_of((PUBLISHED[0], (9000.0, 0.02, 2e7))))
+    cut = PeriodicCut(tip, MillingCut(EndMill(0.02, 2, helix), CHIP, 300.0, 0.0, 0.015))
+    few, many = (abs(cut.largest(1.5e-3, more).value) for more in (0, 25))
+    assert cut.rows(1.5e-3) > 150
+    assert few == approx(many, rel=2e-4)

@@ -1,0 +1,137 @@
+"""Natural modes of each pose, with their errors, damping and strain energy."""
+
+from collections.abc import Iterator
+
+from markupsafe import Markup
+
+from headstock.app.drawings.figures import draw_frequencies, draw_stack
+from headstock.app.drawings.markup import typeset, write_beside, write_data
+from headstock.app.tables.modes import ModeRow, list_modes, tabulate_modes
+from headstock.app.tables.static import merge_families, top_shares
+from headstock.app.tables.table import list_text_columns
+from headstock.app.texts.bounded_values import (
+    error_words,
+    largest_shares,
+    shares_begin,
+    show_bound,
+    show_bounded,
+    show_damped,
+    show_damping_error,
+    show_size,
+    show_span,
+)
+from headstock.app.views.view import FinishedRun, Listing, Section, TerminalPart, View
+from headstock.geometry.machine.machine import show_position
+from headstock.pipeline.answers.modal import ModesSummary
+
+SHARES_SHOWN, SMALLEST_SHOWN = 3, 0.005  # on the terminal
+SHARES_NAMED, SMALLEST_NAMED = 3, 0.02  # in the report
+
+
+def _list_parts(run: FinishedRun) -> Iterator[TerminalPart]:
+    for modes in run.summary["modal"]:
+        yield _list_modes(modes)
+        found = ", ".join(
+            f"{source} up to {show_size(size)} Hz" for source, size in largest_shares(modes).items()
+        )
+        if found:
+            yield f"  {shares_begin(modes)} {found}"
+        yield from (f"  {words}" for words in error_words(modes))
+        yield ""
+
+
+def describe_position(modes: ModesSummary) -> str:
+    """Describe where the axes are in the pose of some modes: ``Y = 30 mm``."""
+    units = modes["pose_units"]
+    return ", ".join(
+        f"{axis} = {show_position(position, units[axis])}"
+        for axis, position in modes["pose"].items()
+        if axis in units
+    )
+
+
+def _list_modes(modes: ModesSummary) -> Listing[tuple[str, ...]]:
+    rows = list_modes(modes)
+    damped = any(row.damping_ratio is not None for row in rows)
+    known = any(
+        row.error_hz is not None or row.known_hz is not None for row in rows if not row.rigid
+    )
+    spans = bool(modes.get("interface_spread_hz"))
+    shared = any(len(row.energy_share) > 1 for row in rows)
+    columns = list_text_columns(
+        ">no.",
+        ">undamped Hz" if damped else ">Hz",
+        *(["<± Hz"] if known else []),
+        *([">damped Hz", "<± Hz", ">damping", "<±"] if damped else []),
+        *(["<interfaces Hz"] if spans else []),
+        "mode",
+        *(["strain energy in"] if shared else []),
+    )
+    cells = []
+    for row in rows:
+        top = top_shares(merge_families(row.energy_share), SHARES_SHOWN, SMALLEST_SHOWN)
+        cells.append(
+            (
+                str(row.number),
+                "0" if row.rigid else show_bounded(row.hz, row.error_hz),
+                *(["" if row.rigid else show_bound(row.hz, row.error_hz, row.known_hz)] * known),
+                *(show_damped(row.damped_hz, row.damped_error_hz, rigid=row.rigid) * damped),
+                *(
+                    show_damping_error(row.damping_ratio, row.damping_error, rigid=row.rigid)
+                    * damped
+                ),
+                *([show_span(row.spread_hz)] if spans else []),
+                row.name,
+                ", ".join(f"{name} {100 * share:.0f} %" for name, share in top),
+            )
+        )
+    positions = describe_position(modes)
+    pose = modes["pose_name"] + (f" ({positions})" if positions else "")
+    return Listing(f"Natural modes in pose {pose}", columns, cells)
+
+
+def _write_section(_: FinishedRun) -> Section:
+    names = {
+        "list_modes": list_modes,
+        "draw_frequencies": draw_frequencies,
+        "draw_stack": draw_stack,
+        "damped_cells": _write_damped,
+        "damping_cells": _write_damping,
+        "size": lambda error: Markup('<data class="bound" value="{}">{}</data>').format(
+            repr(error), typeset(show_size(error))
+        ),
+        "top": lambda shares: top_shares(shares, SHARES_NAMED, SMALLEST_NAMED),
+        "largest_shares": largest_shares,
+        "shares_begin": shares_begin,
+        "error_words": error_words,
+    }
+    return Section("modes", "Natural modes", template="views/modal.html", names=names)
+
+
+def _write_damping(mode: ModeRow) -> tuple[Markup, Markup]:
+    """Write damping ratio of a mode, and its ±."""
+    shown, bound = show_damping_error(mode.damping_ratio, mode.damping_error, rigid=mode.rigid)
+    value = (
+        Markup("–")
+        if mode.damping_ratio is None
+        else write_data(mode.damping_ratio, typeset(shown))
+    )
+    return value, write_beside(mode.damping_error, bound)
+
+
+def _write_damped(mode: ModeRow) -> tuple[Markup, Markup]:
+    """Write frequency of the damped oscillation of a mode, and its ±."""
+    shown, bound = show_damped(mode.damped_hz, mode.damped_error_hz, rigid=mode.rigid)
+    value = (
+        Markup("–")
+        if mode.damped_hz is None
+        else write_data(mode.damped_hz, typeset(shown) if mode.damped_hz else shown)
+    )
+    return value, write_beside(mode.damped_error_hz, bound)
+
+
+VIEW = View(
+    tables=lambda run: map(tabulate_modes, run.summary["modal"]),
+    terminal=_list_parts,
+    section=_write_section,
+)

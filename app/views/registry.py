@@ -1,0 +1,76 @@
+"""Which analyses are shown, in the order of the report: names of the summary, and of modules here."""
+
+import importlib
+
+from headstock.app.tables.components import COMPONENT_COLUMNS
+from headstock.app.tables.table import PlainTable, tabulate
+from headstock.app.views.view import FinishedRun, View
+from headstock.pipeline.results.summary import RunSummary
+
+NAMES = (
+    "static",
+    "modal",
+    "contouring",
+    "map",
+    "volumetric",
+    "path",
+    "transient",
+    "control",
+    "lobes",
+    "frf",
+    "probes",
+    "model_errors",
+    "interface_errors",
+    "accuracy",
+)
+
+
+def find_views(summary: RunSummary) -> list[View]:
+    """Return the views of the analyses that a summary has."""
+    views: list[View] = [
+        importlib.import_module(f"headstock.app.views.{name}").VIEW
+        for name in NAMES
+        if summary.get(name)
+    ]
+    return views
+
+
+def list_tables(run: FinishedRun, *, long: bool = True) -> list[PlainTable]:
+    """Return every table of a run.
+
+    Args:
+        run: Its summary and curves.
+        long: Those with a row per sample, too.
+    """
+    views = find_views(run.summary)
+    tables = [
+        tabulate("components", COMPONENT_COLUMNS, run.summary["components"].items()),
+        _tabulate_stages(run.summary),
+        *(table for view in views for table in view.tables(run)),
+    ]
+    return tables + [table for view in views for table in view.long_tables(run) if long]
+
+
+def _tabulate_stages(summary: RunSummary) -> PlainTable:
+    headings = (
+        "stage",
+        "component",
+        "pose",
+        "seconds",
+        "peak memory [MB]",
+        "from the store",
+        "reason",
+    )
+    rows = tuple(
+        (
+            row["stage"],
+            row["component"],
+            row["pose"],
+            row["seconds"],
+            row["peak_rss_mb"],
+            row["cached"],
+            row["reason"],
+        )
+        for row in summary["stages"]
+    )
+    return PlainTable("stages", headings, rows)

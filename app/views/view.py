@@ -1,0 +1,114 @@
+"""What is shown of an analysis: one record for files, terminal and report."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from headstock.app.tables.table import Column, PlainTable, tabulate
+from headstock.pipeline.answers.frf import ResponseCurves
+from headstock.pipeline.answers.path import PathCurves
+from headstock.pipeline.answers.transient import TransientCurves
+from headstock.pipeline.results.summary import RunSummary
+from headstock.pipeline.results.views import MachineView
+
+type Curves = ResponseCurves | PathCurves | TransientCurves
+
+
+@dataclass(frozen=True, eq=False)
+class FinishedRun:
+    """A run as views see it.
+
+    Attributes:
+        summary: Content of ``summary.json``.
+        curves: Over frequency, along the path and over time.
+        machine: What there is to draw; empty without it.
+    """
+
+    summary: RunSummary
+    curves: Sequence[Curves] = ()
+    machine: MachineView = field(default_factory=MachineView)
+
+    def find_curves[Kind: Curves](self, kind: type[Kind]) -> list[Kind]:
+        """Return the curves of one kind, in the order of their stages."""
+        return [curves for curves in self.curves if isinstance(curves, kind)]
+
+
+@dataclass(frozen=True, eq=False)
+class Listing[Row]:
+    """A table for files, terminal and report, which each take the columns that they have.
+
+    Attributes:
+        title: Above it on the terminal.
+        columns: Of the table.
+        rows: As the columns take them.
+        name: Stem of its file; in the report its ``id`` is this with ``-table``.
+    """
+
+    title: str
+    columns: Sequence[Column[Row]]
+    rows: Iterable[Row]
+    name: str = ""
+
+    def tabulate(self) -> PlainTable:
+        """Return the columns that files have."""
+        return tabulate(self.name, self.columns, self.rows)
+
+
+@dataclass(frozen=True)
+class Shares:
+    """Shares of parts that the terminal draws as bars, and of what they are."""
+
+    label: str
+    shares: Mapping[str, float]
+
+
+type TerminalPart = Listing[Any] | Shares | str
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """A section of the report.
+
+    Attributes:
+        identity: Its ``id`` in the page.
+        title: Its heading.
+        link: Its name in the navigation; empty where that is the title.
+        lead: First paragraph; empty for none.
+        tables: Below the lead, each with its file.
+        template: Writes what follows, such as ``views/path.html``; empty for none.
+        names: What the template uses beside what every section may.
+        script: A file of the report that it needs; empty for none.
+        part_of: ``id`` of the section in which it is a part; empty for one of its own.
+    """
+
+    identity: str
+    title: str
+    link: str = ""
+    lead: str = ""
+    tables: Sequence[Listing[Any]] = ()
+    template: str = ""
+    names: Mapping[str, Any] = field(default_factory=dict)
+    script: str = ""
+    part_of: str = ""
+
+
+def show_nothing(_: FinishedRun) -> tuple[()]:
+    """Return nothing to show."""
+    return ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class View:
+    """What is shown of an analysis that a run has; each attribute takes the run.
+
+    Attributes:
+        tables: For files; the report offers them, too.
+        long_tables: For files only: a row per sample.
+        terminal: Tables, shares and lines in order.
+        section: Of the report; None for none.
+    """
+
+    tables: Callable[[FinishedRun], Iterable[PlainTable]] = show_nothing
+    long_tables: Callable[[FinishedRun], Iterable[PlainTable]] = show_nothing
+    terminal: Callable[[FinishedRun], Iterable[TerminalPart]] = show_nothing
+    section: Callable[[FinishedRun], Section | None] = lambda _: None
