@@ -110,7 +110,7 @@ def render_report(
         "save": functools.partial(_offer_table, tables),
         "encode": lambda name: _encode_table(tables[name]),
     }
-    sections = [section for view in find_views(summary) if (section := view.section(run))]
+    sections = [section for view in find_views(run) if (section := view.section(run))]
     return (
         report_environment()
         .get_template(TEMPLATE)

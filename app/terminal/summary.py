@@ -91,7 +91,7 @@ def print_summary(
     console, run = make_console(), FinishedRun(summary)
     console.print()
     print_table(console, "Components", tell_rows(COMPONENT_COLUMNS, summary["components"].items()))
-    for view in find_views(summary):
+    for view in find_views(run):
         for part in view.terminal(run):
             _print_part(console, part)
     print_assumptions(summary.get("assumptions", ()))

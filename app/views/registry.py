@@ -25,12 +25,12 @@ NAMES = (
 )
 
 
-def find_views(summary: RunSummary) -> list[View]:
-    """Return the views of the analyses that a summary has."""
+def find_views(run: FinishedRun) -> list[View]:
+    """Return the views of the analyses that a run has."""
     views: list[View] = [
         importlib.import_module(f"headstock.app.views.{name}").VIEW
         for name in NAMES
-        if summary.get(name)
+        if run.find_entry(name)
     ]
     return views
 
@@ -42,7 +42,7 @@ def list_tables(run: FinishedRun, *, long: bool = True) -> list[PlainTable]:
         run: Its summary and curves.
         long: Those with a row per sample, too.
     """
-    views = find_views(run.summary)
+    views = find_views(run)
     tables = [
         tabulate("components", COMPONENT_COLUMNS, run.summary["components"].items()),
         _tabulate_stages(run.summary),

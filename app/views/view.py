@@ -28,6 +28,10 @@ class FinishedRun:
     curves: Sequence[Curves] = ()
     machine: MachineView = field(default_factory=MachineView)
 
+    def find_entry(self, name: str) -> Any:
+        """Return what an analysis has in the summary."""
+        return self.summary.get(name)
+
     def find_curves[Kind: Curves](self, kind: type[Kind]) -> list[Kind]:
         """Return the curves of one kind, in the order of their stages."""
         return [curves for curves in self.curves if isinstance(curves, kind)]
