@@ -52,7 +52,7 @@ def build_lobes(scene: SceneTable, poses: tuple[str, ...], folder: Path) -> Lobe
         material=table.material,
         radial_depth=table.radial_depth,
         speeds=np.linspace(
-            table.speeds.low, table.speeds.high, table.speeds.count, dtype=np.float64
+            table.speeds.low, table.speeds.high, table.speeds.number, dtype=np.float64
         ),
         directions=tuple(map(_build_travel, table.directions)),
         at=table.at or next(iter(scene.points)),

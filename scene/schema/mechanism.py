@@ -298,7 +298,7 @@ class SpeedsSpan(NamedTuple):
 
     low: PositiveAngularSpeed
     high: PositiveAngularSpeed
-    count: Annotated[WholeNumber, Between(2, MOST_SPEEDS)]
+    number: Annotated[WholeNumber, Between(2, MOST_SPEEDS)]
 
 
 def _check_speeds(span: SpeedsSpan) -> SpeedsSpan:

@@ -386,7 +386,6 @@ PositiveNumber = Annotated[
     Number, AfterValidator(_POSITIVE), JsonForm({"type": "number", "exclusiveMinimum": 0.0})
 ]
 WholeNumber = Annotated[int, BeforeValidator(_read_whole), JsonForm({"type": "integer"})]
-WholeNumber = Annotated[int, BeforeValidator(_read_whole), JsonForm({"type": "integer"})]
 Count = Annotated[int, BeforeValidator(_read_count(1)), JsonForm({"type": "integer", "minimum": 1})]
 CountFromZero = Annotated[
     int, BeforeValidator(_read_count(0)), JsonForm({"type": "integer", "minimum": 0})

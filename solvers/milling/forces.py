@@ -315,7 +315,7 @@ def _engaged_products(cut: MillingCut, theta: FloatArray) -> FloatArray:
     turns = np.floor((theta - begin) / (2.0 * np.pi))
     # from -pi/2 on the sine is minus the cosine of the angle since then, the cosine its sine
     since = np.minimum(theta - begin - 2.0 * np.pi * turns, arc)
-    return _integrate_products(since) + _whole_products(arc) * turns.sum(axis=0)
+    return np.asarray(_integrate_products(since) + _whole_products(arc) * turns.sum(axis=0))
 
 
 @functools.lru_cache(maxsize=16)
