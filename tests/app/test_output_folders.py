@@ -92,21 +92,6 @@ def test_an_output_folder_that_is_a_link_is_refused(
     assert list((tmp_path / "mine").iterdir()) == []
 
 
-def test_a_run_does_not_write_or_remove_through_linked_parts_of_its_folder(
-    scene_file: Path, tmp_path: Path
-) -> None:
-    out = tmp_path / "out"
-    for part in ("tables", "figures", "modes"):
-        mine = tmp_path / f"my {part}"
-        mine.mkdir()
-        (mine / "a.csv").write_text("mine")
-        out.mkdir(exist_ok=True)
-        (out / part).symlink_to(mine)
-    assert call("run {scene} --no-figures -o {out}", scene_file, out=out) == 2
-    for part in ("tables", "figures", "modes"):
-        assert [path.read_text() for path in (tmp_path / f"my {part}").iterdir()] == ["mine"]
-
-
 @pytest.mark.parametrize("text", FILE_COMMANDS)
 def test_a_command_writes_its_file_again_but_not_over_one_of_the_user(
     scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str

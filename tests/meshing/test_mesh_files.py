@@ -334,14 +334,6 @@ def test_h12_points_lines_and_single_facets_are_refused_unless_forced(
         mesh_component(make_component(MeshFile(tmp_path / "box.inp"), {"a": single}))
 
 
-def test_one_cell_has_whole_faces(make_component: Make, tmp_path: Path) -> None:
-    mesh = mesh_component(make_component(Box(SIZE), size=1.0, cells="hex"))
-    assert len(mesh.cells) == 1
-    write_inp(tmp_path / "box.inp", mesh)
-    back = mesh_component(make_component(MeshFile(tmp_path / "box.inp"), {"foot": Patch("z-")}))
-    assert len(back.patches["foot"]) == 1
-
-
 def test_h04_disconnected_meshes_are_refused_with_the_number_of_parts(
     make_component: Make, box_mesh: Callable[[CellKind], ComponentMesh], tmp_path: Path
 ) -> None:

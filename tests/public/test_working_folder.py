@@ -154,7 +154,9 @@ def test_other_commands_open_what_they_name_and_nothing_else(tmp_path: Path, shi
         "report out",
         "export scene.toml bar --mesh out/bar.med",
     )
-    lines = {text: [ROOT / "headstock", *text.split()] for text in commands}
+    lines: dict[str, list[str | Path]] = {
+        text: [ROOT / "headstock", *text.split()] for text in commands
+    }
     found = {text: opened(folder, words, shim)[0] for text, words in lines.items()}
     assert found == {text: set() for text in commands}
 

@@ -23,8 +23,6 @@ from headstock.meshing.components.meshing import (
 )
 from headstock.meshing.elements.quality import integrate_mesh
 from headstock.meshing.errors import MeshError
-from headstock.meshing.process import running
-from headstock.meshing.process.isolation import run_isolated
 from headstock.pipeline.planning.budgets import displacement_dofs
 
 pytestmark = pytest.mark.process
@@ -332,17 +330,6 @@ def test_h11_a_mesh_beyond_the_budget_is_refused_at_once(make_component: Make, c
     with pytest.raises(MeshError, match=r"3e\+06.*mesh size of"):
         mesh_component(make_component(COLUMN, ENDS, size=1e-9, cells=cells))
     assert time.perf_counter() - started < 1.0
-
-
-def test_h11_meshing_stops_at_its_time_limit(
-    make_component: Make, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(running, "run_isolated", run_isolated)
-    # processor time, or four times as long where the machine is busy
-    with pytest.raises(
-        MeshError, match=r"stopped after (1 s of processor time|4 s).*larger mesh size"
-    ):
-        mesh_component(make_component(COLUMN, ENDS, size=0.0021), time_limit=1.0)
 
 
 @pytest.mark.parametrize(
