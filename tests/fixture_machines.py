@@ -36,8 +36,8 @@ def machine(text: str) -> str:
                 for name, before, entry in pairs
             }
         scene[section] = entries
-    # what was said last stands last: keys may be added to it
-    scene[section] = scene.pop(section)
+    for last in list(changes)[-1:]:  # stands last in the scene too: keys may be added to it
+        scene[last] = scene.pop(last)
     return "".join(write_tables(scene))
 
 

@@ -6,6 +6,7 @@ import pytest
 from mpi4py import MPI
 
 from common import approx
+from fixture_machines import machine
 from headstock.app.command_line import main
 from headstock.geometry.parts.solids import MeshFile
 from headstock.pipeline.exports import export_mesh
@@ -16,31 +17,24 @@ from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 
-SCENE = """
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.column]
-SOLID
-material = "steel"
-reduction = { modes = 8 }
-interfaces = { foot = { face = "FOOT" }, tip = { face = "TIP", coupling = "average" } }
-[joints.clamp]
-between = ["column.foot", "ground"]
-kind = "rigid"
-[points]
-tcp = { tool = "column.tip", work = "ground" }
-[analyses.modal]
-count = 6
-"""
+SCENE = machine("""
+machine = "bar"
+names = { bar = "column" }
+components.column.solid = "SOLID"
+components.column.reduction = { modes = 8 }
+components.column.interfaces = { foot = { face = "FOOT" }, tip = { face = "TIP", coupling = "average" } }
+joints.clamp.between = ["column.foot", "ground"]
+analyses.modal = { count = 6 }
+""")
 TETS = 'solid = { box = ["40 mm", "60 mm", "200 mm"] }\nmesh = { size = "40 mm" }'
 HEXES = TETS.replace('size = "40 mm"', 'size = "20 mm", cells = "hex"')
 LINEAR = TETS.replace('size = "40 mm"', 'size = "40 mm", order = 1')
 
 
 def write_scene(path: Path, solid: str, foot: str, tip: str) -> Path:
-    path.write_text(SCENE.replace("SOLID", solid).replace("FOOT", foot).replace("TIP", tip))
+    path.write_text(
+        SCENE.replace('solid = "SOLID"', solid).replace("FOOT", foot).replace("TIP", tip)
+    )
     return path
 
 

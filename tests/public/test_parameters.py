@@ -10,27 +10,19 @@ import pytest
 
 import headstock as hs
 from common import approx
+from fixture_machines import machine
 
 SECONDS = 3.0  # of the processor, on a busy machine; the ordinary check of this scene takes 0.02
-SCENE = """
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.block]
-solid = { box = ["40 mm", "60 mm", "= height"] }
-material = "steel"
-fidelity = "rigid"
-[components.block.interfaces]
-foot = { face = "z-" }
-[joints.clamp]
-between = ["ground", "block.foot"]
-kind = "rigid"
-[variants.thin]
-"parameters.leaf" = "2 mm"
-[parameters]
-leaf = "1 mm"
-"""
+SCENE = machine("""
+machine = "bar"
+names = { bar = "block" }
+without = ["points"]
+components.block.solid = { box = ["40 mm", "60 mm", "= height"] }
+components.block.fidelity = "rigid"
+components.block.interfaces = { foot = { face = "z-" } }
+variants.thin = { "parameters.leaf" = "2 mm" }
+parameters.leaf = "1 mm"
+""")
 
 
 @pytest.fixture
@@ -148,7 +140,7 @@ def test_a_name_that_stands_for_a_text_may_stand_for_another_name(write) -> None
 
 def test_places_in_places_have_a_limit_and_so_have_their_names(write) -> None:  # type: ignore[no-untyped-def]
     places = "places = [" + ",".join(['["1 mm", "0 mm", "0 mm"]'] * 200) + "]"
-    block = SCENE[SCENE.index("solid =") : SCENE.index("[components.block.i")]
+    block = SCENE[SCENE.index("solid =") : SCENE.index("interfaces =")]
     many = f'[components.many]\n{block}{places}\n[components.many.interfaces.i]\nface = "z+"\n'
     inner = places.replace(', "0 mm"]', "]")
     said = problem(

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from common import approx
+from fixture_machines import machine
 from headstock.app.actions.cataloguing import paste_text
 from headstock.app.command_line import main
 from headstock.scene.expansion.catalogue import CATALOGUE, FROM, read_catalogue
@@ -63,26 +64,17 @@ def test_what_is_printed_to_be_pasted_is_the_element(
     assert tomllib.loads(named)["joints"]["NAME"][FROM] == f"{CATALOGUE}{name}"
 
 
-SLIDE = """\
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.slide]
-solid = { box = ["300 mm", "200 mm", "100 mm"] }
-material = "steel"
-fidelity = "rigid"
-interfaces = { bottom = { face = "z-" } }
-[joints.feet]
-between = ["slide.bottom", "ground"]
-from = "catalogue:rubber_mount_2kN"
-places = [["100 mm", "80 mm", "0 mm"], ["100 mm", "-80 mm", "0 mm"], ["-100 mm", "0 mm", "0 mm"]]
-[points.tcp]
-tool = "slide.bottom"
-work = "ground"
-[analyses.static]
-at = "tcp"
-"""
+SLIDE = machine("""
+machine = "block"
+names = { block = "slide", mount = "feet", foot = "bottom" }
+without = ["joints.feet.kind", "joints.feet.stiffness", "analyses.modal"]
+components.slide.solid = { box = ["300 mm", "200 mm", "100 mm"] }
+components.slide.interfaces = { bottom = { face = "z-" } }
+joints.feet.between = ["slide.bottom", "ground"]
+joints.feet.from = "catalogue:rubber_mount_2kN"
+joints.feet.places = [["100 mm", "80 mm", "0 mm"], ["100 mm", "-80 mm", "0 mm"], ["-100 mm", "0 mm", "0 mm"]]
+points.tcp.tool = "slide.bottom"
+""")
 
 
 def test_check_run_and_report_say_what_comes_from_the_catalogue(

@@ -13,6 +13,7 @@ import pytest
 import pyvista
 
 from common import approx
+from fixture_machines import machine
 from headstock.app.actions import showing
 from headstock.app.command_line import main
 from headstock.app.pictures import numbered, renderer
@@ -111,33 +112,22 @@ def test_a_machine_is_drawn_before_anything_is_computed(
     assert set(first) == {*listed["joints"], *listed["points"]}
 
 
-SUPPORTED = """
+SUPPORTED = machine("""
+machine = "bar"
+names = { bar = "plate" }
 name = "supported"
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.plate]
-material = "steel"
-solid = { box = ["400 mm", "200 mm", "20 mm"] }
-at = ["1 m", "0 mm", "0 mm"]
-rotate = { axis = "z", angle = "90 deg" }
-interfaces.tip = { face = "x+", coupling = "average" }
-[components.holder]
-material = "steel"
-solid = { step = "support.step" }
-interfaces.holes.patches = [{ face = "face:6" }, { face = "face:39" }]
-[supports.foot]
-face = "plate.x-"
-fix = ["x", "z"]
-[supports.holes]
-at = "holder.holes"
-fix = ["y"]
-[points]
-tcp = { tool = "plate.tip", work = "ground" }
-[analyses.static]
-at = "tcp"
-"""
+without = ["joints"]
+components.plate.solid = { box = ["400 mm", "200 mm", "20 mm"] }
+components.plate.at = ["1 m", "0 mm", "0 mm"]
+components.plate.rotate = { axis = "z", angle = "90 deg" }
+components.plate.interfaces = { tip = { face = "x+", coupling = "average" } }
+components.holder.material = "steel"
+components.holder.solid = { step = "support.step" }
+components.holder.interfaces.holes.patches = [{ face = "face:6" }, { face = "face:39" }]
+supports.foot = { face = "plate.x-", fix = ["x", "z"] }
+supports.holes = { at = "holder.holes", fix = ["y"] }
+analyses.static = { at = "tcp" }
+""")
 
 
 def test_supports_are_drawn_where_they_are_with_a_cone_per_fixed_direction(

@@ -9,6 +9,7 @@ import pytest
 from mpi4py import MPI
 
 from common import approx
+from fixture_machines import machine
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.accuracy import AccuracyAnswer
 from headstock.pipeline.answers.answer import find_answers
@@ -22,25 +23,17 @@ from headstock.scene.reading.findings import SceneError
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
-SCENE = """
+SCENE = machine("""
+machine = "bar"
+names = { bar = "part", clamp = "screws", tcp = "tip" }
+without = ["materials.steel"]
 name = "angle"
-[materials.iron]
-E = "115 GPa"
-nu = 0.26
-rho = "7150 kg/m^3"
-[components.part]
-solid = { step = "angle.step" }
-material = "iron"
-interfaces = { foot = { face = "z-" }, tip = { face = "z+", coupling = "average" } }
-[joints.screws]
-between = ["ground", "part.foot"]
-kind = "rigid"
-[points]
-tip = { tool = "part.tip", work = "ground" }
-[analyses.static]
-[analyses.modal]
-count = 3
-"""
+materials.iron = { E = "115 GPa", nu = 0.26, rho = "7150 kg/m^3" }
+components.part.solid = { step = "angle.step" }
+components.part.material = "iron"
+analyses.static = {}
+analyses.modal = { count = 3 }
+""")
 
 
 @pytest.fixture(scope="module")

@@ -11,6 +11,7 @@ import scipy.integrate
 from mpi4py import MPI
 
 from common import approx, present
+from fixture_machines import machine
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import MachinePath, Pose
 from headstock.meshing.components.meshing import describe_component
@@ -134,28 +135,20 @@ def test_a_frozen_pose_turns_loads_but_not_the_machine(tmp_path: Path) -> None:
     assert answer.length == approx(np.radians(2.0))
 
 
-BEAM = """
+BEAM = machine("""
+machine = "bar"
+names = { bar = "beam", clamp = "hub", tcp = "tip" }
 name = "Turning beam"
-[materials]
-steel = { E = "210 GPa", nu = 0.0, rho = "7800 kg/m^3" }
-[components.beam]
-solid = { box = ["600 mm", "20 mm", "20 mm"] }
-material = "steel"
-at = ["350 mm", "0 mm", "-10 mm"]
-fidelity = "segmented"
-segments = { count = 16, along = "x" }
-interfaces = { root = { face = "x-" }, tip = { face = "x+" } }
-[joints.hub]
-between = ["beam.root", "ground"]
-kind = "rigid"
-at = ["0 mm", "0 mm", "0 mm"]
-[axes.C]
-kind = "rotary"
-joint = "hub"
-direction = "z"
-center = ["0 mm", "0 mm", "0 mm"]
-[points]
-tip = { tool = "beam.tip", work = "ground" }
+materials.steel.nu = 0.0
+materials.steel.rho = "7800 kg/m^3"
+components.beam.solid = { box = ["600 mm", "20 mm", "20 mm"] }
+components.beam.at = ["350 mm", "0 mm", "-10 mm"]
+components.beam.fidelity = "segmented"
+components.beam.segments = { count = 16, along = "x" }
+components.beam.interfaces = { root = { face = "x-" }, tip = { face = "x+" } }
+joints.hub.between = ["beam.root", "ground"]
+joints.hub.at = ["0 mm", "0 mm", "0 mm"]
+axes.C = { kind = "rotary", joint = "hub", direction = "z", center = ["0 mm", "0 mm", "0 mm"] }
 [analyses.path]
 from = { C = "-1 deg" }
 to = { C = "1 deg" }
@@ -165,7 +158,7 @@ pose_model = "frozen"
 sampling = "5 kHz"
 residual_time = "80 ms"
 outputs = [["tip", "y"]]
-"""
+""")
 
 
 def test_a_beam_that_is_turned_bends_at_its_root_as_beam_theory_says(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from common import approx
+from fixture_machines import machine
 from headstock.geometry.parts.solids import StepFile
 from headstock.pipeline.planning.budgets import KERNEL_SECONDS
 from headstock.pipeline.planning.kernels import KINDS, add_compiling
@@ -16,27 +17,17 @@ from headstock.scene.building.loader import load_scene
 from headstock.solvers.elastic.kernels import KernelPart, kernel_link, kernel_name
 
 PARTS: tuple[KernelPart, ...] = ("stiffness", "mass", "corners")
-BLOCK = """
-materials.steel = { E = "210 GPa", nu = 0.3, rho = "7850 kg/m^3" }
+BLOCK = machine("""
+machine = "halves"
+names = { lower = "first", upper = "second", top = "tip", glue = "bolts" }
+without = ["components.second.at"]
+components.first.solid = { box = ["100 mm", "100 mm", "100 mm"] }
+components.first.mesh = { size = "20 mm" }
+components.second.solid = "SOLID"
+components.second.mesh = { size = "20 mm" }
 points.tcp = { tool = "second.tip", work = "ground" }
-analyses = { ANALYSES }
-[components.first]
-solid = { box = ["100 mm", "100 mm", "100 mm"] }
-material = "steel"
-mesh = { size = "20 mm" }
-interfaces = { foot = { face = "z-" }, tip = { face = "z+" } }
-[components.second]
-solid = { SOLID }
-material = "steel"
-mesh = { size = "20 mm" }
-interfaces = { foot = { face = "z-" }, tip = { face = "z+" } }
-[joints.clamp]
-between = ["ground", "first.foot"]
-kind = "rigid"
-[joints.bolts]
-between = ["first.tip", "second.foot"]
-kind = "rigid"
-"""
+analyses = "ANALYSES"
+""")
 BOX = 'box = ["100 mm", "100 mm", "200 mm"]'
 TUBE = 'tube = { outer = "100 mm", inner = "60 mm", length = "200 mm" }'
 STATIC, MODAL = 'static = { at = "tcp" }', "modal = { count = 3 }"
@@ -59,7 +50,9 @@ def keep_compiled(name: str) -> None:
 
 def plan_twice(folder: Path, solid: str, analyses: str) -> tuple[Plan, Plan]:
     path = folder / "scene.toml"
-    path.write_text(BLOCK.replace("SOLID", solid).replace("ANALYSES", analyses))
+    path.write_text(
+        BLOCK.replace('"SOLID"', f"{{ {solid} }}").replace('"ANALYSES"', f"{{ {analyses} }}")
+    )
     scene = load_scene(path)
     plan = plan_scene(scene)
     return plan, add_compiling(plan, scene)
