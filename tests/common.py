@@ -61,13 +61,7 @@ def run_on_ranks(ranks: int, folder: Path, *program: str) -> subprocess.Complete
         "OMP_NUM_THREADS": "1",
         "HEADSTOCK_THREADS": "1",  # the core of a sleeping rank would change the last digits
     }
-    command = [
-        "/bin/sh",
-        str(start),
-        *rank_words(ranks),
-        "-P",
-        *program,
-    ]
+    command = ["/bin/sh", str(start), *rank_words(ranks), "-P", *program]
     return subprocess.run(command, capture_output=True, text=True, timeout=120, env=variables)
 
 

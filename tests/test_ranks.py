@@ -41,12 +41,7 @@ def run_on(ranks: int, path: Path, *, iterative: bool = True) -> dict[str, Float
         "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
         "PYTHONPATH": paths,
     }
-    command = [
-        *rank_words(ranks),
-        str(PROGRAM),
-        str(path),
-        *(["iterative"] if iterative else []),
-    ]
+    command = [*rank_words(ranks), str(PROGRAM), str(path), *(["iterative"] if iterative else [])]
     done = subprocess.run(
         command, env=inherited | more, capture_output=True, text=True, timeout=300, check=False
     )

@@ -53,7 +53,7 @@ OTHER_PROGRAMS = {"cat", "echo", "mkdir", "export"}
 VALUES = {"N": "2", "HZ": "100 Hz"}
 NOT_EXECUTED = {
     ("docs/mesh_files.md", 0): "reads a file that only `export --mesh` with XDMF arrays leaves; "
-    "tests/meshing/export reads it the same way",
+    "tests/meshing/export reads it the same way"
 }
 DATA = "tests/data/documented.toml"
 THREE_AXIS, TRIPTEOR = "machines/three_axis.toml", "machines/tripteor.toml"
@@ -84,10 +84,7 @@ BASES = {
     ],
     "docs/cutting_coefficients.md": [Base(THREE_AXIS, without=("analyses.lobes",))],
     "docs/drives.md": [Base(THREE_AXIS, "controlled"), Base(TRIPTEOR, "lumped+controlled")],
-    "docs/frequency_response.md": [
-        Base(DATA),
-        Base(CANTILEVER, without=("analyses.modal.count",)),
-    ],
+    "docs/frequency_response.md": [Base(DATA), Base(CANTILEVER, without=("analyses.modal.count",))],
     "docs/geometric_errors.md": [
         Base(DATA),
         Base(THREE_AXIS, "uneven", without=tuple(f"axes.{axis}.limits" for axis in "XYZ")),

@@ -44,11 +44,7 @@ def test_a_pair_of_carriages_on_a_rail_has_the_stiffness_of_two_springs(tmp_path
     pads = hs.Joint(
         from_="catalogue:guide_35", between=ends, axis="x", places=PLACES, loss_factor=0.01
     )
-    assert (pads.kind, pads.from_, pads.loss_factor) == (
-        "linear_guide",
-        "catalogue:guide_35",
-        0.01,
-    )
+    assert (pads.kind, pads.from_, pads.loss_factor) == ("linear_guide", "catalogue:guide_35", 0.01)
     machine = slide(pads)
     values = {key: value.value for key, value in dict(pads.stiffness).items()}  # type: ignore[call-overload]
     arm = 0.1

@@ -130,8 +130,7 @@ def test_a_fit_is_that_of_the_command_line(scene: Path, tmp_path: Path) -> None:
         for (name, entry), scale in zip(written["parameters"].items(), (1e-3, 1e9), strict=True)
     }
     fitted = hs.load(
-        scene,
-        set={LENGTH: found.values["length"], "materials.steel.E": found.values["stiffness"]},
+        scene, set={LENGTH: found.values["length"], "materials.steel.E": found.values["stiffness"]}
     )
     modes = hs.run(fitted).modes["reference"].frequencies_hz
     assert [outcome.found for outcome in found.outcomes] == approx(modes[:2], rel=1e-6)

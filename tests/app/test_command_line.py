@@ -190,21 +190,8 @@ def test_a_machine_that_no_force_leaves_in_place_ends_with_1_names_what_is_free_
 def test_plan_says_what_run_then_does(options: list[str], scene_file: Path, tmp_path: Path) -> None:
     planned, ran = tmp_path / "plan.json", tmp_path / "run.json"
     assert main(["plan", str(scene_file), *options, "--json", str(planned)]) == 0
-    assert (
-        main(
-            [
-                "run",
-                str(scene_file),
-                *options,
-                "-o",
-                str(tmp_path / "out"),
-                "--no-figures",
-                "--json",
-                str(ran),
-            ]
-        )
-        == 0
-    )
+    options = ["-o", str(tmp_path / "out"), "--no-figures", "--json", str(ran)]
+    assert main(["run", str(scene_file), *options, *options]) == 0
     keys = ("stage", "component", "pose", "reason")
     rows = [
         [{key: row[key] for key in keys} for row in content]
@@ -216,20 +203,8 @@ def test_plan_says_what_run_then_does(options: list[str], scene_file: Path, tmp_
 def test_an_analysis_can_be_chosen(
     scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert (
-        main(
-            [
-                "run",
-                str(scene_file),
-                "-o",
-                str(tmp_path / "out"),
-                "--no-figures",
-                "--analysis",
-                "modal",
-            ]
-        )
-        == 0
-    )
+    options = ["-o", str(tmp_path / "out"), "--no-figures", "--analysis", "modal"]
+    assert main(["run", str(scene_file), *options]) == 0
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["static"] == {}
     assert (

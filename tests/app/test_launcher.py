@@ -505,10 +505,7 @@ def test_where_the_default_mirror_fails_the_one_of_the_hosts_apt_is_tried(host: 
     assert [
         line.endswith("deb http://mirror.example/debian trixie main")
         for line in host.log.read_text().splitlines()
-    ] == [
-        False,
-        True,
-    ]
+    ] == [False, True]
 
 
 def test_too_little_room_is_said_before_anything_is_built(host: Host) -> None:

@@ -154,22 +154,8 @@ def test_an_exported_model_states_its_origin_but_not_the_text_of_the_scene(
 ) -> None:
     element, space = tmp_path / "block.h5", tmp_path / "block.mat"
     assert main(["export", str(scene), "block", "-o", str(element), "--set", OVERRIDE, *extra]) == 0
-    assert (
-        main(
-            [
-                "export",
-                str(scene),
-                "--state-space",
-                "500 Hz",
-                "-o",
-                str(space),
-                "--set",
-                OVERRIDE,
-                *extra,
-            ]
-        )
-        == 0
-    )
+    options = ["--state-space", "500 Hz", "-o", str(space), "--set", OVERRIDE, *extra]
+    assert main(["export", str(scene), *options]) == 0
     with h5py.File(element) as file:
         stored = dict(file["provenance"].attrs)
     stored["overrides"] = json.loads(stored["overrides"])

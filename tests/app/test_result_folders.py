@@ -75,11 +75,7 @@ DAMAGES: dict[str, tuple[Callable[[Path], object], str, str]] = {
         "of another run",
     ),
     **{
-        f"of {command}": (
-            partial(become_other, name=name),
-            name,
-            f"`headstock {command}`",
-        )
+        f"of {command}": (partial(become_other, name=name), name, f"`headstock {command}`")
         for name, command in {
             "sweep.json": "sweep",
             "study.json": "study",

@@ -402,11 +402,7 @@ DECK = "*NODE\n1,0,0,0\n2,1,0,0\n3,0,1,0\n4,0,0,1\n5,1,1,0\n6,1,1,1\n7,0,1,1\n8,
         ("a.inp", "*INCLUDE, INPUT=/etc/passwd\n" + DECK, "a.inp:1: .*INCLUDE"),
         ("a.bdf", "CEND\nBEGIN BULK\nGRID,1,,0.,0.,0.\nENDDATA\n", "a.bdf"),
         ("a.bdf", "nothing\n", "a.bdf"),
-        (
-            "a.bdf",
-            "CEND\n  include '/etc/passwd'\nBEGIN BULK\nENDDATA\n",
-            "a.bdf:2: .*INCLUDE",
-        ),
+        ("a.bdf", "CEND\n  include '/etc/passwd'\nBEGIN BULK\nENDDATA\n", "a.bdf:2: .*INCLUDE"),
         ("a.msh", 'SystemCall "touch pwned";\n', "not a gmsh mesh"),
         (
             "a.msh",

@@ -95,9 +95,7 @@ def test_a_line_of_megabytes_in_an_xdmf_file_takes_no_time(tmp_path: Path) -> No
     numbers = " ".join(["0.123456789"] * 400_000)
     (tmp_path / "line.xdmf").write_text(f"<Xdmf><Domain>{numbers}</Domain></Xdmf>")
     scene = scene_with(
-        tmp_path,
-        'solid = { box = ["40 mm", "60 mm", "90 mm"] }',
-        MESH.replace("FILE", "line.xdmf"),
+        tmp_path, 'solid = { box = ["40 mm", "60 mm", "90 mm"] }', MESH.replace("FILE", "line.xdmf")
     )
     scene.write_text(
         scene.read_text()

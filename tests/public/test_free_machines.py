@@ -113,11 +113,7 @@ def test_a_bar_on_a_hinge_turns_freely(tmp_path: Path) -> None:
     ("body", "joint", "free"),
     [
         ('solid = { point_mass = "2 kg" }\nfree = true', "", 3),
-        (
-            'solid = { box = ["20 mm", "20 mm", "100 mm"] }\nfidelity = "rigid"\nfree = true',
-            "",
-            6,
-        ),
+        ('solid = { box = ["20 mm", "20 mm", "100 mm"] }\nfidelity = "rigid"\nfree = true', "", 6),
         (
             'solid = { tube = { outer = "100 mm", length = "50 mm" } }\nfidelity = "rigid"\n'
             'interfaces = { bottom = { face = "z-" } }',

@@ -60,11 +60,7 @@ def test_a_study_shows_the_known_part_of_every_error_and_what_it_lacks(
 
 
 def test_a_study_in_python_has_the_known_part_in_a_column_of_its_own(scene: Path) -> None:
-    table = hs.study(
-        scene,
-        vary={"components.bar.reduction.modes": [0, 1]},
-        watch=[COLUMN],
-    )
+    table = hs.study(scene, vary={"components.bar.reduction.modes": [0, 1]}, watch=[COLUMN])
     assert all(row.values[COLUMN] is None and row.known[COLUMN] > 0.0 for row in table.rows)
     assert all("discretisation" in " ".join(row.unknown) for row in table.rows)
 

@@ -312,10 +312,7 @@ def test_a_machine_with_a_rail_answers_the_same_when_it_is_turned(
 def test_a_carriage_that_leaves_its_rail_is_named_with_the_joint() -> None:
     machine = sliding_machine("rigid")
     parts = {"bar": reduce_bar("rigid"), "slide": slide_body(machine)}
-    with pytest.raises(
-        ModelError,
-        match=r"joint 'guide'.*bar\.rail.*150 mm.*235 mm.*10 mm",
-    ):
+    with pytest.raises(ModelError, match=r"joint 'guide'.*bar\.rail.*150 mm.*235 mm.*10 mm"):
         couple(parts, machine, Pose("far", {"X": 0.235}))
     with pytest.raises(ModelError, match=r"700 mm.*600 mm"):
         couple(parts, sliding_machine("rigid", block=0.7), Pose("home"))
@@ -338,18 +335,12 @@ def test_a_rail_across_the_segments_is_refused() -> None:
     component = dataclasses.replace(component, interfaces={"rail": across})
     properties = closed_form_properties(component)
     assert properties is not None
-    with pytest.raises(
-        ModelError,
-        match=r"bar\.rail.*along = \"y\"",
-    ):
+    with pytest.raises(ModelError, match=r"bar\.rail.*along = \"y\""):
         reduce_segmented(component, properties)
 
 
 def test_stations_too_few_for_a_carriage_are_refused_with_a_remedy(elastic: Superelement) -> None:
-    with pytest.raises(
-        ModelError,
-        match=r"\b9 control points.*100 mm.*600 mm.*at least 12",
-    ):
+    with pytest.raises(ModelError, match=r"\b9 control points.*100 mm.*600 mm.*at least 12"):
         carriage_rows(elastic.rails["rail"], 0.3, 0.1)
 
 

@@ -110,9 +110,7 @@ def test_a_variant_keeps_every_letter_before_it_and_has_a_name_of_its_own(tmp_pa
     assert windows.count("\n") == windows.count("\r\n")
 
 
-def test_words_of_an_option_given_twice_are_all_taken(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_words_of_an_option_given_twice_are_all_taken(capsys: pytest.CaptureFixture[str]) -> None:
     listed = []
     for only in (["--only", "modes,mesh"], ["--only", "modes", "--only", "mesh"]):
         assert main(["effects", str(MACHINES / "three_axis.toml"), "--list", *only]) == 0

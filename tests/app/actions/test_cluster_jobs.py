@@ -101,23 +101,8 @@ def test_elastic_parts_are_reduced_by_a_job_that_has_to_succeed_first(
 ) -> None:
     (slurm / "bad").write_text("later")
     machine = str(ROOT / "machines" / "three_axis.toml")
-    assert (
-        main(
-            [
-                "sweep",
-                machine,
-                "workspace",
-                "-o",
-                str(tmp_path / "far"),
-                "--on",
-                "slurm",
-                "--tasks",
-                "2",
-                "--no-wait",
-            ]
-        )
-        == 0
-    )
+    options = ["-o", str(tmp_path / "far"), "--on", "slurm", "--tasks", "2", "--no-wait"]
+    assert main(["sweep", machine, "workspace", *options]) == 0
     first, second = (slurm / "calls").read_text().splitlines()
     assert first == "--parsable --array=0"
     assert second == "--parsable --array=1,2 --dependency=afterok:1 --kill-on-invalid-dep=yes"

@@ -163,10 +163,7 @@ def test_effort_begins_with_an_empty_store_and_shows_the_changed_model_too(
         and "CPU s" in printed
     )
     effort = json.loads((out / "compare.json").read_text())["effort"]
-    assert effort["change"] == ["thick"] and list(effort["variants"]) == [
-        "rigid",
-        "segmented",
-    ]
+    assert effort["change"] == ["thick"] and list(effort["variants"]) == ["rigid", "segmented"]
     for runs in effort["variants"].values():
         assert list(runs) == ["first", "changed"]
         assert runs["first"]["seconds"]["total"] == approx(

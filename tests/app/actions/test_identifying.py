@@ -42,22 +42,8 @@ def test_fitted_values_go_into_a_variant_to_paste(
     files: tuple[str, str, Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     scene, targets, output = files
-    assert (
-        main(
-            [
-                "identify",
-                scene,
-                targets,
-                "-o",
-                str(output),
-                "--json",
-                str(output / "copy.json"),
-                "--starts",
-                "2",
-            ]
-        )
-        == 0
-    )
+    options = ["-o", str(output), "--json", str(output / "copy.json"), "--starts", "2"]
+    assert main(["identify", scene, targets, *options]) == 0
     printed = capsys.readouterr().out
     assert printed.count("  start  sum of squares") == 2
     assert "held out" in printed

@@ -39,21 +39,8 @@ def finished(store_root: Path) -> Path:
     few = 'analyses.modal.up_to="150 Hz"'
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("HEADSTOCK_STORE", str(store_root))
-        assert (
-            main(
-                [
-                    "run",
-                    str(MACHINES / "three_axis.toml"),
-                    "-o",
-                    str(out),
-                    "--variant",
-                    "R",
-                    "--set",
-                    few,
-                ]
-            )
-            == 0
-        )
+        options = ["-o", str(out), "--variant", "R", "--set", few]
+        assert main(["run", str(MACHINES / "three_axis.toml"), *options]) == 0
     return out
 
 

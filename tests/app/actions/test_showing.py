@@ -361,10 +361,7 @@ def test_a_solid_of_an_assembly_is_chosen_by_name_and_number(
     assert main(["new", "mine", "--part", "pair.step", "--solid", "2"]) == 0
     assert tomllib.loads((folder / "mine" / "mine.toml").read_text())["components"]["part"][
         "solid"
-    ] == {
-        "step": "pair.step",
-        "solid": 2,
-    }
+    ] == {"step": "pair.step", "solid": 2}
 
 
 @pytest.mark.parametrize(

@@ -173,19 +173,8 @@ def test_a_machine_goes_into_a_mat_file_and_modes_above_stay_in_it_statically(
 ) -> None:
     (tmp_path / "scene.toml").write_text(SCENE)
     monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
-    assert (
-        main(
-            [
-                "export",
-                str(tmp_path / "scene.toml"),
-                "--state-space",
-                "150 Hz",
-                "-o",
-                str(tmp_path / "m.mat"),
-            ]
-        )
-        == 0
-    )
+    options = ["--state-space", "150 Hz", "-o", str(tmp_path / "m.mat")]
+    assert main(["export", str(tmp_path / "scene.toml"), *options]) == 0
     read = scipy.io.loadmat(tmp_path / "m.mat")
     assert read["A"].shape[0] < 24 and read["D"].shape == (4, 3)
     static = read["D"] - read["C"] @ np.linalg.solve(read["A"], read["B"])

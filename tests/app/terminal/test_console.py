@@ -72,11 +72,7 @@ def test_positions_are_shown_in_the_units_of_scenes() -> None:
         show_position(0.03, "m"),
         show_position(-0.0, "m"),
         show_position(0.5235987755982988, "rad"),
-    ] == [
-        "30 mm",
-        "0 mm",
-        "30 deg",
-    ]
+    ] == ["30 mm", "0 mm", "30 deg"]
 
 
 WORDS = (

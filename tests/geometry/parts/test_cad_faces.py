@@ -6,12 +6,7 @@ import numpy as np
 from cad_blocks import bore, box_faces
 
 from common import approx
-from headstock.geometry.parts.cad_faces import (
-    find_holes,
-    fit_cylinder,
-    name_faces,
-    part_extent,
-)
+from headstock.geometry.parts.cad_faces import find_holes, fit_cylinder, name_faces, part_extent
 
 
 def test_a_hole_of_two_half_walls_is_one_hole() -> None:

@@ -90,9 +90,7 @@ def test_equal_holes_that_open_into_the_foot_are_its_screws() -> None:
     assert found["bore"] == ("face:11",)
     upper = [
         dataclasses.replace(
-            bolt,
-            axis_point=as_vector(np.add(bolt.axis_point, (0.0, 0.0, 0.3))),
-            span=(0.3, 0.32),
+            bolt, axis_point=as_vector(np.add(bolt.axis_point, (0.0, 0.0, 0.3))), span=(0.3, 0.32)
         )
         for bolt in bolts
     ]

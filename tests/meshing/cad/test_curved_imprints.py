@@ -104,11 +104,7 @@ CASES = {
         2 * R * np.arcsin(0.9) * 0.03,
     ),
     "band of half a cylinder": (halves, strip((0, R, 0.05), "x"), np.pi * R * WIDTH),
-    "disk on a half": (
-        halves,
-        Patch("face:1", "disk", (0, R, 0.05), (0.04,)),
-        under_disk(0.02),
-    ),
+    "disk on a half": (halves, Patch("face:1", "disk", (0, R, 0.05), (0.04,)), under_disk(0.02)),
     "band of a cone": (cone, strip((0.045, 0, 0.05), "y"), 2 * np.pi * 0.045 * WIDTH),
     "band of a cone, from between two axes": (
         cone,

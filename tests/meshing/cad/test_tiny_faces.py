@@ -65,10 +65,7 @@ def test_a_step_of_1e_5_of_the_size_is_refused_by_the_face_it_leaves(write_step:
     gmsh.model.occ.cut([block()], [(3, gmsh.model.occ.addBox(-1, -1, 39.999, 51, 62, 5))])
     path = write_step("step")
     start = time.perf_counter()
-    with pytest.raises(
-        MeshError,
-        match=r"1 of 8 faces: face:\d \(0\.001 mm wide, 60 mm long\)",
-    ):
+    with pytest.raises(MeshError, match=r"1 of 8 faces: face:\d \(0\.001 mm wide, 60 mm long\)"):
         mesh_component(part(path))
     assert time.perf_counter() - start < REFUSED_WITHIN
 

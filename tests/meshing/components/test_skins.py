@@ -325,9 +325,7 @@ def test_a_surface_that_cannot_be_thinned_out_stays_whole_and_says_why(
 
 
 @pytest.mark.trials
-def test_limits_are_kept_by_more_triangles_and_not_by_none(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_limits_are_kept_by_more_triangles_and_not_by_none(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = tube(120, 12, wall=0.2)
     coarse = reduced_skins.reduce_skin(whole, largest=100, tolerance=0.05)
     fine = reduced_skins.reduce_skin(whole, largest=100, tolerance=1e-3)

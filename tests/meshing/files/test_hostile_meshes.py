@@ -181,10 +181,7 @@ def test_arrays_that_lie_elsewhere_are_not_read(write: Callable[[str], Path], ki
 
 def test_cells_of_unknown_kinds_are_refused_by_kind(tmp_path: Path) -> None:
     points = " ".join(map(str, np.random.default_rng(1).random(24)))
-    for mixed, words in [
-        ([6, 0, 1], "cut short"),
-        ([77, 0, 1], "type 77"),
-    ]:
+    for mixed, words in [([6, 0, 1], "cut short"), ([77, 0, 1], "type 77")]:
         (tmp_path / "part.xdmf").write_text(
             '<Xdmf Version="3.0"><Domain><Grid><Geometry GeometryType="XYZ">'
             f'<DataItem Dimensions="8 3" Format="XML" Precision="8">{points}</DataItem></Geometry>'

@@ -2,13 +2,7 @@
 
 import pytest
 
-from headstock.geometry.parts.components import (
-    Component,
-    Interface,
-    Material,
-    Patch,
-    RailSettings,
-)
+from headstock.geometry.parts.components import Component, Interface, Material, Patch, RailSettings
 from headstock.geometry.parts.solids import Box
 from headstock.pipeline.accuracy.settings import refine_mesh, start_component
 

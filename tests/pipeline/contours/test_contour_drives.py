@@ -100,8 +100,7 @@ def test_stiff_loops_follow_the_contour_as_locked_motors_do(
     scene = load_prompt(tmp_path, "lumped+controlled")
     stiff = [
         dataclasses.replace(
-            drive,
-            control=dataclasses.replace(drive.control, position_gain=1e3, velocity_gain=1e10),
+            drive, control=dataclasses.replace(drive.control, position_gain=1e3, velocity_gain=1e10)
         )
         for drive in scene.drives.values()
     ]

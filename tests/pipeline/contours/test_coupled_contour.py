@@ -157,10 +157,7 @@ RIGID = "{lateral='rigid',normal='rigid',roll='rigid',pitch='rigid',yaw='rigid'}
 
 @pytest.mark.parametrize(
     "settings",
-    [
-        (),
-        ("effects={damping={modal='2 %'},friction=true,drive_control=true,guide_errors=true}",),
-    ],
+    [(), ("effects={damping={modal='2 %'},friction=true,drive_control=true,guide_errors=true}",)],
     ids=["locked motors and a cut", "controlled motors and errors of rigid guides"],
 )
 def test_channels_may_stand_in_any_order(

@@ -365,10 +365,7 @@ def test_errors_of_a_rigid_screw_are_those_of_a_stiff_one_whose_modes_are_all_ke
     ("variant", "errors"),
     [
         ("lumped", 'mechanism.errors={leg_1={polynomial=["0 um","20 um"],over="100 mm"}}'),
-        (
-            "components",
-            'joints.screw_1.errors={axial={polynomial=["0 um","20 um"],over="100 mm"}}',
-        ),
+        ("components", 'joints.screw_1.errors={axial={polynomial=["0 um","20 um"],over="100 mm"}}'),
     ],
 )
 def test_a_leg_that_is_too_long_pushes_no_more_than_before(

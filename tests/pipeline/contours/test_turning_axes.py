@@ -121,7 +121,7 @@ def test_a_frozen_pose_turns_loads_but_not_the_machine(tmp_path: Path) -> None:
     """In the pose of the middle the arm lies along x; 1 degree of way turns nothing else."""
     small = [
         "analyses.path={ from = { C = '-1 deg' }, to = { C = '1 deg' }, feeds = ['600 deg/min'], time_constant = '50 ms',"
-        " sampling = '16 kHz', residual_time = '50 ms', outputs = [['tip', 'y']] }",
+        " sampling = '16 kHz', residual_time = '50 ms', outputs = [['tip', 'y']] }"
     ]
     answer = run(load_scene(ARM, overrides=small), tmp_path)
     curves = answer.runs[0].curves

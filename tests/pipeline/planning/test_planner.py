@@ -290,10 +290,7 @@ def test_a_run_that_has_used_up_its_time_stops_before_the_next_stage() -> None:
     stage = Stage("reduce", "column", "because")
     check_elapsed(9.9, 10.0, stage)
     check_elapsed(1e9, None, stage)
-    with pytest.raises(
-        BudgetError,
-        match=r"10\.1 s.*limits\.time.* 10 s.*reduce.*'column'",
-    ):
+    with pytest.raises(BudgetError, match=r"10\.1 s.*limits\.time.* 10 s.*reduce.*'column'"):
         check_elapsed(10.1, 10.0, stage)
 
 
@@ -364,11 +361,7 @@ def test_a_path_is_planned_for_its_samples_its_dofs_and_its_friction(
 
 @pytest.mark.parametrize(
     ("variant", "seconds", "megabytes"),
-    [
-        ("lumped", 1.2, 193.0),
-        ("components", 1.2, 193.0),
-        ("elastic_legs", 35.7, 1171.0),
-    ],
+    [("lumped", 1.2, 193.0), ("components", 1.2, 193.0), ("elastic_legs", 35.7, 1171.0)],
 )
 def test_a_path_of_a_mechanism_is_planned_for_the_steps_and_modes_that_it_takes(
     variant: str, seconds: float, megabytes: float

@@ -34,11 +34,7 @@ CONTENT = {
     "damping_ratio": [None, None],
 }
 MODES = sketch(ModesSummary, CONTENT)
-ARRAYS = (
-    "mode 01 shape [m/sqrt(kg)]",
-    "mode 02 shape [m/sqrt(kg)]",
-    "static tcp x shape [m/N]",
-)
+ARRAYS = ("mode 01 shape [m/sqrt(kg)]", "mode 02 shape [m/sqrt(kg)]", "static tcp x shape [m/N]")
 Gltf = dict[str, Any]  # JSON of glTF 2.0
 
 
@@ -91,8 +87,7 @@ def test_a_vtu_holds_the_placed_surface_and_every_mode(tmp_path: Path) -> None:
     np.testing.assert_array_equal(mesh.point_data["component"], [0] * 8 + [1] * 8)
     assert list(mesh.point_data) == ["component", *ARRAYS]
     np.testing.assert_array_equal(
-        mesh.point_data[ARRAYS[2]],
-        np.vstack([view.poses["a/b"].pushes["tcp x"][n] for n in NAMES]),
+        mesh.point_data[ARRAYS[2]], np.vstack([view.poses["a/b"].pushes["tcp x"][n] for n in NAMES])
     )
     found = mesh.point_data[ARRAYS[1]]
     np.testing.assert_array_equal(

@@ -30,11 +30,7 @@ STIFF = tuple(
     f"drives.leg_{leg}.{key}"
     for leg in (1, 2, 3)
     # a rotor without inertia: locked ones are not known to turn with their leg
-    for key in (
-        'kv = "1e3 1/s"',
-        'velocity_gain = "1e12 N s/m"',
-        'inertia = "1e-12 kg m^2"',
-    )
+    for key in ('kv = "1e3 1/s"', 'velocity_gain = "1e12 N s/m"', 'inertia = "1e-12 kg m^2"')
 )
 
 

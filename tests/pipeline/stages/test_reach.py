@@ -127,9 +127,7 @@ def sheet(tmp_path_factory: pytest.TempPathFactory) -> Sheet:
     return go
 
 
-def test_tets_that_lock_across_a_sheet_are_named_with_a_size_that_does_not(
-    sheet: Sheet,
-) -> None:
+def test_tets_that_lock_across_a_sheet_are_named_with_a_size_that_does_not(sheet: Sheet) -> None:
     true, silent = sheet("10 mm", "hex")
     locked, (warning,) = sheet("20 mm", "tet")
     assert silent == []

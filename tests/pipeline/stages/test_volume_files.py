@@ -56,19 +56,8 @@ def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
     (folder / "beam.toml").write_text(SCENE.replace("CELLS", request.param))
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("HEADSTOCK_STORE", str(folder / "store"))
-        assert (
-            main(
-                [
-                    "run",
-                    str(folder / "beam.toml"),
-                    "-o",
-                    str(folder / "out"),
-                    "--volume",
-                    "--no-figures",
-                ]
-            )
-            == 0
-        )
+        options = ["-o", str(folder / "out"), "--volume", "--no-figures"]
+        assert main(["run", str(folder / "beam.toml"), *options]) == 0
         grid = pyvista.read(folder / "out" / "volume" / "reference.vtu")
         summary = read_summary(folder / "out")
         assert (
@@ -164,9 +153,7 @@ def test_mode_shapes_have_unit_modal_mass(run: Run) -> None:
     assert mass == approx(1.0, rel=0.03)
 
 
-def test_a_result_hands_out_the_mesh_that_its_files_hold(
-    tmp_path: Path,
-) -> None:
+def test_a_result_hands_out_the_mesh_that_its_files_hold(tmp_path: Path) -> None:
     (tmp_path / "beam.toml").write_text(SCENE.replace("CELLS", "tet"))
     scene = load_scene(tmp_path / "beam.toml")
     out = tmp_path / "out"

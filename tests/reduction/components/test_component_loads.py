@@ -40,9 +40,7 @@ def resultant(operators: ElasticOperators, vector: FloatArray) -> FloatArray:
     return rigid_map(operators.points, np.zeros(3)).T @ vector
 
 
-def test_a_pressure_pushes_inward_through_the_centroid_with_all_its_area(
-    case: Case,
-) -> None:
+def test_a_pressure_pushes_inward_through_the_centroid_with_all_its_area(case: Case) -> None:
     mesh, operators, vectors = case
     force = -2e6 * SIZE[0] * SIZE[1]
     middle = measure_patch(mesh, "top").centroid
@@ -80,8 +78,6 @@ def test_a_unit_acceleration_acts_on_the_whole_mass_at_its_centre(
     )
 
 
-def test_forces_at_interfaces_and_loads_on_other_components_bring_no_vectors(
-    case: Case,
-) -> None:
+def test_forces_at_interfaces_and_loads_on_other_components_bring_no_vectors(case: Case) -> None:
     names = {name.split(":")[0] for name in case[2]}
     assert names == {"oil", "wind", "spin", "gravity"}

@@ -85,8 +85,7 @@ def test_a_patch_of_one_facet_is_refused_with_a_remedy(coupling: CouplingKind) -
         "block", Box(SIZE), STEEL, interfaces={"pad": Interface("pad", (PAD,), coupling)}
     )
     with pytest.raises(
-        ModelError,
-        match=r"pad of component block is 1 facet\(s\).*allow_singular = true",
+        ModelError, match=r"pad of component block is 1 facet\(s\).*allow_singular = true"
     ):
         reduce_elastic(component, mesh, CLAMP, comm=COMM, request=ReductionRequest())
 

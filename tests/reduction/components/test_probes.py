@@ -131,9 +131,7 @@ def test_a_probe_of_fewer_modes_is_that_of_a_smaller_reduction(
             np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-6 * np.abs(other).max())
 
 
-def test_an_even_stress_is_hardly_smoothed(
-    elements: Mapping[int, Superelement],
-) -> None:
+def test_an_even_stress_is_hardly_smoothed(elements: Mapping[int, Superelement]) -> None:
     probe = elements[6].probes["inside"]
     # stresses of a pulled body, away from its foot
     pull = elements[6].labels.index(("top", "z"))

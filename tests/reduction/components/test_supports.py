@@ -160,9 +160,7 @@ def test_an_edge_is_where_two_faces_meet() -> None:
         hold_points(component, apart, [side])
 
 
-def test_turned_directions_of_too_many_points_are_refused(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_turned_directions_of_too_many_points_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(supports_module, "MOST_TURNED", 10)
     with pytest.raises(ModelError, match="at most 10 can be: take larger elements"):
         hold_points(make_component({}), mesh_of(), [plane(turned("x"))])

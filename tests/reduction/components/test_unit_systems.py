@@ -89,9 +89,7 @@ def displacement_with_foot_fixed(element: Superelement) -> FloatArray:
     return present(element.recovery).basis @ answer + present(load.particular).ravel()
 
 
-def test_displacements_are_a_thousand_times_as_many(
-    both: Both,
-) -> None:
+def test_displacements_are_a_thousand_times_as_many(both: Both) -> None:
     (metres, _), (millimetres, _) = both
     found, exact = (displacement_with_foot_fixed(element) for element in (millimetres, metres))
     assert np.abs(found / 1e3 - exact).max() < 1e-9 * np.abs(exact).max()
@@ -103,9 +101,7 @@ def test_displacements_are_a_thousand_times_as_many(
     )
 
 
-def test_mass_centre_and_inertia_are_the_same_quantities(
-    both: Both,
-) -> None:
+def test_mass_centre_and_inertia_are_the_same_quantities(both: Both) -> None:
     (metres, _), (millimetres, _) = both
     assert millimetres.mass_kg * 1e3 == approx(metres.mass_kg, rel=1e-12)
     np.testing.assert_allclose(millimetres.center_of_mass / 1e3, metres.center_of_mass, rtol=1e-11)

@@ -17,11 +17,7 @@ from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.components.segmented import reduce_segmented
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.coupling.drives import place_drives, release_motors
-from headstock.reduction.motions.compliance_budget import (
-    WEIGHT,
-    find_weakest_link,
-    point_budget,
-)
+from headstock.reduction.motions.compliance_budget import WEIGHT, find_weakest_link, point_budget
 from headstock.reduction.motions.tool_deviation import FORCES, solve_deviation
 from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import keep_analyses
@@ -112,10 +108,7 @@ def test_two_bars_swing_as_a_double_pendulum(tmp_path: Path, ends: str) -> None:
     found = solve_modal(couple_text(tmp_path, text).system).frequencies_hz
     (m1, i1), (m2, i2) = bar(0.5), bar(0.3)
     mass = np.array(
-        [
-            [i1 + m1 * 0.25**2 + m2 * 0.5**2, m2 * 0.5 * 0.15],
-            [m2 * 0.5 * 0.15, i2 + m2 * 0.15**2],
-        ]
+        [[i1 + m1 * 0.25**2 + m2 * 0.5**2, m2 * 0.5 * 0.15], [m2 * 0.5 * 0.15, i2 + m2 * 0.15**2]]
     )
     stiffness = G * np.diag([m1 * 0.25 + m2 * 0.5, m2 * 0.15])
     squares = scipy.linalg.eigh(stiffness, mass, eigvals_only=True)

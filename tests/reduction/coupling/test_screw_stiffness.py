@@ -167,10 +167,7 @@ def test_a_turned_machine_has_the_same_screw() -> None:
 
 def test_a_nut_that_leaves_its_screw_is_named() -> None:
     parts, machine = screw_machine(FIXED_AT_BOTH_ENDS)
-    with pytest.raises(
-        ModelError,
-        match=r"joint 'screw'.* nut .*950 mm",
-    ):
+    with pytest.raises(ModelError, match=r"joint 'screw'.* nut .*950 mm"):
         couple(parts, machine, Pose("far", {"X": 0.85}))
     with pytest.raises(ModelError, match=r"the nut stands at its bearing"):
         couple(parts, machine, Pose("near", {"X": -0.1}))

@@ -147,9 +147,7 @@ def test_frequencies_of_two_coupled_columns_are_within_their_bounds_of_all_modes
     assert np.median(found.bounds_hz[large] / true[large]) < 3.0
 
 
-def test_the_shares_of_the_components_add_up_to_the_bound_where_it_is_small(
-    reduce: Reduce,
-) -> None:
+def test_the_shares_of_the_components_add_up_to_the_bound_where_it_is_small(reduce: Reduce) -> None:
     machine = coupled_pair(
         {"a": reduce(("rigid", "rigid"), 8), "b": reduce(("average", "rigid"), 8)}
     )

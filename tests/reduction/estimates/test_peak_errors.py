@@ -20,17 +20,8 @@ from headstock.reduction.superelement import Truncation
 from headstock.solvers.linear.damping import add_modal_damping
 from headstock.solvers.linear.frequency_response import FrfModel, prepare_frf
 from headstock.solvers.linear.modal_analysis import solve_modal
-from headstock.solvers.pairing.response_peaks import (
-    ResponsePeak,
-    find_levels,
-    find_response_peaks,
-)
-from headstock.solvers.second_order import (
-    Channel,
-    SecondOrderSystem,
-    input_columns,
-    output_rows,
-)
+from headstock.solvers.pairing.response_peaks import ResponsePeak, find_levels, find_response_peaks
+from headstock.solvers.second_order import Channel, SecondOrderSystem, input_columns, output_rows
 
 SIZE, RATIO = 8, 0.02
 CHANNELS: tuple[Channel, ...] = (("a", "x"), ("b", "x"))
@@ -127,10 +118,7 @@ def test_every_body_and_every_level_is_that_of_the_softened_system() -> None:
         levels = errors.finer[name][len(peaks) :]
         assert len(levels)
         np.testing.assert_allclose(
-            sorted(levels),
-            sorted(np.abs(soft - static).ravel()),
-            rtol=1e-6,
-            atol=0.0,
+            sorted(levels), sorted(np.abs(soft - static).ravel()), rtol=1e-6, atol=0.0
         )
 
 

@@ -72,10 +72,7 @@ def see(kind: CellKind, counts: tuple[int, int, int]) -> Seen:
     for seed, (name, probe) in enumerate(PROBES.items()):
         placed = place_probe(coupled, MACHINE, probe, None)
         moved = solve_static(coupled.system, give_load(coupled, seed)[:, None]).displacements[:, 0]
-        found[name] = (
-            read(placed, moved),
-            estimate_at_rest(coupled, placed, moved, inside),
-        )
+        found[name] = (read(placed, moved), estimate_at_rest(coupled, placed, moved, inside))
     return found
 
 

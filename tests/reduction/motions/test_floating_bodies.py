@@ -8,9 +8,7 @@ import pytest
 from headstock.geometry.machine.machine import Machine, Pose
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.motions.body_motions import find_free_motions
-from headstock.reduction.motions.compliance_budget import point_compliance
 from headstock.reduction.superelement import Superelement
-from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.modal_analysis import solve_modal
 from lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 
@@ -56,11 +54,6 @@ def test_a_floating_pair_has_six_rigid_motions_and_the_bed_none() -> None:
     modal = solve_modal(coupled.system)
     assert modal.rigid_count == 6
     assert modal.frequencies_hz[:6].max() < 1e-5 * modal.frequencies_hz[6]
-
-
-def test_a_static_answer_is_refused() -> None:
-    with pytest.raises(ModelError, match=r"6 rigid motion\(s\) are free.*table"):
-        point_compliance(couple(*loose_machine(), HOME), "tcp")
 
 
 def test_elastic_modes_of_a_free_machine_equal_those_on_vanishing_springs() -> None:

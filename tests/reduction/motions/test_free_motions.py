@@ -17,7 +17,6 @@ from headstock.reduction.motions.mode_naming import name_modes
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.modal_analysis import solve_modal
-from headstock.solvers.linear.static_response import solve_static
 from lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 
 pytestmark = pytest.mark.hard("H03")
@@ -119,12 +118,6 @@ def test_a_free_turn_about_the_tool_leaves_the_forces_through_it_alone(frame: Fr
     assert np.isnan(np.linalg.norm(budget.compliance[3:, 3:]))
     assert budget.free and sum(budget.shares["x"].values()) == approx(1.0, abs=1e-9)
     assert present(find_weakest_link(coupled, "tcp", "x", budget)).change < 0.0
-
-
-def test_the_solver_alone_refuses_a_mechanism_too() -> None:
-    system = couple(*machine_with_free((0,)), HOME).system
-    with pytest.raises(ModelError, match=r"1 rigid motion\(s\) are free"):
-        solve_static(system, system.inputs["tcp", "x"])
 
 
 def test_modes_go_on_and_name_the_free_motion() -> None:

@@ -208,11 +208,7 @@ def test_a_scene_says_once_what_it_leaves_to_the_catalogue(load: Load) -> None:
         ("guide_35", "nonsense", ("joints.pad_1.from", "names: guide_..., roller_guide_...")),
         ('"catalogue:guide_35"', '"guide_35"', ('write for example from = "catalogue:guide_35"',)),
         ('"catalogue:guide_35"', "35", ("slide.toml:25: joints.pad_1.from", "35 is no element")),
-        (
-            "[joints.pad]",
-            '[joints.pad]\nkind = "mount"',
-            ("joints.pad_1.kind", "remove kind"),
-        ),
+        ("[joints.pad]", '[joints.pad]\nkind = "mount"', ("joints.pad_1.kind", "remove kind")),
         ("screw_bearing_30", "guide_30", ("joints.drive.screw.bearing", "screw_bearing_30")),
         ("screw_bearing_30", "screw_bearing_31", ("joints.drive.screw.bearing", "screw_bearing_3")),
         ("stiffness.lateral", "stiffness.latral", ("'linear_guide' has no stiffness 'latral'",)),

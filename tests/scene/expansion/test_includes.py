@@ -251,9 +251,7 @@ def test_many_numbers_in_a_text_take_no_time(tmp_path: Path) -> None:
         p=f"{text}[components.a]\nplaces.left = []",
     )
     begin = time.perf_counter()
-    assert tables(path)["points"] == {
-        "s_p": {"tool": f"{'{n}' * 60}b.x", "work": "s_a_{n}.x"},
-    }
+    assert tables(path)["points"] == {"s_p": {"tool": f"{'{n}' * 60}b.x", "work": "s_a_{n}.x"}}
     assert time.perf_counter() - begin < 2.0
 
 

@@ -131,8 +131,7 @@ def test_poles_of_a_leg_are_the_roots_of_its_characteristic_polynomial() -> None
     fed = kp * poly.polymul([1.0 / control.integral_time, 1.0], [kv, 1.0])
     spring = np.array([SPRING, 0.0, PLATFORM])
     whole = poly.polysub(
-        poly.polymul(spring, poly.polyadd([0.0, SPRING, 0.0, mass], fed)),
-        [0.0, SPRING**2],
+        poly.polymul(spring, poly.polyadd([0.0, SPRING, 0.0, mass], fed)), [0.0, SPRING**2]
     )
     roots = poly.polyroots(whole)
     for pole in found:

@@ -39,8 +39,7 @@ def test_a_position_gain_that_is_too_high_is_named_with_the_largest_that_is_stab
         MASSES, soft_with(position_gain=500.0, velocity_gain=1e5, encoder="scale")
     )
     with pytest.raises(
-        UnstableControlError,
-        match=r"axis X is unstable.* Hz.*largest stable kv",
+        UnstableControlError, match=r"axis X is unstable.* Hz.*largest stable kv"
     ) as caught:
         require_stable(system, [train])
     growing = find_loop_poles(close_loops(system, [train]))
@@ -66,10 +65,7 @@ def test_the_largest_stable_kv_of_a_rigid_axis_is_that_of_rouths_criterion() -> 
 
 def test_a_velocity_gain_that_no_kv_helps_is_named() -> None:
     system, train = make_drive(MASSES, soft_with(velocity_gain=2e6, dead_time=1e-3))
-    with pytest.raises(
-        UnstableControlError,
-        match=r"velocity loop.*largest stable velocity_gain",
-    ):
+    with pytest.raises(UnstableControlError, match=r"velocity loop.*largest stable velocity_gain"):
         require_stable(system, [train])
     largest = present(find_largest_gain(system, [train], "X", scale_velocity_gain))
     gains = [scale_velocity_gain(train.control, factor * largest) for factor in (0.999, 1.001)]

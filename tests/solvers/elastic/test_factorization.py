@@ -44,10 +44,7 @@ def test_a_factorisation_without_memory_blames_no_element(
     preconditioner = SimpleNamespace(getFactorMatrix=lambda: factor)
     solver = SimpleNamespace(getPC=lambda: preconditioner)
     monkeypatch.setattr(factorization, "_factorize_with", lambda *_, **__: solver)
-    with pytest.raises(
-        OutOfMemoryError,
-        match=r"factorisation.*\d+ dofs.*memory",
-    ):
+    with pytest.raises(OutOfMemoryError, match=r"factorisation.*\d+ dofs.*memory"):
         Factorization(*block)
 
 

@@ -10,7 +10,6 @@ import scipy.linalg
 from mpi4py import MPI
 
 from common import make_box, make_component
-from headstock.solvers.elastic.sturm_count import count_frequencies_below
 from headstock.validation.parts.component_models import FullModel, FullModes, full_model, full_modes
 
 pytestmark = pytest.mark.hard("H07")
@@ -44,12 +43,3 @@ def test_frequencies_are_those_of_the_free_block_alone(block: tuple[FullModel, F
     mass = np.kron(model.operators.scalar_mass.toarray(), np.eye(3))[np.ix_(free, free)]
     exact = np.sqrt(scipy.linalg.eigh(stiffness, mass, eigvals_only=True)) / (2.0 * np.pi)
     np.testing.assert_allclose(modes.frequencies_hz, exact[: len(modes.frequencies_hz)], rtol=1e-9)
-
-
-def test_a_sturm_count_finds_just_the_modes_there_are(block: tuple[FullModel, FullModes]) -> None:
-    model, modes = block
-    found = modes.frequencies_hz
-    for count in (i for i in range(1, len(found)) if found[i] > found[i - 1] * (1.0 + 1e-5)):
-        middle = 0.5 * (found[count - 1] + found[count])
-        assert count_frequencies_below(model.operators, model.owned_fixed, middle) == count
-    assert count_frequencies_below(model.operators, model.owned_fixed, 0.9 * found[0]) == 0

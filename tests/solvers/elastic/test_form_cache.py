@@ -9,10 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from headstock.solvers.elastic.form_cache import (
-    clear_unfinished,
-    require_private,
-)
+from headstock.solvers.elastic.form_cache import clear_unfinished, require_private
 from headstock.solvers.elastic.kernels import form_cache_folder, kernel_link
 from headstock.solvers.errors import CompileError
 

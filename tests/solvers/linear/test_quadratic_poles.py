@@ -125,10 +125,7 @@ def test_defective_poles_of_critical_dampers_and_poles_that_nearly_meet_are_all_
     for double in omega:
         # half the digits, as both parts of a defective pole move with the root of rounding
         near = found.poles[np.abs(found.poles + double) <= 1e-6 * double]
-        assert near.sum().real == approx(-double * len(near), rel=1e-9) and len(near) in (
-            1,
-            2,
-        )
+        assert near.sum().real == approx(-double * len(near), rel=1e-9) and len(near) in (1, 2)
     apart = [p for p in expected if np.abs(p + omega).min() > 1e-6 * omega[0]]
     rest = [p for p in found.poles if np.abs(p + omega).min() > 1e-6 * omega[0]]
     assert len(rest) == len(apart) > 20

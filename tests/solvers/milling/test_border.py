@@ -13,12 +13,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.solvers.milling import border
 from headstock.solvers.milling.border import Limit, find_border
 from headstock.solvers.milling.coefficients import CuttingCoefficients
-from headstock.solvers.milling.collocation import (
-    Multiplier,
-    PeriodicCut,
-    dominant_pair,
-    safe_depth,
-)
+from headstock.solvers.milling.collocation import Multiplier, PeriodicCut, dominant_pair, safe_depth
 from headstock.solvers.milling.forces import EndMill, MillingCut, Sense, chip_stiffness
 from headstock.solvers.milling.stability import (
     TipDynamics,

@@ -46,12 +46,7 @@ def sweep_words(folder: Path) -> list[str]:
 
 def sweep_on_two_ranks(folder: Path, program: str) -> subprocess.CompletedProcess[str]:
     variables = {**os.environ, "HEADSTOCK_STORE": str(folder / "store"), "OMP_NUM_THREADS": "1"}
-    command = [
-        *rank_words(2),
-        "-P",
-        "-c",
-        program,
-    ]
+    command = [*rank_words(2), "-P", "-c", program]
     return subprocess.run(
         [*command, *sweep_words(folder)], env=variables, capture_output=True, text=True, timeout=60
     )

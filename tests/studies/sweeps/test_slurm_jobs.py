@@ -56,12 +56,7 @@ exec /opt/headstock/headstock sweep /data/a.toml line -o '/data/100% mine' --set
 def test_the_script_says_everything_a_task_needs() -> None:
     options = SlurmOptions(3, 2, "long", "0:30:00", ("--account=ours",))
     changed = ("--set", 'joints.drive.stiffness.axial="40 N/um"')
-    places = (
-        ("/opt/headstock/headstock",),
-        Path("/data/a.toml"),
-        "line",
-        Path("/data/100% mine"),
-    )
+    places = (("/opt/headstock/headstock",), Path("/data/a.toml"), "line", Path("/data/100% mine"))
     job = ArrayJob(
         *places, "abc", options, changed, Path("/data/mine"), {"HEADSTOCK_STORE": "/data/the store"}
     )
@@ -97,12 +92,7 @@ def test_a_value_that_would_add_lines_to_the_script_is_refused_by_name(
     change: dict[str, Any],
 ) -> None:
     job = ArrayJob(
-        ("/opt/headstock",),
-        Path("/data/a.toml"),
-        "line",
-        Path("/data/mine"),
-        "abc",
-        SlurmOptions(),
+        ("/opt/headstock",), Path("/data/a.toml"), "line", Path("/data/mine"), "abc", SlurmOptions()
     )
     render_script(job)
     with pytest.raises(ScriptValueError, match="no place in"):

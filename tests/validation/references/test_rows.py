@@ -48,13 +48,7 @@ def test_a_value_that_is_not_finite_never_passes(value: float) -> None:
 def test_a_bound_is_compared_with_zero_on_both_sides() -> None:
     assert [
         judge_bound("c", "q", value, 1e-9).passed for value in (-2e-9, -1e-9, 0.0, 1e-9, 2e-9)
-    ] == [
-        False,
-        True,
-        True,
-        True,
-        False,
-    ]
+    ] == [False, True, True, True, False]
 
 
 def test_an_order_passes_within_a_fifth_of_one() -> None:
