@@ -40,29 +40,6 @@ def test_an_overdamped_mass_keeps_both_real_roots() -> None:
     assert damping_of_undamped(found, 1)[0][0] == approx(zeta, rel=1e-9)
 
 
-def test_non_proportional_damping_gives_the_roots_of_the_characteristic_polynomial() -> None:
-    mass, stiffness = np.diag([2.0, 1.0]), np.array([[5e4, -2e4], [-2e4, 2.5e4]])
-    damping = np.array([[30.0, -5.0], [-5.0, 5.0]])
-    entries = [
-        [np.poly1d([mass[i, j], damping[i, j], stiffness[i, j]]) for j in range(2)]
-        for i in range(2)
-    ]
-    roots = (entries[0][0] * entries[1][1] - entries[0][1] * entries[1][0]).roots
-    expected = sorted((root for root in roots if root.imag > 0.0), key=abs)
-    assert solve_damped(_system(mass, damping, stiffness)).poles == approx(expected, rel=1e-9)
-
-
-def test_positive_damping_never_gives_growing_motion() -> None:
-    random = np.random.default_rng(3)
-    factor, dash = random.standard_normal((8, 8)), random.standard_normal((8, 3))
-    stiffness = factor @ factor.T * 1e6
-    found = solve_damped(
-        _system(np.diag(random.uniform(0.5, 5.0, 8)), dash @ dash.T * 200.0, stiffness)
-    )
-    assert found.poles.real.max() <= 1e-9 * np.abs(found.poles).max()
-    assert len(found.poles[found.frequencies_hz > 0]) * 2 + (found.frequencies_hz == 0).sum() == 16
-
-
 def test_a_negative_damper_shows_as_a_negative_ratio() -> None:
     found = solve_damped(_system(np.eye(1), -np.eye(1), np.eye(1) * 1e4))
     assert found.damping_ratios[0] == approx(-0.005)
