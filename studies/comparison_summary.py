@@ -7,10 +7,12 @@ import numpy as np
 
 from headstock.pipeline.answers.static import UM_PER_KN
 from headstock.pipeline.numbers.estimates import Estimate, FrequencyErrors, scale_shares
+from headstock.pipeline.numbers.numbers import Numbers
 from headstock.pipeline.storage.json_texts import check_finite, null_open
 from headstock.pipeline.storage.provenance import ProvenanceSummary
 from headstock.reduction.motions.compliance_budget import PointBudget, WeakLink
 from headstock.studies.comparison import Comparison, ModeRow, full_dofs
+from headstock.studies.kind_changes import select_compared
 from headstock.studies.responses import ResponseEntry
 from headstock.studies.variants import Effort, VariantSolution
 from headstock.studies.verdicts import JudgedMode, Verdict, judge_models
@@ -125,10 +127,18 @@ class VerdictSummary(TypedDict):
     missing: list[JudgedModeSummary]
 
 
+class OtherSummary(TypedDict):
+    """A number of another analysis, and its ±, in the unit on screen."""
+
+    value: float | None
+    error: float | None
+    unit: str
+
+
 class VariantSummary(FrequencyErrors):
     """A column of a comparison; lists have an item per mode that was asked for. ``mac`` is that of
     the reference's wanted modes (rows) with all modes of the variant; empty of the reference.
-    ``others`` are answers of other analyses, by answer and entry.
+    ``others`` are numbers of other analyses, by kind and name.
     """
 
     variant: str | None
@@ -144,7 +154,7 @@ class VariantSummary(FrequencyErrors):
     mac: list[list[float]]
     static: dict[str, VariantPointSummary]
     frf: list[EntrySummary]
-    others: dict[str, dict[str, list[float | None]]]
+    others: dict[str, dict[str, OtherSummary]]
     effort: EffortSummary
     failures: list[str]
 
@@ -239,16 +249,23 @@ def _summarise_variant(solution: VariantSolution, comparison: Comparison) -> Var
             for name, budget in solution.points.items()
         },
         "frf": [_summarise_entry(entry) for entry in comparison.entries.get(choice.name, ())],
-        "others": {
-            answer: {
-                where: [float(value) if np.isfinite(value) else None for value in values]
-                for where, values in entries.items()
-            }
-            for answer, entries in solution.others.items()
-        },
+        "others": _summarise_others(solution.others),
         "effort": summarise_effort(solution.effort),
         "failures": list(solution.failures),
     }
+
+
+def _summarise_others(numbers: Numbers) -> dict[str, dict[str, OtherSummary]]:
+    found: dict[str, dict[str, OtherSummary]] = {}
+    for key, number in select_compared(numbers.values()).items():
+        unit, factor = number.shown
+        total = None if number.error is None else number.error.total
+        found.setdefault(key.group.label, {})[str(key)] = {
+            "value": factor * number.value if np.isfinite(number.value) else None,
+            "error": None if total is None else factor * total,
+            "unit": unit,
+        }
+    return found
 
 
 def _summarise_point(

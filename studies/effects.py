@@ -1,4 +1,4 @@
-"""What each effect of a scene moves and costs: answers and time of a run with it and of one without
+"""What each effect of a scene moves and costs: numbers and time of a run with it and of one without
 it, compared by kind.
 """
 
@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from headstock.geometry.errors import HeadstockError
-from headstock.pipeline.results.summary import RunSummary, summarise
+from headstock.pipeline.numbers.numbers import Numbers
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.pipeline.storage.store import Store
@@ -21,10 +21,10 @@ from headstock.scene.schema.effects import EFFECT_NAMES
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
 from headstock.solvers.shared_work import use_threads
-from headstock.studies.answers import Change, compare_answers
+from headstock.studies.kind_changes import Change, compare_kinds
 from headstock.studies.shared_runs import PlannedRun, plan_run, share_runs
 
-# changes of an answer below which an effect may be left out, and from which it is to be named
+# changes of a number below which an effect may be left out, and from which it is to be named
 LITTLE, MUCH = (
     1e-3,
     1e-2,
@@ -48,7 +48,7 @@ class EffectTrial:
     Attributes:
         effect: Its name.
         active: Whether the scene names it.
-        changes: Of each answer, the largest first.
+        changes: Of each kind of numbers, the largest first.
         seconds_with: Processor time of the run with it [s].
         seconds_without: And without it [s].
         noise: By which share runs of the same scene differ in time.
@@ -68,7 +68,7 @@ class EffectTrial:
 
     @property
     def largest(self) -> float:
-        """Largest change of any answer."""
+        """Largest change of any number."""
         return max((change.share for change in self.changes), default=0.0)
 
     @property
@@ -168,7 +168,7 @@ def _judge_effect(
         obstacle = next(run for run in (as_named, other) if isinstance(run, str))
         return EffectTrial(effect, named, obstacle=obstacle)
     without, present = (other, as_named) if named else (as_named, other)
-    changes = compare_answers(without.summary, present.summary)
+    changes = compare_kinds(without.numbers.values(), present.numbers.values())
     return EffectTrial(
         effect,
         named,
@@ -181,7 +181,7 @@ def _judge_effect(
 
 
 def rank_trials(trials: Sequence[EffectTrial]) -> list[EffectTrial]:
-    """Those that move the answers most come first, those that were not tried last."""
+    """Those that move numbers most come first, those that were not tried last."""
     return sorted(trials, key=lambda trial: (bool(trial.obstacle), -trial.largest, trial.effect))
 
 
@@ -201,9 +201,9 @@ def _missing_need(effect: str, scene: Scene) -> str:
 
 @dataclass(frozen=True)
 class _Run:
-    """Answers of a scene and the processor times of its runs [s]."""
+    """Numbers of a scene and the processor times of its runs [s]."""
 
-    summary: RunSummary
+    numbers: Numbers
     seconds: list[float]
 
     @property
@@ -274,15 +274,15 @@ def load_choice(choice: SceneChoice, switches: Sequence[str]) -> Scene:
 
 def _run_timed(scene: Scene, store: Store, *, least: int) -> _Run:
     """A run, repeated where it is short."""
-    summary, first = _run(scene, store)
+    numbers, first = _run(scene, store)
     times = [first]
     while len(times) < (REPEATS if first < QUICK else least):
         times.append(_run(scene, store)[1])
-    return _Run(summary, times)
+    return _Run(numbers, times)
 
 
-def _run(scene: Scene, store: Store, comm: MPI.Comm | None = None) -> tuple[RunSummary, float]:
+def _run(scene: Scene, store: Store, comm: MPI.Comm | None = None) -> tuple[Numbers, float]:
     with tempfile.TemporaryDirectory(prefix="headstock-effects-") as folder:
         begun = time.process_time()
         results = run_scene(scene, Path(folder), comm=comm or MPI.COMM_SELF, store=store)
-        return summarise(results), time.process_time() - begun
+        return results.numbers, time.process_time() - begun

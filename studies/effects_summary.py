@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from typing import NotRequired, TypedDict
 
 from headstock.pipeline.storage.provenance import ProvenanceSummary
-from headstock.studies.answers import ChangeSummary
 from headstock.studies.effects import LITTLE, MUCH, EffectTrial
+from headstock.studies.kind_changes import ChangeSummary
 from headstock.studies.model_trials import ModelKind
 from headstock.studies.model_worth import Action, ModelFinding, RunPrice
 
@@ -57,7 +57,7 @@ class TrialSummary(TypedDict):
 
 
 class EffectsSummary(TypedDict):
-    """Every effect of a scene and every change of its model, and from which change of an answer on
+    """Every effect of a scene and every change of its model, and from which change of a number on
     one matters a little or much.
     """
 

@@ -47,7 +47,7 @@ def choose_drops(
     drops = [
         Drop(
             switch_effect(trial.effect, scene),
-            f"{trial.effect} moves {trial.changes[0].answer} by {show_share(trial.largest)}",
+            f"{trial.effect} moves {trial.changes[0].label} by {show_share(trial.largest)}",
             trial.largest,
         )
         for trial in trials

@@ -12,15 +12,16 @@ from pathlib import Path
 from typing import Literal
 
 from headstock.geometry.errors import HeadstockError
+from headstock.pipeline.accuracy.followed import MachineFamily
 from headstock.pipeline.numbers.estimates import show_share
+from headstock.pipeline.numbers.numbers import Numbers
 from headstock.pipeline.planning.budgets import BASE_MB
 from headstock.pipeline.planning.node_memory import node_memory_bytes
 from headstock.pipeline.planning.plan import StageRecord
 from headstock.pipeline.results.results import Results
-from headstock.pipeline.results.summary import RunSummary, summarise
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages.components import ELASTIC_MODULE
-from headstock.pipeline.stages.run_state import RunState
+from headstock.pipeline.stages.run_state import MachineParts, RunState
 from headstock.pipeline.stages.shared_components import expect_job, make_superelements
 from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.pipeline.storage.store import Store
@@ -28,8 +29,9 @@ from headstock.scene.reading.findings import SceneError
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
 from headstock.solvers.shared_work import share_work, use_threads
-from headstock.studies.answers import Change, compare_answers
 from headstock.studies.effects import LITTLE, MUCH, load_choice
+from headstock.studies.followed_models import FollowedModel, follow_model, is_followed
+from headstock.studies.kind_changes import Change, compare_kinds
 from headstock.studies.model_trials import (
     MODEL_KINDS,
     ModelKind,
@@ -38,14 +40,6 @@ from headstock.studies.model_trials import (
     list_model_trials,
 )
 from headstock.studies.shared_runs import PlannedRun, plan_run
-from headstock.studies.watched_answers import (
-    ShapeChanges,
-    Watched,
-    WatchedAnswers,
-    choose_watched,
-    compare_watched,
-    watch_answers,
-)
 
 CLEARLY = 0.05  # share of the time from which a change of it counts
 QUICK, REPEATS = 1.0, 3  # what takes less is repeated, for the least of its times [s]
@@ -72,7 +66,7 @@ class ModelFinding:
 
     Attributes:
         trial: The change.
-        changes: Of each answer, the largest first.
+        changes: Of each kind of numbers, the largest first.
         missing: Modes of the machine as written that it lacks.
         added: Modes that the machine as written lacks.
         written: Price of the machine as written.
@@ -90,7 +84,7 @@ class ModelFinding:
 
     @property
     def worth(self) -> float:
-        """Largest change of any answer; all of it where a mode is missing or added."""
+        """Largest change of any number; all of it where a mode is missing or added."""
         largest = max((change.share for change in self.changes), default=0.0)
         return max(largest, 1.0) if self.missing or self.added else largest
 
@@ -138,7 +132,7 @@ class ModelFinding:
             return f"shows {_first_of(self.added)}, which the scene as written lacks"
         if self.worth == 0.0:
             return "moves nothing that was asked for"
-        return f"moves {self.changes[0].answer} by {show_share(self.worth)}"
+        return f"moves {self.changes[0].label} by {show_share(self.worth)}"
 
     def _tell_price(self) -> str:
         share = 100.0 * abs(self.saved_share)
@@ -305,9 +299,8 @@ class _ModelRun:
     and of the machine, the quickest of several runs.
     """
 
-    summary: RunSummary
-    answers: WatchedAnswers
-    watched: Watched
+    numbers: Numbers
+    followed: FollowedModel
     records: tuple[StageRecord, ...]
 
 
@@ -332,7 +325,7 @@ class _Bench:
     ) -> None:
         self._base, self._store, self._announce = base, store, announce
         self._threads = threads
-        self._watched: Watched | None = None
+        self._written: tuple[Results, MachineFamily] | None = None
 
     def warm_up(self) -> None:
         """Reduce the quickest elastic component once, which loads and compiles what all take."""
@@ -354,15 +347,15 @@ class _Bench:
         """
         if self._threads is not None:
             use_threads(self._threads)
-        if self._watched is None:
-            results = self._run(self._base)
-            self._watched = choose_watched(self._base.scene, self._base.plan, results, self._store)
+        if self._written is None:
+            family = MachineFamily(self._restore(self._base))
+            self._written = (self._run(self._base), family)
         own = self._base.plan.components
         changed = {
             name for name, part in planned.plan.components.items() if not are_alike(own[name], part)
         }
         try:
-            return self._repeat(planned, self._price(planned, changed), self._watched)
+            return self._repeat(planned, self._price(planned, changed), *self._written)
         except HeadstockError as error:
             if is_base:
                 raise
@@ -389,7 +382,11 @@ class _Bench:
         return min(runs, key=_seconds)
 
     def _repeat(
-        self, planned: PlannedRun, components: Sequence[StageRecord], watched: Watched
+        self,
+        planned: PlannedRun,
+        components: Sequence[StageRecord],
+        written: Results,
+        family: MachineFamily,
     ) -> _ModelRun:
         results = self._run(planned)
         runs = [results.stages]
@@ -397,11 +394,16 @@ class _Bench:
             runs.append(self._run(planned).stages)
         machine = min(runs, key=_machine_seconds)
         return _ModelRun(
-            summarise(results),
-            watch_answers(planned.scene, planned.plan, watched, self._store),
-            watched,
+            results.numbers,
+            follow_model(written, family, family.change(self._restore(planned))),
             (*components, *(record for record in machine if record.stage.component is None)),
         )
+
+    def _restore(self, planned: PlannedRun) -> MachineParts:
+        """Return the components of a model, which the store has."""
+        state = RunState(planned.scene, planned.plan, MPI.COMM_SELF, self._store)
+        make_superelements(state)
+        return state.parts
 
     def _run(self, planned: PlannedRun) -> Results:
         with tempfile.TemporaryDirectory(prefix="headstock-effects-") as folder:
@@ -442,19 +444,22 @@ def _judge(
     tried: _ModelRun,
     run: PlannedRun,
 ) -> ModelFinding:
-    shapes: ShapeChanges = compare_watched(written.watched, written.answers, tried.answers)
-    # what is written is what is present; frequencies are those of modes of one shape
-    plain = [
-        change
-        for change in compare_answers(tried.summary, written.summary)
-        if change.answer != "frequencies"
-    ]
-    changes = sorted([*plain, *shapes.changes], key=lambda change: -change.share)
+    # what is written is what is present; modes are followed by their shapes
+    without, present = (
+        [
+            *(number for number in each.numbers.values() if not is_followed(number)),
+            *each.followed.numbers,
+        ]
+        for each in (tried, written)
+    )
+    changes = compare_kinds(without, present)
+    if tried.followed.lines:
+        changes.append(max(tried.followed.lines, key=lambda change: change.share))
     return ModelFinding(
         trial,
-        tuple(changes),
-        shapes.missing,
-        shapes.added,
+        tuple(sorted(changes, key=lambda change: -change.share)),
+        tuple(tried.followed.missing),
+        tuple(tried.followed.added),
         known.price(known.base, written.records),
         known.price(run, tried.records),
     )

@@ -12,16 +12,16 @@ from pathlib import Path
 import numpy as np
 
 from headstock.geometry.errors import HeadstockError
-from headstock.geometry.frames import DIRECTIONS, FloatArray
+from headstock.geometry.frames import DIRECTIONS
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.parts.components import Fidelity
 from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.numbers.estimates import Estimate
+from headstock.pipeline.numbers.numbers import Numbers
 from headstock.pipeline.planning.plan import Stage, StageRecord
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.planning.resources import Cost, measure
 from headstock.pipeline.results.results import ComponentFacts
-from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import gather_facts, run_scene
 from headstock.pipeline.stages.components import ELASTIC_MODULE
 from headstock.pipeline.stages.estimates import estimate_compliance_errors
@@ -51,7 +51,6 @@ from headstock.solvers.linear.frequency_response import FrfModel
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
-from headstock.studies.answers import list_answers
 from headstock.studies.shared_runs import plan_run, share_runs
 
 # modes are looked for further up than the scene asks, since a partner may lie beyond its limit
@@ -138,8 +137,7 @@ class VariantSolution:
         point_errors: Point to direction to an estimate [m/N] of the compliance along it.
         response: Frequency response as a run finds it; None where none is asked for.
         frf: The same machine, ready to be asked at other frequencies.
-        others: Answer to entry to its numbers, of all other analyses of the scene, in all the poses
-            that it asks for; in the units of :data:`headstock.studies.answers.UNITS`.
+        others: Numbers of all other analyses of the scene, in all the poses that it asks for.
         failures: Analyses that were refused, with the reason.
     """
 
@@ -157,7 +155,7 @@ class VariantSolution:
     point_errors: dict[str, dict[str, Estimate]] = field(default_factory=dict)
     response: PoseResponse | None = None
     frf: FrfModel | None = None
-    others: dict[str, dict[str, FloatArray]] = field(default_factory=dict)
+    others: Numbers = field(default_factory=Numbers.empty)
     failures: tuple[str, ...] = ()
 
 
@@ -476,7 +474,7 @@ def _with_others(solution: VariantSolution, scene: Scene, store: Store) -> Varia
         return dataclasses.replace(solution, failures=(*solution.failures, str(error)))
     return dataclasses.replace(
         solution,
-        others=list_answers(summarise(found)),
+        others=found.numbers,
         failures=(*solution.failures, *found.failures),
         effort=_add_steps(solution.effort, {"others": cost}),
     )

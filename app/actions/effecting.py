@@ -34,7 +34,6 @@ from headstock.scene.scene import Scene
 from headstock.scene.schema.effects import EFFECT_NAMES
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
-from headstock.studies.answers import UNITS, Change
 from headstock.studies.effects import (
     MUCH,
     EffectTrial,
@@ -50,6 +49,7 @@ from headstock.studies.good_enough import (
     keep_within,
     name_variant,
 )
+from headstock.studies.kind_changes import Change
 from headstock.studies.model_trials import MODEL_KINDS, ModelTrial, list_model_trials
 from headstock.studies.model_worth import (
     CLEARLY,
@@ -60,7 +60,7 @@ from headstock.studies.model_worth import (
 
 EFFECTS = "effects"
 KINDS = (EFFECTS, *MODEL_KINDS)  # what may be tried
-SHOWN = 3  # answers per effect
+SHOWN = 3  # kinds of numbers per effect
 
 
 def print_trials(trials: Sequence[EffectTrial]) -> None:
@@ -72,7 +72,7 @@ def print_trials(trials: Sequence[EffectTrial]) -> None:
         times = f"{show_seconds(trial.seconds_with)} with, {show_seconds(trial.seconds_without)} without"
         print(f"\n{trial.effect} ({'named' if trial.active else 'not named'}{beside}; {times})")
         for change in [change for change in trial.changes if change.share > 0.0][:SHOWN]:
-            print(f"  {change.answer:<24} {show_share(change.share):>9}   {_describe(change)}")
+            print(f"  {change.label:<24} {show_share(change.share):>9}   {_describe(change)}")
     print("\nSummary of effects")
     for trial in trials:
         print(f"  {tell_trial(trial)}")
@@ -92,7 +92,7 @@ def tell_trial(trial: EffectTrial) -> str:
         if trial.time_share >= CLEARLY
         else f"less than {100.0 * CLEARLY:.0f} % of run time"
     )
-    return f"{name}: {show_share(moved.share)} of {moved.answer}, {cost}: {trial.advice}"
+    return f"{name}: {show_share(moved.share)} of {moved.label}, {cost}: {trial.advice}"
 
 
 def show_seconds(seconds: float) -> str:
@@ -101,11 +101,12 @@ def show_seconds(seconds: float) -> str:
 
 
 def _describe(change: Change) -> str:
-    unit = UNITS[change.answer]
+    shown = change.summarise()
     before, after = (
-        "none" if value is None else f"{value:.5g}" for value in (change.without, change.present)
+        "none" if value is None else f"{value:.5g}"
+        for value in (shown["without"], shown["present"])
     )
-    return f"{before} → {after} {unit} ({change.entry})"
+    return f"{before} → {after} {shown['unit']} ({change.key.describe(several_poses=True)})"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -302,7 +303,7 @@ def _write_good_enough(
     if settings in tried:
         found = tried[settings]
         print(
-            f"together they move {found.changes[0].answer} by {show_share(found.worth)}:"
+            f"together they move {found.changes[0].label} by {show_share(found.worth)}:"
             f" {found.written.cpu_seconds:.2g} s become {found.tried.cpu_seconds:.2g} s"
         )
     print(f"  ./headstock run {target} --variant {whole}")

@@ -4,6 +4,7 @@ for CSV files.
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Literal
 
 from headstock.app.tables.frf import tabulate_response
 from headstock.app.tables.table import PlainTable, encode_csv
@@ -17,14 +18,15 @@ from headstock.app.texts.bounded_values import (
 from headstock.geometry.frames import DIRECTIONS
 from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.reduction.motions.mode_naming import WHOLE_MACHINE
-from headstock.studies.answers import UNITS
 from headstock.studies.comparison_summary import (
     CellSummary,
     ComparisonSummary,
     EffortSummary,
+    OtherSummary,
     RowSummary,
 )
 
+VALUE_AND_ERROR: tuple[Literal["value"], Literal["error"]] = ("value", "error")
 ALIKE = 0.9  # MAC from which rigid-body modes of variants are shown in one line
 STEP_NAMES = {
     "load": "scene",
@@ -188,29 +190,24 @@ def comparison_csv(summary: ComparisonSummary) -> dict[str, bytes]:
 def _tabulate_others(summary: ComparisonSummary) -> PlainTable:
     """A row per number of the other analyses."""
     found = {name: variant["others"] for name, variant in summary["variants"].items()}
-    sizes: dict[tuple[str, str], int] = {}
-    for answers in found.values():
-        for answer, entries in answers.items():
-            for where, numbers in entries.items():
-                sizes[answer, where] = max(len(numbers), sizes.get((answer, where), 0))
-
-    def number(name: str, answer: str, where: str, place: int) -> float | None:
-        numbers = found[name].get(answer, {}).get(where, [])
-        return numbers[place] if place < len(numbers) else None
-
+    rows: dict[tuple[str, str, str], dict[str, OtherSummary]] = {}
+    for name, kinds in found.items():
+        for answer, numbers in kinds.items():
+            for entry, number in numbers.items():
+                rows.setdefault((answer, number["unit"], entry), {})[name] = number
     return PlainTable(
         "others",
-        ("answer", "unit", "entry", "number", *found),
+        ("answer", "unit", "entry", *(text for name in found for text in (name, f"{name} ±"))),
         tuple(
             (
-                answer,
-                UNITS[answer],
-                where,
-                place + 1,
-                *(number(name, answer, where, place) for name in found),
+                *head,
+                *(
+                    None if name not in numbers else numbers[name][item]
+                    for name in found
+                    for item in VALUE_AND_ERROR
+                ),
             )
-            for (answer, where), size in sizes.items()
-            for place in range(size)
+            for head, numbers in rows.items()
         ),
     )
 

@@ -10,24 +10,29 @@ from headstock.app.tables.static import sort_shares
 from headstock.app.texts.bounded_values import show_bound, show_bounded, show_digits
 from headstock.app.texts.curves import name_entry, response_unit
 from headstock.geometry.frames import DIRECTIONS
+from headstock.pipeline.answers.path import SIZES
+from headstock.pipeline.numbers.kinds import KINDS
+from headstock.pipeline.numbers.numbers import parse_key
 from headstock.reduction.motions.body_motions import name_families
 from headstock.solvers.second_order import Channel
-from headstock.studies.answers import ROUNDING, UNITS
 from headstock.studies.comparison_summary import (
     ComparisonSummary,
     EntrySummary,
     JudgedModeSummary,
+    OtherSummary,
     RowSummary,
     VariantSummary,
     VerdictSummary,
 )
+from headstock.studies.kind_changes import ROUNDING
 
 CANNOT = "cannot"
 MISSING = "–"
 NAMED_SHARE = 0.1  # of a compliance: less is not worth a row
 PEAKS_SHOWN = 3
 MODES_NAMED = 3
-MOST_SHOWN = 3  # numbers of an entry
+MOST_SHOWN = 3  # numbers of a row
+DERIVED = SIZES[2:]  # figures of a deviation that stand in the CSV file alone
 DEFORMING = (
     "bend",
     "twist",
@@ -211,52 +216,64 @@ def _response_section(
 
 
 def other_sections(summary: ComparisonSummary) -> list[ModelSection]:
-    """A section per answer of analyses other than modes, compliances and responses.
+    """A section per kind of numbers of analyses other than modes, compliances and responses; components
+    of a vector share a row.
 
     Args:
         summary: Of a comparison.
     """
-    sections = []
-    for answer, unit in UNITS.items():
-        found = {
-            name: variant["others"][answer]
-            for name, variant in summary["variants"].items()
-            if answer in variant["others"]
-        }
-        own = found.get(summary["reference"], {})
-        rows = [
-            ModelRow(
-                where,
-                {
-                    name: _other_cell(entries[where], own.get(where))
-                    for name, entries in found.items()
-                    if where in entries
-                },
-            )
-            for where in dict.fromkeys(where for entries in found.values() for where in entries)
-        ]
-        if rows:
-            sections.append(ModelSection(f"{answer[0].upper()}{answer[1:]} [{unit}]", tuple(rows)))
-    return sections
+    sections: dict[tuple[str, str], dict[str, dict[str, list[OtherSummary]]]] = {}
+    for name, variant in summary["variants"].items():
+        for label, numbers in variant["others"].items():
+            for entry, number in numbers.items():
+                key = parse_key(entry)
+                if key.get("figure") in DERIVED:
+                    continue
+                rows = sections.setdefault((label, number["unit"]), {})
+                columns = rows.setdefault(key.vector.describe_place(), {})
+                columns.setdefault(name, []).append(number)
+    order = [kind.label for kind in KINDS.values()]
+    return [
+        ModelSection(
+            f"{label[0].upper()}{label[1:]} [{unit}]",
+            tuple(
+                ModelRow(
+                    head,
+                    {
+                        name: _other_cell(numbers, columns.get(summary["reference"], []))
+                        for name, numbers in columns.items()
+                    },
+                )
+                for head, columns in rows.items()
+            ),
+        )
+        for (label, unit), rows in sorted(
+            sections.items(), key=lambda section: order.index(section[0][0])
+        )
+    ]
 
 
-def _other_cell(
-    numbers: Sequence[float | None], reference: Sequence[float | None] | None
-) -> ModelCell:
-    """Numbers of an entry, of many the least and the largest; and by how much the largest differs from
+def _other_cell(numbers: Sequence[OtherSummary], reference: Sequence[OtherSummary]) -> ModelCell:
+    """Numbers of a row, of many the least and the largest; and by how much the largest differs from
     that of the reference.
     """
-    known = [value for value in numbers if value is not None]
-    if not known:
+    sizes = [number["value"] for number in numbers if number["value"] is not None]
+    if not sizes:
         return ModelCell(MISSING)
-    first = max((value for value in reference or () if value is not None), key=abs, default=None)
-    change = show_change(max(known, key=abs), first)
+    first = max(
+        (number["value"] for number in reference if number["value"] is not None),
+        key=abs,
+        default=None,
+    )
+    change = show_change(max(sizes, key=abs), first)
     if len(numbers) > MOST_SHOWN:
-        return ModelCell(f"{show_digits(min(known), 4)} .. {show_digits(max(known), 4)}", change)
-    least = ROUNDING * max(map(abs, known))
+        return ModelCell(f"{show_digits(min(sizes), 4)} .. {show_digits(max(sizes), 4)}", change)
+    least = ROUNDING * max(map(abs, sizes))
     shown = [
-        MISSING if value is None else show_digits(0.0 if abs(value) < least else value, 4)
-        for value in numbers
+        MISSING
+        if number["value"] is None
+        else show_digits(0.0 if abs(number["value"]) < least else number["value"], 4)
+        for number in numbers
     ]
     return ModelCell(", ".join(shown), change)
 

@@ -4,7 +4,7 @@ import textwrap
 from collections.abc import Sequence
 
 from headstock.pipeline.numbers.estimates import show_share
-from headstock.studies.answers import UNITS, Change
+from headstock.studies.kind_changes import Change
 from headstock.studies.model_worth import ModelFinding, RunPrice
 
 COLUMNS = 100
@@ -33,7 +33,7 @@ def print_findings(findings: Sequence[ModelFinding]) -> None:
         for change in [change for change in each.changes if change.share > IDLE][:SHOWN]:
             # its modes are named above
             if change.without is not None and change.present is not None:
-                print(f"  {change.answer:<28} {show_share(change.share):>9}   {_describe(change)}")
+                print(f"  {change.label:<28} {show_share(change.share):>9}   {_describe(change)}")
     print("\nSummary of models, worth over price")
     for each in [each for each in findings if each not in idle]:
         _print_entry(each.trial.name, each.verdict)
@@ -59,7 +59,8 @@ def show_price(price: RunPrice) -> str:
 
 
 def _describe(change: Change) -> str:
+    shown = change.summarise()
     written, tried = (
-        f"{value:.5g}" for value in (change.present, change.without) if value is not None
+        f"{value:.5g}" for value in (shown["present"], shown["without"]) if value is not None
     )
-    return f"{written} → {tried} {UNITS[change.answer]} ({change.entry})"
+    return f"{written} → {tried} {shown['unit']} ({change.key.describe(several_poses=True)})"

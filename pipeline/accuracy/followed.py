@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -52,7 +53,7 @@ class MachineFamily:
         self.places: dict[str, BodyPlaces] = {
             name: choose_places(part) for name, part in parts.superelements.items()
         }
-        self._motions: dict[int, tuple[Superelement, FloatArray]] = {}
+        self._motions: WeakKeyDictionary[Superelement, FloatArray] = WeakKeyDictionary()
 
     def change(self, parts: MachineParts) -> "ComparedMachine":
         """Return another machine of the family."""
@@ -60,9 +61,9 @@ class MachineFamily:
 
     def move(self, name: str, element: Superelement) -> FloatArray:
         """Return how the points of a body move with the dofs of a model of it ``(3 k, n)``."""
-        if id(element) not in self._motions:
-            self._motions[id(element)] = (element, place_motion(element, self.places[name].points))
-        return self._motions[id(element)][1]
+        if element not in self._motions:
+            self._motions[element] = place_motion(element, self.places[name].points)
+        return self._motions[element]
 
 
 @dataclass(eq=False)

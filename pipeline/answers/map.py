@@ -9,9 +9,11 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.tool_mechanism import TOOL_POINT
 from headstock.pipeline.answers.answer import Answer
-from headstock.pipeline.numbers.numbers import Series
+from headstock.pipeline.numbers.numbers import Number, Series, make_key
 from headstock.pipeline.storage.json_texts import check_finite
 
+# ending of the name of a quantity: its SI unit, and the factor to it
+UNITS = {"_hz": ("Hz", 1.0), "_n_per_um": ("N/m", 1e6), "_m": ("m", 1.0)}
 type Grid = list[Grid | float | None]  # an axis of the map at each depth
 
 
@@ -61,14 +63,24 @@ class WorkspaceMap(Answer):
     trend: float
     entry: ClassVar[str] = "map"
 
+    def list_numbers(self) -> Iterator[Number]:
+        """Yield the least and the largest value of every quantity that some pose has."""
+        for name, values in self.quantities.items():
+            unit, factor = _find_unit(name)
+            for figure, pick in (("least", np.nanmin), ("most", np.nanmax)):
+                if np.isfinite(values).any():
+                    key = make_key("map_extreme", quantity=name, figure=figure)
+                    yield Number(key, factor * float(pick(values)), unit)
+
     def list_series(self) -> Iterator[Series]:
-        """Yield every quantity over the grid, in the unit that its name ends with."""
+        """Yield every quantity over the grid."""
         axes = {
             f"{axis} [{'m' if axis in TOOL_POINT else 'rad'}]": values
             for axis, values in zip(self.axes, self.positions, strict=True)
         }
         for name, values in self.quantities.items():
-            yield Series(f"map({name})", axes, values, "Hz" if name.endswith("_hz") else "1")
+            unit, factor = _find_unit(name)
+            yield Series(f"map({name})", axes, factor * values, unit)
 
     def summarise(self) -> MapSummary:
         """As it stands in ``summary.json``."""
@@ -87,6 +99,11 @@ class WorkspaceMap(Answer):
             "f1_and_mean_leg_correlation": self.trend,
             "quantities": {name: nest_grid(values) for name, values in self.quantities.items()},
         }
+
+
+def _find_unit(quantity: str) -> tuple[str, float]:
+    """Return SI unit of a quantity, and factor to it from the unit that its name ends with."""
+    return next((unit for end, unit in UNITS.items() if quantity.endswith(end)), ("1", 1.0))
 
 
 def nest_grid(values: FloatArray) -> Grid:

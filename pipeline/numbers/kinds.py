@@ -30,8 +30,8 @@ class Kind:
         cover: Source of error to the factor by which a change counts in ±; under an empty text that of
             any other.
         evidence: The validation behind those factors.
-        alone: A change counts relative to the number itself, else to the largest of its kind: components
-            of a vector may be zero by symmetry.
+        across: Roles of the components of a vector, which may be zero by symmetry: a change counts
+            relative to the largest of them. Without, relative to the number itself.
         compared: Comparisons of runs list the kind.
         words: One of them in plain words, with roles in braces; built of the label without it.
     """
@@ -42,7 +42,7 @@ class Kind:
     of_size: bool = False
     cover: Mapping[str, float] = field(default_factory=dict)
     evidence: str = ""
-    alone: bool = False
+    across: tuple[str, ...] = ()
     compared: bool = True
     words: str = ""
 
@@ -55,55 +55,57 @@ class Kind:
         return self.shown.get(unit) or SHOWN_UNITS.get(unit) or (unit, 1.0)
 
 
-def _along_path(label: str, *roles: str, alone: bool = False) -> Kind:
+def _along_path(label: str, *roles: str, across: tuple[str, ...] = ()) -> Kind:
     """Return a kind of numbers of a move: what a resonance does after a ramp goes up and down as it
     shifts; ranges of coefficients are whole widths.
     """
     cover = {"": 1.5, CUTTING: 1.0}
     return Kind(
-        label, roles, of_size=True, cover=cover, evidence="validate axes-estimates", alone=alone
+        label, roles, of_size=True, cover=cover, evidence="validate axes-estimates", across=across
     )
 
 
-def _on_contour(label: str, *roles: str, alone: bool = False) -> Kind:
+def _on_contour(label: str, *roles: str, across: tuple[str, ...] = ()) -> Kind:
     """Return a kind of numbers of a face: what teeth and corners excite goes up and down as modes shift."""
     cover = {"": 2.0, CUTTING: 1.0}
-    return Kind(label, roles, cover=cover, evidence="validate contour-estimates", alone=alone)
+    return Kind(label, roles, cover=cover, evidence="validate contour-estimates", across=across)
 
 
 KINDS: Mapping[str, Kind] = {
-    "mass": Kind("masses", ("component",), alone=True, compared=False),
+    "mass": Kind("masses", ("component",), compared=False),
     "frequency": Kind(
         "frequencies",
         ("pose", "mode"),
-        alone=True,
         evidence="validate coverage",
         words="frequency {mode}",
     ),
-    "damping_ratio": Kind(
-        "damping ratios", ("pose", "mode"), shown={"1": ("%", 100.0)}, alone=True
-    ),
-    "damped_frequency": Kind("damped frequencies", ("pose", "mode"), alone=True),
+    "damping_ratio": Kind("damping ratios", ("pose", "mode"), shown={"1": ("%", 100.0)}),
+    "damped_frequency": Kind("damped frequencies", ("pose", "mode")),
     "compliance": Kind(
         "static compliance",
         ("pose", "point", "direction"),
         evidence="validate coverage",
         words="{direction} compliance at {point}",
+        across=("direction",),
     ),
-    "displacement": Kind("displacement under loads", ("pose", "point", "direction")),
-    "load_displacement": Kind("displacement by load", ("pose", "point", "load", "direction")),
-    "probe_displacement": Kind("displacement at probes", ("pose", "probe", "direction")),
-    "probe_stress": Kind("stress at probes", ("pose", "probe", "component")),
+    "displacement": Kind(
+        "displacement under loads", ("pose", "point", "direction"), across=("direction",)
+    ),
+    "load_displacement": Kind(
+        "displacement by load", ("pose", "point", "load", "direction"), compared=False
+    ),
+    "probe_displacement": Kind(
+        "displacement at probes", ("pose", "probe", "direction"), across=("direction",)
+    ),
+    "probe_stress": Kind("stress at probes", ("pose", "probe", "component"), across=("component",)),
     "peak": Kind(
         "peaks of frequency responses",
         ("pose", "output", "input", "mode"),
-        alone=True,
         words="peak of {output} under {input} at mode {mode}",
     ),
     "level": Kind(
         "levels of frequency responses",
         ("pose", "output", "input"),
-        alone=True,
         words="static level of {output} under {input}",
     ),
     "response_line": Kind(
@@ -112,44 +114,52 @@ KINDS: Mapping[str, Kind] = {
         compared=False,
         words="frequency response at {line}",
     ),
-    "dynamic_stiffness": Kind("dynamic stiffness", ("pose", "output"), alone=True),
-    "negative_real": Kind("most negative real parts", ("pose", "output"), alone=True),
-    "peak_frequency_stress": Kind("peak stress per load", ("pose", "probe", "input"), alone=True),
+    "dynamic_stiffness": Kind("dynamic stiffness", ("pose", "output")),
+    "negative_real": Kind("most negative real parts", ("pose", "output")),
+    "peak_frequency_stress": Kind("peak stress per load", ("pose", "probe", "input")),
     "limit_depth": Kind(
         "limit depth of cut",
         ("pose", "face", "direction"),
         shown=MILLIMETRES,
-        alone=True,
         evidence="validate milling-stability",
     ),
-    "chatter_frequency": Kind("frequency of chatter", ("pose", "direction"), alone=True),
-    "multiplier": Kind("multipliers of cuts", ("face",), alone=True),
-    "volumetric_range": Kind("volumetric error", ("point", "source", "component")),
-    "volumetric_error": Kind("largest volumetric error", ("point",), alone=True),
-    "line_deviation": Kind("deviation along axes", ("point", "axis", "component")),
-    "squareness": Kind("squareness", ("point", "axes")),
-    "path_deviation": _along_path("path deviation", "feed", "zone", "output", "figure"),
-    "time_deviation": Kind("peaks over time", ("pose", "output", "figure"), of_size=True),
-    "settling_time": Kind("settling times", ("pose", "feed", "zone", "output"), alone=True),
+    "chatter_frequency": Kind("frequency of chatter", ("pose", "direction")),
+    "multiplier": Kind("multipliers of cuts", ("face",)),
+    "volumetric_range": Kind(
+        "volumetric error", ("point", "source", "component"), across=("component",)
+    ),
+    "volumetric_error": Kind("largest volumetric error", ("point",)),
+    "line_deviation": Kind(
+        "deviation along axes", ("point", "axis", "component"), across=("component",)
+    ),
+    "squareness": Kind("squareness", ("point", "axes"), across=("axes",)),
+    "path_deviation": _along_path(
+        "path deviation", "feed", "zone", "output", "figure", across=("figure",)
+    ),
+    "time_deviation": Kind(
+        "peaks over time", ("pose", "output", "figure"), of_size=True, across=("figure",)
+    ),
+    "settling_time": Kind("settling times", ("pose", "feed", "zone", "output")),
     "motor_torque": _along_path("motor torques", "pose", "feed", "drive"),
     "position_error": _along_path("position errors", "pose", "feed", "drive"),
-    "joint_force": _along_path("joint forces", "pose", "feed", "joint", "direction"),
-    "peak_stress": _along_path("peak stress over time", "pose", "feed", "probe", alone=True),
-    "peak_displacement": _along_path(
-        "peak displacement over time", "pose", "feed", "probe", alone=True
+    "joint_force": _along_path(
+        "joint forces", "pose", "feed", "joint", "direction", across=("joint", "direction")
     ),
-    "pole_frequency": Kind("control poles", ("pose", "pole"), alone=True),
-    "pole_damping": Kind(
-        "damping of control poles", ("pose", "pole"), shown={"1": ("%", 100.0)}, alone=True
-    ),
+    "peak_stress": _along_path("peak stress over time", "pose", "feed", "probe"),
+    "peak_displacement": _along_path("peak displacement over time", "pose", "feed", "probe"),
+    "pole_frequency": Kind("control poles", ("pose", "pole")),
+    "pole_damping": Kind("damping of control poles", ("pose", "pole"), shown={"1": ("%", 100.0)}),
     "velocity_lag": Kind("velocity lag", ("pose", "drive")),
-    "loop_margin": Kind("margins of drive loops", ("pose", "drive", "figure"), alone=True),
-    "gravity_deflection": Kind("deflection under gravity on the contour", ("direction", "figure")),
-    "outward_gap": _on_contour("outward contour gap", "face", "figure"),
-    "contour_gap": _on_contour("contour gap", "face", "direction", "figure"),
-    "drive_force": _on_contour("drive forces", "face", "drive", "figure"),
-    "drive_torque": _on_contour("torques on faces", "face", "drive", "figure"),
-    "profile": _on_contour("profiles of faces", "face", "figure", alone=True),
+    "loop_margin": Kind("margins of drive loops", ("pose", "drive", "figure")),
+    "gravity_deflection": Kind(
+        "deflection under gravity on the contour", ("direction", "figure"), across=("direction",)
+    ),
+    "outward_gap": _on_contour("outward contour gap", "face", "figure", across=("figure",)),
+    "contour_gap": _on_contour("contour gap", "face", "direction", "figure", across=("direction",)),
+    "drive_force": _on_contour("drive forces", "face", "drive", "figure", across=("drive",)),
+    "drive_torque": _on_contour("torques on faces", "face", "drive", "figure", across=("drive",)),
+    "profile": _on_contour("profiles of faces", "face", "figure"),
+    "map_extreme": Kind("map over poses", ("quantity", "figure"), shown=MILLIMETRES),
     "joint_coordinate": Kind("positions of joints", ("pose", "joint"), compared=False),
-    "condition_number": Kind("condition numbers", ("pose",), alone=True),
+    "condition_number": Kind("condition numbers", ("pose",)),
 }

@@ -63,6 +63,19 @@ class Key:
         """What its kind says."""
         return KINDS[self.kind]
 
+    @property
+    def vector(self) -> "Key":
+        """Key of the vector that the number is a component of; its own where it is of none."""
+        across = self.group.across
+        return Key(self.kind, tuple(item for item in self.at if item[0] not in across))
+
+    def describe_place(self) -> str:
+        """Return the values of its roles: ``face 1, mean``, ``tcp, x``."""
+        texts = [
+            f"{role} {value}" if role in WHOLE_ROLES else str(value) for role, value in self.at
+        ]
+        return ", ".join(texts)
+
     def describe(self, *, several_poses: bool = False) -> str:
         """Return it in plain words: ``frequency 3``, ``x compliance at tcp``.
 
@@ -233,6 +246,11 @@ class Numbers(Mapping[Key, Number]):
             tuple(codes),
         )
 
+    @classmethod
+    def empty(cls) -> "Numbers":
+        """Return a table without numbers."""
+        return cls.collect(())
+
     @cached_property
     def _rows(self) -> dict[str, int]:
         return {self._texts[code]: row for row, code in enumerate(self._columns["name"])}
@@ -310,7 +328,31 @@ class Numbers(Mapping[Key, Number]):
             ValueError: A column is not what ``write`` has written.
         """
         texts = json.loads(group["texts"][()].tobytes())
-        columns = {name: np.asarray(group[name][()]) for name in _COLUMNS}
+        return cls._build({name: np.asarray(group[name][()]) for name in _COLUMNS}, texts)
+
+    def encode(self) -> dict[str, list[object]]:
+        """Return the columns as lists for JSON, None where a value is not finite, and the texts that they number."""
+        columns = {
+            name: [value if np.isfinite(value) else None for value in values.tolist()]
+            for name, values in self._columns.items()
+        }
+        return {**columns, "texts": list(self._texts)}
+
+    @classmethod
+    def decode(cls, columns: Mapping[str, Any]) -> "Numbers":
+        """Return the table that ``encode`` gave the columns of.
+
+        Raises:
+            KeyError: A column is missing.
+            ValueError: A column is not what ``encode`` has written.
+        """
+        return cls._build(
+            {name: np.array(columns[name], kind) for name, kind in _COLUMNS.items()},
+            columns["texts"],
+        )
+
+    @classmethod
+    def _build(cls, columns: Mapping[str, NDArray[Any]], texts: Any) -> "Numbers":
         _check_columns(columns, texts)
         return cls(columns, texts)
 

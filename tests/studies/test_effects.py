@@ -5,49 +5,79 @@ from pathlib import Path
 
 import pytest
 
-from common import approx, sketch
+from common import approx
 from headstock.app.actions.effecting import tell_trial
 from headstock.app.command_line import main
 from headstock.pipeline.numbers.estimates import show_share
-from headstock.pipeline.results.summary import RunSummary
+from headstock.pipeline.numbers.numbers import Number, make_key
 from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.pipeline.storage.store import Store
-from headstock.studies.answers import Change, compare_answers, list_answers
 from headstock.studies.effects import EffectTrial, rank_trials, try_effects
+from headstock.studies.kind_changes import Change, compare_kinds
 
 SCENE = Path(__file__).resolve().parents[2] / "machines" / "tripteor.toml"
-EMPTY = sketch(RunSummary, {"modal": [], "static": {}})
 
 
-def modal(*frequencies: float) -> RunSummary:
-    return sketch(
-        RunSummary,
-        {"modal": [{"pose_name": "p", "frequencies_hz": [0.0, *frequencies]}], "static": {}},
+def modes(*frequencies: float) -> list[Number]:
+    """Numbers of a free machine: a rigid-body mode first."""
+    return [
+        Number(make_key("frequency", pose="p", mode=mode), hz, "Hz")
+        for mode, hz in enumerate((0.0, *frequencies), 1)
+    ]
+
+
+def compliances(x: float, y: float) -> list[Number]:
+    return [
+        Number(make_key("compliance", pose="p", point="tcp", direction=direction), value, "m/N")
+        for direction, value in (("x", x), ("y", y))
+    ]
+
+
+def gap(share: float, without: float, present: float) -> Change:
+    key = make_key("contour_gap", face=1, direction="x", figure="mean")
+    return Change(key, share, without, present, "m")
+
+
+def test_a_frequency_is_compared_with_itself_and_a_vector_with_its_largest_component() -> None:
+    (change,) = compare_kinds(modes(50.0, 100.0), modes(51.5, 98.0))
+    assert (str(change.key), change.without, change.present) == (
+        "frequency(pose=p,mode=2)",
+        50.0,
+        51.5,
     )
-
-
-def test_a_frequency_is_compared_with_itself_and_a_vector_against_its_largest_entry() -> None:
-    (change,) = compare_answers(modal(50.0, 100.0), modal(51.5, 98.0))
-    assert (change.answer, change.without, change.present) == ("frequencies", 50.0, 51.5)
     assert change.share == approx(1.5 / 51.5)
-    first, second = (
-        sketch(
-            RunSummary,
-            {"modal": [], "static": {"tcp": {"compliance_um_per_kN": [[x, 0.0], [0.0, 1e-9 * x]]}}},
-        )
-        for x in (10.0, 11.0)
-    )
-    vector = next(
-        change for change in compare_answers(first, second) if change.answer == "static compliance"
-    )
-    assert vector.share == approx(1.0 / 11.0) and vector.without == 10.0
-    assert list_answers(modal(50.0))["frequencies"]["pose p"].tolist() == [50.0]
+    (vector,) = compare_kinds(compliances(1e-8, 1e-15), compliances(1.1e-8, 2e-15))
+    assert vector.share == approx(1.0 / 11.0) and vector.without == 1e-8
+    assert vector.summarise() == {
+        "answer": "static compliance",
+        "share": vector.share,
+        "entry": "compliance(pose=p,point=tcp,direction=x)",
+        "unit": "µm/kN",
+        "without": approx(10.0),
+        "present": approx(11.0),
+    }
 
 
-def test_an_answer_that_only_one_run_has_is_a_change_of_all_of_it() -> None:
-    (change,) = compare_answers(EMPTY, modal(50.0))
+def test_a_number_that_only_one_run_has_is_a_change_of_all_of_it() -> None:
+    (change,) = compare_kinds([], modes(50.0))
     assert (change.share, change.without, change.present) == (1.0, None, 50.0)
-    assert compare_answers(EMPTY, EMPTY) == []
+    assert compare_kinds([], []) == [] == compare_kinds(modes(), modes())
+
+
+def test_what_a_threshold_decides_and_rounding_are_no_changes() -> None:
+    def peak(mode: int) -> Number:
+        at: dict[str, str | int] = {"pose": "p", "output": "tcp x", "input": "tcp x"}
+        return Number(make_key("peak", mode=mode, **at), 1e-6, "m/N")
+
+    (change,) = compare_kinds([peak(1), peak(2)], [peak(1)])
+    assert change.key["mode"] == 1 and change.share == 0.0
+    noise, other = (
+        [Number(make_key("joint_force", feed="f", joint="a", direction="x"), 1.0, "N"),
+         Number(make_key("velocity_lag", pose="p", drive="x"), 1.0, "m"),
+         Number(make_key("velocity_lag", pose="p", drive="y"), size, "m")]
+        for size in (1e-12, -1e-12)
+    )  # fmt: skip
+    assert {change.share for change in compare_kinds(noise, other)} == {0.0}
 
 
 @pytest.mark.parametrize(("named", "share", "advice"), [
@@ -58,7 +88,7 @@ def test_advice_follows_from_what_is_moved(named: bool, share: float, advice: st
     trial = EffectTrial(
         "coriolis",
         named,
-        (Change("contour gap", share, "face 1", 10.0, 10.0 * (1.0 + share)),),
+        (gap(share, 1e-5, 1e-5 * (1.0 + share)),),
         10.0,
         6.2,
         0.05,
@@ -79,7 +109,7 @@ def test_an_effect_that_moves_nothing_still_says_what_it_cost() -> None:
 
 
 def test_time_within_the_noise_is_no_cost() -> None:
-    change = Change("contour gap", 0.1, "face 1", 1.0, 1.1)
+    change = gap(0.1, 1e-6, 1.1e-6)
     assert EffectTrial("damping", True, (change,), 10.0, 9.0, 0.2).time_share == 0.0
     assert EffectTrial("damping", True, (change,), 10.0, 5.0, 0.2).time_share == 0.5
     assert [show_share(share) for share in (0.0, 2e-6, 2e-4, 0.123, 1.0)] == [
@@ -103,10 +133,9 @@ def test_every_effect_is_tried_and_the_strongest_comes_first(tmp_path: Path) -> 
     gravity = trials["gravity"]
     assert (
         gravity.active
-        and gravity.changes[0].answer == "displacement under loads"
-        and gravity.changes[0].without == 0.0
+        and gravity.changes[0].label == "displacement under loads"
+        and gravity.changes[0].without is None
     )
-    assert gravity.changes[0].present is not None and gravity.changes[0].present < -50.0
     assert (
         trials["coriolis"].largest == 0.0
         and "write it in [drives.NAME]" in trials["torque_ripple"].obstacle

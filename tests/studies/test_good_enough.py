@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from headstock.app.command_line import main
+from headstock.pipeline.numbers.numbers import make_key
 from headstock.scene.building.loader import load_scene
-from headstock.studies.answers import Change
 from headstock.studies.effects import EffectTrial
 from headstock.studies.good_enough import (
     Drop,
@@ -15,6 +15,7 @@ from headstock.studies.good_enough import (
     keep_within,
     name_variant,
 )
+from headstock.studies.kind_changes import Change
 from headstock.studies.model_trials import ModelTrial
 from headstock.studies.model_worth import ModelFinding, RunPrice
 
@@ -57,7 +58,8 @@ def finding(
         (f"components.block.{kind}={tried}",),
         "simpler",
     )
-    change = Change("frequencies", moved, "first", 50.0, 50.0 * (1.0 + moved))
+    key = make_key("frequency", pose="reference", mode=1)
+    change = Change(key, moved, 50.0, 50.0 * (1.0 + moved), "Hz")
     return ModelFinding(
         trial, (change,), written=RunPrice(10.0, 1.0), tried=RunPrice(10.0 * (1.0 - saved), 1.0)
     )
@@ -65,10 +67,8 @@ def finding(
 
 def test_of_what_may_be_dropped_of_a_body_the_one_that_saves_most_is_taken() -> None:
     scene = load_scene(MACHINES / "tripteor.toml")
-    little, nothing = (
-        Change("leg forces", 5e-4, "", 1.0, 1.0),
-        Change("leg forces", 1e-13, "", 1.0, 1.0),
-    )
+    key = make_key("drive_force", face=1, drive="leg_1", figure="mean")
+    little, nothing = (Change(key, share, 1.0, 1.0, "N") for share in (5e-4, 1e-13))
     trials = [EffectTrial("coriolis", True, (little,)), EffectTrial("damping", True, (nothing,))]
     found = [finding("segmented", 0.5), finding("rigid", 0.9), finding("5", 0.95, "modes")]
     drops = choose_drops(scene, trials, found)

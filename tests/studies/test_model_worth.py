@@ -5,11 +5,12 @@ from pathlib import Path
 import pytest
 
 from fixture_machines import machine
+from headstock.pipeline.numbers.numbers import make_key
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
-from headstock.studies.answers import Change
+from headstock.studies.kind_changes import Change
 from headstock.studies.model_trials import ModelTrial, Sense, list_model_trials
 from headstock.studies.model_worth import ModelFinding, RunPrice, rank_findings, try_models
 
@@ -35,7 +36,8 @@ def trial(sense: Sense) -> ModelTrial:
 
 
 def finding(share: float, seconds: float, sense: Sense = "simpler", **more: object) -> ModelFinding:
-    change = Change("frequencies", share, "first bending (50 Hz)", 50.0 * (1.0 + share), 50.0)
+    key = make_key("frequency", pose="reference", mode=1)
+    change = Change(key, share, 50.0 * (1.0 + share), 50.0, "Hz")
     lacks = ("first bending (50 Hz)",) if more else ()
     return ModelFinding(
         trial(sense),
@@ -108,8 +110,8 @@ def test_a_body_that_bends_loses_a_mode_by_name_and_one_that_does_not_may_be_rig
     assert not block.missing and block.action == "drop", block.verdict
     assert 0.0 < block.worth < 1e-3 and block.saved_share > 0.3
     assert block.tried.peak_memory_mb > 0.0
-    answers = {change.answer for change in block.changes}
-    assert answers >= {"frequencies", "static compliance"}
+    kinds = {change.label for change in block.changes}
+    assert kinds >= {"frequencies", "static compliance"}
     # one is the other with what is written and tried changed round
     assert by_change["column", "elastic"].trial.sense == "richer"
     assert not (tmp_path / "store").exists() or not list((tmp_path / "store").iterdir())

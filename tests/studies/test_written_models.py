@@ -11,7 +11,8 @@ import pytest
 from common import approx
 from fixture_machines import machine
 from headstock.app.command_line import main
-from headstock.studies.answers import compare_answers
+from headstock.pipeline.results.files import read_numbers
+from headstock.studies.kind_changes import compare_kinds
 
 pytestmark = pytest.mark.fem
 
@@ -126,12 +127,12 @@ def test_what_is_written_checks_runs_and_moves_what_was_said(
     assert said["action"] == "drop" and said["worth"] > 0.0
     variant = ["--variant", "good_enough"]
     assert main(["check", str(target), *variant]) == 0
-    summaries = []
+    runs = []
     for number, chosen in enumerate((variant, [])):
         folder = tmp_path / str(number)
         assert main(["run", str(target), *chosen, "-o", str(folder), "--no-figures"]) == 0
-        summaries.append(json.loads((folder / "summary.json").read_text()))
-    moved = max(change.share for change in compare_answers(*summaries))
+        runs.append(read_numbers(folder).values())
+    moved = max(change.share for change in compare_kinds(*runs))
     assert moved == approx(said["worth"], rel=1e-3, abs=1e-9)
 
 

@@ -16,9 +16,9 @@ from fixture_machines import machine
 from headstock.app.command_line import main
 from headstock.app.texts.bounded_values import show_bound, show_bounded
 from headstock.geometry.parts.components import Component
+from headstock.pipeline.results.files import read_numbers
 from headstock.reduction.components import elastic as elastic_reduction
 from headstock.reduction.superelement import Superelement
-from headstock.studies.answers import list_answers
 
 SCENE = machine("""
 machine = "block"
@@ -109,22 +109,25 @@ def test_other_analyses_are_compared_as_run_finds_them(
     )
     assert main(["compare", str(scene), "-o", str(out)]) == 0
     printed = capsys.readouterr().out
-    assert "Limit depth of cut [mm]" in printed and "Location error of faces [µm]" in printed
+    assert "Limit depth of cut [mm]" in printed and "Profiles of faces [µm]" in printed
     variants = json.loads((out / "compare.json").read_text())["variants"]
     assert main(["run", str(scene), "-o", str(tmp_path / "run"), "--variant", "soft"]) == 0
-    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
-    found = list_answers(summary)
+    found = read_numbers(tmp_path / "run")
     soft = variants["soft"]["others"]
-    assert {"limit depth of cut", "location error of faces", "roughness Ra"} <= set(soft)
-    for answer, entries in soft.items():
-        for where, numbers in entries.items():
-            assert numbers == approx(found[answer][where].tolist(), rel=1e-9), answer
+    assert {"limit depth of cut", "profiles of faces"} <= set(soft)
+    for entries in soft.values():
+        for name, other in entries.items():
+            unit, factor = found[name].shown
+            assert other["unit"] == unit
+            assert other["value"] == approx(factor * found[name].value, rel=1e-9), name
     # along y the screw of X says nothing of where a face lies
-    stiff = variants["as written"]["others"]["location error of faces"]
-    assert soft["location error of faces"]["face 1"] > [1.1 * stiff["face 1"][0]]
+    stiff = variants["as written"]["others"]["profiles of faces"]
+    name = "profile(face=1,figure=location_error)"
+    assert soft["profiles of faces"][name]["value"] > 1.1 * stiff[name]["value"]
     with (out / "others.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    assert {"limit depth of cut", "roughness Ra"} <= {row["answer"] for row in rows}
+    assert {"limit depth of cut", "profiles of faces"} <= {row["answer"] for row in rows}
+    assert name in {row["entry"] for row in rows}
 
 
 def test_csv_and_page_hold_the_unrounded_numbers_of_the_json(scene: Path, tmp_path: Path) -> None:

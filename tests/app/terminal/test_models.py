@@ -3,9 +3,15 @@
 import pytest
 
 from headstock.app.terminal.models import COLUMNS, print_findings
-from headstock.studies.answers import Change
+from headstock.pipeline.numbers.numbers import make_key
+from headstock.studies.kind_changes import Change
 from headstock.studies.model_trials import ModelTrial
 from headstock.studies.model_worth import ModelFinding, RunPrice
+
+
+def change(share: float, tried: float, written: float, *, mode: int = 7) -> Change:
+    key = make_key("frequency", pose="reference", mode=mode)
+    return Change(key, share, tried, written, "Hz")
 
 
 def finding(tried: str, *changes: Change, missing: tuple[str, ...] = ()) -> ModelFinding:
@@ -20,19 +26,21 @@ def test_lines_fit_what_moves_nothing_shares_one_and_rounding_is_not_shown(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     modes = tuple(f"column_left + column_right bend X ({hz} Hz)" for hz in (48, 110, 180))
+    stiff = make_key("compliance", pose="reference", point="tcp", direction="x")
     found = [
-        finding("rigid", Change("frequencies", 0.2, "mode 7", 40.0, 48.0), missing=modes),
+        finding("rigid", change(0.2, 40.0, 48.0), missing=modes),
         finding(
             "segmented",
-            Change("frequencies", 0.0084, "mode 8", 110.9, 110.0),
-            Change("static compliance", 1e-13, "tcp", 66.8, 66.8),
+            change(0.0084, 110.9, 110.0, mode=8),
+            Change(stiff, 1e-13, 6.68e-8, 6.68e-8, "m/N"),
         ),
-        finding("polynomial", Change("frequencies", 2e-6, "mode 7", 48.0, 48.0)),
+        finding("polynomial", change(2e-6, 48.0, 48.0)),
     ]
     print_findings(found)
     lines = capsys.readouterr().out.splitlines()
     assert max(map(len, lines)) <= COLUMNS
     said = "\n".join(lines)
+    assert "48 → 40 Hz (frequency 7 in pose reference)" in said
     assert "1e-11" not in said and "static compliance" not in said
     assert "less than 0.001 %" in said.split("Summary of models")[1]
     assert "polynomial in place" not in said.split("Summary of models")[0]

@@ -35,8 +35,8 @@ from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.scene import Scene
-from headstock.studies.answers import compare_answers
 from scene_runs import run
+from headstock.studies.kind_changes import compare_kinds
 
 ROOT = Path(__file__).resolve().parents[3]
 COLUMN = ROOT / "tests" / "data" / "segmented_column.toml"
@@ -548,8 +548,8 @@ def test_results_are_written_read_and_shown(tmp_path: Path) -> None:
     assert len(table.rows) == 401 and table.rows[-1][1] == 100.0
     page = render_report(FinishedRun(summary, [curves]))
     assert "Motion over time" in page and "Load press [N]" in page
-    own = summarise(results)
     damped = load_scene(scene.path, overrides=["effects={ damping = { modal = 0.1 } }"])
-    other = summarise(run(damped, tmp_path))
-    changes = {change.answer: change for change in compare_answers(own, other)}
+    other = run(damped, tmp_path)
+    found = compare_kinds(results.numbers.values(), other.numbers.values())
+    changes = {change.label: change for change in found}
     assert 0.02 < changes["peaks over time"].share < 0.2

@@ -13,7 +13,7 @@ from headstock.app.views.registry import list_tables
 from headstock.app.views.view import FinishedRun
 from headstock.geometry.machine.machine import Pose
 from headstock.meshing.components.meshing import describe_component
-from headstock.pipeline.numbers.folders import RESULTS_FILE
+from headstock.pipeline.numbers.folders import RESULTS_FILE, read_numbers
 from headstock.pipeline.results.summary import RunSummary, summarise
 from headstock.pipeline.runner import run_scene
 from headstock.reduction.components.rigid import reduce_rigid
@@ -22,7 +22,7 @@ from headstock.reduction.motions.tool_deviation import solve_deviation
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.scene import keep_analyses
-from headstock.studies.answers import compare_answers
+from headstock.studies.kind_changes import compare_kinds
 
 SCENE = Path(__file__).parents[2] / "data" / "three_rigid_axes.toml"
 
@@ -83,9 +83,14 @@ def test_effects_tell_what_errors_of_guides_move(
 ) -> None:
     ideal = load_scene(SCENE, overrides=["effects.guide_errors=false"])
     results = run_scene(keep_analyses(ideal, ("volumetric",)), tmp_path, comm=MPI.COMM_SELF)
-    changes = {change.answer: change for change in compare_answers(summarise(results), run[0])}
+    present = read_numbers(run[1])
+    changes = {
+        change.label: change for change in compare_kinds(results.numbers.values(), present.values())
+    }
     assert changes["volumetric error"].share > 0.9
-    assert changes["volumetric error"].entry == "tcp"
+    assert str(changes["volumetric error"].key).startswith(
+        "volumetric_range(point=tcp,source=total,"
+    )
 
 
 def test_tables_and_report_show_it(run: tuple[RunSummary, Path]) -> None:
