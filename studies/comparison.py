@@ -7,6 +7,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray, rigid_map
 from headstock.pipeline.answers.frf import ResponseCurves
+from headstock.pipeline.numbers.numbers import Numbers
 from headstock.pipeline.results.short_forms import ShortForm, list_few
 from headstock.pipeline.stages.run_state import PoseModel
 from headstock.reduction.motions.body_fields import BodyPlaces, choose_places, machine_field
@@ -87,6 +88,11 @@ class Comparison:
     not_computed: dict[str, str]
     columns: tuple[str, ...]
     not_compared: tuple[str, ...] = ()
+
+    @property
+    def numbers(self) -> dict[str, Numbers]:
+        """Variant to every number that was asked for, with its ±, by name."""
+        return {name: solution.numbers for name, solution in self.solutions.items()}
 
     def __repr__(self) -> str:
         return self._short_form().text()

@@ -7,6 +7,7 @@ import importlib
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,9 @@ from headstock.geometry.frames import DIRECTIONS
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.parts.components import Fidelity
 from headstock.pipeline.answers.frf import PoseResponse
+from headstock.pipeline.answers.static import PointCompliance, StaticAnswer, compliance_key
 from headstock.pipeline.numbers.estimates import Estimate
-from headstock.pipeline.numbers.numbers import Numbers
+from headstock.pipeline.numbers.numbers import Number, Numbers, make_key
 from headstock.pipeline.planning.plan import Stage, StageRecord
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.planning.resources import Cost, measure
@@ -157,6 +159,29 @@ class VariantSolution:
     frf: FrfModel | None = None
     others: Numbers = field(default_factory=Numbers.empty)
     failures: tuple[str, ...] = ()
+
+    @cached_property
+    def numbers(self) -> Numbers:
+        """Every number that was asked for with its ±, by name; modes, compliances and responses of the
+        pose, other analyses in all of theirs.
+        """
+        found: list[Number] = []
+        frequencies = () if self.modal is None else self.modal.frequencies_hz[: self.wanted]
+        for mode, hz in enumerate(frequencies):
+            key = make_key("frequency", pose=self.pose, mode=mode + 1)
+            found.append(Number(key, float(hz), "Hz", self.mode_errors[mode]))
+        points = {
+            name: PointCompliance(budget.compliance, budget.shares)
+            for name, budget in self.points.items()
+        }
+        errors = {
+            compliance_key(self.pose, point, direction): error
+            for point, by_direction in self.point_errors.items()
+            for direction, error in by_direction.items()
+        }
+        found += StaticAnswer(self.pose, points, errors=errors).list_numbers()
+        found += () if self.response is None else self.response.list_numbers()
+        return Numbers.collect((*found, *self.others.values()))
 
 
 def solve_variant(

@@ -3,16 +3,18 @@ in the pose nearest to the middle.
 """
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.answers.static import StaticAnswer
 from headstock.pipeline.numbers.estimates import Estimate
+from headstock.pipeline.numbers.numbers import Number, Numbers, make_key
 from headstock.pipeline.results.short_forms import ShortForm, list_few
 from headstock.pipeline.stages.machine import couple_pose
 from headstock.pipeline.stages.mechanism import build_mechanism, place_pose
@@ -168,6 +170,62 @@ class SweepResults:
         ]
         head = ["pose", "state", *(f"mode {number + 1} [Hz]" for number in range(count))]
         return ShortForm(f"Sweep {self.sweep.name} of {self.name}", facts, head, rows)
+
+    @cached_property
+    def numbers(self) -> Numbers:
+        """Every number of every pose by name, modes as tracked; with ± in the poses in which modes got
+        their names. Limit depths and frequencies of chatter are those of the speed with the lowest limit.
+        """
+        sampled = {each.pose: each for each in self.sampled_errors}
+        tracked = self.frequencies_hz
+        return Numbers.collect(
+            number
+            for place in range(len(self.states))
+            for number in self._list_numbers(
+                tracked[place], sampled.get(place, SampledErrors(place, {}))
+            )
+        )
+
+    def _list_numbers(self, tracked: FloatArray, errors: SampledErrors) -> Iterator[Number]:
+        """Yield the numbers of a pose that are determined in it.
+
+        Args:
+            tracked: Frequencies of its tracked modes ``(t,)`` [Hz].
+            errors: Of the pose.
+        """
+        place = errors.pose
+        pose = sweep_pose(self.sweep, place).name
+        found: list[Number] = []
+        for mode, hz in enumerate(tracked):
+            key = make_key("frequency", pose=pose, mode=mode + 1)
+            found.append(Number(key, float(hz), "Hz", errors.modes.get(mode)))
+        for point, each in self.points.items():
+            known = errors.points.get(point, {})
+            for row, output in enumerate(DIRECTIONS):
+                for column, given in enumerate(DIRECTIONS):
+                    direction = output if row == column else output + given
+                    key = make_key("compliance", pose=pose, point=point, direction=direction)
+                    value = float(each.compliance[place, row, column])
+                    found.append(Number(key, value, "m/N", known.get(direction)))
+        if self.condition is not None:
+            key = make_key("condition_number", pose=pose)
+            found.append(Number(key, float(self.condition[place]), "1"))
+        for channel, values in self.figures.items():
+            soft, stiff = ("rad/(N m)", "N m/rad") if channel[1].startswith("r") else ("m/N", "N/m")
+            for kind, figure, unit in (
+                ("negative_real", "most_negative_real", soft),
+                ("dynamic_stiffness", "minimum_dynamic_stiffness", stiff),
+            ):
+                key = make_key(kind, pose=pose, output=" ".join(channel))
+                found.append(Number(key, float(values[place, FIGURES.index(figure)]), unit))
+        for direction, limits in self.limits.items():
+            depths = limits.depths[place]
+            lowest = float(np.nanmin(depths)) if np.isfinite(depths).any() else np.nan
+            key = make_key("limit_depth", pose=pose, direction=direction)
+            found.append(Number(key, lowest, "m"))
+            key = make_key("chatter_frequency", pose=pose, direction=direction)
+            found.append(Number(key, float(limits.chatter_hz[place]), "Hz"))
+        return (number for number in found if np.isfinite(number.value))
 
     @property
     def failed(self) -> tuple[int, ...]:
