@@ -6,6 +6,7 @@ from typing import TypedDict
 
 import numpy as np
 
+from headstock.pipeline.answers.path import SIZES
 from headstock.pipeline.answers.volumetric import TOTAL
 from headstock.pipeline.numbers.changes import compare
 from headstock.pipeline.numbers.kinds import KINDS
@@ -15,6 +16,7 @@ RIGID_HZ = 1e-2  # below it a frequency is a rigid-body mode's
 ROUNDING = 1e-9  # relative to the largest number of a kind
 # what a frequency response has a peak of is decided by a threshold: without one nothing is lost
 BY_THRESHOLD = "peak"
+DERIVED = SIZES[2:]  # figures of a deviation that follow its peak and range
 
 
 class ChangeSummary(TypedDict):
@@ -71,15 +73,18 @@ class Change:
 
 
 def select_compared(numbers: Iterable[Number]) -> dict[Key, Number]:
-    """Return the numbers that comparisons list: of an elastic mode; of an error in a volume, not of
-    the sources of it.
+    """Return the numbers that comparisons list: of elastic modes, peaks and ranges of deviations, errors
+    in a volume from all sources; no settling along a path, which jumps by periods and means nothing of
+    an output that symmetry keeps at rest.
     """
     return {
         number.key: number
         for number in numbers
         if number.key.group.compared
         and number.key.get("source") in (None, TOTAL)
+        and number.key.get("figure") not in DERIVED
         and not (number.key.kind == "frequency" and number.value < RIGID_HZ)
+        and not (number.key.kind == "settling_time" and number.key.get("feed"))
     }
 
 
@@ -104,7 +109,7 @@ def _list_changes(before: Mapping[Key, Number], after: Mapping[Key, Number]) -> 
         key, size = number.key, abs(float(np.nan_to_num(number.value)))
         vectors[key.vector, number.unit] = max(size, vectors.get((key.vector, number.unit), 0.0))
         kinds[key.kind] = max(size, kinds.get(key.kind, 0.0))
-    for key, number in (before | after).items():
+    for key, number in {**before, **after}.items():
         first, second = (
             None if key not in found or np.isnan(found[key].value) else found[key].value
             for found in (before, after)

@@ -12,6 +12,7 @@ from headstock.pipeline.planning.plan import Plan
 from headstock.pipeline.planning.rail_meshes import find_coarse_rails
 from headstock.pipeline.preview.doubts import doubt_machine
 from headstock.pipeline.preview.free_motions import free_motion_warnings
+from headstock.pipeline.preview.watched_numbers import find_unknown_numbers
 from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import write_output
 from headstock.pipeline.storage.part_files import find_missing_patches
@@ -37,7 +38,7 @@ def check_scene(
         scene = load_scene(path, variant=variant, overrides=overrides)
         problems, remarks = find_missing_patches(scene)
         coarse, perhaps = find_coarse_rails(scene)
-        if problems := problems + coarse:
+        if problems := problems + coarse + find_unknown_numbers(scene):
             raise SceneError(problems)
     except SceneError as error:
         found = [dataclasses.asdict(problem) for problem in error.problems]

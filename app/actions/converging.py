@@ -27,6 +27,7 @@ from headstock.meshing.components.cad_survey import survey_step
 from headstock.meshing.errors import MeshError
 from headstock.meshing.step_units import doubt_size
 from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.preview.watched_numbers import find_name_fault
 from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import (
     claim_output,
@@ -127,7 +128,11 @@ def _make_job(
 ) -> tuple[StudyJob, MeshSeries]:
     content = hash_scene(chosen.path) if chosen.path.is_file() else ""
     scene = load_scene(chosen.path, variant=chosen.variant, overrides=chosen.overrides)
-    analyses = [name for name in WATCHED if name in scene.analyses.names]
+    wanted = scene.analyses.names if goal.watch else WATCHED
+    analyses = [name for name in wanted if name in scene.analyses.names]
+    for pattern in goal.watch:
+        if fault := find_name_fault(pattern, [scene]):
+            raise click.UsageError(f"--watch: {fault}")
     series = _check_scene(scene, chosen.path, analyses)
     _check_first_mesh(chosen, series, goal)
     job = StudyJob(

@@ -108,7 +108,9 @@ def draw_study(table: StudyTable) -> bytes | None:
     for number, column in enumerate(columns):
         axes = figure.add_subplot(height, width, number + 1)
         _draw_panel(axes, table, lines, column, axis)
-        axes.set_title(describe_column(column, short[column]), fontsize=9, color=INK, loc="left")
+        named = table.head_of(column)
+        title = named if named != column else describe_column(column, short[column])
+        axes.set_title(title, fontsize=9, color=INK, loc="left")
         if number >= len(columns) - width:
             axes.set_xlabel(axis.label, fontsize=8, color=INK)
     if len(columns) < len(every):

@@ -109,6 +109,14 @@ def converge(
             "--accuracy", metavar="SHARE", help="Largest relative error of every number, as in 1%."
         ),
     ] = "1 %",
+    watch: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--watch",
+            metavar="NAME",
+            help="Numbers to watch, such as frequency or 'compliance(*point=tcp*)' [frequencies, compliances].",
+        ),
+    ] = None,
     most_dofs: Annotated[
         int,
         typer.Option(
@@ -147,7 +155,7 @@ def converge(
 
         request = ConvergeRequest(
             scene=choose_scene(scene, variant, set_),
-            goal=ConvergenceGoal(share, most_dofs, most_seconds),
+            goal=ConvergenceGoal(share, most_dofs, most_seconds, tuple(watch or ())),
             solid=read_solid(solid),
             free=free,
             output=output,

@@ -10,7 +10,6 @@ from headstock.app.tables.static import sort_shares
 from headstock.app.texts.bounded_values import show_bound, show_bounded, show_digits
 from headstock.app.texts.curves import name_entry, response_unit
 from headstock.geometry.frames import DIRECTIONS
-from headstock.pipeline.answers.path import SIZES
 from headstock.pipeline.numbers.kinds import KINDS
 from headstock.pipeline.numbers.numbers import parse_key
 from headstock.reduction.motions.body_motions import name_families
@@ -32,7 +31,6 @@ NAMED_SHARE = 0.1  # of a compliance: less is not worth a row
 PEAKS_SHOWN = 3
 MODES_NAMED = 3
 MOST_SHOWN = 3  # numbers of a row
-DERIVED = SIZES[2:]  # figures of a deviation that stand in the CSV file alone
 DEFORMING = (
     "bend",
     "twist",
@@ -226,11 +224,8 @@ def other_sections(summary: ComparisonSummary) -> list[ModelSection]:
     for name, variant in summary["variants"].items():
         for label, numbers in variant["others"].items():
             for entry, number in numbers.items():
-                key = parse_key(entry)
-                if key.get("figure") in DERIVED:
-                    continue
                 rows = sections.setdefault((label, number["unit"]), {})
-                columns = rows.setdefault(key.vector.describe_place(), {})
+                columns = rows.setdefault(parse_key(entry).vector.describe_place(), {})
                 columns.setdefault(name, []).append(number)
     order = [kind.label for kind in KINDS.values()]
     return [

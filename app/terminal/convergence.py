@@ -29,7 +29,7 @@ from headstock.studies.parameters.convergence import (
     show_size,
 )
 from headstock.studies.parameters.features import FeatureTrial, MeshAdvice
-from headstock.studies.parameters.limits import Limit, MeshNeed, WatchedSeries, relative_errors
+from headstock.studies.parameters.limits import Limit, MeshedNumber, MeshNeed, relative_errors
 from headstock.studies.parameters.runs import StudyProgress
 from headstock.studies.parameters.tables import median_seconds
 
@@ -375,7 +375,7 @@ def list_convergence(advice: MeshAdvice, scene: Path) -> ConvergenceListing:
     }
 
 
-def _list_number(each: WatchedSeries, limit: Limit) -> NumberListing:
+def _list_number(each: MeshedNumber, limit: Limit) -> NumberListing:
     return {
         "name": each.name,
         "title": each.title,

@@ -316,7 +316,7 @@ def study_csv(table: StudyTable) -> bytes:
         )
         for number, row in enumerate(table.rows)
     )
-    headings = ("family", *heads, *columns, *map(known_head, partly), *timing)
+    headings = ("family", *heads, *map(table.head_of, columns), *map(known_head, partly), *timing)
     return encode_csv(PlainTable("study", headings, rows))
 
 
@@ -447,7 +447,13 @@ def _print_rows(console: Console, table: StudyTable) -> None:
     short = shorten_columns(table.columns)
     families = any(row.record.family for row in table.rows)
     keys = {key: shorten_key(key) for key in table.varied}
-    headings = [*keys.values(), *(short[column] for column in table.columns)]
+    headings = [
+        *keys.values(),
+        *(
+            table.head_of(column) if short[column] == column else short[column]
+            for column in table.columns
+        ),
+    ]
     shown = make_table(
         *(["family"] if families else []), *(f">{_break_heading(heading)}" for heading in headings)
     )

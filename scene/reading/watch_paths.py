@@ -1,5 +1,5 @@
-"""Paths into ``summary.json``: ``modal.frequencies_hz[0:6]``,
-``static.tcp.compliance_um_per_kN[0][0]``, ``seconds``.
+"""What studies watch: names of numbers, such as ``frequency(pose=reference,mode=1)``, and paths into
+``summary.json``: ``modal.frequencies_hz[0:6]``, ``static.tcp.compliance_um_per_kN[0][0]``, ``seconds``.
 
 A path is a row of names and indices, nothing else: it is parsed here and never evaluated as a
 program.
@@ -25,6 +25,7 @@ POSE_NAME = "pose_name"
 _TOKEN = re.compile(
     r'(?P<dot>\.)?(?:(?P<name>[A-Za-z_][\w-]*)|"(?P<quoted>[^"]+)")|\[(?P<index>-?\d{1,6})\]|\[(?P<low>-?\d{0,6}):(?P<high>-?\d{0,6})\]'
 )
+_NUMBER = re.compile(r"[a-z][a-z_*?]*(\(.*\))?")
 _EXAMPLE = "modal.frequencies_hz[0:6]"
 
 
@@ -34,22 +35,32 @@ class WatchError(ValueError):
 
 @dataclass(frozen=True)
 class WatchPath:
-    """A path into a summary: names, indices and slices in order."""
+    """A path into a summary: names, indices and slices in order; or a name of numbers.
+
+    Attributes:
+        text: As written.
+        steps: Of the path; the text itself where it is a name of numbers.
+        names_numbers: It is one: a name, a kind, or a name with ``*`` and ``?``.
+    """
 
     text: str
     steps: tuple[Step, ...]
+    names_numbers: bool = False
 
 
 def parse_watch(text: str) -> WatchPath:
-    """Read a path.
+    """Read a path, or a name of numbers.
 
     Args:
-        text: Names joined by dots (in double quotes where they hold anything but letters, digits,
+        text: Name of numbers; or names joined by dots (in double quotes where they hold anything but letters, digits,
             ``_`` and ``-``), indices ``[2]`` or ``[-1]``, and ranges ``[0:6]``.
 
     Raises:
         WatchError: It is none, or begins with nothing that a summary holds.
     """
+    known = (*RESULT_NAMES, *MEASURED_NAMES)
+    if _NUMBER.fullmatch(text) and text not in known:
+        return WatchPath(text, (text,), names_numbers=True)
     steps: list[Step] = []
     position = 0
     while position < len(text):
@@ -69,7 +80,6 @@ def parse_watch(text: str) -> WatchPath:
             )
         steps.append(step)
         position = match.end()
-    known = (*RESULT_NAMES, *MEASURED_NAMES)
     if not steps or steps[0] not in known:
         raise WatchError(f"{text[:80]!r} is no result; results begin with {', '.join(known)}")
     return WatchPath(text, tuple(steps))

@@ -8,12 +8,13 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array
 
 from headstock.geometry.errors import HeadstockError
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.skins import Skin
 from headstock.geometry.parts.solids import MeshFile
@@ -24,9 +25,8 @@ from headstock.pipeline.accuracy.settings import (
     grade_mesh,
     is_chosen,
 )
-from headstock.pipeline.numbers.estimates import DISCRETISATION
+from headstock.pipeline.numbers.numbers import Key, make_key
 from headstock.pipeline.results.results import Results
-from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.results.views import ShiftArray
 from headstock.scene.reading.files import TomlValue
 from headstock.scene.scene import Scene
@@ -38,7 +38,7 @@ from headstock.studies.parameters.limits import (
     TIME_SLOPE,
     Limit,
     MeshCosts,
-    WatchedSeries,
+    MeshedNumber,
     estimate_cost,
     estimate_dofs,
     find_limit,
@@ -119,11 +119,13 @@ class ConvergenceGoal:
         accuracy: Relative; every number is to be known better, on a mesh that is as good.
         most_dofs: Of the finest mesh, about.
         most_seconds: Of all meshes together, about [s].
+        watch: Names of the numbers; without, frequencies and compliances of the first pose.
     """
 
     accuracy: float
     most_dofs: int
     most_seconds: float
+    watch: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +145,7 @@ class Convergence:
     series: MeshSeries
     costs: MeshCosts
     records: tuple[StudyRecord, ...]
-    watched: tuple[WatchedSeries, ...]
+    watched: tuple[MeshedNumber, ...]
     limits: tuple[Limit, ...]
     end: str = ""
     failures: tuple[str, ...] = ()
@@ -266,7 +268,7 @@ def _judge(
     ]
     costs = _gather_costs(done)
     chosen = tuple(record for _, record in done)
-    watched = tuple(watch_numbers(chosen)) if chosen else ()
+    watched = tuple(watch_numbers(chosen, goal.watch)) if chosen else ()
     limits = tuple(find_limit(costs.factors, each) for each in watched)
     found = Convergence(series, costs, chosen, watched, limits, failures=tuple(failed))
     return dataclasses.replace(found, end=_find_end(found, records, goal))
@@ -321,71 +323,86 @@ def _gather_costs(done: Sequence[tuple[float, StudyRecord]]) -> MeshCosts:
     )
 
 
-def watch_numbers(records: Sequence[StudyRecord]) -> Iterator[WatchedSeries]:
-    """Natural frequencies and compliances of the first pose on every mesh, coarse to fine; modes
-    are those of the finest mesh, paired by shape.
+def watch_numbers(
+    records: Sequence[StudyRecord], patterns: Sequence[str] = ()
+) -> Iterator[MeshedNumber]:
+    """Yield numbers of the finest mesh on every mesh, coarse to fine; modes of the first pose are those
+    of the finest mesh, paired by shape.
+
+    Args:
+        records: Of meshes that were computed, at least one.
+        patterns: Names of numbers; without, natural frequencies and compliances of the first pose.
+
+    Raises:
+        NumberNameError: No number has such a name.
     """
-    summaries = [record.summary for record in records if record.summary is not None]
-    yield from _watch_frequencies(records, summaries)
-    yield from _watch_compliances(summaries)
-
-
-def _watch_frequencies(
-    records: Sequence[StudyRecord], summaries: Sequence[RunSummary]
-) -> Iterator[WatchedSeries]:
-    if not summaries[-1]["modal"]:
-        return
-    poses = [summary["modal"][0] for summary in summaries]
-    sets = [
-        ModeSet(
-            np.array(pose["frequencies_hz"]),
-            np.array(record.measured["fields"]).T,
-            pose["rigid_count"],
-        )
-        for pose, record in zip(poses, records, strict=True)
-    ]
-    partners = [{pair.first: pair.second for pair in pair_modes(sets[-1], modes)} for modes in sets]
-    finest = poses[-1]
-    for number in range(finest["rigid_count"], len(finest["frequencies_hz"])):
-        found = [(pose, partner.get(number)) for pose, partner in zip(poses, partners, strict=True)]
-        name = f"f{number - finest['rigid_count'] + 1}"
-        yield WatchedSeries(
+    finest, modes = records[-1].numbers, _first_modes(records[-1])
+    partners = [_pair_modes(modes, _first_modes(record)) for record in records]
+    found = (
+        [number for pattern in patterns for number in finest.select(pattern).values()]
+        if patterns
+        else [*finest.values()]
+    )
+    pose = next((key["pose"] for key in finest if key.kind == "compliance"), "")
+    for key in dict.fromkeys(number.key for number in found if 0.0 < abs(number.value) < math.inf):
+        paired = modes is not None and "mode" in key.group.roles and key["pose"] == modes.pose
+        name, title = str(key), key.describe(several_poses=True)
+        if key.kind == "compliance" and key["pose"] == pose and key["direction"] in DIRECTIONS:
+            name = f"{key['point']} {key['direction']}"
+            title = f"static compliance at {key['point']} along {key['direction']}"
+        elif key.kind == "frequency" and modes is not None and paired:
+            index = int(key["mode"]) - modes.first
+            if index < modes.shapes.rigid_count:
+                continue
+            name = f"f{index - modes.shapes.rigid_count + 1}"
+            title = f"{name}, {modes.names[index]}"
+        elif not patterns:
+            continue
+        others = [_with_mode(key, pairs) if paired else key for pairs in partners]
+        yield MeshedNumber(
             name,
-            "Hz",
-            f"{name}, {finest['mode_names'][number]}",
-            tuple(None if at is None else pose["frequencies_hz"][at] for pose, at in found),
-            tuple(None if at is None else pose["error_hz"][at] for pose, at in found),
+            title,
             tuple(
-                None if at is None else pose["error_share"][at].get(DISCRETISATION)
-                for pose, at in found
+                None if other is None else record.numbers.get(other)
+                for record, other in zip(records, others, strict=True)
             ),
-            _sum_fixed(finest["error_share"][number]),
         )
 
 
-def _watch_compliances(summaries: Sequence[RunSummary]) -> Iterator[WatchedSeries]:
-    for point, finest in summaries[-1]["static"].items():
-        for axis, direction in enumerate("xyz"):
-            points = [summary["static"][point] for summary in summaries]
-            values = [each["compliance_um_per_kN"][axis][axis] for each in points]
-            if values[-1]:
-                yield WatchedSeries(
-                    f"{point} {direction}",
-                    "µm/kN",
-                    f"static compliance at {point} along {direction}",
-                    tuple(values),
-                    tuple(each["error_um_per_kN"].get(direction) for each in points),
-                    tuple(
-                        each["error_share"].get(direction, {}).get(DISCRETISATION)
-                        for each in points
-                    ),
-                    _sum_fixed(finest["error_share"].get(direction, {})),
-                )
+class _FirstModes(NamedTuple):
+    """Modes of the first pose: its name, the number of the first mode, names of modes, motions."""
+
+    pose: str
+    first: int
+    names: list[str]
+    shapes: ModeSet
 
 
-def _sum_fixed(shares: Mapping[str, float | None]) -> float:
-    """What no finer mesh takes away of an error: all but the discretisation."""
-    return sum(size or 0.0 for source, size in shares.items() if source != DISCRETISATION)
+def _first_modes(record: StudyRecord) -> _FirstModes | None:
+    if record.summary is None or not record.summary["modal"]:
+        return None
+    modes = record.summary["modal"][0]
+    field = np.array(record.measured["fields"]).T
+    return _FirstModes(
+        modes["pose_name"],
+        modes.get("modes_below", 0) + 1,
+        modes["mode_names"],
+        ModeSet(np.array(modes["frequencies_hz"]), field, modes["rigid_count"]),
+    )
+
+
+def _pair_modes(finest: _FirstModes | None, other: _FirstModes | None) -> dict[int, int]:
+    """Return number of a mode on the finest mesh to that on another one."""
+    if finest is None or other is None:
+        return {}
+    pairs = pair_modes(finest.shapes, other.shapes)
+    return {finest.first + pair.first: other.first + pair.second for pair in pairs}
+
+
+def _with_mode(key: Key, partners: Mapping[int, int]) -> Key | None:
+    """Return the key with the mode's number on another mesh; None where it has no partner."""
+    mode = partners.get(int(key["mode"]))
+    return None if mode is None else make_key(key.kind, **(dict(key.at) | {"mode": mode}))
 
 
 def measure_fields(scene: Scene, results: Results) -> Measured:

@@ -17,7 +17,7 @@ from headstock.studies.parameters.convergence import (
     show_size,
     watch_numbers,
 )
-from headstock.studies.parameters.limits import Limit, MeshNeed, WatchedSeries
+from headstock.studies.parameters.limits import Limit, MeshedNumber, MeshNeed
 from headstock.studies.parameters.records import StudyRecord
 from headstock.studies.parameters.runs import StudyJob, StudyProgress, run_study
 
@@ -201,13 +201,13 @@ def _compare(
     )
 
 
-def _error_slope(series: WatchedSeries, limit: Limit) -> float:
+def _error_slope(series: MeshedNumber, limit: Limit) -> float:
     """True error of the finest mesh over its estimate; 0 where there is none."""
     value, error = series.values[-1], series.mesh_errors[-1]
     return 0.0 if value is None or not error else (value - limit.value) / error
 
 
-def _change(series: WatchedSeries, slope: float) -> float | None:
+def _change(series: MeshedNumber, slope: float) -> float | None:
     """Relative difference of the first mesh from the second, errors taken off by their
     estimates.
     """

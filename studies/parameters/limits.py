@@ -2,12 +2,14 @@
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
 
+from headstock.pipeline.numbers.estimates import DISCRETISATION, Estimate
+from headstock.pipeline.numbers.numbers import Number
 from headstock.studies.parameters.tables import (
     LEAST_SIZES,
     TRUSTED_ORDER,
@@ -50,27 +52,54 @@ class MeshCosts:
 
 
 @dataclass(frozen=True, eq=False)
-class WatchedSeries:
-    """A number on each mesh of a series, coarse to fine.
+class MeshedNumber:
+    """A number on each mesh of a series, coarse to fine; values are in the unit on screen.
 
     Attributes:
         name: ``f1``, ``tcp x``.
-        unit: Hz or µm/kN.
         title: In plain words.
-        values: One per mesh; None where a mesh has no such mode.
-        bounds: What the run of each mesh states behind ±; None where it has no estimate.
-        mesh_errors: The part of the mesh in it.
-        fixed: The part of the last of these that is no matter of the size: fixed-interface modes
-            left out, curved faces.
+        numbers: One per mesh; None where a mesh has no such mode. The last one is there.
     """
 
     name: str
-    unit: str
     title: str
-    values: tuple[float | None, ...]
-    bounds: tuple[float | None, ...]
-    mesh_errors: tuple[float | None, ...]
-    fixed: float = 0.0
+    numbers: tuple[Number | None, ...]
+
+    @property
+    def finest(self) -> Number:
+        """On the last mesh."""
+        return next(number for number in reversed(self.numbers) if number is not None)
+
+    @property
+    def unit(self) -> str:
+        """On screen."""
+        return self.finest.shown[0]
+
+    @property
+    def values(self) -> tuple[float | None, ...]:
+        """One per mesh."""
+        return self._scale(lambda number: number.value)
+
+    @property
+    def bounds(self) -> tuple[float | None, ...]:
+        """± on each mesh; None where it has no estimate."""
+        return self._scale(lambda number: (number.error or Estimate()).total)
+
+    @property
+    def mesh_errors(self) -> tuple[float | None, ...]:
+        """The part of the mesh in ±."""
+        return self._scale(lambda number: (number.error or Estimate()).shares.get(DISCRETISATION))
+
+    @property
+    def fixed(self) -> float:
+        """The part of ± that no finer mesh takes away: fixed-interface modes left out, curved faces."""
+        shares = (self.finest.error or Estimate()).shares
+        rest = sum(size or 0.0 for source, size in shares.items() if source != DISCRETISATION)
+        return self.finest.shown[1] * rest
+
+    def _scale(self, read: Callable[[Number], float | None]) -> tuple[float | None, ...]:
+        found = [None if number is None else read(number) for number in self.numbers]
+        return tuple(None if each is None else self.finest.shown[1] * each for each in found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +148,7 @@ class MeshNeed:
     reach: Reach
 
 
-def find_limit(factors: Sequence[float], series: WatchedSeries) -> Limit:
+def find_limit(factors: Sequence[float], series: MeshedNumber) -> Limit:
     """Where a number goes as the mesh gets finer, by its three finest meshes.
 
     Two ways stand beside each other. Over the sizes (Richardson) the order is free; it takes meshes
@@ -230,7 +259,7 @@ def _observe_order(last: Sequence[_Mesh], limit: float) -> float | None:
     return float(np.polyfit(np.log(sizes), np.log(distances), 1)[0])
 
 
-def relative_errors(series: WatchedSeries, limit: Limit) -> list[float | None]:
+def relative_errors(series: MeshedNumber, limit: Limit) -> list[float | None]:
     """Relative distance of each value from the limit, with its sign; None where there is no
     value.
     """
@@ -241,7 +270,7 @@ def relative_errors(series: WatchedSeries, limit: Limit) -> list[float | None]:
 
 
 def find_need(
-    accuracy: float, costs: MeshCosts, series: Sequence[WatchedSeries], limits: Sequence[Limit]
+    accuracy: float, costs: MeshCosts, series: Sequence[MeshedNumber], limits: Sequence[Limit]
 ) -> MeshNeed:
     """The coarsest mesh on which every number is within an accuracy, and what it costs.
 
@@ -270,7 +299,7 @@ def find_need(
 
 
 def _needed_factor(
-    accuracy: float, factors: Sequence[float], series: WatchedSeries, limit: Limit
+    accuracy: float, factors: Sequence[float], series: MeshedNumber, limit: Limit
 ) -> tuple[float, Reach]:
     # where no order is seen the limit is no better than its own error
     doubt = limit.share if limit.order is None else 0.0

@@ -5,16 +5,17 @@ Lines of points that are no longer asked for stay and are used again when they a
 """
 
 import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Literal, TypedDict
 
+from headstock.pipeline.numbers.numbers import NumberNameError, Numbers
 from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.storage.journals import Journal, JournalForm, read_journal
 from headstock.scene.reading.files import TomlValue
 
 POINTS_FILE = "points.jsonl"
-FORMAT = 2
+FORMAT = 3
 POINTS = JournalForm(b'{"key":', lines=True)
 
 
@@ -43,6 +44,7 @@ class StudyRecord:
         status: ``failed`` when anything asked for could not be computed.
         error: Why, in the program's own words.
         summary: Content of ``summary.json`` without its files; None where the point failed before.
+        numbers: Every number with its ±, by name; none where the point failed before.
         measured: Empty in studies without a reference.
         seconds: Wall-clock time of each repeat [s].
         cpu_seconds: Processor time of each repeat, child processes and threads included [s].
@@ -60,6 +62,7 @@ class StudyRecord:
     status: Literal["done", "failed"]
     error: str = ""
     summary: RunSummary | None = None
+    numbers: Numbers = field(default_factory=Numbers.empty)
     measured: Measured = field(default_factory=lambda: Measured())
     seconds: tuple[float, ...] = ()
     cpu_seconds: tuple[float, ...] = ()
@@ -93,7 +96,8 @@ def append_record(journal: Journal, record: StudyRecord) -> None:
         OutputError: The disk is full or the folder is gone; finished points before it are
             untouched.
     """
-    line = asdict(record) | {"summary": record.summary or {}}
+    line = {each.name: getattr(record, each.name) for each in fields(record)}
+    line |= {"summary": record.summary or {}, "numbers": record.numbers.encode()}
     journal.append(
         json.dumps(line, allow_nan=False, ensure_ascii=False, separators=(",", ":")).encode()
     )
@@ -108,7 +112,8 @@ def _read_line(line: bytes) -> StudyRecord | None:
         if entry.pop("format") != FORMAT:
             return None
         entry["summary"] = entry["summary"] or None
+        entry["numbers"] = Numbers.decode(entry["numbers"])
         entry |= {name: tuple(entry[name]) for name in ("seconds", "cpu_seconds", "peak_mb")}
         return StudyRecord(**entry)
-    except (ValueError, TypeError, KeyError, AttributeError):
+    except (ValueError, TypeError, KeyError, AttributeError, NumberNameError):
         return None

@@ -37,7 +37,7 @@ from headstock.scene.building.loader import load_scene
 from headstock.scene.expansion.includes import scene_content
 from headstock.scene.expansion.overrides import VARIANT_JOINER, split_variant
 from headstock.scene.reading.files import TomlTable
-from headstock.scene.reading.findings import Problem, SceneError
+from headstock.scene.reading.findings import Problem, SceneError, show_key
 from headstock.scene.reading.keys import read_entries
 from headstock.scene.scene import Scene, keep_analyses
 from headstock.scene.studies import REFERENCE_RUN, Study, StudyPoint, expand_study, make_point
@@ -148,8 +148,12 @@ def check_points(job: StudyJob) -> None:
                 problems += [problem for problem in error.problems if problem not in problems]
     for number, watch in enumerate(job.study.watch if scenes else ()):
         if fault := find_watch_fault(watch, scenes):
-            key = f"studies.{job.study.name}.watch[{number}]"
-            problems.append(Problem(str(job.path), key, "", fault))
+            key = ("studies", job.study.name, "watch", number)
+            problems.append(
+                scenes[0].findings.describe(key, fault)
+                if job.study.name in scenes[0].studies
+                else Problem(str(job.path), show_key(key), "", fault)
+            )
     if problems:
         raise SceneError(problems)
 
@@ -378,6 +382,7 @@ def _compute_point(
         status="failed" if results.failures else "done",
         error="; ".join(results.failures),
         summary=summary,
+        numbers=results.numbers,
         measured=job.measure(scene, results) if job.measure else Measured(),
         seconds=tuple(cost.seconds for cost in costs),
         cpu_seconds=tuple(cost.cpu_seconds for cost in costs),

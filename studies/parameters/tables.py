@@ -2,6 +2,7 @@
 fine one: order and limit.
 """
 
+import math
 import re
 import statistics
 from collections.abc import Mapping, Sequence
@@ -11,6 +12,7 @@ from typing import TypeGuard
 from scipy.optimize import brentq
 
 from headstock.pipeline.numbers.estimates import known_part
+from headstock.pipeline.numbers.numbers import NumberNameError, Numbers
 from headstock.pipeline.results.short_forms import ShortForm, list_few
 from headstock.pipeline.results.short_forms import show_value as show_cell
 from headstock.pipeline.storage.frames import Frame, frame_columns
@@ -126,14 +128,17 @@ class StudyRow:
 
     Attributes:
         record: Its record.
-        values: Watched value by column; a column that this point has not is missing.
-        problems: Watched paths that led nowhere, in plain words.
+        values: Watched value by column; a column that this point has not is missing. Numbers are in
+            the unit on screen.
+        units: Column of a number to its unit.
+        problems: Watched paths and names that led nowhere, in plain words.
         known: Column of an error with unknown sources to the sum of those that are known.
         unknown: What those errors lack, in plain words.
     """
 
     record: StudyRecord
     values: dict[str, Watched]
+    units: dict[str, str] = field(default_factory=dict)
     problems: tuple[str, ...] = ()
     known: dict[str, float] = field(default_factory=dict)
     unknown: tuple[str, ...] = ()
@@ -185,6 +190,22 @@ class StudyTable:
         """What a notebook shows."""
         return self._short_form().html()
 
+    @property
+    def numbers(self) -> tuple[Numbers, ...]:
+        """Every number of each point with its ±, by name."""
+        return tuple(row.record.numbers for row in self.rows)
+
+    def unit_of(self, column: str) -> str:
+        """Return the unit of a watched value; empty where nothing says one."""
+        return next(
+            (row.units[column] for row in self.rows if column in row.units), unit_of_result(column)
+        )
+
+    def head_of(self, column: str) -> str:
+        """Return the heading of a column: a name of a number with its unit, a path as watched."""
+        named = any(column in row.units for row in self.rows)
+        return _with_unit(column, self.unit_of(column)) if named else column
+
     def to_pandas(self) -> Frame:
         """A row per point as a pandas frame: varied and watched values as floats in SI units, or in
         those that a name says, with the unit in the head; NaN where there is none.
@@ -206,7 +227,7 @@ class StudyTable:
             else:
                 columns[_with_unit(key, numbers.unit)] = list(numbers.values)
         for name in self.columns:
-            unit = unit_of_result(name)
+            unit = self.unit_of(name)
             columns[_with_unit(name, unit)] = [row.values.get(name) for row in self.rows]
             if any(name in row.known for row in self.rows):
                 columns[_with_unit(known_head(name), unit)] = [
@@ -316,12 +337,22 @@ def is_number(value: object) -> TypeGuard[int | float]:
 
 def _make_row(study: Study, record: StudyRecord) -> StudyRow:
     values: dict[str, Watched] = {}
+    units: dict[str, str] = {}
     problems: list[str] = []
     for text in study.watch:
         path = parse_watch(text)
         if path.steps[0] in MEASURED_NAMES:
             measured = median_seconds(record, str(path.steps[0]))
             values |= {} if measured is None else {text: measured[0]}
+        elif path.names_numbers and record.summary:
+            try:
+                for key, number in record.numbers.select(text).items():
+                    unit, factor = number.shown
+                    value = factor * number.value
+                    values[str(key)] = value if math.isfinite(value) else None
+                    units[str(key)] = unit
+            except NumberNameError as error:
+                problems.append(str(error))
         elif record.summary:
             try:
                 values |= read_watch(path, record.summary)
@@ -334,7 +365,7 @@ def _make_row(study: Study, record: StudyRecord) -> StudyRow:
         if part is not None:
             known[column] = part
             unknown += lacking
-    return StudyRow(record, values, tuple(problems), known, tuple(dict.fromkeys(unknown)))
+    return StudyRow(record, values, units, tuple(problems), known, tuple(dict.fromkeys(unknown)))
 
 
 def known_head(column: str) -> str:
@@ -429,11 +460,11 @@ def _read_size(value: TomlValue) -> float:
 
 def shorten_columns(columns: Sequence[str]) -> dict[str, str]:
     """A short heading for each column: the last names of its path, as many as tell it from the
-    others.
+    others; of a number its whole name.
     """
     short: dict[str, str] = {}
     for column in columns:
-        parts = column.split(".")
+        parts = [column] if column.endswith(")") else column.split(".")
         for count in range(1, len(parts) + 1):
             tail = ".".join(parts[-count:])
             if not any(other != column and f".{other}".endswith(f".{tail}") for other in columns):

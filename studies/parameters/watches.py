@@ -4,6 +4,7 @@ import types
 from collections.abc import Collection, Sequence
 from typing import Union, get_args, get_origin, get_type_hints, is_typeddict
 
+from headstock.pipeline.preview.watched_numbers import find_name_fault
 from headstock.pipeline.results.summary import RunSummary
 from headstock.scene.reading.findings import suggest_names
 from headstock.scene.reading.renamed_names import RESULT_KEYS
@@ -19,10 +20,13 @@ def find_watch_fault(text: str, scenes: Sequence[Scene]) -> str:
     somewhere.
 
     Args:
-        text: The path.
+        text: The path, or the name of numbers.
         scenes: Of the points, with the analyses that they run.
     """
-    steps = parse_watch(text).steps
+    path = parse_watch(text)
+    if path.names_numbers:
+        return find_name_fault(text, scenes)
+    steps = path.steps
     root = str(steps[0])
     if root in MEASURED_NAMES:
         return "" if len(steps) == 1 else f"{text}: {root} is a number; write {root}"

@@ -67,7 +67,7 @@ def scene(tmp_path: Path) -> Path:
         ({"vary": {LENGTH: [1.0]}, "watch": "modal[0]"}, "watch[0]", "is a table"),
         ({"vary": {LENGTH: [1.0]}, "watch": "frf.reference.levels"}, "watch[0]", "analysis frf"),
         ({"vary": {LENGTH: [1.0]}, "watch": "static.tpc.text"}, "watch[0]", "tcp"),
-        ({"vary": {LENGTH: [1.0]}, "watch": ["nope"]}, "watch", "no result"),
+        ({"vary": {LENGTH: [1.0]}, "watch": ["nope"]}, "watch[0]", "no result"),
         ({"vary": {LENGTH: [1.0]}, "watch": 3}, "watch", "no list of names"),
         ({"vary": {LENGTH: [1.0]}, "watch": WATCH, "progress": 3}, "progress", "cannot be called"),
     ],

@@ -59,7 +59,7 @@ def test_the_worth_of_following_the_pose_is_the_difference_that_one_run_tells(
         name: [1e6 * size for zones in figures for zone in zones for size in (zone.peak, zone.span)]
         for name, figures in (("pose_dependent", run.figures), ("frozen", run.frozen_figures))
     }
-    (change,) = [each for each in found.changes if each.answer == "path deviation"]
-    assert any(change.present == approx(peak, rel=1e-3) for peak in peaks[written])
-    assert any(change.without == approx(peak, rel=1e-3) for peak in peaks[tried])
-    assert 0.01 < found.worth < 1.0 and not change.entry.startswith("tcp y")  # zero by symmetry
+    (change,) = [each for each in found.changes if each.label == "path deviation"]
+    assert any(1e6 * (change.present or 0.0) == approx(peak, rel=1e-3) for peak in peaks[written])
+    assert any(1e6 * (change.without or 0.0) == approx(peak, rel=1e-3) for peak in peaks[tried])
+    assert 0.01 < found.worth < 1.0 and change.key["output"] != "tcp y"  # zero by symmetry

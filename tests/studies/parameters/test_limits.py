@@ -5,10 +5,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common import approx
+from headstock.pipeline.numbers.estimates import DISCRETISATION, REDUCTION, Estimate
+from headstock.pipeline.numbers.numbers import Number, make_key
 from headstock.studies.parameters.limits import (
     Limit,
     MeshCosts,
-    WatchedSeries,
+    MeshedNumber,
     find_limit,
     find_need,
 )
@@ -23,10 +25,21 @@ COSTS = MeshCosts(
 
 
 def make_series(
-    values: Sequence[float | None], errors: Sequence[float] | None = None, *, fixed: float = 0.0
-) -> WatchedSeries:
+    values: Sequence[float | None],
+    errors: Sequence[float] | None = None,
+    *,
+    fixed: float = 0.0,
+    name: str = "f1",
+) -> MeshedNumber:
+    key = make_key("frequency", pose="reference", mode=1)
     known = [None] * len(values) if errors is None else errors
-    return WatchedSeries("f1", "Hz", "f1", tuple(values), tuple(known), tuple(known), fixed)
+    numbers = [
+        None
+        if value is None
+        else Number(key, value, "Hz", Estimate({DISCRETISATION: error, REDUCTION: fixed}))
+        for value, error in zip(values, known, strict=True)
+    ]
+    return MeshedNumber(name, name, tuple(numbers))
 
 
 @given(order=st.floats(0.8, 3.8), limit=st.floats(1.0, 1e4), share=st.floats(1e-3, 0.2))
@@ -97,9 +110,7 @@ def test_nobody_can_tell_the_mesh_for_a_number_whose_error_is_unknown() -> None:
 
 def test_the_number_that_takes_the_finest_mesh_decides() -> None:
     low_frequency, fast = (
-        WatchedSeries(
-            name, "Hz", name, tuple(1.0 + share * f**2 for f in FACTORS), (None,) * 5, (None,) * 5
-        )
+        make_series([1.0 + share * f**2 for f in FACTORS], name=name)
         for name, share in (("f1", 0.001), ("f2", 0.02))
     )
     limits = [find_limit(FACTORS, each) for each in (low_frequency, fast)]
