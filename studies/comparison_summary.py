@@ -5,6 +5,7 @@ from typing import NotRequired, TypedDict
 
 import numpy as np
 
+from headstock.geometry.frames import DIRECTIONS
 from headstock.pipeline.answers.static import UM_PER_KN
 from headstock.pipeline.numbers.estimates import Estimate, FrequencyErrors, scale_shares
 from headstock.pipeline.numbers.numbers import Numbers
@@ -216,7 +217,7 @@ def _summarise_row(row: ModeRow, comparison: Comparison) -> RowSummary:
         cells[name] = {
             "number": cell.index + 1,
             "frequency_hz": check_finite(f"frequencies of variant {name}", [cell.frequency_hz])[0],
-            "error_hz": comparison.solutions[name].mode_errors[cell.index].total,
+            "error_hz": comparison.solutions[name].mode_error(cell.index).total,
             "deviation": cell.deviation,
             "mac": cell.correlation,
         }
@@ -224,7 +225,8 @@ def _summarise_row(row: ModeRow, comparison: Comparison) -> RowSummary:
 
 
 def _summarise_variant(solution: VariantSolution, comparison: Comparison) -> VariantSummary:
-    choice, modal, errors = solution.choice, solution.modal, solution.mode_errors[: solution.wanted]
+    choice, modal = solution.choice, solution.modal
+    errors = [solution.mode_error(index) for index in range(solution.wanted)]
     frequencies = np.zeros(0) if modal is None else modal.frequencies_hz[: solution.wanted]
     return {
         "variant": choice.variant,
@@ -275,10 +277,8 @@ def _summarise_point(
     along = np.diag(budget.compliance)[:3]
     # a free direction has no number, and no error
     errors = {
-        direction: Estimate() if np.isnan(value) else error
-        for (direction, error), value in zip(
-            solution.point_errors[name].items(), along, strict=True
-        )
+        direction: Estimate() if np.isnan(value) else solution.point_error(name, direction)
+        for direction, value in zip(DIRECTIONS, along, strict=True)
     }
     return {
         "compliance_um_per_kN": null_open(

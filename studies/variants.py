@@ -5,7 +5,7 @@ compliances, with the time of each step.
 import dataclasses
 import importlib
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -19,7 +19,7 @@ from headstock.geometry.parts.components import Fidelity
 from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.answers.static import PointCompliance, StaticAnswer, compliance_key
 from headstock.pipeline.numbers.estimates import Estimate
-from headstock.pipeline.numbers.numbers import Number, Numbers, make_key
+from headstock.pipeline.numbers.numbers import Key, Number, Numbers, make_key
 from headstock.pipeline.planning.plan import Stage, StageRecord
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.planning.resources import Cost, measure
@@ -135,8 +135,7 @@ class VariantSolution:
         points: Compliance and budget by point name; empty without a static analysis.
         weak_links: Point to direction to the part that gives most of the compliance.
         effort: From scene to answers, without error estimates.
-        mode_errors: An estimate [Hz] per natural frequency of ``modal``.
-        point_errors: Point to direction to an estimate [m/N] of the compliance along it.
+        errors: ± of natural frequencies of ``modal`` and of compliances in x, y, z.
         response: Frequency response as a run finds it; None where none is asked for.
         frf: The same machine, ready to be asked at other frequencies.
         others: Numbers of all other analyses of the scene, in all the poses that it asks for.
@@ -153,12 +152,19 @@ class VariantSolution:
     points: dict[str, PointBudget]
     weak_links: dict[str, dict[str, WeakLink | None]]
     effort: Effort
-    mode_errors: tuple[Estimate, ...]
-    point_errors: dict[str, dict[str, Estimate]] = field(default_factory=dict)
+    errors: Mapping[Key, Estimate]
     response: PoseResponse | None = None
     frf: FrfModel | None = None
     others: Numbers = field(default_factory=Numbers.empty)
     failures: tuple[str, ...] = ()
+
+    def mode_error(self, index: int) -> Estimate:
+        """Return the ± of a natural frequency of ``modal``, by its index."""
+        return self.errors.get(make_key("frequency", pose=self.pose, mode=index + 1), Estimate())
+
+    def point_error(self, point: str, direction: str) -> Estimate:
+        """Return the ± of the compliance at a point along x, y or z."""
+        return self.errors.get(compliance_key(self.pose, point, direction), Estimate())
 
     @cached_property
     def numbers(self) -> Numbers:
@@ -169,17 +175,12 @@ class VariantSolution:
         frequencies = () if self.modal is None else self.modal.frequencies_hz[: self.wanted]
         for mode, hz in enumerate(frequencies):
             key = make_key("frequency", pose=self.pose, mode=mode + 1)
-            found.append(Number(key, float(hz), "Hz", self.mode_errors[mode]))
+            found.append(Number(key, float(hz), "Hz", self.errors.get(key)))
         points = {
             name: PointCompliance(budget.compliance, budget.shares)
             for name, budget in self.points.items()
         }
-        errors = {
-            compliance_key(self.pose, point, direction): error
-            for point, by_direction in self.point_errors.items()
-            for direction, error in by_direction.items()
-        }
-        found += StaticAnswer(self.pose, points, errors=errors).list_numbers()
+        found += StaticAnswer(self.pose, points, errors=self.errors).list_numbers()
         found += () if self.response is None else self.response.list_numbers()
         return Numbers.collect((*found, *self.others.values()))
 
@@ -313,7 +314,12 @@ def _answer(
         points={},
         weak_links={},
         effort=_add_steps(effort, {"couple": coupling, "modes": solving}),
-        mode_errors=() if modal is None else machine.estimate_mode_errors(modal),
+        errors={
+            make_key("frequency", pose=pose.name, mode=mode): error
+            for mode, error in enumerate(
+                () if modal is None else machine.estimate_mode_errors(modal), 1
+            )
+        },
     )
     return _with_response(_with_compliances(solution, state), state)
 
@@ -425,14 +431,17 @@ def _with_compliances(solution: VariantSolution, state: RunState) -> VariantSolu
     except ModelError as error:
         return dataclasses.replace(solution, failures=(f"static analysis: {error}",))
     errors = {
-        name: estimate_compliance_errors(state.parts, coupled, budget.displacements)
+        compliance_key(solution.pose, name, direction): error
         for name, budget in points.items()
+        for direction, error in estimate_compliance_errors(
+            state.parts, coupled, budget.displacements
+        ).items()
     }
     return dataclasses.replace(
         solution,
         points=points,
         weak_links=links,
-        point_errors=errors,
+        errors={**solution.errors, **errors},
         effort=_add_steps(solution.effort, {"static": cost}),
     )
 
@@ -457,7 +466,14 @@ def _with_lumped_compliances(solution: VariantSolution, at: Sequence[str]) -> Va
             for name, point in solved.items()
         },
         weak_links=links,
-        point_errors={name: dict.fromkeys(DIRECTIONS, LUMPED) for name in solved},
+        errors={
+            **solution.errors,
+            **{
+                compliance_key(solution.pose, name, direction): LUMPED
+                for name in solved
+                for direction in DIRECTIONS
+            },
+        },
         effort=_add_steps(solution.effort, {"static": cost}),
     )
 

@@ -27,14 +27,16 @@ from headstock.app.terminal.study import (
     print_study,
     study_csv,
 )
+from headstock.pipeline.numbers.numbers import Numbers
 from headstock.pipeline.storage.content_keys import code_fingerprint
 from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import claim_output, write_beside, write_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.watch_paths import parse_watch
 from headstock.scene.scene import require_name
 from headstock.solvers.mpi import MPI
-from headstock.solvers.ranks import make_on_root, share_from_root
+from headstock.solvers.ranks import make_on_root
 from headstock.studies.parameters.costs import weigh_costs
 from headstock.studies.parameters.records import StudyRecord
 from headstock.studies.parameters.runs import StudyJob, check_points, hash_scene, run_study
@@ -73,6 +75,7 @@ def study_request(request: StudyRequest, comm: MPI.Comm, origin: Provenance | No
     Raises:
         SceneError: The scene or a varied value has problems, or it has no such study.
         click.UsageError: ``--ranks`` does not fit.
+        NumberNameError: A watched name fits no number; all files are written.
         HeadstockError: A file cannot be written.
     """
     start = time.perf_counter()
@@ -85,13 +88,29 @@ def study_request(request: StudyRequest, comm: MPI.Comm, origin: Provenance | No
         else contextlib.nullcontext()
     ):
         records = run_study(job, folder, comm=comm, observer=print_progress)
-        if comm.rank == 0:
+
+        def finish() -> int:
             table = tabulate_study(job.study, records)
             remarks = _publish(table, records, folder, request, origin)
             print_study(table, seconds=time.perf_counter() - start, folder=folder)
             print_remarks(remarks)
-    failed = any(record.status == "failed" for record in records)
-    return int(share_from_root(comm, FAILED if failed else DONE))
+            _require_matches(table)
+            return FAILED if any(record.status == "failed" for record in records) else DONE
+
+        return make_on_root(comm, finish)
+
+
+def _require_matches(table: StudyTable) -> None:
+    """See that every watched name fits a number of some point.
+
+    Raises:
+        NumberNameError: One fits none; the message lists names that exist.
+    """
+    if any(row.problems for row in table.rows):
+        known = Numbers.collect(number for each in table.numbers for number in each.values())
+        for text in table.study.watch if known else ():
+            if parse_watch(text).names_numbers:
+                known.select(text)
 
 
 def _make_job(request: StudyRequest) -> StudyJob:

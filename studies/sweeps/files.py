@@ -3,7 +3,7 @@ interrupted.
 """
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal, NotRequired, TypedDict
 
@@ -13,12 +13,14 @@ from headstock.geometry.frames import FloatArray
 from headstock.meshing.process.libraries import h5py
 from headstock.pipeline.answers.lobes import MM, RPM
 from headstock.pipeline.answers.static import N_PER_UM, UM_PER_KN
+from headstock.pipeline.numbers.estimates import Estimate
+from headstock.pipeline.numbers.numbers import Key
 from headstock.pipeline.results.files import mark_units
 from headstock.pipeline.storage.outputs import write_output
 from headstock.pipeline.storage.provenance import ProvenanceSummary
 from headstock.scene.studies import SweepKind
 from headstock.studies.sweeps.journals import FIGURES, PoseState
-from headstock.studies.sweeps.results import LimitMap, PointMap, SampledErrors, SweepResults
+from headstock.studies.sweeps.results import LimitMap, PointMap, SweepResults
 
 # nested like the dimensions of an array, None for NaN
 type Numbers = float | None | Sequence[Numbers]
@@ -212,7 +214,7 @@ def summarise_sweep(results: SweepResults) -> SweepSummary:
         "errors": {str(number): error for number, error in enumerate(results.errors) if error},
         "frequencies_hz": _nulls(results.frequencies_hz),
         "mode_names": list(results.mode_names),
-        "sampled_errors": [_summarise_errors(sample) for sample in results.sampled_errors],
+        "sampled_errors": [_summarise_errors(*sample) for sample in results.sampled_errors.items()],
         "correlation": [] if results.tracked is None else _nulls(results.tracked.correlation),
         "crossings": _list_crossings(results),
         "tracking_breaks": 0 if results.tracked is None else results.tracked.tracking_breaks,
@@ -228,23 +230,21 @@ def summarise_sweep(results: SweepResults) -> SweepSummary:
     }
 
 
-def _summarise_errors(sample: SampledErrors) -> SampleSummary:
-    every = [
-        *sample.modes.values(),
-        *(error for errors in sample.points.values() for error in errors.values()),
-    ]
-    return {
-        "pose": sample.pose,
-        "error_hz": {str(mode + 1): error.total for mode, error in sample.modes.items()},
-        "error_um_per_kN": {
-            name: {
-                direction: None if error.total is None else UM_PER_KN * error.total
-                for direction, error in errors.items()
-            }
-            for name, errors in sample.points.items()
-        },
-        "error_left_out": sorted({words for error in every for words in error.left_out}),
+def _summarise_errors(pose: int, errors: Mapping[Key, Estimate]) -> SampleSummary:
+    summary: SampleSummary = {
+        "pose": pose,
+        "error_hz": {},
+        "error_um_per_kN": {},
+        "error_left_out": sorted({words for each in errors.values() for words in each.left_out}),
     }
+    for key, error in errors.items():
+        total = error.total
+        if key.kind == "frequency":
+            summary["error_hz"][str(key["mode"])] = total
+        else:
+            point = summary["error_um_per_kN"].setdefault(str(key["point"]), {})
+            point[str(key["direction"])] = None if total is None else UM_PER_KN * total
+    return summary
 
 
 def _list_crossings(results: SweepResults) -> list[CrossingSummary]:

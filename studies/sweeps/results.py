@@ -14,7 +14,7 @@ from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.answers.static import StaticAnswer
 from headstock.pipeline.numbers.estimates import Estimate
-from headstock.pipeline.numbers.numbers import Number, Numbers, make_key
+from headstock.pipeline.numbers.numbers import Key, Number, Numbers, make_key
 from headstock.pipeline.results.short_forms import ShortForm, list_few
 from headstock.pipeline.stages.machine import couple_pose
 from headstock.pipeline.stages.mechanism import build_mechanism, place_pose
@@ -83,21 +83,6 @@ class LimitMap:
         return known.min(axis=0) if len(known) else np.full(len(self.speeds), np.nan)
 
 
-@dataclass(frozen=True)
-class SampledErrors:
-    """Error estimates in one pose of a sweep: of other poses none are made.
-
-    Attributes:
-        pose: Its number.
-        modes: Number of a tracked mode to the error of its frequency [Hz].
-        points: Point to direction to the error of the compliance along it [m/N].
-    """
-
-    pose: int
-    modes: dict[int, Estimate]
-    points: dict[str, dict[str, Estimate]] = field(default_factory=dict)
-
-
 @dataclass(frozen=True, eq=False)
 class SweepResults:
     """Everything a sweep found.
@@ -119,7 +104,8 @@ class SweepResults:
         warnings: For the user.
         mode_names: Of the tracked modes, as they are called in one pose; empty where they were not
             named.
-        sampled_errors: In the poses in which modes got their names.
+        sampled_errors: Number of a pose in which modes got their names to the ± of its numbers; of other
+            poses none is known.
     """
 
     name: str
@@ -137,7 +123,7 @@ class SweepResults:
     limits_confirmed: bool = True
     warnings: tuple[str, ...] = ()
     mode_names: tuple[str, ...] = ()
-    sampled_errors: tuple[SampledErrors, ...] = ()
+    sampled_errors: Mapping[int, Mapping[Key, Estimate]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return self._short_form().text()
@@ -176,40 +162,35 @@ class SweepResults:
         """Every number of every pose by name, modes as tracked; with ± in the poses in which modes got
         their names. Limit depths and frequencies of chatter are those of the speed with the lowest limit.
         """
-        sampled = {each.pose: each for each in self.sampled_errors}
         tracked = self.frequencies_hz
         return Numbers.collect(
             number
             for place in range(len(self.states))
-            for number in self._list_numbers(
-                tracked[place], sampled.get(place, SampledErrors(place, {}))
-            )
+            for number in self._list_numbers(place, tracked[place])
+            if np.isfinite(number.value)
         )
 
-    def _list_numbers(self, tracked: FloatArray, errors: SampledErrors) -> Iterator[Number]:
-        """Yield the numbers of a pose that are determined in it.
+    def _list_numbers(self, place: int, tracked: FloatArray) -> Iterator[Number]:
+        """Yield the numbers of a pose, NaN where they are undetermined.
 
         Args:
+            place: Number of the pose.
             tracked: Frequencies of its tracked modes ``(t,)`` [Hz].
-            errors: Of the pose.
         """
-        place = errors.pose
-        pose = sweep_pose(self.sweep, place).name
-        found: list[Number] = []
+        pose, errors = sweep_pose(self.sweep, place).name, self.sampled_errors.get(place, {})
         for mode, hz in enumerate(tracked):
             key = make_key("frequency", pose=pose, mode=mode + 1)
-            found.append(Number(key, float(hz), "Hz", errors.modes.get(mode)))
+            yield Number(key, float(hz), "Hz", errors.get(key))
         for point, each in self.points.items():
-            known = errors.points.get(point, {})
             for row, output in enumerate(DIRECTIONS):
                 for column, given in enumerate(DIRECTIONS):
                     direction = output if row == column else output + given
                     key = make_key("compliance", pose=pose, point=point, direction=direction)
                     value = float(each.compliance[place, row, column])
-                    found.append(Number(key, value, "m/N", known.get(direction)))
+                    yield Number(key, value, "m/N", errors.get(key))
         if self.condition is not None:
             key = make_key("condition_number", pose=pose)
-            found.append(Number(key, float(self.condition[place]), "1"))
+            yield Number(key, float(self.condition[place]), "1")
         for channel, values in self.figures.items():
             soft, stiff = ("rad/(N m)", "N m/rad") if channel[1].startswith("r") else ("m/N", "N/m")
             for kind, figure, unit in (
@@ -217,15 +198,14 @@ class SweepResults:
                 ("dynamic_stiffness", "minimum_dynamic_stiffness", stiff),
             ):
                 key = make_key(kind, pose=pose, output=" ".join(channel))
-                found.append(Number(key, float(values[place, FIGURES.index(figure)]), unit))
+                yield Number(key, float(values[place, FIGURES.index(figure)]), unit)
         for direction, limits in self.limits.items():
             depths = limits.depths[place]
             lowest = float(np.nanmin(depths)) if np.isfinite(depths).any() else np.nan
             key = make_key("limit_depth", pose=pose, direction=direction)
-            found.append(Number(key, lowest, "m"))
+            yield Number(key, lowest, "m")
             key = make_key("chatter_frequency", pose=pose, direction=direction)
-            found.append(Number(key, float(limits.chatter_hz[place]), "Hz"))
-        return (number for number in found if np.isfinite(number.value))
+            yield Number(key, float(limits.chatter_hz[place]), "Hz")
 
     @property
     def failed(self) -> tuple[int, ...]:
@@ -426,26 +406,24 @@ def name_tracked_modes(parts: MachineParts, results: SweepResults) -> SweepResul
     spread = results.sweep.positions - results.sweep.positions.mean(axis=0)
     far = (np.abs(spread) / np.maximum(np.ptp(results.sweep.positions, axis=0), 1e-12)).sum(axis=1)
     names: dict[int, str] = {}
-    samples: list[SampledErrors] = []
+    samples: dict[int, Mapping[Key, Estimate]] = {}
     for number in np.argsort(far, kind="stable"):
         here = [mode for mode in np.flatnonzero(index[number] >= 0) if int(mode) not in names]
         if here:
             found, points = name_pose_modes(parts, results, int(number), with_static=not samples)
             names |= {int(mode): found.mode_names[index[number, mode]] for mode in here}
             errors = {
-                int(mode): found.list_errors()[index[number, mode]]
+                make_key(
+                    "frequency", pose=found.pose.name, mode=int(mode) + 1
+                ): found.list_errors()[index[number, mode]]
                 for mode in here
                 if index[number, mode] >= found.rigid_count
             }
-            samples.append(
-                SampledErrors(
-                    int(number), errors, {name: points.list_errors(name) for name in points.points}
-                )
-            )
+            samples[int(number)] = errors | dict(points.errors)
         if len(names) == index.shape[1]:
             break
     ordered = tuple(names[mode] for mode in range(index.shape[1]))
-    return dataclasses.replace(results, mode_names=ordered, sampled_errors=tuple(samples))
+    return dataclasses.replace(results, mode_names=ordered, sampled_errors=samples)
 
 
 def name_pose_modes(

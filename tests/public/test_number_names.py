@@ -8,6 +8,7 @@ import pytest
 import headstock as hs
 from headstock.app.command_line import main
 
+SLIDE = Path(__file__).parents[1] / "data" / "slide.toml"
 LENGTH = "components.head.at[2]"
 SCENE = """
 name = "Head on a foot"
@@ -91,8 +92,11 @@ def test_a_pattern_without_a_number_lists_those_there_are(
     scene: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     scene.write_text(SCENE.replace("mode=1)", "mode=9)"))
-    assert main(["study", str(scene), "heights", "--json", str(scene.with_suffix(".json"))]) == 0
-    rows = json.loads(scene.with_suffix(".json").read_text())["rows"]
+    out = scene.parent / "out"
+    assert main(["study", str(scene), "heights", "-o", str(out)]) == 2
+    told = capsys.readouterr().err
+    assert "mode=9" in told and FIRST in told
+    rows = json.loads((out / "study.json").read_text())["rows"]
     assert rows and all(FIRST in row["missing"][0] for row in rows)
     assert SOFT not in rows[0]["missing"][0]
 
@@ -104,3 +108,15 @@ def test_variants_and_their_numbers_have_one_name(scene: Path) -> None:
     assert soft[FIRST].value == pytest.approx(
         float(hs.run(hs.load(scene, variant="soft")).numbers[FIRST].value)
     )
+
+
+def test_every_pose_of_a_sweep_has_its_numbers_by_name(scene: Path) -> None:
+    numbers = hs.sweep(SLIDE, "named").numbers
+    assert len(numbers.select("frequency(*mode=1)")) == 3
+    alone = hs.run(SLIDE, analyses=["static", "modal"]).numbers
+    for name in (
+        "frequency(pose=left,mode=1)",
+        "compliance(pose=right,point=tcp,direction=x)",
+    ):
+        assert numbers[name].value == pytest.approx(alone[name].value, rel=1e-6)
+        assert numbers[name].unit == alone[name].unit

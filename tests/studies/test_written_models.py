@@ -11,7 +11,7 @@ import pytest
 from common import approx
 from fixture_machines import machine
 from headstock.app.command_line import main
-from headstock.pipeline.results.files import read_numbers
+from headstock.pipeline.numbers.folders import read_numbers
 from headstock.studies.kind_changes import compare_kinds
 
 pytestmark = pytest.mark.fem

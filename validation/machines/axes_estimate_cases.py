@@ -173,7 +173,7 @@ def _list_path(answer: PathResult) -> tuple[FloatArray, FloatArray]:
     """Return sizes ``(n,)`` of deviations on ramps, torques, position errors and forces of a path, and
     their ±.
     """
-    return _list_sizes(
+    return list_sizes(
         number
         for number in answer.list_numbers()
         if number.key.kind in PATH_KINDS and number.key.get("zone") != "cruising"
@@ -182,7 +182,7 @@ def _list_path(answer: PathResult) -> tuple[FloatArray, FloatArray]:
 
 def _list_probes(answers: list[PathResult]) -> tuple[FloatArray, FloatArray]:
     """Return largest equivalent stresses and displacements ``(n,)`` at probes, and their ±."""
-    return _list_sizes(
+    return list_sizes(
         number
         for answer in answers
         for number in answer.list_numbers()
@@ -190,7 +190,8 @@ def _list_probes(answers: list[PathResult]) -> tuple[FloatArray, FloatArray]:
     )
 
 
-def _list_sizes(numbers: Iterable[Number]) -> tuple[FloatArray, FloatArray]:
+def list_sizes(numbers: Iterable[Number]) -> tuple[FloatArray, FloatArray]:
+    """Return sizes ``(n,)`` of numbers, and their ±, infinite without a bound."""
     values: list[float] = []
     errors: list[float] = []
     for number in numbers:

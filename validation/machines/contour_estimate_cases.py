@@ -5,9 +5,6 @@ the same machines of fine meshes with more modes.
 import tempfile
 from pathlib import Path
 
-import numpy as np
-
-from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.contouring import ContourAnswer
 from headstock.pipeline.runner import run_scene
@@ -19,6 +16,7 @@ from headstock.validation.machines.axes_estimate_cases import (
     FINE_ACROSS,
     JudgedNumbers,
     judge_numbers,
+    list_sizes,
     pair_numbers,
     refine_scene,
 )
@@ -90,9 +88,16 @@ def compare_contours(
                 one, folder / "results", comm=MPI.COMM_SELF, store=Store(folder / "store")
             )
             (answer,) = find_answers(results.answers, ContourAnswer)
-            both.append(_list_numbers(answer))
-    coarse, fine = both
-    return {kind: pair_numbers(coarse[kind], fine[kind], least=0.0) for kind in coarse}
+            both.append([*answer.list_numbers()])
+    found = {}
+    for what in dict.fromkeys(KINDS.values()):
+        coarse, fine = (
+            list_sizes(number for number in numbers if KINDS.get(number.key.kind) == what)
+            for numbers in both
+        )
+        if len(coarse[0]):
+            found[what] = pair_numbers(coarse, fine, least=0.0)
+    return found
 
 
 KINDS = {
@@ -103,15 +108,3 @@ KINDS = {
     "profile": PROFILES,
     "limit_depth": LIMITS,
 }
-
-
-def _list_numbers(answer: ContourAnswer) -> dict[str, tuple[FloatArray, FloatArray]]:
-    """Return sizes ``(n,)`` of what a contour says, and their ±."""
-    values: dict[str, list[float]] = {}
-    errors: dict[str, list[float]] = {}
-    for number in answer.list_numbers():
-        if (kind := KINDS.get(number.key.kind)) is not None:
-            total = None if number.error is None else number.error.total
-            values.setdefault(kind, []).append(abs(number.value))
-            errors.setdefault(kind, []).append(np.inf if total is None else total)
-    return {kind: (np.array(sizes), np.array(errors[kind])) for kind, sizes in values.items()}

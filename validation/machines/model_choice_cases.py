@@ -18,7 +18,7 @@ import headstock.pipeline
 import headstock.reduction
 import headstock.solvers
 from headstock.geometry.errors import HeadstockError
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.parts.components import (
     Component,
@@ -66,12 +66,12 @@ class ScenesBeside:
     """What a machine or part with a stated accuracy is compared with.
 
     Attributes:
-        truth: Numbers of finite elements that are good enough to judge by, by kind, pose and point.
+        truth: Numbers of finite elements that are good enough to judge by, by name.
         doubt: How far off those may be, by their own estimate.
         by_hand: What was tried by hand to its largest true error and processor time [s].
     """
 
-    truth: dict[str, FloatArray]
+    truth: dict[str, float]
     doubt: float
     by_hand: dict[str, tuple[float, float]]
 
@@ -125,7 +125,7 @@ def _recall(seed: int, load: Callable[[int, Path], Scene]) -> ChosenScene:
             for name, parts in _tried_by_hand(scene)
         }
         asked = ASKED[seed % len(ASKED)]
-        beside_key = _key(text, repr(models), repr((TRUE_SHARE, TRUE_MEMORY, asked)))
+        beside_key = _key(text, repr(models), repr((TRUE_SHARE, TRUE_MEMORY, asked)), "names")
         beside = _keep(beside_key, ScenesBeside, lambda: measure_beside(scene, asked, folder))
         pipeline, own = code_fingerprint(headstock.pipeline), Path(__file__).read_text()
         return _keep(
@@ -195,13 +195,13 @@ def measure_beside(scene: Scene, asked: float, folder: Path) -> ScenesBeside:
     limits = dataclasses.replace(scene.limits, memory_bytes=TRUE_MEMORY)
     found = _run(dataclasses.replace(fine, accuracy=goal, limits=limits), folder)
     (search,) = find_answers(found.answers, AccuracyAnswer)
-    truth, by_hand = _list_numbers(found), {}
+    truth, by_hand = _list_values(found), {}
     for name, parts in _tried_by_hand(scene):
         try:
             results = _run(replace_components(scene, parts), folder)
         except HeadstockError:  # a model that such a body cannot have
             continue
-        off = float(_deviate(_list_numbers(results), truth).max())
+        off = float(_deviate(_list_values(results), truth).max())
         by_hand[name] = off, _cpu(results)
     return ScenesBeside(truth, np.inf if search.estimated is None else search.estimated, by_hand)
 
@@ -216,7 +216,7 @@ def measure_choice(
     """
     goal = dataclasses.replace(scene, accuracy=AccuracyGoal(asked, models="all"))
     chosen = _run(goal, folder)
-    errors = _deviate(_list_numbers(chosen), beside.truth)
+    errors = _deviate(_list_values(chosen), beside.truth)
     met = not chosen.failures
     return ChosenScene(seed, asked, met, beside.doubt, errors, _cpu(chosen), beside.by_hand)
 
@@ -276,27 +276,20 @@ def _cpu(results: Results) -> float:
     return sum(record.cpu_seconds or 0.0 for record in results.stages)
 
 
-def _list_numbers(results: Results) -> dict[str, FloatArray]:
-    """Elastic frequencies of each pose, and compliances of each point in its poses."""
-    found = {
-        f"modes {modes.pose.name}": modes.frequencies_hz[modes.rigid_count :]
-        for modes in results.modal
+def _list_values(results: Results) -> dict[str, float]:
+    """Return name to value of elastic frequencies and of compliances in x, y, z."""
+    rigid = {modes.pose.name: modes.below + modes.rigid_count for modes in results.modal}
+    return {
+        str(key): number.value
+        for key, number in results.numbers.items()
+        if (key.kind == "frequency" and int(key["mode"]) > rigid[str(key["pose"])])
+        or (key.kind == "compliance" and key["direction"] in DIRECTIONS)
     }
-    for pose, points in results.static.items():
-        for name, point in points.items():
-            found[f"static {pose} {name}"] = np.diag(point.compliance)[:3]
-    return found
 
 
-def _deviate(found: Mapping[str, FloatArray], truth: Mapping[str, FloatArray]) -> FloatArray:
-    """Relative differences of all numbers, frequencies in their order; a machine of rigid bodies may
-    have fewer.
-    """
-    padded = {
-        name: np.append(found[name], np.full(len(exact) - len(found[name]), np.inf))
-        for name, exact in truth.items()
-    }
-    return np.concatenate([np.abs(padded[name] / exact - 1.0) for name, exact in truth.items()])
+def _deviate(found: Mapping[str, float], truth: Mapping[str, float]) -> FloatArray:
+    """Return relative differences of all numbers; a machine of rigid bodies may have fewer."""
+    return np.array([abs(found.get(name, np.inf) / exact - 1.0) for name, exact in truth.items()])
 
 
 def _judge(case: str, what: str, scenes: list[ChosenScene]) -> list[ValidationRow]:

@@ -16,7 +16,7 @@ from fixture_machines import machine
 from headstock.app.command_line import main
 from headstock.app.texts.bounded_values import show_bound, show_bounded
 from headstock.geometry.parts.components import Component
-from headstock.pipeline.results.files import read_numbers
+from headstock.pipeline.numbers.folders import read_numbers
 from headstock.reduction.components import elastic as elastic_reduction
 from headstock.reduction.superelement import Superelement
 

@@ -35,8 +35,8 @@ from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.scene import Scene
-from scene_runs import run
 from headstock.studies.kind_changes import compare_kinds
+from scene_runs import run
 
 ROOT = Path(__file__).resolve().parents[3]
 COLUMN = ROOT / "tests" / "data" / "segmented_column.toml"
