@@ -341,7 +341,7 @@ def watch_numbers(
     found = (
         [number for pattern in patterns for number in finest.select(pattern).values()]
         if patterns
-        else [*finest.values()]
+        else sorted(finest.values(), key=lambda number: number.key.kind != "frequency")
     )
     pose = next((key["pose"] for key in finest if key.kind == "compliance"), "")
     for key in dict.fromkeys(number.key for number in found if 0.0 < abs(number.value) < math.inf):

@@ -8,6 +8,7 @@ import pytest
 import headstock as hs
 from headstock.app.command_line import main
 
+CANTILEVER = Path(__file__).parents[2] / "machines" / "cantilever.toml"
 SLIDE = Path(__file__).parents[1] / "data" / "slide.toml"
 LENGTH = "components.head.at[2]"
 SCENE = """
@@ -114,9 +115,27 @@ def test_every_pose_of_a_sweep_has_its_numbers_by_name(scene: Path) -> None:
     numbers = hs.sweep(SLIDE, "named").numbers
     assert len(numbers.select("frequency(*mode=1)")) == 3
     alone = hs.run(SLIDE, analyses=["static", "modal"]).numbers
-    for name in (
-        "frequency(pose=left,mode=1)",
-        "compliance(pose=right,point=tcp,direction=x)",
+    for swept, name in (
+        ("frequency(pose=X -100 mm,mode=1)", "frequency(pose=left,mode=1)"),
+        (
+            "compliance(pose=X 150 mm,point=tcp,direction=x)",
+            "compliance(pose=right,point=tcp,direction=x)",
+        ),
     ):
-        assert numbers[name].value == pytest.approx(alone[name].value, rel=1e-6)
-        assert numbers[name].unit == alone[name].unit
+        assert numbers[swept].value == pytest.approx(alone[name].value, rel=1e-6)
+        assert numbers[swept].unit == alone[name].unit
+
+
+@pytest.mark.parametrize(
+    ("name", "code", "words"),
+    [
+        ("frequency(pose=tilted,mode=1)", 2, "poses: reference"),
+        ("frequencys", 2, "did you mean 'frequency'"),
+    ],
+)
+def test_converge_refuses_a_name_that_no_number_can_have(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, code: int, words: str
+) -> None:
+    out = tmp_path / "out"
+    assert main(["converge", str(CANTILEVER), "--watch", name, "-o", str(out)]) == code
+    assert words in capsys.readouterr().err and not (out / "points.jsonl").exists()

@@ -138,6 +138,10 @@ def test_a_second_call_computes_nothing_again_and_files_hold_what_is_printed(
     assert again["numbers"] == first["numbers"]
     assert "--most-dofs is 3000" in again["end"]
     assert json.loads((tmp_path / "a.json").read_text())["text"] == again["text"]
+    pattern = ("--watch", "compliance(*point=tcp,direction=x)")
+    chosen = converge(scene_file, tmp_path / "out", *options, *pattern)["numbers"]
+    assert chosen == [number for number in first["numbers"] if number["name"] == "tcp x"] != []
+    converge(scene_file, tmp_path / "out", *options)
     with (tmp_path / "out" / "convergence.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [int(row["dofs"]) for row in rows[:-1]] == [mesh["dofs"] for mesh in first["meshes"]]
