@@ -160,7 +160,7 @@ def _list_measures(answer: VolumetricAnswer) -> tuple[FloatArray, FloatArray]:
     """Return sizes ``(n,)`` of all that is measured of a map, and their ±; the largest error is among the
     ranges.
     """
-    return _list_sizes(
+    return list_sizes(
         number for number in answer.list_numbers() if number.key.kind != "volumetric_error"
     )
 
