@@ -249,7 +249,7 @@ def test_a_bad_scene_ends_with_2_and_all_problems_and_touches_nothing(
     before = sorted(tmp_path.rglob("*"))
     assert main([command, str(scene_file)]) == 2
     message = capsys.readouterr().err
-    assert f"{scene_file}:5" in message
+    assert f"{scene_file}:4" in message
     assert "steal" in message
     assert "Traceback" not in message
     assert sorted(tmp_path.rglob("*")) == before
