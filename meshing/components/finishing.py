@@ -96,8 +96,8 @@ def finish_mesh(data: MeshData, component: Component, groups: Groups) -> Compone
     cad_volume = float("nan")
     if properties is not None:
         if data.curved is not None and len(data.curved.nodes):
-            gaps = measure_gaps(points, surface, data.curved)
-            properties = _correct_volume(properties, volume, gaps)
+            between = measure_gaps(points, surface, data.curved)
+            properties = _correct_volume(properties, volume, between)
         cad_volume = properties.volume
         areas |= properties.patch_areas
         _check_sizes(points, patches, volume, properties, component)

@@ -232,7 +232,8 @@ def _add_steps(path: Path, before: Line, steps: Sequence[str]) -> list[str]:
     Raises:
         MeshError: A field to which something is added is no number.
     """
-    known, fields = Card(f"{path.name}:{before.number}", before.name, before.fields), []
+    known = Card(f"{path.name}:{before.number}", before.name, before.fields)
+    fields: list[str] = []
     for place, (text, step) in enumerate(zip(before.fields, steps, strict=True)):
         if step == "==":
             return fields + before.fields[place:]

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 import urllib.request
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import pytest
@@ -94,13 +94,18 @@ def settings(folder: Path, shim: Path) -> dict[str, str]:
 
 
 def opened(
-    folder: Path, command: Sequence[str | Path], shim: Path, *, code: int = 0, **variables: str
+    folder: Path,
+    command: Sequence[str | Path],
+    shim: Path,
+    variables: Mapping[str, str] | None = None,
+    *,
+    code: int = 0,
 ) -> tuple[set[str], str]:
     """Run a command in a planted folder: what it opened there, and what it printed."""
     done = subprocess.run(
         command,
         cwd=folder,
-        env=settings(folder, shim) | variables,
+        env=settings(folder, shim) | {**(variables or {})},
         capture_output=True,
         text=True,
         timeout=100,
@@ -129,7 +134,7 @@ def test_a_run_opens_its_scene_and_its_results_and_nothing_else(
         words.append("--no-figures")
     # empty entries of search paths are the working folder, too
     empty = {"PYTHONPATH": os.environ.get("PYTHONPATH", "") + ":", "LD_LIBRARY_PATH": ":"}
-    found, said = opened(folder, [ROOT / "headstock", *words], shim, **empty)
+    found, said = opened(folder, [ROOT / "headstock", *words], shim, empty)
     assert "compliance" in said
     assert found == set()
 
@@ -168,7 +173,7 @@ def test_a_job_of_slurm_opens_its_scene_and_its_results_and_nothing_else(
     write_stand_ins(tmp_path / "bin")
     words = ["run", "scene.toml", "-o", "out", "--no-figures", "--on", "slurm"]
     path = f"{tmp_path / 'bin'}:{os.environ['PATH']}"
-    found, said = opened(folder, [ROOT / "headstock", *words], shim, PATH=path)
+    found, said = opened(folder, [ROOT / "headstock", *words], shim, {"PATH": path})
     assert "compliance" in said
     # the script, the log and what is on record of the job
     assert {name for name in found if not name.startswith("results/slurm/")} == set()
@@ -183,8 +188,8 @@ def test_pip_reads_no_settings_of_the_working_folder(tmp_path: Path, shim: Path)
         "PIP_FIND_LINKS": "",
         "PIP_CONFIG_FILE": "pip.conf",
     }
-    words = [ROOT / "headstock", "exec", "--with", "benchmarks", "true"]
-    found, said = opened(folder, words, shim, code=1, **own)
+    words = [str(ROOT / "headstock"), "exec", "--with", "benchmarks", "true"]
+    found, said = opened(folder, words, shim, own, code=1)
     assert "No matching distribution" in said
     assert found == set()
 
