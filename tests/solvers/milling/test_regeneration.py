@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import GuideFriction
-from headstock.solvers.control.friction import Rubbing, friction_force, stack_laws
+from headstock.solvers.control.friction import CoordinateFriction, friction_force, stack_laws
 from headstock.solvers.errors import ModelError
 from headstock.solvers.milling.forces import (
     CuttingCoefficients,
@@ -150,7 +150,7 @@ def test_a_cut_and_friction_meet_as_in_a_fine_integration_of_the_delay_equation(
     )
     motion = machine(8)
     count, still = len(motion.times), np.zeros((len(motion.times), 1))
-    rubbing = Rubbing(np.array([0], dtype=np.intp), stack_laws([law]), still)
+    rubbing = CoordinateFriction(np.array([0], dtype=np.intp), stack_laws([law]), still)
     cut = RegenerativeCut(
         (phase,),
         STEPS // 4,
