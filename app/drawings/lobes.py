@@ -12,8 +12,7 @@ import numpy as np
 from markupsafe import Markup
 
 from headstock.app.drawings import svg
-from headstock.app.tables.lobes import show_best_depth
-from headstock.app.texts.bounded_values import show_bound, show_bounded
+from headstock.app.texts.bounded_values import show_best_depth, show_bound, show_bounded
 from headstock.app.texts.curves import even_ticks
 from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.pipeline.answers.lobes import DirectionSummary

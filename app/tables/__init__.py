@@ -1,1 +1,1 @@
-"""Rows of what a run found, for terminal, report and CSV files: a file per answer."""
+"""Tables for terminal, report and CSV files: what several views share, and those of studies."""

@@ -1,8 +1,6 @@
-"""Rows of components, joints and models of bodies."""
+"""Rows of components."""
 
-from headstock.app.tables.table import Column, show_percent
-from headstock.pipeline.answers.accuracy import BodyModelSummary
-from headstock.pipeline.answers.interfaces import JointShapesSummary
+from headstock.app.tables.table import Column
 from headstock.pipeline.results.summary import ComponentSummary
 
 COMPONENT_COLUMNS: tuple[Column[tuple[str, ComponentSummary]], ...] = (
@@ -31,33 +29,4 @@ COMPONENT_COLUMNS: tuple[Column[tuple[str, ComponentSummary]], ...] = (
         lambda row: row[1]["mesh_quality"]["repaired"] if "mesh_quality" in row[1] else None,
         report="Repaired elements",
     ),
-)
-
-JOINT_COLUMNS: tuple[Column[tuple[str, JointShapesSummary]], ...] = (
-    Column(lambda row: row[0], "joint", "joint", "Joint"),
-    Column(lambda row: row[1]["between"], "between", "between", "Between"),
-    Column(lambda row: row[1]["shapes"], "shapes", ">shapes", "Shapes"),
-    Column(lambda row: row[1]["compared_with"], "compared with", ">compared with", "Compared with"),
-    Column(
-        lambda row: row[1]["largest"],
-        "largest change",
-        ">may be off",
-        "May be off",
-        show=show_percent,
-    ),
-    Column(lambda row: row[1]["number"], "of", "<of", "of"),
-)
-
-MODEL_COLUMNS: tuple[Column[tuple[str, BodyModelSummary]], ...] = (
-    Column(lambda row: row[0], "component", "body", "Body"),
-    Column(lambda row: row[1]["fidelity"], "model", "model", "Model"),
-    Column(lambda row: row[1]["compared_with"], "compared with", "compared with", "Compared with"),
-    Column(
-        lambda row: row[1]["largest"],
-        "largest change",
-        ">changes",
-        "Largest change",
-        show=show_percent,
-    ),
-    Column(lambda row: row[1]["number"], "of", "<of", "of"),
 )

@@ -13,7 +13,7 @@ from decimal import ROUND_CEILING, ROUND_HALF_EVEN, Decimal
 
 from headstock.pipeline.answers.accuracy import AccuracySummary, ModelErrorsSummary
 from headstock.pipeline.answers.frf import ResponseSummary
-from headstock.pipeline.answers.lobes import LobesSummary
+from headstock.pipeline.answers.lobes import BestSpeedSummary, LobesSummary
 from headstock.pipeline.answers.transient import TransientSummary
 from headstock.pipeline.numbers.estimates import (
     DISCRETISATION,
@@ -333,6 +333,20 @@ def limit_error_words(lobes: Mapping[str, LobesSummary]) -> list[str]:
         what = "not in ±" if largest else "no ± of the lowest limits"
         words.append(f"{what}: {'; '.join(left_out)}")
     return words
+
+
+def show_best_depth(best: BestSpeedSummary) -> str:
+    """Limit depth at a best speed [mm], with its ±; that it is above the deepest cut where there is
+    none.
+    """
+    depth, error = best["limit_depth_mm"], best["error_mm"]
+    if not best["limited"]:
+        return f"above {depth:.3g}"
+    return (
+        f"{depth:.3g}"
+        if error is None
+        else f"{show_bounded(depth, error)} {show_bound(depth, error)}"
+    )
 
 
 def transient_words(transient: TransientSummary) -> list[str]:

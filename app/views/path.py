@@ -1,6 +1,8 @@
 """Deviation from a straight path at every feed, and what drives, joints and probes take."""
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 from headstock.app.drawings.path import draw_path
 from headstock.app.drawings.transient import draw_path_drives
@@ -9,20 +11,232 @@ from headstock.app.tables.motion_forces import (
     MOTOR_COLUMNS,
     tabulate_joint_forces,
 )
-from headstock.app.tables.path import (
-    CRUISE_COLUMNS,
-    ZONE_COLUMNS,
-    list_cruises,
-    list_zones,
-    path_error_words,
-    path_stem,
-    tabulate_path,
-)
-from headstock.app.tables.probes import PROBE_MOTION_PEAKS
-from headstock.app.tables.table import PlainTable, tabulate
+from headstock.app.tables.probes import PROBE_MOTION_PEAKS, list_motion_columns
+from headstock.app.tables.table import Column, PlainTable, show_deviation, tabulate, tabulate_curves
+from headstock.app.texts.bounded_values import NO_BOUND
 from headstock.app.views.view import FinishedRun, Listing, Section, TerminalPart, View
-from headstock.geometry.machine.machine import show_position
-from headstock.pipeline.answers.path import PathCurves, PathSummary
+from headstock.geometry.machine.machine import SCENE_UNITS, show_position
+from headstock.pipeline.answers.path import (
+    CruiseSummary,
+    FeedSummary,
+    PathCurves,
+    PathSummary,
+    ZoneSummary,
+    deviation_unit,
+)
+from headstock.pipeline.numbers.estimates import show_share
+from headstock.solvers.second_order import name_channel
+
+PART_NAMES = {
+    "total": "deviation",
+    "quasi_static": "quasi-static",
+    "low_frequency": "low-frequency",
+    "dynamic": "residual vibration",
+}
+
+
+class ZoneRow(NamedTuple):
+    """What a path analysis says of an output while a ramp lasts; sizes in µm or µrad."""
+
+    run: FeedSummary
+    channel: list[str]
+    zone: str
+    found: ZoneSummary
+    errors: ZoneSummary
+
+    def error(self, name: str) -> float | None:
+        """How far one of its sizes may be off; None where nobody says, or it is zero."""
+        key = f"{name}_{deviation_unit((self.channel[0], self.channel[1]))[0]}"
+        return _known_error(self.found[key], self.errors, key)
+
+    def size(self, name: str) -> float | None:
+        """One of its sizes, by its name without the unit."""
+        return self.found[f"{name}_{deviation_unit((self.channel[0], self.channel[1]))[0]}"]
+
+
+def _list_zones(path: PathSummary, output: int | None = None) -> list[ZoneRow]:
+    """Every feed, output and ramp of a path analysis; of one output where its number is given."""
+    return [
+        ZoneRow(run, shown["dof"], zone, found, shown["errors"][zone])
+        for run in path["feeds"]
+        for number, shown in enumerate(run["outputs"])
+        if output in (None, number)
+        for zone, found in (
+            ("accelerating", shown["accelerating"]),
+            ("decelerating", shown["decelerating"]),
+        )
+    ]
+
+
+def _known_error(
+    value: float | None, errors: Mapping[str, float | None], name: str
+) -> float | None:
+    """How far a number may be off, NaN for ``± ?``; None where nothing is known of any, or the number
+    is roundoff.
+    """
+    if value is None or show_deviation(value) == "0" or all(e is None for e in errors.values()):
+        return None
+    error = errors.get(name)
+    return math.nan if error is None else error
+
+
+ZONE_COLUMNS: tuple[Column[ZoneRow], ...] = (
+    Column(lambda row: row.run["name"], screen="feed", report="Feed"),
+    Column(lambda row: " ".join(row.channel), screen="<at"),
+    Column(lambda row: row.zone, screen="<zone", report="Zone"),
+    Column(lambda row: row.run["acceleration"], report="Acceleration [m/s², rad/s²]", digits=3),
+    Column(
+        lambda row: row.size("peak"),
+        screen=">peak",
+        report="Peak",
+        error=lambda row: row.error("peak"),
+    ),
+    Column(lambda row: row.found["peak_s"], screen=">at s", report="at [s]"),
+    Column(
+        lambda row: row.size("span"),
+        screen=">span",
+        report="Peak to peak",
+        error=lambda row: row.error("span"),
+    ),
+    Column(
+        lambda row: row.size("quasi_static"),
+        screen=">static",
+        report="Quasi-static",
+        error=lambda row: row.error("quasi_static"),
+    ),
+    Column(
+        lambda row: row.size("dynamic"),
+        screen=">vibration",
+        report=PART_NAMES["dynamic"].capitalize(),
+        error=lambda row: row.error("dynamic"),
+    ),
+    Column(lambda row: row.size("rms"), report="rms", error=lambda row: row.error("rms")),
+    Column(
+        lambda row: row.found["settling_s"],
+        screen=">settles",
+        report="below 5 % after [s]",
+        digits=3,
+        missing="never",
+    ),
+    Column(lambda row: row.size("frozen_peak"), screen=">frozen pose", report="Peak, frozen pose"),
+)
+
+
+class CruiseRow(NamedTuple):
+    """An output of a path at constant feed."""
+
+    run: FeedSummary
+    channel: Sequence[str]
+    found: CruiseSummary
+    errors: ZoneSummary
+
+    def error(self, name: str, value: float) -> float | None:
+        """How far one of its sizes may be off."""
+        return _known_error(value, self.errors, name)
+
+
+def _list_cruises(path: PathSummary, output: int | None = None) -> list[CruiseRow]:
+    """Every feed and output of a path on which errors of guides act; of one output where its number
+    is given.
+    """
+    return [
+        CruiseRow(run, shown["dof"], shown["cruising"], shown["errors"]["cruising"])
+        for run in path["feeds"]
+        for number, shown in enumerate(run["outputs"])
+        if output in (None, number) and "cruising" in shown
+    ]
+
+
+CRUISE_COLUMNS: tuple[Column[CruiseRow], ...] = (
+    Column(lambda row: row.run["name"], screen="feed", report="Feed"),
+    Column(lambda row: " ".join(row.channel), screen="<at"),
+    Column(
+        lambda row: row.found["variation_um"],
+        screen=">variation",
+        report="Variation",
+        show=show_deviation,
+        error=lambda row: row.error("variation_um", row.found["variation_um"]),
+    ),
+    Column(
+        lambda row: row.found["straightness_um"],
+        screen=">straightness",
+        report="Straightness",
+        show=show_deviation,
+        error=lambda row: row.error("straightness_um", row.found["straightness_um"]),
+    ),
+    Column(
+        lambda row: row.found["amplitude_um"],
+        screen=">wave of",
+        report="Strongest wave",
+        show=show_deviation,
+        error=lambda row: row.error("amplitude_um", row.found["amplitude_um"]),
+    ),
+    Column(lambda row: row.found["period_s"], screen=">period s", report="Period [s]", digits=3),
+    Column(
+        lambda row: row.found.get("period_mm", row.found.get("period_deg")),
+        screen=">mm, deg",
+        report="Period [mm, deg]",
+        digits=3,
+    ),
+)
+
+
+def _path_error_words(path: PathSummary) -> list[str]:
+    """Where the errors of a path come from, and what is not in them."""
+    largest: dict[str, float] = {}
+    unknown: dict[str, None] = {}
+    for run in path["feeds"]:
+        for output in run["outputs"]:
+            for zone, found in (
+                ("accelerating", output["accelerating"]),
+                ("decelerating", output["decelerating"]),
+            ):
+                unit = deviation_unit((output["dof"][0], output["dof"][1]))[0]
+                peak = abs(found[f"peak_{unit}"] or 0.0)
+                for source, size in output["error_share"][zone].items():
+                    if size is None:
+                        unknown[source] = None
+                        continue
+                    share = size / peak if peak else 0.0
+                    largest[source] = max(largest.get(source, 0.0), share)
+    words = []
+    if largest:
+        parts = ", ".join(
+            f"{source} up to {show_share(share)}" for source, share in largest.items()
+        )
+        words.append(f"± of a peak, from {parts}; in the pose of the middle")
+    if unknown:
+        words.append(f"{NO_BOUND} : nothing is known of {', '.join(unknown)}")
+    if path["error_left_out"]:
+        begin = "not in ±" if largest else f"{NO_BOUND} : nothing is known of"
+        words.append(f"{begin}{':' if largest else ''} {'; '.join(path['error_left_out'])}")
+    return words
+
+
+def path_stem(feed: str) -> str:
+    """Name of the files of a feed such as ``3000 mm/min``: ``path_3000``."""
+    return f"path_{feed.partition(' ')[0]}".replace(".", "_").replace("+", "")
+
+
+def tabulate_path(curves: PathCurves) -> PlainTable:
+    """A row per sample: time, set point, the deviation of every output with its parts, and what drives
+    under control do.
+    """
+    found = curves.deviation
+    factor, shown = SCENE_UNITS[curves.unit]
+    columns = [
+        ("time [s]", found.times),
+        (f"position [{shown}]", factor * curves.positions),
+        (f"acceleration [{curves.unit}/s^2]", curves.accelerations),
+    ]
+    for number, channel in enumerate(curves.outputs):
+        unit, factor = deviation_unit(channel)
+        where = f"{name_channel(channel)} [{unit}]"
+        for part, words in PART_NAMES.items():
+            columns.append((f"{words} {where}", factor * getattr(found, part)[:, number]))
+        frozen = factor * curves.frozen[:, number]
+        columns.append((f"deviation in the pose of the middle {where}", frozen))
+    return tabulate_curves(path_stem(curves.name), [*columns, *list_motion_columns(curves)])
 
 
 def _list_tables(run: FinishedRun) -> Iterator[PlainTable]:
@@ -38,11 +252,11 @@ def _list_tables(run: FinishedRun) -> Iterator[PlainTable]:
 
 def _list_parts(run: FinishedRun) -> Iterator[TerminalPart]:
     path = run.summary["path"]
-    yield Listing(_title(path), ZONE_COLUMNS, list_zones(path))
-    if cruises := list_cruises(path):
+    yield Listing(_title(path), ZONE_COLUMNS, _list_zones(path))
+    if cruises := _list_cruises(path):
         title = "At constant feed, with errors of guides [µm or µrad]"
         yield Listing(title, CRUISE_COLUMNS, cruises)
-    yield from (f"  {words}" for words in path_error_words(path))
+    yield from (f"  {words}" for words in _path_error_words(path))
     yield ""
     for feed in path["feeds"]:
         name = f"at {feed['name']}"
@@ -78,9 +292,9 @@ def _write_section(run: FinishedRun) -> Section | None:
         },
         "draw_path": draw_path,
         "draw_path_drives": draw_path_drives,
-        "list_zones": list_zones,
-        "list_cruises": list_cruises,
-        "path_error_words": path_error_words,
+        "list_zones": _list_zones,
+        "list_cruises": _list_cruises,
+        "path_error_words": _path_error_words,
     }
     section = Section(
         "path", "Deviation from the path", "Path", template="views/path.html", names=names

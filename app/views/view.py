@@ -96,7 +96,7 @@ class Section:
     part_of: str = ""
 
 
-def show_nothing(_: FinishedRun) -> tuple[()]:
+def _show_nothing(_: FinishedRun) -> tuple[()]:
     """Return nothing to show."""
     return ()
 
@@ -112,7 +112,7 @@ class View:
         section: Of the report; None for none.
     """
 
-    tables: Callable[[FinishedRun], Iterable[PlainTable]] = show_nothing
-    long_tables: Callable[[FinishedRun], Iterable[PlainTable]] = show_nothing
-    terminal: Callable[[FinishedRun], Iterable[TerminalPart]] = show_nothing
+    tables: Callable[[FinishedRun], Iterable[PlainTable]] = _show_nothing
+    long_tables: Callable[[FinishedRun], Iterable[PlainTable]] = _show_nothing
+    terminal: Callable[[FinishedRun], Iterable[TerminalPart]] = _show_nothing
     section: Callable[[FinishedRun], Section | None] = lambda _: None

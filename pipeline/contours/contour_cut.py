@@ -15,7 +15,7 @@ from headstock.solvers.milling.forces import Side, part_sign, repeated_forces
 from headstock.solvers.milling.regeneration import (
     RegenerativeCut,
     cutting_phases,
-    march_regenerative,
+    integrate_regenerative,
 )
 from headstock.solvers.milling.tool_dynamics import ToolMode, mount_modes
 from headstock.solvers.milling.tool_path import ContourPlan
@@ -23,7 +23,7 @@ from headstock.solvers.paths.linear_motion import (
     CompliantHistory,
     LinearMotion,
     chunk_slices,
-    march_linear,
+    integrate_linear,
 )
 
 
@@ -53,17 +53,17 @@ def cut_contour(
     rotation: FloatArray,
     record: ForceRecord | None,
 ) -> CutMotion:
-    """The motion of a machine on its way, with the modes of its tool.
+    """The motion of a machine along its trajectory, with the modes of its tool.
 
     Args:
         request: Path, tool and cut.
-        motion: The machine on its way.
+        motion: The machine along its trajectory.
         plan: The contour, laid out in time.
         rotation: ``(3, 3)`` from the axes of the motion to those of the machine.
         record: Measured forces in place of computed ones.
 
     Raises:
-        ForceFileError: The record does not cover the way.
+        ForceFileError: The record does not cover the trajectory.
         ConvergenceError: The motion grows without bound.
     """
     times, size = motion.times, motion.mass.shape[-1]
@@ -71,14 +71,14 @@ def cut_contour(
     modes = turned_modes(request.tool_modes, rotation)
     tipped = _mount_tool(motion, plan, modes, rotation) if modes else motion
     if request.cutting and request.regeneration and record is None:
-        history, force = march_regenerative(
+        history, force = integrate_regenerative(
             tipped, tipped.load, _regenerative_cut(request, plan, velocity, times, rotation)
         )
     else:
         force = _given_force(request, plan, velocity, times, record) @ rotation
         load = tipped.tool_load(force)
         load += tipped.load
-        history = march_linear(tipped, load)
+        history = integrate_linear(tipped, load)
     carried, after = force, history.compliant.shape[1]
     for mode in reversed(modes):
         # in its directions spring and damper pass on what its mass leaves

@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import Drive, ripple_force
 from headstock.pipeline.contours.contour_run import ContourDrives
-from headstock.solvers.control.friction import Rubbing, friction_force, stack_laws
+from headstock.solvers.control.friction import CoordinateFriction, friction_force, stack_laws
 from headstock.solvers.paths.linear_motion import CompliantHistory, LinearMotion
 from headstock.solvers.paths.servo_motion import ServoMotion, close_motors
 
 FrictionSpeeds = Literal["set", "true"]
 
 CLOSED = "the loops of the drives are closed along the contour; motor torques are those of their controllers"
-RUBBING = "friction acts as at the speeds of the set points"
-RUBBING_TRULY = "friction acts as at the speeds of the motors"
+AT_SET_SPEEDS = "friction acts as at the speeds of the set points"
+AT_TRUE_SPEEDS = "friction acts as at the speeds of the motors"
 STIFF_COUPLINGS = "couplings between motors and screws are taken as rigid along the contour"
 
 
@@ -37,7 +37,7 @@ def close_drives(
     friction: FrictionSpeeds,
     beside: FloatArray | None = None,
 ) -> ServoMotion:
-    """Add motors to a machine on its way and close their loops.
+    """Add motors to a machine along its trajectory and close their loops.
 
     Args:
         free: The machine; its last ``d`` coordinates are what the motors move, free and without the
@@ -60,14 +60,14 @@ def close_drives(
     mass[:, motors, motors] += own
     damping, load = np.array(free.damping), np.array(free.load)
     load[:, motors] -= own * accelerations
-    rubbing = None
+    coordinate_friction = None
     law = stack_laws([drive.friction for drive in drives])
     if friction == "set":
         load[:, motors] -= friction_force(law, speeds)
         # friction that grows with speed also damps deviations
         damping[:, motors, motors] += law.viscous
     elif any(drive.friction is not None for drive in drives):
-        rubbing = Rubbing(motors, law, speeds)
+        coordinate_friction = CoordinateFriction(motors, law, speeds)
     for drive, motor, places in zip(drives, motors, positions.T, strict=True):
         load[:, motor] += ripple_force(drive, np.asarray(places))
     controls = [
@@ -79,7 +79,9 @@ def close_drives(
         for drive, motor, rotor in zip(drives, motors, own, strict=True)
     ]
     return close_motors(
-        dataclasses.replace(free, mass=mass, damping=damping, load=load, rubbing=rubbing),
+        dataclasses.replace(
+            free, mass=mass, damping=damping, load=load, friction=coordinate_friction
+        ),
         controls,
         speeds=speeds,
         accelerations=accelerations,
@@ -96,22 +98,22 @@ def controlled_drives(
     overcome friction.
 
     Args:
-        servo: The machine on its way.
+        servo: The machine along its trajectory.
         drives: Its drives.
         history: Of its motion.
     """
     pushed = servo.forces(history)
     pulled, rates = history.acceleration[:, servo.motors], history.rate[:, servo.motors]
     inertia = _rotor_masses(drives) * (servo.accelerations + pulled)
-    if servo.motion.rubbing is None:
+    if servo.motion.friction is None:
         law = stack_laws([drive.friction for drive in drives])
-        rubbed = friction_force(law, servo.speeds) + law.viscous * rates
+        friction_forces = friction_force(law, servo.speeds) + law.viscous * rates
     else:
-        rubbed = servo.motion.rubbing.force(history.rate)
+        friction_forces = servo.motion.friction.force(history.rate)
     leads = np.array([drive.lead for drive in drives])
 
     def forces(some: NDArray[np.intp]) -> FloatArray:
-        return np.asarray((pushed - inertia - rubbed)[some])
+        return np.asarray((pushed - inertia - friction_forces)[some])
 
     def torques(some: NDArray[np.intp], _: FloatArray) -> FloatArray:
         return np.asarray(pushed[some] * (leads / (2.0 * math.pi)))
@@ -123,7 +125,7 @@ def drive_assumptions(drives: Sequence[Drive], friction: FrictionSpeeds) -> tupl
     """What is assumed of drives along a contour, in plain words."""
     found = [CLOSED]
     if any(drive.friction is not None for drive in drives):
-        found.append(RUBBING if friction == "set" else RUBBING_TRULY)
+        found.append(AT_SET_SPEEDS if friction == "set" else AT_TRUE_SPEEDS)
     if any(math.isfinite(drive.coupling) for drive in drives):
         found.append(STIFF_COUPLINGS)
     return tuple(found)

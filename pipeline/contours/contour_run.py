@@ -46,7 +46,7 @@ class ContourRun:
         motion: The linear model.
         history: Its coordinates.
         drives: What the drives do.
-        highest_hz: Highest natural frequency on the way.
+        highest_hz: Highest natural frequency along the trajectory.
         coriolis: Velocity terms are in the equations of motion.
         assumed: In plain words.
         probes: What each saw beside what it sees of the weight; none of a lumped mechanism.

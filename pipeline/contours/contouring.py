@@ -25,9 +25,9 @@ from headstock.pipeline.contours.contour_run import (
     high_share,
 )
 from headstock.pipeline.contours.coupled_contour import (
-    STEPS_PER_SWING,
+    STEPS_PER_PERIOD,
     CoupledRun,
-    SampledWay,
+    SampledContour,
     coupled_face_dynamics,
     run_coupled_contour,
 )
@@ -153,20 +153,20 @@ class _Milled:
         answer: What is kept of it.
         times: ``(n,)`` steps [s].
         reasons: Why numbers are missing.
-        way: The machine on its way; None of a lumped one.
+        trajectory: The machine along its trajectory; None of a lumped one.
     """
 
     answer: ContourAnswer
     times: FloatArray
     reasons: tuple[str, ...]
-    way: SampledWay | None
+    trajectory: SampledContour | None
 
 
 def _mill(
     state: RunState,
     request: ContouringRequest,
     record: ForceRecord | None,
-    beside: SampledWay | None = None,
+    beside: SampledContour | None = None,
 ) -> _Milled:
     """A contour of a machine, which may differ little from another one that was run."""
     run, tips = _run_machine(state, request, record, beside)
@@ -178,12 +178,15 @@ def _mill(
         evaluate_contour(request, run, stability=stability, milled=milled),
         run.times,
         (*explain_gaps(run), *reasons),
-        run.way if isinstance(run, CoupledRun) else None,
+        run.trajectory if isinstance(run, CoupledRun) else None,
     )
 
 
 def _repeat_contour(
-    state: RunState, request: ContouringRequest, record: ForceRecord | None, way: SampledWay | None
+    state: RunState,
+    request: ContouringRequest,
+    record: ForceRecord | None,
+    trajectory: SampledContour | None,
 ) -> Repeated[tuple[Number, ...]]:
     """Return the numbers of the contour once more, on the machine with finer meshes and more modes, with
     the true curved faces, and with cutting coefficients at the ends of their ranges.
@@ -191,7 +194,7 @@ def _repeat_contour(
     found = repeat_without(
         state,
         ONCE,
-        lambda machine: tuple(_mill(machine, request, record, way).answer.list_numbers()),
+        lambda machine: tuple(_mill(machine, request, record, trajectory).answer.list_numbers()),
         asked=request.estimate,
     )
     if request.cutting and record is None and request.estimate:
@@ -199,7 +202,7 @@ def _repeat_contour(
             request.cut.coefficients,
             lambda own: tuple(
                 _mill(
-                    silence(state), _with_coefficients(request, own), None, way
+                    silence(state), _with_coefficients(request, own), None, trajectory
                 ).answer.list_numbers()
             ),
             found,
@@ -270,14 +273,14 @@ def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
     if found.fit is not None:
         _judge_traces(state, found.fit)
     for mode in request.tool_modes:
-        if (steps := 1.0 / (mode.hz * step)) < STEPS_PER_SWING:
+        if (steps := 1.0 / (mode.hz * step)) < STEPS_PER_PERIOD:
             state.warn(
-                f"mode {mode.name} of the tool, {mode.hz:.0f} Hz, has {steps:.0f} time steps per swing; write a larger steps_per_turn in"
+                f"mode {mode.name} of the tool, {mode.hz:.0f} Hz, has {steps:.0f} time steps per period; write a larger steps_per_turn in"
                 " [analyses.contouring]"
             )
     for reason in milled.reasons:
         state.warn(reason)
-    repeated = _repeat_contour(state, request, record, milled.way)
+    repeated = _repeat_contour(state, request, record, milled.trajectory)
     found = dataclasses.replace(
         found,
         force_loss=loss,
@@ -310,7 +313,7 @@ def _run_machine(
     state: RunState,
     request: ContouringRequest,
     record: ForceRecord | None,
-    beside: SampledWay | None,
+    beside: SampledContour | None,
 ) -> tuple[ContourRun, tuple[TipDynamics, ...]]:
     """The contour on the machine of a scene, and the machine at the tip of the tool on each face
     where chips make waves.

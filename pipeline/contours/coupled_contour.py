@@ -32,31 +32,31 @@ from headstock.pipeline.contours.contour_drives import (
     drive_assumptions,
 )
 from headstock.pipeline.contours.contour_run import ContourDrives, ContourRun
-from headstock.pipeline.contours.traced_path import Remembered, RememberedPath, plan_request
-from headstock.pipeline.contours.way_errors import STEPS_PER_WAVE, find_way_errors
-from headstock.pipeline.contours.way_motors import (
-    DrivenWay,
-    WayMotors,
-    plan_motors,
-)
-from headstock.pipeline.contours.way_probes import (
+from headstock.pipeline.contours.observers import (
     drive_bodies,
     join_probes,
     probe_channels,
     probe_kinds,
 )
-from headstock.pipeline.contours.ways import (
+from headstock.pipeline.contours.traced_path import Remembered, RememberedPath, plan_request
+from headstock.pipeline.contours.trajectory import (
     FORCE,
-    RigidWay,
-    axes_way,
+    RigidTrajectory,
+    axes_trajectory,
     find_screws,
     has_coriolis,
     join_screws,
-    judge_turning,
-    mechanism_way,
-    place_machine,
-    place_model,
+    machine_along,
+    mechanism_trajectory,
+    model_builder,
+    report_gyroscopic_forces,
     shared_rows,
+)
+from headstock.pipeline.contours.trajectory_errors import STEPS_PER_WAVE, find_trajectory_errors
+from headstock.pipeline.contours.trajectory_motors import (
+    DrivenTrajectory,
+    TrajectoryMotors,
+    plan_motors,
 )
 from headstock.pipeline.stages.probe_motions import place_probes, read_probes
 from headstock.pipeline.stages.run_state import RunState
@@ -80,7 +80,7 @@ from headstock.solvers.paths.sampled_motion import (
     NODE_SPACING,
     SampledMotion,
     follow_outputs,
-    follow_way,
+    interpolate_smooth,
     sample_motion,
     vary_motion,
 )
@@ -88,10 +88,10 @@ from headstock.solvers.paths.set_points import PathMotion
 from headstock.solvers.paths.varying_system import PlantChannels
 from headstock.solvers.second_order import Channel
 
-POSES_PER_PIECE = 6  # of a way, at the least, and as many again where they do not suffice
-SHORTEST = 1e-6  # of the whole way: closer bends are one
-STEPS_PER_SWING = 20  # of the highest mode that is kept: with fewer its frequency is off
-RESIDUAL_REACH = 4.0  # frequency at which what is left out gives way, in highest modes kept
+POSES_PER_PIECE = 6  # of a trajectory, at the least, and as many again where they do not suffice
+SHORTEST = 1e-6  # of the whole trajectory: closer bends are one
+STEPS_PER_PERIOD = 20  # of the highest mode that is kept: with fewer its frequency is off
+RESIDUAL_REACH = 4.0  # frequency at which what is left out deforms, in highest modes kept
 RESIDUAL_DAMPING = 0.3
 TURNING_NODES = 101  # at which speeds of turning are looked at
 IDEAL = "motors follow their set points; no control loop is closed along a contour"
@@ -99,7 +99,7 @@ OF_SCREWS = "motor torques are the forces of the screws times lead over 2 pi"
 
 
 @dataclass(frozen=True, eq=False)
-class ContourWay:
+class ContourTrajectory:
     """What a machine of components is to do along a contour.
 
     Attributes:
@@ -113,13 +113,13 @@ class ContourWay:
     state: RunState
     plan: ContourPlan
     fit: TraceFit | None
-    rigid: RigidWay
-    motors: WayMotors | None
+    rigid: RigidTrajectory
+    motors: TrajectoryMotors | None
 
 
 @dataclass(frozen=True, eq=False)
-class SampledWay(ContourWay):
-    """A machine on its way: all that a machine that differs little shares with it.
+class SampledContour(ContourTrajectory):
+    """A machine along its trajectory: all that a machine that differs little shares with it.
 
     Attributes:
         sampled: The machine in poses.
@@ -133,14 +133,14 @@ class CoupledRun(ContourRun):
     """A contour that has been run on a machine of components.
 
     Attributes:
-        way: The machine on its way.
+        trajectory: The machine along its trajectory.
     """
 
-    way: SampledWay
+    trajectory: SampledContour
 
 
 def _list_breaks(plan: ContourPlan, rounding: float, end: float) -> list[float]:
-    """Times at which pieces of a contour's way meet, each followed by splines of its own [s].
+    """Times at which pieces of a contour's trajectory meet, each followed by splines of its own [s].
 
     Averages take so long to round a corner, half of that on either side of its bend. Of more bends
     than poses may be taken there are no pieces: poses are then as dense as corners are.
@@ -173,7 +173,7 @@ def run_coupled_contour(
     request: ContouringRequest,
     record: ForceRecord | None = None,
     until: float = math.inf,
-    beside: SampledWay | None = None,
+    beside: SampledContour | None = None,
 ) -> CoupledRun:
     """Run a contour.
 
@@ -194,9 +194,9 @@ def run_coupled_contour(
     step = 2.0 * math.pi / request.cut.spindle / request.steps_per_turn
     times: FloatArray = np.asarray(np.arange(0.0, end, step), dtype=float)
     contour = _join_errors(state, request, course, end)
-    way, loads = contour.driven.way, contour.driven.way.acting
+    trajectory, loads = contour.driven.trajectory, contour.driven.trajectory.acting
     sampled = contour.sample(end, beside)
-    _judge_steps(state, request, sampled, step)
+    _check_steps(state, request, sampled, step)
     friction: FrictionSpeeds = "true" if request.model == "nonlinear" else "set"
     machine = contour.driven.move(
         sampled,
@@ -213,7 +213,7 @@ def run_coupled_contour(
     )
 
     def acting(part: slice) -> FloatArray:
-        given = follow_way(loads.deviating, times[part], contour.spacing)
+        given = interpolate_smooth(loads.deviating, times[part], contour.spacing)
         return np.concatenate([cut.carried[part], given], axis=1)
 
     if machine.servo is None or course.motors is None:
@@ -222,8 +222,8 @@ def run_coupled_contour(
         driven = controlled_drives(machine.servo, course.motors.drives, cut.history)
         assumed = drive_assumptions(course.motors.drives, friction)
     nodes: FloatArray = np.asarray(np.linspace(0.0, end, TURNING_NODES), dtype=float)
-    middle = place_model(state)(way.pose_at(course.plan.cuts[0].middle))
-    turning = judge_turning(
+    middle = model_builder(state)(trajectory.pose_at(course.plan.cuts[0].middle))
+    turning = report_gyroscopic_forces(
         state, lambda: middle, nodes, course.plan.path.at(nodes), _tool_direction(state)
     )
     placed = place_probes(state.parts, middle.coupled, contour.probes)
@@ -242,17 +242,17 @@ def run_coupled_contour(
         coriolis=has_coriolis(state),
         assumed=(*assumed, *turning),
         probes=read_probes(placed, times, seen),
-        way=SampledWay(
+        trajectory=SampledContour(
             state, course.plan, course.fit, course.rigid, course.motors, sampled=sampled
         ),
     )
 
 
-def _lay_course(state: RunState, request: ContouringRequest) -> ContourWay:
+def _lay_course(state: RunState, request: ContouringRequest) -> ContourTrajectory:
     """Lay a contour out in time, with what the rigid machine and its motors do."""
     plan, fit = plan_request(request, *_trace_tool(state, request))
     plan = dataclasses.replace(plan, path=RememberedPath(plan.path))
-    rigid = _plan_way(state, request, plan.path)
+    rigid = _plan_trajectory(state, request, plan.path)
     motors = plan_motors(
         state,
         plan.path,
@@ -262,7 +262,7 @@ def _lay_course(state: RunState, request: ContouringRequest) -> ContourWay:
     )
     if motors is not None:
         motors = dataclasses.replace(motors, at=Remembered(motors.at))
-    return ContourWay(state, plan, fit, rigid, motors)
+    return ContourTrajectory(state, plan, fit, rigid, motors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,7 +280,7 @@ class _CoupledContour:
     state: RunState
     request: ContouringRequest
     plan: ContourPlan
-    driven: DrivenWay
+    driven: DrivenTrajectory
     spacing: float
 
     @functools.cached_property
@@ -298,7 +298,7 @@ class _CoupledContour:
         """Names of probes."""
         return tuple(self.state.scene.machine.probes)
 
-    def sample(self, end: float, beside: SampledWay | None) -> SampledMotion:
+    def sample(self, end: float, beside: SampledContour | None) -> SampledMotion:
         """Return the machine in poses up to a time [s].
 
         Args:
@@ -312,8 +312,12 @@ class _CoupledContour:
             up_to_hz=request.modes_to_hz,
             kinds=probe_kinds(seen, self.probes),
         )
-        joins = (join_screws(self.screws), join_probes(self.state.parts, driven.way), *driven.joins)
-        place = place_machine(self.state, driven.way, request.modes_to_hz, joins)
+        joins = (
+            join_screws(self.screws),
+            join_probes(self.state.parts, driven.trajectory),
+            *driven.joins,
+        )
+        place = machine_along(self.state, driven.trajectory, request.modes_to_hz, joins)
         breaks = [0.0, end]
         if request.follows_pose:
             breaks = _list_breaks(self.plan, AVERAGES * request.contour.window, end)
@@ -322,7 +326,7 @@ class _CoupledContour:
             place = lambda time: kept  # noqa: E731
         if beside is None:
             return sample_motion(place, breaks, channels)
-        shared = shared_rows(driven.way, beside.state, self.state)
+        shared = shared_rows(driven.trajectory, beside.state, self.state)
         return vary_motion(beside.sampled, place, channels, shared)
 
     def drive_screws(
@@ -335,10 +339,14 @@ class _CoupledContour:
             times: ``(n,)`` steps [s].
             cut: What it did.
         """
-        way, loads, names = self.driven.way, self.driven.way.acting, tuple(self.screws)
+        trajectory, loads, names = (
+            self.driven.trajectory,
+            self.driven.trajectory.acting,
+            tuple(self.screws),
+        )
 
         def forces(some: NDArray[np.intp]) -> FloatArray:
-            given = follow_way(loads.at, times[some])
+            given = interpolate_smooth(loads.at, times[some])
             pushed = follow_outputs(
                 sampled,
                 times[some],
@@ -347,25 +355,29 @@ class _CoupledContour:
                 acting=np.concatenate([cut.carried[some], given], axis=1),
                 inputs=self.driven.inputs,
             )
-            if way.leg_forces is None:
+            if trajectory.leg_forces is None:
                 return pushed
             # a drive at the base of a leg also carries the leg, and pushes against what its tip feels
-            return follow_way(way.leg_forces, times[some]) - pushed
+            return interpolate_smooth(trajectory.leg_forces, times[some]) - pushed
 
-        torques, assumed = _motor_torques(self.state, names, way, times)
+        torques, assumed = _motor_torques(self.state, names, trajectory, times)
         return ContourDrives(names, forces, torques), (IDEAL, *assumed)
 
 
 def _join_errors(
-    state: RunState, request: ContouringRequest, course: ContourWay, end: float
+    state: RunState, request: ContouringRequest, course: ContourTrajectory, end: float
 ) -> _CoupledContour:
     """Add the errors of a machine up to a time [s] to its contour."""
-    way, spacing = course.rigid, LOAD_SPACING
-    errors = find_way_errors(state, way.pose_at, even_nodes(np.array([0.0, end]), NODE_SPACING))
+    trajectory, spacing = course.rigid, LOAD_SPACING
+    errors = find_trajectory_errors(
+        state, trajectory.pose_at, even_nodes(np.array([0.0, end]), NODE_SPACING)
+    )
     if errors is not None:
-        way = errors.join(way, lambda now: PathMotion(now, np.ones(len(now)), np.zeros(len(now))))
+        trajectory = errors.join(
+            trajectory, lambda now: PathMotion(now, np.ones(len(now)), np.zeros(len(now)))
+        )
         spacing = min(spacing, errors.shortest / STEPS_PER_WAVE)
-    driven = DrivenWay(way, course.motors, tool_channels(request))
+    driven = DrivenTrajectory(trajectory, course.motors, tool_channels(request))
     return _CoupledContour(state, request, course.plan, driven, spacing)
 
 
@@ -373,7 +385,7 @@ def coupled_face_dynamics(run: CoupledRun, request: ContouringRequest, face: int
     """The machine with its tool in the middle of a face: forces along, away and up, chips by
     motions along and away.
 
-    What is left out gives way by a mode of its own in each direction, far above those that are
+    What is left out deforms by a mode of its own in each direction, far above those that are
     kept.
 
     Args:
@@ -382,7 +394,7 @@ def coupled_face_dynamics(run: CoupledRun, request: ContouringRequest, face: int
         face: Number of the straight cut, counted from zero.
     """
     cut = run.plan.cuts[face]
-    now, tool = run.way.sampled.at(np.array([cut.middle])), tool_channels(request)
+    now, tool = run.trajectory.sampled.at(np.array([cut.middle])), tool_channels(request)
     frame: FloatArray = travel_frames(cut.travel[None], cut.part)[0]
     tip = frame @ now.rows_of(tool)[0]
     rest = frame @ now.direct_of(tool, tool)[0] @ frame.T
@@ -425,24 +437,30 @@ def _tool_direction(state: RunState) -> FloatArray | None:
     return None if state.scene.mechanism is None else state.scene.mechanism.tool
 
 
-def _plan_way(state: RunState, request: ContouringRequest, path: ToolPath) -> RigidWay:
+def _plan_trajectory(
+    state: RunState, request: ContouringRequest, path: ToolPath
+) -> RigidTrajectory:
     mechanism, machine = state.scene.mechanism, state.scene.machine
     if mechanism is None:
         travel = find_tool_travel(machine, machine.points[request.point or ""])
-        way = axes_way(machine, travel, path)
-        return dataclasses.replace(way, amounts=Remembered(way.amounts))
+        trajectory = axes_trajectory(machine, travel, path)
+        return dataclasses.replace(trajectory, amounts=Remembered(trajectory.amounts))
 
     def pose_at(time: float) -> Pose:
         x, y, z = path.at(np.array([time])).position[0].tolist()
         return Pose(f"t = {time:.4g} s", {"X": x, "Y": y, "Z": z})
 
-    way = mechanism_way(state, mechanism, path, pose_at=pose_at, direction=mechanism.tool)
-    forces = None if way.leg_forces is None else Remembered(way.leg_forces)
-    return dataclasses.replace(way, amounts=Remembered(way.amounts), leg_forces=forces)
+    trajectory = mechanism_trajectory(
+        state, mechanism, path, pose_at=pose_at, direction=mechanism.tool
+    )
+    forces = None if trajectory.leg_forces is None else Remembered(trajectory.leg_forces)
+    return dataclasses.replace(
+        trajectory, amounts=Remembered(trajectory.amounts), leg_forces=forces
+    )
 
 
 def _motor_torques(
-    state: RunState, names: tuple[str, ...], way: RigidWay, times: FloatArray
+    state: RunState, names: tuple[str, ...], trajectory: RigidTrajectory, times: FloatArray
 ) -> tuple[Callable[[NDArray[np.intp], FloatArray], FloatArray] | None, tuple[str, ...]]:
     """Torques of the motors: those of the screws, of the motors' inertia and of friction where the
     scene has drives; and what they leave out.
@@ -468,9 +486,9 @@ def _motor_torques(
         found = forces * (np.array([leads[name] for name in names]) / (2.0 * math.pi))
         for number, name in enumerate(names):
             drive = drives.get(name)
-            if drive is None or way.axis_motion is None:
+            if drive is None or trajectory.axis_motion is None:
                 continue
-            found[:, number] += drive_torque(drive, *_axis_motion(way, name, times[some]))
+            found[:, number] += drive_torque(drive, *_axis_motion(trajectory, name, times[some]))
         return found
 
     left_out = [
@@ -505,21 +523,23 @@ def drive_torque(drive: Drive, speed: FloatArray, acceleration: FloatArray) -> F
     return np.asarray(torque)
 
 
-def _axis_motion(way: RigidWay, name: str, times: FloatArray) -> tuple[FloatArray, FloatArray]:
-    if way.axis_motion is None or (name, "acceleration") not in way.bodies:
+def _axis_motion(
+    trajectory: RigidTrajectory, name: str, times: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    if trajectory.axis_motion is None or (name, "acceleration") not in trajectory.bodies:
         return np.zeros(len(times)), np.zeros(len(times))
-    return way.axis_motion(name, times)
+    return trajectory.axis_motion(name, times)
 
 
-def _judge_steps(
+def _check_steps(
     state: RunState, request: ContouringRequest, sampled: SampledMotion, step: float
 ) -> None:
     """Warn of modes that the steps do not resolve, and of effects that do not act."""
-    if sampled.highest_hz * step * STEPS_PER_SWING > 1.0:
+    if sampled.highest_hz * step * STEPS_PER_PERIOD > 1.0:
         needed = math.ceil(
-            request.steps_per_turn * sampled.highest_hz * step * STEPS_PER_SWING / 24.0
+            request.steps_per_turn * sampled.highest_hz * step * STEPS_PER_PERIOD / 24.0
         )
         state.warn(
-            f"the highest mode of the contour, {sampled.highest_hz:.0f} Hz, has {1.0 / (sampled.highest_hz * step):.0f} time steps per swing;"
+            f"the highest mode of the contour, {sampled.highest_hz:.0f} Hz, has {1.0 / (sampled.highest_hz * step):.0f} time steps per period;"
             f" write steps_per_turn = {24 * needed} in [analyses.contouring], or a lower modes_to"
         )

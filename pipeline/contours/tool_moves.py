@@ -19,29 +19,33 @@ from headstock.pipeline.answers.motion_forces import PathForces
 from headstock.pipeline.answers.path import FollowedPoses
 from headstock.pipeline.answers.probe_motions import ProbeMotion
 from headstock.pipeline.contours.carried_bodies import move_bodies
-from headstock.pipeline.contours.turning_axes import (
+from headstock.pipeline.contours.observers import drive_bodies, join_probes, probe_channels
+from headstock.pipeline.contours.rotary_axes import (
     find_feed,
-    turning_motors,
-    turning_speeds,
-    turning_way,
+    rotary_path_motors,
+    rotary_trajectory,
+    rotation_speeds,
 )
-from headstock.pipeline.contours.way_errors import STEPS_PER_WAVE, WayErrors, find_way_errors
-from headstock.pipeline.contours.way_motors import (
-    DrivenWay,
-    MovingMachine,
-    WayMotors,
-    lead_motors,
-    plan_motors,
-)
-from headstock.pipeline.contours.way_probes import drive_bodies, join_probes, probe_channels
-from headstock.pipeline.contours.ways import (
-    RigidWay,
+from headstock.pipeline.contours.trajectory import (
+    RigidTrajectory,
     has_coriolis,
-    judge_turning,
-    mechanism_way,
-    place_machine,
-    place_model,
-    warn_of_turning,
+    machine_along,
+    mechanism_trajectory,
+    model_builder,
+    report_gyroscopic_forces,
+    report_gyroscopic_shift,
+)
+from headstock.pipeline.contours.trajectory_errors import (
+    STEPS_PER_WAVE,
+    TrajectoryErrors,
+    find_trajectory_errors,
+)
+from headstock.pipeline.contours.trajectory_motors import (
+    DrivenTrajectory,
+    MovingMachine,
+    TrajectoryMotors,
+    interpolate_motors,
+    plan_motors,
 )
 from headstock.pipeline.paths.path import answer_path, run_path_stage
 from headstock.pipeline.paths.path_cut import cutting_loads, orient_cut
@@ -74,8 +78,8 @@ from headstock.solvers.paths.linear_motion import (
     LinearMotion,
     chunk_slices,
     even_nodes,
+    integrate_linear,
     interpolate_nodes,
-    march_linear,
 )
 from headstock.solvers.paths.response import PathDeviation, filter_deviation
 from headstock.solvers.paths.sampled_motion import SampledHistory, SampledMotion, sample_motion
@@ -84,7 +88,7 @@ from headstock.solvers.paths.varying_system import PlantChannels
 from headstock.solvers.second_order import Channel
 from headstock.solvers.watched_outputs import Extreme, Watch
 
-STEPS_PER_SWING = 24  # of the highest mode that is kept
+STEPS_PER_PERIOD = 24  # of the highest mode that is kept
 NODE_TURN = 0.05  # of bodies on turning axes between two of them [rad]
 NODES = 65  # positions of the line between which the rigid motion is interpolated
 NODE_SPACING = 5e-3  # of its matrices in time: on ramps the place is no line in time [s]
@@ -121,10 +125,10 @@ class ToolLine:
     start: FloatArray
     along: FloatArray
     nodes: FloatArray
-    bodies: Callable[[float, float], RigidWay]
-    motors: Callable[[float, float, RigidWay, tuple[Channel, ...]], WayMotors | None]
+    bodies: Callable[[float, float], RigidTrajectory]
+    motors: Callable[[float, float, RigidTrajectory, tuple[Channel, ...]], TrajectoryMotors | None]
     drives: tuple[Drive, ...]
-    errors: WayErrors | None
+    errors: TrajectoryErrors | None
     turning: float = 0.0
     feed: Callable[[FloatArray], tuple[FloatArray, FloatArray]] | None = None
 
@@ -136,46 +140,46 @@ class ToolLine:
         return tuple((at, dof) for dof in DIRECTIONS)
 
     @functools.cached_property
-    def unit_ways(self) -> tuple[RigidWay, RigidWay]:
+    def unit_trajectories(self) -> tuple[RigidTrajectory, RigidTrajectory]:
         """Ways of the bodies at unit speed, and at unit acceleration, over positions."""
-        return (self._unit_way(1.0, 0.0), self._unit_way(0.0, 1.0))
+        return (self._unit_trajectory(1.0, 0.0), self._unit_trajectory(0.0, 1.0))
 
-    def _unit_way(self, speed: float, acceleration: float) -> RigidWay:
-        way = self.bodies(speed, acceleration)
-        law = scipy.interpolate.make_interp_spline(self.nodes, way.amounts(self.nodes), k=3)
-        return dataclasses.replace(way, amounts=lambda positions: np.asarray(law(positions)))
+    def _unit_trajectory(self, speed: float, acceleration: float) -> RigidTrajectory:
+        trajectory = self.bodies(speed, acceleration)
+        law = scipy.interpolate.make_interp_spline(self.nodes, trajectory.amounts(self.nodes), k=3)
+        return dataclasses.replace(trajectory, amounts=lambda positions: np.asarray(law(positions)))
 
     @functools.cached_property
-    def unit_motors(self) -> tuple[WayMotors, WayMotors] | None:
+    def unit_motors(self) -> tuple[TrajectoryMotors, TrajectoryMotors] | None:
         """Motors at unit speed, and at unit acceleration, over positions; None without control."""
         wanted = (*self.tool, *self.request.outputs)
         speeding, pulling = (
-            self.motors(speed, acceleration, way, wanted)
-            for (speed, acceleration), way in zip(
-                ((1.0, 0.0), (0.0, 1.0)), self.unit_ways, strict=True
+            self.motors(speed, acceleration, trajectory, wanted)
+            for (speed, acceleration), trajectory in zip(
+                ((1.0, 0.0), (0.0, 1.0)), self.unit_trajectories, strict=True
             )
         )
         return None if speeding is None or pulling is None else (speeding, pulling)
 
-    def way(self, path: StraightPath) -> RigidWay:
+    def trajectory(self, path: StraightPath) -> RigidTrajectory:
         """How the bodies follow a move: by its acceleration, and by the square of its speed; with the
-        errors on the way.
+        errors along the trajectory.
         """
-        speeding, pulling = self.unit_ways
+        speeding, pulling = self.unit_trajectories
 
         def amounts(times: FloatArray) -> FloatArray:
             now = path.travel(times)
             fast = speeding.amounts(now.positions) * now.speeds[:, None] ** 2
             return np.asarray(fast + pulling.amounts(now.positions) * now.accelerations[:, None])
 
-        way = dataclasses.replace(speeding, amounts=amounts)
-        return way if self.errors is None else self.errors.join(way, path.travel)
+        trajectory = dataclasses.replace(speeding, amounts=amounts)
+        return trajectory if self.errors is None else self.errors.join(trajectory, path.travel)
 
     @functools.cached_property
     def joints(self) -> tuple[JointForces, ...]:
         """Forces of the joints in the middle of the line."""
         path = self.request.path
-        return place_model(self.state)(path.pose_at(0.5 * path.length)).joints
+        return model_builder(self.state)(path.pose_at(0.5 * path.length)).joints
 
     @property
     def watched(self) -> tuple[Channel, ...]:
@@ -187,7 +191,7 @@ class ToolLine:
     def probes(self) -> dict[str, PlacedProbe]:
         """Probes in the middle of the line."""
         path, parts = self.request.path, self.state.parts
-        middle = place_model(self.state)(path.pose_at(0.5 * path.length))
+        middle = model_builder(self.state)(path.pose_at(0.5 * path.length))
         return place_probes(parts, middle.coupled, tuple(parts.scene.machine.probes))
 
     def sample(self, up_to_hz: float, *, follows: bool) -> SampledMotion:
@@ -198,8 +202,8 @@ class ToolLine:
         first = StraightPath(
             self.start, self.along, self.request.moves[0], 1.0 / self.request.sampling_hz
         )
-        way = self.way(first)
-        driven = DrivenWay(way, self.unit_motors and self.unit_motors[0], self.tool)
+        trajectory = self.trajectory(first)
+        driven = DrivenTrajectory(trajectory, self.unit_motors and self.unit_motors[0], self.tool)
         watched = () if follows else self.watched
         channels = PlantChannels(
             inputs=driven.inputs,
@@ -207,10 +211,10 @@ class ToolLine:
             up_to_hz=up_to_hz,
         )
         if follows:
-            place = place_machine(self.state, way, up_to_hz, driven.joins)
+            place = machine_along(self.state, trajectory, up_to_hz, driven.joins)
             return sample_motion(place, [0.0, length], channels)
-        joins = (*driven.joins, join_probes(self.state.parts, way))
-        held = place_machine(self.state, way, up_to_hz, joins)(0.5 * length)
+        joins = (*driven.joins, join_probes(self.state.parts, trajectory))
+        held = machine_along(self.state, trajectory, up_to_hz, joins)(0.5 * length)
         return sample_motion(lambda where: held, [0.0, length], channels)
 
 
@@ -240,7 +244,11 @@ def solve_line_moves(line: ToolLine) -> SolvedMoves:
         for (_, own), (_, middle) in zip(second, first, strict=True)
     )
     return SolvedMoves(
-        found, kept, forces, _judge_poses(line, sampled, found, kept, up_to_hz), disturbed=disturbed
+        found,
+        kept,
+        forces,
+        _evaluate_poses(line, sampled, found, kept, up_to_hz),
+        disturbed=disturbed,
     )
 
 
@@ -254,8 +262,8 @@ def run_any_path_stage(state: RunState, stage: Stage) -> Outcome:
     if state.scene.mechanism is None:
         turns = bool(request.path.turning)
         return _run_turning_path(state, request) if turns else run_path_stage(state, stage)
-    _judge_speeds(state, state.scene.mechanism, request)
-    model = place_model(state)(request.path.pose_at(0.5 * request.path.length))
+    _check_speeds(state, state.scene.mechanism, request)
+    model = model_builder(state)(request.path.pose_at(0.5 * request.path.length))
     line, feed = _lay_line(state, request), request.moves[-1].feed
     middle = PathPoints(
         (line.start + 0.5 * request.path.length * line.along)[None],
@@ -263,7 +271,7 @@ def run_any_path_stage(state: RunState, stage: Stage) -> Outcome:
         np.zeros((1, 3)),
     )
     direction = tool_pose(state.scene.mechanism, request.path.start.positions)[1]
-    for message in judge_turning(
+    for message in report_gyroscopic_forces(
         state, lambda: model, np.zeros(1), middle, direction, least=MATTERS
     ):
         state.warn(f"path analysis: {message}")
@@ -273,11 +281,11 @@ def run_any_path_stage(state: RunState, stage: Stage) -> Outcome:
 def _run_turning_path(state: RunState, request: PathRequest) -> Outcome:
     """Deviation at every output along a path on which axes turn."""
     path, machine = request.path, state.scene.machine
-    model = place_model(state)(path.pose_at(0.5 * path.length))
-    speeds = turning_speeds(machine, path)
+    model = model_builder(state)(path.pose_at(0.5 * path.length))
+    speeds = rotation_speeds(machine, path)
     fastest = max(move.feed for move in request.moves)
     turned = {name: fastest * speed for name, speed in speeds.items()}
-    for message in warn_of_turning(model, turned, least=MATTERS):
+    for message in report_gyroscopic_shift(model, turned, least=MATTERS):
         state.warn(f"path analysis: {message}")
 
     def lay_line(state: RunState, request: PathRequest) -> ToolLine:
@@ -293,14 +301,14 @@ def _run_turning_path(state: RunState, request: PathRequest) -> Outcome:
             start=np.zeros(3),
             along=np.zeros(3),
             nodes=nodes,
-            bodies=lambda speed, acceleration: turning_way(
+            bodies=lambda speed, acceleration: rotary_trajectory(
                 machine, state.parts.superelements, path, speed, acceleration
             ),
-            motors=lambda speed, acceleration, way, outputs: turning_motors(
-                state.parts, path, way, outputs, speed=speed, acceleration=acceleration
+            motors=lambda speed, acceleration, trajectory, outputs: rotary_path_motors(
+                state.parts, path, trajectory, outputs, speed=speed, acceleration=acceleration
             ),
             drives=tuple(state.scene.drives.values()),
-            errors=find_way_errors(state, path.pose_at, nodes),
+            errors=find_trajectory_errors(state, path.pose_at, nodes),
             turning=max(speeds.values()),
             feed=None
             if request.cut is None
@@ -353,22 +361,22 @@ def _lay_line(state: RunState, request: PathRequest) -> ToolLine:
         start=start,
         along=along,
         nodes=nodes,
-        bodies=lambda speed, acceleration: mechanism_way(
+        bodies=lambda speed, acceleration: mechanism_trajectory(
             state,
             mechanism,
             travel(speed, acceleration),
             pose_at=request.path.pose_at,
             direction=direction,
         ),
-        motors=lambda speed, acceleration, way, outputs: plan_motors(
+        motors=lambda speed, acceleration, trajectory, outputs: plan_motors(
             state,
             travel(speed, acceleration),
             outputs,
-            amounts=way.amounts,
+            amounts=trajectory.amounts,
             direction=direction,
         ),
         drives=tuple(drive for drive in state.scene.drives.values() if drive.axis in LENGTHS),
-        errors=find_way_errors(state, request.path.pose_at, nodes),
+        errors=find_trajectory_errors(state, request.path.pose_at, nodes),
     )
 
 
@@ -378,7 +386,7 @@ def _require_stable(line: ToolLine) -> None:
     Raises:
         UnstableControlError: A pole grows.
     """
-    model_at, path = place_model(line.state), line.request.path
+    model_at, path = model_builder(line.state), line.request.path
     for share in (0.0, 0.5, 1.0):
         position = share * path.length
         drive_along(model_at(path.pose_at(position)), position, line.state.warn)
@@ -386,7 +394,7 @@ def _require_stable(line: ToolLine) -> None:
 
 def _count_steps(line: ToolLine, sampled: SampledMotion, move: SetPoint) -> int:
     """Steps in time per sample."""
-    rates = [STEPS_PER_SWING * sampled.highest_hz]
+    rates = [STEPS_PER_PERIOD * sampled.highest_hz]
     if line.errors is not None:
         rates.append(STEPS_PER_WAVE * move.feed / line.errors.shortest)
     if line.request.cut is not None:
@@ -411,12 +419,14 @@ def _solve_move(
     step = float(samples[1] - samples[0]) / parts
     times = step * np.arange(-BEFORE, parts * (len(samples) - 1) + 1, dtype=np.float64)
     path = StraightPath(line.start, line.along, move, step)
-    way = line.way(path)
-    given = np.concatenate([way.acting.at(times[part]) for part in chunk_slices(len(times))])
+    trajectory = line.trajectory(path)
+    given = np.concatenate([trajectory.acting.at(times[part]) for part in chunk_slices(len(times))])
     sampled = dataclasses.replace(sampled, along=lambda now: sample_move(move, now).positions)
-    loads = dataclasses.replace(way.acting, at=lambda now: interpolate_nodes(now, times, given))
-    motors = line.unit_motors and lead_motors(*line.unit_motors, line.nodes, path.travel)
-    machine = DrivenWay(way, motors, line.tool).move(
+    loads = dataclasses.replace(
+        trajectory.acting, at=lambda now: interpolate_nodes(now, times, given)
+    )
+    motors = line.unit_motors and interpolate_motors(*line.unit_motors, line.nodes, path.travel)
+    machine = DrivenTrajectory(trajectory, motors, line.tool).move(
         sampled,
         times,
         loads,
@@ -426,7 +436,7 @@ def _solve_move(
     )
     motion, servo, outputs = machine.motion, machine.servo, line.request.outputs
     force = _cut_forces(line, move, times)
-    history = march_linear(motion, motion.load + motion.tool_load(force))
+    history = integrate_linear(motion, motion.load + motion.tool_load(force))
     limit_hz = choose_model(line.request).low_frequency_limit_hz
     rows, plant = machine.rows(outputs), machine.plant
     split = _split_motion(motion, rows, history, limit_hz=0.0 if motors else limit_hz)
@@ -545,7 +555,7 @@ def _split_motion(
     )
 
 
-def _judge_poses(
+def _evaluate_poses(
     line: ToolLine,
     sampled: SampledMotion,
     found: tuple[PathDeviation, ...],
@@ -568,7 +578,7 @@ def _judge_poses(
     return FollowedPoses(
         sampled_poses=sampled.poses,
         error=sampled.error,
-        rotation_error=sampled.swing,
+        rotation_error=sampled.rotation_error,
         modes=sampled.modes,
         next_hz=None if sampled.complete else up_to_hz,
         steps=max(len(even_nodes(each.times, NODE_SPACING)) for each in found),
@@ -580,7 +590,7 @@ def _judge_poses(
     )
 
 
-def _judge_speeds(state: RunState, mechanism: SceneMechanism, request: PathRequest) -> None:
+def _check_speeds(state: RunState, mechanism: SceneMechanism, request: PathRequest) -> None:
     """Say what Coriolis and centrifugal forces would do, where they are left out."""
     if has_coriolis(state):
         return

@@ -2,7 +2,7 @@
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import travel_directions
-from headstock.pipeline.paths.closed_path import judge_energy
+from headstock.pipeline.paths.closed_path import check_energy
 from headstock.pipeline.paths.path_cut import path_loads
 from headstock.pipeline.paths.path_model import couple_at
 from headstock.pipeline.paths.travels import axis_shares
@@ -26,7 +26,7 @@ from headstock.solvers.paths.varying_control import (
     VaryingLoop,
     loop_channels,
     solve_varying_control,
-    solve_varying_rubbing,
+    solve_varying_friction,
 )
 from headstock.solvers.paths.varying_system import PosedModes, sample_plant
 
@@ -81,6 +81,6 @@ def move_along(
     """Deviation over a move as the pose changes, with friction where the scene names it."""
     if not friction_channels(loop.trains):
         return solve_varying_control(loop, move, samples, table)
-    deviation, motion = solve_varying_rubbing(loop, move, samples, table)
-    judge_energy(state, motion, move)
+    deviation, motion = solve_varying_friction(loop, move, samples, table)
+    check_energy(state, motion, move)
     return deviation

@@ -22,7 +22,7 @@ from headstock.solvers.control.stability import require_stable
 from headstock.solvers.paths.controlled import (
     ControlledPath,
     solve_controlled_path,
-    solve_rubbing_path,
+    solve_path_with_friction,
 )
 from headstock.solvers.paths.loads import load_channels
 from headstock.solvers.paths.response import PathDeviation
@@ -92,12 +92,12 @@ def drive_path(
     """Deviation over a move, with friction where the scene names it."""
     if not friction_channels(path.loop.trains):
         return solve_controlled_path(path, move, samples)
-    deviation, motion = solve_rubbing_path(path, move, samples)
-    judge_energy(state, motion, move)
+    deviation, motion = solve_path_with_friction(path, move, samples)
+    check_energy(state, motion, move)
     return deviation
 
 
-def judge_energy(state: RunState, motion: DrivenMotion, move: SetPoint) -> None:
+def check_energy(state: RunState, motion: DrivenMotion, move: SetPoint) -> None:
     """Warns where the energy balance of a move with friction misses too much."""
     if motion.energy.error > ENERGY_LIMIT:
         state.warn(

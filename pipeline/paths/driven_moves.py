@@ -9,7 +9,7 @@ from headstock.pipeline.answers.motion_forces import PathForces
 from headstock.pipeline.answers.probe_motions import ProbeMotion
 from headstock.pipeline.paths.closed_along import VARYING_REACH, close_along, move_along
 from headstock.pipeline.paths.closed_path import LINEAR_REACH, close_path, drive_path
-from headstock.pipeline.paths.followed_poses import judge_poses
+from headstock.pipeline.paths.followed_poses import evaluate_poses
 from headstock.pipeline.paths.path_model import couple_at, sample_path
 from headstock.pipeline.paths.solved_moves import SolvedMoves, add_watched, read_path_probes
 from headstock.pipeline.stages.motion_forces import read_joints, record_drives
@@ -88,7 +88,7 @@ def drive_moves(
         )
         for reach in (LINEAR_REACH, VARYING_REACH)
     )
-    poses = judge_poses(
+    poses = evaluate_poses(
         request, along.plant, table.steps, found=found, kept=kept, short=short, whole=full
     )
     # what a controller reads is there the deviation from the rigid machine
@@ -115,10 +115,10 @@ def _read_forces(
     """
     drives, forces = tuple(state.scene.drives.values()), []
     for move, each, own in zip(request.moves, found, taken, strict=True):
-        way = sample_move(move, each.times).positions
+        positions = sample_move(move, each.times).positions
         pushed, read = (
             each.watched.of((drive.name, what) for drive in drives) for what in (FORCE, ENCODER)
         )
-        history = record_drives(drives, each.times, pushed, np.outer(way, shares) - read)
+        history = record_drives(drives, each.times, pushed, np.outer(positions, shares) - read)
         forces.append(PathForces(history, *own))
     return tuple(forces)

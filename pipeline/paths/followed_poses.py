@@ -12,7 +12,7 @@ from headstock.solvers.paths.varying_response import StepTable
 from headstock.solvers.paths.varying_system import VaryingSystem
 
 
-def judge_poses(
+def evaluate_poses(
     request: PathRequest,
     system: VaryingSystem[Any],
     table: StepTable,

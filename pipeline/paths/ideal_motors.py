@@ -7,7 +7,7 @@ import numpy as np
 
 from headstock.geometry.machine.machine import travel_directions
 from headstock.pipeline.answers.motion_forces import PathForces
-from headstock.pipeline.paths.followed_poses import judge_poses
+from headstock.pipeline.paths.followed_poses import evaluate_poses
 from headstock.pipeline.paths.path_cut import path_loads
 from headstock.pipeline.paths.path_model import couple_at, sample_path
 from headstock.pipeline.paths.solved_moves import SolvedMoves, add_watched, read_path_probes
@@ -116,5 +116,5 @@ def move_freely(
         found,
         kept,
         forces,
-        judge_poses(request, along, table, found=found, kept=kept, short=short, whole=kept[-1]),
+        evaluate_poses(request, along, table, found=found, kept=kept, short=short, whole=kept[-1]),
     )

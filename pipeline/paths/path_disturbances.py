@@ -51,7 +51,7 @@ def disturb_loop(
     driven = drive_machine(couple_at(state, request, 0.5 * request.path.length), state.warn)
     if friction_channels(driven.trains):
         state.warn(
-            "path analysis: errors of guides and torque ripple move the machine as if nothing rubbed; what friction does is added"
+            "path analysis: errors of guides and torque ripple move the machine as if there were no friction; what friction does is added"
         )
     joints, machine = driven.released.joints, state.scene.machine
     probes = place_probes(state.parts, driven.released.coupled, tuple(machine.probes))
@@ -81,9 +81,9 @@ def disturb_loop(
     channels = (*channels, *((drive.name, FORCE) for drive in rippling))
 
     def loads(times: FloatArray) -> FloatArray:
-        way = sample_move(move, times).positions
+        positions = sample_move(move, times).positions
         parts = [] if errors is None else [errors.amounts(move, times)]
-        return np.hstack([*parts, *(_path_ripple(drive, request, way) for drive in rippling)])
+        return np.hstack([*parts, *(_path_ripple(drive, request, positions) for drive in rippling)])
 
     loop = close_loops(
         system,
@@ -136,13 +136,13 @@ def disturb_freely(
     )
 
 
-def _path_ripple(drive: Drive, request: PathRequest, way: FloatArray) -> FloatArray:
+def _path_ripple(drive: Drive, request: PathRequest, positions: FloatArray) -> FloatArray:
     """Force ``(n, 1)`` of a drive along ``(n,)`` places of a path by the ripple of its torque, from
     that at the beginning [N].
     """
     start = request.path.start.positions.get(drive.axis, 0.0)
     share = axis_shares(request).get(drive.axis, 0.0)
-    found = ripple_force(drive, start + share * way)
+    found = ripple_force(drive, start + share * positions)
     return (found - ripple_force(drive, np.array([start])))[:, None]
 
 

@@ -231,21 +231,21 @@ def _plan_path(machine: PlannedMachine, path: PathRequest, what: str) -> Stage:
     samples = [(move.duration + path.residual_time) * path.sampling_hz for move in path.moves]
     # before and after a record a low-pass rests for some of its periods
     rest = 0.0 if path.low_pass is None else 2.0 * PADDING / path.low_pass.frequency_hz
-    rubbing = any(drive.friction is not None for drive in scene.drives.values())
+    friction = any(drive.friction is not None for drive in scene.drives.values())
     memory = path_memory_mb(
         max(samples) + rest * path.sampling_hz,
         len(path.outputs),
-        rubbing=rubbing,
+        friction=friction,
         watched=_count_watched(scene),
     )
     if scene.mechanism is None:
         turns = 0.0
-        if rubbing and path.cut is not None:
+        if friction and path.cut is not None:
             turns = sum(samples) / path.sampling_hz * path.cut.cut.spindle / (2.0 * math.pi)
         seconds = path_seconds(
             samples,
             dofs=dofs,
-            rubbing=rubbing,
+            friction=friction,
             cut_steps=PATH_STEPS_PER_TURN * turns,
             follows_pose=path.follows_pose,
             repeats=repeats,
@@ -273,8 +273,8 @@ def _plan_path(machine: PlannedMachine, path: PathRequest, what: str) -> Stage:
 def _count_friction_samples(scene: Scene) -> float:
     """Samples of a transient analysis on which friction acts; none where nothing rubs."""
     request = scene.analyses.get(TransientRequest)
-    rubbing = any(drive.friction is not None for drive in scene.drives.values())
-    if request is None or request.motors == "locked" or not rubbing:
+    friction = any(drive.friction is not None for drive in scene.drives.values())
+    if request is None or request.motors == "locked" or not friction:
         return 0.0
     return request.duration * request.sampling_hz
 

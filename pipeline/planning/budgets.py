@@ -136,12 +136,12 @@ SECONDS_PER_TOOL_STEP, SECONDS_PER_TOOL_STEP_AND_MODE = 2e-5, 1.5e-6
 TOOL_KB_PER_STEP_AND_MODE = 0.075
 PATH_STEPS_PER_TURN = 96  # of the spindle along a path: forces of the cut are straight between them
 # of its longest move, for one output and each further one; likewise, 4 500 to 1 200 000 samples
-PATH_MB, PATH_KB_PER_SAMPLE, PATH_KB_PER_OUTPUT, RUBBING_KB_PER_SAMPLE = 60.0, 0.82, 0.07, 2.0
+PATH_MB, PATH_KB_PER_SAMPLE, PATH_KB_PER_OUTPUT, FRICTION_KB_PER_SAMPLE = 60.0, 0.82, 0.07, 2.0
 PATH_KB_PER_WATCHED = 0.009  # force, displacement or stress on the way
 # of a transient analysis with friction, five to six times for ±, in a pose and per sample: the three-axis
 # machine and the lumped Tripteor, 2 000 samples, and a slide on a bed of finite elements, 801 samples that
 # stick and slip, within half and twice
-RUBBING_START, SECONDS_PER_RUBBING_SAMPLE = 0.4, 2.2e-4
+FRICTION_START, SECONDS_PER_FRICTION_SAMPLE = 0.4, 2.2e-4
 POSES_PER_SECOND = 7e3  # of a map
 COUPLINGS_PER_SECOND = 60.0  # of a volumetric map
 MOST_GUESSED_MODES = 300
@@ -187,7 +187,7 @@ def path_seconds(
     samples: Sequence[float],
     *,
     dofs: int,
-    rubbing: bool,
+    friction: bool,
     cut_steps: float = 0.0,
     follows_pose: bool = False,
     repeats: int = 0,
@@ -197,7 +197,7 @@ def path_seconds(
     Args:
         samples: Of each of its moves.
         dofs: Of the coupled machine.
-        rubbing: Guides of drives under control have friction.
+        friction: Guides of drives under control have friction.
         cut_steps: Of the forces of a cut with friction; none elsewhere.
         follows_pose: It goes through the poses of the way, too.
         repeats: In the pose of the middle, for its ±.
@@ -205,7 +205,7 @@ def path_seconds(
     start = PATH_START + SECONDS_PER_PATH_DOF * dofs
     # what is to be compared in that pose is computed in it, too
     again = repeats + (follows_pose if repeats else 0)
-    if not rubbing:
+    if not friction:
         once = sum(samples) / PATH_SAMPLES_PER_SECOND
         return start + once * (1.0 + SECONDS_AGAIN * again)
     once = len(samples) * SECONDS_PER_RUBBING_MOVE
@@ -293,16 +293,16 @@ def _tool_step_seconds(modes: float) -> float:
     return SECONDS_PER_TOOL_STEP + SECONDS_PER_TOOL_STEP_AND_MODE * modes
 
 
-def transient_seconds(rubbing_samples: float) -> float:
+def transient_seconds(friction_samples: float) -> float:
     """Processor time of a transient analysis in a pose [s].
 
     Args:
-        rubbing_samples: How many there are of motion with friction; none without it.
+        friction_samples: How many there are of motion with friction; none without it.
     """
     start = STAGE_SECONDS["respond"]
-    if not rubbing_samples:
+    if not friction_samples:
         return start
-    return start + RUBBING_START + SECONDS_PER_RUBBING_SAMPLE * rubbing_samples
+    return start + FRICTION_START + SECONDS_PER_FRICTION_SAMPLE * friction_samples
 
 
 def contour_memory_mb(steps: float) -> float:
@@ -310,16 +310,16 @@ def contour_memory_mb(steps: float) -> float:
     return BASE_MB + PATH_MB + 1e-3 * CONTOUR_KB_PER_STEP * steps
 
 
-def path_memory_mb(samples: float, outputs: int, *, rubbing: bool, watched: int = 0) -> float:
+def path_memory_mb(samples: float, outputs: int, *, friction: bool, watched: int = 0) -> float:
     """Peak memory of a path [MB].
 
     Args:
         samples: Of its longest move.
         outputs: Where its deviation is wanted.
-        rubbing: Guides of drives under control have friction.
+        friction: Guides of drives under control have friction.
         watched: Forces, displacements and stresses that are watched on the way.
     """
-    own = RUBBING_KB_PER_SAMPLE if rubbing else PATH_KB_PER_SAMPLE
+    own = FRICTION_KB_PER_SAMPLE if friction else PATH_KB_PER_SAMPLE
     kilobytes = own + PATH_KB_PER_OUTPUT * (outputs - 1) + PATH_KB_PER_WATCHED * watched
     return BASE_MB + PATH_MB + 1e-3 * kilobytes * samples
 

@@ -40,10 +40,10 @@ from headstock.scene.requests import LOAD, TimedLoad, TransientRequest
 from headstock.solvers.control.drive_loops import ClosedLoop, close_loops
 from headstock.solvers.control.drive_trains import DriveTrain
 from headstock.solvers.control.friction_loop import friction_channels
-from headstock.solvers.control.rubbing_transient import (
-    RubbingTransient,
+from headstock.solvers.control.friction_transient import (
+    FrictionTransient,
     sharpen_friction,
-    solve_rubbing_transient,
+    solve_friction_transient,
 )
 from headstock.solvers.control.stability import require_stable
 from headstock.solvers.errors import ConvergenceError, ModelError, UnstableControlError
@@ -73,7 +73,7 @@ START: Channel = ("initial velocity", "momentum")
 MOST_COUPLED_MODES = 200
 BEYOND = 2.0
 UNBALANCED_ENERGY = 0.01
-UNBALANCED_RUBBING = 1e-6  # likewise, of an integrator whose works are states
+UNBALANCED_FRICTION = 1e-6  # likewise, of an integrator whose works are states
 SMOOTHING = "smoothing of friction"
 # so many times the smoothing: where peaks go with its root, the slowest that was seen, a sharp law
 # changes them by REMAINING times as much
@@ -91,12 +91,12 @@ class _Ready:
         linear: Without friction.
         watched: With what is watched beside the displacements as outputs, and friction as inputs
             where there is any.
-        rubbing: Closed loops with friction in their guides; None where nothing rubs.
+        friction_loop: Closed loops with friction in their guides; None without friction.
     """
 
     linear: TransientModel
     watched: StateSpace
-    rubbing: ClosedLoop | None = None
+    friction_loop: ClosedLoop | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,14 +120,14 @@ class _Solution:
 
     Attributes:
         motion: Without friction.
-        rubbed: With it; None where nothing rubs.
+        with_friction: With it; None without friction.
         figures: Of each output.
         times: ``(n,)`` of the samples [s].
         displacements: ``(n, n_outputs)`` then [m, rad].
     """
 
     motion: Motion
-    rubbed: RubbingTransient | None
+    with_friction: FrictionTransient | None
     figures: tuple[TransientFigures, ...]
     times: FloatArray
     displacements: FloatArray
@@ -209,9 +209,9 @@ class _LoadedMachine:
 
     def widen(self, model: _Ready) -> _Ready:
         """With modes beyond the range of a model: all, where nothing couples them or they are few,
-        and nothing rubs.
+        and there is no friction.
         """
-        few = len(self.modes.frequencies_hz) <= MOST_COUPLED_MODES and model.rubbing is None
+        few = len(self.modes.frequencies_hz) <= MOST_COUPLED_MODES and model.friction_loop is None
         every = few or model.linear.space.pairs is not None
         return self.prepare(None if every else BEYOND * self.request.up_to_hz)
 
@@ -303,7 +303,7 @@ def respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[Transi
     sampled = stepped.sampled
     loads = np.concatenate([values[:, 0], values[-1:, 1]])[sampled][:, : len(request.loads)]
     warnings += [warn_of_singular(name, probe.singular) for name, probe in loaded.probes.items()]
-    unbalanced = _explain_imbalance(solution.rubbed, energy, request.sampling_hz)
+    unbalanced = _explain_imbalance(solution.with_friction, energy, request.sampling_hz)
     if unbalanced is not None:
         warnings.append(f"transient analysis in pose {machine.pose.name}: {unbalanced}")
     controlled = loaded.trains is not None
@@ -368,20 +368,20 @@ def _list_others(loaded: _LoadedMachine, model: _Ready) -> _Others:
     """By source of error, models without it."""
     softer = loaded.soften()
     known = {TRUNCATION: loaded.widen(model)} | softer.known
-    if model.rubbing is not None:
-        sharper = sharpen_friction(model.rubbing, SHARPER)
-        known[SMOOTHING] = dataclasses.replace(model, rubbing=sharper)
+    if model.friction_loop is not None:
+        sharper = sharpen_friction(model.friction_loop, SHARPER)
+        known[SMOOTHING] = dataclasses.replace(model, friction_loop=sharper)
     return dataclasses.replace(softer, known=known)
 
 
 def _explain_imbalance(
-    rubbed: RubbingTransient | None, energy: EnergyBalance | None, sampling_hz: float
+    with_friction: FrictionTransient | None, energy: EnergyBalance | None, sampling_hz: float
 ) -> str | None:
     """What is wrong where energy is missing, with its remedy; None where it balances."""
-    if rubbed is not None:
-        error = rubbed.motion.energy.error
-        if error > UNBALANCED_RUBBING:
-            return f"the energy balance misses {error:.2g} of the work, more than {UNBALANCED_RUBBING:g}; give friction a larger smoothing"
+    if with_friction is not None:
+        error = with_friction.motion.energy.error
+        if error > UNBALANCED_FRICTION:
+            return f"the energy balance misses {error:.2g} of the work, more than {UNBALANCED_FRICTION:g}; give friction a larger smoothing"
     elif energy is not None and energy.error > UNBALANCED_ENERGY:
         return (
             f"{100.0 * energy.error:.2g} % of the energy are missing between samples at {sampling_hz:g} Hz:"
@@ -454,28 +454,28 @@ def _solve(
     moving = np.zeros(len(histories))
     moving[-1] = 1.0
     motion = solve_transient(space, stepped, state + space.b @ moving)
-    rubbed = None
-    if model.rubbing is not None:
-        rubbed = solve_rubbing_transient(
-            model.rubbing, stepped, motion, inputs=space.inputs, outputs=request.outputs
+    with_friction = None
+    if model.friction_loop is not None:
+        with_friction = solve_friction_transient(
+            model.friction_loop, stepped, motion, inputs=space.inputs, outputs=request.outputs
         )
-    response = read_response(space, motion) if rubbed is None else rubbed.response
+    response = read_response(space, motion) if with_friction is None else with_friction.response
     figures = find_figures(response, start=start, final=final, near=request.settled)
     figures = _leave_out_roundoff(figures, request.outputs)
     times, displacements = response.sample()
-    return _Solution(motion, rubbed, figures, times, displacements)
+    return _Solution(motion, with_friction, figures, times, displacements)
 
 
 def _step_states(solution: _Solution) -> SteppedStates:
     """States, and what acts on them: loads, then friction against the motion."""
-    motion, rubbed = solution.motion, solution.rubbed
+    motion, with_friction = solution.motion, solution.with_friction
     values, _ = motion.loads.evaluate()
     begins, ends = values[:, 0], values[:, 1]
-    if rubbed is None:
+    if with_friction is None:
         return SteppedStates(
             motion.loads.times, (motion.right[:-1], motion.left[1:]), (begins, ends)
         )
-    found, (first, last) = rubbed.motion, rubbed.friction
+    found, (first, last) = with_friction.motion, with_friction.friction
     return SteppedStates(
         found.times,
         (found.right[:-1], found.left[1:]),
@@ -484,9 +484,9 @@ def _step_states(solution: _Solution) -> SteppedStates:
 
 
 def _balance_energy(model: _Ready, solution: _Solution) -> EnergyBalance | None:
-    """None under control where nothing rubs."""
-    if solution.rubbed is not None:
-        return solution.rubbed.energy
+    """None under control without friction."""
+    if solution.with_friction is not None:
+        return solution.with_friction.energy
     return find_energy(model.linear, solution.motion)
 
 

@@ -1,6 +1,6 @@
 """A machine under control in time, with friction in its guides, and where the energy went.
 
-Steps are exact but for friction (``rubbing_steps``). They are as long as what is given and the natural
+Steps are exact but for friction (``friction_steps``). They are as long as what is given and the natural
 modes allow, and are halved where friction changes faster than its parabola follows.
 """
 
@@ -12,10 +12,10 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.control.drive_loops import ClosedLoop
 from headstock.solvers.control.friction import friction_force
-from headstock.solvers.control.friction_loop import RubbingLoop, make_rubbing_loop
+from headstock.solvers.control.friction_integrator import WORKS, FrictionIntegrator
+from headstock.solvers.control.friction_loop import FrictionLoop, make_friction_loop
+from headstock.solvers.control.friction_steps import GIVEN
 from headstock.solvers.control.loop_track import Given, IntArray, LoopTrack, still_track
-from headstock.solvers.control.rubbing_march import WORKS, RubbingMarch
-from headstock.solvers.control.rubbing_steps import GIVEN
 from headstock.solvers.control.step_grid import CHUNK, cut_steps, find_rare_sizes
 from headstock.solvers.second_order import Channel
 
@@ -131,7 +131,7 @@ def solve_motion(
     Raises:
         ConvergenceError: Friction does not settle.
     """
-    track = still_track(make_rubbing_loop(loop, spread))
+    track = still_track(make_friction_loop(loop, spread))
     return integrate_motion(
         track, given, times, breaks=breaks, longest=longest, tolerance=tolerance
     )
@@ -176,7 +176,7 @@ def integrate_motion(
     left = np.empty((len(times), typical.size))
     right = np.empty_like(left) if outset.jumps.any() else left
     works, posed = np.zeros((len(grid), len(WORKS))), np.zeros(len(grid))
-    steps, march = np.diff(grid), RubbingMarch(track, typical, allowed)
+    steps, integrator = np.diff(grid), FrictionIntegrator(track, typical, allowed)
     few = find_rare_sizes(steps) & (not track.still)
     state = outset.state
     for start in range(0, len(steps), CHUNK):
@@ -192,7 +192,7 @@ def integrate_motion(
                 left[place] = state
                 state = right[place] = state + outset.jumps[place]
             begun[number] = state
-            state = ended[number] = march.advance(
+            state = ended[number] = integrator.advance(
                 number,
                 state,
                 forced[number],
@@ -200,7 +200,7 @@ def integrate_motion(
                 near=(int(firsts[number]), shares[number]),
                 alone=float(middles[number]) if few[part.start + number] else None,
             )
-        works[part.start + 1 : part.stop + 1] = march.collect_works(len(inside))
+        works[part.start + 1 : part.stop + 1] = integrator.collect_works(len(inside))
         if not track.still:
             ends = grid[part.start + 1 : part.stop + 1]
             posed[part.start + 1 : part.stop + 1] = (
@@ -218,17 +218,17 @@ def integrate_motion(
         np.where(np.arange(len(times)) > 0, stored - _stored(track, positions, left), 0.0)
     )
     drives, loads, damping, friction = np.cumsum(works, axis=0)[wanted].T
-    rubbed, outputs = _observe(track, positions, right, given(times))
+    friction_forces, outputs = _observe(track, positions, right, given(times))
     return DrivenMotion(
         times=times,
         left=left,
         right=right,
         outputs=outputs,
-        friction=rubbed,
+        friction=friction_forces,
         energy=EnergyBalance(
             stored, drives, loads + struck, damping, friction, np.cumsum(posed)[wanted]
         ),
-        steps=march.steps,
+        steps=integrator.steps,
     )
 
 
@@ -241,7 +241,7 @@ def _observe(
     track: LoopTrack, positions: FloatArray, states: FloatArray, given: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Friction ``(n, k)`` and outputs ``(n, p)``."""
-    rubbed = friction_force(
+    friction_forces = friction_force(
         track.loop(0).law,
         track.blend(
             positions,
@@ -249,23 +249,23 @@ def _observe(
         ),
     )
 
-    def outputs(model: RubbingLoop, which: slice | IntArray) -> FloatArray:
+    def outputs(model: FrictionLoop, which: slice | IntArray) -> FloatArray:
         space, rows = model.loop.space, slice(None) if track.rows is None else track.rows
         return np.asarray(
             states[which] @ space.c[rows].T
             + given[which] @ model.d[rows].T
-            - rubbed[which] @ model.passed[rows].T
+            - friction_forces[which] @ model.passed[rows].T
         )
 
-    return rubbed, track.blend(positions, outputs)
+    return friction_forces, track.blend(positions, outputs)
 
 
-def _fastest_mode(model: RubbingLoop) -> float:
+def _fastest_mode(model: FrictionLoop) -> float:
     """Of the machine with free motors [rad/s]."""
     return float(np.abs(np.linalg.eigvals(model.loop.plant.a).imag).max(initial=1e-9))
 
 
-def _coarse_states(model: RubbingLoop, given: Given, times: FloatArray) -> FloatArray:
+def _coarse_states(model: FrictionLoop, given: Given, times: FloatArray) -> FloatArray:
     """States ``(p, m)`` of a coarse linear run from rest without friction."""
     instants = np.linspace(times[0], times[-1], PROBES)
     step = float(instants[1] - instants[0])
@@ -280,7 +280,7 @@ def _coarse_states(model: RubbingLoop, given: Given, times: FloatArray) -> Float
     return states
 
 
-def _state_scale(model: RubbingLoop, states: FloatArray, duration: float) -> FloatArray:
+def _state_scale(model: FrictionLoop, states: FloatArray, duration: float) -> FloatArray:
     """How large each kind of state gets ``(m,)``, from states ``(p, m)`` as large."""
     machine = model.loop.plant_size
     dry = float(np.maximum(model.law.coulomb, model.law.breakaway).sum())

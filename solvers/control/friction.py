@@ -44,15 +44,15 @@ type FrictionLaw = GuideFriction | StackedFriction
 
 def friction_force(law: FrictionLaw, velocity: FloatArray) -> FloatArray:
     """Force against the motion [N]; of several guides at speeds ``(..., d)``."""
-    return rub(law, velocity)[0]
+    return evaluate_friction(law, velocity)[0]
 
 
 def friction_slope(law: FrictionLaw, velocity: FloatArray) -> FloatArray:
     """Derivative of the force by the velocity [N s/m]; negative where friction falls with speed."""
-    return rub(law, velocity)[1]
+    return evaluate_friction(law, velocity)[1]
 
 
-def rub(law: FrictionLaw, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
+def evaluate_friction(law: FrictionLaw, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Force against the motion [N] and its derivative by the velocity [N s/m], likewise.
 
     Source: Armstrong-Helouvry, Dupont and Canudas de Wit (1994), A survey of models, section 2.1
@@ -70,7 +70,7 @@ def rub(law: FrictionLaw, velocity: FloatArray) -> tuple[FloatArray, FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
-class Rubbing:
+class CoordinateFriction:
     """Friction on ``d`` coordinates.
 
     Attributes:
@@ -101,18 +101,18 @@ class Rubbing:
         target = self.speeds[step] + free
         scale = np.abs(target).max() + self.law.smoothing.max()
         now = target
-        rubbed, slopes = rub(self.law, now)
-        off = now + gain @ rubbed - target
+        friction_forces, slopes = evaluate_friction(self.law, now)
+        off = now + gain @ friction_forces - target
         for _ in range(MOST_PASSES):
             if np.abs(off).max() <= SETTLED * scale:
-                return np.asarray(-rubbed)
+                return np.asarray(-friction_forces)
             change = np.linalg.solve(np.eye(len(now)) + gain * slopes, -off)
             share, missed = 1.0, np.abs(off).max()
             while True:
                 # the law bends within its smoothing: what overshoots is halved
                 trial = now + share * change
-                rubbed, slopes = rub(self.law, trial)
-                off = trial + gain @ rubbed - target
+                friction_forces, slopes = evaluate_friction(self.law, trial)
+                off = trial + gain @ friction_forces - target
                 if np.abs(off).max() < missed or share < 1e-3:
                     break
                 share *= 0.5

@@ -14,7 +14,7 @@ from headstock.solvers.second_order import Channel
 
 
 @dataclass(frozen=True, eq=False)
-class RubbingLoop:
+class FrictionLoop:
     """``x' = A x + B S u - G f(V x + W u)``, ``y = C x + D u - H f``.
 
     The machine's states are ``(s p, p')`` of each mode, so that a load enters as its work per
@@ -23,7 +23,7 @@ class RubbingLoop:
 
     Attributes:
         loop: Closed, with the loads that are given and then those of friction as inputs.
-        law: Of the guides that rub.
+        law: Of the guides that evaluate_friction.
         slides: V ``(k, n)``: velocity in these guides.
         drag: G ``(n, k)``.
         passed: H ``(p, k)``.
@@ -89,9 +89,9 @@ def spread_inputs(inputs: Sequence[Channel], given: Given) -> FloatArray:
     return np.array([given.get(channel, none) for channel in inputs]).reshape(-1, len(none))
 
 
-def make_rubbing_loop(
+def make_friction_loop(
     loop: ClosedLoop, given: Given | None = None, guides: FloatArray | None = None
-) -> RubbingLoop:
+) -> FrictionLoop:
     """Take a closed loop apart.
 
     Args:
@@ -114,7 +114,7 @@ def make_rubbing_loop(
     spread, acting = spread_inputs(others, given), space.columns.of(others)
     sets = set_channels(loop.trains)
     loads = [channel for channel in others if channel not in sets]
-    rubbing = space.columns.of(channels)
+    friction_columns = space.columns.of(channels)
     first, second = np.arange(0, loop.plant_size, 2), np.arange(1, loop.plant_size, 2)
     weights = np.eye(loop.plant_size)
     # a mode's states are (s p, p') with (s p)' = s p' and p'' = -K / s (s p)
@@ -125,12 +125,12 @@ def make_rubbing_loop(
     dampers[np.ix_(second, second)] = -plant.a[np.ix_(second, second)]
     slides = np.zeros((len(channels), len(space.a)))
     slides[:, : loop.plant_size] = plant.c[plant.rows.of(channels)] @ plant.a
-    return RubbingLoop(
+    return FrictionLoop(
         loop=loop,
         law=stack_laws([train.friction for train in loop.trains if train.friction is not None]),
         slides=slides,
-        drag=space.b[:, rubbing],
-        passed=space.d[:, rubbing],
+        drag=space.b[:, friction_columns],
+        passed=space.d[:, friction_columns],
         acting=space.b[:, acting],
         spread=spread,
         d=space.d[:, acting] @ spread,

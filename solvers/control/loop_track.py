@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.control.friction_loop import RubbingLoop
-from headstock.solvers.control.rubbing_steps import RubbingStep, make_rubbing_step
+from headstock.solvers.control.friction_loop import FrictionLoop
+from headstock.solvers.control.friction_steps import FrictionStep, make_friction_step
 from headstock.solvers.second_order import Positions
 
 IntArray = NDArray[np.intp]
@@ -29,29 +29,29 @@ class LoopTrack:
     """
 
     places: FloatArray
-    loop_at: Callable[[float], RubbingLoop]
+    loop_at: Callable[[float], FrictionLoop]
     positions: Given
     rows: Positions | None = None
-    _loops: dict[int, RubbingLoop] = field(default_factory=dict)
-    _steps: dict[tuple[int, str], RubbingStep] = field(default_factory=dict)
+    _loops: dict[int, FrictionLoop] = field(default_factory=dict)
+    _steps: dict[tuple[int, str], FrictionStep] = field(default_factory=dict)
 
     @property
     def still(self) -> bool:
         """Nothing changes."""
         return len(self.places) == 1
 
-    def loop(self, number: int) -> RubbingLoop:
+    def loop(self, number: int) -> FrictionLoop:
         """The loop at one of the places."""
         if number not in self._loops:
             self._loops[number] = self.loop_at(float(self.places[number]))
         return self._loops[number]
 
-    def step(self, number: int, size: float) -> RubbingStep:
+    def step(self, number: int, size: float) -> FrictionStep:
         """Its step there."""
         key = number, f"{size:.9e}"
         if key not in self._steps:
             forget(self._steps)
-            self._steps[key] = make_rubbing_step(self.loop(number), size)
+            self._steps[key] = make_friction_step(self.loop(number), size)
         return self._steps[key]
 
     def near(self, positions: FloatArray) -> tuple[IntArray, FloatArray]:
@@ -71,7 +71,7 @@ class LoopTrack:
         return firsts, shares
 
     def blend(
-        self, positions: FloatArray, find: Callable[[RubbingLoop, slice | IntArray], FloatArray]
+        self, positions: FloatArray, find: Callable[[FrictionLoop, slice | IntArray], FloatArray]
     ) -> FloatArray:
         """What loops say ``(n, ...)`` at positions ``(n,)``.
 
@@ -97,6 +97,6 @@ def forget[K, V](known: dict[K, V]) -> None:
         del known[next(iter(known))]
 
 
-def still_track(model: RubbingLoop) -> LoopTrack:
+def still_track(model: FrictionLoop) -> LoopTrack:
     """The track of a loop that does not change."""
     return LoopTrack(np.zeros(1), lambda place: model, np.zeros_like)

@@ -3,8 +3,8 @@
 import numpy as np
 
 from headstock.geometry.frames import BoolArray, FloatArray
+from headstock.solvers.control.friction_steps import GIVEN, LOOKED, LOOKS
 from headstock.solvers.control.loop_track import Given
-from headstock.solvers.control.rubbing_steps import GIVEN, LOOKED, LOOKS
 
 CHUNK = 512  # steps whose works are found together
 SAME_STEP = 1e-9

@@ -164,8 +164,8 @@ def refine_motion[T: Tried](
         )
         if pushed is not None:
             off[:, : pushed.shape[1]] -= pushed
-        if motion.rubbing is not None:
-            own = motion.rubbing
+        if motion.friction is not None:
+            own = motion.friction
             off[:, own.coordinates] += own.force(found.rate)
         extra = extra - off
         tried = solve(extra, tried)

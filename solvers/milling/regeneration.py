@@ -1,5 +1,5 @@
 """A machine that cuts what its own tooth left before: the delay differential equation
-of milling, marched in time.
+of milling, integrated in time.
 
 The chip under a tooth is as thick as the tool's feed and its motion since an earlier tooth passed
 there; the thinnest over several teeth counts, because a tooth that jumps out leaves the wave of the
@@ -87,7 +87,7 @@ def cutting_phases(cut: MillingCut, steps_per_turn: int) -> tuple[CuttingPhase, 
     return tuple(_phase(cut, angles, runout) for angles in theta)
 
 
-def march_regenerative(
+def integrate_regenerative(
     motion: LinearMotion, load: FloatArray, cut: RegenerativeCut
 ) -> tuple[CompliantHistory, FloatArray]:
     """Generalised-α steps of the linear model with the chip of each instant, from static rest.

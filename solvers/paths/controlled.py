@@ -123,7 +123,7 @@ class _Motion:
 def solve_controlled_path(
     path: ControlledPath, move: SetPoint, samples: FloatArray
 ) -> PathDeviation:
-    """Deviation over a move by exact discretisation; the way and the speed are states, driven by
+    """Deviation over a move by exact discretisation; position and speed are states, driven by
     the acceleration alone.
 
     Quasi-static is what constant speed (lag) and constant acceleration hold, without the
@@ -186,7 +186,7 @@ def solve_controlled_path(
     )
 
 
-def solve_rubbing_path(
+def solve_path_with_friction(
     path: ControlledPath, move: SetPoint, samples: FloatArray
 ) -> tuple[PathDeviation, DrivenMotion]:
     """The same with friction in the guides; what friction does counts as dynamic.
@@ -214,8 +214,8 @@ def solve_rubbing_path(
         breaks=list_breaks(move),
         longest=longest_step(path.loads),
     )
-    way = sample_move(move, samples).positions
-    total = found.outputs[:, path.rows] - np.outer(way, path.travel)
+    positions = sample_move(move, samples).positions
+    total = found.outputs[:, path.rows] - np.outer(positions, path.travel)
     acting = given(samples) @ spread_inputs(space.inputs, path.given).T
     acting[:, space.columns.of(friction_channels(path.loop.trains))] = -found.friction
     return PathDeviation(

@@ -1,8 +1,8 @@
-"""A linear system along a path: matrices at times of the motion, marched in time.
+"""A linear system along a path: matrices at times of the motion, integrated in time.
 
 ``M(t) x'' + C(t) x' + K(t) x = f(t) + J(t)^T F``, and the tool moves by ``J(t) x + R(t) F``: of the
 motions that are left out the static flexibility ``R`` at the tool remains. What has these matrices
-is marched alike: a lumped mechanism in its compliant coordinates, a machine of bodies or finite
+is integrated alike: a lumped mechanism in its compliant coordinates, a machine of bodies or finite
 elements in its modes.
 """
 
@@ -12,12 +12,12 @@ from typing import NamedTuple
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.control.friction import Rubbing
+from headstock.solvers.control.friction import CoordinateFriction
 from headstock.solvers.errors import ConvergenceError
 from headstock.solvers.mechanisms.generalized_alpha import AlphaScheme
 
 INVERSE_TOLERANCE = 1e-10  # of what an interpolated inverse leaves of the identity
-MOST_PARTS = 64  # of the way between two nodes
+MOST_PARTS = 64  # of the trajectory between two nodes
 CHUNK = 512  # states evaluated together: more would leave the cache
 
 
@@ -37,7 +37,7 @@ class LinearMotion:
         flexibility: ``(k, 3, 3)`` static motion of the tool per force on it, of all motions that
             are left out; None where none is.
         rest: ``(n, 3)`` static motion of the tool under the load, of all motions that are left out.
-        rubbing: Friction at the speeds of the motion; None where none depends on it.
+        friction: Friction at the speeds of the motion; None where none depends on it.
     """
 
     times: FloatArray
@@ -50,7 +50,7 @@ class LinearMotion:
     load: FloatArray
     flexibility: FloatArray | None = None
     rest: FloatArray | None = None
-    rubbing: Rubbing | None = None
+    friction: CoordinateFriction | None = None
 
     def between(self, values: FloatArray, part: slice) -> FloatArray:
         """Values ``(k, ...)`` at the nodes, at some of the steps."""
@@ -111,7 +111,7 @@ class Regeneration:
     delay: int
 
 
-def march_linear(
+def integrate_linear(
     motion: LinearMotion,
     load: FloatArray,
     *,
@@ -215,20 +215,22 @@ class AlphaSteps:
         if wave is not None:
             softer = self.respond(number, self.reach[0] * wave)
             own = np.asarray(np.linalg.solve(np.eye(size) - softer, own))
-        if self._motion.rubbing is not None:
-            own = self._rub(self._motion.rubbing, number, drift=drift, own=own)
+        if self._motion.friction is not None:
+            own = self._add_friction(self._motion.friction, number, drift=drift, own=own)
         return np.asarray(drift + self.reach[:, None] * own)
 
-    def _rub(
-        self, rubbing: Rubbing, number: int, *, drift: FloatArray, own: FloatArray
+    def _add_friction(
+        self, friction: CoordinateFriction, number: int, *, drift: FloatArray, own: FloatArray
     ) -> FloatArray:
         """Accelerations ``(c,)`` with friction, from those without."""
-        at = rubbing.coordinates
+        at = friction.coordinates
         units = np.zeros((len(own), len(at)))
         units[at, np.arange(len(at))] = 1.0
         pushed = self.respond(number, units)
         speeds = drift[1, at] + self.reach[1] * own[at]
-        return np.asarray(own + pushed @ rubbing.settle(number, speeds, self.reach[1] * pushed[at]))
+        return np.asarray(
+            own + pushed @ friction.settle(number, speeds, self.reach[1] * pushed[at])
+        )
 
     def respond(self, number: int, load: FloatArray) -> FloatArray:
         """Accelerations ``(c,)`` or ``(c, k)`` that loads of the same shape at a step bring about."""
@@ -271,7 +273,7 @@ def _tabulate_inverse(ends: FloatArray) -> list[FloatArray]:
         low, middle, high = known[:-2:2], known[1:-1:2], known[2::2]
         square = 2.0 * (low - 2.0 * middle + high)
         slope = high - low - square
-        # a quarter of the way into the first and the last part the parabola misses most
+        # a quarter of the trajectory into the first and the last part the parabola misses most
         places = np.array([0.25, parts - 0.75]) / parts
         missed = [
             unit

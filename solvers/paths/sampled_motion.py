@@ -1,10 +1,10 @@
-"""A machine on its way through poses: its matrices in parallel-transported modes, sampled at times
-of the way and joined by splines.
+"""A machine along its trajectory through poses: its matrices in parallel-transported modes, sampled at times
+of the trajectory and joined by splines.
 
-The way is cut into pieces at its corners; every piece has its own splines, with twice as many poses
+The trajectory is cut into pieces at its corners; every piece has its own splines, with twice as many poses
 until those half-way between are met. Modes beyond a frequency follow at once: what they add
-statically is sampled as well. Modes are carried from pose to pose as in
-:mod:`headstock.solvers.paths.varying_system`, along the whole way.
+statically is sampled as well. Modes are transported from pose to pose as in
+:mod:`headstock.solvers.paths.varying_system`, along the whole trajectory.
 
 Modes cross that frequency, and each other about it, so that no number of modes is the same set in
 all poses. What moves a mode and what it moves therefore fade out smoothly above that frequency, and
@@ -58,8 +58,8 @@ ANCHORED = 4  # parts of a piece at whose ends a machine that differs little is 
 
 
 @dataclass(frozen=True, eq=False)
-class WayLoads:
-    """What acts on a machine along its way.
+class TrajectoryLoads:
+    """What acts on a machine along its trajectory.
 
     Attributes:
         channels: Inputs at which it acts.
@@ -80,21 +80,21 @@ class WayLoads:
 
 @dataclass(frozen=True, eq=False)
 class SampledMotion:
-    """A machine on its way.
+    """A machine along its trajectory.
 
     Attributes:
         channels: Its inputs and outputs.
-        breaks: ``(b,)`` times at which pieces of the way meet, its ends among them [s].
+        breaks: ``(b,)`` times at which pieces of the trajectory meet, its ends among them [s].
         pieces: Of each piece, field of :class:`SampledPlant` to its spline over time.
         poses: How many poses were taken.
         modes: How many modes are kept.
         error: Largest error of splines through the others at the poses added last; of splines
             through all it is about a sixteenth.
-        swing: What modes carried over steps of twice the length are turned by beside these [rad].
-        highest_hz: Highest natural frequency, anywhere on the way, of a mode kept by half or more.
+        rotation_error: What modes transported over steps of twice the length are turned by beside these [rad].
+        highest_hz: Highest natural frequency, anywhere on the trajectory, of a mode kept by half or more.
         complete: No mode is left out or fades.
-        anchors: Times of a few poses to the momenta ``(n_all, m)`` of the carried modes there.
-        along: Places of the way at times ``(n,)``, where it was not sampled by time; None where it
+        anchors: Times of a few poses to the momenta ``(n_all, m)`` of the transported modes there.
+        along: Places of the trajectory at times ``(n,)``, where it was not sampled by time; None where it
             was.
     """
 
@@ -104,7 +104,7 @@ class SampledMotion:
     poses: int
     modes: int
     error: float
-    swing: float
+    rotation_error: float
     highest_hz: float
     complete: bool
     anchors: Mapping[float, FloatArray]
@@ -117,9 +117,9 @@ class SampledMotion:
             times: Before the first and after the last one the outermost pose holds.
             names: Of fields; all where none is named.
         """
-        way = times if self.along is None else self.along(times)
-        inside = np.clip(way, self.breaks[0], self.breaks[-1])
-        places = np.clip(
+        places = times if self.along is None else self.along(times)
+        inside = np.clip(places, self.breaks[0], self.breaks[-1])
+        piece_of = np.clip(
             np.searchsorted(self.breaks, inside, side="right") - 1, 0, len(self.pieces) - 1
         )
 
@@ -129,20 +129,20 @@ class SampledMotion:
             shape = self.pieces[0][name].c.shape[2:]
             found = np.empty((len(times), *shape))
             for piece, splines in enumerate(self.pieces):
-                found[places == piece] = splines[name](inside[places == piece])
+                found[piece_of == piece] = splines[name](inside[piece_of == piece])
             return found
 
         return SampledPlant(self.channels, *(find(name) for name in FIELDS))
 
 
 @dataclass(frozen=True, eq=False)
-class CarriedPose:
-    """A pose in modes that were carried along the way.
+class TransportedPose:
+    """A pose in modes that were transported along the trajectory.
 
     Attributes:
         pose: In its natural modes, which fade.
-        turn: ``(m, m)`` these are this times the carried ones.
-        plant: Its matrices in the carried ones.
+        turn: ``(m, m)`` these are this times the transported ones.
+        plant: Its matrices in the transported ones.
         shares: ``(m,)`` how much is kept of each natural mode.
     """
 
@@ -155,10 +155,10 @@ class CarriedPose:
 def sample_motion(
     place: Callable[[float], PosedModes], breaks: Sequence[float], channels: PlantChannels
 ) -> SampledMotion:
-    """Poses of a way, twice as many in each piece until splines through the others meet them.
+    """Poses of a trajectory, twice as many in each piece until splines through the others meet them.
 
     Args:
-        place: The machine at a time of the way [s].
+        place: The machine at a time of the trajectory [s].
         breaks: ``(b,)`` rising times of its ends and corners [s].
         channels: What is asked.
 
@@ -182,36 +182,39 @@ def sample_motion(
         wanted = dict.fromkeys(time for grid in finer for time in grid)
         if len(wanted) > MOST_SAMPLES:
             raise AccuracyError(
-                f"{MOST_SAMPLES} poses along the way do not suffice to follow its matrices to {MISS_TOLERANCE:g}; "
+                f"{MOST_SAMPLES} poses along the trajectory do not suffice to follow its matrices to {MISS_TOLERANCE:g}; "
                 'write a lower modes_to, or pose_model = "frozen"'
             )
         seen |= {time: _look(place(time), channels) for time in wanted if time not in seen}
         poses = {time: seen[time] for time in sorted(wanted)}
         kept, highest_hz = count_fading_modes(poses.values(), channels.up_to_hz)
         turns = transport_modes(poses, kept)
-        carried = {time: _carry(pose, turns[time], channels) for time, pose in poses.items()}
+        transported = {
+            time: _transport(pose, turns[time], channels) for time, pose in poses.items()
+        }
         misses = [
-            _miss(grid, fine, carried, channels) for grid, fine in zip(grids, finer, strict=True)
+            _miss(grid, fine, transported, channels)
+            for grid, fine in zip(grids, finer, strict=True)
         ]
-        swings = [_swing(fine, carried) for fine in finer]
+        rotations = [_find_rotation_error(fine, transported) for fine in finer]
         wide = {
             piece
-            for piece, (miss, swing) in enumerate(zip(misses, swings, strict=True))
-            if miss > MISS_TOLERANCE or swing > TURN_TOLERANCE / len(spans)
+            for piece, (miss, rotation) in enumerate(zip(misses, rotations, strict=True))
+            if miss > MISS_TOLERANCE or rotation > TURN_TOLERANCE / len(spans)
         }
         if not wide:
             return SampledMotion(
                 channels=channels,
                 breaks=np.array(breaks, dtype=float),
-                pieces=tuple(_join(grid, carried) for grid in finer),
+                pieces=tuple(_join(grid, transported) for grid in finer),
                 poses=len(poses),
                 modes=kept,
                 error=max(misses),
-                swing=sum(swings),
+                rotation_error=sum(rotations),
                 highest_hz=highest_hz,
                 complete=all(pose.coordinates.complete for pose in poses.values()),
                 anchors={
-                    time: carried[time].pose.momenta[:, :kept] @ carried[time].turn
+                    time: transported[time].pose.momenta[:, :kept] @ transported[time].turn
                     for grid in finer
                     for time in grid[:: max(1, (len(grid) - 1) // ANCHORED)]
                 },
@@ -224,12 +227,12 @@ def vary_motion(
     channels: PlantChannels,
     shared: NDArray[np.intp],
 ) -> SampledMotion:
-    """The way of a machine that differs little from one that was sampled: what it differs by is
+    """The trajectory of a machine that differs little from one that was sampled: what it differs by is
     looked at in a few poses, in the modes nearest to those of the other, and joined by splines.
 
     Args:
-        base: The other machine on its way.
-        place: This one at a time of the way [s].
+        base: The other machine along its trajectory.
+        place: This one at a time of the trajectory [s].
         channels: What was asked of the other.
         shared: Rows of its motions that are those of the other, in their order.
 
@@ -244,7 +247,7 @@ def vary_motion(
         pose = _look(place(time), channels, base.modes)
         if pose.motions.shape[1] < base.modes:
             raise AccuracyError(
-                f"{base.modes} modes are kept along the way, and this machine has {pose.motions.shape[1]} that may be"
+                f"{base.modes} modes are kept along the trajectory, and this machine has {pose.motions.shape[1]} that may be"
             )
         left, _, right = np.linalg.svd(momenta.T @ pose.motions[shared, : base.modes])
         plant = turn_plant(pose, np.asarray((left @ right).T))
@@ -339,14 +342,16 @@ def _halve(grid: Sequence[float]) -> list[float]:
     return [float(time) for time in np.linspace(grid[0], grid[-1], 2 * len(grid) - 1)]
 
 
-def _carry(pose: PoseModes, turn: FloatArray, channels: PlantChannels) -> CarriedPose:
+def _transport(pose: PoseModes, turn: FloatArray, channels: PlantChannels) -> TransportedPose:
     shares = _shares(pose.coordinates.omega[: len(turn)], channels.up_to_hz)
-    return CarriedPose(pose, turn, turn_plant(pose, turn), shares)
+    return TransportedPose(pose, turn, turn_plant(pose, turn), shares)
 
 
-def _join(grid: Sequence[float], carried: Mapping[float, CarriedPose]) -> dict[str, CubicSpline]:
+def _join(
+    grid: Sequence[float], transported: Mapping[float, TransportedPose]
+) -> dict[str, CubicSpline]:
     return {
-        name: CubicSpline(grid, np.array([getattr(carried[time].plant, name) for time in grid]))
+        name: CubicSpline(grid, np.array([getattr(transported[time].plant, name) for time in grid]))
         for name in FIELDS
     }
 
@@ -354,20 +359,20 @@ def _join(grid: Sequence[float], carried: Mapping[float, CarriedPose]) -> dict[s
 def _miss(
     grid: Sequence[float],
     finer: Sequence[float],
-    carried: Mapping[float, CarriedPose],
+    transported: Mapping[float, TransportedPose],
     channels: PlantChannels,
 ) -> float:
     """How far splines through poses of a grid miss those half-way, each field by its own size, and
     no more than its mode is kept.
     """
-    splines = _join(grid, carried)
+    splines = _join(grid, transported)
     largest = 0.0
 
     def size(values: FloatArray) -> FloatArray:
         return channels.share_sizes(largest_entries(values))
 
     for time in finer[1::2]:
-        here = carried[time]
+        here = transported[time]
         plant, turn, shares = here.plant, here.turn, here.shares
         omega = here.pose.coordinates.omega[: len(turn)]
         off = {name: splines[name](time) - getattr(plant, name) for name in FIELDS}
@@ -394,13 +399,15 @@ def _miss(
     return largest
 
 
-def _swing(finer: Sequence[float], carried: Mapping[float, CarriedPose]) -> float:
-    """By how much modes that are carried over two steps differ from those carried over one step of
+def _find_rotation_error(
+    finer: Sequence[float], transported: Mapping[float, TransportedPose]
+) -> float:
+    """By how much modes that are transported over two steps differ from those transported over one step of
     twice the length, along a piece and no more than they are kept [rad].
     """
     total = 0.0
     for first, middle, last in zip(finer[:-2:2], finer[1:-1:2], finer[2::2], strict=True):
-        before, half, after = carried[first], carried[middle], carried[last]
+        before, half, after = transported[first], transported[middle], transported[last]
         kept = len(before.turn)
         twice = match_modes(before.pose, half.pose, kept) @ match_modes(half.pose, after.pose, kept)
         off = twice - match_modes(before.pose, after.pose, kept)
@@ -411,13 +418,13 @@ def _swing(finer: Sequence[float], carried: Mapping[float, CarriedPose]) -> floa
 def follow_motion(
     sampled: SampledMotion,
     times: FloatArray,
-    loads: WayLoads,
+    loads: TrajectoryLoads,
     tool: Sequence[Channel],
     *,
     node_spacing: float = NODE_SPACING,
     load_spacing: float = LOAD_SPACING,
 ) -> LinearMotion:
-    """The linear system along a way: matrices at nodes, loads of the rigid motion at finer ones.
+    """The linear system along a trajectory: matrices at nodes, loads of the rigid motion at finer ones.
 
     Args:
         sampled: The machine.
@@ -457,7 +464,7 @@ def follow_motion(
     )
 
 
-def follow_way(
+def interpolate_smooth(
     given: Callable[[FloatArray], FloatArray], times: FloatArray, spacing: float = LOAD_SPACING
 ) -> FloatArray:
     """Values ``(n, r)`` at times ``(n,)`` of what is as smooth as the rigid motion: linear between
@@ -471,7 +478,7 @@ def follow_way(
 
 @dataclass(frozen=True, eq=False)
 class SampledHistory:
-    """What a machine did on its way, and what acted on it beside its weight.
+    """What a machine did along its trajectory, and what acted on it beside its weight.
 
     Attributes:
         motion: The machine; its first coordinates are its modes.
@@ -527,7 +534,7 @@ def follow_outputs(
     acting: FloatArray,
     inputs: Sequence[Channel],
 ) -> FloatArray:
-    """Return outputs ``(n, p)`` of a machine on its way.
+    """Return outputs ``(n, p)`` of a machine along its trajectory.
 
     Args:
         sampled: The machine.

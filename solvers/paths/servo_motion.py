@@ -24,7 +24,7 @@ SPEED, ACCELERATION, POSITION, MOTOR_SPEED = 1, 2, 3, 4
 
 @dataclass(frozen=True, eq=False)
 class ServoMotion:
-    """A machine on its way with the loops of its drives closed.
+    """A machine along its trajectory with the loops of its drives closed.
 
     Attributes:
         motion: Its coordinates are those of the machine, then motors, then controllers.

@@ -27,9 +27,9 @@ from headstock.solvers.control.drive_loops import (
 from headstock.solvers.control.drive_trains import DriveTrain
 from headstock.solvers.control.driven_motion import DrivenMotion, integrate_motion
 from headstock.solvers.control.friction_loop import (
-    RubbingLoop,
+    FrictionLoop,
     friction_channels,
-    make_rubbing_loop,
+    make_friction_loop,
     spread_inputs,
 )
 from headstock.solvers.control.loop_track import LoopTrack
@@ -54,7 +54,7 @@ from headstock.solvers.paths.set_points import (
 )
 from headstock.solvers.paths.varying_response import (
     StepTable,
-    march_steps,
+    integrate_steps,
     observe_along,
     tabulate_steps,
 )
@@ -258,7 +258,7 @@ def solve_varying_control(
         ]
     )
     size = table.rows.c.shape[3]
-    states = march_steps(
+    states = integrate_steps(
         table.steps,
         lambda place, step: _exact_step(loop, place, step),
         move,
@@ -285,7 +285,7 @@ def solve_varying_control(
     return PathDeviation(samples, total, quasi_static, low_frequency, dynamic, others)
 
 
-def solve_varying_rubbing(
+def solve_varying_friction(
     loop: VaryingLoop, move: SetPoint, samples: FloatArray, table: LoopTable | None = None
 ) -> tuple[PathDeviation, DrivenMotion]:
     """The same with friction in the guides; what friction does counts as dynamic.
@@ -303,7 +303,7 @@ def solve_varying_rubbing(
 
     track = LoopTrack(
         table.steps.spline.x,
-        functools.partial(_rubbing_at, loop),
+        functools.partial(_friction_at, loop),
         lambda times: sample_move(move, times).positions,
         loop.rows(close_along(loop, 0.0).space),
     )
@@ -319,7 +319,7 @@ def solve_varying_rubbing(
     ), found
 
 
-def _rubbing_at(loop: VaryingLoop, position: float) -> RubbingLoop:
+def _friction_at(loop: VaryingLoop, position: float) -> FrictionLoop:
     """The loop with its friction at a position: position, speed and acceleration along the path, and
     the loads, are given.
     """
@@ -331,7 +331,7 @@ def _rubbing_at(loop: VaryingLoop, position: float) -> RubbingLoop:
     given = loop.given
     guides = np.zeros((len(slides), len(given[loop.path])))
     guides[:, SET_POINTS.index("velocity")] = slides
-    return make_rubbing_loop(close_along(loop, position), given, guides)
+    return make_friction_loop(close_along(loop, position), given, guides)
 
 
 def _plant_at(sample: SampledPlant, scales: FloatArray, channels: PlantChannels) -> StateSpace:

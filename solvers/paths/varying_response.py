@@ -138,7 +138,7 @@ def solve_varying_path(
     """
     fine, parts = cut_times(samples, model.loads)
     times, places = step_times(move, fine)
-    states = _march(
+    states = _integrate(
         system, model, move, times, table or make_step_table(system, float(fine[1] - fine[0]))
     )[places[::parts]]
     positions, now = sample_move(move, samples).positions, act_at(model, move, samples)
@@ -158,7 +158,7 @@ def solve_varying_path(
     )
 
 
-def _march(
+def _integrate(
     system: VaryingSystem[SampledPose],
     model: PathModel,
     move: SetPoint,
@@ -168,7 +168,7 @@ def _march(
     """Scaled displacements ``(n, m)`` at all times."""
     accelerations, loads = step_accelerations(move, times), step_loads(model.loads, move, times)
     given = [part for end in range(2) for part in (accelerations[:, end : end + 1], loads[:, end])]
-    states = march_steps(
+    states = integrate_steps(
         table,
         lambda place, size: exact_step(system.at(place), system.scales, size),
         move,
@@ -179,7 +179,7 @@ def _march(
     return states[:, : len(system.scales)]
 
 
-def march_steps(
+def integrate_steps(
     table: StepTable,
     step: Callable[[float, float], FloatArray],
     move: SetPoint,

@@ -24,7 +24,7 @@ from headstock.solvers.milling.stability import (
     tip_dynamics,
 )
 from headstock.solvers.mpi import MPI
-from headstock.solvers.paths.linear_motion import LinearMotion, Regeneration, march_linear
+from headstock.solvers.paths.linear_motion import LinearMotion, Regeneration, integrate_linear
 from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound
 
 SCENES = Path(__file__).parents[1] / "references" / "milling_limits"
@@ -220,7 +220,7 @@ def _marched_multiplier(period: float, depth: float, steps: int, turns: int = 60
     stiffness = np.zeros((len(times), 3, 3))
     stiffness[:, 0, 0] = _slotting_gain(times, period, depth)
     moved = (
-        march_linear(motion, kick, regeneration=Regeneration(stiffness, steps))
+        integrate_linear(motion, kick, regeneration=Regeneration(stiffness, steps))
         .compliant[:, 0]
         .reshape(turns, steps)
     )

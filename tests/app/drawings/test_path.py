@@ -7,8 +7,8 @@ import re
 import numpy as np
 
 from headstock.app.drawings.path import draw_path
-from headstock.app.tables.path import path_stem, tabulate_path
 from headstock.app.texts.curves import thin_curve
+from headstock.app.views.path import path_stem, tabulate_path
 from headstock.pipeline.answers.path import PathCurves
 from headstock.solvers.paths.response import PathDeviation
 from headstock.solvers.paths.set_points import Ramp, SetPoint, sample_move

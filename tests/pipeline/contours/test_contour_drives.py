@@ -186,9 +186,9 @@ def close_axes(folder: Path, drive: str, until: float, *settings: str) -> Closed
     state, request = build_state(folder, scene), request_of(scene)
     run = run_contour(state, until)
     plan = plan_contour(request.contour)
-    way = coupled_contour._plan_way(state, request, plan.path)
+    trajectory = coupled_contour._plan_trajectory(state, request, plan.path)
     driven = drive_machine(
-        couple_pose(state.parts, way.pose_at(plan.cuts[0].middle)), lambda message: None
+        couple_pose(state.parts, trajectory.pose_at(plan.cuts[0].middle)), lambda message: None
     )
     tool = [(request.point or "", dof) for dof in "xyz"]
     loop = close_loops(

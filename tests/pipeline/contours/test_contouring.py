@@ -13,7 +13,7 @@ from mpi4py import MPI
 from common import approx
 from headstock.app.drawings.milled_faces import draw_milled_faces
 from headstock.app.drawings.path import draw_contour
-from headstock.app.tables.contouring import (
+from headstock.app.views.contouring import (
     contour_words,
     list_faces,
     tabulate_contour,

@@ -41,9 +41,9 @@ from headstock.solvers.linear.damping import add_modal_damping
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.milling.forces import repeated_forces
 from headstock.solvers.milling.tool_path import plan_contour
-from headstock.solvers.paths.linear_motion import march_linear
+from headstock.solvers.paths.linear_motion import integrate_linear
 from headstock.solvers.paths.response import PathModel, sample_times
-from headstock.solvers.paths.sampled_motion import WayLoads, follow_motion, sample_motion
+from headstock.solvers.paths.sampled_motion import TrajectoryLoads, follow_motion, sample_motion
 from headstock.solvers.paths.set_points import Ramp, SetPoint, sample_move
 from headstock.solvers.paths.varying_response import make_step_table, solve_varying_path
 from headstock.solvers.paths.varying_system import PlantChannels, PosedModes, sample_system
@@ -97,7 +97,7 @@ def test_a_machine_that_differs_little_deviates_beside_another_as_alone(
     )
     other = build_state(tmp_path, MILL, settings=(*settings, *softer))
     base, alone = run(state, 0.6), run(other, 0.6)
-    beside = run_coupled_contour(other, request_of(other), until=0.6, beside=base.way)
+    beside = run_coupled_contour(other, request_of(other), until=0.6, beside=base.trajectory)
     change = alone.gap - base.gap
     assert np.abs(change).max() > 0.01 * np.abs(base.gap).max()
     assert np.abs(beside.gap - alone.gap).max() < 0.01 * np.abs(change).max()
@@ -136,9 +136,9 @@ def test_a_straight_move_deviates_as_in_the_path_analysis(tmp_path: Path) -> Non
         [0.0, 0.14, move.duration - 0.14, move.duration],
         PlantChannels((*outputs, NO_GRAVITY, PATH_INPUT), outputs, 2000.0),
     )
-    loads = WayLoads((NO_GRAVITY, PATH_INPUT), go, NO_GRAVITY)
+    loads = TrajectoryLoads((NO_GRAVITY, PATH_INPUT), go, NO_GRAVITY)
     motion = follow_motion(sampled, samples, loads, outputs)
-    history = march_linear(motion, motion.load)
+    history = integrate_linear(motion, motion.load)
     mine = motion.tool_motion(history.compliant) + motion.tool_rest(np.zeros((len(samples), 3)))
     size = np.abs(other.total).max()
     assert size > 1e-6
@@ -181,7 +181,7 @@ def test_channels_may_stand_in_any_order(
 
     monkeypatch.setattr(coupled_contour, "PlantChannels", shuffle)
     found.append(run(state, 0.2))
-    first = found[0].way.sampled.channels
+    first = found[0].trajectory.sampled.channels
     assert asked[0].inputs != first.inputs and asked[0].outputs != first.outputs
     some = np.arange(0, len(found[0].times), 20)
     for ours, theirs in (
@@ -199,7 +199,7 @@ def test_a_slow_cut_bends_the_machine_as_its_compliance_says(tmp_path: Path) -> 
     found = run(state, 0.8)
     on = (found.times > 0.45) & (found.times < 0.7)
     middle = found.plan.cuts[0].middle
-    now = found.way.sampled.at(np.array([middle]))
+    now = found.trajectory.sampled.at(np.array([middle]))
     compliance = now.rows[0, :3] @ np.linalg.solve(now.stiffness[0], now.rows[0, :3].T)
     compliance = compliance + now.direct[0, :3, :3]
     expected = compliance @ found.force[on].mean(axis=0)
@@ -245,7 +245,7 @@ def test_a_slow_cut_bends_the_machine_as_its_compliance_says(tmp_path: Path) -> 
 def test_modes_left_out_follow_at_once(tmp_path: Path) -> None:
     state = build_state(tmp_path, MILL)
     whole, part = (run(state, 0.5, modes_to_hz=hz) for hz in (5000.0, 400.0))
-    assert part.way.sampled.modes < whole.way.sampled.modes == 12
+    assert part.trajectory.sampled.modes < whole.trajectory.sampled.modes == 12
     assert np.abs(whole.gap - part.gap).max() < 0.03 * np.abs(whole.gap).max()
     on = whole.times > 0.4
     assert part.gap[on].mean(axis=0) == approx(whole.gap[on].mean(axis=0), rel=1e-3, abs=1e-10)
@@ -307,7 +307,7 @@ def test_ripple_of_the_teeth_needs_modes_up_to_their_frequency(tmp_path: Path) -
         found = run_coupled_contour(state, kept, until=0.005)
         face = found.plan.cuts[0]
         now, frame = (
-            found.way.sampled.at(np.array([face.middle])),
+            found.trajectory.sampled.at(np.array([face.middle])),
             travel_frames(face.travel[None], face.part)[0],
         )
         tip, rest = frame @ now.rows[0, :3], frame @ now.direct[0, :3, :3] @ frame.T

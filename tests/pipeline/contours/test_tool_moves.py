@@ -21,7 +21,7 @@ from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.contours import tool_moves
 from headstock.pipeline.contours.lumped_contour import _close_legs
 from headstock.pipeline.contours.tool_moves import run_any_path_stage
-from headstock.pipeline.contours.ways import place_model
+from headstock.pipeline.contours.trajectory import model_builder
 from headstock.pipeline.paths.path_model import choose_model
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.planner import plan_scene
@@ -45,7 +45,7 @@ from headstock.solvers.milling.contouring import linear_motion
 from headstock.solvers.milling.forces import cutting_forces
 from headstock.solvers.milling.path_drives import PathDrive, follow_path
 from headstock.solvers.milling.straight_path import StraightPath
-from headstock.solvers.paths.linear_motion import LinearMotion, interpolate_nodes, march_linear
+from headstock.solvers.paths.linear_motion import LinearMotion, integrate_linear, interpolate_nodes
 from headstock.solvers.paths.set_points import sample_move
 from headstock.validation.mechanisms.tripteor_machine import SCENE as TRIPTEOR
 from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
@@ -68,7 +68,7 @@ PARTS = 4  # steps per sample of the reference
 def _steps() -> Iterator[None]:
     """As many steps in time as the reference has."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tool_moves, "STEPS_PER_SWING", 12)
+        patch.setattr(tool_moves, "STEPS_PER_PERIOD", 12)
         yield
 
 
@@ -123,7 +123,7 @@ class Reference:
         return np.asarray((turned - turned[0])[2::PARTS])
 
     def march(self, load: FloatArray | float = 0.0) -> FloatArray:
-        history = march_linear(self.motion, self.motion.load + load)
+        history = integrate_linear(self.motion, self.motion.load + load)
         return self.tool(self.motion.tool_motion(history.compliant - self.rest))
 
     @property
@@ -233,7 +233,7 @@ def test_motors_hold_the_weight_before_a_move(tmp_path: Path) -> None:
     state = build_state(tmp_path, "lumped+controlled", *settings)
     path = state.scene.analyses[PathRequest]
     # the weight that motors carry is that of where they are
-    driven = drive_machine(place_model(state)(path.path.start), lambda text: None)
+    driven = drive_machine(model_builder(state)(path.path.start), lambda text: None)
     motors = np.array([driven.system.inputs[train.name, FORCE] for train in driven.trains])
     size, count = motors.shape[1], len(motors)
     held = np.zeros((size + count, size + count))
@@ -276,7 +276,7 @@ def test_interfaces_leave_a_line_as_the_rigid_body_does_that_they_are_on(
     (found,) = run_any_path_stage(state, Stage("path", None, "")).answers
     assert isinstance(found, PathResult)
     curves, request = found.runs[0].curves, state.scene.analyses[PathRequest]
-    line, model_at = np.linspace(0.0, request.path.length, 5), place_model(state)
+    line, model_at = np.linspace(0.0, request.path.length, 5), model_builder(state)
     arms = []
     for position in line:
         placed = model_at(request.path.pose_at(position)).placements
@@ -328,7 +328,7 @@ def test_errors_of_screws_of_components_lead_a_tool_off_as_statics_say_in_every_
     some = slice(200, 400, 50)
     expected = []
     for position in (0.0, *found.runs[0].curves.positions[some]):
-        point = place_model(state)(path.path.pose_at(float(position))).solve_point("tcp").answer
+        point = model_builder(state)(path.path.pose_at(float(position))).solve_point("tcp").answer
         assert point.displacements is not None
         expected.append(point.displacements[GUIDE_ERRORS][:3])
     moved = np.array(expected[1:]) - expected[0]
@@ -408,7 +408,7 @@ def test_a_cut_pushes_a_tool_off_its_line_as_far_as_statics_say(
     frame = np.array([flat / size, np.cross(up, flat / size), up])
     fine: FloatArray = np.asarray(np.linspace(0.0, turn, 960, endpoint=False), dtype=float)
     force = cutting_forces(request.cut.cut, fine, np.full(len(fine), size * feed)).mean(axis=0)
-    middle = place_model(state)(request.path.pose_at(0.5 * request.path.length))
+    middle = model_builder(state)(request.path.pose_at(0.5 * request.path.length))
     expected = middle.solve_point("tcp").answer.compliance[:3, :3] @ (force @ frame)
     mine = (total(found) - plain.runs[0].curves.frozen[:, :3])[late].mean(axis=0)
     assert np.abs(mine - expected).max() < 2e-2 * np.abs(expected).max()
@@ -501,7 +501,7 @@ def test_torque_ripple_shakes_a_tool_as_the_closed_loop_at_its_frequency_does(
     assert isinstance(found, PathResult)
     request, drive = state.scene.analyses.get(PathRequest), state.scene.drives["leg_1"]
     assert request is not None and drive.ripple
-    middle = place_model(state)(request.path.pose_at(0.5 * request.path.length))
+    middle = model_builder(state)(request.path.pose_at(0.5 * request.path.length))
     driven = drive_machine(middle, state.warn)
     tool = [("tcp", dof) for dof in "xyz"]
     loop = close_loops(

@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from common import approx
 from headstock.app.drawings.figures import draw_map, map_layers, map_values
-from headstock.app.tables.map import tabulate_map
+from headstock.app.views.map import tabulate_map
 from headstock.app.views.registry import list_tables
 from headstock.app.views.view import FinishedRun
 from headstock.pipeline.results.summary import RunSummary, summarise

@@ -10,7 +10,7 @@ import scipy.linalg
 from mpi4py import MPI
 
 from common import approx
-from headstock.app.tables.modes import list_modes
+from headstock.app.views.modal import list_modes
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.results.mode_files import write_mode_files
 from headstock.pipeline.results.summary import summarise

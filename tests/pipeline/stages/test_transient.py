@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 from common import approx, present
 from fixture_machines import machine
 from headstock.app.report.report import render_report
-from headstock.app.tables.transient import tabulate_transient
+from headstock.app.views.transient import tabulate_transient
 from headstock.app.views.view import FinishedRun
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers

@@ -15,8 +15,8 @@ from headstock.reduction.coupling.path_loads import (
     turn_with_bodies,
 )
 from headstock.solvers.linear.modal_analysis import solve_modal
-from headstock.solvers.paths.linear_motion import march_linear
-from headstock.solvers.paths.sampled_motion import WayLoads, follow_motion, sample_motion
+from headstock.solvers.paths.linear_motion import integrate_linear
+from headstock.solvers.paths.sampled_motion import TrajectoryLoads, follow_motion, sample_motion
 from headstock.solvers.paths.varying_system import PlantChannels, PosedModes
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 
@@ -71,11 +71,11 @@ def whirl(*, turns: bool) -> FloatArray:
         lambda angle: place_rotor(angle, turns=turns), [0.0, SPIN * WHOLE], channels
     )
     sampled = dataclasses.replace(sampled, along=lambda now: SPIN * now)
-    loads = WayLoads((WEIGHT,), lambda now: np.ones((len(now), 1)), WEIGHT)
+    loads = TrajectoryLoads((WEIGHT,), lambda now: np.ones((len(now), 1)), WEIGHT)
     motion = follow_motion(sampled, times, loads, TIP, node_spacing=2e-3)
     force = np.zeros((len(times), 3))
     force[:, 0] = push(times)
-    history = march_linear(motion, motion.load + motion.tool_load(force))
+    history = integrate_linear(motion, motion.load + motion.tool_load(force))
     return motion.tool_motion(history.compliant)[:, :2]
 
 

@@ -14,7 +14,7 @@ from headstock.geometry.machine.drives import AxisControl, GuideFriction
 from headstock.solvers.control.drive_loops import ClosedLoop, close_loops
 from headstock.solvers.control.driven_motion import solve_motion
 from headstock.solvers.control.friction import friction_force, friction_slope
-from headstock.solvers.control.friction_loop import friction_channels, make_rubbing_loop
+from headstock.solvers.control.friction_loop import friction_channels, make_friction_loop
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.time_response import solve_stepped_response, solve_time_response
 from headstock.validation.machines.drive_cases import LOAD, TwoMasses, make_drive
@@ -75,7 +75,7 @@ def test_a_load_that_bends_and_jumps_inside_steps_acts_as_it_is() -> None:
 
 def integrate(law: GuideFriction, times: FloatArray) -> FloatArray:
     """States of the loop by an integrator of a library."""
-    model = make_rubbing_loop(loop_with(law))
+    model = make_friction_loop(loop_with(law))
     space = model.loop.space
 
     def rate(time: float, state: FloatArray) -> FloatArray:
@@ -122,7 +122,7 @@ def test_friction_is_breakaway_at_rest_and_coulomb_with_viscous_when_fast() -> N
 def test_a_loop_closed_without_its_friction_is_refused() -> None:
     system, train = make_drive(TwoMasses(), CONTROL, LAW)
     with pytest.raises(ValueError, match="among its inputs"):
-        make_rubbing_loop(close_loops(system, [train]))
+        make_friction_loop(close_loops(system, [train]))
 
 
 def test_a_port_that_does_not_exist_is_named() -> None:

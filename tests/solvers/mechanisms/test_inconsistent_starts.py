@@ -14,7 +14,7 @@ from headstock.solvers.mechanisms.partitioning import Drive
 from headstock.solvers.milling.contouring import linear_motion
 from headstock.solvers.milling.path_drives import follow_path
 from headstock.solvers.milling.tool_path import SquareContour, plan_contour
-from headstock.solvers.paths.linear_motion import march_linear
+from headstock.solvers.paths.linear_motion import integrate_linear
 from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
 
 pytestmark = pytest.mark.hard("H36")
@@ -86,8 +86,8 @@ def test_a_jump_of_the_force_swings_to_twice_its_static_answer_and_no_further(
     force = np.zeros((len(times), 3))
     force[times >= 0.03] = 500.0, 0.0, 0.0
     moved = (
-        march_linear(motion, motion.load + motion.tool_load(force)).compliant
-        - march_linear(motion, motion.load).compliant
+        integrate_linear(motion, motion.load + motion.tool_load(force)).compliant
+        - integrate_linear(motion, motion.load).compliant
     )
     static = np.linalg.solve(motion.stiffness[-1], motion.tool_load(force)[-1])
     axial = np.abs(static) > 0.05 * np.abs(static).max()

@@ -8,7 +8,7 @@ from headstock.solvers.mechanisms.modes import PoseDamping
 from headstock.solvers.milling.contouring import linear_motion
 from headstock.solvers.milling.path_drives import PathDrive, follow_path, smooth_samples
 from headstock.solvers.milling.tool_path import SquareContour, plan_contour
-from headstock.solvers.paths.linear_motion import march_linear
+from headstock.solvers.paths.linear_motion import integrate_linear
 from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
 
 pytestmark = pytest.mark.hard("H34")
@@ -33,7 +33,7 @@ def clean(machine: Tripteor) -> PathDrive:
 def gaps(machine: Tripteor, drive: PathDrive, step: float) -> tuple[FloatArray, FloatArray]:
     times = np.arange(0.0, SPAN, step, dtype=np.float64)
     motion = linear_motion(machine.model, drive, times, PoseDamping((0.02,)))
-    return times, motion.tool_motion(march_linear(motion, motion.load).compliant)
+    return times, motion.tool_motion(integrate_linear(motion, motion.load).compliant)
 
 
 def share_above(values: FloatArray, step: float, hz: float) -> float:

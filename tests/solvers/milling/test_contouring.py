@@ -37,14 +37,14 @@ from headstock.solvers.milling.path_drives import (
 from headstock.solvers.milling.regeneration import (
     RegenerativeCut,
     cutting_phases,
-    march_regenerative,
+    integrate_regenerative,
 )
 from headstock.solvers.milling.tool_path import SquareContour, ToolPath, plan_contour
 from headstock.solvers.paths.linear_motion import (
     CompliantHistory,
     LinearMotion,
     Regeneration,
-    march_linear,
+    integrate_linear,
 )
 from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
 
@@ -143,7 +143,7 @@ def test_all_steps_at_once_are_the_steps_one_by_one() -> None:
     motion, force = moving(200, 0.0)
 
     def solve(extra: FloatArray, _: Tried | None) -> Tried:
-        return Tried(march_linear(motion, motion.load + extra + motion.tool_load(force)), force)
+        return Tried(integrate_linear(motion, motion.load + extra + motion.tool_load(force)), force)
 
     linear = solve(np.zeros_like(motion.load), None).history
     whole = refine_motion(model, drive, motion, solve).history
@@ -185,7 +185,7 @@ def test_waves_of_the_teeth_before_meet_the_full_equations() -> None:
         if before is not None:
             rest = gaps(before.history) - motion.tool_motion(before.history.compliant)
         loaded = replace(motion, rest=rest)
-        return Tried(*march_regenerative(loaded, motion.load + extra, cut))
+        return Tried(*integrate_regenerative(loaded, motion.load + extra, cut))
 
     linear = solve(np.zeros_like(motion.load), None)
     whole = refine_motion(model, drive, motion, solve)
@@ -210,8 +210,8 @@ def test_a_slow_force_moves_the_tool_as_the_static_compliance_says() -> None:
     ramp = 1.0 - np.cos(np.pi * np.minimum(motion.times / 0.08, 1.0))
     push = 100.0 * ramp[:, None] * np.array([1.0, 0.5, -0.3])
     moved = (
-        march_linear(motion, motion.load + motion.tool_load(push)).compliant
-        - march_linear(motion, motion.load).compliant
+        integrate_linear(motion, motion.load + motion.tool_load(push)).compliant
+        - integrate_linear(motion, motion.load).compliant
     )
     compliance = tool_compliance(
         model, linearise_poses(model, drive.rigid_states(motion.times[-1:]))
@@ -222,7 +222,7 @@ def test_a_slow_force_moves_the_tool_as_the_static_compliance_says() -> None:
 def test_drive_forces_at_rest_hold_the_weight() -> None:
     model, (_, drive) = machine().model, path_drive()
     motion, force = moving(3, 0.0)
-    rest = march_linear(motion, motion.load)
+    rest = integrate_linear(motion, motion.load)
     legs = drive_forces(
         model,
         drive,
@@ -246,17 +246,17 @@ def test_drive_forces_at_rest_hold_the_weight() -> None:
 def test_regeneration_without_delay_does_nothing_and_a_strong_one_grows() -> None:
     motion, force = moving(4000, 0.0)
     load = motion.load + motion.tool_load(force)
-    plain = march_linear(motion, load)
+    plain = integrate_linear(motion, load)
     none = Regeneration(np.zeros((len(motion.times), 3, 3)), 24)
     assert np.allclose(
-        march_linear(motion, load, regeneration=none).compliant, plain.compliant, atol=1e-16
+        integrate_linear(motion, load, regeneration=none).compliant, plain.compliant, atol=1e-16
     )
     strong = Regeneration(np.broadcast_to(1e11 * np.eye(3), (len(motion.times), 3, 3)), 24)
     with (
         pytest.raises(ConvergenceError, match="without bound"),
         np.errstate(over="ignore", invalid="ignore"),
     ):
-        march_linear(motion, load, regeneration=strong)
+        integrate_linear(motion, load, regeneration=strong)
 
 
 def test_a_path_out_of_reach_is_refused_at_its_time() -> None:

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import GuideFriction
-from headstock.solvers.control.friction import Rubbing, friction_force, stack_laws
+from headstock.solvers.control.friction import CoordinateFriction, friction_force, stack_laws
 from headstock.solvers.errors import ModelError
 from headstock.solvers.milling.forces import (
     CuttingCoefficients,
@@ -24,10 +24,10 @@ from headstock.solvers.milling.regeneration import (
     CuttingPhase,
     RegenerativeCut,
     cutting_phases,
-    march_regenerative,
+    integrate_regenerative,
 )
 from headstock.solvers.milling.stability import largest_multiplier, milling_gains, tip_dynamics
-from headstock.solvers.paths.linear_motion import LinearMotion, Regeneration, march_linear
+from headstock.solvers.paths.linear_motion import LinearMotion, Regeneration, integrate_linear
 
 pytestmark = pytest.mark.slow
 
@@ -73,7 +73,7 @@ def teeth(cut: MillingCut, count: int) -> RegenerativeCut:
 
 
 def march(cut: MillingCut, motion: LinearMotion, load: FloatArray) -> tuple[FloatArray, FloatArray]:
-    history, force = march_regenerative(motion, load, teeth(cut, len(motion.times)))
+    history, force = integrate_regenerative(motion, load, teeth(cut, len(motion.times)))
     return history.compliant, force
 
 
@@ -102,12 +102,12 @@ def test_small_motions_follow_the_linear_delay_equation() -> None:
     rigid = cutting_forces(cut, motion.times, feed)
     rigid[0] = 0.0
     moved, _ = march(cut, motion, motion.load)
-    linear = march_linear(
+    linear = integrate_linear(
         motion,
         motion.load + motion.tool_load(rigid),
         regeneration=Regeneration(regeneration_stiffness(cut, motion.times), STEPS // 4),
     ).compliant
-    plain = march_linear(motion, motion.load + motion.tool_load(rigid)).compliant
+    plain = integrate_linear(motion, motion.load + motion.tool_load(rigid)).compliant
     # at rest before, the first teeth leave waves; a settled motion repeats with every tooth and has
     # none
     effect = np.abs(linear - plain).max()
@@ -150,7 +150,7 @@ def test_a_cut_and_friction_meet_as_in_a_fine_integration_of_the_delay_equation(
     )
     motion = machine(8)
     count, still = len(motion.times), np.zeros((len(motion.times), 1))
-    rubbing = Rubbing(np.array([0], dtype=np.intp), stack_laws([law]), still)
+    rubbing = CoordinateFriction(np.array([0], dtype=np.intp), stack_laws([law]), still)
     cut = RegenerativeCut(
         (phase,),
         STEPS // 4,
@@ -160,8 +160,8 @@ def test_a_cut_and_friction_meet_as_in_a_fine_integration_of_the_delay_equation(
     )
     load = 300.0 * np.sin(2.0 * np.pi * 90.0 * motion.times)[:, None] * np.array([1.0, 0.3])
     found, plain = (
-        march_regenerative(each, load, cut)[0].compliant
-        for each in (replace(motion, rubbing=rubbing), motion)
+        integrate_regenerative(each, load, cut)[0].compliant
+        for each in (replace(motion, friction=rubbing), motion)
     )
     exact = _integrate_finely(law, phase, motion.times)
     size = np.abs(exact).max()

@@ -16,7 +16,7 @@ from headstock.solvers.errors import ModelError
 from headstock.solvers.paths.controlled import (
     ControlledPath,
     solve_controlled_path,
-    solve_rubbing_path,
+    solve_path_with_friction,
 )
 from headstock.solvers.paths.loads import PathLoads
 from headstock.solvers.paths.response import PathModel, solve_path
@@ -80,7 +80,7 @@ def test_steps_with_friction_that_is_none_give_the_exact_discretisation() -> Non
     short = plan_move(0.01, 0.05, Ramp("linear", 0.1))
     samples = SAMPLES[:600:10]
     exact = solve_controlled_path(path_with(), short, SAMPLES[:600])
-    found, motion = solve_rubbing_path(path_with(law=GuideFriction()), short, samples)
+    found, motion = solve_path_with_friction(path_with(law=GuideFriction()), short, samples)
     np.testing.assert_allclose(
         found.total, exact.total[::10], atol=1e-7 * np.abs(exact.total).max()
     )
@@ -101,7 +101,7 @@ def test_channels_may_stand_in_any_order() -> None:
     space = loop.space.select(loop.space.inputs[::-1], loop.space.outputs[::-1])
     turned = dataclasses.replace(first, loop=dataclasses.replace(loop, space=space))
     assert first.loop.space.inputs != space.inputs and own.watched.channels
-    for solve in (solve_controlled_path, lambda *given: solve_rubbing_path(*given)[0]):
+    for solve in (solve_controlled_path, lambda *given: solve_path_with_friction(*given)[0]):
         ours, theirs = (solve(path, short, samples) for path in (first, turned))
         for part in ("total", "quasi_static", "low_frequency", "dynamic"):
             size = np.abs(getattr(ours, part)).max()

@@ -11,9 +11,9 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl, Encoder, GuideFriction
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.drive_trains import DriveTrain
-from headstock.solvers.control.friction import Rubbing, friction_force, stack_laws
+from headstock.solvers.control.friction import CoordinateFriction, friction_force, stack_laws
 from headstock.solvers.linear.time_response import solve_stepped_response
-from headstock.solvers.paths.linear_motion import LinearMotion, march_linear
+from headstock.solvers.paths.linear_motion import LinearMotion, integrate_linear
 from headstock.solvers.paths.servo_motion import ServoMotion, close_motors
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 
@@ -80,8 +80,8 @@ def close_table(
     )
     if friction is not None:
         slide, set_speeds = np.array([1], dtype=np.intp), speeds[:, None]
-        rubbing = Rubbing(slide, stack_laws([friction]), set_speeds)
-        free = dataclasses.replace(free, rubbing=rubbing)
+        rubbing = CoordinateFriction(slide, stack_laws([friction]), set_speeds)
+        free = dataclasses.replace(free, friction=rubbing)
     servo = close_motors(
         free,
         [control],
@@ -100,7 +100,7 @@ def deviate(
 ) -> tuple[FloatArray, FloatArray]:
     """Deviation of the tip and force of the drive by generalised-α steps."""
     servo, force = close_table(control, step, friction)
-    history = march_linear(servo.motion, servo.motion.load + servo.motion.tool_load(force))
+    history = integrate_linear(servo.motion, servo.motion.load + servo.motion.tool_load(force))
     return servo.motion.tool_motion(history.compliant)[:, 2], servo.forces(history)[:, 0]
 
 
@@ -233,5 +233,5 @@ def test_a_controller_without_integral_sags_under_weight() -> None:
     )
     sag = [-9.81 * TABLE / SPRING, -9.81 * (TABLE + SLIDE) / (3e4 * 40.0)]
     np.testing.assert_allclose(servo.motion.gravity_deflection[0], sag, rtol=1e-9)
-    held = march_linear(servo.motion, servo.motion.load)
+    held = integrate_linear(servo.motion, servo.motion.load)
     np.testing.assert_allclose(servo.forces(held), 9.81 * (TABLE + SLIDE), rtol=1e-9)

@@ -21,7 +21,7 @@ from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.paths.controlled import (
     ControlledPath,
     solve_controlled_path,
-    solve_rubbing_path,
+    solve_path_with_friction,
 )
 from headstock.solvers.paths.loads import PathLoads
 from headstock.solvers.paths.response import PathDeviation, sample_times
@@ -33,7 +33,7 @@ from headstock.solvers.paths.varying_control import (
     loop_channels,
     make_loop_table,
     solve_varying_control,
-    solve_varying_rubbing,
+    solve_varying_friction,
 )
 from headstock.solvers.paths.varying_system import (
     PlantChannels,
@@ -198,8 +198,8 @@ def integrate(case: Case, times: FloatArray) -> FloatArray:
         twist = COUPLING * (places[3] - places[4])
         force[3] += current - twist
         force[4] += twist
-        rub = friction_force(law, np.array(STRETCH[1] @ rates[:3]))
-        force[:3] -= float(rub) * STRETCH[1]
+        evaluate_friction = friction_force(law, np.array(STRETCH[1] @ rates[:3]))
+        force[:3] -= float(evaluate_friction) * STRETCH[1]
         if case.loads is not None:
             force[:3] += float(case.loads.at(np.array([time]), np.array([speed]))[0, 0]) * row
         wanted = control.position_gain * (at - places[3]) + control.velocity_feed_forward * speed
@@ -272,10 +272,10 @@ def test_with_friction_it_follows_that_integrator_too() -> None:
     case = Case(friction=LAW)
     times = samples(500.0)
     times = times[times <= 0.05]
-    found, motion = solve_varying_rubbing(make_loop(case), MOVE, times)
+    found, motion = solve_varying_friction(make_loop(case), MOVE, times)
     reference = integrate(case, times)
     effect = np.abs(
-        solve_rubbing_path(freeze(case, 0.5 * LENGTH), MOVE, times)[0].total[:, 0] - reference
+        solve_path_with_friction(freeze(case, 0.5 * LENGTH), MOVE, times)[0].total[:, 0] - reference
     ).max()
     np.testing.assert_allclose(found.total[:, 0], reference, atol=2e-3 * effect)
     smooth = solve_varying_control(make_loop(case), MOVE, times)
@@ -297,7 +297,7 @@ def test_channels_may_stand_in_any_order(friction: GuideFriction | None) -> None
         if friction is None:
             found.append(solve_varying_control(loop, MOVE, times))
         else:
-            found.append(solve_varying_rubbing(loop, MOVE, times)[0])
+            found.append(solve_varying_friction(loop, MOVE, times)[0])
     parts_agree(found[1], found[0], 1e-9)
     forces = [each.watched.of([("X", "force")]) for each in found]
     assert np.abs(forces[1] - forces[0]).max() < 1e-9 * np.abs(forces[0]).max()

@@ -1,5 +1,5 @@
-"""A machine on its way: how the rigid machine follows a path, and the compliant one in any of its
-poses with what acts on it there. Contours and straight moves of a tool go along the same ways.
+"""A machine along its trajectory: how the rigid machine follows a path, and the compliant one in any of its
+poses with what acts on it there. Contours and straight moves of a tool follow the same trajectories.
 """
 
 import dataclasses
@@ -38,7 +38,7 @@ from headstock.scene.scene import SceneMechanism
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_lowest_modes
 from headstock.solvers.milling.path_drives import move_markers
 from headstock.solvers.milling.tool_path import PathPoints, ToolPath
-from headstock.solvers.paths.sampled_motion import WayLoads
+from headstock.solvers.paths.sampled_motion import TrajectoryLoads
 from headstock.solvers.paths.varying_system import PosedModes
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 
@@ -53,7 +53,7 @@ Further = tuple[Mapping[Channel, FloatArray], Feedthrough]
 
 
 @dataclass(frozen=True, eq=False)
-class PlacedErrors:
+class PosedErrors:
     """What a unit of each error does to a machine in a pose.
 
     Attributes:
@@ -69,22 +69,22 @@ class PlacedErrors:
     moved: FloatArray | None = None
 
 
-Join = Callable[[float, PoseModel, PlacedErrors], Further]
+Join = Callable[[float, PoseModel, PosedErrors], Further]
 
 
 @dataclass(frozen=True, eq=False)
-class RigidWay:
+class RigidTrajectory:
     """How the rigid machine follows a path.
 
     Attributes:
-        pose_at: The pose at a place of the way: a time of a contour, a position of a straight move.
+        pose_at: The pose at a place of the trajectory: a time of a contour, a position of a straight move.
         loads: Load ``(n,)`` by its inertia in each of its channels, of a machine in a pose.
         amounts: Values ``(n, r)`` of all channels at times ``(n,)``.
         bodies: Channels of the rigid motion: accelerations.
         axis_motion: Speed and acceleration ``(n,)`` of an axis at times; None of a mechanism.
         leg_forces: Forces ``(n, d)`` that hold up and accelerate the legs of a mechanism themselves,
             between their drives and their screws, at times; None of axes.
-        turning: Bodies that turn on the way, whose speeds act.
+        turning: Bodies that turn along the trajectory, whose speeds act.
         travels: Motion ``(n_all, b)`` of the stacked dofs per travel in each of the ``b`` channels of
             the rigid motion, of a machine of components in a pose.
         errors: What errors do, of a machine in a pose.
@@ -101,7 +101,7 @@ class RigidWay:
     leg_forces: Amounts | None = None
     turning: tuple[str, ...] = ()
     travels: Callable[[CoupledMachine], FloatArray] = lambda coupled: np.zeros((0, 0))
-    errors: Callable[[PoseModel], PlacedErrors] = lambda model: PlacedErrors()
+    errors: Callable[[PoseModel], PosedErrors] = lambda model: PosedErrors()
     error_channels: tuple[Channel, ...] = ()
     offsets: tuple[tuple[Channel, Channel], ...] = ()
 
@@ -111,9 +111,9 @@ class RigidWay:
         return (*self.bodies, *self.error_channels)
 
     @property
-    def acting(self) -> WayLoads:
-        """What acts along the way: weight, and the amounts of all channels."""
-        return WayLoads((GRAVITY_LOAD, *self.channels), self._given, GRAVITY_LOAD)
+    def acting(self) -> TrajectoryLoads:
+        """What acts along the trajectory: weight, and the amounts of all channels."""
+        return TrajectoryLoads((GRAVITY_LOAD, *self.channels), self._given, GRAVITY_LOAD)
 
     def _given(self, times: FloatArray) -> FloatArray:
         return np.concatenate([np.ones((len(times), 1)), self.amounts(times)], axis=1)
@@ -143,7 +143,7 @@ def find_screws(machine: Machine) -> dict[str, tuple[str, Axis | None]]:
     return found
 
 
-def axes_way(machine: Machine, travel: ToolTravel, path: ToolPath) -> RigidWay:
+def axes_trajectory(machine: Machine, travel: ToolTravel, path: ToolPath) -> RigidTrajectory:
     """Linear axes that follow a path."""
     channels = axis_channels(travel.axes)
     directions = {
@@ -165,7 +165,7 @@ def axes_way(machine: Machine, travel: ToolTravel, path: ToolPath) -> RigidWay:
             travel.axis_positions(points.acceleration)[:, number],
         )
 
-    return RigidWay(
+    return RigidTrajectory(
         pose_at,
         lambda model: {
             channel: inertia_load(coupled_machine(model), directions[channel[0]])
@@ -180,21 +180,21 @@ def axes_way(machine: Machine, travel: ToolTravel, path: ToolPath) -> RigidWay:
     )
 
 
-def mechanism_way(
+def mechanism_trajectory(
     state: RunState,
     mechanism: SceneMechanism,
     path: ToolPath,
     *,
     pose_at: Callable[[float], Pose],
     direction: FloatArray,
-) -> RigidWay:
+) -> RigidTrajectory:
     """A mechanism that leads its tool along a path without turning it.
 
     Args:
         state: Of the run.
         mechanism: Of the scene, lumped or of components.
         path: Of the tool.
-        pose_at: The pose at a place of the way.
+        pose_at: The pose at a place of the trajectory.
         direction: ``(3,)`` of the tool, machine frame.
     """
     parts, mounted = state.parts, mechanism.mounted
@@ -229,7 +229,7 @@ def mechanism_way(
             found[:, number] = weight * ((center - gravity) * along).sum(axis=1)
         return found
 
-    return RigidWay(
+    return RigidTrajectory(
         pose_at,
         lambda model: load_bodies(model, tuple(carried)),
         amounts,
@@ -273,22 +273,22 @@ def travel_bodies(coupled: CoupledMachine, names: Iterable[str]) -> FloatArray:
     return np.hstack(columns)
 
 
-def place_machine(
-    state: RunState, way: RigidWay, up_to_hz: float, joins: Sequence[Join] = ()
+def machine_along(
+    state: RunState, trajectory: RigidTrajectory, up_to_hz: float, joins: Sequence[Join] = ()
 ) -> Callable[[float], PosedModes]:
-    """The machine at a place of the way: damped as the scene says, with every channel.
+    """The machine at a place of the trajectory: damped as the scene says, with every channel.
 
     Args:
         state: Of the run.
-        way: Of the rigid machine.
+        trajectory: Of the rigid machine.
         up_to_hz: Modes kept.
         joins: What gives the machine at a place further outputs.
     """
-    model_at, undamped = place_model(state), False
+    model_at, undamped = model_builder(state), False
 
     def place(where: float) -> PosedModes:
         nonlocal undamped
-        model = model_at(way.pose_at(where))
+        model = model_at(trajectory.pose_at(where))
         for message in warn_of_no_damping(state.scene, model.system):
             state.warn(message)
         modes = _find_modes(model, STACKED * up_to_hz)
@@ -296,10 +296,10 @@ def place_machine(
         if system.damping is None and system.hysteretic is None and not undamped:
             undamped = True
             state.warn(
-                'the way is followed without damping: write [effects] damping = { modal = "2 %" }'
+                'nothing damps motion along the path: write [effects] damping = { modal = "2 %" }'
             )
         weight = model.loads.get("gravity", np.zeros(len(system.mass)))
-        errors, loads = way.errors(model), way.loads(model)
+        errors, loads = trajectory.errors(model), trajectory.loads(model)
         system = dataclasses.replace(
             system,
             inputs={**system.inputs, GRAVITY_LOAD: weight, **loads, **errors.loads},
@@ -308,14 +308,14 @@ def place_machine(
         posed = dataclasses.replace(_stack(model, system, modes), feedthrough=errors.relief)
         for join in joins:
             posed = posed.join(*join(where, model, errors))
-        if not way.turning:
+        if not trajectory.turning:
             return posed
-        return turn_with_bodies(posed, _turning_bodies(model, way.turning))
+        return turn_with_bodies(posed, _turning_bodies(model, trajectory.turning))
 
     return place
 
 
-def place_model(state: RunState) -> Callable[[Pose], PoseModel]:
+def model_builder(state: RunState) -> Callable[[Pose], PoseModel]:
     """What puts the machine of a scene, lumped or of components, into a pose."""
     parts, memo = state.parts, CouplingMemo()
     if state.scene.is_lumped:
@@ -337,7 +337,7 @@ def place_model(state: RunState) -> Callable[[Pose], PoseModel]:
     return build
 
 
-def judge_turning(
+def report_gyroscopic_forces(
     state: RunState,
     place: Callable[[], PoseModel],
     times: FloatArray,
@@ -351,7 +351,7 @@ def judge_turning(
 
     Args:
         state: Of the run.
-        place: Makes the machine in a pose on the way.
+        place: Makes the machine in a pose along the trajectory.
         times: ``(n,)`` [s].
         points: The path of the tool then.
         direction: ``(3,)`` of the tool, machine frame; None of axes.
@@ -371,10 +371,10 @@ def judge_turning(
         if name in state.parts.reduced
         for place in [mounted.mechanism.markers.index(marker)]
     }
-    return warn_of_turning(model, turned, least=least)
+    return report_gyroscopic_shift(model, turned, least=least)
 
 
-def warn_of_turning(
+def report_gyroscopic_shift(
     model: PoseModel, turned: Mapping[str, float], *, least: float
 ) -> tuple[str, ...]:
     """What is said of gyroscopic forces on the deformation of bodies that turn at some speeds
@@ -418,12 +418,12 @@ def _stack(model: PoseModel, system: SecondOrderSystem, modes: ModalResult) -> P
     return stack_modes(system, modes, coupled_machine(model))
 
 
-def shared_rows(way: RigidWay, state: RunState, better: RunState) -> NDArray[np.intp]:
+def shared_rows(trajectory: RigidTrajectory, state: RunState, better: RunState) -> NDArray[np.intp]:
     """Rows among the motions of a machine whose components have further modal dofs that are those
     of the machine without these.
 
     Args:
-        way: That both go.
+        trajectory: That both go.
         state: Of the run.
         better: With the further dofs.
     """
@@ -433,7 +433,7 @@ def shared_rows(way: RigidWay, state: RunState, better: RunState) -> NDArray[np.
     )
     # each body that turns has its dofs once more, and those of its points
     blocks = [(own[name], other[name]) for name in own]
-    for name in way.turning:
+    for name in trajectory.turning:
         blocks += [(own[name], other[name]), (POINT_ROWS, POINT_ROWS)]
     starts = np.cumsum([0, *(size for _, size in blocks)])
     return np.concatenate(
@@ -467,7 +467,7 @@ def _turning_bodies(model: PoseModel, names: Sequence[str]) -> list[TurningBody]
 def join_screws(screws: Mapping[str, tuple[str, Axis | None]]) -> Join:
     """Give a machine the forces with which screws push their nuts, along the axis [N]."""
 
-    def join(where: float, model: PoseModel, errors: PlacedErrors) -> Further:
+    def join(where: float, model: PoseModel, errors: PosedErrors) -> Further:
         joints = {joint.name: joint for joint in coupled_machine(model).joint_springs}
         rows, taken = dict[Channel, FloatArray](), Feedthrough()
         for name, (joint, axis) in screws.items():

@@ -10,19 +10,19 @@ import numpy as np
 from scipy.linalg.lapack import dgesv
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.control.friction import rub
-from headstock.solvers.control.friction_loop import RubbingLoop
-from headstock.solvers.control.loop_track import LoopTrack, forget
-from headstock.solvers.control.rubbing_steps import (
+from headstock.solvers.control.friction import evaluate_friction
+from headstock.solvers.control.friction_loop import FrictionLoop
+from headstock.solvers.control.friction_steps import (
     CHECKS,
     FORCED,
     GIVEN,
     WEIGHTS,
-    RubbingStep,
+    FrictionStep,
     continue_forces,
-    make_rubbing_step,
+    make_friction_step,
     narrow_given,
 )
+from headstock.solvers.control.loop_track import LoopTrack, forget
 from headstock.solvers.errors import ConvergenceError
 
 EASY = 0.02  # share of the tolerance below which the next step may be twice as long
@@ -46,7 +46,7 @@ class _Stack:
         miss: The same of what it is off where it is checked.
     """
 
-    steps: tuple[RubbingStep, ...]
+    steps: tuple[FrictionStep, ...]
     moved: FloatArray
     pushed: FloatArray
     missed: FloatArray
@@ -91,10 +91,10 @@ class _Taken:
     known: FloatArray
 
 
-class RubbingMarch:
+class FrictionIntegrator:
     """Steps one after the other, each halved until friction is followed."""
 
-    def __init__(self, track: LoopTrack, typical: RubbingLoop, allowed: FloatArray) -> None:
+    def __init__(self, track: LoopTrack, typical: FrictionLoop, allowed: FloatArray) -> None:
         """Steps of a loop, with errors that are allowed of each state ``(n,)``."""
         self._track, self._allowed = track, allowed
         self._laws, self._size, self._count = typical.law, typical.size, len(typical.law)
@@ -156,10 +156,12 @@ class RubbingMarch:
         self._level = level
         return state
 
-    def _mix(self, size: float, near: tuple[int, FloatArray], lone: RubbingLoop | None) -> _Mixture:
+    def _mix(
+        self, size: float, near: tuple[int, FloatArray], lone: FrictionLoop | None
+    ) -> _Mixture:
         """The step of a size about a position."""
         if lone is not None:
-            return self._pile(make_rubbing_step(lone, size)).mix(np.ones(1))
+            return self._pile(make_friction_step(lone, size)).mix(np.ones(1))
         first, shares = near
         key = first, f"{size:.9e}"
         if key not in self._stacks:
@@ -168,7 +170,7 @@ class RubbingMarch:
             self._stacks[key] = self._pile(*(self._track.step(place, size) for place in places))
         return self._stacks[key].mix(shares)
 
-    def _pile(self, *steps: RubbingStep) -> _Stack:
+    def _pile(self, *steps: FrictionStep) -> _Stack:
         pushed, missed = (
             np.stack(parts)
             for parts in ([step.pushed for step in steps], [step.missed for step in steps])
@@ -195,8 +197,8 @@ class RubbingMarch:
         for _ in range(MOST_PASSES):
             moved = free + pushed @ forces
             speeds = moved[self._size :].reshape(-1, self._count)
-            rubbed, slopes = rub(self._laws, speeds)
-            off = rubbed[: len(FORCED)].ravel() - forces
+            friction_forces, slopes = evaluate_friction(self._laws, speeds)
+            off = friction_forces[: len(FORCED)].ravel() - forces
             if np.abs(off).max() * stack.push <= SETTLED:
                 break
             # forces that the law has at the speeds to which they lead, by Newton's method
@@ -208,7 +210,7 @@ class RubbingMarch:
                 break
         else:
             return None
-        missed = rubbed[len(FORCED) :] - CHECKS @ forces.reshape(self._forces.shape)
+        missed = friction_forces[len(FORCED) :] - CHECKS @ forces.reshape(self._forces.shape)
         error = float(np.abs(missed).max()) * stack.miss
         if error > EASY:
             error = float((np.abs(step.miss(missed.ravel())) / self._allowed).max())
@@ -236,7 +238,7 @@ class RubbingMarch:
         return found
 
     def _find_works(
-        self, steps: Sequence[RubbingStep], shares: FloatArray, known: FloatArray
+        self, steps: Sequence[FrictionStep], shares: FloatArray, known: FloatArray
     ) -> FloatArray:
         """Works ``(m, 4)`` of steps that are mixtures of the same ones."""
 
@@ -252,7 +254,7 @@ class RubbingMarch:
             return total
 
         sliding = view("sliding")
-        rubbed, _ = rub(self._laws, sliding + view("guides"))
+        friction_forces, _ = evaluate_friction(self._laws, sliding + view("guides"))
         damped = sum(
             shares[:, number] * np.einsum("mi,mi->m", known @ step.views.dampers, known)
             for number, step in enumerate(steps)
@@ -263,6 +265,6 @@ class RubbingMarch:
                 (view("drives") * view("motors")).sum(axis=2) @ weights,
                 (view("reached") * view("loads")).sum(axis=2) @ weights,
                 damped,
-                (rubbed * sliding).sum(axis=2) @ weights,
+                (friction_forces * sliding).sum(axis=2) @ weights,
             ]
         )

@@ -1,5 +1,5 @@
-"""Errors of guides, screws and legs along a way, as preload of their springs or as motion of what
-rigid guides hold: what a machine in a pose feels of a unit of each, and how large each is on the way.
+"""Errors of guides, screws and legs along a trajectory, as preload of their springs or as motion of what
+rigid guides hold: what a machine in a pose feels of a unit of each, and how large each is along the trajectory.
 """
 
 import dataclasses
@@ -13,7 +13,12 @@ from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.mechanisms.exechon import LEGS, LENGTHS
 from headstock.geometry.mechanisms.tool_mechanism import solve_pose
-from headstock.pipeline.contours.ways import PlacedErrors, RigidWay, coupled_machine, place_model
+from headstock.pipeline.contours.trajectory import (
+    PosedErrors,
+    RigidTrajectory,
+    coupled_machine,
+    model_builder,
+)
 from headstock.pipeline.stages.lumped_machine import sample_leg_errors
 from headstock.pipeline.stages.machine import DAMPING, damp_system
 from headstock.pipeline.stages.mechanism import LumpedPose
@@ -35,25 +40,25 @@ from headstock.solvers.second_order import Channel
 
 STEPS_PER_WAVE = 48
 UNIT = 1e-6  # of offsets [m, rad]: loads of all channels are then of like size
-BESIDE = 1e-5  # of the way between its ends, over which rates are differenced
+BESIDE = 1e-5  # of the trajectory between its ends, over which rates are differenced
 
 
 @dataclass(frozen=True, eq=False)
-class WayErrors:
-    """Errors along a way.
+class TrajectoryErrors:
+    """Errors along a trajectory.
 
     Attributes:
         channels: One per offset, then one per rate and one per acceleration that act.
         place: What a unit of each does to a machine in a pose.
-        offsets: ``(n, k)`` at places ``(n,)`` of the way, in units.
+        offsets: ``(n, k)`` at places ``(n,)`` of the trajectory, in units.
         rated: ``(r,)`` offsets whose rates act, too.
         pulled: ``(a,)`` offsets whose accelerations act, too.
-        ends: Of the way.
-        shortest: Shortest part of the way over which a wave repeats.
+        ends: Of the trajectory.
+        shortest: Shortest part of the trajectory over which a wave repeats.
     """
 
     channels: tuple[Channel, ...]
-    place: Callable[[PoseModel], PlacedErrors]
+    place: Callable[[PoseModel], PosedErrors]
     offsets: Callable[[FloatArray], FloatArray]
     rated: tuple[int, ...]
     pulled: tuple[int, ...]
@@ -62,14 +67,14 @@ class WayErrors:
 
     def join(
         self,
-        way: RigidWay,
+        trajectory: RigidTrajectory,
         motion: Callable[[FloatArray], PathMotion],
-    ) -> RigidWay:
-        """A way with these errors.
+    ) -> RigidTrajectory:
+        """A trajectory with these errors.
 
         Args:
-            way: Of the rigid machine.
-            motion: Along the way at times ``(n,)``.
+            trajectory: Of the rigid machine.
+            motion: Along the trajectory at times ``(n,)``.
         """
 
         def amounts(times: FloatArray) -> FloatArray:
@@ -77,11 +82,11 @@ class WayErrors:
             step = BESIDE * (self.ends[1] - self.ends[0])
             offsets, rates, growth = follow_offsets(self.offsets, now, self.ends, step)
             own = [offsets, rates[:, list(self.rated)], growth[:, list(self.pulled)]]
-            return np.concatenate([way.amounts(times), *own], axis=1)
+            return np.concatenate([trajectory.amounts(times), *own], axis=1)
 
         pulling = self.channels[len(self.channels) - len(self.pulled) :]
         return dataclasses.replace(
-            way,
+            trajectory,
             amounts=amounts,
             errors=self.place,
             error_channels=self.channels,
@@ -92,14 +97,14 @@ class WayErrors:
         )
 
 
-def find_way_errors(
+def find_trajectory_errors(
     state: RunState, pose_at: Callable[[float], Pose], nodes: FloatArray
-) -> WayErrors | None:
-    """Errors of a machine along a way; None where it has none.
+) -> TrajectoryErrors | None:
+    """Errors of a machine along a trajectory; None where it has none.
 
     Args:
         state: Of the run.
-        pose_at: The pose at a place of the way.
+        pose_at: The pose at a place of the trajectory.
         nodes: ``(k,)`` even places between which what errors are read by is interpolated.
 
     Raises:
@@ -121,7 +126,7 @@ def find_way_errors(
     numbers = range(len(travel.directions))
     rigid = [n for n in numbers if travel.directions[n][1] in fixed[travel.directions[n][0]]]
     if rigid:
-        check_offsets(coupled_machine(place_model(state)(poses[0])), travel)
+        check_offsets(coupled_machine(model_builder(state)(poses[0])), travel)
     # motors under control feel the inertia of all that follows at once, springs that are stiff, too
     pulled = list(numbers) if state.scene.drives else rigid
     damped = {name for name, joint in machine.joints.items() if np.any(joint.damping)}
@@ -137,7 +142,7 @@ def find_way_errors(
         *(travel.accelerations[number] for number in pulled),
     )
 
-    def place(model: PoseModel) -> PlacedErrors:
+    def place(model: PoseModel) -> PosedErrors:
         coupled, system = coupled_machine(model), model.system
         if rated:
             system = damp_system(state.scene, system, model.all_modes)
@@ -147,7 +152,7 @@ def find_way_errors(
         passed = pass_offsets(
             coupled, travel, found, outputs, model.joints, probe_values(machine.probes)
         )
-        return PlacedErrors(
+        return PosedErrors(
             loads=dict(zip(channels, UNIT * np.hstack(columns).T, strict=True)),
             relief={
                 (passed.outputs[row], passed.inputs[column]): UNIT * float(share)
@@ -157,7 +162,7 @@ def find_way_errors(
             moved=UNIT * found.moved[:, pulled] if rigid else None,
         )
 
-    return WayErrors(
+    return TrajectoryErrors(
         channels=channels,
         place=place,
         offsets=lambda places: np.asarray(travel.sample(places) / UNIT),
@@ -170,7 +175,7 @@ def find_way_errors(
 
 def _leg_errors(
     mechanism: SceneMechanism, poses: list[Pose], nodes: FloatArray, *, driven: bool
-) -> WayErrors:
+) -> TrajectoryErrors:
     """Legs of a lumped mechanism that are longer than commanded: nothing but their springs along
     themselves resists. Driven ones feel the inertia of what follows at once.
     """
@@ -183,12 +188,12 @@ def _leg_errors(
     pulled = tuple(range(len(legs))) if driven else ()
     pulling = tuple((ACCELERATION, LENGTHS[legs[number]]) for number in pulled)
 
-    def place(model: PoseModel) -> PlacedErrors:
+    def place(model: PoseModel) -> PosedErrors:
         if not isinstance(model, LumpedPose):
             raise ValueError("errors of legs are those of a lumped mechanism")
         pushed = UNIT * np.diag(model.placed.motions.stiffness)
         loads = {channel: pushed[2 * leg + 1] for channel, leg in zip(channels, legs, strict=True)}
-        return PlacedErrors(
+        return PosedErrors(
             loads=loads | dict.fromkeys(pulling, np.zeros(len(pushed))),
             relief={
                 ((f"{LEGS[leg]} {SPRING}", "along"), channel): -float(loads[channel][2 * leg + 1])
@@ -203,7 +208,7 @@ def _leg_errors(
         for wave in mechanism.leg_errors[leg].waves
         if speed > 0.0
     ]
-    return WayErrors(
+    return TrajectoryErrors(
         channels=(*channels, *pulling),
         place=place,
         offsets=lambda places: np.asarray(

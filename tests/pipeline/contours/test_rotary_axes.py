@@ -17,7 +17,7 @@ from headstock.geometry.machine.machine import MachinePath, Pose
 from headstock.meshing.components.meshing import describe_component
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.path import PathResult
-from headstock.pipeline.contours.turning_axes import turning_way
+from headstock.pipeline.contours.rotary_axes import rotary_trajectory
 from headstock.pipeline.runner import run_scene
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.superelement import Superelement
@@ -118,7 +118,7 @@ def test_an_arm_that_turns_deviates_as_its_equations_of_motion_say(
 
 
 def test_a_frozen_pose_turns_loads_but_not_the_machine(tmp_path: Path) -> None:
-    """In the pose of the middle the arm lies along x; 1 degree of way turns nothing else."""
+    """In the pose of the middle the arm lies along x; 1 degree of trajectory turns nothing else."""
     small = [
         "analyses.path={ from = { C = '-1 deg' }, to = { C = '1 deg' }, feeds = ['600 deg/min'], time_constant = '50 ms',"
         " sampling = '16 kHz', residual_time = '50 ms', outputs = [['tip', 'y']] }"
@@ -346,9 +346,9 @@ def test_a_weight_that_slides_along_an_arm_that_turns_feels_coriolis_forces() ->
     assert path.length == approx(0.1)
     speed, pull, share = 0.3, 2.0, 12.0
     places = np.array([0.0, 0.05, 0.1])
-    way = turning_way(scene.machine, parts, path, speed, pull)
-    found = way.amounts(places)[
-        :, [way.channels.index(("weight", f"acceleration {dof}")) for dof in ("x", "y")]
+    trajectory = rotary_trajectory(scene.machine, parts, path, speed, pull)
+    found = trajectory.amounts(places)[
+        :, [trajectory.channels.index(("weight", f"acceleration {dof}")) for dof in ("x", "y")]
     ]
     omega, alpha = share * speed, share * pull
     for place, acceleration in zip(places, found, strict=True):
@@ -393,7 +393,7 @@ def test_a_cut_around_a_table_pushes_across_and_along_the_radius(
     feed = np.radians(20.0) * RADIUS
     fine: FloatArray = np.asarray(np.arange(0.0, 0.01, 1e-5), dtype=float)
     along, left, _ = cutting_forces(cut, fine, np.full(len(fine), feed)).mean(axis=0)
-    # of the tool against the work; to the left of a way that goes round anticlockwise is its centre
+    # of the tool against the work; to the left of a trajectory that goes round anticlockwise is its centre
     sign = 1.0 if turns else -1.0
     radial, across = -left * sign, along * sign
     pulled = np.column_stack(
@@ -422,9 +422,9 @@ def test_a_table_that_spins_while_it_is_tilted_feels_its_gyroscopic_moment() -> 
         Pose("from", {"A": 0.0, "C": 0.0}), Pose("to", {"A": 0.3, "C": 0.9}), frozenset("AC")
     )
     assert path.unit == "rad"
-    way = turning_way(scene.machine, parts, path, 2.0, 0.0)
-    first = way.channels.index(("table", "acceleration rx"))
-    (spin,) = way.amounts(np.array([0.0]))[:, first : first + 3]
+    trajectory = rotary_trajectory(scene.machine, parts, path, 2.0, 0.0)
+    first = trajectory.channels.index(("table", "acceleration rx"))
+    (spin,) = trajectory.amounts(np.array([0.0]))[:, first : first + 3]
     tilt, turn = (2.0 * angle / path.length for angle in (0.3, 0.9))
     inertia = parts["table"].inertia
     # about x and about the axis that x tilts: w = (tilt, 0, turn), w' = tilt x turn about -y

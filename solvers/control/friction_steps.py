@@ -21,7 +21,7 @@ import scipy.linalg
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.control.drive_loops import force_channels
-from headstock.solvers.control.friction_loop import RubbingLoop
+from headstock.solvers.control.friction_loop import FrictionLoop
 
 PARTS = 12
 FORCED, CHECKED = (2, 8, 12), (0, 5, 10)  # where friction is collocated, and where it is checked
@@ -39,7 +39,7 @@ class StepViews:
     """What works of a step are made of, ``(13, r, p)`` at its twelfths, and its damping.
 
     Columns are the state before the step, what is given and the friction at the nodes, as in
-    :class:`RubbingStep`.
+    :class:`FrictionStep`.
 
     Attributes:
         sliding: Speed in each guide, of what moves.
@@ -61,7 +61,7 @@ class StepViews:
 
 
 @dataclass(frozen=True, eq=False)
-class RubbingStep:
+class FrictionStep:
     """A step of one size.
 
     Attributes:
@@ -82,23 +82,25 @@ class RubbingStep:
     views: StepViews
 
 
-def make_rubbing_step(model: RubbingLoop, size: float) -> RubbingStep:
+def make_friction_step(model: FrictionLoop, size: float) -> FrictionStep:
     """The step of a loop over ``size`` seconds."""
     space, n, q, k = model.loop.space, model.size, model.b.shape[1], len(model.law)
-    own, given, rubbed = slice(0, n), slice(n, n + q), n + len(GIVEN) * q
-    whole = rubbed + len(FORCED) * k
+    own, given, friction_forces = slice(0, n), slice(n, n + q), n + len(GIVEN) * q
+    whole = friction_forces + len(FORCED) * k
     # polynomials as their derivatives, each of which is the rate of the one before
     growth = np.zeros((whole, whole))
     growth[own, own] = size * space.a
     growth[own, given] = size * model.acting @ model.spread
-    growth[own, rubbed : rubbed + k] = -size * model.drag
-    growth[n : rubbed - q, n + q : rubbed] = np.eye(rubbed - q - n)
-    growth[rubbed : whole - k, rubbed + k :] = np.eye(whole - k - rubbed)
+    growth[own, friction_forces : friction_forces + k] = -size * model.drag
+    growth[n : friction_forces - q, n + q : friction_forces] = np.eye(friction_forces - q - n)
+    growth[friction_forces : whole - k, friction_forces + k :] = np.eye(whole - k - friction_forces)
     part = scipy.linalg.expm(growth / PARTS)
     # from values at the nodes to derivatives at the beginning
     values = np.eye(whole)
-    values[n:rubbed, n:rubbed] = np.kron(_derivatives(GIVEN), np.eye(q))
-    values[rubbed:, rubbed:] = np.kron(_derivatives(NODES[list(FORCED)]), np.eye(k))
+    values[n:friction_forces, n:friction_forces] = np.kron(_derivatives(GIVEN), np.eye(q))
+    values[friction_forces:, friction_forces:] = np.kron(
+        _derivatives(NODES[list(FORCED)]), np.eye(k)
+    )
 
     machine, count = model.loop.plant_size, len(model.loop.trains)
     forces = space.rows.of(force_channels(model.loop.trains))
@@ -113,7 +115,7 @@ def make_rubbing_step(model: RubbingLoop, size: float) -> RubbingStep:
     first[guides, given] = model.guides
     first[drives, own] = space.c[forces]
     first[drives, given] = model.d[forces]
-    first[drives, rubbed : rubbed + k] = -model.passed[forces]
+    first[drives, friction_forces : friction_forces + k] = -model.passed[forces]
     first[motors, own] = model.loop.rates
     first[reached, :machine] = model.reach
     first[loads, given] = model.pushing
@@ -134,13 +136,13 @@ def make_rubbing_step(model: RubbingLoop, size: float) -> RubbingStep:
         reach[number - 1] = part[own, own] @ reach[number]
     at_checked = _lagrange(NODES[[*FORCED, *CHECKED]], NODES)[:, len(FORCED) :]
     missed = np.einsum("j,jc,jnk->nck", WEIGHTS, at_checked, reach).reshape(n, -1)
-    over = looked[n + 2 * k : n + 3 * k, rubbed:]
+    over = looked[n + 2 * k : n + 3 * k, friction_forces:]
     shaken = seen[:, speeds].reshape(-1, whole)
     weighed = (model.dampers @ seen[:, speeds]) * (size * WEIGHTS[:, None, None])
-    return RubbingStep(
+    return FrictionStep(
         size=size,
-        moved=np.ascontiguousarray(looked[:, :rubbed]),
-        pushed=np.ascontiguousarray(looked[:, rubbed:]),
+        moved=np.ascontiguousarray(looked[:, :friction_forces]),
+        pushed=np.ascontiguousarray(looked[:, friction_forces:]),
         missed=missed,
         softness=-over.reshape(k, len(FORCED), k).sum(axis=1),
         views=StepViews(

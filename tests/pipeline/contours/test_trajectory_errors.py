@@ -12,9 +12,9 @@ from mpi4py import MPI
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Pose
 from headstock.meshing.components.meshing import describe_component
-from headstock.pipeline.contours.coupled_contour import _plan_way, run_coupled_contour
+from headstock.pipeline.contours.coupled_contour import _plan_trajectory, run_coupled_contour
 from headstock.pipeline.contours.lumped_contour import run_lumped_contour
-from headstock.pipeline.contours.ways import place_model
+from headstock.pipeline.contours.trajectory import model_builder
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.stages.run_state import ReducedComponent, RunState
 from headstock.pipeline.storage.store import Store
@@ -55,7 +55,7 @@ def stand(state: RunState, poses: list[Pose]) -> FloatArray:
     """Where errors alone move the tool in poses."""
     found = []
     for pose in poses:
-        point = place_model(state)(pose).solve_point("tcp").answer
+        point = model_builder(state)(pose).solve_point("tcp").answer
         assert point.displacements is not None
         found.append(point.displacements[GUIDE_ERRORS][:3])
     return np.array(found)
@@ -90,8 +90,8 @@ def test_a_contour_leads_the_tool_where_statics_of_its_poses_say(
     assert np.abs(forces[1] - forces[0]).max() < 2e-2 * np.ptp(forces[0])
     request = request_of(state)
     some = np.arange(len(run.times) // 2, len(run.times), len(run.times) // 8)
-    way = _plan_way(state, request, plan_contour(request.contour).path)
-    expected = stand(state, [way.pose_at(float(time)) for time in run.times[some]])
+    trajectory = _plan_trajectory(state, request, plan_contour(request.contour).path)
+    expected = stand(state, [trajectory.pose_at(float(time)) for time in run.times[some]])
     moved = (gaps[1] - gaps[0])[some]
     assert np.abs(expected).max() > 5e-7
     assert np.abs(moved - expected).max() < 5e-3 * np.abs(expected).max()

@@ -1,4 +1,4 @@
-"""Motors of a machine along a way: what they move of the rigid machine, and their loops closed around
+"""Motors of a machine along a trajectory: what they move of the rigid machine, and their loops closed around
 its modes.
 
 The modes are those with locked motors. A motor's coordinate is the travel of the rigid machine that
@@ -22,12 +22,12 @@ from headstock.geometry.mechanisms.closures import evaluate_kinematics
 from headstock.geometry.mechanisms.exechon import LENGTHS
 from headstock.geometry.mechanisms.kinematics import skew_matrices
 from headstock.pipeline.contours.contour_drives import FrictionSpeeds, close_drives
-from headstock.pipeline.contours.ways import (
+from headstock.pipeline.contours.trajectory import (
     Feedthrough,
     Further,
     Join,
-    PlacedErrors,
-    RigidWay,
+    PosedErrors,
+    RigidTrajectory,
     axis_channels,
     body_channels,
     coupled_machine,
@@ -53,7 +53,7 @@ from headstock.solvers.paths.sampled_motion import (
     LOAD_SPACING,
     SampledHistory,
     SampledMotion,
-    WayLoads,
+    TrajectoryLoads,
     follow_motion,
 )
 from headstock.solvers.paths.servo_motion import ServoMotion
@@ -91,8 +91,8 @@ class MovedMachine:
 
 
 @dataclass(frozen=True, eq=False)
-class WayMotors:
-    """Motors under control along a way.
+class TrajectoryMotors:
+    """Motors under control along a trajectory.
 
     Attributes:
         drives: Their drives.
@@ -116,26 +116,28 @@ class WayMotors:
         """Momenta along what motors move."""
         return tuple((drive.name, MOMENTUM) for drive in self.drives)
 
-    def join(self, way: RigidWay) -> Join:
-        """Give a machine on a way what scales read with locked motors, and the momenta along the
+    def join(self, trajectory: RigidTrajectory) -> Join:
+        """Give a machine along a trajectory what scales read with locked motors, and the momenta along the
         travels that motors bring about.
         """
 
-        def join(where: float, model: PoseModel, errors: PlacedErrors) -> Further:
+        def join(where: float, model: PoseModel, errors: PosedErrors) -> Further:
             travels = self.at(np.array([where])).bodies[0]
-            loads, drives, taken = way.loads(model), self.drives, Feedthrough()
+            loads, drives, taken = trajectory.loads(model), self.drives, Feedthrough()
             pulled = np.array([loads[channel] for channel in self.bodies])
             rows = [*_scale_rows(model, drives), *(-travels.T @ pulled)]
             outputs = (*self.scales, *self.momenta)
             if model.coupled is not None and errors.moved is not None:
                 read = scale_rows(model.coupled, model.parts.scene.machine, drives)
-                bodies = way.travels(model.coupled)[:, Index(way.bodies).of(self.bodies)]
+                bodies = trajectory.travels(model.coupled)[
+                    :, Index(trajectory.bodies).of(self.bodies)
+                ]
                 carried = momentum_rows(model.coupled, bodies @ travels)
                 moved = move_rows(np.vstack([read, carried]), errors.moved)
                 taken |= {
                     (output, offset): float(value)
                     for output, own in zip(outputs, moved, strict=True)
-                    for (offset, _), value in zip(way.offsets, own, strict=True)
+                    for (offset, _), value in zip(trajectory.offsets, own, strict=True)
                 }
             return dict(zip(outputs, rows, strict=True)), taken
 
@@ -158,15 +160,15 @@ def plan_motors(
     *,
     amounts: Callable[[FloatArray], FloatArray],
     direction: FloatArray | None = None,
-) -> WayMotors | None:
-    """The drives that move a machine along a way; None without control.
+) -> TrajectoryMotors | None:
+    """The drives that move a machine along a trajectory; None without control.
 
     Args:
         state: Of the run.
         path: Of the tool.
         outputs: Where motion is wanted: of the tool first, its three directions. Of axes there are
             no others.
-        amounts: Accelerations ``(n, r)`` of the bodies in the channels of the way at times.
+        amounts: Accelerations ``(n, r)`` of the bodies in the channels of the trajectory at times.
         direction: ``(3,)`` of a mechanism's tool.
     """
     scene, parts = state.scene, state.parts
@@ -180,12 +182,12 @@ def plan_motors(
     return _axis_motors(parts, scene.machine, outputs, path)
 
 
-def lead_motors(
-    speeding: WayMotors,
-    pulling: WayMotors,
+def interpolate_motors(
+    speeding: TrajectoryMotors,
+    pulling: TrajectoryMotors,
     nodes: FloatArray,
     travel: Callable[[FloatArray], PathMotion],
-) -> WayMotors:
+) -> TrajectoryMotors:
     """Motors along a line, from what they move where it is travelled at a speed of one, and where it is
     accelerated by one: the former counts with the square of the speed.
 
@@ -219,23 +221,23 @@ def lead_motors(
 
 
 @dataclass(frozen=True, eq=False)
-class DrivenWay:
-    """A machine on its way with its motors.
+class DrivenTrajectory:
+    """A machine along its trajectory with its motors.
 
     Attributes:
-        way: How the rigid machine follows its path, errors included.
+        trajectory: How the rigid machine follows its path, errors included.
         motors: Under control; None where they follow their set points.
         tool: Where forces act on the tool, and where it moves.
     """
 
-    way: RigidWay
-    motors: WayMotors | None
+    trajectory: RigidTrajectory
+    motors: TrajectoryMotors | None
     tool: tuple[Channel, ...]
 
     @property
     def inputs(self) -> tuple[Channel, ...]:
-        """Where something acts: on the tool, then along the way."""
-        return (*self.tool, *self.way.acting.channels)
+        """Where something acts: on the tool, then along the trajectory."""
+        return (*self.tool, *self.trajectory.acting.channels)
 
     @property
     def outputs(self) -> tuple[Channel, ...]:
@@ -245,24 +247,24 @@ class DrivenWay:
     @property
     def joins(self) -> tuple[Join, ...]:
         """What gives a machine these outputs."""
-        return () if self.motors is None else (self.motors.join(self.way),)
+        return () if self.motors is None else (self.motors.join(self.trajectory),)
 
     def move(
         self,
         sampled: SampledMotion,
         times: FloatArray,
-        loads: WayLoads,
+        loads: TrajectoryLoads,
         *,
         friction: FrictionSpeeds,
         node_spacing: float,
         load_spacing: float,
     ) -> "MovingMachine":
-        """Return the linear system along the way, its loops closed.
+        """Return the linear system along the trajectory, its loops closed.
 
         Args:
             sampled: The machine with locked motors.
             times: ``(n,)`` even steps [s].
-            loads: That act along the way.
+            loads: That act along the trajectory.
             friction: At which speeds it acts.
             node_spacing: Time between which matrices are linear [s].
             load_spacing: Time between which loads are linear [s].
@@ -272,12 +274,12 @@ class DrivenWay:
         )
         servo = None
         if self.motors is not None:
-            servo = close_way(
+            servo = close_motor_loops(
                 self.motors,
                 sampled,
                 motion,
                 loads=loads,
-                offsets=self.way.offsets,
+                offsets=self.trajectory.offsets,
                 tool=self.tool,
                 friction=friction,
                 load_spacing=load_spacing,
@@ -288,16 +290,16 @@ class DrivenWay:
 
 @dataclass(frozen=True, eq=False)
 class MovingMachine:
-    """A machine as a linear system along its way.
+    """A machine as a linear system along its trajectory.
 
     Attributes:
-        driven: The way, and its motors.
+        driven: The trajectory, and its motors.
         plant: The matrices of the machine at the nodes of the motion.
         motion: Of its modes, motors and controllers.
         servo: The loops of the motors; None where they follow their set points.
     """
 
-    driven: DrivenWay
+    driven: DrivenTrajectory
     plant: SampledPlant
     motion: LinearMotion
     servo: ServoMotion | None
@@ -323,24 +325,24 @@ class MovingMachine:
         return SampledHistory(self.motion, history, self.plant, self.driven.inputs, acting)
 
 
-def close_way(
-    motors: WayMotors,
+def close_motor_loops(
+    motors: TrajectoryMotors,
     sampled: SampledMotion,
     motion: LinearMotion,
     *,
-    loads: WayLoads,
+    loads: TrajectoryLoads,
     offsets: Sequence[tuple[Channel, Channel]],
     tool: Sequence[Channel],
     friction: FrictionSpeeds,
     load_spacing: float = LOAD_SPACING,
 ) -> ServoMotion:
-    """Close the loops of all motors along a way.
+    """Close the loops of all motors along a trajectory.
 
     Args:
         motors: Of the machine.
         sampled: The machine with locked motors.
         motion: The same between its nodes.
-        loads: That act along the way.
+        loads: That act along the trajectory.
         offsets: Channels of offsets that motors feel at once, and of their accelerations.
         tool: Where the tool moves.
         friction: At which speeds it acts.
@@ -397,7 +399,7 @@ def close_way(
 
 def _axis_motors(
     parts: MachineParts, machine: Machine, tool: Sequence[Channel], path: ToolPath
-) -> WayMotors | None:
+) -> TrajectoryMotors | None:
     """Motors of linear axes."""
     travel = find_tool_travel(machine, machine.points[tool[0][0]])
     drives = tuple(each for each in parts.scene.drives.values() if each.axis in travel.axes)
@@ -443,7 +445,7 @@ def _axis_motors(
             inertia=accelerations @ mass,
         )
 
-    return WayMotors(drives, at, axis_channels(travel.axes), tuple(tool))
+    return TrajectoryMotors(drives, at, axis_channels(travel.axes), tuple(tool))
 
 
 def _leg_motors(
@@ -455,7 +457,7 @@ def _leg_motors(
     *,
     direction: FloatArray,
     outputs: Sequence[Channel],
-) -> WayMotors | None:
+) -> TrajectoryMotors | None:
     """Motors of the legs of a mechanism."""
     if not drives:
         return None
@@ -526,4 +528,4 @@ def _leg_motors(
             inertia=inertia,
         )
 
-    return WayMotors(tuple(drives), at, body_channels(bodies), tuple(outputs))
+    return TrajectoryMotors(tuple(drives), at, body_channels(bodies), tuple(outputs))

@@ -15,10 +15,10 @@ from headstock.geometry.machine.drives import AxisControl, GuideFriction
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.friction import friction_force
 from headstock.solvers.control.friction_loop import friction_channels
-from headstock.solvers.control.rubbing_transient import (
-    RubbingTransient,
+from headstock.solvers.control.friction_transient import (
+    FrictionTransient,
     sharpen_friction,
-    solve_rubbing_transient,
+    solve_friction_transient,
 )
 from headstock.solvers.linear.load_history import (
     LoadHistory,
@@ -57,7 +57,7 @@ def respond(
     *,
     share: float = 1.0,
     up_to_hz: float | None = None,
-) -> tuple[RubbingTransient, Response]:
+) -> tuple[FrictionTransient, Response]:
     """Motion of the load with friction, and without."""
     system, train = make_drive(masses, control, law)
     inputs = [(f"push {number}", "x") for number in range(len(loads))]
@@ -72,7 +72,7 @@ def respond(
     stepped = step_loads(loads, duration, rate)
     _, _, state = rest_positions(space, loads, duration)
     free = solve_transient(space, stepped, state)
-    found = solve_rubbing_transient(
+    found = solve_friction_transient(
         sharpen_friction(loop, share), stepped, free, inputs=inputs, outputs=[LOAD]
     )
     return found, read_response(space, free)

@@ -1,4 +1,4 @@
-"""Loads over time on a machine under control whose guides rub: a driven motion on the steps of a
+"""Loads over time on a machine under control whose guides evaluate_friction: a driven motion on the steps of a
 transient analysis.
 """
 
@@ -12,7 +12,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.solvers.control.drive_loops import ClosedLoop
 from headstock.solvers.control.driven_motion import DrivenMotion, Outset, integrate_motion
 from headstock.solvers.control.friction import friction_force, friction_slope
-from headstock.solvers.control.friction_loop import RubbingLoop, make_rubbing_loop
+from headstock.solvers.control.friction_loop import FrictionLoop, make_friction_loop
 from headstock.solvers.control.loop_track import Given, still_track
 from headstock.solvers.linear.load_history import SteppedLoads
 from headstock.solvers.linear.transient import EnergyBalance, Motion, Response
@@ -20,7 +20,7 @@ from headstock.solvers.second_order import Channel
 
 
 @dataclass(frozen=True, eq=False)
-class RubbingTransient:
+class FrictionTransient:
     """What a controlled machine with friction did under loads over time.
 
     Attributes:
@@ -58,14 +58,14 @@ def sharpen_friction(loop: ClosedLoop, share: float) -> ClosedLoop:
     return dataclasses.replace(loop, trains=trains)
 
 
-def solve_rubbing_transient(
+def solve_friction_transient(
     loop: ClosedLoop,
     loads: SteppedLoads,
     free: Motion,
     *,
     inputs: Sequence[Channel],
     outputs: Sequence[Channel],
-) -> RubbingTransient:
+) -> FrictionTransient:
     """Motion under loads with friction, set points at rest.
 
     Args:
@@ -80,21 +80,21 @@ def solve_rubbing_transient(
     """
     # several loads may act on one channel
     rows = {channel: np.array([float(other == channel) for other in inputs]) for channel in inputs}
-    model = make_rubbing_loop(loop, rows)
+    model = make_friction_loop(loop, rows)
     found = integrate_motion(
         still_track(model),
         _follow_loads(loads),
         loads.times,
         outset=Outset(free.left[0], loads.impulses @ model.b.T, free.right),
     )
-    rubbed = (
+    friction_forces = (
         friction_force(model.law, found.right[:-1] @ model.slides.T),
         friction_force(model.law, found.left[1:] @ model.slides.T),
     )
-    return RubbingTransient(
+    return FrictionTransient(
         found,
-        rubbed,
-        _read_outputs(model, loads, found, rubbed, outputs),
+        friction_forces,
+        _read_outputs(model, loads, found, friction_forces, outputs),
         _add_energies(model, found),
     )
 
@@ -118,7 +118,7 @@ def _follow_loads(loads: SteppedLoads) -> Given:
 
 
 def _read_outputs(
-    model: RubbingLoop,
+    model: FrictionLoop,
     loads: SteppedLoads,
     motion: DrivenMotion,
     friction: tuple[FloatArray, FloatArray],
@@ -131,10 +131,10 @@ def _read_outputs(
     values, rates = loads.evaluate()
     moved, speeds = [], []
     for end, states in enumerate((motion.right[:-1], motion.left[1:])):
-        sliding, rubbed = states @ model.slides.T, friction[end]
-        changes = states @ space.a.T + values[:, end] @ model.b.T - rubbed @ model.drag.T
+        sliding, friction_forces = states @ model.slides.T, friction[end]
+        changes = states @ space.a.T + values[:, end] @ model.b.T - friction_forces @ model.drag.T
         slopes = friction_slope(model.law, sliding)
-        moved.append(states @ rows.T + values[:, end] @ direct.T - rubbed @ passed.T)
+        moved.append(states @ rows.T + values[:, end] @ direct.T - friction_forces @ passed.T)
         speeds.append(
             changes @ rows.T
             + rates[:, end] @ direct.T
@@ -143,7 +143,7 @@ def _read_outputs(
     return Response(loads.times, moved[0], moved[1], speeds[0], speeds[1], loads.sampled)
 
 
-def _add_energies(model: RubbingLoop, motion: DrivenMotion) -> EnergyBalance:
+def _add_energies(model: FrictionLoop, motion: DrivenMotion) -> EnergyBalance:
     """Works of drives and loads beside what dampers and friction take."""
     every, first = motion.energy, model.stored_energy(motion.left[0])
     begun = float(every.stored[0] - first)  # by an impulse at the first time

@@ -1,4 +1,4 @@
-"""Probes while a machine goes along a way: displacement beside the rigid travel and stress, of modes,
+"""Probes while a machine goes along a trajectory: displacement beside the rigid travel and stress, of modes,
 motors, forces on the tool and the accelerations of the rigid motion.
 """
 
@@ -9,8 +9,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from headstock.geometry.frames import DIRECTIONS, FloatArray
-from headstock.pipeline.contours.way_motors import MovingMachine
-from headstock.pipeline.contours.ways import Feedthrough, Further, Join, PlacedErrors, RigidWay
+from headstock.pipeline.contours.trajectory import (
+    Feedthrough,
+    Further,
+    Join,
+    PosedErrors,
+    RigidTrajectory,
+)
+from headstock.pipeline.contours.trajectory_motors import MovingMachine
 from headstock.pipeline.stages.probe_motions import (
     place_probes,
     probe_outputs,
@@ -39,7 +45,7 @@ def ride_channels(names: Iterable[str]) -> tuple[Channel, ...]:
 
 
 def probe_kinds(channels: Iterable[Channel], names: Collection[str]) -> dict[Channel, Channel]:
-    """Return the kind of every output of probes: what splines along a way miss of outputs of one kind
+    """Return the kind of every output of probes: what splines along a trajectory miss of outputs of one kind
     is a share of the largest.
     """
     kinds = {}
@@ -51,15 +57,15 @@ def probe_kinds(channels: Iterable[Channel], names: Collection[str]) -> dict[Cha
     return kinds
 
 
-def join_probes(parts: MachineParts, way: RigidWay) -> Join:
-    """Give a machine on a way the outputs of its probes; none where it has none."""
+def join_probes(parts: MachineParts, trajectory: RigidTrajectory) -> Join:
+    """Give a machine along a trajectory the outputs of its probes; none where it has none."""
 
-    def join(where: float, model: PoseModel, errors: PlacedErrors) -> Further:
+    def join(where: float, model: PoseModel, errors: PosedErrors) -> Further:
         machine, coupled = parts.scene.machine, model.coupled
         if coupled is None or not machine.probes:
             return {}, {}
         placed = place_probes(parts, coupled, tuple(machine.probes))
-        travels, none = way.travels(coupled), np.zeros(len(model.system.mass))
+        travels, none = trajectory.travels(coupled), np.zeros(len(model.system.mass))
         rows, taken = probe_outputs(parts, placed), Feedthrough()
         for name, probe in placed.items():
             own = machine.probes[name]
@@ -72,7 +78,7 @@ def join_probes(parts: MachineParts, way: RigidWay) -> Join:
             taken |= {
                 (output, channel): float(value)
                 for output, values in zip(outputs, np.vstack([late, ridden]), strict=True)
-                for channel, value in zip(way.bodies, values, strict=True)
+                for channel, value in zip(trajectory.bodies, values, strict=True)
                 if value
             }
         return rows, taken
@@ -98,7 +104,7 @@ class DrivenBodies:
         """Return what ``p`` probes see ``(n, 9 p)`` beside what they see of the weight.
 
         Args:
-            placed: Probes of the machine, anywhere on the way.
+            placed: Probes of the machine, anywhere along the trajectory.
         """
         found = self.seen.observe(watch_probes(placed))
         if self.bodies and placed:

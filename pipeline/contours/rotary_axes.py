@@ -13,8 +13,13 @@ from headstock.geometry.machine.machine import (
     free_axes,
     place_components,
 )
-from headstock.pipeline.contours.way_motors import MovedMachine, WayMotors
-from headstock.pipeline.contours.ways import RigidWay, body_channels, load_bodies, travel_bodies
+from headstock.pipeline.contours.trajectory import (
+    RigidTrajectory,
+    body_channels,
+    load_bodies,
+    travel_bodies,
+)
+from headstock.pipeline.contours.trajectory_motors import MovedMachine, TrajectoryMotors
 from headstock.pipeline.stages.run_state import MachineParts
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.second_order import Channel
@@ -25,7 +30,7 @@ FIRST = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12.0
 SECOND = np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / 12.0
 
 
-def turning_speeds(machine: Machine, path: MachinePath) -> dict[str, float]:
+def rotation_speeds(machine: Machine, path: MachinePath) -> dict[str, float]:
     """How fast each body on the rotary axes of a path turns at most, per speed along it."""
     shares = {
         axis: abs(path.end.positions.get(axis, 0.0) - path.start.positions.get(axis, 0.0))
@@ -39,13 +44,13 @@ def turning_speeds(machine: Machine, path: MachinePath) -> dict[str, float]:
     }
 
 
-def turning_way(
+def rotary_trajectory(
     machine: Machine,
     superelements: Mapping[str, Superelement],
     path: MachinePath,
     speed: float,
     acceleration: float,
-) -> RigidWay:
+) -> RigidTrajectory:
     """Axes that move along a path at a constant speed and acceleration, over its positions.
 
     A body at ``c(p)`` with the turn ``R(p)`` is accelerated by ``c'' v^2 + c' a`` and turned by
@@ -59,7 +64,7 @@ def turning_way(
         speed: Along it [m/s, rad/s].
         acceleration: Along it [m/s^2, rad/s^2].
     """
-    speeds = turning_speeds(machine, path)
+    speeds = rotation_speeds(machine, path)
     step = STEP / max(speeds.values())
     names = moving_bodies(machine, superelements)
     place = _place_along(machine, path)
@@ -84,7 +89,7 @@ def turning_way(
             )
         return np.array(found)
 
-    return RigidWay(
+    return RigidTrajectory(
         path.pose_at,
         lambda model: load_bodies(model, names),
         amounts,
@@ -114,7 +119,7 @@ def find_feed(
     place = _place_along(machine, path)
     named = machine.points[point]
     tool, work, held = named.tool, named.work, named.carrier
-    step = STEP / max(turning_speeds(machine, path).values())
+    step = STEP / max(rotation_speeds(machine, path).values())
     still = Frame(np.zeros(3), np.eye(3))
     home = machine.components[tool.component].placement if tool.component else still
     local: FloatArray = np.asarray(named.offset)
@@ -151,22 +156,22 @@ def moving_bodies(machine: Machine, names: Iterable[str]) -> tuple[str, ...]:
     return tuple(name for name in names if name in moved)
 
 
-def turning_motors(
+def rotary_path_motors(
     parts: MachineParts,
     path: MachinePath,
-    way: RigidWay,
+    trajectory: RigidTrajectory,
     outputs: Sequence[Channel],
     *,
     speed: float,
     acceleration: float,
-) -> WayMotors | None:
+) -> TrajectoryMotors | None:
     """Motors of the linear axes on a path on which others turn, over its positions; those of rotary axes
     are ideal. None without control.
 
     Args:
         parts: Of the machine.
         path: Of the axes.
-        way: Of its bodies at the same speed and acceleration.
+        trajectory: Of its bodies at the same speed and acceleration.
         outputs: Where motion is wanted, points or interfaces.
         speed: Along it [m/s, rad/s].
         acceleration: Along it [m/s^2, rad/s^2].
@@ -205,7 +210,7 @@ def turning_motors(
         steps = [travel(float(position)) for position in positions]
         # (n, b, 3, d)
         bodies = np.array([[step[name] for name in names] for step in steps])
-        pulled = way.amounts(positions).reshape(len(positions), len(names), 6)[..., :3]
+        pulled = trajectory.amounts(positions).reshape(len(positions), len(names), 6)[..., :3]
         weighed = masses[:, None, None] * bodies
         return MovedMachine(
             positions=first + positions[:, None] * shares,
@@ -220,7 +225,7 @@ def turning_motors(
             inertia=np.einsum("nbkd,nbk->nd", weighed, pulled),
         )
 
-    return WayMotors(drives, at, body_channels(names), tuple(outputs))
+    return TrajectoryMotors(drives, at, body_channels(names), tuple(outputs))
 
 
 def _place_along(machine: Machine, path: MachinePath) -> Callable[..., dict[str, Frame]]:
