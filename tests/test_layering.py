@@ -358,6 +358,24 @@ def test_a_module_that_is_named_in_a_string_exists() -> None:
     assert offenders(wrong) == {}
 
 
+def test_there_is_one_form_of_a_number_and_one_maker_of_its_error() -> None:
+    """Second forms that were folded into ``pipeline/numbers`` do not come back."""
+    old = re.compile(r"NumberChange|ResponseNumber|JudgedNumber|Worth|WatchedSeries|EachItsOwn")
+    kept = {"NumberChangeSummary"}  # an entry of summary.json
+
+    def wrong(path: Path) -> set[str]:
+        if layer_of(path) not in ("pipeline", "studies"):
+            return set()
+        classes = {node.name for node in ast.walk(TREES[path]) if isinstance(node, ast.ClassDef)}
+        return {name for name in classes - kept if old.fullmatch(name) or name.endswith("Worth")}
+
+    assert offenders(wrong) == {}
+    readers = {module_name(path) for path in MODULES if layer_of(path) == "studies"}
+    assert "headstock.studies.answers" not in readers
+    light = closure_of("headstock.pipeline.numbers.folders")
+    assert not [name for name in light if ".answers." in name or ".solvers." in name]
+
+
 def test_the_front_door_is_the_package_itself() -> None:
     mapped = ROOT / ".typing" / "headstock"
     files = {path.name for path in (ROOT / DOOR).iterdir() if path.is_file()}

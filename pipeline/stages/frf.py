@@ -472,7 +472,7 @@ def respond(
         ),
         method=response.method,
         damped=damped,
-        free_body=_name_entries(response, response.free_body.any(axis=0)),
+        free_body=_name_entries(response, np.asarray(response.free_body.any(axis=0))),
         singular_hz=tuple(
             float(hz) for hz in response.frequencies_hz[response.singular.any(axis=(1, 2))]
         ),

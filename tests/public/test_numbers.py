@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from public.test_smoke import SCENE
+from cross_slide import SCENE
 
 import headstock as hs
 from common import approx

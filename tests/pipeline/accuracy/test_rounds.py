@@ -52,8 +52,11 @@ def test_an_even_mesh_and_a_graded_one_are_compared_by_their_dofs() -> None:
 
 @pytest.mark.parametrize("seed", range(50))
 def test_every_number_is_expected_to_be_right(seed: int) -> None:
-    parts = np.random.default_rng(seed).uniform(0.0, 0.02, (5, 3)).tolist()
-    numbers = [number(*parts[row], mode=row + 1) for row in range(5)]
+    parts = np.random.default_rng(seed).uniform(0.0, 0.02, (5, 3))
+    numbers = [
+        number(float(base), float(left), float(right), row)
+        for row, (base, left, right) in enumerate(parts, 1)
+    ]
     ratios = _wanted_ratios(numbers, 0.03, PARTS, EQUAL)
     assert all(left_over(one, ratios) <= AIM * 0.03 for one in numbers if one.error > 0.03)
 
