@@ -29,7 +29,7 @@ from headstock.scene.reading.findings import Findings, Problem, SceneError
 from headstock.scene.reading.keys import split_key
 from headstock.scene.reading.toml_text import write_toml, write_value
 from headstock.scene.scene import Scene
-from headstock.scene.schema.scene import SceneTable
+from headstock.scene.schema.scene import complete_scene
 from headstock.scene.schema.validation import known_keys, validate_against
 from headstock.values import find_strange, write_at, write_table
 
@@ -157,7 +157,7 @@ class Sections(TypedDict, total=False):
     free: bool
 
 
-class Machine(Noun, schema=SceneTable):
+class Machine(Noun, schema=complete_scene()):
     """A scene: a machine, its poses and what is to be computed. It is checked as
     ``headstock check`` does when it is made, and is not changed afterwards.
 
@@ -181,7 +181,7 @@ class Machine(Noun, schema=SceneTable):
         Raises:
             SceneError: Anything is wrong; holds every problem.
         """
-        table = write_table(SceneTable, keys)
+        table = write_table(complete_scene(), keys)
         path = read_path(
             folder, "Machine", "folder"
         ) / f"{table.get('name') or 'machine'}.toml".replace("/", "-")
@@ -214,7 +214,7 @@ class Machine(Noun, schema=SceneTable):
 
     @cached_property
     def _checked(self) -> BaseModel | None:  # type: ignore[override]
-        return validate_against(SceneTable, self.scene.raw, Findings(str(self.scene.path)))
+        return validate_against(complete_scene(), self.scene.raw, Findings(str(self.scene.path)))
 
     def change(
         self, set: Mapping[str, object] | None = None, *, variant: str | None = None
@@ -329,7 +329,7 @@ def write_setting(key: str, value: object) -> TomlValue:
         path = split_key(key)
     except ValueError:
         path = (key,)  # what is wrong with it the scene says
-    written = write_at(SceneTable, path, value)
+    written = write_at(complete_scene(), path, value)
     if (strange := find_strange(written)) is not None:
         message = f"holds {strange}, which is no value of a scene; write a number, a text, a list or a table"
         raise SceneError([Problem("Python", key, "", message)])

@@ -18,7 +18,7 @@ import numpy as np
 
 from headstock.pipeline.contours.lumped_contour import run_lumped_contour
 from headstock.pipeline.stages.map import map_workspace
-from headstock.scene.requests import MapRequest
+from headstock.scene.analyses.map import MapRequest
 from headstock.solvers.mechanisms.modes import linearise_poses, solve_pose_modes
 from headstock.validation.mechanisms.contouring_cases import contour_request
 from headstock.validation.mechanisms.tripteor_machine import PLANE_HALF, PLANE_HEIGHT, load_tripteor

@@ -31,8 +31,9 @@ from headstock.pipeline.storage.outputs import (
 from headstock.pipeline.storage.provenance import Provenance
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.pipeline.storage.superelements import write_superelement
+from headstock.scene.analyses.frf import FrfRequest
 from headstock.scene.reading.findings import Findings, SceneError
-from headstock.scene.requests import Analyses, FrfRequest
+from headstock.scene.requests import Analyses
 from headstock.scene.scene import Scene, require_name
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.state_space import StateSpace, to_state_space

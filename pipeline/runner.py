@@ -44,7 +44,7 @@ from headstock.pipeline.storage.content_keys import library_versions
 from headstock.pipeline.storage.outputs import PendingOutputs, prepare_output
 from headstock.pipeline.storage.provenance import Provenance
 from headstock.pipeline.storage.store import Store, default_store_root
-from headstock.scene.building.lobes import require_feed_of_run
+from headstock.scene.analyses.lobes import require_feed_of_run
 from headstock.scene.scene import Scene, acting_assumptions
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root

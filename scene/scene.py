@@ -12,9 +12,10 @@ from headstock.geometry.machine.machine import Machine, Pose
 from headstock.geometry.mechanisms.tool_mechanism import ToolMechanism
 from headstock.geometry.parts.components import Fidelity
 from headstock.geometry.parts.solids import SuperelementFile
+from headstock.scene.reading.analysis_names import NAMES
 from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import Findings, Problem, SceneError, suggest_names
-from headstock.scene.requests import NAMES, Analyses, Request
+from headstock.scene.requests import Analyses, Request
 from headstock.scene.studies import Study, Sweep
 
 

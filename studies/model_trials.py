@@ -10,7 +10,7 @@ from headstock.geometry.parts.components import Component, Fidelity
 from headstock.geometry.parts.solids import MeshFile, PointMass, SuperelementFile
 from headstock.meshing.components.meshing import automatic_size
 from headstock.pipeline.planning.plan import Plan
-from headstock.scene.requests import PathRequest
+from headstock.scene.analyses.path import PathRequest
 from headstock.scene.scene import Scene
 
 ModelKind = Literal["elasticity", "interfaces", "modes", "mesh", "pose", "several"]

@@ -43,10 +43,12 @@ from headstock.reduction.motions.compliance_budget import (
 )
 from headstock.reduction.motions.mode_naming import NamedModes
 from headstock.reduction.superelement import Superelement
+from headstock.scene.analyses.frf import FrfRequest
+from headstock.scene.analyses.modal import ModalRequest
+from headstock.scene.analyses.static import StaticRequest
 from headstock.scene.building.loader import load_scene
 from headstock.scene.expansion.overrides import AS_WRITTEN
 from headstock.scene.reading.findings import Problem, SceneError
-from headstock.scene.requests import FrfRequest, ModalRequest, StaticRequest
 from headstock.scene.scene import Scene, deforming_parts
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.frequency_response import FrfModel

@@ -65,6 +65,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "schema": {"reading"},
         "expansion": {"reading", "schema"},
         "building": {"reading", "schema", "expansion"},
+        "analyses": {"reading", "schema", "expansion", "building"},
     },
     "pipeline": {
         "planning": {"storage"},
@@ -112,7 +113,13 @@ ADAPTERS = {
     "ufl": {"solvers/elastic"},
     "petsc4py": {"solvers/elastic"},
     "slepc4py": {"solvers/elastic"},
-    "pydantic": {"scene/schema", "scene/expansion", "studies/identification", DOOR},
+    "pydantic": {
+        "scene/schema",
+        "scene/analyses",
+        "scene/expansion",
+        "studies/identification",
+        DOOR,
+    },
     "pint": {"scene/reading"},
     "typer": {"app", "app/commands", "app/actions", "app/terminal"},
     "click": {"app", "app/commands", "app/actions", "app/terminal"},

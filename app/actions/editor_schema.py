@@ -8,7 +8,7 @@ from headstock.pipeline.storage.json_texts import JsonTable, JsonValue
 from headstock.scene.building.joints import KINDS
 from headstock.scene.expansion.catalogue import BEARINGS, CATALOGUE, FROM, read_catalogue
 from headstock.scene.reading.units import DIMENSIONS, Dimension, parse_quantity
-from headstock.scene.schema.scene import SceneTable
+from headstock.scene.schema.scene import complete_scene
 from headstock.scene.schema.types import MEANING, StrictTable
 from headstock.studies.identification.schema import TargetsTable
 
@@ -20,12 +20,12 @@ EXPRESSION: JsonTable = {"type": "string", "pattern": r"^\s*=|\{(n|rail)\}"}
 
 def plain_schema() -> JsonTable:
     """Tables and keys of a scene file as they are declared, for the scene reference."""
-    return _declare(SceneTable)
+    return _declare(complete_scene())
 
 
 def scene_schema() -> JsonTable:
     """JSON schema of a scene file, as ``headstock schema`` prints it."""
-    schema = _finish(SceneTable, "Scene", "Headstock scene")
+    schema = _finish(complete_scene(), "Scene", "Headstock scene")
     definitions = rules_in(schema, "$defs")
     _allow_catalogue(definitions)
     for rule in reversed(list(_walk(schema))):  # what is inside first

@@ -36,8 +36,11 @@ from headstock.pipeline.storage.outputs import (
     write_output,
 )
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
+from headstock.scene.analyses.frf import FrfRequest
+from headstock.scene.analyses.lobes import LobesRequest
+from headstock.scene.analyses.modal import ModalRequest
+from headstock.scene.analyses.static import StaticRequest
 from headstock.scene.building.loader import load_scene, prepare_sweep
-from headstock.scene.requests import FrfRequest, LobesRequest, ModalRequest, StaticRequest
 from headstock.scene.scene import require_name
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root, share_from_root

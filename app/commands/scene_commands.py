@@ -68,7 +68,7 @@ def plan(
         from headstock.app.terminal.summary import print_plan
         from headstock.pipeline.planning.kernels import add_compiling
         from headstock.pipeline.planning.planner import plan_scene
-        from headstock.scene.building.lobes import require_feed_of_run
+        from headstock.scene.analyses.lobes import require_feed_of_run
 
         chosen = choose_scene(scene, variant, set_, analysis)
         if fidelity is not None:

@@ -19,7 +19,7 @@ from headstock.app.terminal.console import (
 from headstock.app.texts.bounded_values import show_bound
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.planning.budgets import lobes_seconds
-from headstock.scene.requests import LobesRequest
+from headstock.scene.analyses.lobes import LobesRequest
 from headstock.scene.studies import describe_positions, moving_axes
 from headstock.studies.sweeps.files import PointMapSummary, SweepSummary
 from headstock.studies.sweeps.results import SweepResults

@@ -44,7 +44,7 @@ from headstock.reduction.estimates.interface_errors import (
     shape_energies,
 )
 from headstock.reduction.estimates.model_errors import split_change
-from headstock.scene.requests import FrfRequest
+from headstock.scene.analyses.frf import FrfRequest
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.frequency_response import (
     FrfModel,

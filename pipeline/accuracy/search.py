@@ -61,7 +61,10 @@ from headstock.pipeline.planning.resources import Cost, measure
 from headstock.pipeline.stages.run_state import ReducedComponent, RunState
 from headstock.pipeline.stages.shared_components import make_superelements
 from headstock.pipeline.storage.store import Store
-from headstock.scene.requests import Analyses, FrfRequest, ModalRequest, StaticRequest
+from headstock.scene.analyses.frf import FrfRequest
+from headstock.scene.analyses.modal import ModalRequest
+from headstock.scene.analyses.static import StaticRequest
+from headstock.scene.requests import Analyses
 from headstock.scene.scene import AccuracyGoal, Scene
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root

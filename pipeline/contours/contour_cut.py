@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.scene.reading.forces import ForceRecord, resample_forces
-from headstock.scene.requests import ContouringRequest
 from headstock.solvers.milling.forces import Side, part_sign, repeated_forces
 from headstock.solvers.milling.regeneration import (
     RegenerativeCut,

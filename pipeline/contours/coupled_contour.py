@@ -60,8 +60,8 @@ from headstock.pipeline.contours.trajectory_motors import (
 )
 from headstock.pipeline.stages.probe_motions import place_probes, read_probes
 from headstock.pipeline.stages.run_state import RunState
+from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.scene.reading.forces import ForceRecord
-from headstock.scene.requests import ContouringRequest
 from headstock.solvers.control.friction import friction_force
 from headstock.solvers.milling.path_drives import find_tool_positions
 from headstock.solvers.milling.stability import TipDynamics, tip_dynamics

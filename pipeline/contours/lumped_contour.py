@@ -27,8 +27,8 @@ from headstock.pipeline.contours.contour_drives import (
 from headstock.pipeline.contours.contour_run import ContourDrives, ContourRun
 from headstock.pipeline.contours.traced_path import plan_request
 from headstock.pipeline.stages.lumped_machine import sample_leg_errors
+from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.scene.reading.forces import ForceRecord
-from headstock.scene.requests import ContouringRequest
 from headstock.scene.scene import SceneMechanism
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.solvers.mechanisms.modes import (

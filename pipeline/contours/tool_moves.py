@@ -68,7 +68,7 @@ from headstock.pipeline.stages.probe_motions import (
 from headstock.pipeline.stages.run_state import Outcome, PoseModel, RunState
 from headstock.reduction.coupling.joint_forces import JointForces, joint_outputs
 from headstock.reduction.coupling.probes import PlacedProbe
-from headstock.scene.requests import PathRequest
+from headstock.scene.analyses.path import PathRequest
 from headstock.scene.scene import SceneMechanism
 from headstock.solvers.milling.forces import cutting_forces
 from headstock.solvers.milling.straight_path import StraightPath, UnitTravel

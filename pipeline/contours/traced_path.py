@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.scene.reading.forces import ForceFileError
 from headstock.scene.reading.tool_positions import read_positions
-from headstock.scene.requests import ContouringRequest
 from headstock.solvers.milling.path_drives import smooth_samples
 from headstock.solvers.milling.tool_path import (
     ContourPlan,

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.pipeline.lobes.cutting_point import CuttingPoint, turn_response
-from headstock.scene.requests import LobesRequest
+from headstock.scene.analyses.lobes import LobesRequest
 from headstock.solvers.milling.border import find_border
 from headstock.solvers.milling.coefficients import CuttingCoefficients
 from headstock.solvers.milling.collocation import PeriodicCut, safe_depth

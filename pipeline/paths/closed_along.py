@@ -16,7 +16,7 @@ from headstock.reduction.coupling.path_loads import (
     find_rigid_travels,
     stack_driven_modes,
 )
-from headstock.scene.requests import PathRequest
+from headstock.scene.analyses.path import PathRequest
 from headstock.solvers.control.friction_loop import friction_channels
 from headstock.solvers.paths.loads import load_channels
 from headstock.solvers.paths.response import PathDeviation

@@ -14,7 +14,7 @@ from headstock.pipeline.stages.motion_forces import watch_drives, watch_joints
 from headstock.pipeline.stages.probe_motions import place_probes, probe_outputs, watch_path_probes
 from headstock.pipeline.stages.run_state import RunState
 from headstock.reduction.coupling.joint_forces import joint_outputs
-from headstock.scene.requests import PathRequest
+from headstock.scene.analyses.path import PathRequest
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.driven_motion import DrivenMotion
 from headstock.solvers.control.friction_loop import friction_channels

@@ -16,7 +16,7 @@ from headstock.pipeline.stages.motion_forces import read_joints, record_drives
 from headstock.pipeline.stages.probe_motions import place_probes
 from headstock.pipeline.stages.run_state import RunState
 from headstock.reduction.estimates.probe_errors import SEEN
-from headstock.scene.requests import PathRequest
+from headstock.scene.analyses.path import PathRequest
 from headstock.solvers.control.drive_loops import ENCODER
 from headstock.solvers.control.drive_trains import FORCE
 from headstock.solvers.paths.controlled import solve_controlled_path

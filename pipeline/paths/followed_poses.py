@@ -6,7 +6,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.path import FollowedPoses
-from headstock.scene.requests import PathRequest
+from headstock.scene.analyses.path import PathRequest
 from headstock.solvers.paths.response import PathDeviation, filter_deviation
 from headstock.solvers.paths.varying_response import StepTable
 from headstock.solvers.paths.varying_system import VaryingSystem

@@ -20,7 +20,7 @@ from headstock.reduction.coupling.joint_forces import joint_outputs
 from headstock.reduction.coupling.path_loads import add_path_input, stack_modes
 from headstock.reduction.coupling.probes import travel_inertia
 from headstock.reduction.estimates.probe_errors import SEEN
-from headstock.scene.requests import PathRequest
+from headstock.scene.analyses.path import PathRequest
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.paths.loads import cut_times
 from headstock.solvers.paths.response import PathDeviation, PathModel, solve_path

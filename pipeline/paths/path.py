@@ -24,7 +24,7 @@ from headstock.pipeline.planning.repeats import EACH
 from headstock.pipeline.stages.better_machines import repeat_at_ends, repeat_without, silence
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.reduction.motions.path_errors import NODES, find_path_errors
-from headstock.scene.requests import PathRequest
+from headstock.scene.analyses.path import PathRequest
 from headstock.solvers.errors import ModelError, UnstableControlError
 from headstock.solvers.milling.coefficients import CuttingCoefficients
 from headstock.solvers.paths.response import (

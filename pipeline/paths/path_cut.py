@@ -9,7 +9,7 @@ from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.machine.machine import Machine
 from headstock.pipeline.paths.travels import travel_of_channel
 from headstock.pipeline.planning.budgets import PATH_STEPS_PER_TURN
-from headstock.scene.requests import PathCut
+from headstock.scene.analyses.path import PathCut
 from headstock.solvers.errors import ModelError
 from headstock.solvers.milling.forces import cutting_forces, part_sign
 from headstock.solvers.paths.loads import PathLoads

@@ -31,7 +31,7 @@ from headstock.reduction.motions.path_errors import (
     pass_offsets,
     respond_to_errors,
 )
-from headstock.scene.requests import PathRequest
+from headstock.scene.analyses.path import PathRequest
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.drive_trains import FORCE, SCALE
 from headstock.solvers.control.friction_loop import friction_channels

@@ -6,7 +6,7 @@ from headstock.pipeline.stages.machine import CoupledPose
 from headstock.pipeline.stages.run_state import RunState
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.coupling.path_loads import PATH_INPUT
-from headstock.scene.requests import PathRequest
+from headstock.scene.analyses.path import PathRequest
 from headstock.solvers.paths.response import PathModel, sample_times
 from headstock.solvers.paths.set_points import SetPoint
 

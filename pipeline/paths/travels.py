@@ -6,7 +6,7 @@ import numpy as np
 
 from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray
 from headstock.geometry.machine.machine import Machine
-from headstock.scene.requests import PathRequest
+from headstock.scene.analyses.path import PathRequest
 
 
 def axis_shares(request: PathRequest) -> dict[str, float]:

@@ -31,19 +31,17 @@ from headstock.pipeline.planning.budgets import (
 )
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.repeats import EACH, ONCE, Improvement, list_repeats
-from headstock.scene.requests import (
-    Analyses,
-    ContouringRequest,
-    ControlRequest,
-    FrfRequest,
-    LobesRequest,
-    MapRequest,
-    ModalRequest,
-    PathRequest,
-    StaticRequest,
-    TransientRequest,
-    VolumetricRequest,
-)
+from headstock.scene.analyses.contouring import ContouringRequest
+from headstock.scene.analyses.control import ControlRequest
+from headstock.scene.analyses.frf import FrfRequest
+from headstock.scene.analyses.lobes import LobesRequest
+from headstock.scene.analyses.map import MapRequest
+from headstock.scene.analyses.modal import ModalRequest
+from headstock.scene.analyses.path import PathRequest
+from headstock.scene.analyses.static import StaticRequest
+from headstock.scene.analyses.transient import TransientRequest
+from headstock.scene.analyses.volumetric import VolumetricRequest
+from headstock.scene.requests import Analyses
 from headstock.scene.scene import Scene
 from headstock.solvers.milling.forces import MillingCut
 from headstock.solvers.milling.tool_path import plan_contour

@@ -13,7 +13,8 @@ from headstock.geometry.parts.components import Component, MeshSettings, weigh_m
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.sizing import CELL_BUDGET
 from headstock.pipeline.planning.plan import Stage
-from headstock.scene.requests import LobesRequest, PathRequest
+from headstock.scene.analyses.lobes import LobesRequest
+from headstock.scene.analyses.path import PathRequest
 from headstock.solvers.milling.border import DENSE
 from headstock.solvers.milling.forces import MillingCut
 from headstock.solvers.milling.windows import MOST_ROWS

@@ -52,11 +52,9 @@ from headstock.pipeline.storage.content_keys import superelement_key
 from headstock.reduction.components.solver_choice import (
     SolverChoice,
 )
+from headstock.scene.analyses.modal import ModalRequest
 from headstock.scene.building.components import bounding_box
 from headstock.scene.reading.findings import SceneError
-from headstock.scene.requests import (
-    ModalRequest,
-)
 from headstock.scene.scene import Scene
 
 

@@ -19,10 +19,8 @@ from headstock.reduction.components.solver_choice import (
     choose_method,
     predict_factor_entries,
 )
-from headstock.scene.requests import (
-    Analyses,
-    ModalRequest,
-)
+from headstock.scene.analyses.modal import ModalRequest
+from headstock.scene.requests import Analyses
 from headstock.scene.scene import Scene
 
 FEWEST_DEFAULT_MODES = 20

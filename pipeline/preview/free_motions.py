@@ -14,7 +14,7 @@ from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.motions.body_motions import find_free_motions, warn_of_free_motions
 from headstock.reduction.motions.compliance_budget import point_budget
-from headstock.scene.requests import StaticRequest
+from headstock.scene.analyses.static import StaticRequest
 from headstock.scene.scene import Scene
 from headstock.solvers.errors import ModelError
 

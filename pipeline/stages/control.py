@@ -20,7 +20,7 @@ from headstock.pipeline.stages.run_state import (
     pose_name,
 )
 from headstock.reduction.coupling.coupling import CoupledMachine
-from headstock.scene.requests import ControlRequest
+from headstock.scene.analyses.control import ControlRequest
 from headstock.solvers.control.drive_loops import close_loops, find_velocity_lag
 from headstock.solvers.control.drive_trains import DriveTrain
 from headstock.solvers.control.margins import find_margins

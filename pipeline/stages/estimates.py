@@ -30,7 +30,7 @@ from headstock.reduction.estimates.mesh_errors import (
     frequency_mesh_errors,
     frequency_shape_errors,
 )
-from headstock.scene.requests import ModalRequest
+from headstock.scene.analyses.modal import ModalRequest
 from headstock.solvers.linear.modal_analysis import ModalResult
 
 NAMED_DOUBT = (

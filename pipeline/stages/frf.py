@@ -62,7 +62,8 @@ from headstock.reduction.estimates.response_errors import (
     project_response,
     soften_response,
 )
-from headstock.scene.requests import LOAD, FrfRequest
+from headstock.scene.analyses.frf import FrfRequest
+from headstock.scene.requests import LOAD
 from headstock.solvers.control.closed_response import (
     ClosedResponse,
     control_forces,

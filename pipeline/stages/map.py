@@ -16,7 +16,7 @@ from headstock.pipeline.answers.static import N_PER_UM
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.mechanism import placed_mechanism
 from headstock.pipeline.stages.run_state import Outcome, RunState
-from headstock.scene.requests import MapRequest
+from headstock.scene.analyses.map import MapRequest
 from headstock.scene.scene import SceneMechanism
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.solvers.mechanisms.modes import linearise_poses, solve_pose_modes, tool_compliance

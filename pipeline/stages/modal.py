@@ -46,7 +46,7 @@ from headstock.reduction.motions.body_motions import (
     warn_of_free_motions,
 )
 from headstock.reduction.superelement import Superelement
-from headstock.scene.requests import ModalRequest
+from headstock.scene.analyses.modal import ModalRequest
 from headstock.scene.scene import Scene
 from headstock.solvers.linear.damped_modes import damping_of_undamped, solve_damped
 from headstock.solvers.linear.damping import equivalent_viscous

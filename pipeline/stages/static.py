@@ -16,7 +16,7 @@ from headstock.pipeline.stages.run_state import (
     Solved,
     pose_model,
 )
-from headstock.scene.requests import StaticRequest
+from headstock.scene.analyses.static import StaticRequest
 from headstock.solvers.errors import ModelError
 
 

@@ -45,7 +45,7 @@ from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.coupling.memo import CouplingMemo
 from headstock.reduction.estimates.deviation_errors import DeviationChanges, estimate_deviation
 from headstock.reduction.motions.tool_deviation import GEOMETRY, ToolDeviation, solve_deviation
-from headstock.scene.requests import VolumetricRequest
+from headstock.scene.analyses.volumetric import VolumetricRequest
 from headstock.solvers.linear.volumetric import (
     AxisMotions,
     Squareness,

@@ -18,7 +18,7 @@ from headstock.pipeline.answers.modal import FREQUENCY
 from headstock.pipeline.numbers.estimates import DISCRETISATION, REDUCTION, Estimate
 from headstock.pipeline.planning.interfaces import find_glued_joints, find_reach
 from headstock.pipeline.stages.run_state import ReducedComponent, RunState
-from headstock.scene.requests import FrfRequest
+from headstock.scene.analyses.frf import FrfRequest
 
 CUTOFF_MARGIN = 1.5
 FEWEST_NODES = 6.0  # per wavelength: three second-order elements

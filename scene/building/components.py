@@ -474,6 +474,15 @@ def build_solids(scene: SceneTable, folder: Path, findings: Findings) -> dict[st
     return solids
 
 
+def check_presence(draft: Draft, findings: Findings) -> None:
+    """Report a scene without components."""
+    if not draft.table.components:
+        findings.add(
+            ("components",),
+            "there are no components; write [components.NAME] with a solid and a material",
+        )
+
+
 def check_components(draft: Draft, findings: Findings) -> None:
     """Report what is wrong with components: their materials, names, meshes, segments and
     patches.

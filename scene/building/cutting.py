@@ -1,7 +1,9 @@
 """Mills and cutting coefficients, built from the tables of what cuts: lobes, paths, contours."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import astuple, dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -10,19 +12,21 @@ from headstock.scene.building.draft import Draft
 from headstock.scene.expansion.cutting_catalogue import read_cutting_materials
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.reading.units import SPEED
-from headstock.scene.requests import PathRequest
-from headstock.scene.scene import Scene
-from headstock.scene.schema.cutting import TYPICAL_RANGES, TYPICAL_RATIOS, CuttingTable
-from headstock.scene.schema.mechanism import ContouringTable, LobesTable, MillTable
-from headstock.scene.schema.path import PathCutTable
+from headstock.scene.schema.cutting import (
+    TYPICAL_RANGES,
+    TYPICAL_RATIOS,
+    CuttingTable,
+    MillTable,
+    ToolModeTable,
+)
 from headstock.scene.schema.scene import SceneTable
 from headstock.solvers.milling.coefficients import (
     CuttingCoefficients,
     build_coefficients,
     mean_chip_thickness,
 )
-from headstock.solvers.milling.forces import EndMill, MillingCut, Side, clockwise_side
+from headstock.solvers.milling.forces import EndMill, MillingCut, Sense, Side, clockwise_side
+from headstock.solvers.milling.tool_dynamics import ToolMode, across_axis
 
 SECTION = "cutting"
 # outside a number is likely a slip of units [SI]
@@ -37,7 +41,43 @@ MOST_LEAD = 45.0  # between the travel and the plane across the tool [deg]
 MOST_ACROSS = 1.5  # of the tangential force
 THIN, THICK = 1e-6, 2e-3  # feed per tooth [m]
 
-Cutter = ContouringTable | LobesTable | PathCutTable
+CUTTING_FORCE = "cutting_force"
+
+
+class CutTable(Protocol):
+    """The table of what cuts."""
+
+    @property
+    def mill(self) -> MillTable:
+        """The tool."""
+
+    @property
+    def radial_depth(self) -> float:
+        """Depth of cut across the tool [m]."""
+
+    @property
+    def sense(self) -> Sense:
+        """Down or up milling."""
+
+    @property
+    def part_side(self) -> Side | None:
+        """Where the part lies, if it is written."""
+
+    @property
+    def material(self) -> str | None:
+        """Name of the work material."""
+
+
+class MilledTable(CutTable, Protocol):
+    """The table of a cut at one speed of the spindle."""
+
+    @property
+    def spindle(self) -> float:
+        """Speed of the spindle [rad/s]."""
+
+    @property
+    def axial_depth(self) -> float:
+        """Depth of cut along the tool [m]."""
 
 
 @dataclass(frozen=True)
@@ -63,18 +103,38 @@ def build_mill(table: MillTable) -> EndMill:
     return EndMill(table.diameter, table.teeth, table.helix, table.runout)
 
 
-def part_side(table: Cutter) -> Side:
+def part_side(table: CutTable) -> Side:
     """Where the part lies: as written, or where a clockwise tool mills in this sense."""
     return table.part_side or clockwise_side(table.sense)
 
 
-def build_cut(scene: SceneTable, table: ContouringTable | PathCutTable) -> MillingCut:
+def build_tool_mode(table: ToolModeTable, up: tuple[float, float, float]) -> ToolMode:
+    """A mode in its direction, or in both across the tool.
+
+    Args:
+        table: Of the mode.
+        up: Direction along the tool.
+    """
+    if table.direction is None:
+        directions = across_axis(np.array(up))
+    else:
+        along = np.array(table.direction)
+        directions = (along / np.linalg.norm(along))[:, None]
+    return ToolMode(table.name, table.frequency, table.damping, table.stiffness, directions)
+
+
+def build_cut(scene: SceneTable, table: MilledTable, feeds: Sequence[float]) -> MillingCut:
     """Tool, material and engagement of a path or a contour; without a material (forces are measured,
     or there are none) coefficients are zero.
+
+    Args:
+        scene: With its tables.
+        table: Of the cut.
+        feeds: Per tooth [m].
     """
     coefficients = CuttingCoefficients((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "")
     if table.material is not None:
-        coefficients = resolve_material(scene, table.material, table)
+        coefficients = resolve_material(scene, table.material, table, feeds)
     return MillingCut(
         build_mill(table.mill),
         coefficients,
@@ -85,19 +145,27 @@ def build_cut(scene: SceneTable, table: ContouringTable | PathCutTable) -> Milli
     )
 
 
-def resolve_material(scene: SceneTable, name: str, table: Cutter) -> CuttingCoefficients:
+def tooth_period(table: MilledTable) -> float:
+    """Return the time between two teeth [s]."""
+    return 2.0 * math.pi / (table.spindle * table.mill.teeth)
+
+
+def resolve_material(
+    scene: SceneTable, name: str, table: CutTable, feeds: Sequence[float]
+) -> CuttingCoefficients:
     """The coefficients of a material in a cut: of the scene, else of the catalogue.
 
     Args:
         scene: With its tables.
         name: Of the material, which is known.
         table: Of the cut.
+        feeds: Per tooth [m]; none where they are not known.
     """
     own = scene.cutting.get(name)
     if own is None:
-        return catalogue_coefficients(name, _find_chips(scene, table))
+        return catalogue_coefficients(name, _find_chips(table, feeds))
     source = own.source or f"[{SECTION}.{name}] of the scene"
-    return _fill_in(own, name, source, _find_chips(scene, table))
+    return _fill_in(own, name, source, _find_chips(table, feeds))
 
 
 def catalogue_coefficients(name: str, chips: Chips | None = None) -> CuttingCoefficients:
@@ -124,9 +192,8 @@ def _fill_in(own: CuttingTable, name: str, source: str, chips: Chips) -> Cutting
     return build_coefficients(values, ranges, name=name, source=source, thickness_from=how)
 
 
-def _find_chips(scene: SceneTable, table: Cutter) -> Chips:
+def _find_chips(table: CutTable, feeds: Sequence[float]) -> Chips:
     """Mean thickness of the chips of a cut; of several feeds in the middle of them."""
-    feeds = _feeds_per_tooth(scene, table)
     if not feeds:
         return USUAL_CHIPS
     low, high = min(feeds), max(feeds)
@@ -137,19 +204,6 @@ def _find_chips(scene: SceneTable, table: Cutter) -> Chips:
         (high - low) / (high + low),
         f"mean of a chip at {told} mm per tooth and {100.0 * immersion:.3g} % immersion",
     )
-
-
-def _feeds_per_tooth(scene: SceneTable, table: Cutter) -> list[float]:
-    """Feeds per tooth of a cut [m]; none where they are not known."""
-    if isinstance(table, LobesTable):
-        return [] if table.feed_per_tooth is None else [table.feed_per_tooth]
-    feeds = [table.feed] if isinstance(table, ContouringTable) else []
-    if isinstance(table, PathCutTable) and scene.analyses.path is not None:
-        written = scene.analyses.path.feeds
-        feeds = [feed.value for feed in written if feed.dimension == SPEED]
-        feeds = feeds if len(feeds) == len(written) else []
-    period = 2.0 * math.pi / (table.spindle * table.mill.teeth)
-    return [feed * period for feed in feeds]
 
 
 def find_lead_fault(up: FloatArray, travel: FloatArray) -> str:
@@ -166,91 +220,60 @@ def find_lead_fault(up: FloatArray, travel: FloatArray) -> str:
     return f"at a lead angle of {lead:.3g} deg; a mill travels across its axis, up to {MOST_LEAD:g} deg"
 
 
-def list_cutters(scene: SceneTable) -> dict[KeyPath, Cutter]:
-    """Everything in a scene that cuts, by its key."""
-    analyses = scene.analyses
-    found: dict[KeyPath, Cutter | None] = {
-        ("analyses", "lobes"): analyses.lobes,
-        ("analyses", "contouring"): analyses.contouring,
-        ("analyses", "path", "cut"): None if analyses.path is None else analyses.path.cut,
-    }
-    return {key: table for key, table in found.items() if table is not None}
-
-
 def check_cutting(draft: Draft, findings: Findings) -> None:
-    """Report materials that there are not and cuts no tool can make; warn of coefficients that no
-    material has; note what the catalogue gives.
-    """
-    scene = draft.table
-    for name, table in scene.cutting.items():
+    """Warn of coefficients that no material has."""
+    for name, table in draft.table.cutting.items():
         _check_coefficients((SECTION, name), table, findings)
+
+
+def check_cutter(
+    key: KeyPath,
+    table: CutTable,
+    feeds: Sequence[float],
+    draft: Draft,
+    findings: Findings,
+    *,
+    always: bool = False,
+) -> None:
+    """Report a material that does not exist and a cut that no tool can make; note what is assumed of
+    the material, and warn of chips of unusual thickness.
+
+    Args:
+        key: Of the table.
+        table: Of the cut.
+        feeds: Per tooth [m]; none where they are not known.
+        draft: The scene.
+        findings: Receives problems.
+        always: It cuts without the effect ``cutting_force`` too.
+    """
+    scene, material = draft.table, table.material
     written = draft.sections.get(SECTION, frozenset())
-    for key, cutter in list_cutters(scene).items():
-        if cutter.radial_depth > cutter.mill.diameter:
-            findings.add(
-                (*key, "radial_depth"),
-                f"is {1e3 * cutter.radial_depth:g} mm and the tool has {1e3 * cutter.mill.diameter:g} mm; take at most its diameter",
-            )
-            continue
-        material = cutter.material
-        if material is None or (material in written and material not in scene.cutting):
-            continue  # what is wrong with its own entry is said there
-        if material not in scene.cutting and material not in read_cutting_materials():
-            names = [*sorted(written), *read_cutting_materials()]
-            hint = suggest_names(material, names, what="materials")
-            example = material if material.isidentifier() else "NAME"
-            findings.add(
-                (*key, "material"),
-                f'there is no {material[:80]!r}; {hint}; or write [{SECTION}.{example}] with Ktc = "800 N/mm^2" and so on',
-            )
-            continue
-        _note(key, cutter, material, scene, findings)
-
-
-def check_cut_lead(scene: Scene, findings: Findings) -> None:
-    """Report a straight path that leads its mill along the tool's own axis."""
-    request = scene.analyses.get(PathRequest) or scene.on_request.get(PathRequest)
-    if request is None or request.cut is None:
-        return
-    start, end = request.path.start.positions, request.path.end.positions
-    moved = {name: end.get(name, 0.0) - start.get(name, 0.0) for name in request.path.axes}
-    machine = scene.machine
-    if scene.mechanism is not None:
-        travel = np.array([moved.get(name, 0.0) for name in "XYZ"])
-    elif any(axis.kind == "rotary" for axis in machine.axes.values()):
-        return  # they turn the directions of others; the run tells
-    else:
-        point = machine.points[request.cut.at]
-        travel = sum(
-            (
-                ((point.tool.component in axis.moves) - (point.work.component in axis.moves))
-                * moved[name]
-                * axis.direction
-                for name, axis in machine.axes.items()
-                if name in moved
-            ),
-            np.zeros(3),
-        )
-    if np.linalg.norm(travel) > 0.0 and (
-        fault := find_lead_fault(np.array(request.cut.up), travel)
-    ):
+    if table.radial_depth > table.mill.diameter:
         findings.add(
-            ("analyses", "path", "cut", "up"),
-            f"points along the path, {fault}; write another up, or another path",
+            (*key, "radial_depth"),
+            f"is {1e3 * table.radial_depth:g} mm and the tool has {1e3 * table.mill.diameter:g} mm; take at most its diameter",
         )
-
-
-def _note(key: KeyPath, cutter: Cutter, name: str, scene: SceneTable, findings: Findings) -> None:
-    """What is assumed of a material in a cut, and whether its chips are of ordinary thickness."""
-    coefficients = resolve_material(scene, name, cutter)
-    own = scene.cutting.get(name)
-    cuts = isinstance(cutter, LobesTable) or scene.effects.get("cutting_force", False) is not False
+        return
+    if material is None or (material in written and material not in scene.cutting):
+        return  # what is wrong with its own entry is said there
+    if material not in scene.cutting and material not in read_cutting_materials():
+        names = [*sorted(written), *read_cutting_materials()]
+        hint = suggest_names(material, names, what="materials")
+        example = material if material.isidentifier() else "NAME"
+        findings.add(
+            (*key, "material"),
+            f'there is no {material[:80]!r}; {hint}; or write [{SECTION}.{example}] with Ktc = "800 N/mm^2" and so on',
+        )
+        return
+    coefficients = resolve_material(scene, material, table, feeds)
+    own = scene.cutting.get(material)
+    cuts = always or scene.effects.get(CUTTING_FORCE, False) is not False
     # what was measured is not assumed, and what a scene writes is known; a tangent is told anyway
     told = coefficients.ranges if own is None else set(coefficients.ranges) - set(own.ranges)
     if cuts and (told or coefficients.chip_thickness is not None):
-        given = f"[{SECTION}.{name}]" if own is not None else f"catalogue {name}"
+        given = f"[{SECTION}.{material}]" if own is not None else f"catalogue {material}"
         findings.assume((*key, "material"), f"{given}: {coefficients.describe()}")
-    for feed in _feeds_per_tooth(scene, cutter):
+    for feed in feeds:
         if not THIN <= feed <= THICK:
             findings.warn(
                 key,

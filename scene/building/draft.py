@@ -2,19 +2,26 @@
 and checks of a name.
 """
 
-from collections.abc import Iterable, Mapping
+import functools
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from headstock.geometry.machine.joints import GROUND, JointEnd
 from headstock.geometry.mechanisms.tool_mechanism import TOOL_AXES
 from headstock.geometry.parts.solids import Solid
 from headstock.scene.expansion.overrides import split_variant
+from headstock.scene.reading.analysis_names import NAMES
 from headstock.scene.reading.axis_paths import AxisPath
 from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.schema.scene import SceneTable
+from headstock.scene.requests import Request
+from headstock.scene.scene import Scene
+from headstock.scene.schema.scene import SceneTable, load_record
+from headstock.scene.schema.types import RequestTable
+from headstock.scene.studies import Sweep
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +50,42 @@ class Draft:
     interfaces: Mapping[str, frozenset[str] | None]
     solids: Mapping[str, Solid]
     paths: Mapping[str, AxisPath]
+
+    @property
+    def poses(self) -> tuple[str, ...]:
+        """Names of the poses; a scene that names none has one, ``reference``."""
+        return tuple(self.table.poses) or ("reference",)
+
+
+@dataclass(frozen=True, eq=False)
+class SceneAnalysis[T: RequestTable, R: Request]:
+    """An analysis as scenes know it: each module of ``scene/analyses`` has one, ``ANALYSIS``.
+
+    Attributes:
+        table: Schema of ``[analyses.NAME]``.
+        request: What is built from the table.
+        meaning: Of the analysis, for the scene reference.
+        build: Builds the request of a scene that has passed every check.
+        check: Reports what is wrong with the table, whatever else is.
+        check_complete: Reports what is wrong once every entry of the scene passed the schema.
+        check_scene: Reports what is wrong with the machine in its poses.
+        check_sweep: Raises SceneError where the poses of a sweep do not suffice.
+    """
+
+    table: type[T]
+    request: type[R]
+    meaning: str
+    build: Callable[[T, Draft], R]
+    check: Callable[[T, Draft, Findings], None]
+    check_complete: Callable[[T, Draft, Findings], None] | None = None
+    check_scene: Callable[[R, Scene, Findings], None] | None = None
+    check_sweep: Callable[[Scene, Sweep], None] | None = None
+
+
+@functools.cache
+def list_records() -> tuple[SceneAnalysis[Any, Any], ...]:
+    """Return every analysis, in the order of their names."""
+    return tuple(load_record(name) for name in NAMES)
 
 
 def collect_sections(raw: TomlTable) -> dict[str, frozenset[str]]:

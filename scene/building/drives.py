@@ -1,27 +1,21 @@
-"""Drives and the cut of a path: built from their tables, and what may be wrong with them, their
-effects and their control.
-"""
+"""Drives: built from their tables, and what may be wrong with them, their effects and analyses."""
 
 import math
 
 from headstock.geometry.machine.drives import AxisControl, Drive, GuideFriction, TorqueRipple
 from headstock.geometry.mechanisms.exechon import LENGTHS
-from headstock.scene.building.cutting import build_cut, part_side
 from headstock.scene.building.draft import Draft, check_name
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import DAMPING
-from headstock.scene.requests import ControlRequest, PathCut
 from headstock.scene.schema.drives import DriveTable, FrictionTable
-from headstock.scene.schema.path import PathTable
 from headstock.scene.schema.scene import SceneTable
 
-DRIVE_CONTROL, FRICTION, SCREW_INERTIA, TORQUE_RIPPLE, CUTTING_FORCE = (
+DRIVE_CONTROL, FRICTION, SCREW_INERTIA, TORQUE_RIPPLE = (
     "drive_control",
     "friction",
     "screw_inertia",
     "torque_ripple",
-    "cutting_force",
 )
 DEAD_CYCLES = 1.5  # one cycle of computing, and half a cycle during which a force stays
 
@@ -42,8 +36,6 @@ def check_drives(draft: Draft, findings: Findings) -> None:
         if table.scale is not None:
             check_name(("drives", name, "scale"), table.scale, "points", draft, findings)
     _check_effects(scene, findings)
-    _check_analysis(scene, findings)
-    _check_path(scene, findings)
 
 
 def driven_axis(name: str, table: DriveTable) -> str:
@@ -224,89 +216,16 @@ def _check_effects(scene: SceneTable, findings: Findings) -> None:
             )
         elif not has:
             findings.add(("effects", effect), f"no drive has a {effect}; write it in [drives.NAME]")
-
-
-def _check_path(scene: SceneTable, findings: Findings) -> None:
-    """Under control every linear axis that a path moves needs a drive."""
-    path = scene.analyses.path
-    if path is None:
-        transient = scene.analyses.transient
-        loaded = transient is not None and transient.motors == "controlled"
-        if (
-            scene.effects.get(FRICTION, False) is not False
-            and scene.analyses.contouring is None
-            and not loaded
-        ):
-            findings.add(
-                ("effects", FRICTION),
-                "friction acts along paths and contours and on loads over time under control, and the scene has none;"
-                ' add [analyses.path], [analyses.contouring], or [analyses.transient] with motors = "controlled"',
-            )
-        return
-    _check_cut(scene, path, findings)
-    if scene.effects.get(DRIVE_CONTROL, False) is False:
-        return
-    if path.lowpass is not None:
-        _check_sampling(scene, path.lowpass, "path", "lowpass", findings)
-    driven = {driven_axis(name, table) for name, table in scene.drives.items()}
-    for axis, end in path.to.items():
-        start = path.start.get(axis)
-        if (
-            axis in scene.axes
-            and scene.axes[axis].kind == "linear"
-            and axis not in driven
-            and (start is None or start.value != end.value)
-        ):
-            findings.add_for(
-                "path",
-                ("analyses", "path", "to", axis),
-                f"axis {axis} moves under control, but no drive moves it; write [drives.{axis}]",
-            )
-
-
-def _check_cut(scene: SceneTable, path: PathTable, findings: Findings) -> None:
-    """The cut of a path, and the effect that needs it."""
-    key: KeyPath = ("analyses", "path", "cut")
-    cut = path.cut
-    cuts = scene.effects.get(CUTTING_FORCE, False) is not False
-    elsewhere = scene.mechanism is not None or scene.analyses.contouring is not None
-    if cuts and cut is None and not elsewhere:
+    if FRICTION in wanted and FRICTION not in scene.analyses.effects:
         findings.add(
-            ("effects", CUTTING_FORCE),
-            "nothing is milled; write [analyses.path.cut] with mill, spindle, depths and material",
+            ("effects", FRICTION),
+            "friction acts along paths and contours and on loads over time under control, and the scene has none;"
+            ' add [analyses.path], [analyses.contouring], or [analyses.transient] with motors = "controlled"',
         )
-    if cut is None:
-        return
-    if cut.at is not None and cut.at not in scene.points:
-        findings.add(
-            (*key, "at"),
-            f"unknown point {cut.at[:80]!r}; {suggest_names(cut.at, scene.points, what='points')}",
-        )
-    elif not scene.points:
-        findings.add(key, "there is no point for the tool; write [points]")
 
 
-def _check_analysis(scene: SceneTable, findings: Findings) -> None:
-    frf, transient = scene.analyses.frf, scene.analyses.transient
-    if frf is not None and frf.motors == "controlled":
-        _check_motors(scene, "frf", findings)
-        _check_sampling(scene, frf.to, "frf", "to", findings)
-    if transient is not None and transient.motors == "controlled":
-        _check_motors(scene, "transient", findings)
-        _check_sampling(scene, transient.up_to, "transient", "up_to", findings)
-    request = scene.analyses.control
-    if request is None:
-        return
-    if scene.effects.get(DRIVE_CONTROL, False) is False:
-        findings.add_for(
-            "control",
-            ("analyses", "control"),
-            "drives are not controlled; write [effects] drive_control = true",
-        )
-    _check_sampling(scene, request.up_to, "control", "up_to", findings)
-
-
-def _check_motors(scene: SceneTable, analysis: str, findings: Findings) -> None:
+def check_motors(scene: SceneTable, analysis: str, findings: Findings) -> None:
+    """Report an analysis with controlled motors where drives are not controlled."""
     if scene.effects.get(DRIVE_CONTROL, False) is False:
         findings.add_for(
             analysis,
@@ -315,7 +234,7 @@ def _check_motors(scene: SceneTable, analysis: str, findings: Findings) -> None:
         )
 
 
-def _check_sampling(
+def check_sampling(
     scene: SceneTable, band: float, analysis: str, what: str, findings: Findings
 ) -> None:
     """Report drives that sample too slowly to show the band [Hz] of an analysis."""
@@ -335,26 +254,6 @@ def build_drives(scene: SceneTable) -> dict[str, Drive]:
     if DRIVE_CONTROL not in on:
         return {}
     return {name: _build_drive(name, table, scene, on) for name, table in scene.drives.items()}
-
-
-def build_control(scene: SceneTable, poses: tuple[str, ...]) -> ControlRequest | None:
-    """What is requested of the control loops."""
-    request = scene.analyses.control
-    return (
-        None
-        if request is None
-        else ControlRequest(request.up_to, request.speed, tuple(request.poses or poses))
-    )
-
-
-def build_path_cut(scene: SceneTable) -> PathCut | None:
-    """What a path mills, where the effect ``cutting_force`` is on."""
-    path = scene.analyses.path
-    if path is None or path.cut is None or scene.effects.get("cutting_force", False) is False:
-        return None
-    table = path.cut
-    at = table.at or next(iter(scene.points))
-    return PathCut(build_cut(scene, table), at, table.up, part_side(table))
 
 
 def _build_drive(name: str, table: DriveTable, scene: SceneTable, on: set[str]) -> Drive:

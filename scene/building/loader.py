@@ -9,13 +9,6 @@ from pathlib import Path
 from headstock.geometry.machine.joints import Axis, Joint
 from headstock.geometry.machine.machine import Machine, Probe, orient_machine
 from headstock.geometry.parts.components import Component, Support
-from headstock.scene.building.analyses import (
-    build_frf,
-    build_modal,
-    build_static,
-    check_requests,
-    check_subjects,
-)
 from headstock.scene.building.axes import (
     build_axis,
     build_poses,
@@ -33,15 +26,12 @@ from headstock.scene.building.components import (
     build_solid,
     build_solids,
     check_components,
+    check_presence,
 )
-from headstock.scene.building.contouring import (
-    build_contouring,
-    check_contour_reach,
-    check_contouring,
-)
-from headstock.scene.building.cutting import check_cut_lead, check_cutting
-from headstock.scene.building.draft import Draft, collect_interfaces, collect_sections
-from headstock.scene.building.drives import build_control, build_drives, check_drives
+from headstock.scene.building.cutting import check_cutting
+from headstock.scene.building.draft import Draft, collect_interfaces, collect_sections, list_records
+from headstock.scene.building.drives import build_drives, check_drives
+from headstock.scene.building.effects import check_effects
 from headstock.scene.building.guide_errors import (
     build_axis_errors,
     build_leg_errors,
@@ -59,17 +49,10 @@ from headstock.scene.building.loads import (
     check_probes,
     check_supports,
 )
-from headstock.scene.building.lobes import build_lobes, check_lobes, require_feed_of_sweep
 from headstock.scene.building.mechanism import (
-    build_map,
     build_mechanism,
     check_mechanism,
     check_reach,
-)
-from headstock.scene.building.path import (
-    build_path_request,
-    check_path,
-    check_path_carriages,
 )
 from headstock.scene.building.plausibility import (
     check_mode_counts,
@@ -86,8 +69,6 @@ from headstock.scene.building.studies import (
     check_sweeps,
     read_sweep_paths,
 )
-from headstock.scene.building.transient import build_transient, check_transient
-from headstock.scene.building.volumetric import build_volumetric, check_volumetric
 from headstock.scene.expansion.expansion import expand_scene
 from headstock.scene.expansion.includes import INCLUDE, read_with_includes
 from headstock.scene.expansion.overrides import (
@@ -99,7 +80,7 @@ from headstock.scene.expansion.overrides import (
 from headstock.scene.reading.files import MAX_DEPTH, TomlTable, TomlValue, nesting_depth
 from headstock.scene.reading.findings import Findings
 from headstock.scene.requests import Analyses
-from headstock.scene.scene import AccuracyGoal, CompareSettings, Limits, Scene
+from headstock.scene.scene import AccuracyGoal, CompareSettings, Limits, Scene, list_analyses
 from headstock.scene.schema.effects import (
     GRAVITY_STIFFENING,
     GUIDE_ERRORS,
@@ -109,7 +90,6 @@ from headstock.scene.schema.effects import (
 )
 from headstock.scene.schema.scene import SceneTable
 from headstock.scene.schema.validation import validate_tables
-from headstock.solvers.mechanisms.modes import PoseDamping
 
 # These need entries that passed the schema, whatever else is wrong.
 CHECKS_OF_ENTRIES: tuple[Callable[[Draft, Findings], None], ...] = (
@@ -123,13 +103,8 @@ CHECKS_OF_ENTRIES: tuple[Callable[[Draft, Findings], None], ...] = (
     check_axes,
     check_guide_errors,
     check_poses,
-    check_requests,
-    check_path,
-    check_volumetric,
-    check_lobes,
-    check_transient,
+    check_effects,
     check_mechanism,
-    check_contouring,
     check_cutting,
     check_sweeps,
     check_studies,
@@ -142,16 +117,9 @@ CHECKS_OF_ENTRIES: tuple[Callable[[Draft, Findings], None], ...] = (
 CHECKS_OF_ALL_ENTRIES: tuple[Callable[[Draft, Findings], None], ...] = (
     check_floating,
     check_axis_moves,
-    check_subjects,
+    check_presence,
     check_drives,
     check_reach,
-)
-# These need the machine in its poses.
-CHECKS_OF_THE_SCENE: tuple[Callable[[Scene, Findings], None], ...] = (
-    check_carriages,
-    check_path_carriages,
-    check_cut_lead,
-    check_contour_reach,
 )
 
 
@@ -252,10 +220,15 @@ def build_scene(
     )
     for check in (*CHECKS_OF_ENTRIES, *(CHECKS_OF_ALL_ENTRIES if complete else ())):
         check(draft, findings)
+    _check_analyses(draft, findings, complete=complete)
     findings.raise_if_any()
     scene = _build_scene(draft, path, findings, variant)
-    for check_scene in CHECKS_OF_THE_SCENE:
-        check_scene(scene, findings)
+    # these need the machine in its poses
+    check_carriages(scene, findings)
+    requests = list_analyses(scene)
+    for record in list_records():
+        if record.check_scene is not None and record.request.analysis in requests:
+            record.check_scene(requests[record.request.analysis], scene, findings)
     findings.raise_if_any()
     return scene
 
@@ -282,15 +255,33 @@ def prepare_sweep(scene: Scene, name: str, *, overrides: Sequence[str] = ()) -> 
     findings = Findings(str(scene.path))
     check_sweep_carriages(scene.machine, scene.sweeps[name], findings)
     findings.raise_if_any()
-    require_feed_of_sweep(scene, scene.sweeps[name])
+    for record in list_records():
+        if record.check_sweep is not None:
+            record.check_sweep(scene, scene.sweeps[name])
     return scene
+
+
+def _check_analyses(draft: Draft, findings: Findings, *, complete: bool) -> None:
+    """Check the tables of analyses.
+
+    Args:
+        draft: The scene.
+        findings: Receives problems.
+        complete: Every entry of the scene passed the schema.
+    """
+    for record in list_records():
+        table = draft.table.analyses.get(record.table)
+        if table is not None:
+            record.check(table, draft, findings)
+            if complete and record.check_complete is not None:
+                record.check_complete(table, draft, findings)
 
 
 def _build_scene(draft: Draft, path: Path, findings: Findings, variant: str | None) -> Scene:
     table = draft.table
     name = table.name or path.stem
     poses = build_poses(table)
-    every = _build_analyses(table, tuple(poses), path.parent)
+    every = _build_analyses(draft)
     return Scene(
         name=name,
         path=path,
@@ -339,21 +330,10 @@ def _compares_interfaces(table: SceneTable) -> bool:
     return any(interface.auto for part in parts for interface in part.interfaces.values())
 
 
-def _build_analyses(table: SceneTable, poses: tuple[str, ...], folder: Path) -> Analyses:
-    damping = table.effects.get("damping", False)
+def _build_analyses(draft: Draft) -> Analyses:
+    tables = {record: draft.table.analyses.get(record.table) for record in list_records()}
     return Analyses(
-        build_static(table, poses),
-        build_modal(table, poses),
-        build_frf(table, poses),
-        build_map(table),
-        build_contouring(
-            table, folder, PoseDamping(read_modal_damping(damping), read_rayleigh_damping(damping))
-        ),
-        build_path_request(table),
-        build_control(table, poses),
-        build_volumetric(table),
-        build_lobes(table, poses, folder),
-        build_transient(table, poses, folder),
+        *(record.build(table, draft) for record, table in tables.items() if table is not None)
     )
 
 

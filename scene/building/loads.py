@@ -155,7 +155,7 @@ def _check_displacement(key: KeyPath, table: LoadTable, draft: Draft, findings: 
             (*key, "rotation"),
             f"is {math.degrees(turning):.3g} deg, and deflections are linear; write at most {math.degrees(SMALL_ROTATION):.2g} deg",
         )
-    if draft.table.analyses.volumetric is not None:
+    if "volumetric" in draft.table.analyses.requested:
         findings.add(
             key,
             "a volumetric map takes forces, gravity and errors of guides; put the displacement in a variant without it",
@@ -186,16 +186,10 @@ def check_probes(draft: Draft, findings: Findings) -> None:
                 ("probes", name, "at"),
                 f"lies outside {probe.component}, which reaches over x, y, z from {ends} in its own frame",
             )
-    static = scene.analyses.static
-    moving = (
-        scene.analyses.frf,
-        scene.analyses.transient,
-        scene.analyses.path,
-        scene.analyses.contouring,
-    )
-    if not scene.probes or any(each is not None for each in moving):
+    requested = scene.analyses.requested.keys()
+    if not scene.probes or requested & {"frf", "transient", "path", "contouring"}:
         return
-    if static is None:
+    if "static" not in requested:
         findings.add(
             ("probes",),
             "probes show the response to static or harmonic loads, to loads over time and along paths and contours; add [analyses.static],"

@@ -1,14 +1,10 @@
-"""The mechanism of a scene and maps of it: built from their tables, and what may be wrong with
-them.
-"""
+"""The mechanism of a scene: built from its table, and what may be wrong with it."""
 
-import math
 from collections.abc import Mapping
 
 import numpy as np
 
 from headstock.geometry.errors import PoseError
-from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.exechon import (
     LENGTHS,
     ExechonDimensions,
@@ -21,15 +17,11 @@ from headstock.scene.building.components import build_frame
 from headstock.scene.building.draft import Draft
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.units import ANGLE, LENGTH, Quantity
-from headstock.scene.requests import MapRequest
 from headstock.scene.scene import LegSprings, SceneMechanism
 from headstock.scene.schema.effects import GRAVITY_STIFFENING
 from headstock.scene.schema.loads import LoadTable
 from headstock.scene.schema.mechanism import ExechonTable, MechanismTable
 from headstock.scene.schema.scene import SceneTable
-
-FORCE_SUFFIXES = (".csv",)
-MAX_MAP_POSES = 40_000
 
 
 def build_mechanism(table: MechanismTable) -> SceneMechanism:
@@ -64,22 +56,6 @@ def build_dimensions(table: ExechonTable) -> ExechonDimensions:
     )
 
 
-def build_map(scene: SceneTable) -> MapRequest | None:
-    """The map a scene asks for: the axes of its sweep with several positions, the others where they
-    stand.
-    """
-    request = scene.analyses.map
-    if request is None:
-        return None
-    spans: dict[str, FloatArray] = {
-        name: np.asarray(np.linspace(span.low.value, span.high.value, span.positions), dtype=float)
-        for name, span in (scene.sweeps[request.sweep].axes or {}).items()
-    }
-    axes = tuple((name, values) for name, values in spans.items() if len(values) > 1)
-    fixed = {name: float(values[0]) for name, values in spans.items() if len(values) == 1}
-    return MapRequest(axes, fixed, request.count)
-
-
 def check_mechanism(draft: Draft, findings: Findings) -> None:
     """Report what is wrong with a mechanism, apart from poses that it cannot take, and with what is
     required of it.
@@ -87,7 +63,6 @@ def check_mechanism(draft: Draft, findings: Findings) -> None:
     scene = draft.table
     table = scene.mechanism
     _check_stiffening(scene, findings)
-    _check_map(scene, findings)
     if table is None:
         return
     if "orientation" in scene.model_fields_set:
@@ -197,32 +172,6 @@ def _check_pose_units(scene: SceneTable, findings: Findings) -> None:
             findings.add(
                 key, f'{axis} is measured as {wanted.name}; write for example "{wanted.example}"'
             )
-
-
-def _check_map(scene: SceneTable, findings: Findings) -> None:
-    request = scene.analyses.map
-    if request is None:
-        return
-    key = ("analyses", "map")
-    if not scene.is_lumped:
-        findings.add(key, "a map needs a lumped mechanism; this scene has none")
-    sweep = scene.sweeps.get(request.sweep)
-    if sweep is None:
-        findings.add(
-            (*key, "sweep"),
-            f"unknown sweep {request.sweep[:80]!r}; {suggest_names(request.sweep, scene.sweeps, what='sweeps')}",
-        )
-        return
-    counts = [span.positions for span in (sweep.axes or {}).values()]
-    if sum(count > 1 for count in counts) not in (2, 3):
-        findings.add(
-            (*key, "sweep"),
-            "a map needs a sweep of axes in which two or three have more than one position",
-        )
-    elif math.prod(counts) > MAX_MAP_POSES:
-        findings.add(
-            (*key, "sweep"), f"has {math.prod(counts)} poses; a map takes {MAX_MAP_POSES} at most"
-        )
 
 
 def _check_stiffening(scene: SceneTable, findings: Findings) -> None:

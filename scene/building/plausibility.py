@@ -99,13 +99,10 @@ def check_mode_counts(draft: Draft, findings: Findings) -> None:
     ``4 pi/3 V f^3 (1/c_p^3 + 2/c_s^3)``.
     """
     scene, solids = draft.table, draft.solids
-    analyses = scene.analyses
     requested: dict[KeyPath, float | None] = {
-        ("analyses", "modal", "up_to"): None if analyses.modal is None else analyses.modal.up_to,
-        ("analyses", "frf", "to"): None if analyses.frf is None else analyses.frf.to,
-        ("analyses", "control", "up_to"): None
-        if analyses.control is None
-        else analyses.control.up_to,
+        ("analyses", name, table.highest): getattr(table, table.highest)
+        for name, table in scene.analyses.requested.items()
+        if table.highest
     }
     limits = {
         name: _highest_frequency(scene.components[name], solid, scene)

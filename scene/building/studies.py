@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from headstock.geometry.errors import PoseError
+from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.carriages import find_overhangs
 from headstock.geometry.machine.machine import Machine, find_limit_fault, position_units
 from headstock.meshing.process.strangers import WAYPOINTS
@@ -328,3 +329,36 @@ def _check_watch(key: KeyPath, watch: str, scene: SceneTable, findings: Findings
             key,
             f"{watch}: {suggest_names(rest[0], known, what='points' if root == 'static' else 'components')}",
         )
+
+
+def build_grid(
+    sweep: SweepTable,
+) -> tuple[tuple[tuple[str, FloatArray], ...], dict[str, float]]:
+    """Return the axes of a sweep with several positions, and the positions of the others."""
+    spans: dict[str, FloatArray] = {
+        name: np.linspace(span.low.value, span.high.value, span.positions, dtype=np.float64)
+        for name, span in (sweep.axes or {}).items()
+    }
+    return (
+        tuple((name, values) for name, values in spans.items() if len(values) > 1),
+        {name: float(values[0]) for name, values in spans.items() if len(values) == 1},
+    )
+
+
+def check_grid(key: KeyPath, sweep: SweepTable, what: str, most: int, findings: Findings) -> None:
+    """Report a sweep that is no grid of two or three axes, or one of too many poses.
+
+    Args:
+        key: Where the sweep is named.
+        sweep: Its table.
+        what: Analysis that needs it, with its article.
+        most: Poses that are possible.
+        findings: Receives problems.
+    """
+    counts = [span.positions for span in (sweep.axes or {}).values()]
+    if sum(count > 1 for count in counts) not in (2, 3):
+        findings.add(
+            key, f"{what} needs a sweep of axes in which two or three have more than one position"
+        )
+    elif math.prod(counts) > most:
+        findings.add(key, f"has {math.prod(counts)} poses; {what} takes {most} at most")

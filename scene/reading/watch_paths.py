@@ -9,14 +9,15 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from headstock.scene.reading.analysis_names import NAMES
 from headstock.scene.reading.renamed_names import RESULT_KEYS
 
 Step = str | int | slice
 Watched = str | int | float | bool | None
 # what a summary holds at its top, and what a study itself measures of a point
 RESULT_NAMES = (
-    "name", "status", "versions", "stages", "totals", "components", "static", "static_poses", "modal", "probes", "frf", "control", "lobes", "path",
-    "transient", "volumetric", "map", "contouring", "mechanism", "accuracy", "model_errors", "interface_errors", "assumptions", "warnings", "failures",
+    "name", "status", "versions", "stages", "totals", "components", *NAMES, "static_poses", "probes", "mechanism", "accuracy", "model_errors",
+    "interface_errors", "assumptions", "warnings", "failures",
 )  # fmt: skip
 MEASURED_NAMES = ("seconds", "cpu_seconds")
 MAX_STEPS = 20

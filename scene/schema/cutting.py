@@ -1,19 +1,29 @@
-"""Schema of the cutting coefficients of a work material."""
+"""Schema of the cutting coefficients of a work material, and of a mill with its own modes."""
 
+import math
 from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, model_validator
 
 from headstock.scene.schema.types import (
+    Angle,
+    Between,
+    DampingShare,
+    Direction,
     EdgeForce,
+    Name,
     NotNegativeEdgeForce,
+    NotNegativeLength,
     NotNegativeShare,
     Number,
+    PositiveFrequency,
     PositiveLength,
     PositiveSpecificForce,
+    PositiveStiffness,
     SpecificForce,
     StrictTable,
     Text,
+    WholeNumber,
     one_of,
     problem,
 )
@@ -135,3 +145,62 @@ class CuttingTable(StrictTable):
             if key == "mc" and value * (1.0 + share) >= 1.0:
                 raise problem("gives a range of mc that reaches one; write less")
         return self
+
+
+MOST_TEETH = 40
+LEAST_DIAMETER, MOST_DIAMETER = 2e-5, 1.0  # of mills [m]
+MOST_HELIX = 75.0  # [deg]
+MOST_RUNOUT = 0.1  # of the diameter
+
+
+def _check_diameter(value: float) -> float:
+    if not LEAST_DIAMETER <= value <= MOST_DIAMETER:
+        raise problem(
+            f"is {1e3 * value:g} mm; mills measure {1e3 * LEAST_DIAMETER:g} to {1e3 * MOST_DIAMETER:g} mm; check the unit"
+        )
+    return value
+
+
+def _check_helix(value: float) -> float:
+    if not abs(value) <= math.radians(MOST_HELIX) * (1.0 + 1e-12):
+        raise problem(
+            f"is {math.degrees(value):g} deg; a helix angle, counted from the tool's axis, lies between {-MOST_HELIX:g} and {MOST_HELIX:g} deg;"
+            " check the unit"
+        )
+    return value
+
+
+class MillTable(StrictTable):
+    """A cylindrical end mill; a positive helix pulls a tool that turns clockwise down."""
+
+    diameter: Annotated[PositiveLength, AfterValidator(_check_diameter)]
+    """diameter of the tool"""
+    teeth: Annotated[WholeNumber, Between(1, MOST_TEETH)]
+    """number of teeth"""
+    helix: Annotated[Angle, AfterValidator(_check_helix)] = 0.0
+    """helix angle; a positive one pulls the tool down"""
+    runout: NotNegativeLength = 0.0
+    """distance of the tool axis from the spindle axis"""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.runout > MOST_RUNOUT * self.diameter:
+            raise problem(
+                f"has a runout of {1e3 * self.runout:g} mm, more than {100.0 * MOST_RUNOUT:g} % of its diameter; check the unit"
+            )
+        return self
+
+
+class ToolModeTable(StrictTable):
+    """A lumped mode of spindle or tool: a mass on a spring on what stands before it."""
+
+    name: Name
+    """name in tables"""
+    frequency: PositiveFrequency
+    """natural frequency on a rigid base"""
+    damping: DampingShare
+    """damping ratio on a rigid base"""
+    stiffness: PositiveStiffness
+    """stiffness of its spring; its mass follows from the frequency"""
+    direction: Direction | None = None
+    """direction in which it moves; default: both directions across the tool"""

@@ -1,4 +1,4 @@
-"""Schema of drives with their control, and of the analysis of control loops."""
+"""Schema of drives with their control."""
 
 from typing import Annotated, Literal, Self
 
@@ -9,10 +9,8 @@ from headstock.scene.reading.units import Quantity
 from headstock.scene.schema.types import (
     Angle,
     Count,
-    Names,
     NotNegativeForce,
     NotNegativeShare,
-    PositiveFrequency,
     PositiveInertia,
     PositiveLength,
     PositiveMoment,
@@ -20,7 +18,6 @@ from headstock.scene.schema.types import (
     PositiveRotationalStiffness,
     PositiveSpeed,
     PositiveTime,
-    RequestTable,
     StrictTable,
     Text,
     describe_quantity,
@@ -141,14 +138,3 @@ class DriveTable(StrictTable):
                 'names a scale, but the encoder is that of the motor; write encoder = "scale" or remove scale'
             )
         return self
-
-
-class ControlTable(RequestTable):
-    """Closed-loop poles, margins, bandwidth and tracking error of the drives."""
-
-    up_to: PositiveFrequency = 500.0
-    """highest frequency of the poles listed"""
-    speed: PositiveSpeed = 0.05
-    """axis speed at which the lag is reported"""
-    poses: Names | None = None
-    """poses in which it is computed; default: all of them"""

@@ -1,98 +1,46 @@
 """Schema of a whole scene file, its analyses, effects, limits and the accuracy it asks for."""
 
+import functools
 import re
-from typing import Annotated, Any, Literal, Self
+from importlib import import_module
+from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, create_model, field_validator
 
+from headstock.scene.reading.analysis_names import NAMES
 from headstock.scene.reading.units import ACCELERATION, RATE, TIME, show_value
-from headstock.scene.requests import Motors
 from headstock.scene.schema.axes import AxisTable, PointTable, PoseTable
 from headstock.scene.schema.chains import ChainTable
 from headstock.scene.schema.components import ComponentTable, MaterialTable, OrientationTable
 from headstock.scene.schema.cutting import CuttingTable
-from headstock.scene.schema.drives import ControlTable, DriveTable
+from headstock.scene.schema.drives import DriveTable
 from headstock.scene.schema.effects import EFFECT_NAMES, PLAIN_EFFECTS
 from headstock.scene.schema.joints import JointTable
 from headstock.scene.schema.loads import LoadTable, ProbeTable, SupportTable
-from headstock.scene.schema.mechanism import ContouringTable, LobesTable, MechanismTable
-from headstock.scene.schema.path import PathTable
+from headstock.scene.schema.mechanism import MechanismTable
 from headstock.scene.schema.studies import StudyTable, SweepTable
-from headstock.scene.schema.transient import TransientTable
 from headstock.scene.schema.types import (
     MAX_POSES,
+    MEANING,
     RATIO_FORM,
-    Between,
-    ChannelName,
     Count,
     Flag,
-    Frequency,
     JsonForm,
     Name,
-    Names,
     OrForm,
-    PositiveFrequency,
     PositiveMemory,
     PositiveTime,
     QuantityPattern,
     RequestTable,
     StrictTable,
     Text,
-    WholeNumber,
-    not_both,
     problem,
     read_share,
 )
-from headstock.scene.schema.volumetric import VolumetricTable
 
-Channels = Annotated[list[ChannelName], Field(min_length=1, max_length=100)]
 TIGHTEST, LOOSEST = 1e-4, 0.2
 MAX_INCLUDED = 50
 _PREFIX = re.compile(r"([A-Za-z][A-Za-z0-9_]{0,31})?")
-
-
-class FrfTable(RequestTable):
-    """Frequency response between points, or interfaces, from one frequency to another."""
-
-    inputs: Channels | None = None
-    """where loads act: `[["tcp", "x"]]`, a point or `component.interface` and one of `x y z rx ry rz`; a name alone means x, y and z; or a
-    load of `[loads]`, as large as it is there; default: all points"""
-    outputs: Channels | None = None
-    """where motion is computed, points and interfaces as in `inputs`, and probes by name; default: the inputs, for loads all points, and
-    all probes"""
-    start: Annotated[Frequency, Field(alias="from")] = 0.0
-    """lowest frequency; the value at 0 Hz is the static compliance"""
-    to: PositiveFrequency
-    """highest frequency; fixed-interface modes are kept up to twelve times this"""
-    points: Annotated[WholeNumber, Between(2, 100_000)] = 401
-    """number of frequencies of the regular grid"""
-    spacing: Literal["linear", "log"] = "linear"
-    """spacing of the regular grid"""
-    adaptive: Flag = True
-    """adds points around every resonance, from its half-power width outwards"""
-    motion: Literal["receptance", "mobility", "accelerance"] = "receptance"
-    """quantity in tables and charts; `results.h5` always holds receptances"""
-    motors: Motors = "locked"
-    """`locked`: motors hold their position; `controlled`: the loops of all drives are closed; with the effect `drive_control`"""
-    fields_at: tuple[PositiveFrequency, ...] = ()
-    """frequencies at which `run --volume` writes displacement and stress of elastic components under every input"""
-    poses: Names | None = None
-    """poses in which it is computed; default: all of them"""
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        beyond = [hz for hz in self.fields_at if hz > self.to]
-        if beyond:
-            raise problem(
-                f"`fields_at` has {beyond[0]:g} Hz, beyond `to` = {self.to:g} Hz, up to which modes are kept; write a higher `to`"
-            )
-        if self.start >= self.to:
-            raise problem(
-                f"begins at {self.start:g} Hz and ends at {self.to:g} Hz; write a lower `from`"
-            )
-        if self.spacing == "log" and self.start == 0.0:
-            raise problem('a log spacing cannot begin at 0 Hz; write from = "1 Hz"')
-        return self
 
 
 def _read_accuracy(value: object) -> float:
@@ -145,83 +93,25 @@ AccuracyEntry = Annotated[
 ]
 
 
-class StaticTable(RequestTable):
-    """Compliance at points; without `at` at every point."""
-
-    at: Names | None = None
-    """points at which it is computed; default: all of them"""
-    poses: Names | None = None
-    """poses in which it is computed; default: all of them"""
-
-
-class ModalTable(RequestTable):
-    """Natural frequencies and modes; six of them unless `count` or `up_to` is given; `from` and
-    `up_to` are a window of frequencies.
-    """
-
-    model_config = not_both("count", "up_to")
-
-    count: Count | None = None
-    """number of modes; default: 6, or all up to `up_to`"""
-    start: Annotated[Frequency, Field(alias="from")] = 0.0
-    """lowest frequency of a window that ends at `up_to`; modes below keep their numbers and are not listed"""
-    up_to: PositiveFrequency | None = None
-    """all modes up to this frequency, in place of `count`"""
-    poses: Names | None = None
-    """poses in which it is computed; default: all of them"""
-    spread: Flag = False
-    """solve again with all interfaces rigid and with all averaging: gives a range for each frequency"""
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if self.count is not None and self.up_to is not None:
-            raise problem("gives both count and up_to; keep one")
-        if self.start and self.up_to is None:
-            raise problem('a window of frequencies ends somewhere; write up_to = "500 Hz" as well')
-        if self.up_to is not None and self.start >= self.up_to:
-            raise problem(
-                f"begins at {self.start:g} Hz and ends at {self.up_to:g} Hz; write a lower `from`"
-            )
-        return self
-
-
-class MapTable(RequestTable):
-    """Modes, static stiffness and condition number of a lumped mechanism over the poses of a sweep
-    along two or three axes.
-    """
-
-    sweep: Text
-    """a sweep of `axes` in which two or three have several positions, at most 40 000 poses"""
-    count: Annotated[WholeNumber, Between(1, 6)] = 3
-    """number of natural frequencies; each mode is tracked by its shape"""
-
-
 _LEFT_OUT = OrForm({"const": False, "description": "left out"})
 
 
 class AnalysesTable(StrictTable):
     """What is computed; `false` leaves an analysis out, in a variant say."""
 
-    static: Annotated[StaticTable | None, _LEFT_OUT] = None
-    """compliance at points, and static response to loads"""
-    modal: Annotated[ModalTable | None, _LEFT_OUT] = None
-    """natural frequencies and modes"""
-    frf: Annotated[FrfTable | None, _LEFT_OUT] = None
-    """frequency responses, see [frequency response](frequency_response.md)"""
-    map: Annotated[MapTable | None, _LEFT_OUT] = None
-    """a lumped mechanism over its workspace"""
-    contouring: Annotated[ContouringTable | None, _LEFT_OUT] = None
-    """a block milled, see [contouring](contouring.md)"""
-    path: Annotated[PathTable | None, _LEFT_OUT] = None
-    """a straight line travelled by axes, see [path analysis](path_analysis.md)"""
-    control: Annotated[ControlTable | None, _LEFT_OUT] = None
-    """closed-loop poles and margins, see [drives](drives.md)"""
-    volumetric: Annotated[VolumetricTable | None, _LEFT_OUT] = None
-    """position error of the tool over a volume, see [geometric errors](geometric_errors.md)"""
-    lobes: Annotated[LobesTable | None, _LEFT_OUT] = None
-    """limit depth of cut over the speed of the spindle, see [lobes](lobes.md)"""
-    transient: Annotated[TransientTable | None, _LEFT_OUT] = None
-    """motion under loads that change with time, see [loads over time](transient.md)"""
+    def get[T: RequestTable](self, kind: type[T]) -> T | None:
+        """Return the table of an analysis; None where it is left out."""
+        return next((table for _, table in self if isinstance(table, kind)), None)
+
+    @property
+    def requested(self) -> dict[str, RequestTable]:
+        """Tables of the analyses that are not left out, by name."""
+        return {name: table for name, table in self if table is not None}
+
+    @property
+    def effects(self) -> frozenset[str]:
+        """Effects that act in one of the analyses and only in a few."""
+        return frozenset().union(*(table.effects for table in self.requested.values()))
 
     @field_validator("*", mode="before")
     @classmethod
@@ -439,3 +329,27 @@ class SceneTable(StrictTable):
         have no part in it.
         """
         return self.mechanism is not None and self.mechanism.model == "lumped"
+
+
+def load_record(name: str) -> Any:
+    """Return what the module of an analysis says of it, a ``SceneAnalysis``."""
+    return import_module(f"headstock.scene.analyses.{name}").ANALYSIS
+
+
+@functools.cache
+def complete_scene() -> type[SceneTable]:
+    """Return the table of a whole scene with the tables of all analyses."""
+    fields: dict[str, Any] = {}
+    for name in NAMES:
+        record = load_record(name)
+        meaning = Field(json_schema_extra={MEANING: record.meaning})
+        fields[name] = (Annotated[record.table | None, _LEFT_OUT, meaning], None)
+    analyses = create_model(
+        "AnalysesTable", __base__=AnalysesTable, __doc__=AnalysesTable.__doc__, **fields
+    )
+    return create_model(
+        "SceneTable",
+        __base__=SceneTable,
+        __doc__=SceneTable.__doc__,
+        analyses=(analyses, analyses()),
+    )

@@ -11,7 +11,7 @@ import re
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import (
@@ -80,6 +80,8 @@ class StrictTable(BaseModel):
 @functools.cache
 def _read_meanings(table: type[StrictTable]) -> dict[str, str]:
     """Return the texts below the fields that a table itself declares, by field."""
+    if "__firstlineno__" not in table.__dict__:
+        return {}  # made of other tables, without source
     tree = ast.parse(textwrap.dedent(inspect.getsource(table))).body[0]
     statements = tree.body if isinstance(tree, ast.ClassDef) else []
     return {
@@ -502,7 +504,14 @@ def _read_channel(value: object) -> tuple[str, str]:
 class RequestTable(StrictTable):
     """An analysis, which can be kept for when it is requested."""
 
+    highest: ClassVar[str] = ""  # key of the highest frequency that is wanted
+
     on_request: Flag = False
+
+    @property
+    def effects(self) -> frozenset[str]:
+        """Effects that act in this analysis and only in a few."""
+        return frozenset()
 
     @classmethod
     def __get_pydantic_json_schema__(

@@ -17,7 +17,7 @@ from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.renamed_names import REMOVED_KEYS, SCENE_KEYS
 from headstock.scene.reading.units import show_value
-from headstock.scene.schema.scene import SceneTable
+from headstock.scene.schema.scene import SceneTable, complete_scene
 
 # what pydantic puts among the keys: a faulty key, and which kind of value was taken
 TAGS = (
@@ -37,7 +37,7 @@ _KINDS = {
 
 def validate_tables(raw: TomlTable, findings: Findings) -> SceneTable | None:
     """Validate a parsed scene, as ``validate_against`` does."""
-    return validate_against(SceneTable, raw, findings)
+    return validate_against(complete_scene(), raw, findings)
 
 
 def validate_against[T: BaseModel](model: type[T], raw: TomlTable, findings: Findings) -> T | None:
@@ -74,9 +74,9 @@ def validate_against[T: BaseModel](model: type[T], raw: TomlTable, findings: Fin
     return None
 
 
-def known_keys(path: KeyPath, root: type[BaseModel] = SceneTable) -> list[str] | None:
+def known_keys(path: KeyPath, root: type[BaseModel] | None = None) -> list[str] | None:
     """Keys a schema, by default the scene's, knows at a path; None where any key may stand."""
-    model = _resolve_model(root, path)
+    model = _resolve_model(root or complete_scene(), path)
     return (
         [field.alias or name for name, field in model.model_fields.items()]
         if model is not None
@@ -86,7 +86,7 @@ def known_keys(path: KeyPath, root: type[BaseModel] = SceneTable) -> list[str] |
 
 def is_list(path: KeyPath) -> bool:
     """Whether the scene's schema has a list at a path."""
-    model = _resolve_model(SceneTable, path[:-1])
+    model = _resolve_model(complete_scene(), path[:-1])
     return model is not None and get_origin(_field_kind(model, str(path[-1]))) is list
 
 
@@ -94,7 +94,7 @@ def unknown_key(path: KeyPath) -> str:
     """What is wrong with the last key of a path that the scene's schema does not know, or no longer
     by this name.
     """
-    return _unknown_key(SceneTable, path)
+    return _unknown_key(complete_scene(), path)
 
 
 def _unknown_key(root: type[BaseModel], path: KeyPath) -> str:

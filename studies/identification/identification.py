@@ -19,9 +19,10 @@ from headstock.pipeline.stages.run_state import RunState
 from headstock.pipeline.stages.shared_components import make_superelements, prepare_components
 from headstock.pipeline.storage.store import Store
 from headstock.reduction.superelement import Superelement
+from headstock.scene.analyses.modal import ModalRequest
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.keys import write_number
-from headstock.scene.requests import Analyses, ModalRequest
+from headstock.scene.requests import Analyses
 from headstock.scene.scene import Scene
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root, share_from_root

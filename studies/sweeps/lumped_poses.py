@@ -14,7 +14,10 @@ from headstock.pipeline.stages.lumped_machine import SPRING_PARTS, series_parts
 from headstock.pipeline.stages.mechanism import build_mechanism, place_pose, scene_mechanism
 from headstock.pipeline.stages.run_state import MachineParts
 from headstock.reduction.superelement import Superelement
-from headstock.scene.requests import FrfRequest, LobesRequest, ModalRequest, StaticRequest
+from headstock.scene.analyses.frf import FrfRequest
+from headstock.scene.analyses.lobes import LobesRequest
+from headstock.scene.analyses.modal import ModalRequest
+from headstock.scene.analyses.static import StaticRequest
 from headstock.scene.scene import SceneMechanism
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.solvers.mechanisms.modes import (

@@ -23,7 +23,11 @@ from headstock.reduction.coupling.memo import CouplingMemo
 from headstock.reduction.motions.body_motions import join_names, split_number
 from headstock.reduction.motions.compliance_budget import point_budget
 from headstock.reduction.superelement import Superelement
-from headstock.scene.requests import LOAD, FrfRequest, LobesRequest, ModalRequest, StaticRequest
+from headstock.scene.analyses.frf import FrfRequest
+from headstock.scene.analyses.lobes import LobesRequest
+from headstock.scene.analyses.modal import ModalRequest
+from headstock.scene.analyses.static import StaticRequest
+from headstock.scene.requests import LOAD
 from headstock.solvers.linear.modal_analysis import keep_lowest, solve_lowest_modes
 from headstock.studies.sweeps.journals import FIGURES, PoseResult
 

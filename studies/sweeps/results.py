@@ -22,7 +22,11 @@ from headstock.pipeline.stages.modal import solve_pose_modes
 from headstock.pipeline.stages.run_state import MachineParts, PoseModel
 from headstock.pipeline.stages.static import solve_points
 from headstock.reduction.superelement import Superelement
-from headstock.scene.requests import Analyses, FrfRequest, LobesRequest, ModalRequest, StaticRequest
+from headstock.scene.analyses.frf import FrfRequest
+from headstock.scene.analyses.lobes import LobesRequest
+from headstock.scene.analyses.modal import ModalRequest
+from headstock.scene.analyses.static import StaticRequest
+from headstock.scene.requests import Analyses
 from headstock.scene.scene import Scene
 from headstock.scene.studies import Sweep, describe_positions, sweep_neighbours, sweep_pose
 from headstock.solvers.pairing.mode_tracking import (

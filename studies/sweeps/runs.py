@@ -28,8 +28,7 @@ from headstock.pipeline.storage.outputs import OutputError
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.reduction.motions.feed import trace_feed
 from headstock.reduction.superelement import Superelement
-from headstock.scene.building.lobes import refuse_still_feed
-from headstock.scene.requests import LobesRequest
+from headstock.scene.analyses.lobes import LobesRequest, refuse_still_feed
 from headstock.scene.scene import Scene
 from headstock.scene.studies import Sweep, describe_positions, sweep_pose
 from headstock.solvers.mpi import MPI

@@ -39,7 +39,9 @@ from headstock.pipeline.storage.store import Store
 from headstock.pipeline.storage.superelements import write_superelement
 from headstock.reduction.components import elastic as elastic_reduction
 from headstock.reduction.superelement import Superelement
-from headstock.scene.requests import Analyses, ModalRequest, StaticRequest
+from headstock.scene.analyses.modal import ModalRequest
+from headstock.scene.analyses.static import StaticRequest
+from headstock.scene.requests import Analyses
 from headstock.scene.scene import Scene
 from scene_runs import run
 

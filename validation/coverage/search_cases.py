@@ -35,7 +35,8 @@ from headstock.pipeline.storage.content_keys import code_fingerprint
 from headstock.pipeline.storage.store import Store, default_store_root, read_entry, write_entry
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest
-from headstock.scene.requests import Analyses, ModalRequest
+from headstock.scene.analyses.modal import ModalRequest
+from headstock.scene.requests import Analyses
 from headstock.scene.scene import AccuracyGoal, Scene
 from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.mpi import MPI

@@ -36,8 +36,10 @@ from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.content_keys import code_fingerprint
 from headstock.pipeline.storage.store import Store, default_store_root, read_entry, write_entry
+from headstock.scene.analyses.modal import ModalRequest
+from headstock.scene.analyses.static import StaticRequest
 from headstock.scene.building.loader import load_scene
-from headstock.scene.requests import Analyses, ModalRequest, StaticRequest
+from headstock.scene.requests import Analyses
 from headstock.scene.scene import AccuracyGoal, Scene
 from headstock.solvers.mpi import MPI
 from headstock.validation.coverage.parts import draw_part

@@ -40,8 +40,8 @@ from headstock.reduction.coupling.matrices import component_matrices
 from headstock.reduction.coupling.path_loads import PATH_INPUT, add_path_input, stack_modes
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import rigid_motions
+from headstock.scene.analyses.path import PathRequest
 from headstock.scene.building.loader import load_scene
-from headstock.scene.requests import PathRequest
 from headstock.scene.scene import keep_analyses
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.modal_analysis import solve_modal

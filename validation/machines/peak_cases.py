@@ -22,8 +22,8 @@ from headstock.pipeline.planning.analyses import FRF_MARGIN
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store
+from headstock.scene.analyses.frf import FrfRequest
 from headstock.scene.building.loader import load_scene
-from headstock.scene.requests import FrfRequest
 from headstock.scene.scene import AccuracyGoal, Scene
 from headstock.solvers.mpi import MPI
 from headstock.validation.machines.axis_kit_models import SCENE

@@ -14,9 +14,9 @@ from headstock.pipeline.contours.contour_run import ContourRun, face_instants, h
 from headstock.pipeline.contours.contouring import cut_multiplier, face_stability
 from headstock.pipeline.contours.lumped_contour import lumped_face_dynamics, run_lumped_contour
 from headstock.pipeline.contours.milled_faces import mill_faces
+from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.scene.building.cutting import catalogue_coefficients
 from headstock.scene.building.loader import load_scene
-from headstock.scene.requests import ContouringRequest
 from headstock.solvers.mechanisms.modes import PoseDamping
 from headstock.solvers.milling.stability import (
     milling_gains,

@@ -10,7 +10,7 @@ import numpy as np
 from headstock.pipeline.contours.contouring import face_stability
 from headstock.pipeline.contours.lumped_contour import lumped_face_dynamics, run_lumped_contour
 from headstock.pipeline.contours.milled_faces import mill_faces
-from headstock.scene.requests import ContouringRequest
+from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.solvers.mechanisms.modes import PoseDamping
 from headstock.solvers.milling.tool_dynamics import ToolMode
 from headstock.solvers.milling.tool_path import PolylineContour, SquareContour

@@ -26,8 +26,9 @@ from headstock.meshing.errors import MeshError
 from headstock.pipeline.preview.rigid_view import view_rigid
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.coupling.coupling import couple
+from headstock.scene.analyses.modal import ModalRequest
+from headstock.scene.analyses.static import StaticRequest
 from headstock.scene.building.loader import load_scene
-from headstock.scene.requests import ModalRequest, StaticRequest
 
 MACHINES = Path(__file__).resolve().parents[3] / "machines"
 SUPPORT = Path(__file__).parent.parent.parent / "data" / "support.step"

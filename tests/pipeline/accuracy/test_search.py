@@ -29,7 +29,9 @@ from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import ResponseSummary
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
-from headstock.scene.requests import Analyses, ModalRequest, StaticRequest
+from headstock.scene.analyses.modal import ModalRequest
+from headstock.scene.analyses.static import StaticRequest
+from headstock.scene.requests import Analyses
 from headstock.scene.scene import AccuracyGoal, Limits, Scene
 from scene_runs import run
 

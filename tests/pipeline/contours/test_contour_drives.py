@@ -24,8 +24,8 @@ from headstock.pipeline.stages.run_state import ReducedComponent, RunState
 from headstock.pipeline.storage.store import Store
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.components.segmented import reduce_segmented
+from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.scene.building.loader import load_scene
-from headstock.scene.requests import ContouringRequest
 from headstock.scene.scene import Scene, keep_analyses
 from headstock.solvers.control.dead_time import stack_blocks
 from headstock.solvers.control.drive_loops import (

@@ -28,9 +28,9 @@ from headstock.pipeline.contours.lumped_contour import run_lumped_contour
 from headstock.pipeline.contours.milled_faces import mill_faces
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store
+from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.forces import ForceFileError, ForceRecord
-from headstock.scene.requests import ContouringRequest
 from headstock.solvers.mechanisms.dynamics import MechanismBody
 from headstock.solvers.mechanisms.modes import PoseDamping, linearise_poses, tool_compliance
 from headstock.solvers.milling.path_drives import follow_path

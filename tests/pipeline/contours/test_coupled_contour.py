@@ -33,9 +33,9 @@ from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.components.segmented import reduce_segmented
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.coupling.path_loads import PATH_INPUT, add_path_input, stack_modes
+from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
-from headstock.scene.requests import ContouringRequest
 from headstock.scene.scene import keep_analyses
 from headstock.solvers.linear.damping import add_modal_damping
 from headstock.solvers.linear.modal_analysis import solve_modal

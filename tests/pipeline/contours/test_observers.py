@@ -21,8 +21,8 @@ from headstock.pipeline.answers.contouring import ContourAnswer
 from headstock.pipeline.answers.path import PathResult, PathRun
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store
+from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.scene.building.loader import load_scene
-from headstock.scene.requests import ContouringRequest
 from headstock.scene.scene import keep_analyses
 from headstock.solvers.milling.tool_path import plan_contour
 from headstock.validation.mechanisms.tripteor_machine import SCENE as TRIPTEOR

@@ -21,9 +21,9 @@ from headstock.pipeline.contours.rotary_axes import rotary_trajectory
 from headstock.pipeline.runner import run_scene
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.superelement import Superelement
+from headstock.scene.analyses.path import PathRequest
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
-from headstock.scene.requests import PathRequest
 from headstock.scene.scene import Scene
 from headstock.solvers.milling.forces import cutting_forces
 from headstock.solvers.paths.set_points import SetPoint, sample_move

@@ -31,9 +31,10 @@ from headstock.pipeline.stages.run_state import ReducedComponent, RunState
 from headstock.pipeline.storage.store import Store
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.coupling.guide_errors import GUIDE_ERRORS
+from headstock.scene.analyses.path import PathRequest
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
-from headstock.scene.requests import Analyses, PathRequest
+from headstock.scene.requests import Analyses
 from headstock.scene.scene import keep_analyses
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.drive_trains import FORCE

@@ -20,8 +20,8 @@ from headstock.pipeline.stages.run_state import ReducedComponent, RunState
 from headstock.pipeline.storage.store import Store
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.coupling.guide_errors import GUIDE_ERRORS
+from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.scene.building.loader import load_scene
-from headstock.scene.requests import ContouringRequest
 from headstock.scene.scene import keep_analyses
 from headstock.solvers.milling.tool_path import plan_contour
 from headstock.validation.mechanisms.tripteor_machine import SCENE as TRIPTEOR

@@ -26,8 +26,11 @@ from headstock.pipeline.planning.node_memory import RanksOnNodes
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.planning.reductions import MOST_DEFAULT_MODES, default_mode_count
+from headstock.scene.analyses.frf import FrfRequest
+from headstock.scene.analyses.modal import ModalRequest
+from headstock.scene.analyses.static import StaticRequest
 from headstock.scene.building.loader import load_scene
-from headstock.scene.requests import Analyses, FrfRequest, ModalRequest, StaticRequest
+from headstock.scene.requests import Analyses
 from headstock.scene.scene import Limits, Scene
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)

@@ -16,9 +16,9 @@ from headstock.app.views.view import FinishedRun
 from headstock.pipeline.results.summary import RunSummary, summarise
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages.map import map_workspace
+from headstock.scene.analyses.map import MapRequest
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
-from headstock.scene.requests import MapRequest
 from headstock.scene.scene import SceneMechanism, keep_analyses
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.validation.mechanisms.tripteor_machine import load_tripteor

@@ -23,8 +23,8 @@ from headstock.reduction.coupling.guide_errors import find_places, sample_offset
 from headstock.reduction.coupling.joint_springs import place_joints
 from headstock.reduction.motions.body_motions import solve_machine_static
 from headstock.reduction.motions.tool_deviation import GEOMETRY, solve_deviation
+from headstock.scene.analyses.path import PathRequest
 from headstock.scene.building.loader import load_scene
-from headstock.scene.requests import PathRequest
 from headstock.scene.scene import Scene, keep_analyses
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.drive_trains import FORCE

@@ -18,9 +18,9 @@ from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages.better_machines import NOT_ASKED
 from headstock.pipeline.storage.store import Store
+from headstock.scene.analyses.path import PathRequest
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
-from headstock.scene.requests import PathRequest
 from headstock.scene.scene import Scene, keep_analyses, list_analyses
 from headstock.solvers.milling.forces import cutting_forces
 

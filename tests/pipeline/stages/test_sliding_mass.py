@@ -18,8 +18,8 @@ from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.stages.run_state import ReducedComponent, RunState
 from headstock.pipeline.storage.store import Store
 from headstock.reduction.components.rigid import reduce_rigid
+from headstock.scene.analyses.path import PathRequest
 from headstock.scene.building.loader import load_scene
-from headstock.scene.requests import PathRequest
 
 STIFFNESS = 32000.0  # of the hinge [N m/rad]
 SCENE = machine("""

@@ -23,9 +23,12 @@ from headstock.geometry.parts.solids import (
     SuperelementFile,
     Tube,
 )
+from headstock.scene.analyses.contouring import ContouringRequest
+from headstock.scene.analyses.modal import ModalRequest
+from headstock.scene.analyses.path import PathRequest
+from headstock.scene.analyses.static import StaticRequest
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
-from headstock.scene.requests import ContouringRequest, ModalRequest, PathRequest, StaticRequest
 
 MACHINES = Path(__file__).resolve().parents[3] / "machines"
 STEEL = '[materials.steel]\nE = "210 GPa"\nnu = 0.3\nrho = "7850 kg/m^3"\n'

@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
+from headstock.scene.analyses.modal import ModalRequest
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
-from headstock.scene.requests import ModalRequest
 from headstock.scene.scene import keep_analyses
 
 DATA = Path(__file__).parents[2] / "data"

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from headstock.scene.requests import ContouringRequest
+from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.solvers.milling.tool_path import plan_contour
 from headstock.validation.mechanisms.marks_cases import AT_CORNERS, vary_contour
 

@@ -1,9 +1,12 @@
-"""A contour: built from its table, and what may be wrong with it, its effects and its reach."""
+"""A contour: a block milled around from outside, or a line that the tool's centre follows."""
 
 import math
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
+from pydantic import Field, model_validator
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.carriages import find_overhangs
@@ -11,26 +14,51 @@ from headstock.geometry.machine.machine import Pose, find_limit_fault
 from headstock.geometry.machine.tool_travel import find_tool_travel
 from headstock.geometry.mechanisms.exechon import LENGTHS
 from headstock.meshing.process.strangers import CORNERS, RECORD, FileKind
-from headstock.scene.building.cutting import build_cut, part_side
-from headstock.scene.building.draft import Draft, check_name
+from headstock.scene.building.cutting import (
+    CUTTING_FORCE,
+    build_cut,
+    build_tool_mode,
+    check_cutter,
+    part_side,
+    tooth_period,
+)
+from headstock.scene.building.draft import Draft, SceneAnalysis, check_name
 from headstock.scene.building.drives import FRICTION
-from headstock.scene.building.lobes import build_tool_mode
 from headstock.scene.reading.files import resolve_file
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.forces import ForceFileError
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.reading.tool_positions import read_corners, read_positions
-from headstock.scene.requests import ContouringRequest
+from headstock.scene.reading.tool_positions import MOST_CORNERS, read_corners, read_positions
+from headstock.scene.requests import Request
 from headstock.scene.scene import Scene
-from headstock.scene.schema.effects import CONTOUR_EFFECTS
-from headstock.scene.schema.mechanism import ContouringTable
+from headstock.scene.schema.cutting import MillTable, ToolModeTable
+from headstock.scene.schema.effects import read_modal_damping, read_rayleigh_damping
 from headstock.scene.schema.scene import SceneTable
+from headstock.scene.schema.types import (
+    Between,
+    Flag,
+    NotNegativeLength,
+    Position,
+    PositiveAngularSpeed,
+    PositiveFrequency,
+    PositiveLength,
+    PositiveSpeed,
+    PositiveTime,
+    RequestTable,
+    Text,
+    WholeNumber,
+    one_of,
+    problem,
+)
 from headstock.solvers.mechanisms.modes import PoseDamping
+from headstock.solvers.milling.forces import MillingCut
+from headstock.solvers.milling.tool_dynamics import ToolMode
 from headstock.solvers.milling.tool_path import (
     AVERAGES,
     SHORTEST_FACE,
     PolylineContour,
     SquareContour,
+    describe_contour,
     plan_contour,
 )
 
@@ -43,32 +71,176 @@ SLOWEST = 1e-10  # feed per tooth [m]
 ONE_HEIGHT = 1e-9  # of corners [m]
 
 
-def build_contouring(
-    scene: SceneTable, folder: Path, damping: PoseDamping
-) -> ContouringRequest | None:
-    """The contour a scene asks for.
+@dataclass(frozen=True)
+class ContouringRequest(Request):
+    """A contour.
 
-    Args:
-        scene: With its tables.
-        folder: Of the scene, for the file of measured forces.
-        damping: Of the whole machine.
+    Attributes:
+        contour: The way of the tool.
+        cut: Tool, material and engagement.
+        model: ``linear`` along the path, or the full equations.
+        steps_per_turn: Time steps per turn of the spindle.
+        damping: Of a lumped mechanism.
+        material: Name of the work material; None with measured forces.
+        forces: File of measured forces; None for computed ones.
+        cutting: Whether the tool cuts; otherwise it goes its way in air.
+        regeneration: Whether a tooth meets the wave the one before it left.
+        point: Where the tool is, of a machine of components; a lumped mechanism has its own.
+        modes_to_hz: Modes kept of a machine of components; what is above follows at once.
+        follows_pose: The machine's matrices change along the way; else those of its first straight
+            cut hold.
+        traces: File of measured positions of axes or legs; None for the computed path.
+        traces_knots: Distance of the knots of the spline through them [s].
+        tool_modes: Lumped modes of spindle and tool, from the machine to the tip.
+        cut_off: Wavelength between roughness and waviness of milled faces [m].
+        estimate: Its numbers get a ±.
+    """
+
+    analysis: ClassVar[str] = "contouring"
+
+    contour: SquareContour | PolylineContour
+    cut: MillingCut
+    model: Literal["linear", "nonlinear"]
+    steps_per_turn: int
+    damping: PoseDamping = field(default_factory=PoseDamping)
+    material: str | None = None
+    forces: Path | None = None
+    cutting: bool = True
+    regeneration: bool = False
+    point: str | None = None
+    modes_to_hz: float = math.inf
+    follows_pose: bool = True
+    traces: Path | None = None
+    traces_knots: float = 0.01
+    tool_modes: tuple[ToolMode, ...] = ()
+    cut_off: float = 0.8e-3
+    estimate: bool = True
+
+    def describe(self) -> str:
+        """In a few words: what is computed, and how far."""
+        source = (
+            f"forces of {self.forces.name}"
+            if self.forces is not None
+            else f"cutting forces in {self.material}"
+        )
+        if not self.cutting:
+            source = "no cutting force: not named in [effects]"
+        elif self.regeneration:
+            source += ", chips as thick as the last teeth left them"
+        if self.traces is not None:
+            source += f", drives as in {self.traces.name}"
+        if self.tool_modes:
+            source += f", {len(self.tool_modes)} mode(s) of spindle and tool"
+        return f"tool gap {describe_contour(self.contour)}, {self.model}, {source}"
+
+
+class ContouringTable(RequestTable):
+    """A square block milled around from outside, or a line of corners that the tool's centre
+    follows.
+    """
+
+    model_config = one_of("side", "polyline", "polyline_file")
+
+    side: PositiveLength | None = None
+    """side of the finished block, gone around clockwise seen from above if it lies on the right of the travel"""
+    at: Position | None = None
+    """centre of the block and height of the tool point: in the machine frame of a mechanism; of axes, how far the tool stands from its
+    work, counted from its position with all axes at zero, as a program has it; required with `side`"""
+    polyline: Annotated[list[Position], Field(min_length=2, max_length=MOST_CORNERS)] | None = None
+    """in place of a block: corners that the tool's centre follows, at one height, in the places of `at`"""
+    polyline_file: Text | None = None
+    """the same from a CSV file with the columns `x,y,z` in m, and `feed` to each corner in m/s if it differs"""
+    corner_radius: NotNegativeLength = 0.0
+    """radius of arcs around the corners of a polyline; sharp ones are rounded by the averages"""
+    feed: PositiveSpeed
+    """feed rate of the tool's centre along the path"""
+    spindle: PositiveAngularSpeed
+    """speed of the spindle"""
+    mill: MillTable
+    """the milling tool"""
+    axial_depth: PositiveLength
+    """depth of cut along the tool"""
+    radial_depth: PositiveLength
+    """depth of cut across the tool, at most its diameter"""
+    sense: Literal["down", "up"] = "down"
+    """`down` (climb): teeth leave at the finished face; `up` (conventional): they enter there"""
+    part_side: Literal["right", "left"] | None = None
+    """side of the travel on which the part lies; default: where a clockwise tool mills in this sense"""
+    material: Text | None = None
+    """workpiece material, in place of measured `forces`: of `[cutting.NAME]`, or of the [catalogue](cutting_coefficients.md)"""
+    forces: Text | None = None
+    """measured forces in place of computed ones: CSV with the columns `time,fx,fy,fz` in s and N, on the tool, machine frame; each time
+    step takes their mean over it"""
+    traces: Text | None = None
+    """measured positions that the drives follow in place of the computed path: CSV with the columns `time` in s and in m `q1,q2,q3` of the
+    legs of a mechanism or the names of the axes; its time starts with the path"""
+    traces_knots: PositiveTime = 0.01
+    """spacing of the knots of the spline through measured positions; noise between them is left out"""
+    lead: NotNegativeLength = 0.02
+    """length of the straight path before and after the block"""
+    averaging: PositiveTime = 0.01
+    """length of each of three moving averages that limit the jerk"""
+    model: Literal["linear", "nonlinear"] = "linear"
+    """`linear`: matrices along the path; `nonlinear`: the full equations of a lumped mechanism, and on any machine friction at the speeds
+    of the motors"""
+    steps_per_turn: Annotated[WholeNumber, Between(24, 2000)] = 96
+    """time steps per turn of the spindle"""
+    point: Text | None = None
+    """where the tool is, against the work; default: the scene's first point"""
+    modes_to: PositiveFrequency | None = None
+    """modes of a machine of components kept in time; those above follow at once; default: twice the frequency at which teeth pass"""
+    pose_model: Literal["pose_dependent", "frozen"] = "pose_dependent"
+    """`pose_dependent`: matrices of a machine of components change along the way; `frozen`: those of the middle of face 1"""
+    tool_modes: Annotated[list[ToolModeTable], Field(max_length=12)] = []
+    """lumped modes of spindle and tool as those of `[analyses.lobes]`, across the z axis unless they have a direction"""
+    cut_off: PositiveLength = 0.8e-3
+    """wavelength between roughness and waviness of the milled faces (Gaussian filter of ISO 16610-21)"""
+    estimate: Flag = True
+    """± of its numbers, for which machines of components go the contour once or twice more"""
+
+    @property
+    def effects(self) -> frozenset[str]:
+        """Axes rub, and teeth cut what those before them left."""
+        return frozenset({FRICTION, CUTTING_FORCE, "regeneration"})
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        written = [
+            name
+            for name in ("side", "polyline", "polyline_file")
+            if getattr(self, name) is not None
+        ]
+        if len(written) != 1:
+            raise problem(
+                f"gives {' and '.join(written) or 'no way for the tool'}; write either a block, side and at, or polyline, or polyline_file"
+            )
+        if (self.side is None) != (self.at is None):
+            raise problem(
+                "has at, the centre of a block, without side"
+                if self.side is None
+                else "has side without at, the centre of the block and the height of the tool point"
+            )
+        return self
+
+
+def _build(table: ContouringTable, draft: Draft) -> ContouringRequest:
+    """Build the request.
 
     Raises:
         ValueError: A file is missing or out of bounds, or the corners of a line are no contour.
         ForceFileError: The file of corners cannot be used.
     """
-    table = scene.analyses.contouring
-    if table is None:
-        return None
+    scene = draft.table
+    damping = scene.effects.get("damping", False)
     return ContouringRequest(
-        contour=_build_contour(table, folder),
-        cut=build_cut(scene, table),
+        contour=_build_contour(table, draft.folder),
+        cut=build_cut(scene, table, [table.feed * tooth_period(table)]),
         model=table.model,
         steps_per_turn=table.steps_per_turn,
-        damping=damping,
+        damping=PoseDamping(read_modal_damping(damping), read_rayleigh_damping(damping)),
         material=table.material,
-        forces=_find_file(folder, table.forces),
-        traces=_find_file(folder, table.traces),
+        forces=_find_file(draft.folder, table.forces),
+        traces=_find_file(draft.folder, table.traces),
         traces_knots=table.traces_knots,
         tool_modes=tuple(build_tool_mode(mode, UP) for mode in table.tool_modes),
         cutting=bool(scene.effects.get("cutting_force", False)),
@@ -169,39 +341,9 @@ def _check_way(table: ContouringTable, folder: Path, findings: Findings) -> None
         )
 
 
-def _explain_effect(name: str, *, on_path: bool) -> str:
-    """What to say of an effect that does not act."""
-    if name == "coriolis":
-        return (
-            "needs no switch here: linear axes do not turn what they carry, and what a guide that tilts does to a body that slides along it"
-            " is part of every way that follows its poses; remove it"
-        )
-    if name == "cutting_force":
-        return "acts in [analyses.contouring] and along [analyses.path], and this scene has neither; remove it"
-    if not on_path:
-        return "acts in [analyses.contouring] only, and this scene has none; remove it"
-    return (
-        "acts along contours, where teeth meet the waves of those before them; give the line of this path as polyline in [analyses.contouring],"
-        " or its corners in a CSV file as polyline_file, or remove the effect"
-    )
-
-
-def check_contouring(draft: Draft, findings: Findings) -> None:
+def _check(table: ContouringTable, draft: Draft, findings: Findings) -> None:
     """Report what is wrong with a contour, apart from places that it cannot reach."""
-    scene, table = draft.table, draft.table.analyses.contouring
-    acting = {"cutting_force"} if scene.analyses.path is not None else set()
-    acting |= {"cutting_force", "regeneration"} if table is not None else set()
-    if scene.mechanism is not None:
-        # its variants may name effects for contours that they leave out
-        acting = {*CONTOUR_EFFECTS} - ({"regeneration"} if scene.analyses.path else set()) | acting
-    for name in (set(CONTOUR_EFFECTS) - acting) & {
-        name for name, value in scene.effects.items() if value
-    }:
-        findings.add(
-            ("effects", name), _explain_effect(name, on_path=scene.analyses.path is not None)
-        )
-    if table is None:
-        return
+    scene = draft.table
     _check_regeneration(scene, table, findings)
     if not scene.is_lumped:
         _check_coupled(scene, table, draft, findings)
@@ -216,15 +358,13 @@ def check_contouring(draft: Draft, findings: Findings) -> None:
             _find_file(draft.folder, written)
         except ValueError as error:
             findings.add((*KEY, name), str(error))
+    check_cutter(KEY, table, [table.feed * tooth_period(table)], draft, findings)
 
 
-def check_contour_reach(scene: Scene, findings: Findings) -> None:
+def _check_scene(request: ContouringRequest, scene: Scene, findings: Findings) -> None:
     """Report where linear axes cannot follow a contour; a mechanism tells when it closes its
     loops.
     """
-    request = scene.analyses.get(ContouringRequest) or scene.on_request.get(ContouringRequest)
-    if request is None:
-        return
     plan = plan_contour(request.contour)
     path = plan.path
     if scene.mechanism is not None:
@@ -324,3 +464,13 @@ def _check_regeneration(scene: SceneTable, table: ContouringTable, findings: Fin
             ("analyses", "contouring", "steps_per_turn"),
             f"with regeneration must be a multiple of the {table.mill.teeth} teeth; write for example {24 * table.mill.teeth}",
         )
+
+
+ANALYSIS = SceneAnalysis(
+    ContouringTable,
+    ContouringRequest,
+    "a block milled, see [contouring](contouring.md)",
+    build=_build,
+    check=_check,
+    check_scene=_check_scene,
+)

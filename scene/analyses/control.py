@@ -1,0 +1,72 @@
+"""Closed loops of the drives: poles, margins, bandwidth and tracking error."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from headstock.scene.building.draft import Draft, SceneAnalysis, check_pose_names
+from headstock.scene.building.drives import DRIVE_CONTROL, check_sampling
+from headstock.scene.reading.findings import Findings
+from headstock.scene.reading.positions import KeyPath
+from headstock.scene.requests import Request
+from headstock.scene.schema.types import Names, PositiveFrequency, PositiveSpeed, RequestTable
+
+KEY: KeyPath = ("analyses", "control")
+
+
+@dataclass(frozen=True)
+class ControlRequest(Request):
+    """Closed loops of the drives: poles up to a frequency [Hz], lag at a speed [m/s], in named
+    poses.
+    """
+
+    analysis: ClassVar[str] = "control"
+
+    up_to_hz: float
+    speed: float
+    poses: tuple[str, ...] = ()
+
+    def describe(self, drives: tuple[str, ...]) -> str:
+        """In a few words, with the drives whose loops are closed."""
+        return f"effect drive_control: loops of {', '.join(drives)} closed, poles up to {self.up_to_hz:g} Hz"
+
+
+class ControlTable(RequestTable):
+    """Closed-loop poles, margins, bandwidth and tracking error of the drives."""
+
+    highest: ClassVar[str] = "up_to"
+
+    up_to: PositiveFrequency = 500.0
+    """highest frequency of the poles listed"""
+    speed: PositiveSpeed = 0.05
+    """axis speed at which the lag is reported"""
+    poses: Names | None = None
+    """poses in which it is computed; default: all of them"""
+
+
+def _build(table: ControlTable, draft: Draft) -> ControlRequest:
+    """Build the request: in all poses unless the table names some."""
+    return ControlRequest(table.up_to, table.speed, tuple(table.poses or draft.poses))
+
+
+def _check(table: ControlTable, draft: Draft, findings: Findings) -> None:
+    """Report poses that do not exist."""
+    check_pose_names((*KEY, "poses"), table.poses, draft, findings)
+
+
+def _check_drives(table: ControlTable, draft: Draft, findings: Findings) -> None:
+    """Report drives that are not controlled, or sample too slowly."""
+    if draft.table.effects.get(DRIVE_CONTROL, False) is False:
+        findings.add_for(
+            "control", KEY, "drives are not controlled; write [effects] drive_control = true"
+        )
+    check_sampling(draft.table, table.up_to, "control", "up_to", findings)
+
+
+ANALYSIS = SceneAnalysis(
+    ControlTable,
+    ControlRequest,
+    "closed-loop poles and margins, see [drives](drives.md)",
+    build=_build,
+    check=_check,
+    check_complete=_check_drives,
+)

@@ -1,0 +1,197 @@
+"""Frequency response between points, interfaces and probes."""
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal, Self
+
+from pydantic import Field, model_validator
+
+from headstock.scene.building.channels import build_channels, check_probe_output
+from headstock.scene.building.draft import Draft, SceneAnalysis, check_channel, check_pose_names
+from headstock.scene.building.drives import check_motors, check_sampling
+from headstock.scene.reading.findings import Findings
+from headstock.scene.reading.positions import KeyPath
+from headstock.scene.requests import LOAD, Motors, Request
+from headstock.scene.schema.types import (
+    Between,
+    ChannelName,
+    Flag,
+    Frequency,
+    Names,
+    PositiveFrequency,
+    RequestTable,
+    WholeNumber,
+    problem,
+)
+from headstock.solvers.second_order import Channel, Motion
+
+KEY: KeyPath = ("analyses", "frf")
+Channels = Annotated[list[ChannelName], Field(min_length=1, max_length=100)]
+
+
+@dataclass(frozen=True)
+class FrfRequest(Request):
+    """Frequency response between input and output channels, in named poses.
+
+    Attributes:
+        inputs: Where loads act: ``(point or component.interface, direction)``, or a load of the
+            scene as ``(name, LOAD)``.
+        outputs: Where motion is wanted.
+        probes: Where displacement and stress are wanted.
+        from_hz: Lowest frequency [Hz].
+        to_hz: Highest frequency [Hz].
+        points: Of the even grid.
+        spacing: Of the even grid.
+        adaptive: Add points around every resonance.
+        motion: What is tabled and drawn.
+        poses: All of them when empty.
+        motors: Locked, or under control.
+        fields_at: Frequencies at which volume meshes get displacement and stress [Hz].
+    """
+
+    analysis: ClassVar[str] = "frf"
+
+    inputs: tuple[Channel, ...]
+    outputs: tuple[Channel, ...]
+    to_hz: float
+    probes: tuple[str, ...] = ()
+    from_hz: float = 0.0
+    points: int = 401
+    spacing: Literal["linear", "log"] = "linear"
+    adaptive: bool = True
+    motion: Motion = "receptance"
+    poses: tuple[str, ...] = ()
+    motors: Motors = "locked"
+    fields_at: tuple[float, ...] = ()
+
+    def describe(self) -> str:
+        """In a few words: what is computed, and how far."""
+        entries = f"{len(self.outputs)} × {len(self.inputs)} responses"
+        under = ", drives under control" if self.motors == "controlled" else ""
+        inside = f", displacement and stress at {', '.join(self.probes)}" if self.probes else ""
+        return f"{self.motion}, {entries} from {self.from_hz:g} to {self.to_hz:g} Hz{under}{inside}"
+
+
+class FrfTable(RequestTable):
+    """Frequency response between points, or interfaces, from one frequency to another."""
+
+    highest: ClassVar[str] = "to"
+
+    inputs: Channels | None = None
+    """where loads act: `[["tcp", "x"]]`, a point or `component.interface` and one of `x y z rx ry rz`; a name alone means x, y and z; or a
+    load of `[loads]`, as large as it is there; default: all points"""
+    outputs: Channels | None = None
+    """where motion is computed, points and interfaces as in `inputs`, and probes by name; default: the inputs, for loads all points, and
+    all probes"""
+    start: Annotated[Frequency, Field(alias="from")] = 0.0
+    """lowest frequency; the value at 0 Hz is the static compliance"""
+    to: PositiveFrequency
+    """highest frequency; fixed-interface modes are kept up to twelve times this"""
+    points: Annotated[WholeNumber, Between(2, 100_000)] = 401
+    """number of frequencies of the regular grid"""
+    spacing: Literal["linear", "log"] = "linear"
+    """spacing of the regular grid"""
+    adaptive: Flag = True
+    """adds points around every resonance, from its half-power width outwards"""
+    motion: Literal["receptance", "mobility", "accelerance"] = "receptance"
+    """quantity in tables and charts; `results.h5` always holds receptances"""
+    motors: Motors = "locked"
+    """`locked`: motors hold their position; `controlled`: the loops of all drives are closed; with the effect `drive_control`"""
+    fields_at: tuple[PositiveFrequency, ...] = ()
+    """frequencies at which `run --volume` writes displacement and stress of elastic components under every input"""
+    poses: Names | None = None
+    """poses in which it is computed; default: all of them"""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        beyond = [hz for hz in self.fields_at if hz > self.to]
+        if beyond:
+            raise problem(
+                f"`fields_at` has {beyond[0]:g} Hz, beyond `to` = {self.to:g} Hz, up to which modes are kept; write a higher `to`"
+            )
+        if self.start >= self.to:
+            raise problem(
+                f"begins at {self.start:g} Hz and ends at {self.to:g} Hz; write a lower `from`"
+            )
+        if self.spacing == "log" and self.start == 0.0:
+            raise problem('a log spacing cannot begin at 0 Hz; write from = "1 Hz"')
+        return self
+
+
+def _build(table: FrfTable, draft: Draft) -> FrfRequest:
+    """Build the request: between all points in all poses unless the table names some."""
+    scene = draft.table
+    every = [(name, "") for name in scene.points]
+    inputs = build_channels(
+        [(n, LOAD if n in scene.loads else d) for n, d in table.inputs or every]
+    )
+    moved = tuple(channel for channel in inputs if channel[1] != LOAD)
+    outputs = [one for one in table.outputs or () if one[0] not in scene.probes]
+    inside = [name for name, _ in table.outputs or () if name in scene.probes]
+    return FrfRequest(
+        inputs=inputs,
+        outputs=build_channels(outputs) if outputs else moved or build_channels(every),
+        probes=tuple(dict.fromkeys(inside if table.outputs else scene.probes)),
+        to_hz=table.to,
+        from_hz=table.start,
+        points=table.points,
+        spacing=table.spacing,
+        adaptive=table.adaptive,
+        motion=table.motion,
+        poses=tuple(table.poses or draft.poses),
+        motors=table.motors,
+        fields_at=tuple(dict.fromkeys(table.fields_at)),
+    )
+
+
+def _check(table: FrfTable, draft: Draft, findings: Findings) -> None:
+    """Report names that mean nothing."""
+    for key, channels in (("inputs", table.inputs), ("outputs", table.outputs)):
+        for index, (name, direction) in enumerate(channels or ()):
+            place = (*KEY, key, index)
+            if key == "inputs" and name in draft.sections.get("loads", ()):
+                _check_load_input(place, name, direction, table, draft, findings)
+            elif key == "outputs" and name in draft.sections.get("probes", ()):
+                check_probe_output(place, name, direction, draft, findings)
+            else:
+                check_channel(place, name, draft, findings)
+    check_pose_names((*KEY, "poses"), table.poses, draft, findings)
+
+
+def _check_load_input(
+    key: KeyPath, name: str, direction: str, table: FrfTable, draft: Draft, findings: Findings
+) -> None:
+    load = draft.table.loads.get(name)
+    if name in draft.table.points:
+        findings.add(key, f"{name} is a point and a load; rename one of them")
+    elif direction:
+        findings.add(key, f'a load has its direction; write "{name}" alone')
+    elif load is not None and load.joint is not None:
+        findings.add(key, "is a displacement, which is a static load only; write a force or moment")
+    outputs = [one for one, _ in table.outputs or () if one not in draft.table.probes]
+    if not (draft.table.points or outputs):
+        findings.add(
+            key,
+            'there is no output for it at a point or an interface; write outputs = [["tcp", "z"]], or [points]',
+        )
+
+
+def _check_complete(table: FrfTable, draft: Draft, findings: Findings) -> None:
+    """Report that there is nothing to take a response of, and drives that cannot follow it."""
+    if table.inputs is None and not draft.table.points:
+        findings.add(
+            KEY,
+            'there is no point to take a response at; write [points], or inputs = [["tcp", "x"]]',
+        )
+    if table.motors == "controlled":
+        check_motors(draft.table, "frf", findings)
+        check_sampling(draft.table, table.to, "frf", "to", findings)
+
+
+ANALYSIS = SceneAnalysis(
+    FrfTable,
+    FrfRequest,
+    "frequency responses, see [frequency response](frequency_response.md)",
+    build=_build,
+    check=_check,
+    check_complete=_check_complete,
+)

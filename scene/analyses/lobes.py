@@ -1,0 +1,454 @@
+"""Stability lobes: the limit depth of cut over the speed of the spindle."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, ClassVar, Literal, NamedTuple, Self
+
+import numpy as np
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.machine import MachinePath
+from headstock.meshing.process.strangers import RECEPTANCES
+from headstock.scene.analyses.path import PathTable, build_path
+from headstock.scene.building.cutting import (
+    build_mill,
+    build_tool_mode,
+    check_cutter,
+    find_lead_fault,
+    part_side,
+    resolve_material,
+)
+from headstock.scene.building.draft import Draft, SceneAnalysis, check_name, check_pose_names
+from headstock.scene.reading.files import resolve_file
+from headstock.scene.reading.findings import Findings, SceneError
+from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.units import ANGULAR_SPEED
+from headstock.scene.requests import Request
+from headstock.scene.scene import Scene
+from headstock.scene.schema.cutting import MillTable, ToolModeTable
+from headstock.scene.schema.types import (
+    THREE_NUMBERS,
+    Between,
+    Direction,
+    JsonForm,
+    Names,
+    NotNegativeShare,
+    PositiveAngularSpeed,
+    PositiveFrequency,
+    PositiveLength,
+    QuantityPattern,
+    RequestTable,
+    Text,
+    WholeNumber,
+    problem,
+    read_direction,
+)
+from headstock.scene.studies import Sweep
+from headstock.solvers.milling.coefficients import CuttingCoefficients
+from headstock.solvers.milling.forces import EndMill, MillingCut, Sense, Side
+from headstock.solvers.milling.tool_dynamics import ToolMode
+from headstock.solvers.milling.windows import MOST_ROWS, expected_rows
+
+KEY: KeyPath = ("analyses", "lobes")
+SUFFIXES = (".csv",)
+FIXED = 'write directions that are the same in every pose, such as "x"'
+PARALLEL = 1e-6  # what is left of a direction across the tool
+FEED = "feed"  # name of the direction of travel that a path has in each pose
+MOST_SPEEDS = 5000
+
+
+@dataclass(frozen=True)
+class Travel:
+    """A direction in which a tool travels, the part on one side of it.
+
+    Attributes:
+        name: ``x``, ``-y``, three numbers, or ``feed``.
+        along: Machine frame; None for the feed, which differs from pose to pose.
+    """
+
+    name: str
+    along: tuple[float, float, float] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class LobesRequest(Request):
+    """Stability lobes, in named poses.
+
+    Attributes:
+        mill: The tool.
+        coefficients: Of the material.
+        material: Its name.
+        radial_depth: [m].
+        speeds: ``(n,)`` rising speeds of the spindle [rad/s].
+        directions: Of the travel.
+        at: Point where the tool is.
+        up: Direction from the tool's tip to its holder, machine frame.
+        up_to_hz: Modes of the machine count up to here [Hz].
+        deepest: Depth of cut up to which a limit is looked for [m].
+        tool_modes: Of spindle and tool, from the machine to the tip.
+        tool_receptance: File of measured receptances in their place.
+        checked: Share of the speeds at which the limit is looked for.
+        poses: All of them when empty.
+        path: Whose feed counts in a run; None without a path analysis.
+        sense: Down or up milling.
+        part: On which side of the travel the part lies, seen from above.
+    """
+
+    analysis: ClassVar[str] = "lobes"
+
+    mill: EndMill
+    coefficients: CuttingCoefficients
+    material: str
+    radial_depth: float
+    speeds: FloatArray
+    directions: tuple[Travel, ...]
+    at: str
+    up: tuple[float, float, float]
+    up_to_hz: float
+    deepest: float
+    tool_modes: tuple[ToolMode, ...] = ()
+    tool_receptance: Path | None = None
+    checked: float = 1.0
+    poses: tuple[str, ...] = ()
+    path: MachinePath | None = None
+    sense: Sense = "down"
+    part: Side = "right"
+
+    @property
+    def asks_for_feed(self) -> bool:
+        """Whether one of the directions is that of the feed."""
+        return any(travel.along is None for travel in self.directions)
+
+    def travels(self, feed: FloatArray) -> tuple[Travel, ...]:
+        """Directions of travel in a pose; without the feed where it is not across the tool.
+
+        Args:
+            feed: ``(3,)`` machine frame; NaN where there is none.
+        """
+        x, y, z = map(float, feed)
+        across = np.linalg.norm(np.cross(self.up, feed)) > PARALLEL * np.linalg.norm(self.up)
+        return tuple(
+            travel if travel.along else Travel(travel.name, (x, y, z))
+            for travel in self.directions
+            if travel.along or across
+        )
+
+    @property
+    def immersion(self) -> float:
+        """Radial depth over diameter."""
+        return self.radial_depth / self.mill.diameter
+
+    def cut_at(self, speed: float, coefficients: CuttingCoefficients | None = None) -> MillingCut:
+        """The deepest cut at a speed of the spindle.
+
+        Args:
+            speed: [rad/s].
+            coefficients: Others than those of the material.
+        """
+        return MillingCut(
+            self.mill,
+            coefficients or self.coefficients,
+            speed,
+            self.deepest,
+            self.radial_depth,
+            sense=self.sense,
+        )
+
+    def rows_at(self, speed: float) -> float:
+        """Rows of the matrix whose multipliers say whether a cut at a speed [rad/s] is stable, besides
+        those of the machine's poles.
+        """
+        return expected_rows(self.cut_at(speed), self.highest_hz)
+
+    @property
+    def highest_hz(self) -> float:
+        """Highest natural frequency of machine, spindle and tool that is asked for [Hz]."""
+        return max([self.up_to_hz, *(mode.hz for mode in self.tool_modes)])
+
+    @property
+    def reach_hz(self) -> float:
+        """How high chatter is looked for: beyond the modes of machine, spindle and tool [Hz]."""
+        return max([self.up_to_hz, *(1.5 * mode.hz for mode in self.tool_modes)])
+
+    def describe(self) -> str:
+        """In a few words: what is computed, and how far."""
+        low, high = 30.0 / math.pi * self.speeds[0], 30.0 / math.pi * self.speeds[-1]
+        return f"limit depth at {len(self.speeds)} speeds from {low:g} to {high:g} rpm in {self.material}, {100.0 * self.immersion:.3g} % immersion"
+
+
+def _read_speeds(value: object) -> object:
+    if not isinstance(value, list) or len(value) != 3:
+        raise problem(
+            'is not a span; write lowest, highest and number of speeds: ["2000 rpm", "12000 rpm", 400]'
+        )
+    return value
+
+
+class SpeedsSpan(NamedTuple):
+    """Lowest and highest speed of the spindle and the number of speeds."""
+
+    low: PositiveAngularSpeed
+    high: PositiveAngularSpeed
+    number: Annotated[WholeNumber, Between(2, MOST_SPEEDS)]
+
+
+def _check_span(span: SpeedsSpan) -> SpeedsSpan:
+    if span.high <= span.low:
+        raise problem("ends at no higher speed than it begins; write the lowest speed first")
+    return span
+
+
+Speeds = Annotated[
+    SpeedsSpan,
+    BeforeValidator(_read_speeds),
+    AfterValidator(_check_span),
+    JsonForm(
+        {
+            "type": "array",
+            "examples": [["2000 rpm", "12000 rpm", 400]],
+            "prefixItems": [
+                *2 * [{"type": "string", "pattern": QuantityPattern((ANGULAR_SPEED,))}],
+                {"type": "integer", "minimum": 2},
+            ],
+            "minItems": 3,
+            "maxItems": 3,
+        }
+    ),
+]
+
+
+def _read_travel(value: object) -> object:
+    return value if value == FEED else read_direction(value)
+
+
+TravelForm = Annotated[
+    Literal["feed"] | tuple[float, float, float],
+    BeforeValidator(_read_travel),
+    JsonForm(
+        {
+            "description": "x, -z ..., three plain numbers, or feed",
+            "examples": ["x", "feed", [1, 1, 0]],
+            "anyOf": [
+                {
+                    "enum": [
+                        FEED,
+                        *(f"{sign}{letter}" for sign in ("", "+", "-") for letter in "xyz"),
+                    ]
+                },
+                THREE_NUMBERS,
+            ],
+        }
+    ),
+]
+
+
+class LobesTable(RequestTable):
+    """Stability lobes: limit depth of cut over the speed of the spindle."""
+
+    speeds: Speeds
+    """lowest and highest speed of the spindle, number of speeds"""
+    mill: MillTable
+    """the milling tool"""
+    radial_depth: PositiveLength
+    """depth of cut across the tool, at most its diameter"""
+    sense: Literal["down", "up"] = "down"
+    """`down` (climb): teeth leave at the finished face; `up` (conventional): they enter there"""
+    part_side: Literal["right", "left"] | None = None
+    """side of the travel on which the part lies; default: where a clockwise tool mills in this sense"""
+    material: Text
+    """workpiece material: of `[cutting.NAME]`, or of the [catalogue](cutting_coefficients.md)"""
+    feed_per_tooth: PositiveLength | None = None
+    """where the tangent to Kienzle's force is taken: at the mean thickness of its chips"""
+    directions: Annotated[list[TravelForm], Field(min_length=1, max_length=12)] = [
+        (1.0, 0.0, 0.0),
+        (0.0, 1.0, 0.0),
+    ]
+    """directions of the travel. `feed` is that of a path, see [lobes](lobes.md#over-the-workspace-and-along-a-path)"""
+    at: Text | None = None
+    """point where the tool is; default: the first one"""
+    up: Direction = (0.0, 0.0, 1.0)
+    """direction from the tool's tip to its holder"""
+    up_to: PositiveFrequency = 1000.0
+    """modes of the machine are kept at least up to here; higher ones count where they can chatter, those of `tool_modes` always"""
+    deepest: PositiveLength = 0.05
+    """depth of cut up to which a limit is looked for"""
+    tool_modes: Annotated[list[ToolModeTable], Field(max_length=12)] = []
+    """lumped modes of spindle and tool in a row, from the machine to the tip"""
+    tool_receptance: Text | None = None
+    """measured receptances of the free assembly of spindle, holder and tool in their place: CSV with the columns
+    `frequency,tip_re,tip_im,cross_re,cross_im,base_re,base_im` in Hz and m/N, equal in both directions across the tool"""
+    checked: NotNegativeShare = 1.0
+    """share of the speeds at which the limit is looked for, evenly spread; the others are hatched"""
+    poses: Names | None = None
+    """poses in which it is computed; default: all of them"""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.radial_depth > self.mill.diameter:
+            raise problem(
+                f"radial_depth is {1e3 * self.radial_depth:g} mm and the tool has {1e3 * self.mill.diameter:g} mm; take at most"
+                " its diameter"
+            )
+        if self.tool_modes and self.tool_receptance is not None:
+            raise problem("gives both tool_modes and tool_receptance; keep one")
+        return self
+
+
+def _build(table: LobesTable, draft: Draft) -> LobesRequest:
+    """Build the request: in all poses unless the table names some.
+
+    Raises:
+        ValueError: The file of receptances is missing or out of bounds.
+    """
+    scene = draft.table
+    path = scene.analyses.get(PathTable)
+    return LobesRequest(
+        mill=build_mill(table.mill),
+        coefficients=resolve_material(scene, table.material, table, _feeds_per_tooth(table)),
+        material=table.material,
+        radial_depth=table.radial_depth,
+        speeds=np.linspace(
+            table.speeds.low, table.speeds.high, table.speeds.number, dtype=np.float64
+        ),
+        directions=tuple(map(_build_travel, table.directions)),
+        at=table.at or next(iter(scene.points)),
+        up=table.up,
+        up_to_hz=table.up_to,
+        deepest=table.deepest,
+        tool_modes=tuple(build_tool_mode(mode, table.up) for mode in table.tool_modes),
+        tool_receptance=None
+        if table.tool_receptance is None
+        else resolve_file(draft.folder, table.tool_receptance, SUFFIXES, RECEPTANCES),
+        checked=table.checked,
+        poses=tuple(table.poses or draft.poses),
+        path=None if path is None else build_path(scene, path),
+        sense=table.sense,
+        part=part_side(table),
+    )
+
+
+def _feeds_per_tooth(table: LobesTable) -> list[float]:
+    return [] if table.feed_per_tooth is None else [table.feed_per_tooth]
+
+
+def _build_travel(direction: str | tuple[float, float, float]) -> Travel:
+    if isinstance(direction, str):
+        return Travel(direction)
+    for letter, value in zip("xyz", direction, strict=True):
+        if abs(value) > 1.0 - 1e-9:
+            return Travel(f"{'-' if value < 0.0 else ''}{letter}", direction)
+    return Travel(" ".join(f"{value:.4g}" for value in direction), direction)
+
+
+def _check(table: LobesTable, draft: Draft, findings: Findings) -> None:
+    """Report names and files that do not exist, directions along the tool, and a machine without
+    damping.
+    """
+    scene = draft.table
+    check_pose_names((*KEY, "poses"), table.poses, draft, findings)
+    if table.at is not None:
+        check_name((*KEY, "at"), table.at, "points", draft, findings)
+    elif not draft.sections.get("points"):
+        findings.add(KEY, 'there is no point where the tool cuts; write [points], or at = "tcp"')
+    _check_speeds(table, findings)
+    up = np.array(table.up) / np.linalg.norm(table.up)
+    has_path = "path" in scene.analyses.requested or any(
+        sweep.path is not None for sweep in scene.sweeps.values()
+    )
+    for index, direction in enumerate(table.directions):
+        if isinstance(direction, str):
+            if not has_path:
+                findings.add_for(
+                    "lobes",
+                    (*KEY, "directions", index),
+                    f"is the direction along a path, and the scene has none; write a sweep with a path, [analyses.path], or {FIXED}",
+                )
+        elif fault := find_lead_fault(up, np.array(direction)):
+            findings.add(
+                (*KEY, "directions", index),
+                f"points along the tool, {fault}; write another direction, or another up",
+            )
+    if table.tool_receptance is not None:
+        try:
+            resolve_file(draft.folder, table.tool_receptance, SUFFIXES, RECEPTANCES)
+        except ValueError as error:
+            findings.add((*KEY, "tool_receptance"), str(error))
+    if scene.effects.get("damping", False) is False:
+        findings.add(
+            KEY,
+            "without damping every cut chatters; write [effects] damping = true and give joints or materials damping,"
+            " or damping = { modal = 0.02 }",
+        )
+    check_cutter(KEY, table, _feeds_per_tooth(table), draft, findings, always=True)
+
+
+def _check_speeds(table: LobesTable, findings: Findings) -> None:
+    """Report speeds so low that stability cannot be computed: too many waves between two teeth."""
+    hz = table.up_to
+    mill, slowest = EndMill(table.mill.diameter, table.mill.teeth), table.speeds.low
+    none = CuttingCoefficients((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "")
+    rows = expected_rows(MillingCut(mill, none, slowest, 0.0, table.radial_depth), hz)
+    if rows > MOST_ROWS and table.tool_receptance is None:
+        rpm, waves = 30.0 / np.pi * slowest, 2.0 * np.pi * hz / (mill.teeth * slowest)
+        findings.add(
+            (*KEY, "speeds"),
+            f"at {rpm:.3g} rpm {waves:.0f} waves of {hz:g} Hz lie between two teeth, too many for multipliers; begin at"
+            f" {float(f'{1.05 * rpm * rows / MOST_ROWS:.2g}'):g} rpm"
+            " or above",
+        )
+
+
+def require_feed_of_run(scene: Scene) -> None:
+    """Refuse lobes along the feed in poses that are on no path.
+
+    Raises:
+        SceneError: The scene has no path analysis.
+    """
+    lobes = scene.analyses.get(LobesRequest)
+    if lobes is not None and lobes.asks_for_feed and lobes.path is None:
+        raise _refuse_feed(
+            scene,
+            lobes,
+            f"a pose alone has no feed; sweep a path (./headstock sweep), write [analyses.path], or {FIXED}",
+        )
+
+
+def require_feed_of_sweep(scene: Scene, sweep: Sweep) -> None:
+    """Refuse lobes along the feed in poses that do not follow each other.
+
+    Raises:
+        SceneError: The sweep is no path.
+    """
+    lobes = scene.analyses.get(LobesRequest)
+    if lobes is not None and lobes.asks_for_feed and sweep.kind != "path":
+        raise _refuse_feed(
+            scene,
+            lobes,
+            f"sweep {sweep.name} is a {sweep.kind} of poses, which has no feed; write it as a path, or {FIXED}",
+        )
+
+
+def refuse_still_feed(scene: Scene, lobes: LobesRequest) -> SceneError:
+    """The refusal of a path along which the tool stands still in its work."""
+    return _refuse_feed(
+        scene,
+        lobes,
+        f"along the path the tool at {lobes.at} does not move against its work; write another path, or {FIXED}",
+    )
+
+
+def _refuse_feed(scene: Scene, lobes: LobesRequest, message: str) -> SceneError:
+    index = [travel.name for travel in lobes.directions].index(FEED)
+    return SceneError([scene.findings.describe((*KEY, "directions", index), message)])
+
+
+ANALYSIS = SceneAnalysis(
+    LobesTable,
+    LobesRequest,
+    "limit depth of cut over the speed of the spindle, see [lobes](lobes.md)",
+    build=_build,
+    check=_check,
+    check_sweep=require_feed_of_sweep,
+)

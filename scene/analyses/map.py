@@ -1,0 +1,73 @@
+"""Modes, stiffness and condition number of a lumped mechanism over its workspace."""
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+from headstock.geometry.frames import FloatArray
+from headstock.scene.building.draft import Draft, SceneAnalysis
+from headstock.scene.building.studies import build_grid, check_grid
+from headstock.scene.reading.findings import Findings, suggest_names
+from headstock.scene.reading.positions import KeyPath
+from headstock.scene.requests import Request, describe_grid
+from headstock.scene.schema.types import Between, RequestTable, Text, WholeNumber
+
+KEY: KeyPath = ("analyses", "map")
+MAX_POSES = 40_000
+
+
+@dataclass(frozen=True, eq=False)
+class MapRequest(Request):
+    """A map over two or three axes.
+
+    Attributes:
+        axes: Name and positions ``(n,)`` of each [m, rad].
+        fixed: Positions of the other axes.
+        count: How many frequencies.
+    """
+
+    analysis: ClassVar[str] = "map"
+
+    axes: tuple[tuple[str, FloatArray], ...]
+    fixed: dict[str, float]
+    count: int = 3
+
+    def describe(self) -> str:
+        """In a few words: what is computed, and how far."""
+        return f"modes, stiffness and condition number in {describe_grid(self.axes)}"
+
+
+class MapTable(RequestTable):
+    """Modes, static stiffness and condition number of a lumped mechanism over the poses of a sweep
+    along two or three axes.
+    """
+
+    sweep: Text
+    """a sweep of `axes` in which two or three have several positions, at most 40 000 poses"""
+    count: Annotated[WholeNumber, Between(1, 6)] = 3
+    """number of natural frequencies; each mode is tracked by its shape"""
+
+
+def _build(table: MapTable, draft: Draft) -> MapRequest:
+    """Build the request: the axes of its sweep with several positions, the others fixed."""
+    axes, fixed = build_grid(draft.table.sweeps[table.sweep])
+    return MapRequest(axes, fixed, table.count)
+
+
+def _check(table: MapTable, draft: Draft, findings: Findings) -> None:
+    """Report a machine without a lumped mechanism, and a sweep that spans no map."""
+    scene = draft.table
+    if not scene.is_lumped:
+        findings.add(KEY, "a map needs a lumped mechanism; this scene has none")
+    sweep = scene.sweeps.get(table.sweep)
+    if sweep is None:
+        findings.add(
+            (*KEY, "sweep"),
+            f"unknown sweep {table.sweep[:80]!r}; {suggest_names(table.sweep, scene.sweeps, what='sweeps')}",
+        )
+        return
+    check_grid((*KEY, "sweep"), sweep, "a map", MAX_POSES, findings)
+
+
+ANALYSIS = SceneAnalysis(
+    MapTable, MapRequest, "a lumped mechanism over its workspace", build=_build, check=_check
+)

@@ -1,0 +1,61 @@
+"""Compliance at points, and static response to loads."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from headstock.scene.building.draft import Draft, SceneAnalysis, check_name, check_pose_names
+from headstock.scene.reading.findings import Findings
+from headstock.scene.requests import Request
+from headstock.scene.schema.types import Names, RequestTable
+
+
+@dataclass(frozen=True)
+class StaticRequest(Request):
+    """Compliance at named points, in named poses (all of them when empty)."""
+
+    analysis: ClassVar[str] = "static"
+
+    at: tuple[str, ...]
+    poses: tuple[str, ...] = ()
+
+
+class StaticTable(RequestTable):
+    """Compliance at points; without `at` at every point."""
+
+    at: Names | None = None
+    """points at which it is computed; default: all of them"""
+    poses: Names | None = None
+    """poses in which it is computed; default: all of them"""
+
+
+def _build(table: StaticTable, draft: Draft) -> StaticRequest:
+    """Build the request: all points and poses unless the table names some."""
+    return StaticRequest(tuple(table.at or draft.table.points), tuple(table.poses or draft.poses))
+
+
+def _check(table: StaticTable, draft: Draft, findings: Findings) -> None:
+    """Report points and poses that do not exist."""
+    for index, point in enumerate(table.at or ()):
+        check_name(("analyses", "static", "at", index), point, "points", draft, findings)
+    check_pose_names(("analyses", "static", "poses"), table.poses, draft, findings)
+
+
+def _check_subject(table: StaticTable, draft: Draft, findings: Findings) -> None:
+    """Report that there is nothing to compute a compliance of."""
+    scene = draft.table
+    if table.at is None and not scene.points and not scene.loads:
+        example = 'tcp = { tool = "component.interface", work = "ground" }'
+        findings.add(
+            ("analyses", "static"),
+            f"there is no point to compute a compliance at; write [points] {example}",
+        )
+
+
+ANALYSIS = SceneAnalysis(
+    StaticTable,
+    StaticRequest,
+    "compliance at points, and static response to loads",
+    build=_build,
+    check=_check,
+    check_complete=_check_subject,
+)

@@ -1,0 +1,446 @@
+"""Motion under loads that change with time."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, ClassVar, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from headstock.geometry.frames import FloatArray
+from headstock.meshing.process.strangers import RECORD
+from headstock.scene.building.channels import build_channels, check_probe_output
+from headstock.scene.building.draft import (
+    Draft,
+    SceneAnalysis,
+    check_channel,
+    check_name,
+    check_pose_names,
+)
+from headstock.scene.building.drives import FRICTION, check_motors, check_sampling
+from headstock.scene.reading.files import resolve_file
+from headstock.scene.reading.findings import Findings
+from headstock.scene.reading.forces import (
+    ForceFileError,
+    ForceRecord,
+    read_columns,
+    resample_forces,
+    resampling_loss,
+)
+from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.units import ANGULAR_IMPULSE, FORCE, IMPULSE, MOMENT
+from headstock.scene.requests import Motors, Request
+from headstock.scene.schema.types import (
+    ChannelName,
+    Name,
+    Names,
+    NotNegativeShare,
+    NotNegativeTime,
+    Number,
+    PositiveFrequency,
+    PositiveNumber,
+    PositiveTime,
+    RequestTable,
+    Speed,
+    StrictTable,
+    Text,
+    TimedLoadSize,
+    not_both,
+    problem,
+)
+from headstock.solvers.linear.load_history import (
+    LoadHistory,
+    half_sine_load,
+    impulse_load,
+    ramp_load,
+    recorded_load,
+    released_load,
+    sine_load,
+    step_load,
+)
+from headstock.solvers.second_order import Channel
+
+KEY: KeyPath = ("analyses", "transient")
+RECORD_SUFFIXES = (".csv",)
+RECORD_COLUMNS = ("time", "value")
+ON_GRID = 1e-6  # of a time step
+MUCH_LOST = 0.01  # of the rms of a record
+GRAVITY = "gravity"
+Channels = Annotated[list[ChannelName], Field(min_length=1, max_length=100)]
+SAMPLES_PER_PERIOD = 20
+MOST_SAMPLES = 500_000
+# shape: keys it needs, and keys it may have
+SHAPE_KEYS: dict[str, tuple[frozenset[str], frozenset[str]]] = {
+    "step": (frozenset(), frozenset({"time"})),
+    "ramp": (frozenset({"time"}), frozenset()),
+    "half_sine": (frozenset({"time"}), frozenset()),
+    "sine": (frozenset({"frequency"}), frozenset({"cycles"})),
+    "impulse": (frozenset(), frozenset()),
+    "release": (frozenset(), frozenset()),
+    "file": (frozenset({"file"}), frozenset()),
+}
+EXAMPLES = {"time": '"5 ms"', "frequency": '"80 Hz"', "file": '"hammer.csv"', "cycles": "5"}
+
+
+@dataclass(frozen=True, eq=False)
+class TimedLoad:
+    """A load over time.
+
+    Attributes:
+        name: Of it.
+        target: Where it acts, as point or interface with a direction; or the name of a static load.
+        shape: As the scene has it.
+        history: Force, moment or factor of the static load over time.
+    """
+
+    name: str
+    target: Channel | str
+    shape: str
+    history: LoadHistory
+
+
+@dataclass(frozen=True, eq=False)
+class TransientRequest(Request):
+    """Motion under loads that change with time, in named poses.
+
+    Attributes:
+        loads: What acts.
+        velocities: Component to its velocity before the time zero, machine axes [m/s].
+        outputs: Where motion is wanted.
+        duration: From the time zero [s].
+        sampling_hz: Samples a second.
+        up_to_hz: Modes up to here vibrate; those above follow at once.
+        settled: Share of its way within which an output has settled.
+        poses: All of them when empty.
+        motors: Locked, or under control.
+        probes: Where displacement and stress are wanted.
+    """
+
+    analysis: ClassVar[str] = "transient"
+
+    loads: tuple[TimedLoad, ...]
+    velocities: dict[str, tuple[float, float, float]]
+    outputs: tuple[Channel, ...]
+    duration: float
+    sampling_hz: float
+    up_to_hz: float
+    settled: float
+    poses: tuple[str, ...] = ()
+    motors: Motors = "locked"
+    probes: tuple[str, ...] = ()
+
+    def describe(self) -> str:
+        """In a few words: what is computed, and how far."""
+        causes = [f"{load.shape.replace('_', ' ')} {load.name}" for load in self.loads]
+        if self.velocities:
+            causes.append(f"initial velocity of {', '.join(self.velocities)}")
+        under = ", drives under control" if self.motors == "controlled" else ""
+        inside = f", displacement and stress at {', '.join(self.probes)}" if self.probes else ""
+        return f"{', '.join(causes)}: {self.duration:g} s with modes up to {self.up_to_hz:g} Hz{under}{inside}"
+
+
+class TimedLoadTable(StrictTable):
+    """A force, a moment or a load of `[loads]` that changes with time."""
+
+    model_config = not_both("at", "load")
+
+    shape: Literal["step", "ramp", "half_sine", "sine", "impulse", "release", "file"]
+    """`step` (with `time`: a pulse), `ramp` to its size in `time`, `half_sine` of the length `time`, `sine` of `frequency`, or for some
+    `cycles`, `impulse`, `release` (has acted for long and is gone), `file`"""
+    at: ChannelName | None = None
+    """point or interface and direction: `["tcp", "x"]`"""
+    size: TimedLoadSize | None = None
+    """force, moment, or impulse; values of a `file` are multiplied by it; default: `1 N` of a `file`, else required beside `at`"""
+    load: Text | None = None
+    """a load of `[loads]`, or `gravity`, in place of `at`"""
+    factor: Number | None = None
+    """factor of that load; default: 1"""
+    start: NotNegativeTime = 0.0
+    """when it begins to act, is released, or strikes"""
+    time: PositiveTime | None = None
+    """how long it rises or acts; required by `ramp` and `half_sine`; default: a `step` acts on"""
+    frequency: PositiveFrequency | None = None
+    """frequency of a `sine`, which needs it"""
+    cycles: PositiveNumber | None = None
+    """how many cycles a `sine` has; default: it goes on"""
+    file: Text | None = None
+    """CSV file with the columns `time` [s] and `value`, linear between its samples and zero outside"""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.at is None) == (self.load is None):
+            raise problem('needs either at = ["tcp", "x"] or the name of a load of [loads]')
+        if self.at is not None:
+            if not self.at[1]:
+                raise problem(
+                    f'a load acts in one direction; write at = ["{self.at[0]}", "x"] and its size'
+                )
+            if self.factor is not None:
+                raise problem("`factor` goes with `load`; write the size of this one as `size`")
+            if self.size is None and self.shape != "file":
+                raise problem('has no size; write for example size = "100 N"')
+        elif self.size is not None:
+            raise problem("a load of [loads] has its size there; write a `factor` of it")
+        elif self.shape == "impulse":
+            raise problem(
+                'an impulse acts in a direction of a point; write at = ["tcp", "x"] and size = "2 N s"'
+            )
+        needed, allowed = SHAPE_KEYS[self.shape]
+        for key, example in EXAMPLES.items():
+            given = getattr(self, key) is not None
+            if key in needed and not given:
+                raise problem(
+                    f"shape {self.shape} needs {key}; write for example {key} = {example}"
+                )
+            if given and key not in needed | allowed:
+                raise problem(f"shape {self.shape} has no {key}; remove it")
+        return self
+
+
+class TransientTable(RequestTable):
+    """Motion of points under loads that change with time."""
+
+    loads: Annotated[dict[Name, TimedLoadTable], Field(max_length=100)] = {}
+    """forces, moments and loads of `[loads]` over time, by name"""
+    velocity: Annotated[
+        dict[Text, Annotated[list[Speed], Field(min_length=3, max_length=3)]],
+        Field(max_length=1000),
+    ] = {}
+    """velocity of components before the time zero, machine axes: `{ table = ["100 mm/s", "0 m/s", "0 m/s"] }`; joints turn it into the
+    motion with the same momentum"""
+    duration: PositiveTime
+    """how long the motion is computed, from the time zero"""
+    up_to: PositiveFrequency = 1000.0
+    """modes up to this frequency vibrate; those above follow the loads at once"""
+    sampling: PositiveFrequency | None = None
+    """samples per second, more than twice `up_to`; default: 20 times `up_to`"""
+    settled: NotNegativeShare = 0.02
+    """share of the way to the rest position (of the peak, where there is no way) within which an output has settled"""
+    outputs: Channels | None = None
+    """where the motion is computed: `[["tcp", "z"], "fillet"]`, with a probe; default: all points in x, y, z and all probes"""
+    motors: Motors = "locked"
+    """as in `[analyses.frf]`; with the effect `friction` guides rub"""
+    poses: Names | None = None
+    """poses in which it is computed; default: all of them"""
+
+    @property
+    def effects(self) -> frozenset[str]:
+        """Guides rub where motors are under control."""
+        return frozenset({FRICTION} if self.motors == "controlled" else ())
+
+    @property
+    def samples_per_second(self) -> float:
+        """As written, or enough for the highest mode kept [Hz]."""
+        return self.sampling or SAMPLES_PER_PERIOD * self.up_to
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if not self.loads and not self.velocity:
+            raise problem(
+                'nothing moves the machine; write loads.hit = { at = ["tcp", "x"], shape = "impulse", size = "1 N s" }'
+            )
+        if self.sampling is not None and self.sampling < 2.0 * self.up_to:
+            raise problem(
+                f"sampling is {self.sampling:g} Hz, and modes up to {self.up_to:g} Hz need more than"
+                f' {2.0 * self.up_to:g}; write sampling = "{SAMPLES_PER_PERIOD * self.up_to:g} Hz", or a lower up_to'
+            )
+        samples = self.duration * self.samples_per_second
+        if not 1.0 <= samples <= MOST_SAMPLES:
+            raise problem(
+                f"{self.duration:g} s at {self.samples_per_second:g} Hz are {samples:.3g} samples, and from 1 to"
+                f" {MOST_SAMPLES} are possible; change duration, sampling or up_to"
+            )
+        return self
+
+
+def _build(table: TransientTable, draft: Draft) -> TransientRequest:
+    """Build the request: in all poses unless the table names some.
+
+    Raises:
+        ValueError: A record is missing or out of bounds.
+        ForceFileError: A record cannot be used.
+    """
+    scene = draft.table
+    outputs = [one for one in table.outputs or () if one[0] not in scene.probes]
+    inside = [name for name, _ in table.outputs or () if name in scene.probes]
+    return TransientRequest(
+        loads=tuple(
+            TimedLoad(
+                name,
+                load.at if load.at is not None else load.load or "",
+                load.shape,
+                _build_history(load, table, draft.folder),
+            )
+            for name, load in table.loads.items()
+        ),
+        velocities={
+            name: (speeds[0], speeds[1], speeds[2]) for name, speeds in table.velocity.items()
+        },
+        outputs=build_channels(outputs or [(name, "") for name in scene.points]),
+        duration=table.duration,
+        sampling_hz=table.samples_per_second,
+        up_to_hz=table.up_to,
+        settled=table.settled,
+        poses=tuple(table.poses or draft.poses),
+        motors=table.motors,
+        probes=tuple(dict.fromkeys(inside if table.outputs else scene.probes)),
+    )
+
+
+def _check(table: TransientTable, draft: Draft, findings: Findings) -> None:
+    """Report names that do not exist, sizes of another kind than their direction, and records that
+    cannot be used.
+    """
+    for name, load in table.loads.items():
+        _check_load((*KEY, "loads", name), load, draft, findings)
+        if load.file is not None:
+            _check_record((*KEY, "loads", name, "file"), load, table, draft.folder, findings)
+    for name in table.velocity:
+        check_name((*KEY, "velocity", name), name, "components", draft, findings)
+    for index, (name, direction) in enumerate(table.outputs or ()):
+        if name in draft.sections.get("probes", ()):
+            check_probe_output((*KEY, "outputs", index), name, direction, draft, findings)
+        else:
+            check_channel((*KEY, "outputs", index), name, draft, findings)
+    check_pose_names((*KEY, "poses"), table.poses, draft, findings)
+    outputs = [one for one, _ in table.outputs or () if one not in draft.table.probes]
+    if not outputs and not draft.table.points:
+        findings.add(
+            KEY,
+            'there is no point whose motion is wanted; write [points], or outputs = [["tcp", "z"]]',
+        )
+
+
+def _check_motors(table: TransientTable, draft: Draft, findings: Findings) -> None:
+    """Report drives that are not controlled, or sample too slowly."""
+    if table.motors == "controlled":
+        check_motors(draft.table, "transient", findings)
+        check_sampling(draft.table, table.up_to, "transient", "up_to", findings)
+
+
+def _check_load(key: KeyPath, load: TimedLoadTable, draft: Draft, findings: Findings) -> None:
+    if load.at is None:
+        if load.load == GRAVITY:
+            if not draft.table.effects.get(GRAVITY):
+                findings.add((*key, "load"), "needs gravity; write [effects] gravity = true")
+            return
+        check_name((*key, "load"), load.load or "", "loads", draft, findings)
+        named = draft.table.loads.get(load.load or "")
+        if named is not None and named.joint is not None:
+            findings.add(
+                (*key, "load"),
+                "is a displacement, which is a static load only; write a force over time",
+            )
+        return
+    name, direction = load.at
+    check_channel((*key, "at"), name, draft, findings)
+    if load.size is None:
+        return
+    turns, strikes = direction.startswith("r"), load.shape == "impulse"
+    wanted = (ANGULAR_IMPULSE if turns else IMPULSE) if strikes else MOMENT if turns else FORCE
+    if load.size.dimension != wanted:
+        findings.add(
+            (*key, "size"),
+            f"is a {load.size.dimension.name}, and shape {load.shape} in {direction} takes a {wanted.name}; write for"
+            f' example "{wanted.example}"',
+        )
+
+
+def _check_record(
+    key: KeyPath, load: TimedLoadTable, table: TransientTable, folder: Path, findings: Findings
+) -> None:
+    try:
+        record = _read_record(load, folder)
+        lost = _find_loss(record, load, table)
+    except (ValueError, ForceFileError) as error:
+        findings.add(key, str(error))
+        return
+    if lost > MUCH_LOST:
+        findings.warn(
+            key,
+            f"{100.0 * lost:.2g} % of its rms are faster than the samples of the analysis at"
+            f" {table.samples_per_second:g} Hz and are left out; each sample has the mean around it",
+        )
+
+
+def _build_history(load: TimedLoadTable, table: TransientTable, folder: Path) -> LoadHistory:
+    size = load.size.value if load.size is not None else 1.0
+    if load.at is None:
+        size = 1.0 if load.factor is None else load.factor
+    time = load.time or np.inf
+    match load.shape:
+        case "step":
+            return step_load(size, load.start, load.start + time)
+        case "ramp":
+            return ramp_load(size, load.start, time)
+        case "half_sine":
+            return half_sine_load(size, load.start, time)
+        case "sine":
+            return sine_load(size, load.start, load.frequency or 1.0, load.cycles or np.inf)
+        case "impulse":
+            return impulse_load(size, load.start)
+        case "release":
+            return released_load(size, load.start)
+        case "file":
+            times, values = _place_record(_read_record(load, folder), load, table)
+            return recorded_load(times, size * values)
+
+
+def _read_record(load: TimedLoadTable, folder: Path) -> ForceRecord:
+    path = resolve_file(folder, load.file or "", RECORD_SUFFIXES, RECORD)
+    values = read_columns(path, RECORD_COLUMNS)
+    return ForceRecord(values[:, 0], values[:, 1:])
+
+
+def _grid_of(record: ForceRecord, load: TimedLoadTable, table: TransientTable) -> FloatArray:
+    """Samples of the analysis that lie within a record, in its own time.
+
+    Raises:
+        ForceFileError: There are none.
+    """
+    rate = table.samples_per_second
+    ends = (record.times[[0, -1]] + load.start) * rate
+    first, last = int(np.ceil(ends[0] - ON_GRID)), int(np.floor(ends[1] + ON_GRID))
+    if last - first < 1:
+        raise ForceFileError(
+            f"the record lasts {record.times[-1] - record.times[0]:g} s, less than a sample of the analysis at {rate:g} Hz; raise sampling"
+        )
+    grid = np.arange(first, last + 1) / rate - load.start
+    return np.asarray(np.clip(grid, record.times[0], record.times[-1]))
+
+
+def _is_on_grid(record: ForceRecord, load: TimedLoadTable, table: TransientTable) -> bool:
+    places = (record.times + load.start) * table.samples_per_second
+    return bool((np.abs(places - np.round(places)) < ON_GRID).all())
+
+
+def _place_record(
+    record: ForceRecord, load: TimedLoadTable, table: TransientTable
+) -> tuple[FloatArray, FloatArray]:
+    """Times of the analysis and values there: those of the record where it has these samples, else
+    means around them, which keep its impulse.
+    """
+    grid = _grid_of(record, load, table)
+    exact = _is_on_grid(record, load, table)
+    values: FloatArray = (
+        np.interp(grid, record.times, record.forces[:, 0])
+        if exact
+        else resample_forces(record, grid)[:, 0]
+    )
+    return grid + load.start, values
+
+
+def _find_loss(record: ForceRecord, load: TimedLoadTable, table: TransientTable) -> float:
+    """Share of the rms of a record that samples of the analysis do not hold."""
+    grid = _grid_of(record, load, table)
+    return 0.0 if _is_on_grid(record, load, table) else resampling_loss(record, grid)
+
+
+ANALYSIS = SceneAnalysis(
+    TransientTable,
+    TransientRequest,
+    "motion under loads that change with time, see [loads over time](transient.md)",
+    build=_build,
+    check=_check,
+    check_complete=_check_motors,
+)
