@@ -20,7 +20,7 @@ from headstock.pipeline.stages.components import load_or_make_mesh
 from headstock.pipeline.stages.frf import add_load_inputs
 from headstock.pipeline.stages.machine import damp_system, run_couple_stage
 from headstock.pipeline.stages.run_state import RunState
-from headstock.pipeline.stages.shared_components import make_superelements
+from headstock.pipeline.stages.shared_components import make_superelements, start_run
 from headstock.pipeline.storage.outputs import (
     OutputError,
     PendingOutputs,
@@ -29,7 +29,7 @@ from headstock.pipeline.storage.outputs import (
     write_output,
 )
 from headstock.pipeline.storage.provenance import Provenance
-from headstock.pipeline.storage.store import Store, default_store_root
+from headstock.pipeline.storage.store import Store
 from headstock.pipeline.storage.superelements import write_superelement
 from headstock.scene.analyses.frf import FrfRequest
 from headstock.scene.reading.findings import Findings, SceneError
@@ -79,7 +79,7 @@ def export_state_space(
     inputs, outputs = _channels(scene)
     request = FrfRequest(inputs, outputs, up_to_hz, poses=(name,))
     wanted = dataclasses.replace(scene, analyses=Analyses(request))
-    state = RunState(wanted, plan_scene(wanted), comm, Store(default_store_root()))
+    state = start_run(wanted, comm)
     make_superelements(state)
     for stage in state.plan.stages:
         if stage.kind == "couple":
@@ -175,7 +175,7 @@ def export_superelement(
     check_output(path)
     plan = plan_scene(scene)
     require_name(scene, "components", component, plan.components)
-    state = RunState(scene, plan, comm, store or Store(default_store_root()))
+    state = start_run(scene, comm, store, plan=plan)
     made = make_superelements(state, only=[component])
     text = ""
     if state.is_root:
@@ -228,7 +228,7 @@ def export_mesh(
         findings.add(("components",), f"name the one to mesh; those with a shape: {listed}")
         raise SceneError(problem for _, problem in findings.problems)
     require_name(scene, "components", component, shaped)
-    state = RunState(scene, plan, comm, store or Store(default_store_root()))
+    state = start_run(scene, comm, store, plan=plan)
     return make_on_root(comm, partial(_write_mesh, state, plan.components[component], path))
 
 

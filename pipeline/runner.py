@@ -37,7 +37,7 @@ from headstock.pipeline.stages.run_state import (
     RunState,
     run_stage,
 )
-from headstock.pipeline.stages.shared_components import find_ranks, make_superelements
+from headstock.pipeline.stages.shared_components import find_ranks, make_superelements, start_run
 from headstock.pipeline.stages.volume_files import volume_grid, write_volumes
 from headstock.pipeline.stages.warnings import find_warnings
 from headstock.pipeline.storage.content_keys import library_versions
@@ -203,7 +203,7 @@ class _StageRunner:
             reduced: Components of an earlier round that serve again; None where all are to be made.
             mesh_factors: Component to what its estimates of mesh errors are multiplied by.
         """
-        state = RunState(scene, plan, self.comm, self.store, reduced=dict(reduced or {}))
+        state = start_run(scene, self.comm, self.store, plan=plan, reduced=dict(reduced or {}))
         for message in (*scene.warnings, *plan.warnings, *doubt_machine(scene, read=False)):
             state.warn(message)
         if reduced is None:

@@ -21,8 +21,8 @@ from headstock.pipeline.planning.plan import StageRecord
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages.components import ELASTIC_MODULE
-from headstock.pipeline.stages.run_state import MachineParts, RunState
-from headstock.pipeline.stages.shared_components import expect_job, make_superelements
+from headstock.pipeline.stages.run_state import MachineParts
+from headstock.pipeline.stages.shared_components import expect_job, make_superelements, start_run
 from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.pipeline.storage.store import Store
 from headstock.scene.reading.findings import SceneError
@@ -268,7 +268,7 @@ def _make_written(base: PlannedRun, comm: MPI.Comm, store: Store) -> tuple[Stage
             place = store if number == 0 else stack.enter_context(_trial_store(comm, store))
             records: list[StageRecord] = []
             make_superelements(
-                RunState(base.scene, base.plan, comm, place), observer=records.append
+                start_run(base.scene, comm, place, plan=base.plan), observer=records.append
             )
         runs.append(records)
         if not make_on_root(comm, is_quick):
@@ -372,7 +372,7 @@ class _Bench:
             records: list[StageRecord] = []
             with tempfile.TemporaryDirectory(prefix="cold-", dir=self._store.root) as folder:
                 cold = Store(Path(folder))
-                state = RunState(planned.scene, planned.plan, MPI.COMM_SELF, cold)
+                state = start_run(planned.scene, MPI.COMM_SELF, cold, plan=planned.plan)
                 make_superelements(state, only=names, observer=records.append)
                 if kept and number == 0:
                     _move_entries(cold, self._store)
@@ -401,7 +401,7 @@ class _Bench:
 
     def _restore(self, planned: PlannedRun) -> MachineParts:
         """Return the components of a model, which the store has."""
-        state = RunState(planned.scene, planned.plan, MPI.COMM_SELF, self._store)
+        state = start_run(planned.scene, MPI.COMM_SELF, self._store, plan=planned.plan)
         make_superelements(state)
         return state.parts
 

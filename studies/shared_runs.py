@@ -7,8 +7,7 @@ from headstock.pipeline.planning.budgets import BASE_MB
 from headstock.pipeline.planning.node_memory import node_memory_bytes
 from headstock.pipeline.planning.plan import Plan
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.stages.run_state import RunState
-from headstock.pipeline.stages.shared_components import expect_job, prepare_components
+from headstock.pipeline.stages.shared_components import expect_job, prepare_components, start_run
 from headstock.pipeline.storage.store import Store
 from headstock.scene.scene import Scene
 from headstock.solvers.mpi import MPI
@@ -57,7 +56,7 @@ def share_runs[T](
         SharedFailure: A component or a scene failed, on every rank of several; on rank 0 the cause
             says why. A single rank gets the error itself.
     """
-    prepare_components([RunState(run.scene, run.plan, comm, store) for run in runs])
+    prepare_components([start_run(run.scene, comm, store, plan=run.plan) for run in runs])
     machines = [[stage for stage in run.plan.stages if stage.component is None] for run in runs]
     return share_work(
         comm,

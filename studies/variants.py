@@ -21,7 +21,6 @@ from headstock.pipeline.answers.static import PointCompliance, StaticAnswer, com
 from headstock.pipeline.numbers.estimates import Estimate
 from headstock.pipeline.numbers.numbers import Key, Number, Numbers, make_key
 from headstock.pipeline.planning.plan import Stage, StageRecord
-from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.planning.resources import Cost, measure
 from headstock.pipeline.results.results import ComponentFacts
 from headstock.pipeline.runner import gather_facts, run_scene
@@ -31,7 +30,7 @@ from headstock.pipeline.stages.frf import prepare_response, respond
 from headstock.pipeline.stages.machine import CoupledPose
 from headstock.pipeline.stages.mechanism import LUMPED, build_mechanism, place_pose
 from headstock.pipeline.stages.run_state import PoseModel, RunState
-from headstock.pipeline.stages.shared_components import make_superelements
+from headstock.pipeline.stages.shared_components import make_superelements, start_run
 from headstock.pipeline.stages.static import solve_points
 from headstock.pipeline.storage.store import Store
 from headstock.reduction.coupling.coupling import couple
@@ -212,7 +211,7 @@ def solve_variant(
         scene = make_on_root(
             comm, lambda: load_scene(path, variant=choice.variant, overrides=choice.overrides)
         )
-        state = RunState(scene, plan_scene(scene), comm, store)
+        state = start_run(scene, comm, store)
     effort, superelements = _make_components(state)
     if not state.is_root:
         return None

@@ -365,7 +365,7 @@ def test_a_module_that_is_named_in_a_string_exists() -> None:
     assert offenders(wrong) == {}
 
 
-def test_there_is_one_form_of_a_number_and_one_maker_of_its_error() -> None:
+def test_there_is_one_form_of_a_number_and_one_maker_of_a_run() -> None:
     """Second forms that were folded into ``pipeline/numbers`` do not come back."""
     old = re.compile(r"NumberChange|ResponseNumber|JudgedNumber|Worth|WatchedSeries|EachItsOwn")
     kept = {"NumberChangeSummary"}  # an entry of summary.json
@@ -379,6 +379,14 @@ def test_there_is_one_form_of_a_number_and_one_maker_of_its_error() -> None:
     assert offenders(wrong) == {}
     readers = {module_name(path) for path in MODULES if layer_of(path) == "studies"}
     assert "headstock.studies.answers" not in readers
+    makers = offenders(
+        lambda path: (
+            re.findall(r"(?<![\w.])RunState\(", path.read_text())
+            if path.name != "run_state.py"
+            else []
+        )
+    )
+    assert list(makers) == ["pipeline/stages/shared_components.py"]
     light = closure_of("headstock.pipeline.numbers.folders")
     assert not [name for name in light if ".answers." in name or ".solvers." in name]
 

@@ -4,7 +4,7 @@ out to the ranks, each is meshed and reduced on one.
 
 import importlib
 import os
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from headstock.pipeline.planning.budgets import BASE_MB
@@ -14,7 +14,8 @@ from headstock.pipeline.planning.node_memory import (
     check_memory,
     node_memory_bytes,
 )
-from headstock.pipeline.planning.plan import Stage, StageRecord
+from headstock.pipeline.planning.plan import Plan, Stage, StageRecord
+from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.stages.components import (
     COMPONENT_STAGES,
     ELASTIC_MODULE,
@@ -30,7 +31,9 @@ from headstock.pipeline.stages.run_state import (
     RunState,
     run_stage,
 )
+from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.reduction.superelement import Superelement
+from headstock.scene.scene import Scene
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import find_node, make_on_root
 from headstock.solvers.shared_work import Job, share_work
@@ -38,6 +41,30 @@ from headstock.solvers.shared_work import Job, share_work
 # A component of more dofs is split over all ranks: the factors of compact parts come near the 2^31
 # entries that CHOLMOD can number
 SPLIT_DOFS = int(os.environ.get("HEADSTOCK_SPLIT_DOFS", "1000000"))
+
+
+def start_run(
+    scene: Scene,
+    comm: MPI.Comm,
+    store: Store | None = None,
+    *,
+    plan: Plan | None = None,
+    reduced: Mapping[str, ReducedComponent] | None = None,
+) -> RunState:
+    """Return what the stages of a scene read and add to: the one place where it is made.
+
+    Args:
+        comm: That share the components.
+        store: By default the user's.
+        plan: Of the scene, where it is already known.
+        reduced: Components that are not to be made.
+
+    Raises:
+        BudgetError: A mesh or a stage would be larger than allowed.
+    """
+    known = plan_scene(scene) if plan is None else plan
+    place = store or Store(default_store_root())
+    return RunState(scene, known, comm, place, reduced=dict(reduced or {}))
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +188,7 @@ def _share_components(
     def reduce_one(number: int, settle: Callable[[], None]) -> SharedComponent:
         one = dealt[number]
         state = states[one.run]
-        alone = RunState(state.scene, state.plan, MPI.COMM_SELF, state.store)
+        alone = start_run(state.scene, MPI.COMM_SELF, state.store, plan=state.plan)
         records: list[StageRecord] = []
 
         def begin(stage: Stage) -> None:

@@ -15,8 +15,11 @@ from headstock.geometry.parts.components import Component
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.results.short_forms import ShortForm, list_few
 from headstock.pipeline.stages.components import ELASTIC_MODULE
-from headstock.pipeline.stages.run_state import RunState
-from headstock.pipeline.stages.shared_components import make_superelements, prepare_components
+from headstock.pipeline.stages.shared_components import (
+    make_superelements,
+    prepare_components,
+    start_run,
+)
 from headstock.pipeline.storage.store import Store
 from headstock.reduction.superelement import Superelement
 from headstock.scene.analyses.modal import ModalRequest
@@ -218,7 +221,8 @@ def prepare_problem(loaded: LoadedTask, store: Store, comm: MPI.Comm) -> FitProb
             # PETSc starts on all ranks together; a fit may mesh components anew on any of them
             importlib.import_module(ELASTIC_MODULE)
         states = [
-            RunState(scene, plan, comm, store) for scene, plan in zip(scenes, plans, strict=True)
+            start_run(scene, comm, store, plan=plan)
+            for scene, plan in zip(scenes, plans, strict=True)
         ]
         prepare_components(states)
     return make_on_root(comm, lambda: _tie_scenes(loaded, store))
@@ -232,7 +236,7 @@ def _tie_scenes(loaded: LoadedTask, store: Store) -> FitProblem:
     for case in loaded.task.cases:
         if case.variant not in scenes:
             scene = _with_modes(loaded.scenes[case.variant], loaded.task.cases)
-            superelements = make_superelements(RunState(scene, plan_scene(scene), comm, store))
+            superelements = make_superelements(start_run(scene, comm, store))
             scenes[case.variant] = make_parametric(
                 scene,
                 superelements,
@@ -323,7 +327,7 @@ def _reduce(scene: Scene, comm: MPI.Comm, store: Store, component: Component) ->
         scene.machine, components=scene.machine.components | {component.name: component}
     )
     changed = dataclasses.replace(scene, machine=machine)
-    state = RunState(changed, plan_scene(changed), comm, store)
+    state = start_run(changed, comm, store)
     return make_superelements(state, only=[component.name])[component.name]
 
 

@@ -14,8 +14,8 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.feed import NO_FEED
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.stages.run_state import MachineParts, Observer, RunState
-from headstock.pipeline.stages.shared_components import make_superelements
+from headstock.pipeline.stages.run_state import MachineParts, Observer
+from headstock.pipeline.stages.shared_components import make_superelements, start_run
 from headstock.pipeline.storage.content_keys import (
     PACKAGES,
     REDUCTION_LIBRARIES,
@@ -25,7 +25,6 @@ from headstock.pipeline.storage.content_keys import (
     library_versions,
 )
 from headstock.pipeline.storage.outputs import OutputError
-from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.reduction.motions.feed import trace_feed
 from headstock.reduction.superelement import Superelement
 from headstock.scene.analyses.lobes import LobesRequest, refuse_still_feed
@@ -232,7 +231,7 @@ def _make_components(
     what pictures need.
     """
     plan = make_on_root(comm, lambda: plan_scene(job.scene))
-    state = RunState(job.scene, plan, comm, Store(default_store_root()))
+    state = start_run(job.scene, comm, plan=plan)
     light = {
         name: dataclasses.replace(superelement, recovery=None)
         for name, superelement in make_superelements(state, observer=observer).items()

@@ -32,8 +32,7 @@ from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages import components as component_stages
-from headstock.pipeline.stages.run_state import RunState
-from headstock.pipeline.stages.shared_components import make_superelements
+from headstock.pipeline.stages.shared_components import make_superelements, start_run
 from headstock.pipeline.storage import content_keys
 from headstock.pipeline.storage.store import Store
 from headstock.pipeline.storage.superelements import write_superelement
@@ -449,7 +448,7 @@ def ask(scene: Scene, **changes: Any) -> Scene:
 def column_of(scene: Scene, store: Path) -> tuple[Superelement, bool]:
     """The column's superelement, and whether it was taken from the store."""
     plan = plan_scene(scene)
-    state = RunState(scene, plan, MPI.COMM_SELF, Store(store))
+    state = start_run(scene, MPI.COMM_SELF, Store(store), plan=plan)
     records: list[StageRecord] = []
     made = make_superelements(state, only=["column"], observer=records.append)
     return made["column"], all(record.cached for record in records)

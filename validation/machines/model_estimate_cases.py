@@ -23,12 +23,11 @@ from headstock.pipeline.accuracy.settings import start_component
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.numbers.estimates import DISCRETISATION, REDUCTION, Estimate
-from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.runner import find_handler
 from headstock.pipeline.stages.frf import estimate_response_errors, prepare_response
 from headstock.pipeline.stages.machine import CoupledPose, couple_pose
 from headstock.pipeline.stages.run_state import RunState, run_stage
-from headstock.pipeline.stages.shared_components import make_superelements
+from headstock.pipeline.stages.shared_components import make_superelements, start_run
 from headstock.pipeline.storage.content_keys import code_fingerprint
 from headstock.pipeline.storage.store import Store, default_store_root, read_entry, write_entry
 from headstock.reduction.estimates.model_errors import WatchedModes, compare_modes, watch_modes
@@ -132,7 +131,7 @@ def measure_machine(seed: int, scene: Scene, store: Store) -> MachineNumbers:
 
 def _solve(scene: Scene, store: Store) -> RunState:
     """All stages of a scene but that which writes."""
-    state = RunState(scene, plan_scene(scene), MPI.COMM_SELF, store)
+    state = start_run(scene, MPI.COMM_SELF, store)
     make_superelements(state)
     for stage in state.plan.stages[:-1]:
         if stage.component is None:

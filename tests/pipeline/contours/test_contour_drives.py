@@ -21,6 +21,7 @@ from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.stages.control import drive_machine
 from headstock.pipeline.stages.machine import couple_pose
 from headstock.pipeline.stages.run_state import ReducedComponent, RunState
+from headstock.pipeline.stages.shared_components import start_run
 from headstock.pipeline.storage.store import Store
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.components.segmented import reduce_segmented
@@ -87,7 +88,7 @@ def build_state(folder: Path, scene: Scene) -> RunState:
         )
         for name, part in plan.components.items()
     }
-    return RunState(scene, plan, MPI.COMM_SELF, Store(folder / "store"), reduced=reduced)
+    return start_run(scene, MPI.COMM_SELF, Store(folder / "store"), plan=plan, reduced=reduced)
 
 
 def run_contour(state: RunState, until: float) -> CoupledRun:

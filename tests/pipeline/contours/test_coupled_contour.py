@@ -28,6 +28,7 @@ from headstock.pipeline.contours.lumped_contour import run_lumped_contour
 from headstock.pipeline.contours.milled_faces import mill_faces
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.stages.run_state import ReducedComponent, RunState
+from headstock.pipeline.stages.shared_components import start_run
 from headstock.pipeline.storage.store import Store
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.components.segmented import reduce_segmented
@@ -71,7 +72,7 @@ def build_state(
         )
         for name, part in plan.components.items()
     }
-    return RunState(loaded, plan, MPI.COMM_SELF, Store(folder / "store"), reduced=reduced)
+    return start_run(loaded, MPI.COMM_SELF, Store(folder / "store"), plan=plan, reduced=reduced)
 
 
 def request_of(state: RunState) -> ContouringRequest:

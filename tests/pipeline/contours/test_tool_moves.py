@@ -28,6 +28,7 @@ from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages.control import drive_machine
 from headstock.pipeline.stages.run_state import ReducedComponent, RunState
+from headstock.pipeline.stages.shared_components import start_run
 from headstock.pipeline.storage.store import Store
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.coupling.guide_errors import GUIDE_ERRORS
@@ -87,7 +88,7 @@ def build_state(folder: Path, variant: str, *settings: str) -> RunState:
         name: ReducedComponent(reduce_rigid(part, describe_component(part)))
         for name, part in plan.components.items()
     }
-    return RunState(scene, plan, MPI.COMM_SELF, Store(folder / "store"), reduced=reduced)
+    return start_run(scene, MPI.COMM_SELF, Store(folder / "store"), plan=plan, reduced=reduced)
 
 
 def solve(folder: Path, variant: str, *settings: str) -> PathResult:

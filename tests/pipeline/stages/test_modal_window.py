@@ -15,8 +15,7 @@ from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.results.mode_files import write_mode_files
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.stages.machine import couple_pose
-from headstock.pipeline.stages.run_state import RunState
-from headstock.pipeline.stages.shared_components import make_superelements
+from headstock.pipeline.stages.shared_components import make_superelements, start_run
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
@@ -30,7 +29,7 @@ LOOSE = SCENE.replace('kind = "rigid"', 'kind = "prismatic"\naxis = "x"') + "[an
 def build_system(folder: Path) -> SecondOrderSystem:
     scene = load_scene(folder / "scene.toml")
     plan = plan_scene(scene)
-    state = RunState(scene, plan, MPI.COMM_SELF, Store(folder / "store"))
+    state = start_run(scene, MPI.COMM_SELF, Store(folder / "store"), plan=plan)
     make_superelements(state)
     return couple_pose(state.parts, plan.poses["reference"]).system
 

@@ -15,7 +15,8 @@ from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.paths.path import run_path_stage
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.stages.run_state import ReducedComponent, RunState
+from headstock.pipeline.stages.run_state import ReducedComponent
+from headstock.pipeline.stages.shared_components import start_run
 from headstock.pipeline.storage.store import Store
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.scene.analyses.path import PathRequest
@@ -56,7 +57,7 @@ def test_a_mass_slides_along_an_arm_that_tilts_as_lagranges_equation_says(tmp_pa
         name: reduce_rigid(part, describe_component(part)) for name, part in plan.components.items()
     }
     reduced = {name: ReducedComponent(part) for name, part in parts.items()}
-    state = RunState(scene, plan, MPI.COMM_SELF, Store(tmp_path / "store"), reduced=reduced)
+    state = start_run(scene, MPI.COMM_SELF, Store(tmp_path / "store"), plan=plan, reduced=reduced)
     (found,) = run_path_stage(state, Stage("path", None, "")).answers
     assert isinstance(found, PathResult)
     curves = found.runs[0].curves

@@ -21,15 +21,14 @@ from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.answers.transient import TRUNCATION, TransientAnswer
-from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.results.files import read_histories
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.stages.control import drive_machine
 from headstock.pipeline.stages.machine import couple_pose, damp_system
 from headstock.pipeline.stages.mechanism import build_mechanism, place_pose
-from headstock.pipeline.stages.run_state import PoseModel, RunState
-from headstock.pipeline.stages.shared_components import make_superelements
+from headstock.pipeline.stages.run_state import PoseModel
+from headstock.pipeline.stages.shared_components import make_superelements, start_run
 from headstock.pipeline.stages.transient import SMOOTHING, respond_in_time
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
@@ -68,7 +67,7 @@ def answer_of(results: Results) -> TransientAnswer:
 
 
 def posed_model(scene: Scene, folder: Path, pose: str) -> PoseModel:
-    state = RunState(scene, plan_scene(scene), MPI.COMM_SELF, Store(folder / "store"))
+    state = start_run(scene, MPI.COMM_SELF, Store(folder / "store"))
     make_superelements(state)
     parts, place = state.parts, state.plan.poses[pose]
     if scene.is_lumped:
