@@ -1,19 +1,16 @@
 """A path under control in one pose. Control loops are judged before any run in time."""
 
-import dataclasses
-
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import travel_directions
 from headstock.pipeline.paths.path_cut import path_loads
+from headstock.pipeline.paths.solved_moves import observe_path
 from headstock.pipeline.paths.travels import axis_shares, travel_of_channel
 from headstock.pipeline.stages.control import drive_machine
 from headstock.pipeline.stages.machine import CoupledPose
-from headstock.pipeline.stages.motion_forces import watch_drives, watch_joints
-from headstock.pipeline.stages.probe_motions import place_probes, probe_outputs, watch_path_probes
+from headstock.pipeline.stages.motion_forces import watch_drives
 from headstock.pipeline.stages.run_state import RunState
-from headstock.reduction.coupling.joint_forces import joint_outputs
 from headstock.scene.analyses.path import PathRequest
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.driven_motion import DrivenMotion
@@ -56,20 +53,17 @@ def close_path(
     """
     driven = drive_machine(posed, state.warn)
     require_stable(driven.system, driven.trains)
-    channels, joints = friction_channels(driven.trains), driven.released.joints
-    probes = place_probes(state.parts, driven.released.coupled, tuple(state.scene.machine.probes))
-    own = joint_outputs(joints) | probe_outputs(state.parts, probes)
-    watched = watch_joints(joints).join(watch_path_probes(probes))
+    channels, observers = friction_channels(driven.trains), observe_path(state, driven.released)
     reach = reach or (FRICTION_REACH if channels else LINEAR_REACH)
     machine = state.scene.machine
     directions = travel_directions(machine, request.path)
     loads = path_loads(machine, directions, request.cut)
     return ControlledPath(
         loop=close_loops(
-            dataclasses.replace(driven.system, outputs=driven.system.outputs | own),
+            observers.join(driven.system),
             driven.trains,
             inputs=(*load_channels(loads), *channels),
-            outputs=(*request.outputs, *own),
+            outputs=(*request.outputs, *observers.outputs),
             up_to_hz=reach * request.band_hz,
         ),
         outputs=request.outputs,
@@ -82,7 +76,7 @@ def close_path(
         ),
         low_frequency_limit_hz=low_frequency_limit_hz,
         loads=loads,
-        watched=watched.join(watch_drives(state.scene.drives.values())),
+        watched=observers.watch.join(watch_drives(state.scene.drives.values())),
     )
 
 
