@@ -7,11 +7,21 @@ import numpy as np
 from headstock.geometry.machine.machine import travel_directions
 from headstock.pipeline.answers.motion_forces import PathForces
 from headstock.pipeline.answers.probe_motions import ProbeMotion
-from headstock.pipeline.paths.closed_along import VARYING_REACH, close_along, move_along
-from headstock.pipeline.paths.closed_path import LINEAR_REACH, close_path, drive_path
-from headstock.pipeline.paths.followed_poses import evaluate_poses
+from headstock.pipeline.paths.closed_path import (
+    LINEAR_REACH,
+    VARYING_REACH,
+    close_along,
+    close_path,
+    drive_path,
+    move_along,
+)
 from headstock.pipeline.paths.path_model import couple_at, sample_path
-from headstock.pipeline.paths.solved_moves import SolvedMoves, add_watched, observe_path
+from headstock.pipeline.paths.solved_moves import (
+    SolvedMoves,
+    add_watched,
+    evaluate_poses,
+    observe_path,
+)
 from headstock.pipeline.stages.motion_forces import record_drives
 from headstock.pipeline.stages.run_state import RunState
 from headstock.reduction.estimates.probe_errors import SEEN

@@ -7,10 +7,14 @@ import numpy as np
 
 from headstock.geometry.machine.machine import travel_directions
 from headstock.pipeline.answers.motion_forces import PathForces
-from headstock.pipeline.paths.followed_poses import evaluate_poses
 from headstock.pipeline.paths.path_cut import path_loads
 from headstock.pipeline.paths.path_model import couple_at, sample_path
-from headstock.pipeline.paths.solved_moves import SolvedMoves, add_watched, observe_path
+from headstock.pipeline.paths.solved_moves import (
+    SolvedMoves,
+    add_watched,
+    evaluate_poses,
+    observe_path,
+)
 from headstock.pipeline.stages.machine import damp_system, warn_of_no_damping
 from headstock.pipeline.stages.motion_forces import record_drives
 from headstock.pipeline.stages.run_state import RunState

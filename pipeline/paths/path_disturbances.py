@@ -9,9 +9,8 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import Drive, ripple_force
 from headstock.pipeline.paths.closed_path import LINEAR_REACH
-from headstock.pipeline.paths.path_model import choose_model, couple_at, sample_path
+from headstock.pipeline.paths.path_model import axis_shares, choose_model, couple_at, sample_path
 from headstock.pipeline.paths.solved_moves import observe_path
-from headstock.pipeline.paths.travels import axis_shares
 from headstock.pipeline.stages.control import drive_machine
 from headstock.pipeline.stages.motion_forces import watch_drives
 from headstock.pipeline.stages.probe_motions import probe_values

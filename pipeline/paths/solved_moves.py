@@ -1,7 +1,11 @@
-"""Moves of a path as solved, before any filter."""
+"""Moves of a path as solved, before any filter: what joints and probes took on them, and what following
+the poses changed.
+"""
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +25,10 @@ from headstock.pipeline.stages.probe_motions import (
 from headstock.pipeline.stages.run_state import PoseModel, RunState
 from headstock.reduction.coupling.joint_forces import SPRING, JointForces, joint_outputs
 from headstock.reduction.coupling.probes import PlacedProbe
-from headstock.solvers.paths.response import PathDeviation
+from headstock.scene.analyses.path import PathRequest
+from headstock.solvers.paths.response import PathDeviation, filter_deviation
+from headstock.solvers.paths.varying_response import StepTable
+from headstock.solvers.paths.varying_system import VaryingSystem
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 from headstock.solvers.watched_outputs import Extreme, Watch
 
@@ -99,3 +106,66 @@ def observe_path(state: RunState, model: PoseModel) -> PathObservers:
     probes = place_probes(state.parts, model.coupled, tuple(state.scene.machine.probes))
     outputs = joint_outputs(model.joints) | probe_outputs(state.parts, probes)
     return PathObservers(model.joints, probes, outputs)
+
+
+def evaluate_poses(
+    request: PathRequest,
+    system: VaryingSystem[Any],
+    table: StepTable,
+    *,
+    found: tuple[PathDeviation, ...],
+    kept: tuple[PathDeviation, ...],
+    short: PathDeviation,
+    whole: PathDeviation,
+) -> FollowedPoses:
+    """Return what following the poses took, and what it changes.
+
+    Args:
+        request: The path.
+        system: The machine along it.
+        table: Its steps.
+        found: Moves as the pose changes.
+        kept: In the pose of the middle.
+        short: The last of these with the modes that are kept along the path.
+        whole: The same with all.
+    """
+    truncation, effect = compare_moves(request, found, kept, short=short, whole=whole)
+    return FollowedPoses(
+        sampled_poses=len(system.positions),
+        error=system.error,
+        rotation_error=system.rotation_error,
+        modes=len(system.scales),
+        next_hz=None if np.isinf(system.next_hz) else system.next_hz,
+        steps=len(table.spline.x),
+        truncation=truncation,
+        effect=effect,
+    )
+
+
+def compare_moves(
+    request: PathRequest,
+    found: Sequence[PathDeviation],
+    kept: Sequence[PathDeviation],
+    *,
+    short: PathDeviation,
+    whole: PathDeviation,
+) -> tuple[float, tuple[float, ...]]:
+    """Return what modes beyond a frequency change of a move, as a share of it, and what the change of
+    pose does in every move.
+
+    Args:
+        request: The path.
+        found: Moves as the pose changes.
+        kept: In the pose of the middle.
+        short: A move without these modes.
+        whole: The same with them.
+    """
+
+    def show(deviation: PathDeviation) -> FloatArray:
+        return filter_deviation(deviation, request.low_pass).total
+
+    full = show(whole)
+    most = max(float(np.abs(full).max()), float(np.finfo(float).tiny))
+    pairs = zip(found, kept, strict=True)
+    effect = tuple(float(np.abs(show(ours) - show(theirs)).max()) for ours, theirs in pairs)
+    return float(np.abs(show(short) - full).max()) / most, effect
