@@ -103,6 +103,52 @@ def test_the_python_of_the_page_of_files_finds_the_arrays_of_its_table(checkout:
     assert stated - set(kept) == {"damping ratios [1]"} and set(kept) <= stated
 
 
+def test_the_python_of_the_page_of_architecture_prints_what_it_shows(checkout: Path) -> None:
+    page = "docs/architecture.md"
+    _, shown = blocks(page, "text")
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", "\n".join(blocks(page, "python"))],
+        cwd=checkout,
+        env={
+            **os.environ,
+            "HEADSTOCK_STORE": str(checkout / "store"),
+            "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
+        },
+        capture_output=True,
+        text=True,
+        timeout=SECONDS,
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert done.stdout == shown
+
+
+def test_the_page_of_architecture_names_what_exists() -> None:
+    named = re.findall(
+        r"`((?:\w+/)+\w+\.py):([\w.]+)`", (ROOT / "docs/architecture.md").read_text()
+    )
+    assert len(named) > 30
+    assert {
+        f"{file}:{name}" for file, name in named if name not in defined_in(ROOT / file)
+    } == set()
+
+
+def defined_in(path: Path) -> set[str]:
+    """Functions, classes, methods and constants of a module."""
+    names: set[str] = set()
+    for node in ast.parse(path.read_text()).body if path.is_file() else ():
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            names.add(node.name)
+            names |= {
+                f"{node.name}.{each.name}"
+                for each in getattr(node, "body", ())
+                if isinstance(each, ast.FunctionDef)
+            }
+        elif isinstance(node, ast.Assign | ast.AnnAssign):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            names |= {target.id for target in targets if isinstance(target, ast.Name)}
+    return names
+
+
 def test_the_cost_of_a_large_part_on_the_page_of_clusters_is_what_its_command_prints() -> None:
     (shown,) = blocks("docs/hpc.md", "text")
     done = subprocess.run(
@@ -202,7 +248,7 @@ def test_the_list_of_hard_cases_is_what_their_tests_say_of_themselves() -> None:
     assert {line[3:6] for line in told} == {f"H{number:02}" for number in range(1, 53)}
 
 
-@pytest.mark.parametrize("document", ["README.md", "CONTRIBUTING.md"])
+@pytest.mark.parametrize("document", ["README.md", "CONTRIBUTING.md", "docs/architecture.md"])
 def test_files_that_a_document_names_exist(document: str) -> None:
     named = set(re.findall(r"`((?:\w+/)+[a-z]\w*\.(?:py|toml|md))`", (ROOT / document).read_text()))
     assert named

@@ -21,16 +21,14 @@ from headstock.app.report.report import Stills, Worth, render_report, write_repo
 from headstock.app.tables.table import encode_csv
 from headstock.app.terminal.console import print_remarks
 from headstock.app.views.registry import list_tables
-from headstock.app.views.view import Curves, FinishedRun
+from headstock.app.views.view import FinishedRun
 from headstock.meshing.process.strangers import SUMMARY, require_size
 from headstock.pipeline.numbers.folders import SUMMARY_FILE
+from headstock.pipeline.results.curves import read_curves
 from headstock.pipeline.results.files import (
     FIGURES_FOLDER,
     REPORT_FILE,
     TABLES_FOLDER,
-    read_curves,
-    read_histories,
-    read_paths,
     read_summary,
     read_view,
 )
@@ -93,8 +91,8 @@ def renew_report(folder: Path) -> Path:
     """
     summary = read_summary(folder)
     with claim_output(folder, (REPORT_FILE,), PARTS):
-        curves: list[Curves] = [*read_curves(folder), *read_paths(folder), *read_histories(folder)]
-        print_remarks(publish_again(folder, FinishedRun(summary, curves, read_view(folder))))
+        run = FinishedRun(summary, read_curves(folder), read_view(folder))
+        print_remarks(publish_again(folder, run))
     return folder / REPORT_FILE
 
 

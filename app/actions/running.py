@@ -15,17 +15,14 @@ from headstock.app.terminal.console import counted, print_remarks
 from headstock.app.terminal.guard import DONE, FAILED
 from headstock.app.terminal.progress import show_progress
 from headstock.app.terminal.summary import print_header, print_stage, print_summary
-from headstock.app.views.view import Curves, FinishedRun
+from headstock.app.views.view import FinishedRun
 from headstock.geometry.parts.components import Fidelity
 from headstock.geometry.parts.solids import MeshFile, StepFile
-from headstock.pipeline.answers.answer import find_answers
-from headstock.pipeline.answers.frf import PoseResponse
-from headstock.pipeline.answers.path import PathResult
-from headstock.pipeline.answers.transient import TransientAnswer
 from headstock.pipeline.numbers.folders import RESULTS_FILE, SUMMARY_FILE
 from headstock.pipeline.planning.budgets import BASE_MB
 from headstock.pipeline.planning.plan import Stage, StageRecord
 from headstock.pipeline.preview.free_motions import free_motion_warnings
+from headstock.pipeline.results.curves import collect_curves
 from headstock.pipeline.results.files import REPORT_FILE
 from headstock.pipeline.results.mode_files import VOLUME_FOLDER
 from headstock.pipeline.results.results import Results
@@ -85,7 +82,7 @@ def run_request(request: RunRequest, comm: MPI.Comm, origin: Provenance | None =
         results = _run_with_progress(scene, output, comm, volume=request.volume, origin=origin)
         if comm.rank == 0:
             summary = summarise(results)
-            run = FinishedRun(summary, _list_curves(results), results.view)
+            run = FinishedRun(summary, collect_curves(results.answers), results.view)
             with show_progress() as progress:
                 progress.begin("report", DRAWING_SECONDS if request.figures else 0.0)
                 remarks = publish_run(output, run, figures=request.figures)
@@ -94,15 +91,6 @@ def run_request(request: RunRequest, comm: MPI.Comm, origin: Provenance | None =
             print_remarks(remarks)
             print_summary(summary, seconds=time.perf_counter() - start, folder=output, said=said)
     return int(share_from_root(comm, FAILED if results.failures else DONE))
-
-
-def _list_curves(results: Results) -> list[Curves]:
-    answers = results.answers
-    return [
-        *(response.curves for response in find_answers(answers, PoseResponse)),
-        *(feed.curves for path in find_answers(answers, PathResult) for feed in path.runs),
-        *(history.curves for history in find_answers(answers, TransientAnswer)),
-    ]
 
 
 @contextlib.contextmanager

@@ -35,7 +35,8 @@ from headstock.app.texts.curves import (
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.answers.modal import ModesSummary
-from headstock.pipeline.results.files import read_curves, read_summary, read_view
+from headstock.pipeline.results.curves import find_curves, read_curves
+from headstock.pipeline.results.files import read_summary, read_view
 from headstock.pipeline.results.mode_files import file_stem
 from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.results.views import COLORS, component_colors
@@ -62,7 +63,7 @@ CURVE, DIRECT = "#4f7cac", "#b5566e"
 def draw_folder(folder: Path) -> dict[str, bytes]:
     """Every chart of a folder of results: name to a PNG file."""
     charts = draw_charts(read_summary(folder), component_colors(read_view(folder)))
-    return charts | draw_responses(read_curves(folder))
+    return charts | draw_responses(find_curves(read_curves(folder), ResponseCurves))
 
 
 def draw_charts(summary: RunSummary, colors: dict[str, str]) -> dict[str, bytes]:

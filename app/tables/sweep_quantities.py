@@ -2,19 +2,34 @@
 
 from collections import Counter
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from headstock.app.tables.table import PlainTable
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.machine.machine import show_position
-from headstock.studies.sweeps.files import LimitMapSummary, SweepSummary
+from headstock.studies.sweeps.files import LimitMapSummary, Numbers, PointMapSummary, SweepSummary
+
+type LimitKey = Literal[
+    "lowest_mm", "lowest_rpm", "best_mm", "best_rpm", "at_common_best_mm", "chatter_hz"
+]
 
 FIGURE_TITLES = {
     "minimum_dynamic_stiffness_N_per_um": ("minimum dynamic stiffness", "N/µm"),
     "minimum_dynamic_stiffness_hz": ("frequency of the minimum dynamic stiffness", "Hz"),
     "chatter_limit_N_per_um": ("chatter limit -1/(2 Re)", "N/µm"),
 }
+
+# ends of names and titles of what lobes say of each pose
+LIMIT_TITLES: tuple[tuple[str, LimitKey, str, str], ...] = (
+    ("lowest", "lowest_mm", "lowest limit depth", "mm"),
+    ("lowest_speed", "lowest_rpm", "speed of the lowest limit", "rpm"),
+    ("best", "best_mm", "deepest limit", "mm"),
+    ("best_speed", "best_rpm", "best speed", "rpm"),
+    ("at_common_best", "at_common_best_mm", "limit at the best speed of all poses", "mm"),
+    ("chatter", "chatter_hz", "chatter at the lowest limit", "Hz"),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,82 +50,58 @@ class Quantity:
 
 
 def list_quantities(summary: SweepSummary) -> list[Quantity]:
-    """Frequencies of tracked modes, compliances, condition number and figures of frequency
-    responses.
+    """Return frequencies of tracked modes, compliances, condition number, figures of frequency
+    responses and limits of cuts.
     """
-    found = [
-        Quantity(f"mode_{number}", f"mode {number}", "Hz", values)
-        for number, values in enumerate(_columns(summary), start=1)
+    condition = summary["condition_number"]
+    quantities = [
+        *(
+            Quantity(f"mode_{number}", f"mode {number}", "Hz", values)
+            for number, values in enumerate(_columns(summary), start=1)
+        ),
+        *(
+            quantity
+            for point, entry in summary["static"].items()
+            for quantity in _list_compliances(point, entry)
+        ),
+        *(
+            []
+            if condition is None
+            else [_fill("condition_number", "condition number", "", condition)]
+        ),
     ]
-    for point, entry in summary["static"].items():
-        matrix = np.array(entry["compliance_um_per_kN"], dtype=float).reshape(-1, 3, 3)
-        found += [
-            Quantity(
-                f"compliance_{point}_{axis}",
-                f"compliance {axis} at {point}",
-                "µm/kN",
-                matrix[:, place, place],
-            )
-            for place, axis in enumerate("xyz")
-        ]
-        largest, ratio = (
-            np.array(values, dtype=float) for values in (entry["largest_um_per_kN"], entry["ratio"])
-        )
-        found.append(
-            Quantity(
-                f"compliance_{point}_largest", f"largest compliance at {point}", "µm/kN", largest
-            )
-        )
-        found.append(
-            Quantity(
-                f"compliance_{point}_ratio",
-                f"largest over smallest compliance at {point}",
-                "",
-                ratio,
-            )
-        )
-    if summary["condition_number"] is not None:
-        found.append(
-            Quantity(
-                "condition_number",
-                "condition number",
-                "",
-                np.array(summary["condition_number"], dtype=float),
-            )
-        )
     for channel, figures in summary["frf"].items():
-        found += [
-            Quantity(
-                f"frf_{channel.replace(' ', '_')}_{key}",
-                f"{title} at {channel}",
-                unit,
-                np.array(figures[key], dtype=float),
-            )
+        stem = f"frf_{channel.replace(' ', '_')}"
+        quantities += [
+            _fill(f"{stem}_{key}", f"{title} at {channel}", unit, figures[key])
             for key, (title, unit) in FIGURE_TITLES.items()
         ]
     for name, limits in summary["lobes"].items():
-        found += [
-            Quantity(
-                f"lobes_{name}_{key}",
-                f"{title}, travel {name}",
-                unit,
-                np.array(values, dtype=float),
-            )
-            for key, title, unit, values in (
-                ("lowest", "lowest limit depth", "mm", limits["lowest_mm"]),
-                ("lowest_speed", "speed of the lowest limit", "rpm", limits["lowest_rpm"]),
-                ("best", "deepest limit", "mm", limits["best_mm"]),
-                ("best_speed", "best speed", "rpm", limits["best_rpm"]),
-                (
-                    "at_common_best",
-                    "limit at the best speed of all poses",
-                    "mm",
-                    limits["at_common_best_mm"],
-                ),
-                ("chatter", "chatter at the lowest limit", "Hz", limits["chatter_hz"]),
-            )
+        quantities += [
+            _fill(f"lobes_{name}_{stem}", f"{title}, travel {name}", unit, limits[key])
+            for stem, key, title, unit in LIMIT_TITLES
         ]
-    return found
+    return quantities
+
+
+def _list_compliances(point: str, entry: PointMapSummary) -> list[Quantity]:
+    stem, matrix = f"compliance_{point}", np.array(entry["compliance_um_per_kN"], dtype=float)
+    return [
+        *(
+            Quantity(f"{stem}_{axis}", f"compliance {axis} at {point}", "µm/kN", values)
+            for axis, values in zip(
+                DIRECTIONS, matrix.reshape(-1, 3, 3).diagonal(axis1=1, axis2=2).T, strict=True
+            )
+        ),
+        _fill(
+            f"{stem}_largest", f"largest compliance at {point}", "µm/kN", entry["largest_um_per_kN"]
+        ),
+        _fill(f"{stem}_ratio", f"largest over smallest compliance at {point}", "", entry["ratio"]),
+    ]
+
+
+def _fill(name: str, title: str, unit: str, values: Numbers) -> Quantity:
+    return Quantity(name, title, unit, np.array(values, dtype=float))
 
 
 def limit_words(summary: SweepSummary) -> list[str]:

@@ -5,13 +5,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from headstock.app.tables.table import Column, PlainTable, tabulate
-from headstock.pipeline.answers.frf import ResponseCurves
-from headstock.pipeline.answers.path import PathCurves
-from headstock.pipeline.answers.transient import TransientCurves
+from headstock.pipeline.results.curves import Curves, find_curves
 from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.results.views import MachineView
-
-type Curves = ResponseCurves | PathCurves | TransientCurves
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +30,7 @@ class FinishedRun:
 
     def find_curves[Kind: Curves](self, kind: type[Kind]) -> list[Kind]:
         """Return the curves of one kind, in the order of their stages."""
-        return [curves for curves in self.curves if isinstance(curves, kind)]
+        return find_curves(self.curves, kind)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,6 @@ from headstock.geometry.mechanisms.tool_mechanism import tool_pose
 from headstock.pipeline.answers.motion_forces import PathForces
 from headstock.pipeline.answers.path import FollowedPoses
 from headstock.pipeline.answers.probe_motions import ProbeMotion
-from headstock.pipeline.contours.carried_bodies import move_bodies
 from headstock.pipeline.contours.observers import drive_bodies, join_probes, probe_channels
 from headstock.pipeline.contours.rotary_axes import (
     find_feed,
@@ -32,6 +31,7 @@ from headstock.pipeline.contours.trajectory import (
     machine_along,
     mechanism_trajectory,
     model_builder,
+    move_bodies,
     report_gyroscopic_forces,
     report_gyroscopic_shift,
 )
@@ -50,7 +50,7 @@ from headstock.pipeline.contours.trajectory_motors import (
 from headstock.pipeline.paths.path import answer_path, run_path_stage
 from headstock.pipeline.paths.path_cut import cutting_loads, orient_cut
 from headstock.pipeline.paths.path_model import choose_model, sample_path
-from headstock.pipeline.paths.solved_moves import SolvedMoves
+from headstock.pipeline.paths.solved_moves import SolvedMoves, compare_moves
 from headstock.pipeline.planning.budgets import PATH_STEPS_PER_TURN
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.control import drive_along
@@ -81,7 +81,7 @@ from headstock.solvers.paths.linear_motion import (
     integrate_linear,
     interpolate_nodes,
 )
-from headstock.solvers.paths.response import PathDeviation, filter_deviation
+from headstock.solvers.paths.response import PathDeviation
 from headstock.solvers.paths.sampled_motion import SampledHistory, SampledMotion, sample_motion
 from headstock.solvers.paths.set_points import SetPoint, sample_move
 from headstock.solvers.paths.varying_system import PlantChannels
@@ -562,19 +562,14 @@ def _evaluate_poses(
     kept: tuple[PathDeviation, ...],
     up_to_hz: float,
 ) -> FollowedPoses:
-    """What following the poses took, and what it is worth: that modes are kept only up to a
-    frequency is judged in the middle, with twice as many.
+    """What following the poses took, and what it changes: that modes are kept only up to a frequency
+    is evaluated in the middle, with twice as many.
     """
-
-    def show(deviation: PathDeviation) -> FloatArray:
-        return filter_deviation(deviation, line.request.low_pass).total
-
-    truncation = 0.0
+    whole = kept[-1]
     if not sampled.complete:
         finer = line.sample(TWICE * up_to_hz, follows=False)
-        full = show(_solve_move(line, finer, line.request.moves[-1], middle=True)[0])
-        most = max(float(np.abs(full).max()), float(np.finfo(float).tiny))
-        truncation = float(np.abs(show(kept[-1]) - full).max()) / most
+        whole, _ = _solve_move(line, finer, line.request.moves[-1], middle=True)
+    truncation, effect = compare_moves(line.request, found, kept, short=kept[-1], whole=whole)
     return FollowedPoses(
         sampled_poses=sampled.poses,
         error=sampled.error,
@@ -583,10 +578,7 @@ def _evaluate_poses(
         next_hz=None if sampled.complete else up_to_hz,
         steps=max(len(even_nodes(each.times, NODE_SPACING)) for each in found),
         truncation=truncation,
-        effect=tuple(
-            float(np.abs(show(ours) - show(theirs)).max())
-            for ours, theirs in zip(found, kept, strict=True)
-        ),
+        effect=effect,
     )
 
 

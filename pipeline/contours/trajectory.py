@@ -13,11 +13,11 @@ from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.geometry.machine.joints import Axis
 from headstock.geometry.machine.machine import Machine, Pose
 from headstock.geometry.machine.tool_travel import ToolTravel
-from headstock.pipeline.contours.carried_bodies import move_bodies
+from headstock.geometry.mechanisms.tool_mechanism import ToolMechanism
 from headstock.pipeline.contours.contour_run import CORIOLIS
 from headstock.pipeline.stages.machine import CoupledPose, damp_system, warn_of_no_damping
 from headstock.pipeline.stages.mechanism import LumpedPose, build_mechanism, place_pose
-from headstock.pipeline.stages.run_state import PoseModel, RunState
+from headstock.pipeline.stages.run_state import MachineParts, PoseModel, RunState
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.coupling.error_travel import RATE
 from headstock.reduction.coupling.joint_forces import SPRING, joint_outputs
@@ -488,3 +488,51 @@ def join_screws(screws: Mapping[str, tuple[str, Axis | None]]) -> Join:
 def _screw_sign(screw: PlacedJoint, axis: Axis | None) -> float:
     """Whether a screw pushes along its axis or against it."""
     return 1.0 if axis is None else float(np.sign(screw.frame.rotation[:, 0] @ axis.direction))
+
+
+def move_bodies(
+    mechanism: ToolMechanism,
+    parts: MachineParts,
+    times: FloatArray,
+    path: PathPoints,
+    direction: FloatArray,
+    *,
+    velocity_terms: bool,
+) -> dict[str, FloatArray]:
+    """Acceleration of each body that is carried ``(n, 6)``, machine axes: of its centre of mass, and
+    about it as fast as Euler's moment of its turning asks for.
+
+    Args:
+        mechanism: That carries the bodies.
+        parts: Of the machine.
+        times: ``(n,)`` [s].
+        path: Of the tool point then.
+        direction: ``(3,)`` of the tool, machine frame.
+        velocity_terms: Whether bodies are accelerated by speeds, too.
+
+    Raises:
+        PoseError: The path cannot be followed.
+    """
+    mounted, found = mechanism.mounted, {}
+    moved = move_markers(mounted, times, path, direction, velocity_terms=velocity_terms)
+    turn = mounted.mounting.rotation
+    for name, marker in mechanism.carries.items():
+        if name not in parts.reduced:
+            continue
+        place = mounted.mechanism.markers.index(marker)
+        body, own = parts.superelements[name], parts.plan.components[name].placement
+        rotation = moved.rotations[:, place]
+        arm = rotation @ (own.origin + own.rotation @ body.center_of_mass)
+        omega, alpha = moved.omega[:, place], moved.alpha[:, place]
+        # Euler's moment of a body that turns: as if it were accelerated faster
+        axes = rotation @ own.rotation
+        inertia = axes @ body.inertia @ np.swapaxes(axes, -1, -2)
+        moment = np.cross(omega, (inertia @ omega[..., None])[..., 0])
+        spin = alpha + np.linalg.solve(inertia, moment[..., None])[..., 0]
+        center = (
+            moved.acceleration[:, place]
+            + np.cross(alpha, arm)
+            + np.cross(omega, np.cross(omega, arm))
+        )
+        found[name] = np.concatenate([center @ turn.T, spin @ turn.T], axis=1)
+    return found

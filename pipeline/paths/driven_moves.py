@@ -7,13 +7,22 @@ import numpy as np
 from headstock.geometry.machine.machine import travel_directions
 from headstock.pipeline.answers.motion_forces import PathForces
 from headstock.pipeline.answers.probe_motions import ProbeMotion
-from headstock.pipeline.paths.closed_along import VARYING_REACH, close_along, move_along
-from headstock.pipeline.paths.closed_path import LINEAR_REACH, close_path, drive_path
-from headstock.pipeline.paths.followed_poses import evaluate_poses
+from headstock.pipeline.paths.closed_path import (
+    LINEAR_REACH,
+    VARYING_REACH,
+    close_along,
+    close_path,
+    drive_path,
+    move_along,
+)
 from headstock.pipeline.paths.path_model import couple_at, sample_path
-from headstock.pipeline.paths.solved_moves import SolvedMoves, add_watched, read_path_probes
-from headstock.pipeline.stages.motion_forces import read_joints, record_drives
-from headstock.pipeline.stages.probe_motions import place_probes
+from headstock.pipeline.paths.solved_moves import (
+    SolvedMoves,
+    add_watched,
+    evaluate_poses,
+    observe_path,
+)
+from headstock.pipeline.stages.motion_forces import record_drives
 from headstock.pipeline.stages.run_state import RunState
 from headstock.reduction.estimates.probe_errors import SEEN
 from headstock.scene.analyses.path import PathRequest
@@ -47,26 +56,19 @@ def drive_moves(
         drive_path(state, loop, move, sample_path(request, move)) for move in request.moves
     )
     shares = [loop.shares.get(train.axis, 0.0) for train in loop.loop.trains]
-    released = middle.release(state.scene.drives.values()).model
-    joints = released.joints
-    probes = place_probes(state.parts, released.coupled, tuple(state.scene.machine.probes))
+    observers = observe_path(state, middle.release(state.scene.drives.values()).model)
     directions = travel_directions(state.scene.machine, request.path)
     travel = np.concatenate(
         [
             np.zeros(0),
             *(
                 np.pad(directions.get(probe.component, np.zeros(3)), (0, SEEN - 3))
-                for probe in probes.values()
+                for probe in observers.probes.values()
             ),
         ]
     )
     taken = [
-        (
-            read_joints(joints, each),
-            read_path_probes(
-                probes, each, -np.outer(sample_move(move, each.times).positions, travel)
-            ),
-        )
+        observers.read(each, travel, sample_move(move, each.times).positions)
         for move, each in zip(request.moves, map(add_watched, kept, disturbed), strict=True)
     ]
     if not request.follows_pose:

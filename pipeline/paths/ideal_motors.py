@@ -7,16 +7,18 @@ import numpy as np
 
 from headstock.geometry.machine.machine import travel_directions
 from headstock.pipeline.answers.motion_forces import PathForces
-from headstock.pipeline.paths.followed_poses import evaluate_poses
 from headstock.pipeline.paths.path_cut import path_loads
 from headstock.pipeline.paths.path_model import couple_at, sample_path
-from headstock.pipeline.paths.solved_moves import SolvedMoves, add_watched, read_path_probes
+from headstock.pipeline.paths.solved_moves import (
+    SolvedMoves,
+    add_watched,
+    evaluate_poses,
+    observe_path,
+)
 from headstock.pipeline.stages.machine import damp_system, warn_of_no_damping
-from headstock.pipeline.stages.motion_forces import read_joints, record_drives, watch_joints
-from headstock.pipeline.stages.probe_motions import place_probes, probe_outputs, watch_path_probes
+from headstock.pipeline.stages.motion_forces import record_drives
 from headstock.pipeline.stages.run_state import RunState
 from headstock.reduction.coupling.coupling import couple
-from headstock.reduction.coupling.joint_forces import joint_outputs
 from headstock.reduction.coupling.path_loads import add_path_input, stack_modes
 from headstock.reduction.coupling.probes import travel_inertia
 from headstock.reduction.estimates.probe_errors import SEEN
@@ -65,12 +67,9 @@ def move_freely(
     loads = path_loads(machine, directions, request.cut)
     model = dataclasses.replace(model, loads=loads)
     posed = couple_at(state, request, 0.5 * request.path.length)
-    joints = posed.joints
-    probes = place_probes(state.parts, posed.coupled, tuple(machine.probes))
-    own = joint_outputs(joints) | probe_outputs(state.parts, probes)
-    watched = watch_joints(joints).join(watch_path_probes(probes))
-    whole = dataclasses.replace(model, up_to_hz=None, watched=watched)
-    system = dataclasses.replace(middle.system, outputs=middle.system.outputs | own)
+    observers = observe_path(state, posed)
+    whole = dataclasses.replace(model, up_to_hz=None, watched=observers.watch)
+    system = observers.join(middle.system)
     kept = tuple(
         solve_path(system, whole, move, sample_path(request, move)) for move in request.moves
     )
@@ -81,20 +80,14 @@ def move_freely(
                 travel_inertia(posed.coupled, machine.probes[name], directions[probe.component])
                 if probe.component in directions
                 else np.zeros(SEEN)
-                for name, probe in probes.items()
+                for name, probe in observers.probes.items()
             ),
         ]
     )
     forces = tuple(
         PathForces(
             record_drives((), each.times, none, none),
-            read_joints(joints, each),
-            # the acceleration of the travel is none of the deviation
-            read_path_probes(
-                probes,
-                each,
-                -np.outer(sample_move(move, each.times).accelerations, carried),
-            ),
+            *observers.read(each, carried, sample_move(move, each.times).accelerations),
         )
         for move, each in zip(request.moves, map(add_watched, kept, disturbed), strict=True)
         for none in (np.zeros((len(each.times), 0)),)

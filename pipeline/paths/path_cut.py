@@ -7,7 +7,7 @@ import numpy as np
 
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.machine.machine import Machine
-from headstock.pipeline.paths.travels import travel_of_channel
+from headstock.pipeline.paths.path_model import travel_of_channel
 from headstock.pipeline.planning.budgets import PATH_STEPS_PER_TURN
 from headstock.scene.analyses.path import PathCut
 from headstock.solvers.errors import ModelError

@@ -9,20 +9,14 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import Drive, ripple_force
 from headstock.pipeline.paths.closed_path import LINEAR_REACH
-from headstock.pipeline.paths.path_model import choose_model, couple_at, sample_path
-from headstock.pipeline.paths.travels import axis_shares
+from headstock.pipeline.paths.path_model import axis_shares, choose_model, couple_at, sample_path
+from headstock.pipeline.paths.solved_moves import observe_path
 from headstock.pipeline.stages.control import drive_machine
-from headstock.pipeline.stages.motion_forces import watch_drives, watch_joints
-from headstock.pipeline.stages.probe_motions import (
-    place_probes,
-    probe_outputs,
-    probe_values,
-    watch_path_probes,
-)
+from headstock.pipeline.stages.motion_forces import watch_drives
+from headstock.pipeline.stages.probe_motions import probe_values
 from headstock.pipeline.stages.run_state import RunState
 from headstock.reduction.coupling.drives import housing_rows, scale_rows
 from headstock.reduction.coupling.error_travel import find_offset_motions
-from headstock.reduction.coupling.joint_forces import joint_outputs
 from headstock.reduction.coupling.path_loads import housing_loads
 from headstock.reduction.motions.path_errors import (
     STEPS_PER_WAVE,
@@ -53,10 +47,8 @@ def disturb_loop(
         state.warn(
             "path analysis: errors of guides and torque ripple move the machine as if there were no friction; what friction does is added"
         )
-    joints, machine = driven.released.joints, state.scene.machine
-    probes = place_probes(state.parts, driven.released.coupled, tuple(machine.probes))
-    seen = joint_outputs(joints) | probe_outputs(state.parts, probes)
-    system = dataclasses.replace(driven.system, outputs=driven.system.outputs | seen)
+    observers, machine = observe_path(state, driven.released), state.scene.machine
+    system = observers.join(driven.system)
     channels: tuple[Channel, ...] = ()
     shortest = math.inf
     passed: Feedthrough | None = None
@@ -75,7 +67,12 @@ def disturb_loop(
         motions = dataclasses.replace(motions, accelerations=motions.accelerations + spun)
         system, channels = add_error_inputs(system, errors.travel, motions)
         passed = pass_offsets(
-            driven.coupled, errors.travel, motions, request.outputs, joints, probe_values(probes)
+            driven.coupled,
+            errors.travel,
+            motions,
+            request.outputs,
+            observers.joints,
+            probe_values(observers.probes),
         )
     rippling = [drive for drive in state.scene.drives.values() if drive.ripple]
     channels = (*channels, *((drive.name, FORCE) for drive in rippling))
@@ -89,7 +86,7 @@ def disturb_loop(
         system,
         driven.trains,
         inputs=channels,
-        outputs=(*request.outputs, *seen),
+        outputs=(*request.outputs, *observers.outputs),
         up_to_hz=LINEAR_REACH * request.band_hz,
     )
     step = min(shortest, shortest_ripple(rippling, request)) / move.feed / STEPS_PER_WAVE
@@ -98,9 +95,7 @@ def disturb_loop(
         request.outputs,
         Disturbance(channels, loads, step, passed),
         samples=sample_path(request, move),
-        watch=watch_joints(joints)
-        .join(watch_path_probes(probes))
-        .join(watch_drives(state.scene.drives.values())),
+        watch=observers.watch.join(watch_drives(state.scene.drives.values())),
     )
 
 
@@ -121,18 +116,16 @@ def disturb_freely(
         middle: The machine in the middle.
     """
     posed = couple_at(state, request, 0.5 * request.path.length)
-    joints = posed.joints
-    probes = place_probes(state.parts, posed.coupled, tuple(state.scene.machine.probes))
-    seen = joint_outputs(joints) | probe_outputs(state.parts, probes)
+    observers = observe_path(state, posed)
     return respond_to_errors(
         errors,
-        dataclasses.replace(middle.system, outputs=middle.system.outputs | seen),
+        observers.join(middle.system),
         move,
         samples=sample_path(request, move),
         low_frequency_limit_hz=choose_model(request).low_frequency_limit_hz,
-        joints=joints,
-        probes=probe_values(probes),
-        watch=watch_joints(joints).join(watch_path_probes(probes)),
+        joints=observers.joints,
+        probes=probe_values(observers.probes),
+        watch=observers.watch,
     )
 
 

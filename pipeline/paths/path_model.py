@@ -1,6 +1,13 @@
-"""A path as its solvers take it: poses of the machine, its model and the instants looked at."""
+"""A path as its solvers take it: poses of the machine, its model, the instants looked at, and the travel of
+axes and points along it.
+"""
 
-from headstock.geometry.frames import FloatArray
+from collections.abc import Mapping
+
+import numpy as np
+
+from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray
+from headstock.geometry.machine.machine import Machine
 from headstock.pipeline.planning.analyses import MODE_MARGIN
 from headstock.pipeline.stages.machine import CoupledPose
 from headstock.pipeline.stages.run_state import RunState
@@ -31,3 +38,26 @@ def couple_at(state: RunState, request: PathRequest, position: float) -> Coupled
     pose = request.path.pose_at(position)
     coupled = couple(state.parts.superelements, state.scene.machine, pose)
     return CoupledPose(state.parts, pose, coupled)
+
+
+def axis_shares(request: PathRequest) -> dict[str, float]:
+    """Travel of each axis per travel along the path."""
+    start, end = request.path.start.positions, request.path.end.positions
+    return {
+        axis: (end.get(axis, 0.0) - start.get(axis, 0.0)) / request.path.length
+        for axis in request.path.axes
+    }
+
+
+def travel_of_channel(
+    machine: Machine, directions: Mapping[str, FloatArray], *, name: str, dof: str
+) -> float:
+    """How the rigid machine moves a point per travel along a path; axes that move do not turn."""
+    if dof not in DIRECTIONS:
+        return 0.0
+    rest = np.zeros(3)
+    if name not in machine.points:
+        return float(directions.get(name.partition(".")[0], rest)[DOF_NAMES.index(dof)])
+    point = machine.points[name]
+    tool, work = (directions.get(end.component or "", rest) for end in (point.tool, point.work))
+    return float((tool - work)[DOF_NAMES.index(dof)])

@@ -16,9 +16,6 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from headstock.meshing.process.libraries import h5py
-from headstock.pipeline.answers.frf import ResponseCurves, parse_curves
-from headstock.pipeline.answers.path import PathCurves, parse_path
-from headstock.pipeline.answers.transient import TransientCurves, parse_transient
 from headstock.pipeline.numbers.folders import (
     FORMAT,
     RESULTS_FILE,
@@ -284,46 +281,4 @@ def read_mesh(
     raise UnusableOutputError(
         f"{folder} has no mesh of {name!r} in {VOLUME_FOLDER}/{file} or {MODES_FOLDER}/{file};"
         " `headstock run SCENE --volume` writes them"
-    )
-
-
-def read_curves(folder: Path) -> tuple[ResponseCurves, ...]:
-    """The curves of every frequency response, from ``results.h5``; empty without any.
-
-    Raises:
-        UnusableOutputError: The file is missing, damaged, of an earlier version or of another run than the
-            summary.
-    """
-    return read_results_file(
-        folder,
-        lambda file: tuple(
-            parse_curves(pose, group) for pose, group in file.get("frf", {}).items()
-        ),
-    )
-
-
-def read_paths(folder: Path) -> tuple[PathCurves, ...]:
-    """The curves of a path analysis, one per feed, from ``results.h5``; empty without any.
-
-    Raises:
-        UnusableOutputError: The file is missing, damaged, of an earlier version or of another run than the
-            summary.
-    """
-    return read_results_file(
-        folder, lambda file: tuple(parse_path(group) for group in file.get("path", {}).values())
-    )
-
-
-def read_histories(folder: Path) -> tuple[TransientCurves, ...]:
-    """The curves of a transient analysis, one per pose, from ``results.h5``; empty without any.
-
-    Raises:
-        UnusableOutputError: The file is missing, damaged, of an earlier version or of another run than the
-            summary.
-    """
-    return read_results_file(
-        folder,
-        lambda file: tuple(
-            parse_transient(pose, group) for pose, group in file.get("transient", {}).items()
-        ),
     )

@@ -15,7 +15,6 @@ from headstock.reduction.coupling.joint_forces import DAMPER, SPRING, JointForce
 from headstock.solvers.control.drive_loops import ENCODER
 from headstock.solvers.control.drive_trains import FORCE
 from headstock.solvers.linear.state_space import StateSpace
-from headstock.solvers.paths.response import PathDeviation
 from headstock.solvers.watched_outputs import (
     Extreme,
     Watch,
@@ -109,15 +108,6 @@ def watch_joints(joints: Iterable[JointForces]) -> Watch:
 def watch_drives(drives: Collection[Drive]) -> Watch:
     """Forces of drives, then what their position controllers read."""
     return Watch(tuple((drive.name, what) for what in (FORCE, ENCODER) for drive in drives))
-
-
-def read_joints(
-    joints: Iterable[JointForces], found: PathDeviation
-) -> dict[str, dict[str, Extreme]]:
-    """Return the largest forces of joints, which a path watched."""
-    return largest_joint_forces(
-        joints, found.times, lambda joint: found.watched.of(joint.channels(SPRING))
-    )
 
 
 def largest_joint_forces(

@@ -86,6 +86,7 @@ class CaseState:
         coupled: The machine.
         eigenvalues: ``(m,)`` omega^2 of the modes above the floor.
         shapes: ``(n, m)`` mass-normalised.
+        below: How many modes lie below the floor.
         displacements: ``(n, 2 c)`` static motion under a unit force at the motion port and at the
             force port of each compliance.
     """
@@ -95,6 +96,7 @@ class CaseState:
     coupled: CoupledMachine
     eigenvalues: FloatArray
     shapes: FloatArray
+    below: int
     displacements: FloatArray
 
     @cached_property
@@ -173,9 +175,9 @@ def solve_case(model: CaseModel, values: Mapping[str, float]) -> CaseState:
     """
     built = model.parametric.build(values)
     coupled = couple(built.superelements, built.machine, model.pose)
-    eigenvalues, shapes = _solve_modes(model, coupled)
+    eigenvalues, shapes, below = _solve_modes(model, coupled)
     return CaseState(
-        model, dict(values), coupled, eigenvalues, shapes, _solve_static(model, coupled)
+        model, dict(values), coupled, eigenvalues, shapes, below, _solve_static(model, coupled)
     )
 
 
@@ -229,11 +231,12 @@ def slope_motions(state: CaseState, index: int, slopes: list[CaseSlope]) -> Floa
     )
 
 
-def _solve_modes(model: CaseModel, coupled: CoupledMachine) -> tuple[FloatArray, FloatArray]:
+def _solve_modes(model: CaseModel, coupled: CoupledMachine) -> tuple[FloatArray, FloatArray, int]:
+    """Return eigenvalues and shapes above the floor, and how many modes lie below it."""
     case = model.case
     if not case.modes and case.limit is None:
-        return np.zeros(0), np.zeros((coupled.basis.shape[1], 0))
-    wanted = len(case.modes) + RIGID_MOTIONS + SPARE_MODES
+        return np.zeros(0), np.zeros((coupled.basis.shape[1], 0)), 0
+    wanted = case.most_modes + RIGID_MOTIONS + SPARE_MODES
     floor = (2.0 * np.pi * case.floor_hz) ** 2
     while True:
         pairs = solve_symmetric_modes(coupled.system.stiffness, coupled.system.mass, wanted=wanted)
@@ -245,7 +248,13 @@ def _solve_modes(model: CaseModel, coupled: CoupledMachine) -> tuple[FloatArray,
         raise ModelError(
             f"case {case.name}: {len(case.modes)} frequencies are to be met and the model has {len(above)} above {case.floor_hz:g} Hz"
         )
-    return pairs.eigenvalues[above], pairs.shapes[:, above]
+    below, count = len(pairs.eigenvalues) - len(above), len(pairs.eigenvalues)
+    for target in case.modes:
+        if target.number is not None and not below < target.number <= count:
+            raise ModelError(
+                f"case {case.name}: {target.name}: the model has modes {below + 1} to {count} above {case.floor_hz:g} Hz"
+            )
+    return pairs.eigenvalues[above], pairs.shapes[:, above], below
 
 
 def _solve_static(model: CaseModel, coupled: CoupledMachine) -> FloatArray:

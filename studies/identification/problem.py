@@ -23,6 +23,8 @@ from headstock.studies.identification.targets import (
     ShapeTarget,
 )
 
+OTHER_NUMBER = 1e12  # cost of a mode of another number than the one that a target names
+
 
 @dataclass(frozen=True)
 class Pairing:
@@ -53,11 +55,16 @@ def pair_targets(state: CaseState) -> Pairing:
 
 
 def shape_costs(state: CaseState) -> FloatArray:
-    """What each target ``(t, m)`` would pay for the shape of each mode."""
+    """What each target ``(t, m)`` would pay for the shape of each mode, and for another number than its
+    own.
+    """
     cost = np.zeros((len(state.model.case.modes), len(state.frequencies_hz)))
     for row, target in enumerate(state.model.case.modes):
         if target.shape is not None:
             cost[row] = (1.0 - compare_shape(state, target.shape)) / target.shape.tolerance**2
+        if target.number is not None:
+            others = np.arange(cost.shape[1]) != target.number - 1 - state.below
+            cost[row, others] += OTHER_NUMBER
     return cost
 
 

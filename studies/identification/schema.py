@@ -90,6 +90,20 @@ def _read_compliance(value: object) -> float:
         raise problem(str(error)) from error
 
 
+def _read_measured(value: object) -> Quantity:
+    if isinstance(value, Quantity):
+        return value
+    try:
+        return parse_quantity(value, units.FREQUENCY, COMPLIANCE)
+    except UnitError as error:
+        raise problem(str(error)) from error
+
+
+Measured = Annotated[
+    Quantity,
+    BeforeValidator(_read_measured),
+    describe_quantity(units.FREQUENCY, COMPLIANCE),
+]
 Compliance = Annotated[float, BeforeValidator(_read_compliance), describe_quantity(COMPLIANCE)]
 Letter = Literal["x", "y", "z", "-x", "-y", "-z"]
 
@@ -215,6 +229,8 @@ class CaseTable(StrictTable):
         Annotated[list[ComplianceTargetTable], Field(min_length=1, max_length=1000)] | None
     ) = None
     """measured compliances"""
+    numbers: Annotated[dict[Text, Measured], Field(min_length=1, max_length=1000)] | None = None
+    """measured values of numbers by name: `frequency(mode=3)`, `compliance(point=tcp,direction=x)`"""
     at_most: AtMostTable | None = None
     """a limit on the number of modes"""
     hold_out: Flag = False
@@ -222,7 +238,7 @@ class CaseTable(StrictTable):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if self.frequencies is None and self.modes is None and self.compliances is None:
+        if not (self.frequencies or self.modes or self.compliances or self.numbers):
             raise problem(
                 'holds no target; write frequencies = ["80 Hz"], modes = [{ ... }] or compliances = [{ ... }]'
             )

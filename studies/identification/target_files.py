@@ -6,13 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from headstock.pipeline.numbers.numbers import Key, NumberNameError, parse_key
 from headstock.reduction.coupling.slopes import ObservedDof
 from headstock.scene.building.loader import load_scene
 from headstock.scene.expansion.overrides import split_variant
 from headstock.scene.reading.files import read_scene
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.reading.units import RATIO, Quantity
+from headstock.scene.reading.units import COMPLIANCE, FREQUENCY, RATIO, Quantity
 from headstock.scene.scene import Scene
 from headstock.scene.schema.validation import validate_against
 from headstock.studies.identification.parameters import read_parameters
@@ -76,6 +77,33 @@ def read_case(
             place = getattr(target, part)
             if place is not None:
                 _check_place((*key, "compliances", index, part), place, scene, findings)
+    for text, measured in (table.numbers or {}).items():
+        path = (*key, "numbers", text)
+        number = _read_number(text, measured, pose or next(iter(scene.poses)), path, findings)
+        if number is not None and number.kind == "frequency":
+            modes.append(
+                ModeTarget(
+                    f"{name} {text}",
+                    measured.value,
+                    spread,
+                    hold_out=table.hold_out,
+                    number=int(number["mode"]),
+                )
+            )
+        elif number is not None:
+            point, direction = str(number["point"]), str(number["direction"])
+            _check_place(path, point, scene, findings)
+            motion, force = (ObservedDof(point, "xyz".index(direction[end])) for end in (0, -1))
+            compliances.append(
+                ComplianceTarget(
+                    f"{name} {text}",
+                    motion,
+                    force,
+                    measured.value,
+                    spread,
+                    hold_out=table.hold_out,
+                )
+            )
     modes.sort(key=lambda mode: mode.frequency_hz)
     for mode in modes:
         if floor is not None and mode.frequency_hz <= floor:
@@ -92,6 +120,45 @@ def read_case(
         tuple(compliances),
         _read_limit(table.at_most),
     )
+
+
+def _read_number(
+    text: str, measured: Quantity, pose: str, path: KeyPath, findings: Findings
+) -> Key | None:
+    """Return the key of a measured number; None for one that cannot be fitted, which is reported.
+
+    Args:
+        text: Name of the number.
+        measured: Its value.
+        pose: Of the case.
+        path: Where it is written.
+        findings: Where problems go.
+    """
+    try:
+        key = parse_key(text)
+    except NumberNameError as error:
+        findings.add(path, str(error))
+        return None
+    needed = {"frequency": ("mode",), "compliance": ("point", "direction")}.get(key.kind)
+    unit = FREQUENCY if key.kind == "frequency" else COMPLIANCE
+    if needed is None:
+        problem = f"{key.kind} cannot be fitted; write a frequency or a compliance"
+    elif missing := [role for role in needed if key.get(role) is None]:
+        problem = (
+            f"names no {missing[0]}; write {key.kind}({','.join(f'{role}=...' for role in needed)})"
+        )
+    elif key.get("pose") not in (None, pose):
+        problem = f"is in pose {key['pose']}, and the case in {pose}; write pose in the case, and a case per pose"
+    elif measured.dimension != unit:
+        problem = f"is a {measured.dimension.name}, not a {unit.name}"
+    elif key.kind == "compliance" and not set(str(key["direction"])) <= set("xyz"):
+        problem = f"has no direction {key['direction']}; write x, y, z or two of them: of motion and force"
+    elif not measured.value:
+        problem = "is zero; leave an entry that should vanish out, or give what was measured"
+    else:
+        return key
+    findings.add(path, problem)
+    return None
 
 
 def _relative(spread: Quantity | None, size: float) -> float | None:

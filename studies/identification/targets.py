@@ -36,6 +36,7 @@ class ModeTarget:
         sigma: Standard deviation of its logarithm, weight counted.
         shape: Where the shape is known.
         hold_out: Predicted, not fitted.
+        number: Of the mode that meets it, from 1 with those below the floor; None for any mode.
     """
 
     name: str
@@ -43,6 +44,7 @@ class ModeTarget:
     sigma: float
     shape: ShapeTarget | None = None
     hold_out: bool = False
+    number: int | None = None
 
 
 @dataclass(frozen=True)
@@ -105,6 +107,11 @@ class TargetCase:
     modes: tuple[ModeTarget, ...]
     compliances: tuple[ComplianceTarget, ...]
     limit: ModeLimit | None = None
+
+    @property
+    def most_modes(self) -> int:
+        """How many modes its targets take at least, those below the floor among them."""
+        return max(len(self.modes), *(target.number or 0 for target in self.modes), 0)
 
     @property
     def held_out(self) -> tuple[bool, ...]:

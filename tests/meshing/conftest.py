@@ -1,12 +1,19 @@
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import pytest
 
 from headstock.geometry.parts.components import Component, Interface, Material, MeshSettings, Patch
 from headstock.geometry.parts.solids import Solid
+from step_parts import gmsh_session
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
 Patches = Patch | tuple[Patch, ...]
+
+
+@pytest.fixture
+def kernel() -> Iterator[None]:
+    with gmsh_session():
+        yield
 
 
 @pytest.fixture

@@ -20,6 +20,7 @@ from headstock.meshing.components.meshing import describe_component, estimate_ce
 from headstock.meshing.elements.quality import integrate_mesh
 from headstock.meshing.errors import MeshError
 from headstock.meshing.files.gmsh import read_gmsh
+from step_parts import gmsh_session
 
 pytestmark = pytest.mark.process
 
@@ -433,15 +434,11 @@ def test_missing_faces_of_a_mesh_file_name_the_available_ones(
 def test_a_script_beside_a_gmsh_mesh_is_not_run(tmp_path: Path) -> None:
     """Gmsh obeys ``NAME.opt``; read in this process, where no view of the files hides it."""
     mesh = tmp_path / "cube.msh"
-    gmsh.initialize(interruptible=False, readConfigFiles=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    with gmsh_session():
         gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
         gmsh.model.occ.synchronize()
         gmsh.model.mesh.generate(3)
         gmsh.write(str(mesh))
-    finally:
-        gmsh.finalize()
     (tmp_path / "cube.msh.opt").write_text(f'SystemCall "touch {tmp_path}/obeyed";\n')
     assert len(read_gmsh(mesh).points) >= 8
     assert not (tmp_path / "obeyed").exists()

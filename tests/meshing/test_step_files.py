@@ -1,5 +1,5 @@
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import gmsh
@@ -26,15 +26,6 @@ pytestmark = pytest.mark.process
 Make = Callable[..., Component]
 HOLE_AREA = 3 * np.pi * 6.0**2
 BLOCK_VOLUME = (60 * 40 - HOLE_AREA) * 20 * 1e-9
-
-
-@pytest.fixture
-def kernel() -> Iterator[None]:
-    gmsh.initialize(interruptible=False, readConfigFiles=False)
-    gmsh.option.setNumber("General.Terminal", 0)
-    gmsh.option.setNumber("General.NumThreads", 1)
-    yield
-    gmsh.finalize()
 
 
 def add_drilled_block() -> None:

@@ -8,6 +8,7 @@ import pytest
 
 import headstock as hs
 from common import approx
+from step_parts import built_part
 
 pytestmark = pytest.mark.process
 
@@ -42,9 +43,7 @@ at = "tcp"
 
 
 def write_shaft(path: Path, *, in_halves: bool, as_splines: bool = False) -> None:
-    gmsh.initialize(interruptible=False, readConfigFiles=False)
-    gmsh.option.setNumber("General.Terminal", 0)
-    try:
+    with built_part(path):
         occ = gmsh.model.occ
         if in_halves:
             arcs = [
@@ -56,10 +55,6 @@ def write_shaft(path: Path, *, in_halves: bool, as_splines: bool = False) -> Non
             occ.addCylinder(0, 0, 0, 0, 0, 100, RADIUS)
         if as_splines:
             occ.convertToNURBS(occ.getEntities(3))
-        occ.synchronize()
-        gmsh.write(str(path))
-    finally:
-        gmsh.finalize()
 
 
 def compliance(folder: Path, patch: str) -> float:

@@ -29,6 +29,7 @@ from headstock.reduction.coupling.coupling import couple
 from headstock.scene.analyses.modal import ModalRequest
 from headstock.scene.analyses.static import StaticRequest
 from headstock.scene.building.loader import load_scene
+from step_parts import built_part
 
 MACHINES = Path(__file__).resolve().parents[3] / "machines"
 SUPPORT = Path(__file__).parent.parent.parent / "data" / "support.step"
@@ -287,17 +288,11 @@ def test_suggestions_left_as_comments_are_valid_when_the_comment_signs_go(folder
 def test_the_scene_of_a_plate_with_screw_holes_has_a_variant_that_is_fixed_at_them_alone(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    gmsh.initialize(interruptible=False, readConfigFiles=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    with built_part(folder / "plate.step"):
         occ = gmsh.model.occ
         plate = occ.addBox(0, 0, 0, 80, 60, 20)
         holes = [(3, occ.addCylinder(x, y, 0, 0, 0, 20, 4)) for x in (15, 65) for y in (15, 45)]
         occ.cut([(3, plate)], holes)
-        occ.synchronize()
-        gmsh.write(str(folder / "plate.step"))
-    finally:
-        gmsh.finalize()
     assert main(["new", "mine", "--part", "plate.step"]) == 0
     assert "--variant screws: fixed at 4 holes of 8 mm" in capsys.readouterr().out
     scene = load_scene(folder / "mine" / "mine.toml", variant="screws")
@@ -344,15 +339,9 @@ def test_a_failed_start_leaves_no_folder(folder: Path) -> None:
 def test_a_solid_of_an_assembly_is_chosen_by_name_and_number(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    gmsh.initialize(interruptible=False, readConfigFiles=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    with built_part(folder / "pair.step"):
         for place in (0, 50):
             gmsh.model.occ.addBox(place, 0, 0, 10 + place, 10, 10)
-        gmsh.model.occ.synchronize()
-        gmsh.write(str(folder / "pair.step"))
-    finally:
-        gmsh.finalize()
     assert main(["show", "pair.step"]) == 2
     said = capsys.readouterr().err
     assert said.startswith("error: pair.step holds 2 solids; choose one: --solid 1")

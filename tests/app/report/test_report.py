@@ -275,6 +275,17 @@ def test_the_first_mode_that_deforms_is_neither_free_nor_a_motion_of_the_whole_m
     assert '<data value="87.5">' in tile and "a bends X" in tile
 
 
+def test_the_navigation_names_sections_of_the_page_in_their_order(run_folder: Path) -> None:
+    summary = sketch(
+        RunSummary, {**read_summary(run_folder), "frf": {"reference": {"damped": True}}}
+    )
+    html = render_report(FinishedRun(summary))
+    links = re.findall('href="#([a-z]+)"', html[: html.index("</nav>")])
+    sections = re.findall('<section id="([a-z]+)"', html)
+    assert {"stiffness", "modes", "components", "cost"} <= {*links}
+    assert links == [name for name in sections if name in links]
+
+
 def test_warnings_and_failures_come_before_everything_else(run_folder: Path) -> None:
     summary = read_summary(run_folder) | {
         "warnings": ["the bed is soft"],

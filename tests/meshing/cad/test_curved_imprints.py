@@ -15,6 +15,7 @@ from headstock.geometry.parts.solids import StepFile
 from headstock.meshing.components.finishing import patch_moments
 from headstock.meshing.components.meshing import describe_component, mesh_component
 from headstock.meshing.errors import PatchError
+from step_parts import built_part
 
 pytestmark = pytest.mark.process
 
@@ -60,15 +61,8 @@ def keyed() -> int:
 @pytest.fixture
 def part(tmp_path: Path) -> Callable[[Callable[[], int]], StepFile]:
     def write(build: Callable[[], int]) -> StepFile:
-        gmsh.initialize(interruptible=False, readConfigFiles=False)
-        gmsh.option.setNumber("General.Terminal", 0)
-        gmsh.option.setNumber("General.NumThreads", 1)
-        try:
+        with built_part(tmp_path / "part.step"):
             build()
-            gmsh.model.occ.synchronize()
-            gmsh.write(str(tmp_path / "part.step"))
-        finally:
-            gmsh.finalize()
         return StepFile(tmp_path / "part.step")
 
     return write

@@ -1,6 +1,5 @@
 """Holes, recesses and pads within plane faces of STEP parts, over which meshes close the planes."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import gmsh
@@ -26,15 +25,6 @@ SUPPORT = Path(__file__).resolve().parents[2] / "data" / "support.toml"
 BLOCK, PAD, POCKET = 60 * 40 * 20.0, 8 * 6 * 2.0, 6 * 5 * 3.0
 BORE, COUNTERBORE = np.pi * 2.0**2 * 16.0, np.pi * 4.0**2 * 4.0
 WIDE = np.pi * 6.0**2 * 20.0
-
-
-@pytest.fixture
-def kernel() -> Iterator[None]:
-    gmsh.initialize(interruptible=False, readConfigFiles=False)
-    gmsh.option.setNumber("General.Terminal", 0)
-    gmsh.option.setNumber("General.NumThreads", 1)
-    yield
-    gmsh.finalize()
 
 
 def build_block() -> int:

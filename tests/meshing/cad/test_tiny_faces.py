@@ -3,7 +3,7 @@ endless mesh or a lost face.
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import gmsh
@@ -25,18 +25,13 @@ REFUSED_WITHIN = 10.0
 
 
 @pytest.fixture
-def write_step(tmp_path: Path) -> Iterator[Write]:
-    gmsh.initialize(interruptible=False, readConfigFiles=False)
-    gmsh.option.setNumber("General.Terminal", 0)
-    gmsh.option.setNumber("General.NumThreads", 1)
-
+def write_step(tmp_path: Path, kernel: None) -> Write:
     def write(name: str) -> Path:
         gmsh.model.occ.synchronize()
         gmsh.write(str(tmp_path / f"{name}.step"))
         return tmp_path / f"{name}.step"
 
-    yield write
-    gmsh.finalize()
+    return write
 
 
 def block() -> tuple[int, int]:

@@ -21,6 +21,7 @@ from headstock.meshing.components import reduced_skins, skins
 from headstock.meshing.components.meshing import mesh_component
 from headstock.meshing.components.skins import PIXEL, mesh_skin, skin_size, thin_skin, unmeshed_skin
 from headstock.meshing.errors import MeshError
+from step_parts import built_part
 
 pytestmark = pytest.mark.slow
 
@@ -114,13 +115,9 @@ def step_parts(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         "bracket": ROOT / "tests" / "data" / "support.step",
     }
     for build in (finned_flange, rounded_frame):
-        gmsh.initialize(interruptible=False, readConfigFiles=False)
-        gmsh.option.setNumber("General.Terminal", 0)
-        build()
-        gmsh.model.occ.synchronize()
         found[build.__name__] = folder / f"{build.__name__}.step"
-        gmsh.write(str(found[build.__name__]))
-        gmsh.finalize()
+        with built_part(found[build.__name__]):
+            build()
     return found
 
 

@@ -20,6 +20,7 @@ from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import SceneError
+from step_parts import built_part
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
@@ -40,13 +41,10 @@ analyses.modal = { count = 3 }
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """With the scene, and its part: an angle with a sharp inner edge."""
     folder = tmp_path_factory.mktemp("angle")
-    gmsh.initialize(interruptible=False, readConfigFiles=False)
-    gmsh.option.setNumber("General.Terminal", 0)
-    legs = [gmsh.model.occ.addBox(*box) for box in ((0, 0, 0, 120, 60, 30), (0, 0, 30, 30, 60, 90))]
-    gmsh.model.occ.fuse([(3, legs[0])], [(3, legs[1])])
-    gmsh.model.occ.synchronize()
-    gmsh.write(str(folder / "angle.step"))
-    gmsh.finalize()
+    occ = gmsh.model.occ
+    with built_part(folder / "angle.step"):
+        legs = [occ.addBox(*box) for box in ((0, 0, 0, 120, 60, 30), (0, 0, 30, 30, 60, 90))]
+        occ.fuse([(3, legs[0])], [(3, legs[1])])
     (folder / "scene.toml").write_text(SCENE)
     return folder
 

@@ -12,9 +12,10 @@ from common import approx, present
 from fixture_machines import machine
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
-from headstock.pipeline.answers.frf import PoseResponse
+from headstock.pipeline.answers.frf import PoseResponse, ResponseCurves
 from headstock.pipeline.answers.probes import ProbeAnswer, ProbeCurves
-from headstock.pipeline.results.files import read_curves, read_summary
+from headstock.pipeline.results.curves import find_curves, read_curves
+from headstock.pipeline.results.files import read_summary
 from headstock.pipeline.results.results import Results
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
@@ -180,7 +181,7 @@ def test_files_hold_what_probes_see(bar: tuple[Path, Results]) -> None:
         np.testing.assert_array_equal(group["stress"][:], probe.stress)
         np.testing.assert_array_equal(group["von_mises"][:], probe.von_mises)
         assert {"discretisation", "reduction"} <= set(group["von_mises_error_share"])
-    (curves,) = read_curves(folder / "out")
+    (curves,) = find_curves(read_curves(folder / "out"), ResponseCurves)
     again = {each.name: each for each in curves.probes}["middle"]
     np.testing.assert_array_equal(again.von_mises, probe.von_mises)
     np.testing.assert_array_equal(again.von_mises_error, probe.von_mises_error)

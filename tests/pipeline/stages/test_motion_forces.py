@@ -16,8 +16,8 @@ from headstock.app.views.view import FinishedRun
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.path import PathResult
-from headstock.pipeline.answers.transient import TransientAnswer
-from headstock.pipeline.results.files import read_histories
+from headstock.pipeline.answers.transient import TransientAnswer, TransientCurves
+from headstock.pipeline.results.curves import find_curves, read_curves
 from headstock.pipeline.results.results import Results
 from scene_runs import compute
 
@@ -307,7 +307,7 @@ def test_forces_are_tabled_written_and_drawn(tmp_path: Path) -> None:
         'outputs = [["tcp", "x"]]\nloads.push = { at = ["tcp", "x"], shape = "step", size = "90 N" }'
     )
     answer = answer_of(run(f"{AXIS}\n{request}", tmp_path))
-    (curves,) = read_histories(tmp_path / "out")
+    (curves,) = find_curves(read_curves(tmp_path / "out"), TransientCurves)
     assert curves.drives == ("X",)
     assert np.array_equal(curves.torques, answer.curves.torques)
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())

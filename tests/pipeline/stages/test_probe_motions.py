@@ -22,8 +22,8 @@ from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.answers.probe_motions import ProbeMotion
 from headstock.pipeline.answers.probes import ProbeAnswer
-from headstock.pipeline.answers.transient import TransientAnswer
-from headstock.pipeline.results.files import read_histories
+from headstock.pipeline.answers.transient import TransientAnswer, TransientCurves
+from headstock.pipeline.results.curves import find_curves, read_curves
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store
@@ -144,7 +144,7 @@ def of_files(folder: Path) -> tuple[ProbeMotion, dict[str, object]]:
 
 def test_probes_are_tabled_written_and_drawn(tmp_path: Path) -> None:
     found, summary = of_files(tmp_path)
-    (curves,) = read_histories(tmp_path / "out")
+    (curves,) = find_curves(read_curves(tmp_path / "out"), TransientCurves)
     assert {probe.name for probe in curves.probes} == {"inside", "foot"}
     with h5py.File(tmp_path / "out" / "results.h5") as file:
         stress = file["transient/reference/probes/foot/stress"][:]

@@ -20,8 +20,8 @@ from headstock.app.views.view import FinishedRun
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
-from headstock.pipeline.answers.transient import TRUNCATION, TransientAnswer
-from headstock.pipeline.results.files import read_histories
+from headstock.pipeline.answers.transient import TRUNCATION, TransientAnswer, TransientCurves
+from headstock.pipeline.results.curves import find_curves, read_curves
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.stages.control import drive_machine
@@ -540,7 +540,7 @@ def test_results_are_written_read_and_shown(tmp_path: Path) -> None:
     found = summary["transient"]["reference"]["outputs"]["tcp x"]
     assert found["peak"] == approx(1e6 * answer_of(results).figures[0].peak, rel=1e-12)
     assert summary["transient"]["reference"]["outputs"]["tcp y"]["settling_s"] is None
-    (curves,) = read_histories(tmp_path / "out")
+    (curves,) = find_curves(read_curves(tmp_path / "out"), TransientCurves)
     assert np.array_equal(curves.displacements, answer_of(results).curves.displacements)
     table = tabulate_transient(curves)
     assert table.headings[:3] == ("time [s]", "press [N]", "tcp x [um]")

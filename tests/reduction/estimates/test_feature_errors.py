@@ -22,6 +22,7 @@ from headstock.reduction.motions.compliance_budget import point_budget
 from headstock.reduction.requests import ReductionRequest
 from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.linear.modal_analysis import solve_modal
+from step_parts import built_part
 
 pytestmark = pytest.mark.process
 
@@ -33,17 +34,13 @@ LENGTH, WIDTH, HEIGHT, RADIUS = 160.0, 30.0, 10.0, 2.0
 def part_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A strip with eight holes through its thickness along the middle."""
     path = tmp_path_factory.mktemp("strip") / "strip.step"
-    gmsh.initialize(interruptible=False, readConfigFiles=False)
-    gmsh.option.setNumber("General.Terminal", 0)
     occ = gmsh.model.occ
-    holes = [
-        (3, occ.addCylinder(20.0 * i - 10.0, WIDTH / 2, -1, 0, 0, HEIGHT + 2, RADIUS))
-        for i in range(1, 9)
-    ]
-    occ.cut([(3, occ.addBox(0, 0, 0, LENGTH, WIDTH, HEIGHT))], holes)
-    occ.synchronize()
-    gmsh.write(str(path))
-    gmsh.finalize()
+    with built_part(path):
+        holes = [
+            (3, occ.addCylinder(20.0 * i - 10.0, WIDTH / 2, -1, 0, 0, HEIGHT + 2, RADIUS))
+            for i in range(1, 9)
+        ]
+        occ.cut([(3, occ.addBox(0, 0, 0, LENGTH, WIDTH, HEIGHT))], holes)
     return path
 
 

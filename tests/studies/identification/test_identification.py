@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from common import approx
+from headstock.solvers.errors import ModelError
 from headstock.studies.identification.descent import spread_starts
 from headstock.studies.identification.identification import identify
 from headstock.studies.identification.problem import FitProblem, evaluate, follow_modes
@@ -55,6 +56,19 @@ def with_settings(problem: FitProblem, *, starts: int, pairing: str = "best") ->
     return dataclasses.replace(
         problem, settings=dataclasses.replace(problem.settings, starts=starts, pairing=pairing)
     )
+
+
+def test_a_frequency_by_name_is_met_by_the_mode_of_its_number(tmp_path: Path) -> None:
+    names = 'numbers = { "frequency(mode=2)" = "10 Hz", "frequency(mode=1)" = "11 Hz" }'
+    truth = {"drive": TRUTH["drive"], "feet_z": TRUTH["feet_z"]}
+    problem = prepare_text(tmp_path, f"[cases.a]\n{names}\n{write_parameters(truth)}")
+    point = solve_truth(problem, truth)
+    assert [target.frequency_hz for target in problem.cases[0].case.modes] == [10.0, 11.0]
+    assert point.pairings[0].modes == (1, 0)
+    beyond = names.replace("mode=2", "mode=999")
+    problem = prepare_text(tmp_path, f"[cases.a]\n{beyond}\n{write_parameters(truth)}")
+    with pytest.raises(ModelError, match=r"mode=999.*the model has modes 1 to"):
+        solve_truth(problem, truth)
 
 
 def test_most_starts_find_the_true_stiffnesses_although_modes_change_places(tmp_path: Path) -> None:

@@ -63,6 +63,42 @@ def test_a_target_file_becomes_targets_in_si_units(tmp_path: Path) -> None:
     assert (width.prior, width.prior_sigma) == approx((0.04, 0.3))
 
 
+def test_numbers_are_measured_by_the_names_that_runs_give_them(tmp_path: Path) -> None:
+    numbers = """numbers = { "frequency(mode=3)" = "55 Hz", "compliance(pose=out,point=tcp,direction=zx)" = "-9 um/kN" }
+[parameters.guide]"""
+    (case,) = load(tmp_path, GOOD.replace("[parameters.guide]", numbers)).task.cases
+    assert [(mode.frequency_hz, mode.number) for mode in case.modes] == [
+        (50.0, None),
+        (55.0, 3),
+        (60.0, None),
+        (70.0, None),
+    ]
+    long, short = case.compliances
+    assert (short.motion, short.force, short.value) == (long.motion, long.force, long.value)
+    assert (short.sigma, short.hold_out) == (0.02, False)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("frequencies(mode=3)", "55 Hz", "is no name of a number"),
+        ("frequency(pose=out)", "55 Hz", "names no mode"),
+        ("frequency(mode=3)", "5 um/kN", "is a compliance, not a frequency"),
+        ("frequency(pose=back,mode=3)", "55 Hz", "a case per pose"),
+        ("compliance(point=tcpp,direction=x)", "5 um/kN", "did you mean 'tcp'?"),
+        ("compliance(point=tcp,direction=xw)", "5 um/kN", "has no direction xw"),
+        ("multiplier(face=1)", "5 Hz", "cannot be fitted"),
+    ],
+)
+def test_a_number_that_cannot_be_fitted_is_named_with_the_remedy(
+    tmp_path: Path, name: str, value: str, message: str
+) -> None:
+    numbers = f'numbers = {{ "{name}" = "{value}" }}\n[parameters.guide]'
+    (found,) = problems(tmp_path, GOOD.replace("[parameters.guide]", numbers))
+    assert message in found.message and "cases.a.numbers" in found.key
+    assert found.place.endswith("targets.toml:11")
+
+
 @pytest.mark.parametrize(
     ("old", "new", "key", "message"),
     [
