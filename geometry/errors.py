@@ -18,7 +18,7 @@ LEAST_MEMORY_BYTES = 768 << 20
 
 
 def printable(text: str) -> str:
-    """The text without what a terminal would obey (escape sequences, line ends, changes of
+    """Return the text without what a terminal would obey (escape sequences, line ends, changes of
     direction): each such character as ``?``.
     """
     return "".join(
@@ -36,7 +36,7 @@ class OutOfMemoryError(HeadstockError):
 
 
 def out_of_memory(what: str) -> OutOfMemoryError:
-    """The error of a piece of work, with what to do."""
+    """Return the error of a piece of work, with what to do."""
     allowed, _ = resource.getrlimit(resource.RLIMIT_AS)
     bound = (
         ""
@@ -62,7 +62,7 @@ def require_least_memory() -> None:
 
 
 def lacks_memory(error: BaseException | None) -> bool:
-    """Whether an error, or one that it arose from, says that there was no memory."""
+    """Return whether an error, or one that it arose from, says that there was no memory."""
     while error is not None:
         if isinstance(error, MemoryError) or getattr(error, "ierr", None) == PETSC_OUT_OF_MEMORY:
             return True

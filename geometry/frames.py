@@ -47,12 +47,12 @@ class Frame:
 
 
 def compose_frames(parent: Frame, child: Frame) -> Frame:
-    """The child frame, given in the parent frame, expressed where the parent lives."""
+    """Return the child frame, given in the parent frame, expressed where the parent lives."""
     return Frame(parent.origin + parent.rotation @ child.origin, parent.rotation @ child.rotation)
 
 
 def rotation_about(axis: FloatArray, angle: float) -> FloatArray:
-    """Rotation matrix ``(3, 3)`` about an axis ``(3,)`` of any length by an angle [rad].
+    """Return the rotation matrix ``(3, 3)`` about an axis ``(3,)`` of any length by an angle [rad].
 
     Raises:
         ValueError: The axis has no length.
@@ -68,7 +68,7 @@ def rotation_about(axis: FloatArray, angle: float) -> FloatArray:
 
 
 def frame_axes(primary: FloatArray, secondary: FloatArray | None = None) -> FloatArray:
-    """Rotation ``(3, 3)`` whose x axis is ``primary`` and whose z axis lies closest to
+    """Return the rotation ``(3, 3)`` whose x axis is ``primary`` and whose z axis lies closest to
     ``secondary``.
 
     Args:
@@ -91,13 +91,13 @@ def frame_axes(primary: FloatArray, secondary: FloatArray | None = None) -> Floa
 
 
 def skew(vector: FloatArray) -> FloatArray:
-    """Matrix ``(3, 3)`` with ``skew(a) @ b == cross(a, b)``."""
+    """Return the matrix ``(3, 3)`` with ``skew(a) @ b == cross(a, b)``."""
     x, y, z = vector
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def rigid_map(points: FloatArray, origin: FloatArray) -> FloatArray:
-    """Displacements of points under the six rigid motions about an origin.
+    """Return the displacements of points under the six rigid motions about an origin.
 
     Args:
         points: ``(n, 3)`` positions [m].
@@ -117,8 +117,8 @@ def rigid_map(points: FloatArray, origin: FloatArray) -> FloatArray:
 
 
 def rigid_transfer(source: FloatArray, target: FloatArray) -> FloatArray:
-    """Matrix ``(6, 6)`` that carries the 6 motions of a rigid body at ``source`` to those at
-    ``target`` (same axes).
+    """Return the matrix ``(6, 6)`` that carries the 6 motions of a rigid body at ``source`` to
+    those at ``target`` (same axes).
     """
     transfer = np.eye(6)
     transfer[:3, 3:] = -skew(np.asarray(target, dtype=float) - np.asarray(source, dtype=float))
@@ -126,8 +126,8 @@ def rigid_transfer(source: FloatArray, target: FloatArray) -> FloatArray:
 
 
 def rotate_dofs(rotation: FloatArray) -> FloatArray:
-    """Matrix ``(6, 6)`` with a rotation ``(3, 3)`` for the translations and again for the
-    rotations.
+    """Return the matrix ``(6, 6)`` with a rotation ``(3, 3)`` for the translations and again for
+    the rotations.
     """
     result = np.zeros((6, 6))
     result[:3, :3] = result[3:, 3:] = rotation

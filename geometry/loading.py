@@ -223,7 +223,7 @@ def _standing_apart() -> Iterator[None]:
 
 
 def _is_ours() -> bool:
-    """Whether this process runs a module of the program, and not one of a user's."""
+    """Return whether this process runs a module of the program, and not one of a user's."""
     spec = getattr(sys.modules["__main__"], "__spec__", None)
     return spec is not None and spec.name.startswith("headstock.")
 

@@ -99,7 +99,7 @@ class LeftOut:
     strengths: FloatArray
 
     def scaled(self, unit: float) -> "LeftOut":
-        """In another unit: lengths times ``unit``."""
+        """Return the mesh in another unit: lengths times ``unit``."""
         return LeftOut(self.places * unit, self.volumes * unit**3, self.strengths)
 
 
@@ -120,7 +120,7 @@ class MissingVolumes:
     strengths: FloatArray
 
     def within(self, cells: IntArray) -> "MissingVolumes":
-        """Those in some cells alone.
+        """Return those in some cells alone.
 
         Args:
             cells: Sorted; they become 0, 1, ...

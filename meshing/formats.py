@@ -46,7 +46,7 @@ MESH_SUFFIXES = tuple(suffix for known in MESH_FORMATS for suffix in known.suffi
 
 
 def find_format(path: Path, *, written: bool = False) -> MeshFormat:
-    """The format of a mesh file by its ending.
+    """Find the format of a mesh file by its ending.
 
     Args:
         written: Only formats that are written count.
@@ -63,7 +63,7 @@ def find_format(path: Path, *, written: bool = False) -> MeshFormat:
 
 
 def list_array_files(path: Path) -> dict[str, NDArray[np.str_]]:
-    """``names`` of the HDF5 files that an XDMF file reads its arrays from.
+    """Return the ``names`` of the HDF5 files that an XDMF file reads its arrays from.
 
     Raises:
         MeshError: It names one in another folder, or too many.

@@ -21,7 +21,7 @@ VALUES = 16
 
 
 def encode_sizes(field: SizeField) -> bytes:
-    """Sizes as a view of scalar tetrahedra, in metres."""
+    """Return the sizes as a view of scalar tetrahedra, in metres."""
     rows = np.hstack([field.points[field.tets].reshape(-1, 12), field.sizes[field.tets]])
     lines = [
         f"SS({','.join(f'{value:.{DECIMALS}f}' for value in row[:12])})"
@@ -32,7 +32,8 @@ def encode_sizes(field: SizeField) -> bytes:
 
 
 def parse_sizes(path: Path) -> dict[str, NDArray[Any]]:
-    """``points``, ``tets`` and ``sizes`` of a `SizeField` from a view of scalar tetrahedra, in metres.
+    """Return ``points``, ``tets`` and ``sizes`` of a `SizeField` from a view of scalar tetrahedra,
+    in metres.
 
     Raises:
         MeshError: The file holds no such view, or sizes that are not above zero.

@@ -35,14 +35,14 @@ CELLS_PER_VOLUME = 4.5
 
 
 def round_length(value: float) -> float:
-    """A length rounded to 12 significant digits, so that units and float noise cannot change a
-    mesh.
+    """Return a length rounded to 12 significant digits, so that units and float noise cannot change
+    a mesh.
     """
     return float(f"{value:.12g}")
 
 
 def thinnest_feature(solid: ParametricSolid) -> float:
-    """Smallest thickness of material in a parametric solid [m]."""
+    """Return the smallest thickness of material in a parametric solid [m]."""
     if isinstance(solid, Tube):
         wall = (solid.outer_diameter - solid.inner_diameter) / 2
         return min(solid.length, wall if solid.inner_diameter > 0.0 else solid.outer_diameter)
@@ -55,7 +55,7 @@ def thinnest_feature(solid: ParametricSolid) -> float:
 
 
 def largest_extent(solid: ParametricSolid) -> float:
-    """Longest side of a parametric solid's bounding box [m]."""
+    """Return the longest side of a parametric solid's bounding box [m]."""
     if isinstance(solid, Tube):
         return max(solid.outer_diameter, solid.length)
     height = solid.rib_height if isinstance(solid, Plate) else 0.0
@@ -63,7 +63,8 @@ def largest_extent(solid: ParametricSolid) -> float:
 
 
 def default_size(volume: float, thinnest: float, extent: float) -> float:
-    """Element size [m] from a solid's volume [m^3], thinnest feature [m] and longest side [m].
+    """Return the element size [m] from a solid's volume [m^3], thinnest feature [m] and longest
+    side [m].
 
     Two elements through the thinnest feature, but between 1/40 and 1/6 of the longest side, and
     coarser where that would make more than 150 000 elements.
@@ -80,7 +81,8 @@ def default_size(volume: float, thinnest: float, extent: float) -> float:
 
 
 def estimate_tets(volume: float, thinnest: float, size: float) -> int:
-    """Number of tets of a given size in a solid, as a block or as a sheet, whichever is more.
+    """Return the number of tets of a given size in a solid, as a block or as a sheet, whichever is
+    more.
 
     Args:
         volume: Of the solid [m^3].
@@ -93,7 +95,7 @@ def estimate_tets(volume: float, thinnest: float, size: float) -> int:
 
 
 def count_rim_cells(length: float, at_rim: float, *, growth: float, size: float) -> float:
-    """Number of cells that growing from a curve adds, roughly.
+    """Return the number of cells that growing from a curve adds, roughly.
 
     Around a curve of length L in a half-space, elements of size ``s + g r`` at the distance r make
     up ``L / (s g^2)`` times a number.
@@ -108,8 +110,8 @@ def count_rim_cells(length: float, at_rim: float, *, growth: float, size: float)
 
 
 def count_patch_cells(patch: Patch, solid: ParametricSolid, *, across: int, size: float) -> float:
-    """Number of cells that a patch asks for, roughly, if it is so narrow that elements grow from
-    its rim, else 0.
+    """Return the number of cells that a patch asks for, roughly, if it is so narrow that elements
+    grow from its rim, else 0.
 
     Args:
         solid: On which it is; strips run all along it.
@@ -132,7 +134,7 @@ def _length_along(solid: ParametricSolid, axis: str | None) -> float:
 
 
 def dense_patch_message(count: float, width: float, across: int) -> str:
-    """What to tell the user when a patch asks for too many elements; width in [m].
+    """Return the message for when a patch asks for too many elements; width in [m].
 
     Args:
         width: Narrowest side of the patch [m].
@@ -145,7 +147,7 @@ def dense_patch_message(count: float, width: float, across: int) -> str:
 
 
 def estimate_behind_faces(triangles: int, cubes: float, order: int) -> tuple[int, int]:
-    """Number of tets and of nodes behind a meshed surface.
+    """Return the number of tets and of nodes behind a meshed surface.
 
     Args:
         cubes: Volume over the third power of the element size inside.
@@ -159,7 +161,7 @@ def estimate_behind_faces(triangles: int, cubes: float, order: int) -> tuple[int
 
 
 def budget_message(count: int, size: float) -> str:
-    """What to tell the user when a mesh would be too large; size in [m]."""
+    """Return the message for when a mesh would be too large; size in [m]."""
     coarser = size * (count / CELL_BUDGET) ** (1.0 / 3.0) * 1.1
     return (
         f"elements of {1e3 * size:.6g} mm would make about {count:.3g} cells, more than the budget of {CELL_BUDGET:.3g}; "

@@ -12,8 +12,8 @@ UNITS = (("inch", 0.0254), ("m", 1.0), ("mm", 1e-3), ("µm", 1e-6))
 
 
 def read_length_unit(path: Path) -> str | None:
-    """Length unit a STEP file names: ``mm``, ``m``, ``inch`` or another; None where there is none
-    or several.
+    """Return the length unit a STEP file names: ``mm``, ``m``, ``inch`` or another; None where
+    there is none or several.
     """
     text = path.read_bytes()
     found = {
@@ -29,8 +29,8 @@ def read_length_unit(path: Path) -> str | None:
 
 
 def doubt_size(path: Path, extent: float) -> str | None:
-    """A warning where a STEP part is so long or short [m] that its unit is in doubt; None where it
-    is plausible.
+    """Return a warning where a STEP part is so long or short [m] that its unit is in doubt; None
+    where it is plausible.
     """
     lowest, highest = PLAUSIBLE_LENGTHS
     if lowest <= extent <= highest:

@@ -47,9 +47,9 @@ class PatchShapes:
 
 
 def list_degrees(outline: Outline, most: int) -> list[tuple[int, int]]:
-    """Degrees of the polynomials, level by level, for at most so many shapes: along both in-plane
-    axes of a rectangle; zeros along the radius and waves around a disk or a ring, cosines with
-    waves above zero and sines below.
+    """Return the degrees of the polynomials, level by level, for at most so many shapes: along both
+    in-plane axes of a rectangle; zeros along the radius and waves around a disk or a ring, cosines
+    with waves above zero and sines below.
 
     A level is there as a whole or not at all, so that the basis is the same seen from both sides of
     a joint and each basis contains the smaller ones. Along a strip degrees rise alone: across it the
@@ -79,7 +79,7 @@ def list_degrees(outline: Outline, most: int) -> list[tuple[int, int]]:
 
 
 def _rectangle_pairs(outline: Outline, top: int) -> dict[tuple[int, int], float]:
-    """Degrees above the linear ones, each with its level."""
+    """Return the degrees above the linear ones, each with its level."""
     half = outline.half_lengths
     aspect, long = float(half.max() / half.min()), int(np.argmax(half))
 
@@ -92,7 +92,9 @@ def _rectangle_pairs(outline: Outline, top: int) -> dict[tuple[int, int], float]
 
 
 def _round_pairs(hole: float, top: int) -> dict[tuple[int, int], float]:
-    """Zeros along the radius and waves around, above the linear ones, each with its level."""
+    """Return the zeros along the radius and waves around, above the linear ones, each with its
+    level.
+    """
     # half the mean circumference over the width: as many half waves fit around as zeros across
     aspect = max(DISK_COST, 0.5 * np.pi * (1.0 + hole) / (1.0 - hole))
 
@@ -105,12 +107,16 @@ def _round_pairs(hole: float, top: int) -> dict[tuple[int, int], float]:
 
 
 def count_shapes(degrees: list[tuple[int, int]]) -> int:
-    """Number of shapes of some degrees: three each, less the three rotations in the linear ones."""
+    """Return the number of shapes of some degrees: three each, less the three rotations in the
+    linear ones.
+    """
     return max(0, 3 * len(degrees) - FIRST_LEVEL)
 
 
 def shape_fields(shapes: PatchShapes, points: FloatArray) -> FloatArray:
-    """Displacement ``(3 k, count)`` of points ``(k, 3)`` of the component per unit of each shape."""
+    """Return the displacement ``(3 k, count)`` of points ``(k, 3)`` of the component per unit of
+    each shape.
+    """
     first, second = in_plane_axes(shapes.normal)
     a, b = shapes.half_lengths
     degrees = list_degrees(shapes.outline, shapes.count)
@@ -135,7 +141,9 @@ def shape_fields(shapes: PatchShapes, points: FloatArray) -> FloatArray:
 
 
 def _legendre(degrees: list[tuple[int, int]], places: FloatArray) -> FloatArray:
-    """Products ``(k, len(degrees))`` of mean square one at places ``(k, 2)`` in -1..1."""
+    """Return the products ``(k, len(degrees))`` of mean square one at places ``(k, 2)`` in
+    -1..1.
+    """
     highest = max((max(pair) for pair in degrees), default=0)
     norms = np.sqrt(2.0 * np.arange(highest + 1) + 1.0)
     along, across = (
@@ -148,9 +156,9 @@ def _legendre(degrees: list[tuple[int, int]], places: FloatArray) -> FloatArray:
 def _round_polynomials(
     degrees: list[tuple[int, int]], places: FloatArray, hole: float
 ) -> FloatArray:
-    """Polynomials ``(k, len(degrees))`` of mean square one over the disk or ring of outer radius one
-    at places ``(k, 2)``: with m waves around r^m cos(m phi), r^m sin(m phi), each times polynomials
-    of r^2 that are orthogonal to each other.
+    """Return the polynomials ``(k, len(degrees))`` of mean square one over the disk or ring of
+    outer radius one at places ``(k, 2)``: with m waves around r^m cos(m phi), r^m sin(m phi), each
+    times polynomials of r^2 that are orthogonal to each other.
 
     Source: Zernike (1934) for the disk, Mahajan (1981), J. Opt. Soc. Am. 71, 75-85, for the ring.
     """
@@ -168,8 +176,8 @@ def _round_polynomials(
 
 
 def _radial_polynomials(zeros: int, waves: int, hole: float, squares: FloatArray) -> FloatArray:
-    """Polynomials ``(k, zeros + 1)`` of squared radii ``(k,)``, orthonormal under the weight r^(2 m)
-    over the mean of the disk or ring.
+    """Return the polynomials ``(k, zeros + 1)`` of squared radii ``(k,)``, orthonormal under the
+    weight r^(2 m) over the mean of the disk or ring.
     """
     nodes, weights = np.polynomial.legendre.leggauss(zeros + waves + 1)
     low, high = hole**2, 1.0
@@ -186,8 +194,8 @@ def _radial_polynomials(zeros: int, waves: int, hole: float, squares: FloatArray
 
 
 def gauss_rule(shapes: PatchShapes) -> tuple[FloatArray, FloatArray]:
-    """Points ``(k, 3)`` of the area, component frame [m], and their weights, one in sum; exact for
-    products of shapes.
+    """Return the points ``(k, 3)`` of the area, component frame [m], and their weights, one in sum;
+    exact for products of shapes.
     """
     degrees = list_degrees(shapes.outline, shapes.count)
     places, weights = (
@@ -206,7 +214,7 @@ def _rectangle_rule(degrees: list[tuple[int, int]]) -> tuple[FloatArray, FloatAr
 
 
 def _round_rule(degrees: list[tuple[int, int]], hole: float) -> tuple[FloatArray, FloatArray]:
-    """By squared radius and angle, which makes equal areas of equal steps."""
+    """Return a rule by squared radius and angle, which makes equal areas of equal steps."""
     highest = max(2 * zeros + abs(waves) for zeros, waves in degrees)
     line, weights = np.polynomial.legendre.leggauss(highest + 1)
     radii = np.sqrt(0.5 * (1.0 + hole**2) + 0.5 * (1.0 - hole**2) * line)

@@ -66,8 +66,8 @@ class Rail:
 
 
 def lay_out_rail(component: Component, interface: Interface, centroid: FloatArray) -> Rail:
-    """A rail of a component that is not meshed, without control values: the smallest cubic spline
-    between its ends.
+    """Return a rail of a component that is not meshed, without control values: the smallest cubic
+    spline between its ends.
 
     Args:
         centroid: ``(3,)`` of the rail's area, component frame [m].
@@ -97,8 +97,8 @@ def lay_out_rail(component: Component, interface: Interface, centroid: FloatArra
 
 
 def place_knots(low: float, high: float, control_points: int) -> FloatArray:
-    """Evenly spaced clamped knots ``(control_points + 4,)`` of cubic B-splines between the ends of a
-    rail.
+    """Return the evenly spaced clamped knots ``(control_points + 4,)`` of cubic B-splines between
+    the ends of a rail.
 
     Args:
         low: Where the rail begins along its axis [m].
@@ -115,8 +115,8 @@ def place_knots(low: float, high: float, control_points: int) -> FloatArray:
 
 
 def control_point_positions(knots: FloatArray, center: FloatArray, axis: int) -> FloatArray:
-    """Places ``(N, 3)`` of the control points on the centre line: there a spline field that is
-    linear takes their values.
+    """Return the places ``(N, 3)`` of the control points on the centre line: there a spline field
+    that is linear takes their values.
 
     Args:
         knots: ``(N + 4,)`` of the B-splines, clamped [m].
@@ -133,8 +133,8 @@ def control_point_positions(knots: FloatArray, center: FloatArray, axis: int) ->
 
 
 def control_point_motion(point: FloatArray, axis: int, origin: FloatArray) -> FloatArray:
-    """Control values ``(4, 6)`` of a control point, ``x y z`` and turn about the rail, under six
-    unit rigid motions of the body.
+    """Return the control values ``(4, 6)`` of a control point, ``x y z`` and turn about the rail,
+    under six unit rigid motions of the body.
 
     Args:
         point: ``(3,)`` the control point, component frame [m].
@@ -145,8 +145,8 @@ def control_point_motion(point: FloatArray, axis: int, origin: FloatArray) -> Fl
 
 
 def carriage_rows(rail: Rail, place: float, length: float) -> FloatArray:
-    """Motion ``(6, n)`` of a carriage per superelement dof, component axes, at the centre line
-    beside the carriage's middle.
+    """Return the motion ``(6, n)`` of a carriage per superelement dof, component axes, at the
+    centre line beside the carriage's middle.
 
     Translations and the rotation about the rail are the means of the rail's motion over the
     carriage, weighed evenly; pitch and yaw are the slopes of the straight line that fits the
@@ -178,8 +178,8 @@ def carriage_rows(rail: Rail, place: float, length: float) -> FloatArray:
 def _weigh_carriage(
     knots: FloatArray, place: float, length: float, blur: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Points ``(q,)`` along the rail [m], and per value there its part in the mean ``(q,)`` [-] and
-    in the slope ``(q,)`` [1/m].
+    """Return the points ``(q,)`` along the rail [m], and per value there its part in the mean
+    ``(q,)`` [-] and in the slope ``(q,)`` [1/m].
 
     An even weight over the carriage, averaged over all places within half a blur of its own: its
     spectrum is zero where the control points would be heard. Its lengths are such that the mean of
@@ -216,8 +216,8 @@ def _weigh_carriage(
 def _blurred_weights(
     arms: FloatArray, flat: float, tilted: float, blur: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Running averages over a blur of an even weight ``(q,)`` between +- flat and of an odd one
-    between +- tilted.
+    """Return the running averages over a blur of an even weight ``(q,)`` between +- flat and of an
+    odd one between +- tilted.
     """
     after, before = arms + 0.5 * blur, arms - 0.5 * blur
     mean = (np.clip(after, -flat, flat) - np.clip(before, -flat, flat)) / (2.0 * flat * blur)
@@ -250,5 +250,5 @@ def _check_place(rail: Rail, place: float, length: float) -> float:
 
 
 def _degree(knots: FloatArray) -> int:
-    """Degree of clamped knots: the first one is repeated once more than that."""
+    """Return the degree of clamped knots: the first one is repeated once more than that."""
     return int(np.count_nonzero(knots == knots[0])) - 1

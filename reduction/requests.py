@@ -64,7 +64,7 @@ class ReductionExtent:
     verified: bool
 
     def serves(self, wanted: ReductionRequest, *, mass: bool, verify: bool) -> bool:
-        """Whether everything that a request wants is there.
+        """Return whether everything that a request wants is there.
 
         Args:
             wanted: Modes and gravity that the new reduction needs.
@@ -87,7 +87,7 @@ class ReductionExtent:
 
 
 def mode_target(component: Component) -> ModeTarget:
-    """Mode target of a component's own reduction settings.
+    """Return the mode target of a component's own reduction settings.
 
     Raises:
         ModelError: The component leaves the choice open.
@@ -101,7 +101,7 @@ def mode_target(component: Component) -> ModeTarget:
 
 
 def needs_mass(component: Component, loads: Sequence[Load], request: ReductionRequest) -> bool:
-    """Whether a reduction assembles the component's mass.
+    """Return whether a reduction assembles the component's mass.
 
     A body without interfaces has it even then: the means of the motions that its supports leave
     free are weighed by it.
@@ -120,7 +120,7 @@ def needs_mass(component: Component, loads: Sequence[Load], request: ReductionRe
 def trim_superelement(
     element: Superelement, request: ReductionRequest, *, mass: bool
 ) -> Superelement:
-    """What reducing for a request would have given, from a superelement that serves it.
+    """Return what reducing for a request would have given, from a superelement that serves it.
 
     Args:
         element: Of a component's own reduction; see ``ReductionExtent.serves``.
@@ -183,8 +183,8 @@ def trim_superelement(
 
 
 def _kept_modes(element: Superelement, target: ModeTarget | None) -> tuple[int, float]:
-    """Number of modes that a search for a target would have kept, and the first frequency it would
-    have left out [Hz].
+    """Return the number of modes that a search for a target would have kept, and the first
+    frequency it would have left out [Hz].
     """
     frequencies = element.modal_frequencies_hz
     if not len(frequencies) or target is None or target.count == 0:
@@ -194,8 +194,8 @@ def _kept_modes(element: Superelement, target: ModeTarget | None) -> tuple[int, 
 
 
 def _trim_load(element: Superelement, load: StaticLoad, kept: int) -> StaticLoad:
-    """A load on the leading dofs; the static response of the modes that go is no longer in the
-    reduced model.
+    """Return a load on the leading dofs; the static response of the modes that go is no longer in
+    the reduced model.
     """
     missing = None if load.missing is None else load.missing[:kept]
     if load.particular is None or element.recovery is None:
@@ -210,13 +210,15 @@ def _trim_load(element: Superelement, load: StaticLoad, kept: int) -> StaticLoad
 
 
 def _resting_amplitudes(element: Superelement, loads: FloatArray, kept: int) -> FloatArray:
-    """Static amplitudes ``(n - kept, ...)`` of the modes that go under loads ``(n, ...)``."""
+    """Return the static amplitudes ``(n - kept, ...)`` of the modes that go under loads
+    ``(n, ...)``.
+    """
     return np.asarray((loads[kept:].T / element.stiffness.diagonal()[kept:]).T)
 
 
 def _trim_probe(element: Superelement, probe: ProbeRows, kept: int) -> ProbeRows:
-    """What is seen with the leading dofs; the modes that go return to the static responses, both to
-    loads and of the probe.
+    """Return what is seen with the leading dofs; the modes that go return to the static responses,
+    both to loads and of the probe.
     """
     energy = element.errors.missing_energy
     own = _resting_amplitudes(element, probe.values.T, kept)
@@ -264,7 +266,7 @@ def _trim_probe_load(
 
 
 def _add_to_truncation(element: Superelement, kept: int, cutoff_hz: float) -> Truncation | None:
-    """Moments of the modes that were left out and of those that go."""
+    """Return the moments of the modes that were left out and of those that go."""
     before = element.errors.truncation
     if before is None:
         return None

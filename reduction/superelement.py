@@ -33,8 +33,8 @@ class Truncation:
 
 
 def most_participation(truncation: Truncation, square: float) -> FloatArray:
-    """What the sum of ``p_k p_k^T / (omega_k^2 - lambda)`` is at most ``(n_b, n_b)``: all of the
-    series' rest at the lowest mode.
+    """Return what the sum of ``p_k p_k^T / (omega_k^2 - lambda)`` is at most ``(n_b, n_b)``: all of
+    the series' rest at the lowest mode.
 
     Raises:
         ValueError: The frequency is not below the lowest mode left out: there is no bound.
@@ -47,8 +47,8 @@ def most_participation(truncation: Truncation, square: float) -> FloatArray:
 
 
 def lowest_participating(first: FloatArray, second: FloatArray) -> float:
-    """The lowest ``omega^2`` that the moments themselves show, where no mode was searched for; inf
-    without any.
+    """Return the lowest ``omega^2`` that the moments themselves show, where no mode was searched
+    for; inf without any.
 
     A Rayleigh quotient over ``K^-1 M psi``: as a rule a few percent above the lowest mode that
     moves the boundary.
@@ -253,7 +253,9 @@ class Superelement:
     probes: dict[str, ProbeRows] = field(default_factory=dict)
 
     def place_of(self, interface: str) -> FloatArray:
-        """``(3,)`` where an interface is, of a rail its middle, in the component frame [m]."""
+        """Return ``(3,)`` where an interface is, of a rail its middle, in the component frame
+        [m].
+        """
         rail = self.rails.get(interface)
         return self.interface_maps[interface].frame.origin if rail is None else rail.center
 

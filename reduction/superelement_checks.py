@@ -42,8 +42,8 @@ def check_superelement(superelement: Superelement, *, rounding: float = ROUNDING
 
 
 def characteristic_length(superelement: Superelement) -> float:
-    """Length that makes rotations comparable to translations [m]: radius of gyration, or extent of
-    the boundary nodes.
+    """Return the length that makes rotations comparable to translations [m]: radius of gyration, or
+    extent of the boundary nodes.
     """
     if superelement.mass_kg > 0.0 and np.trace(superelement.inertia) > 0.0:
         return float(np.sqrt(0.5 * np.trace(superelement.inertia) / superelement.mass_kg))
@@ -53,8 +53,8 @@ def characteristic_length(superelement: Superelement) -> float:
 
 
 def dof_scale(superelement: Superelement) -> FloatArray:
-    """Factor per dof ``(n,)`` after which every dof is a length: rotations 1/L, modal dofs
-    1/sqrt(mass).
+    """Return the factor per dof ``(n,)`` after which every dof is a length: rotations 1/L, modal
+    dofs 1/sqrt(mass).
     """
     scale = np.ones(len(superelement.labels))
     length = characteristic_length(superelement)
@@ -67,7 +67,7 @@ def dof_scale(superelement: Superelement) -> FloatArray:
 
 
 def rotation_dofs(superelement: Superelement) -> IntArray:
-    """Which boundary dofs are rotations."""
+    """Return which boundary dofs are rotations."""
     nodes = (6 * np.arange(len(superelement.frames))[:, None] + np.arange(3, 6)).ravel()
     control_points = (
         superelement.node_size
@@ -79,8 +79,8 @@ def rotation_dofs(superelement: Superelement) -> IntArray:
 
 
 def rigid_motions(superelement: Superelement, origin: FloatArray) -> FloatArray:
-    """Dofs ``(n, 6)`` of the six rigid motions about a point of the component frame; modal dofs
-    rest.
+    """Return the dofs ``(n, 6)`` of the six rigid motions about a point of the component frame;
+    modal dofs rest.
     """
     motions = np.zeros((len(superelement.labels), 6))
     nodes = motions[: 6 * len(superelement.frames)].reshape(-1, 6, 6)

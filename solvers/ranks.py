@@ -32,8 +32,8 @@ class Node:
 
 
 def find_node(comm: MPI.Comm) -> Node:
-    """The node of this rank; collective. Ranks that share memory are on one node: names tell no two
-    containers apart, nor two nodes of a trial.
+    """Find the node of this rank; collective. Ranks that share memory are on one node: names tell
+    no two containers apart, nor two nodes of a trial.
     """
     together = comm.Split_type(MPI.COMM_TYPE_SHARED)
     node = Node(together.allreduce(comm.rank, op=MPI.MIN), together.size)
@@ -42,7 +42,9 @@ def find_node(comm: MPI.Comm) -> Node:
 
 
 def sum_over_ranks(comm: MPI.Comm, values: FloatArray) -> FloatArray:
-    """Entry-wise sum of an array over the ranks; collective, the same shape everywhere."""
+    """Return the entry-wise sum of an array over the ranks; collective, the same shape
+    everywhere.
+    """
     if comm.size == 1:
         return values
     result = np.array(values, dtype=float, order="C")
@@ -51,7 +53,9 @@ def sum_over_ranks(comm: MPI.Comm, values: FloatArray) -> FloatArray:
 
 
 def max_over_ranks(comm: MPI.Comm, values: FloatArray) -> FloatArray:
-    """Entry-wise maximum of an array over the ranks; collective, the same shape everywhere."""
+    """Return the entry-wise maximum of an array over the ranks; collective, the same shape
+    everywhere.
+    """
     if comm.size == 1:
         return values
     result = np.array(values, dtype=float, order="C")
@@ -66,7 +70,7 @@ class SharedFailure(Exception):  # noqa: N818 (what failed is its cause)
 
 
 def make_on_root[T](comm: MPI.Comm, make: Callable[[], T]) -> T:
-    """What ``make`` returns on rank 0, on every rank; a scene, for example, is read once and
+    """Return what ``make`` returns on rank 0, on every rank; a scene, for example, is read once and
     shared.
 
     Raises:
@@ -89,7 +93,7 @@ def make_on_root[T](comm: MPI.Comm, make: Callable[[], T]) -> T:
 
 
 def share_from_root[T](comm: MPI.Comm, value: T | None) -> T:
-    """The value rank 0 hands in, on every rank.
+    """Return the value rank 0 hands in, on every rank.
 
     The others sleep while they wait: a broadcast would spin, and take the cores from the mesher and
     BLAS on rank 0.
@@ -107,7 +111,7 @@ def share_from_root[T](comm: MPI.Comm, value: T | None) -> T:
 def rows_from_root(
     comm: MPI.Comm, values: NDArray[Any] | None, wanted: NDArray[np.int64]
 ) -> NDArray[Any]:
-    """Rows of an array that rank 0 alone holds; collective.
+    """Return the rows of an array that rank 0 alone holds; collective.
 
     Args:
         comm: Communicator.
@@ -137,7 +141,7 @@ class RowBlocks:
     rows: FloatArray
 
     def fetch(self, wanted: NDArray[np.int64]) -> FloatArray:
-        """Rows of any numbers ``(m, ...)``, rising; collective."""
+        """Return the rows of any numbers ``(m, ...)``, rising; collective."""
         if self.comm.size == 1:
             return self.rows[wanted]
         ends = _block_ends(self.comm, self.total)
@@ -149,7 +153,9 @@ class RowBlocks:
         return result
 
     def gather(self) -> FloatArray | None:
-        """All rows ``(total, ...)`` on rank 0, which takes in one rank at a time; collective."""
+        """Return all rows ``(total, ...)`` on rank 0, which takes in one rank at a time;
+        collective.
+        """
         if self.comm.rank:
             for columns in _column_slices(self.rows):
                 self.comm.send(self.rows[..., columns], dest=0, tag=ROWS_TAG)
@@ -170,7 +176,7 @@ class RowBlocks:
 def order_rows(
     comm: MPI.Comm, numbers: NDArray[np.int64], values: FloatArray, total: int
 ) -> RowBlocks:
-    """Rows that lie scattered over the ranks, in the order of their numbers; collective.
+    """Return the rows that lie scattered over the ranks, in the order of their numbers; collective.
 
     Args:
         comm: Communicator.

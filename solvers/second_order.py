@@ -92,7 +92,7 @@ class Index:
 
 
 def input_columns(system: SecondOrderSystem, inputs: Sequence[Channel]) -> FloatArray:
-    """Generalised loads ``(n, n_inputs)`` of unit loads.
+    """Return the generalised loads ``(n, n_inputs)`` of unit loads.
 
     Raises:
         ModelError: There is no such input.
@@ -105,7 +105,7 @@ def input_columns(system: SecondOrderSystem, inputs: Sequence[Channel]) -> Float
 
 
 def output_rows(system: SecondOrderSystem, outputs: Sequence[Channel]) -> FloatArray:
-    """Rows ``(n_outputs, n)`` that give the motions.
+    """Return the rows ``(n_outputs, n)`` that give the motions.
 
     Raises:
         ModelError: There is no such output.
@@ -116,8 +116,8 @@ def output_rows(system: SecondOrderSystem, outputs: Sequence[Channel]) -> FloatA
 
 
 def find_links(system: SecondOrderSystem, loads: FloatArray, rows: FloatArray) -> BoolArray:
-    """Whether something connects where a load acts with where motion is seen ``(n_outputs,
-    n_inputs)``.
+    """Return whether something connects where a load acts with where motion is seen
+    ``(n_outputs, n_inputs)``.
 
     Args:
         system: Without modal damping, whose roundoff connects everything.
@@ -135,7 +135,7 @@ def find_links(system: SecondOrderSystem, loads: FloatArray, rows: FloatArray) -
 
 
 def name_channel(channel: Channel) -> str:
-    """``tcp x``."""
+    """Return the name of a channel, such as ``tcp x``."""
     return f"{channel[0]} {channel[1]}"
 
 

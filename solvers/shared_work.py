@@ -136,7 +136,7 @@ def use_threads(count: int) -> None:
 
 @contextlib.contextmanager
 def all_cores_on_root(comm: MPI.Comm) -> Iterator[None]:
-    """Rank 0 works alone: it has the cores of all."""
+    """Let rank 0 work alone, with the cores of all."""
     if comm.size == 1 or comm.rank > 0:
         yield
         return
@@ -149,7 +149,7 @@ def all_cores_on_root(comm: MPI.Comm) -> Iterator[None]:
 
 
 def free_cores() -> int:
-    """Cores that this process may use and nobody else does, at least 1."""
+    """Return the cores that this process may use and nobody else does, at least 1."""
     cores = len(os.sched_getaffinity(0))
     with contextlib.suppress(OSError, ValueError):  # no quota
         quota, period = QUOTA_FILE.read_text().split()
@@ -159,8 +159,8 @@ def free_cores() -> int:
 
 @contextlib.contextmanager
 def _shared_folder(comm: MPI.Comm, node: Node, folder: Path) -> Iterator[Path]:
-    """A new folder that all ranks reach and that is gone afterwards, with those of jobs that were
-    killed.
+    """Provide a new folder that all ranks reach and that is gone afterwards, with those of jobs
+    that were killed.
     """
     parent = None if node.ranks == comm.size else folder
     if comm.rank:
@@ -215,25 +215,25 @@ class _Counter:
         self._add(ranks=1)
 
     def leave(self) -> None:
-        """This rank has nothing left to do."""
+        """Note that this rank has nothing left to do."""
         self._add(ranks=-1)
 
     def end(self, place: int) -> None:
-        """A job has ended: its memory is free."""
+        """Free the memory of a job that has ended."""
         self._add(memory_mb=-self._needs_mb[place])
 
     def stop(self) -> None:
-        """No further job is begun."""
+        """Begin no further job."""
         with self._open() as counts:
             counts.begun = len(self._needs_mb)
 
     def working(self) -> int:
-        """How many ranks work on this node."""
+        """Return how many ranks work on this node."""
         with self._open() as counts:
             return counts.working.get(self._node, 0)
 
     def take(self) -> int | None:
-        """The next place, once its job fits into the memory; None when all are begun."""
+        """Return the next place, once its job fits into the memory; None when all are begun."""
         while True:
             with self._open() as counts:
                 place, used = counts.begun, counts.memory_mb.get(self._node, 0.0)
@@ -316,7 +316,7 @@ class _Mail[T]:
 
 
 def _portable(error: Exception | None) -> Exception | None:
-    """An error as it is, or what it says where it cannot be pickled."""
+    """Return an error as it is, or what it says where it cannot be pickled."""
     try:
         MPI.pickle.loads(MPI.pickle.dumps(error))
     except Exception:

@@ -18,13 +18,13 @@ _DEVIATOR = np.eye(6) - np.pad(np.full((3, 3), 1.0 / 3.0), (0, 3))
 
 
 def pack_tensor[Number: np.inexact](tensors: NDArray[Number]) -> NDArray[Number]:
-    """The six numbers ``(..., 6)`` of symmetric tensors ``(..., 3, 3)``."""
+    """Return the six numbers ``(..., 6)`` of symmetric tensors ``(..., 3, 3)``."""
     return np.stack([tensors[..., row, column] for row, column in PAIRS], axis=-1)
 
 
 def turn_stress(rotation: FloatArray) -> FloatArray:
-    """Matrix ``(6, 6)`` from the six numbers in own axes to those in axes turned by a rotation
-    ``(3, 3)``: ``R S R^T``.
+    """Return the matrix ``(6, 6)`` from the six numbers in own axes to those in axes turned by a
+    rotation ``(3, 3)``: ``R S R^T``.
     """
     columns = []
     for row, column in PAIRS:
@@ -35,8 +35,8 @@ def turn_stress(rotation: FloatArray) -> FloatArray:
 
 
 def largest_von_mises(stress: ComplexArray | FloatArray) -> FloatArray:
-    """Largest equivalent stress ``(...)`` over a cycle of ``Re(stress exp(i omega t))``, from complex
-    amplitudes ``(..., 6)``; of real numbers the equivalent stress itself.
+    """Return the largest equivalent stress ``(...)`` over a cycle of ``Re(stress exp(i omega t))``,
+    from complex amplitudes ``(..., 6)``; of real numbers the equivalent stress itself.
 
     With the deviator ``s = a + i b`` its square is ``(A + B) / 2 + (A - B) / 2 cos 2 omega t - C sin
     2 omega t``, with the weighted products ``A = a:a``, ``B = b:b`` and ``C = a:b``. It is largest at
@@ -52,8 +52,8 @@ def largest_von_mises(stress: ComplexArray | FloatArray) -> FloatArray:
 def von_mises_change(
     stress: ComplexArray | FloatArray, change: ComplexArray | FloatArray
 ) -> FloatArray:
-    """By how much a change ``(..., 6)`` of either sign changes the largest equivalent stress over a
-    cycle ``(...)`` at most.
+    """Return by how much a change ``(..., 6)`` of either sign changes the largest equivalent stress
+    over a cycle ``(...)`` at most.
     """
     plain = largest_von_mises(stress)
     ends = [largest_von_mises(stress + change), largest_von_mises(stress - change)]
@@ -61,8 +61,8 @@ def von_mises_change(
 
 
 def true_stresses(material: Material, scaled: NDArray[np.floating]) -> FloatArray:
-    """Stress tensors ``(..., 3, 3)`` [Pa] of scaled stresses ``(..., 6)``, half of whose square is
-    the density of strain energy.
+    """Return the stress tensors ``(..., 3, 3)`` [Pa] of scaled stresses ``(..., 6)``, half of whose
+    square is the density of strain energy.
 
     Args:
         material: Isotropic.

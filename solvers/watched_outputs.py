@@ -41,7 +41,7 @@ class Watch:
         return (*self.channels, *self.rates.values(), *self.accelerations.values())
 
     def join(self, other: "Watch") -> "Watch":
-        """Both, one after the other."""
+        """Return both, one after the other."""
         return Watch(
             (*self.channels, *other.channels),
             {**self.rates, **other.rates},
@@ -85,13 +85,13 @@ class WatchedOutputs:
     inputs: FloatArray
 
     def evaluate(self, states: FloatArray, acting: FloatArray) -> FloatArray:
-        """Values ``(..., k)`` at states ``(..., n)`` and inputs ``(..., m)``."""
+        """Return the values ``(..., k)`` at states ``(..., n)`` and inputs ``(..., m)``."""
         return np.asarray(states @ self.states.T + acting @ self.inputs.T)
 
     def find_extremes(
         self, times: FloatArray, states: Sequence[FloatArray], acting: Sequence[FloatArray]
     ) -> tuple[Extreme, ...]:
-        """The largest values at the begin and the end of every step.
+        """Find the largest values at the begin and the end of every step.
 
         Args:
             times: ``(n,)`` [s].
@@ -115,7 +115,7 @@ class WatchedOutputs:
 
 
 def find_largest(times: FloatArray, values: FloatArray) -> tuple[Extreme, ...]:
-    """The value of largest size of each column of ``(n, k)`` at times ``(n,)``."""
+    """Find the value of largest size of each column of ``(n, k)`` at times ``(n,)``."""
     rows = np.array(
         [np.abs(column).argmax() for column in values.T], dtype=np.intp
     )  # a column at a time takes little memory

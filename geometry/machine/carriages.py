@@ -28,8 +28,8 @@ LEAST_INTERVALS = 1.5  # intervals of control points per carriage length below w
 
 
 def rail_span(solid: Solid, interface: Interface) -> Span | None:
-    """Lowest and highest place of a rail along its axis, component frame [m]; None where only a
-    mesh knows.
+    """Return the lowest and highest place of a rail along its axis, component frame [m]; None where
+    only a mesh knows.
 
     Raises:
         ValueError: The interface is no rail.
@@ -41,8 +41,8 @@ def rail_span(solid: Solid, interface: Interface) -> Span | None:
 
 
 def rail_pieces(solid: Solid, interface: Interface) -> tuple[Span, ...] | None:
-    """Lowest and highest place of each patch of a rail along its axis, component frame [m]; None where
-    only a mesh knows.
+    """Return the lowest and highest place of each patch of a rail along its axis, component frame
+    [m]; None where only a mesh knows.
 
     Raises:
         ValueError: The interface is no rail.
@@ -91,7 +91,9 @@ class Carriage:
 
     @property
     def overhang(self) -> float:
-        """How far it hangs over the nearer end [m]; below zero by as much as it may still move."""
+        """Return how far it hangs over the nearer end [m]; below zero by as much as it may still
+        move.
+        """
         return max(
             self.span[0] - (self.place - 0.5 * self.length),
             self.place + 0.5 * self.length - self.span[1],
@@ -99,7 +101,7 @@ class Carriage:
 
 
 def rail_end(machine: Machine, joint: Joint) -> JointEnd | None:
-    """The end of a joint that is a rail; None where there is none, or its component is not
+    """Return the end of a joint that is a rail; None where there is none, or its component is not
     described by the machine.
     """
     for end in joint.ends:
@@ -115,7 +117,7 @@ def rail_end(machine: Machine, joint: Joint) -> JointEnd | None:
 
 
 def place_carriages(machine: Machine, pose: Pose) -> tuple[Carriage, ...]:
-    """Every carriage whose place is known without a mesh.
+    """Return every carriage whose place is known without a mesh.
 
     Raises:
         ValueError: The pose names an unknown axis or leaves its limits.
@@ -142,8 +144,8 @@ def place_carriages(machine: Machine, pose: Pose) -> tuple[Carriage, ...]:
 
 
 def find_overhangs(machine: Machine, pose: Pose) -> dict[str, str]:
-    """Which carriages hang over an end of their rail in a pose: joint to why it cannot stand there
-    and what to do.
+    """Find which carriages hang over an end of their rail in a pose: joint to why it cannot stand
+    there and what to do.
 
     Raises:
         ValueError: The pose names an unknown axis or leaves its limits.
@@ -171,7 +173,9 @@ def _describe_overhang(carriage: Carriage) -> str:
 def _joint_point(
     machine: Machine, joint: Joint, rail: JointEnd, placements: Mapping[str, Frame]
 ) -> FloatArray | None:
-    """Joint point in the machine frame, carried along by the end that is not the rail."""
+    """Return the joint point in the machine frame, carried along by the end that is not the
+    rail.
+    """
     other = joint.ends[0] if joint.ends[1] is rail else joint.ends[1]
     if other.component is None:
         return joint.point
@@ -192,8 +196,8 @@ def _joint_point(
 
 
 def count_control_points(span: float, length: float, intervals: float) -> int:
-    """Number of control points of a rail for which a carriage covers so many intervals; at least
-    what a cubic spline needs.
+    """Return the number of control points of a rail for which a carriage covers so many intervals;
+    at least what a cubic spline needs.
 
     Args:
         span: Length of the rail [m].

@@ -105,7 +105,8 @@ class Drive:
 
 
 def ripple_force(drive: Drive, positions: FloatArray) -> FloatArray:
-    """Force along the axis ``(n,)`` by the ripple of a motor's torque at positions of the axis [N].
+    """Return the force along the axis ``(n,)`` by the ripple of a motor's torque at positions of
+    the axis [N].
 
     Args:
         positions: ``(n,)`` [m].

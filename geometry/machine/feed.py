@@ -32,7 +32,7 @@ class Feed:
 
 
 def find_feed(machine: Machine, point: Point, tip: FloatArray, poses: Sequence[Pose]) -> Feed:
-    """Tangents of the way of a tool through its work.
+    """Find the tangents of the path of a tool through its work.
 
     Central differences, exact for parabolas whatever the distances of the poses; one-sided where
     the way begins and ends, unless it is closed without a corner there. Poses that the machine
@@ -80,8 +80,8 @@ def find_feed(machine: Machine, point: Point, tip: FloatArray, poses: Sequence[P
 
 
 def _tangents(way: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Unit tangents ``(m, 3)`` in the points ``(m, 3)`` of a way, no two neighbours alike, and which
-    points are corners ``(m,)``.
+    """Return the unit tangents ``(m, 3)`` in the points ``(m, 3)`` of a path, no two neighbours
+    alike, and which points are corners ``(m,)``.
     """
     steps = np.diff(way, axis=0)
     lengths = np.linalg.norm(steps, axis=1)[:, None]
@@ -104,20 +104,21 @@ def _tangents(way: FloatArray) -> tuple[FloatArray, BoolArray]:
 
 
 def _is_closed(way: FloatArray) -> bool:
-    """Whether a way ends where it begins."""
+    """Return whether a path ends where it begins."""
     gap, reach = np.linalg.norm(way[-1] - way[0]), np.ptp(way, axis=0).max()
     return bool(gap <= STANDSTILL * reach)
 
 
 def _turns(before: FloatArray, after: FloatArray) -> BoolArray:
-    """Whether a way has a corner between moves along unit vectors ``(..., 3)``."""
+    """Return whether a path has a corner between moves along unit vectors ``(..., 3)``."""
     return np.asarray((before * after).sum(axis=-1) < np.cos(CORNER))
 
 
 def _between(
     before: FloatArray, after: FloatArray, length_before: FloatArray, length_after: FloatArray
 ) -> FloatArray:
-    """Direction of the parabola in the middle one of three points ``(..., 3)``, not of unit length.
+    """Return the direction of the parabola in the middle one of three points ``(..., 3)``, not of
+    unit length.
 
     Args:
         before: ``(..., 3)`` unit vector of the move that ends there.

@@ -63,7 +63,7 @@ class ErrorProfile:
     waves: tuple[Wave, ...] = ()
 
     def sample(self, places: FloatArray) -> FloatArray:
-        """Values ``(n,)`` at positions ``(n,)``.
+        """Return the values ``(n,)`` at positions ``(n,)``.
 
         Raises:
             ProfileError: A position lies outside the table.
@@ -71,7 +71,7 @@ class ErrorProfile:
         return self.integrate(places).values
 
     def integrate(self, places: FloatArray) -> ProfileIntegrals:
-        """Values and antiderivatives at positions ``(n,)``.
+        """Return the values and antiderivatives at positions ``(n,)``.
 
         Raises:
             ProfileError: A position lies outside the table.
@@ -147,7 +147,8 @@ class AveragedProfile(NamedTuple):
 
 
 def average_profile(profile: ErrorProfile, places: FloatArray, length: float) -> AveragedProfile:
-    """The straight line through a profile under a carriage, by least squares over its length.
+    """Return the straight line through a profile under a carriage, by least squares over its
+    length.
 
     Args:
         places: ``(n,)`` middles of the carriage.
@@ -190,7 +191,8 @@ class RailErrors:
     origin: FloatArray = field(default_factory=lambda: np.zeros(3))
 
     def offset(self, places: FloatArray) -> FloatArray:
-        """Where the rail moves a carriage to ``(n, 6)``, joint axes, at positions ``(n,)``.
+        """Return the motion ``(n, 6)`` of a carriage by its rail, joint axes, at positions
+        ``(n,)``.
 
         Straightness tilts a carriage, too: by the slope of the line that fits it best.
 
@@ -228,8 +230,8 @@ class AxisErrors:
     rotation: FloatArray = field(default_factory=lambda: np.eye(3))
 
     def sample(self, positions: FloatArray, direction: FloatArray) -> FloatArray:
-        """Error motion ``(n, 6)`` of the functional point at positions ``(n,)`` of the axis,
-        machine axes.
+        """Return the error motion ``(n, 6)`` of the functional point at positions ``(n,)`` of the
+        axis, machine axes.
 
         Squareness turns the line of motion about position zero; what moves keeps its orientation.
 

@@ -125,7 +125,7 @@ class Joint:
 
     @property
     def connects(self) -> bool:
-        """Whether it transmits any force: something is fixed or sprung."""
+        """Return whether it transmits any force: something is fixed or sprung."""
         return bool(self.fixed) or bool(np.any(self.stiffness)) or self.layer is not None
 
 
@@ -154,7 +154,7 @@ class Axis:
 
 
 def connected_groups(names: Iterable[str], edges: Iterable[tuple[str, str]]) -> list[list[str]]:
-    """Groups of what edges connect, directly or by way of others.
+    """Return the groups of what edges connect, directly or by way of others.
 
     Args:
         names: All there are, in the order in which groups and their members are listed; names of

@@ -114,7 +114,7 @@ class Machine:
 
 
 def place_components(machine: Machine, pose: Pose) -> dict[str, Frame]:
-    """Frame of every component in the machine frame when the axes stand at a pose.
+    """Return the frame of every component in the machine frame when the axes stand at a pose.
 
     Axes act in chains: an axis that carries another axis' base carries its direction with it, so
     axes are applied from the one that carries most components to the one that carries least. A
@@ -168,8 +168,8 @@ class _Axes(Protocol):
 
 
 def position_units(machine: _Axes) -> dict[str, str]:
-    """Axis to the unit of its position, ``m`` or ``rad``; those of the tool, too, where a mechanism
-    carries it.
+    """Return the unit of each axis's position, ``m`` or ``rad``; those of the tool, too, where a
+    mechanism carries it.
     """
     units = {name: "m" if axis.kind == "linear" else "rad" for name, axis in machine.axes.items()}
     if machine.mechanism is not None:
@@ -178,7 +178,7 @@ def position_units(machine: _Axes) -> dict[str, str]:
 
 
 def show_position(position: float, unit: str = "m") -> str:
-    """A length or position as scenes write it: ``30 mm``, ``12.5 deg``; ``unit`` is ``m`` or
+    """Return a length or position as scenes write it: ``30 mm``, ``12.5 deg``; ``unit`` is ``m`` or
     ``rad``.
     """
     factor, word = SCENE_UNITS[unit]
@@ -186,7 +186,7 @@ def show_position(position: float, unit: str = "m") -> str:
 
 
 def find_limit_fault(axis: str, position: float, *, low: float, high: float, unit: str) -> str:
-    """Why an axis cannot stand at a position; empty where it can.
+    """Find why an axis cannot stand at a position; empty where it can.
 
     Args:
         position: Where it is to stand [m, rad].
@@ -201,7 +201,9 @@ def find_limit_fault(axis: str, position: float, *, low: float, high: float, uni
 
 
 def axis_motion(axis: Axis, position: float) -> Frame:
-    """Rigid motion of an axis from zero to a position, as a frame in the machine frame."""
+    """Return the rigid motion of an axis from zero to a position, as a frame in the machine
+    frame.
+    """
     if axis.kind == "linear":
         return Frame(position * axis.direction)
     rotation = rotation_about(axis.direction, position)
@@ -209,7 +211,7 @@ def axis_motion(axis: Axis, position: float) -> Frame:
 
 
 def free_axes(machine: Machine) -> Machine:
-    """The same machine with axes that have no limits."""
+    """Return the same machine with axes that have no limits."""
     axes = {
         name: dataclasses.replace(axis, limits=(-math.inf, math.inf))
         for name, axis in machine.axes.items()
@@ -218,8 +220,8 @@ def free_axes(machine: Machine) -> Machine:
 
 
 def orient_machine(machine: Machine, frame: Frame) -> Machine:
-    """The same machine set up in another orientation and place: every frame, axis and joint is
-    carried along; gravity is not.
+    """Return the same machine set up in another orientation and place: every frame, axis and joint
+    is carried along; gravity is not.
     """
     rotation = frame.rotation
 
@@ -339,7 +341,7 @@ class MachinePath:
         return float(np.linalg.norm(steps))
 
     def pose_at(self, position: float) -> Pose:
-        """The pose after so much of the way [m]."""
+        """Return the pose after a length of the path [m]."""
         share = position / self.length
         names = dict.fromkeys((*self.start.positions, *self.end.positions))
         places = {}
@@ -351,8 +353,8 @@ class MachinePath:
 
 
 def travel_directions(machine: Machine, path: MachinePath) -> dict[str, FloatArray]:
-    """Velocity ``(3,)`` of every component that moves, machine frame, per unit speed along the
-    path.
+    """Return the velocity ``(3,)`` of every component that moves, machine frame, per unit speed
+    along the path.
 
     Raises:
         ValueError: A component turns on the way, or an end lies outside an axis' limits.

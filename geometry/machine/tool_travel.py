@@ -23,8 +23,8 @@ class ToolTravel:
     directions: FloatArray
 
     def axis_positions(self, places: FloatArray) -> FloatArray:
-        """Positions ``(n, a)`` of the axes [m] for places ``(n, 3)`` of the tool against the work,
-        counted from where it is with all axes at zero; also of speeds and accelerations.
+        """Return the positions ``(n, a)`` of the axes [m] for places ``(n, 3)`` of the tool against
+        the work, counted from where it is with all axes at zero; also of speeds and accelerations.
 
         Raises:
             ValueError: No axis moves the tool that way.
@@ -39,7 +39,7 @@ class ToolTravel:
 
 
 def find_tool_travel(machine: Machine, point: Point) -> ToolTravel:
-    """The linear axes that move the tool of a point against its work, rotary ones at zero.
+    """Find the linear axes that move the tool of a point against its work, rotary ones at zero.
 
     Raises:
         ValueError: None does, or two move it the same way.

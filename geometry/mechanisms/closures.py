@@ -56,7 +56,7 @@ class Kinematics:
 
 
 def evaluate_kinematics(mechanism: Mechanism, state: FloatArray) -> Kinematics:
-    """Placement and all Jacobians at a state ``(..., n)``."""
+    """Return the placement and all Jacobians at a state ``(..., n)``."""
     placement = place_markers(mechanism, state)
     of_position, of_rotation = marker_jacobians(placement)
     return Kinematics(
@@ -98,7 +98,7 @@ class ClosureLayout:
 
 @lru_cache(maxsize=64)
 def closure_layout(mechanism: Mechanism) -> ClosureLayout:
-    """The closures of a mechanism as arrays."""
+    """Return the closures of a mechanism as arrays."""
     markers = {name: place for place, name in enumerate(mechanism.markers)}
     points = [item for item in mechanism.closures if isinstance(item, PointConstraint)]
     orientations = [item for item in mechanism.closures if isinstance(item, OrientationConstraint)]
@@ -137,7 +137,7 @@ def closure_layout(mechanism: Mechanism) -> ClosureLayout:
 def closure_residual(
     mechanism: Mechanism, state: FloatArray, placement: Placement | None = None
 ) -> FloatArray:
-    """``phi``, ``(..., m)`` [m, rad], by how much the loops are open.
+    """Return ``phi``, ``(..., m)`` [m, rad], by how much the loops are open.
 
     Args:
         state: Coordinates ``(..., n)`` [m, rad].
@@ -153,7 +153,7 @@ def closure_residual(
 
 
 def closure_bias(mechanism: Mechanism, placement: Placement, bias: Bias) -> FloatArray:
-    """``gamma``, ``(..., m)``: second time derivative of the closures with zero joint
+    """Return ``gamma``, ``(..., m)``: second time derivative of the closures with zero joint
     accelerations.
 
     Args:
@@ -181,7 +181,7 @@ def closure_bias(mechanism: Mechanism, placement: Placement, bias: Bias) -> Floa
 def close_loops(
     mechanism: Mechanism, state: FloatArray, *, unknown: slice | IndexArray | None = None
 ) -> FloatArray:
-    """Coordinates that close the loops, by Newton's method from a state.
+    """Return the coordinates that close the loops, by Newton's method from a state.
 
     Args:
         mechanism: Its closures must be as many as the unknowns, and regular.
@@ -202,8 +202,8 @@ def close_loops(
 def close_kinematics(
     mechanism: Mechanism, state: FloatArray, *, unknown: slice | IndexArray | None = None
 ) -> tuple[FloatArray, Kinematics]:
-    """As :func:`close_loops`, with the kinematics there, right to the last correction of Newton's
-    method.
+    """Close loops as :func:`close_loops`, and return the kinematics there too, right to the last
+    correction of Newton's method.
 
     Args:
         state: Coordinates ``(..., n)`` [m, rad] to start from.
@@ -248,7 +248,9 @@ def close_kinematics(
 
 
 def _is_closed(placement: Placement, residual: FloatArray) -> BoolArray:
-    """Whether loops ``(...,)`` are open by no more than rounding of where their markers are."""
+    """Return whether loops ``(...,)`` are open by no more than rounding of where their markers
+    are.
+    """
     reach = np.maximum(1.0, np.abs(placement.positions).max(axis=(-2, -1), initial=0.0))
     return np.asarray(
         np.abs(residual).max(axis=-1, initial=0.0) <= ROUNDING * np.finfo(float).eps * reach
@@ -279,7 +281,7 @@ class Mobility:
 
 
 def find_mobility(mechanism: Mechanism, state: FloatArray) -> Mobility:
-    """Rank of the closures and what they leave free, at one closed state ``(n,)``."""
+    """Find the rank of the closures and what they leave free, at one closed state ``(n,)``."""
     jacobian = evaluate_kinematics(mechanism, state).closure_jacobian
     rigid = jacobian[:, : mechanism.compliant_slice.start]
     sizes = np.linalg.svd(rigid, compute_uv=False)
@@ -361,7 +363,7 @@ def _pick(
     *,
     columns: bool = False,
 ) -> FloatArray:
-    """The wanted rows of all closures, in the closures' order."""
+    """Return the wanted rows of all closures, in the closures' order."""
     keep = 1 if columns else 0
     shape = met.shape[: met.ndim - 2 - keep]
     tail = met.shape[-1:] if columns else ()

@@ -70,8 +70,8 @@ class ExechonDimensions:
 
 
 def exechon_mechanism(dimensions: ExechonDimensions) -> Mechanism:
-    """The mechanism: 3 lengths and 2 wrist angles driven, 9 passive angles, 9 closures, 6 lumped
-    compliances.
+    """Return the mechanism: 3 lengths and 2 wrist angles driven, 9 passive angles, 9 closures, 6
+    lumped compliances.
 
     Markers: ``leg_i`` turns with leg i and does not slide, ``tip_i`` is its end, ``joint_i`` its
     platform joint, ``platform``, ``wrist_4`` and ``wrist_5`` turn with the axes of the wrist about
@@ -173,7 +173,7 @@ class PoseSurvey:
 def solve_tool_pose(
     machine: MountedExechon, point: FloatArray, direction: FloatArray
 ) -> FloatArray:
-    """Coordinates ``(n,)`` at which the tool stands in one pose.
+    """Return the coordinates ``(n,)`` at which the tool stands in one pose.
 
     Args:
         point: ``(3,)`` tool point in the table frame [m].
@@ -206,8 +206,8 @@ def solve_tool_pose(
 def survey_tool_poses(
     machine: MountedExechon, points: FloatArray, directions: FloatArray
 ) -> PoseSurvey:
-    """Coordinates of many tool poses. Poses that cannot be reached are flagged; no error is
-    raised.
+    """Return the coordinates of many tool poses. Poses that cannot be reached are flagged; no error
+    is raised.
 
     Args:
         points: ``(..., 3)`` tool points in the table frame [m].
@@ -240,8 +240,8 @@ def survey_tool_poses(
 def platform_states(
     dimensions: ExechonDimensions, center: FloatArray, assembly: Assembly = (1, 1)
 ) -> FloatArray:
-    """Coordinates of the tripod with its wrist centre in a place, wrist angles and compliances
-    zero; NaN where it cannot be.
+    """Return the coordinates of the tripod with its wrist centre in a place, wrist angles and
+    compliances zero; NaN where it cannot be.
 
     Args:
         center: ``(..., 3)`` wrist centre in the base frame [m].
@@ -286,8 +286,8 @@ def platform_states(
 
 
 def condition_numbers(mechanism: Mechanism, states: FloatArray) -> FloatArray:
-    """Condition number ``(...)`` of the map from leg speeds to the velocity of the wrist centre;
-    all lengths, so it has no unit.
+    """Return the condition number ``(...)`` of the map from leg speeds to the velocity of the wrist
+    centre; all lengths, so it has no unit.
     """
     finite = np.asarray(np.isfinite(states).all(axis=-1))
     known = np.where(finite[..., None], states, 1.0)
@@ -308,7 +308,7 @@ def condition_numbers(mechanism: Mechanism, states: FloatArray) -> FloatArray:
 
 
 def name_limit_faults(machine: MountedExechon, state: FloatArray) -> list[str]:
-    """What is beyond its limits at a state, in words."""
+    """Return a text for each coordinate beyond its limits at a state."""
     faults = []
     for name, (low, high) in machine.limits.items():
         value = float(state[machine.mechanism.index(name)])

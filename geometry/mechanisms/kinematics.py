@@ -95,7 +95,7 @@ class Bias:
 
 @lru_cache(maxsize=64)
 def chain_layout(mechanism: Mechanism) -> ChainLayout:
-    """The chains of a mechanism as arrays."""
+    """Return the chains of a mechanism as arrays."""
     count, depth = len(mechanism.chains), max(_motion_count(chain) for chain in mechanism.chains)
     tensors = np.zeros((4, count, depth, 4, 4))
     tensors[0] = np.eye(4)
@@ -147,7 +147,7 @@ def chain_layout(mechanism: Mechanism) -> ChainLayout:
 
 
 def place_markers(mechanism: Mechanism, state: FloatArray) -> Placement:
-    """Frames of all motions and markers.
+    """Return the frames of all motions and markers.
 
     Args:
         mechanism: With ``n`` coordinates.
@@ -176,7 +176,7 @@ def place_markers(mechanism: Mechanism, state: FloatArray) -> Placement:
 
 
 def marker_jacobians(placement: Placement) -> tuple[FloatArray, FloatArray]:
-    """Derivatives of the markers' motion by the coordinates.
+    """Return the derivatives of the markers' motion by the coordinates.
 
     Returns:
         Of positions ``(..., P, 3, n)`` and of orientations ``(..., P, 3, n)``: velocity and angular
@@ -193,8 +193,8 @@ def marker_jacobians(placement: Placement) -> tuple[FloatArray, FloatArray]:
 
 
 def marker_bias(placement: Placement, rates: FloatArray) -> Bias:
-    """Velocities and bias accelerations of all markers at given rates ``(..., n)`` of the
-    coordinates.
+    """Return the velocities and bias accelerations of all markers at given rates ``(..., n)`` of
+    the coordinates.
     """
     layout = placement.layout
     padded = np.concatenate([rates, np.zeros((*rates.shape[:-1], 1), rates.dtype)], axis=-1)
@@ -223,19 +223,21 @@ def marker_bias(placement: Placement, rates: FloatArray) -> Bias:
 
 
 def cross(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Cross product of the last axes; several times faster than ``numpy.cross`` on small arrays."""
+    """Return the cross product of the last axes; several times faster than ``numpy.cross`` on small
+    arrays.
+    """
     # written twice in a row, the three components of a cyclic product are slices
     a, b = np.concatenate([first, first], axis=-1), np.concatenate([second, second], axis=-1)
     return np.asarray(a[..., 1:4] * b[..., 2:5] - a[..., 2:5] * b[..., 1:4])
 
 
 def skew_matrices(vectors: FloatArray) -> FloatArray:
-    """Matrices ``(..., 3, 3)`` whose product with a vector is the cross product."""
+    """Return the matrices ``(..., 3, 3)`` whose product with a vector is the cross product."""
     return np.asarray((vectors @ _SKEW).reshape(*vectors.shape, 3))
 
 
 def _running_sum(terms: FloatArray) -> FloatArray:
-    """Sums of the first 0, 1, ... terms along the second last axis."""
+    """Return the sums of the first 0, 1, ... terms along the second last axis."""
     total = np.zeros((*terms.shape[:-2], terms.shape[-2] + 1, terms.shape[-1]), terms.dtype)
     np.cumsum(terms, axis=-2, out=total[..., 1:, :])
     return total
@@ -246,7 +248,7 @@ def _motion_count(chain: tuple[Step | Marker, ...]) -> int:
 
 
 def _motion_tensors(step: Step) -> FloatArray:
-    """``(4, 4, 4)``: constant, cosine, sine and linear part of an elementary motion."""
+    """Return ``(4, 4, 4)``: constant, cosine, sine and linear part of an elementary motion."""
     axis = np.eye(3)[AXES.index(step.axis)]
     parts = np.zeros((4, 4, 4))
     if step.kind == "translation":

@@ -41,12 +41,12 @@ ChainItem = Step | Marker
 
 
 def revolute(axis: AxisName, by: str | float) -> Step:
-    """Rotation about an axis by a coordinate or a fixed angle [rad]."""
+    """Return the rotation about an axis by a coordinate or a fixed angle [rad]."""
     return Step("rotation", axis, by) if isinstance(by, str) else Step("rotation", axis, None, by)
 
 
 def prismatic(axis: AxisName, by: str | float) -> Step:
-    """Translation along an axis by a coordinate or a fixed length [m]."""
+    """Return the translation along an axis by a coordinate or a fixed length [m]."""
     return (
         Step("translation", axis, by)
         if isinstance(by, str)
@@ -155,26 +155,26 @@ class Mechanism:
 
     @cached_property
     def driven_slice(self) -> slice:
-        """Where the driven coordinates stand among all."""
+        """Return where the driven coordinates stand among all."""
         return slice(0, len(self.driven))
 
     @cached_property
     def passive_slice(self) -> slice:
-        """Where the passive coordinates stand among all."""
+        """Return where the passive coordinates stand among all."""
         return slice(len(self.driven), len(self.driven) + len(self.passive))
 
     @cached_property
     def compliant_slice(self) -> slice:
-        """Where the compliant coordinates stand among all."""
+        """Return where the compliant coordinates stand among all."""
         return slice(len(self.driven) + len(self.passive), len(self.coordinates))
 
     def index(self, coordinate: str) -> int:
-        """Place of a coordinate among all."""
+        """Return the place of a coordinate among all."""
         return self.coordinates.index(coordinate)
 
 
 def wrap_angles(angles: FloatArray) -> FloatArray:
-    """Angles [rad] brought into -pi .. pi."""
+    """Return the angles [rad] brought into -pi .. pi."""
     turn_around = 6.283185307179586
     return angles - turn_around * (angles / turn_around).round()
 

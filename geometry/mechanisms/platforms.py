@@ -23,7 +23,7 @@ ON_CIRCLE = 1e-6
 
 
 def planar_3rpr(base: FloatArray, platform: FloatArray) -> Mechanism:
-    """A triangle on three telescopic legs in the xy plane, each with a lumped compliance
+    """Return a triangle on three telescopic legs in the xy plane, each with a lumped compliance
     ``d_i`` along it.
 
     Args:
@@ -53,8 +53,8 @@ def planar_3rpr(base: FloatArray, platform: FloatArray) -> Mechanism:
 def planar_3rpr_state(
     base: FloatArray, platform: FloatArray, place: Sequence[float], angle: float
 ) -> FloatArray:
-    """All coordinates of a planar 3-RPR whose platform frame is at a place [m] and turned by an
-    angle [rad].
+    """Return all coordinates of a planar 3-RPR whose platform frame is at a place [m] and turned by
+    an angle [rad].
 
     Args:
         base: Base joints, ``(3, 2)`` [m].
@@ -80,7 +80,8 @@ def planar_3rpr_state(
 def planar_3rpr_assemblies(
     base: FloatArray, platform: FloatArray, lengths: FloatArray
 ) -> list[tuple[float, float, float]]:
-    """Every pose (x, y, angle) of the platform frame at given leg lengths ``(3,)``, at most six.
+    """Return every pose (x, y, angle) of the platform frame at given leg lengths ``(3,)``, at most
+    six.
 
     With the first platform joint as origin the differences of the leg equations are linear in its
     place; what is left is a trigonometric polynomial of degree three in the angle (Gosselin,
@@ -122,7 +123,7 @@ def planar_3rpr_assemblies(
 
 
 def hexapod(base: FloatArray, platform: FloatArray) -> Mechanism:
-    """A platform on six telescopic legs (6-UPS).
+    """Return a platform on six telescopic legs (6-UPS).
 
     Args:
         base: ``(6, 3)`` universal joints on the ground [m].
@@ -136,8 +137,8 @@ def hexapod(base: FloatArray, platform: FloatArray) -> Mechanism:
 
 
 def tricept(base: FloatArray, platform: FloatArray) -> Mechanism:
-    """A platform on a central telescope behind a universal joint (UP), moved by three telescopic
-    legs (UPS).
+    """Return a platform on a central telescope behind a universal joint (UP), moved by three
+    telescopic legs (UPS).
 
     Args:
         base: ``(3, 3)`` universal joints on the ground [m].
@@ -155,8 +156,8 @@ def tricept(base: FloatArray, platform: FloatArray) -> Mechanism:
 def _on_telescopic_legs(
     name: str, center: tuple[ChainItem, ...], base: FloatArray, platform: FloatArray
 ) -> Mechanism:
-    """A platform at the end of a chain, moved by legs with their joints ``(n, 3)`` on the ground and on
-    the platform [m].
+    """Return a platform at the end of a chain, moved by legs with their joints ``(n, 3)`` on the
+    ground and on the platform [m].
     """
     numbers = range(1, len(base) + 1)
     carried = [

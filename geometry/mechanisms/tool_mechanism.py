@@ -35,8 +35,8 @@ class ToolMechanism:
 def tool_pose(
     mechanism: ToolMechanism, positions: Mapping[str, float]
 ) -> tuple[FloatArray, FloatArray]:
-    """Tool point ``(3,)`` [m] and direction ``(3,)`` of a pose, machine frame; A and B turn the
-    tool about x, then about y.
+    """Return the tool point ``(3,)`` [m] and direction ``(3,)`` of a pose, machine frame; A and B
+    turn the tool about x, then about y.
     """
     point = np.array([positions.get(axis, 0.0) for axis in TOOL_POINT])
     direction = mechanism.tool
@@ -46,7 +46,7 @@ def tool_pose(
 
 
 def solve_pose(mechanism: ToolMechanism, positions: Mapping[str, float]) -> FloatArray:
-    """Coordinates ``(n,)`` of the mechanism in a pose.
+    """Return the coordinates ``(n,)`` of the mechanism in a pose.
 
     Raises:
         PoseError: The pose is out of reach, singular or beyond a joint's limits.
@@ -56,7 +56,7 @@ def solve_pose(mechanism: ToolMechanism, positions: Mapping[str, float]) -> Floa
 
 
 def place_carriers(mechanism: ToolMechanism, positions: Mapping[str, float]) -> dict[str, Frame]:
-    """Frame of the marker under every carried component in the machine frame, in a pose.
+    """Return the frame of the marker under every carried component in the machine frame, in a pose.
 
     Raises:
         PoseError: The pose is out of reach, singular or beyond a joint's limits.

@@ -83,7 +83,7 @@ class FittedCylinder(NamedTuple):
 
 
 def fit_cylinder(points: FloatArray, normals: FloatArray) -> FittedCylinder:
-    """The cylinder through points ``(n, 3)`` [m] with facet normals ``(m, 3)``."""
+    """Return the cylinder through points ``(n, 3)`` [m] with facet normals ``(m, 3)``."""
     axis = np.linalg.svd(normals)[2][2]
     axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
     middle = points.mean(axis=0)
@@ -100,7 +100,9 @@ def fit_cylinder(points: FloatArray, normals: FloatArray) -> FittedCylinder:
 
 
 def find_holes(faces: Sequence[CadFace]) -> list[Hole]:
-    """Full round holes: cylinders that share axis, radius and span, in the order of their faces."""
+    """Find the full round holes: cylinders that share axis, radius and span, in the order of their
+    faces.
+    """
     extent = part_extent(faces)
     left = [face for face in faces if face.kind == "cylinder" and face.hollow]
     holes: list[Hole] = []
@@ -129,7 +131,9 @@ def find_holes(faces: Sequence[CadFace]) -> list[Hole]:
 
 
 def find_ends(faces: Sequence[CadFace]) -> dict[str, tuple[CadFace, ...]]:
-    """The flat faces in the planes at the ends of a part, by the name that selects them: ``z-``."""
+    """Find the flat faces in the planes at the ends of a part, by the name that selects them:
+    ``z-``.
+    """
     extent = part_extent(faces)
     found: dict[str, tuple[CadFace, ...]] = {}
     for name, (axis, sign) in FACE_DIRECTIONS.items():
@@ -147,8 +151,8 @@ def find_ends(faces: Sequence[CadFace]) -> dict[str, tuple[CadFace, ...]]:
 
 
 def name_faces(faces: Sequence[CadFace]) -> dict[int, str]:
-    """A name for each face by number: ``z-`` and the like where that selects this face alone, else
-    ``face:N``.
+    """Return a name for each face by number: ``z-`` and the like where that selects this face
+    alone, else ``face:N``.
     """
     alone = {
         chosen[0].number: name for name, chosen in find_ends(faces).items() if len(chosen) == 1
@@ -157,7 +161,7 @@ def name_faces(faces: Sequence[CadFace]) -> dict[int, str]:
 
 
 def part_extent(faces: Sequence[CadFace]) -> float:
-    """Longest side of the bounding box [m]."""
+    """Return the longest side of the bounding box [m]."""
     return max(
         max(face.high[i] for face in faces) - min(face.low[i] for face in faces) for i in range(3)
     )

@@ -36,8 +36,8 @@ class Material:
 
 
 def weigh_modes(youngs_modulus: float, poisson_ratio: float, density: float) -> float:
-    """Natural frequencies of a body below a frequency, over its volume and the cube of that
-    frequency [1 / (m^3 Hz^3)], for many of them.
+    """Return the natural frequencies of a body below a frequency, over its volume and the cube of
+    that frequency [1 / (m^3 Hz^3)], for many of them.
 
     Args:
         youngs_modulus: E [Pa].
@@ -228,7 +228,7 @@ class Support:
 
 
 def show_fixed(direction: FixedDirection) -> str:
-    """A fixed direction as a scene has it."""
+    """Return a fixed direction as a scene has it."""
     if isinstance(direction, str):
         return direction
     return f"[{', '.join(f'{number:.4g}' for number in direction)}]"
@@ -286,8 +286,8 @@ class Component:
 
 
 def with_loaded_areas(component: Component, loads: Iterable[Load]) -> Component:
-    """A component with the area of each traction on it as a further interface, ``load:NAME``, so
-    that its centroid and size are known without a mesh.
+    """Return a component with the area of each traction on it as a further interface,
+    ``load:NAME``, so that its centroid and size are known without a mesh.
     """
     areas = {
         f"load:{load.name}": Interface(f"load:{load.name}", load.patches)

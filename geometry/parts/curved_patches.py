@@ -49,7 +49,8 @@ class CurvedPatch:
     axis: tuple[FloatArray, FloatArray] | None = None
 
     def depths(self, points: FloatArray) -> FloatArray:
-        """How far points lie within the outline, seen along the normal: ``(n,)``, negative outside.
+        """Return how far points lie within the outline, seen along the normal: ``(n,)``, negative
+        outside.
 
         Args:
             points: Of the face, ``(n, 3)``.
@@ -63,8 +64,8 @@ class CurvedPatch:
         return np.minimum(self.patch.size[0] / 2 - np.abs(a), self.patch.size[1] / 2 - np.abs(b))
 
     def facing(self, points: FloatArray, normals: FloatArray) -> FloatArray:
-        """Cosines ``(n,)`` between normals and that in the middle; around a band each is turned to
-        the middle's meridian first.
+        """Return the cosines ``(n,)`` between normals and that in the middle; around a band each is
+        turned to the middle's meridian first.
 
         Args:
             points: Of the face, ``(n, 3)``.
@@ -79,8 +80,8 @@ class CurvedPatch:
         return np.asarray(outward + (normals @ direction) * float(self.normal @ direction))
 
     def gentleness(self, points: FloatArray, normals: FloatArray) -> FloatArray:
-        """Cosines ``(n,)`` of how steeply the face meets the outline; small ones at places where the
-        patch begins to wrap around it.
+        """Return the cosines ``(n,)`` of how steeply the face meets the outline; small ones at
+        places where the patch begins to wrap around it.
 
         Args:
             points: Of the face, ``(n, 3)``.
@@ -92,8 +93,8 @@ class CurvedPatch:
 
 
 def plane_axes(normal: FloatArray) -> FloatArray:
-    """The two global axes that lie most in a plane, in the order x y z, made orthonormal within
-    it: ``(2, 3)``.
+    """Return the two global axes that lie most in a plane, in the order x y z, made orthonormal
+    within it: ``(2, 3)``.
 
     Args:
         normal: Unit normal of the plane, ``(3,)``.
@@ -107,7 +108,7 @@ def plane_axes(normal: FloatArray) -> FloatArray:
 
 
 def strip_axes(patch: Patch, normal: FloatArray) -> FloatArray:
-    """Unit directions along and across a strip in a plane, ``(2, 3)``.
+    """Return the unit directions along and across a strip in a plane, ``(2, 3)``.
 
     Args:
         normal: Unit normal of the plane, ``(3,)``.
@@ -169,8 +170,8 @@ def _find_axis(
     normals: FloatArray,
     tolerance: float,
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Point and unit direction of the axis about which a face turns in itself, moving a point of it
-    more or less in a given direction; None where there is no such rotation.
+    """Find the point and unit direction of the axis about which a face turns in itself, moving a
+    point of it more or less in a given direction; None where there is no such rotation.
 
     A velocity ``v(p) = t + w x p`` that is tangential all over the face satisfies ``n t + (p x n) w
     = 0``: cylinders have two such motions, spheres three, other faces of revolution one.
@@ -203,5 +204,5 @@ def _find_axis(
 
 
 def _reject(vectors: FloatArray, direction: FloatArray) -> FloatArray:
-    """What of vectors ``(..., 3)`` stands across a unit direction ``(3,)``."""
+    """Return what of vectors ``(..., 3)`` stands across a unit direction ``(3,)``."""
     return np.asarray(vectors - (vectors @ direction)[..., None] * direction)

@@ -69,7 +69,7 @@ class _Flat:
 
 
 def likely_interfaces(faces: Sequence[CadFace]) -> list[LikelyInterface]:
-    """Interfaces worth a look, the foot and the tip first where there are two flat faces."""
+    """Return likely interfaces, the foot and the tip first where there are two flat faces."""
     names = name_faces(faces)
     found: list[LikelyInterface] = []
     taken: set[int] = set()
@@ -108,8 +108,9 @@ def likely_interfaces(faces: Sequence[CadFace]) -> list[LikelyInterface]:
 def _choose_ends(
     faces: Sequence[CadFace], names: dict[int, str]
 ) -> tuple[_Flat | None, _Flat | None]:
-    """Where a part stands, the end of the largest footprint, and the flat face that is farthest from
-    that plane; None where there are no two. A casting stands on the rim of its open side.
+    """Return where a part stands, the end of the largest footprint, and the flat face that is
+    farthest from that plane; None where there are no two. A casting stands on the rim of its open
+    side.
     """
     ends = [_join(name, parts) for name, parts in find_ends(faces).items()]
     # a part that is drawn askew has no ends
@@ -147,7 +148,7 @@ def _join(face: str, parts: tuple[CadFace, ...]) -> _Flat:
 
 
 def _sides(parts: Sequence[CadFace]) -> FloatArray:
-    """Of the box around faces ``(3,)`` [m]."""
+    """Return the sides of the box around faces ``(3,)`` [m]."""
     high = np.max([part.high for part in parts], axis=0)
     return np.asarray(high - np.min([part.low for part in parts], axis=0))
 
@@ -157,7 +158,7 @@ def _height(foot: _Flat, place: FloatArray) -> float:
 
 
 def _opens_into(foot: _Flat, hole: Hole, extent: float) -> bool:
-    """Whether a hole ends in a face, or in a countersink there."""
+    """Return whether a hole ends in a face, or in a countersink there."""
     if abs(float(np.array(hole.axis) @ foot.normal)) < PARALLEL:
         return False
     place = np.array(hole.place)
@@ -171,7 +172,7 @@ def _opens_into(foot: _Flat, hole: Hole, extent: float) -> bool:
 def _large_faces(
     faces: Sequence[CadFace], names: dict[int, str], taken: set[int]
 ) -> list[LikelyInterface]:
-    """Faces of every kind that are not taken, the largest first."""
+    """Return the faces of every kind that are not taken, the largest first."""
     least = LARGE_FACE * max((face.area for face in faces), default=0.0)
     left = sorted(
         (face for face in faces if face.number not in taken and face.area >= least),
@@ -189,7 +190,7 @@ def _large_faces(
 
 
 def _describe(parts: tuple[CadFace, ...]) -> str:
-    """Kind, area, size and position of faces."""
+    """Return the kind, area, size and position of faces."""
     whole = _join("", parts)
     kind = parts[0].kind if len(parts) == 1 else f"{len(parts)} {parts[0].kind}s"
     size = _sides(parts)
@@ -202,8 +203,8 @@ def _in_mm(place: Sequence[float] | FloatArray) -> str:
 
 
 def _hole_patterns(holes: Sequence[Hole], extent: float) -> list[list[Hole]]:
-    """Holes of one radius, with parallel axes and at one height along them; patterns of many holes
-    first.
+    """Return the holes of one radius, with parallel axes and at one height along them; patterns of
+    many holes first.
     """
     patterns: list[list[Hole]] = []
     for hole in holes:

@@ -61,8 +61,8 @@ class SolidProperties:
 
 
 def closed_form_properties(component: Component) -> SolidProperties | None:
-    """Properties of a component whose solid and interfaces have a closed form; None where a CAD
-    kernel is needed.
+    """Return the properties of a component whose solid and interfaces have a closed form; None
+    where a CAD kernel is needed.
     """
     solid = component.solid
     if isinstance(solid, PointMass):
@@ -108,7 +108,7 @@ def _solid_box(solid: PlanarSolid | Tube) -> FloatArray:
 
 
 def _patch_box(solid: PlanarSolid | Tube, patch: Patch) -> FloatArray:
-    """Box ``(2, 3)`` around a patch that has a closed form."""
+    """Return the box ``(2, 3)`` around a patch that has a closed form."""
     box = _solid_box(solid)
     if patch.face not in FACE_DIRECTIONS:
         return box  # curved faces of a tube go all around it
@@ -133,7 +133,7 @@ def _join_boxes(boxes: list[FloatArray]) -> FloatArray:
 
 
 def solid_volume(solid: PlanarSolid | Tube) -> float:
-    """Volume of a parametric solid [m^3]; core holes are not taken off."""
+    """Return the volume of a parametric solid [m^3]; core holes are not taken off."""
     if isinstance(solid, Tube):
         return tube_properties(solid).volume
     return sum(
@@ -143,7 +143,7 @@ def solid_volume(solid: PlanarSolid | Tube) -> float:
 
 
 def box_sum_properties(boxes: list[SignedBox]) -> VolumeMoments:
-    """Of a signed sum of boxes."""
+    """Return the properties of a signed sum of boxes."""
     signs = np.array([sign for sign, _, _ in boxes])
     low = np.array([low for _, low, _ in boxes])
     high = np.array([high for _, _, high in boxes])
@@ -159,7 +159,7 @@ def box_sum_properties(boxes: list[SignedBox]) -> VolumeMoments:
 
 
 def tube_properties(tube: Tube) -> VolumeMoments:
-    """Of a hollow cylinder."""
+    """Return the properties of a hollow cylinder."""
     outer, inner, length = tube.outer_diameter / 2, tube.inner_diameter / 2, tube.length
     volume = np.pi * (outer**2 - inner**2) * length
     polar = volume * (outer**2 + inner**2) / 2
@@ -170,7 +170,9 @@ def tube_properties(tube: Tube) -> VolumeMoments:
 
 
 def interface_moment(solid: PlanarSolid | Tube, interface: Interface) -> AreaMoment | None:
-    """Area [m^2] and centroid ``(3,)`` [m] of an interface; None where there is no closed form."""
+    """Return the area [m^2] and centroid ``(3,)`` [m] of an interface; None where there is no
+    closed form.
+    """
     parts = (
         _tube_parts(solid, interface.patches)
         if isinstance(solid, Tube)
@@ -214,7 +216,7 @@ def _planar_parts(solid: PlanarSolid, patches: tuple[Patch, ...]) -> list[AreaMo
 
 
 def _face_part(face: PlanarFace, patches: list[Patch]) -> AreaMoment | None:
-    """Area and centroid of the union of patches on one face."""
+    """Return the area and centroid of the union of patches on one face."""
     first, second = in_plane_axes(face.axis)
     if len(patches) == 1 and patches[0].shape == "disk":
         return _disk_part(face, patches[0])

@@ -44,7 +44,7 @@ def sample_patches(
     *,
     order: Order | None = None,
 ) -> PatchSamples:
-    """Points on patches of a solid that is a bar along an axis.
+    """Return the points on patches of a solid that is a bar along an axis.
 
     Args:
         solid: A solid of one section along the axis.
@@ -117,8 +117,8 @@ def _disk_points(
     breaks: Sequence[float],
     order: Order | None,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """In-plane places and areas of a disk, in slices across the bar's axis (or across the first
-    direction on its end faces).
+    """Return the in-plane places and areas of a disk, in slices across the bar's axis (or across
+    the first direction on its end faces).
     """
     swap = axis == second
     along, across = (
@@ -143,8 +143,8 @@ def _disk_points(
 def _round_samples(
     tube: Tube, face: str, breaks: Sequence[float], order: Order | None
 ) -> list[PatchSamples]:
-    """Rings of points on a tube; on its end faces one ring with the second moments of the whole
-    face where no order is asked for.
+    """Return the rings of points on a tube; on its end faces one ring with the second moments of
+    the whole face where no order is asked for.
     """
     outer, inner = 0.5 * tube.outer_diameter, 0.5 * tube.inner_diameter
     count = RING_POINTS if order is None else 2 * order[1] + 1
@@ -176,7 +176,9 @@ def _round_samples(
 def _gauss_points(
     low: float, high: float, breaks: Sequence[float], count: int | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Gauss points and weights on an interval; on each of its parts where there are breaks."""
+    """Return the Gauss points and weights on an interval; on each of its parts where there are
+    breaks.
+    """
     inside = [place for place in breaks if low < place < high]
     nodes, weights = np.polynomial.legendre.leggauss(
         count or (ALONG_POINTS if len(breaks) else ACROSS_POINTS)

@@ -71,14 +71,14 @@ class Outline:
 
 
 def in_plane_axes(axis: int) -> tuple[int, int]:
-    """The other two axes in the order x y z."""
+    """Return the other two axes in the order x y z."""
     first, second = (i for i in range(3) if i != axis)
     return first, second
 
 
 def rib_spans(count: int, thickness: float, low: float, high: float) -> list[Span]:
-    """Lower and upper side of ``count`` ribs that leave equal clear gaps between ``low`` and
-    ``high`` [m].
+    """Return the lower and upper side of ``count`` ribs that leave equal clear gaps between ``low``
+    and ``high`` [m].
 
     Args:
         thickness: Of each [m].
@@ -91,7 +91,7 @@ def rib_spans(count: int, thickness: float, low: float, high: float) -> list[Spa
 
 
 def clear_spans(count: int, thickness: float, low: float, high: float) -> list[Span]:
-    """The clear gaps that ``rib_spans`` leaves [m].
+    """Return the clear gaps that ``rib_spans`` leaves [m].
 
     Args:
         thickness: Of each [m].
@@ -114,8 +114,8 @@ def column_cells(column: HollowColumn) -> tuple[list[Span], list[Span], list[Spa
 
 
 def planar_boxes(solid: PlanarSolid) -> list[SignedBox]:
-    """Boxes whose signed sum is the solid (core holes left out): ``(sign, low (3,), high (3,))``
-    [m].
+    """Return the boxes whose signed sum is the solid (core holes left out):
+    ``(sign, low (3,), high (3,))`` [m].
     """
     x, y, z = (float(s) for s in solid.size)
     body = (1.0, np.array([-x / 2, -y / 2, 0.0]), np.array([x / 2, y / 2, z]))
@@ -147,8 +147,8 @@ def planar_boxes(solid: PlanarSolid) -> list[SignedBox]:
 
 
 def named_planar_face(solid: PlanarSolid, face: str) -> PlanarFace | None:
-    """The face(s) ``x- .. z+`` at that end of the bounding box, core holes left out; None for any
-    other name.
+    """Return the face(s) ``x- .. z+`` at that end of the bounding box, core holes left out; None
+    for any other name.
     """
     if face not in FACE_DIRECTIONS:
         return None
@@ -171,8 +171,8 @@ def named_planar_face(solid: PlanarSolid, face: str) -> PlanarFace | None:
 
 
 def patch_rects(face: PlanarFace, patch: Patch) -> list[Rect] | None:
-    """Rectangles of a whole, rect or strip patch, cut to its face (they may overlap); None for a
-    disk.
+    """Return the rectangles of a whole, rect or strip patch, cut to its face (they may overlap);
+    None for a disk.
     """
     if patch.shape == "whole":
         return list(face.rects)
@@ -187,7 +187,7 @@ def patch_rects(face: PlanarFace, patch: Patch) -> list[Rect] | None:
 
 
 def patch_outline(solid: object, patch: Patch) -> Outline | None:
-    """The area of a patch as it is written; None where only a mesh knows the face.
+    """Return the area of a patch as it is written; None where only a mesh knows the face.
 
     Args:
         solid: Of the component. The end of a tube is a ring, or a disk.
@@ -215,8 +215,8 @@ def _circle(diameter: float, hole: float) -> Outline:
 
 
 def imprint_window(axis: int, patch: Patch) -> Rect:
-    """In-plane extent of a rect or strip on a face with the given normal axis; a strip is endless
-    along its own axis.
+    """Return the in-plane extent of a rect or strip on a face with the given normal axis; a strip
+    is endless along its own axis.
     """
     first, second = in_plane_axes(axis)
     a, b = patch.center[first], patch.center[second]
@@ -234,7 +234,9 @@ def imprint_window(axis: int, patch: Patch) -> Rect:
 
 
 def rect_union(rects: list[Rect]) -> list[Rect]:
-    """Disjoint rectangles that cover the same area as ``rects``, by coordinate compression."""
+    """Return the disjoint rectangles that cover the same area as ``rects``, by coordinate
+    compression.
+    """
     a_edges = sorted({edge for r in rects for edge in r[:2]})
     b_edges = sorted({edge for r in rects for edge in r[2:]})
     return [

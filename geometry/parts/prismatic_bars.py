@@ -47,7 +47,7 @@ class PrismaticBar:
 
 
 def prismatic_bar(solid: Solid, along: str | None = None) -> PrismaticBar:
-    """A solid as a bar of one section.
+    """Return a solid as a bar of one section.
 
     Args:
         solid: A box, a plate without ribs, or a tube along z.
@@ -71,7 +71,7 @@ def prismatic_bar(solid: Solid, along: str | None = None) -> PrismaticBar:
 
 
 def shear_coefficient(bar: PrismaticBar, poisson_ratio: float) -> float:
-    """Shear coefficient kappa of the section [-].
+    """Return the shear coefficient kappa of the section [-].
 
     Source: Cowper (1966), table 1: rectangle and hollow circle.
     """
@@ -88,7 +88,8 @@ def shear_coefficient(bar: PrismaticBar, poisson_ratio: float) -> float:
 
 
 def patch_span(bar: PrismaticBar, patch: Patch) -> tuple[float, float]:
-    """Where along a bar a patch begins and ends [m]; the same place twice for one on an end face.
+    """Return where along a bar a patch begins and ends [m]; the same place twice for one on an end
+    face.
 
     Raises:
         ValueError: Only a CAD kernel knows where the face lies.
@@ -128,7 +129,7 @@ def _rectangular_bar(size: tuple[float, float, float], along: str | None) -> Pri
 
 
 def rectangle_torsion_constant(side: float, other_side: float) -> float:
-    """Torsion constant [m^4] of a rectangle [m].
+    """Return the torsion constant [m^4] of a rectangle [m].
 
     Source: Saint-Venant (1855); Timoshenko and Goodier (1970), section 109, equation 160.
     """

@@ -39,7 +39,9 @@ class SizeField:
         return int(TETS_PER_CUBE * np.sum(self.volumes / means**3))
 
     def settled(self) -> "SizeField":
-        """The same as it comes out of its file: to nanometres and six digits, corners in order."""
+        """Return the field as it comes out of its file: to nanometres and six digits, corners in
+        order.
+        """
         points = np.round(self.points, DECIMALS)
         order = np.lexsort(points.T[::-1])
         places = np.empty(len(order), dtype=np.int64)
@@ -48,5 +50,5 @@ class SizeField:
         return SizeField(points[order], places[self.tets], sizes)
 
     def scaled(self, unit: float) -> "SizeField":
-        """The same in another unit of length [m]."""
+        """Return the field in another unit of length [m]."""
         return SizeField(np.asarray(self.points / unit), self.tets, np.asarray(self.sizes / unit))

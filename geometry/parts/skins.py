@@ -39,8 +39,8 @@ class Skin:
 
 
 def sharp_edges(points: FloatArray, triangles: IntArray) -> IntArray:
-    """Edges ``(k, 2)`` where two triangles meet at more than 40 degrees, or that belong to one or
-    more than two triangles.
+    """Return the edges ``(k, 2)`` where two triangles meet at more than 40 degrees, or that belong
+    to one or more than two triangles.
     """
     if not len(triangles):
         return np.zeros((0, 2), dtype=np.int64)
@@ -60,7 +60,7 @@ def sharp_edges(points: FloatArray, triangles: IntArray) -> IntArray:
 
 
 def split_skin(skin: Skin) -> Skin:
-    """The same surface with every triangle cut into four and every edge into two at their
+    """Return the same surface with every triangle cut into four and every edge into two at their
     middles.
     """
     every = np.sort(
@@ -99,7 +99,7 @@ def split_skin(skin: Skin) -> Skin:
 
 
 def join_skins(skins: list[Skin]) -> Skin:
-    """Several surfaces as one."""
+    """Return several surfaces as one."""
     starts = np.cumsum([0, *(len(skin.points) for skin in skins)])[:-1]
     return Skin(
         np.vstack([skin.points for skin in skins]),

@@ -8,8 +8,8 @@ from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Solid, Tub
 
 
 def find_solid_faults(solid: Solid) -> list[str]:
-    """Everything that keeps a parametric solid from being built; empty for a sound solid and for
-    files.
+    """Find everything that keeps a parametric solid from being built; empty for a sound solid and
+    for files.
     """
     if not isinstance(solid, Box | Tube | Plate | HollowColumn):
         return []

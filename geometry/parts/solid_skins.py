@@ -18,8 +18,8 @@ Source = Literal["solid", "inertia"]
 
 
 def solid_skin(solid: Solid) -> Skin | None:
-    """What is seen of a parametric solid from outside, of a point mass a steel cube of its mass; None
-    for solids that are read from files.
+    """Return what is seen of a parametric solid from outside, of a point mass a steel cube of its
+    mass; None for solids that are read from files.
     """
     if isinstance(solid, Tube):
         return _tube_skin(solid)
@@ -37,8 +37,8 @@ def solid_skin(solid: Solid) -> Skin | None:
 
 
 def prism_skin(solid: Solid, axis: int, places: FloatArray) -> Skin:
-    """The surface of a box, plate or tube that has one section along an axis, cut across at places
-    so that it can bend.
+    """Return the surface of a box, plate or tube that has one section along an axis, cut across at
+    places so that it can bend.
 
     Args:
         axis: Direction of the bar, 0..2.
@@ -66,7 +66,7 @@ def prism_skin(solid: Solid, axis: int, places: FloatArray) -> Skin:
 
 
 def box_skin(low: FloatArray, high: FloatArray, source: Source = "solid") -> Skin:
-    """A block between two corners [m].
+    """Return a block between two corners [m].
 
     Args:
         low: Lowest corner, ``(3,)`` [m].
@@ -83,8 +83,8 @@ def box_skin(low: FloatArray, high: FloatArray, source: Source = "solid") -> Ski
 
 
 def inertia_skin(mass: float, center: FloatArray, inertia: FloatArray) -> Skin:
-    """The block of equal mass, centre and inertia: ``m (a^2 + b^2) / 12`` about each principal
-    axis; a speck without mass.
+    """Return the block of equal mass, centre and inertia: ``m (a^2 + b^2) / 12`` about each
+    principal axis; a speck without mass.
 
     Args:
         mass: Of the body [kg].
@@ -135,7 +135,7 @@ def _tube_skin(tube: Tube) -> Skin:
 
 
 def _box_loop(solid: Solid, around: list[int]) -> FloatArray:
-    """Corners ``(4, 2)`` of a block's section, counterclockwise."""
+    """Return the corners ``(4, 2)`` of a block's section, counterclockwise."""
     if not isinstance(solid, Box | Plate):
         raise ValueError("only a block or a tube has one section")
     low = np.array([-solid.size[0] / 2, -solid.size[1] / 2, 0.0])[around]
@@ -144,7 +144,9 @@ def _box_loop(solid: Solid, around: list[int]) -> FloatArray:
 
 
 def _round_loops(tube: Tube) -> list[FloatArray]:
-    """Outer circle and, where there is a bore, inner circle ``(SIDES, 2)``, counterclockwise."""
+    """Return the outer circle and, where there is a bore, inner circle ``(SIDES, 2)``,
+    counterclockwise.
+    """
     angles = 2.0 * np.pi * np.arange(SIDES) / SIDES
     circle = np.column_stack([np.cos(angles), np.sin(angles)])
     return [
@@ -166,7 +168,7 @@ def _wall_triangles(rings: int, corners: int, start: int, *, outward: bool) -> I
 
 
 def _cap_triangles(starts: list[int], ring: int, corners: int, *, upward: bool) -> IntArray:
-    """An end face: a fan, or the ring between two loops."""
+    """Return an end face: a fan, or the ring between two loops."""
     if len(starts) == 1:
         k = np.arange(1, corners - 1)
         fan = ring + np.column_stack([np.zeros_like(k), k, k + 1])

@@ -86,8 +86,8 @@ def _refuse(laid: CurvedPatch, unit: float, why: str) -> str:
 def _find_seats(
     face: int, center: FloatArray, extent: float
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """Places of a face that are nearest to a point, with their normals: one, but for the centre of
-    its curvature.
+    """Find the places of a face that are nearest to a point, with their normals: one, but for the
+    centre of its curvature.
     """
     seats: list[tuple[float, FloatArray]] = []
     for shift in np.vstack([np.zeros(3), np.eye(3), -np.eye(3)]):
@@ -120,7 +120,9 @@ def _lay_at_one(
 
 
 def _normals(face: int, parameters: FloatArray) -> FloatArray:
-    """Unit normals ``(n, 3)``; at a pole, where the parameters say none, that beside it."""
+    """Return the unit normals ``(n, 3)``; at a pole, where the parameters say none, that next to
+    it.
+    """
     low, high = (np.array(bound) for bound in gmsh.model.getParametrizationBounds(2, face))
     pairs = np.array(parameters, dtype=float).reshape(-1, 2)
     sides = np.array(gmsh.model.getDerivative(2, face, pairs.ravel())).reshape(-1, 2, 3)
@@ -132,7 +134,9 @@ def _normals(face: int, parameters: FloatArray) -> FloatArray:
 
 
 def _sample_face(piece: int, face: int) -> tuple[FloatArray, FloatArray]:
-    """Points ``(n, 3)`` in and around a piece of a face, and the face's normals there."""
+    """Return the points ``(n, 3)`` in and around a piece of a face, and the face's normals
+    there.
+    """
     low, high = gmsh.model.getParametrizationBounds(2, piece)
     shares = (np.arange(SAMPLES) + 0.5) / SAMPLES
     u, v = (start + (stop - start) * shares for start, stop in zip(low, high, strict=True))
@@ -150,7 +154,7 @@ def _sample_face(piece: int, face: int) -> tuple[FloatArray, FloatArray]:
 
 
 def _add_tool(laid: CurvedPatch, extent: float) -> int:
-    """A volume that holds all the space under a patch's outline, on both sides of the face."""
+    """Return a volume that holds all the space under a patch's outline, on both sides of the face."""
     reach = 2.0 * extent + max(laid.patch.size)
     if laid.patch.shape == "disk":
         start = laid.origin - reach * laid.normal
@@ -174,8 +178,8 @@ def _add_tool(laid: CurvedPatch, extent: float) -> int:
 
 
 def _choose_pieces(pieces: list[int], laid: CurvedPatch) -> list[int]:
-    """The pieces that face the way of the patch's middle; of a strip also that in the middle and
-    what is joined to it, however far it goes around.
+    """Return the pieces that face the way of the patch's middle; of a strip also that in the middle
+    and what is joined to it, however far it goes around.
     """
     facing = {tag: bool((laid.facing(*_sample_face(tag, tag)) > 0.0).all()) for tag in pieces}
     if laid.across is None:
@@ -195,8 +199,8 @@ def _choose_pieces(pieces: list[int], laid: CurvedPatch) -> list[int]:
 
 
 def measure_under(face: int, laid: CurvedPatch) -> float:
-    """Area of a face under a patch's outline, without the kernel's Boolean operations: cells of its
-    parameters are halved along the outline and along the face's own rim.
+    """Return the area of a face under a patch's outline, without the kernel's Boolean operations:
+    cells of its parameters are halved along the outline and along the face's own rim.
     """
     low, high = (np.array(bound) for bound in gmsh.model.getParametrizationBounds(2, face))
     widths = (high - low) / START
@@ -224,8 +228,8 @@ def measure_under(face: int, laid: CurvedPatch) -> float:
 
 
 def _share_inside(face: int, cells: FloatArray, widths: FloatArray, *, corners: bool) -> FloatArray:
-    """How much of cells ``(n, 2)`` of a face's parameters its rim leaves, ``(n,)``, from their
-    middles, and their corners where asked for.
+    """Return how much of cells ``(n, 2)`` of a face's parameters its rim leaves, ``(n,)``, from
+    their middles, and their corners where asked for.
     """
     places = np.array([[0, 0], [-1, -1], [1, -1], [1, 1], [-1, 1]]) * 0.49 * widths
     places = places if corners else places[:1]

@@ -17,7 +17,7 @@ Sizes = Mapping[str, float]  # [mm]
 
 
 def _ball(sizes: Sizes) -> None:
-    """A ball between two parallel flats."""
+    """Build a ball between two parallel flats."""
     occ, radius, height = gmsh.model.occ, sizes["radius"], sizes["height"]
     ball = occ.addSphere(0, 0, 0, radius)
     occ.intersect(
@@ -27,14 +27,14 @@ def _ball(sizes: Sizes) -> None:
 
 
 def _cone(sizes: Sizes) -> None:
-    """A truncated cone with a bore."""
+    """Build a truncated cone with a bore."""
     occ, height = gmsh.model.occ, sizes["height"]
     body = occ.addCone(0, 0, 0, 0, 0, height, sizes["radius"], sizes["top"])
     occ.cut([(3, body)], [(3, occ.addCylinder(0, 0, 0, 0, 0, height, sizes["bore"]))])
 
 
 def _elbow(sizes: Sizes) -> None:
-    """A quarter of a ring of pipe."""
+    """Build a quarter of a ring of pipe."""
     occ, bend = gmsh.model.occ, sizes["bend"]
     outer, inner = (
         occ.addDisk(bend, 0, 0, radius, radius) for radius in (sizes["radius"], sizes["bore"])
@@ -45,7 +45,7 @@ def _elbow(sizes: Sizes) -> None:
 
 
 def _swan(sizes: Sizes) -> None:
-    """A pipe in the form of an S: two quarters of a ring."""
+    """Build a pipe in the form of an S: two quarters of a ring."""
     occ, bend = gmsh.model.occ, sizes["bend"]
     _elbow(sizes)
     first = occ.getEntities(3)
@@ -55,7 +55,7 @@ def _swan(sizes: Sizes) -> None:
 
 
 def _oval(sizes: Sizes) -> None:
-    """A ring between two ellipses."""
+    """Build a ring between two ellipses."""
     occ, wall = gmsh.model.occ, sizes["wall"]
     outer, inner = (
         occ.addDisk(0, 0, 0, sizes["long"] - less, sizes["short"] - less) for less in (0.0, wall)
@@ -66,7 +66,7 @@ def _oval(sizes: Sizes) -> None:
 
 
 def _bow(sizes: Sizes) -> None:
-    """A bent bar of rectangular section: a part of a ring."""
+    """Build a bent bar of rectangular section: a part of a ring."""
     occ, wide, high = gmsh.model.occ, sizes["wide"], sizes["high"]
     section = occ.addRectangle(sizes["bend"] - wide / 2, -high / 2, 0, wide, high)
     occ.rotate([(2, section)], 0, 0, 0, 1, 0, 0, 1.5707963267948966)
@@ -75,7 +75,7 @@ def _bow(sizes: Sizes) -> None:
 
 
 def _hairpin(sizes: Sizes) -> None:
-    """A bar of rectangular section that is bent by half a turn, with two straight legs."""
+    """Build a bar of rectangular section that is bent by half a turn, with two straight legs."""
     occ, bend, leg = gmsh.model.occ, sizes["bend"], sizes["leg"]
     wide, high = sizes["wide"], sizes["high"]
     places = ((bend, -leg), (bend, 0), (0, 0), (-bend, 0), (-bend, -leg))
@@ -96,7 +96,7 @@ def _hairpin(sizes: Sizes) -> None:
 
 
 def _block(sizes: Sizes) -> None:
-    """A block with rounded upright edges and a cross bore."""
+    """Build a block with rounded upright edges and a cross bore."""
     occ, x, y, z = gmsh.model.occ, sizes["x"], sizes["y"], sizes["z"]
     body = occ.addBox(-x / 2, -y / 2, 0, x, y, z)
     occ.cut([(3, body)], [(3, occ.addCylinder(-x, 0, sizes["hole_z"], 2 * x, 0, 0, sizes["bore"]))])
@@ -114,7 +114,7 @@ def _block(sizes: Sizes) -> None:
 
 
 def _angle(sizes: Sizes) -> None:
-    """Two legs that meet in a sharp inner edge, the upright one with a bore."""
+    """Build two legs that meet in a sharp inner edge, the upright one with a bore."""
     occ, x, y, z, thick = gmsh.model.occ, sizes["x"], sizes["y"], sizes["z"], sizes["thick"]
     legs = [(3, occ.addBox(0, -y / 2, 0, *leg)) for leg in ((x, y, thick), (thick, y, z))]
     body, _ = occ.fuse(legs[:1], legs[1:])

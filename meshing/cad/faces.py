@@ -100,7 +100,7 @@ def _describe_face(number: int, tag: int, points: FloatArray, facets: IntArray) 
 
 
 def _exact_normals(tag: int) -> FloatArray:
-    """Unit normals ``(n, 3)`` of a surface at its mesh nodes, in either direction."""
+    """Return the unit normals ``(n, 3)`` of a surface at its mesh nodes, in either direction."""
     _, _, parameters = gmsh.model.mesh.getNodes(
         2, tag, includeBoundary=True, returnParametricCoord=True
     )

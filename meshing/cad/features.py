@@ -79,7 +79,9 @@ def leave_out_features(
 
 
 def _find_features(faces: Sequence[int], radius: float) -> list[set[int]]:
-    """Faces with radii up to a radius, and those that they alone surround, in connected groups."""
+    """Find the faces with radii up to a radius, and those that they alone surround, in connected
+    groups.
+    """
     small = {face for face in faces if face_radius(face) <= radius * (1.0 + 1e-6)}
     around = {
         face: {abs(curve) for _, curve in gmsh.model.getBoundary([(2, face)], oriented=False)}
@@ -99,7 +101,7 @@ def _find_features(faces: Sequence[int], radius: float) -> list[set[int]]:
 
 
 def _take_off(volume: int, feature: Iterable[int]) -> int | None:
-    """The volume without some of its faces; None where the kernel cannot close it."""
+    """Return the volume without some of its faces; None where the kernel cannot close it."""
     try:
         found = gmsh.model.occ.defeature([volume], sorted(feature))
         gmsh.model.occ.synchronize()

@@ -128,7 +128,7 @@ def _refine(faces: list[int], size: float) -> None:
 
 
 def choose_faces(shape: OpenShape, face: str) -> list[int]:
-    """Tags of the faces a name selects.
+    """Return the tags of the faces a name selects.
 
     Raises:
         PartFileError: There is no such face; the message lists what there is.
@@ -156,7 +156,7 @@ def choose_faces(shape: OpenShape, face: str) -> list[int]:
 
 
 def available_faces(shape: OpenShape) -> list[str]:
-    """Names of the faces that a patch may lie on."""
+    """Return the names of the faces that a patch may lie on."""
     names = [name for name in FACE_DIRECTIONS if _end_faces(shape, name)]
     if isinstance(shape.solid, Tube):
         names += ["outer", "inner"] if shape.solid.inner_diameter > 0.0 else ["outer"]
@@ -164,7 +164,9 @@ def available_faces(shape: OpenShape) -> list[str]:
 
 
 def plane_normal(face: int) -> FloatArray | None:
-    """Unit normal ``(3,)`` of a plane face, in either direction; None for a curved one."""
+    """Return the unit normal ``(3,)`` of a plane face, in either direction; None for a curved
+    one.
+    """
     if gmsh.model.getType(2, face) != "Plane":
         return None
     low, _ = gmsh.model.getParametrizationBounds(2, face)
@@ -194,7 +196,9 @@ def _end_faces(shape: OpenShape, name: str) -> list[int]:
 
 
 def _cut_pieces(shape: OpenShape, faces: list[int], patch: Patch) -> dict[int, int]:
-    """Trimmed copies of the faces inside the imprint, each with the face it was cut from."""
+    """Return the trimmed copies of the faces inside the imprint, each with the face it was cut
+    from.
+    """
     occ = gmsh.model.occ
     found: dict[int, int] = {}
     tool: int | None = None
@@ -221,8 +225,8 @@ def _cut_pieces(shape: OpenShape, faces: list[int], patch: Patch) -> dict[int, i
 
 
 def _find_overhang(faces: list[int], pieces: dict[int, int], patch: Patch) -> list[str]:
-    """What a disk or a rect on a plane face loses where it reaches beyond the face; holes that lie
-    within it are meant.
+    """Find what a disk or a rect on a plane face loses where it reaches beyond the face; holes that
+    lie within it are meant.
     """
     normal = plane_normal(faces[0])
     if len(faces) > 1 or normal is None or patch.shape not in ("disk", "rect"):
@@ -249,7 +253,7 @@ def _find_overhang(faces: list[int], pieces: dict[int, int], patch: Patch) -> li
 
 
 def _plane_tool(shape: OpenShape, face: int, patch: Patch, normal: FloatArray) -> int:
-    """A prism or cylinder across a plane face."""
+    """Return a prism or cylinder across a plane face."""
     origin = np.array(gmsh.model.occ.getCenterOfMass(2, face))
     center = np.array(patch.center)
     center = center - ((center - origin) @ normal) * normal
@@ -262,7 +266,7 @@ def _plane_tool(shape: OpenShape, face: int, patch: Patch, normal: FloatArray) -
 
 
 def _outline(shape: OpenShape, patch: Patch, normal: FloatArray) -> FloatArray:
-    """Corners ``(n, 3)`` of an imprint in a plane, from its centre."""
+    """Return the corners ``(n, 3)`` of an imprint in a plane, from its centre."""
     axes = plane_axes(normal)
     if patch.shape == "disk":
         count = 4 * int(np.ceil(max(LEAST_POLYGON, np.pi * patch.size[0] / shape.size) / 4))

@@ -126,7 +126,9 @@ def close_planes(
 
 
 def _find_features(faces: Sequence[int], width: float) -> list[_Feature]:
-    """Faces that loops which are narrow enough part from the largest piece of the shape."""
+    """Find the faces that loops which are narrow enough part from the largest piece of the
+    shape.
+    """
     around = {face: _curves(face) for face in faces}
     loops = [loop for face in faces for loop in _inner_loops(face, around[face], width)]
     cuts = {curve: loop for loop in loops for curve in loop.curves}
@@ -150,7 +152,7 @@ def _find_features(faces: Sequence[int], width: float) -> list[_Feature]:
 
 
 def _connect(around: dict[int, set[int]], cuts: dict[int, _Loop]) -> list[set[int]]:
-    """Pieces of a shape, whose faces have curves in common that are no cuts."""
+    """Return the pieces of a shape, whose faces have curves in common that are no cuts."""
     behind: dict[int, list[int]] = {}
     for face, curves in around.items():
         for curve in curves - cuts.keys():
@@ -197,7 +199,9 @@ def _measure_loop(face: int, curves: tuple[int, ...]) -> _Loop:
 
 
 def _is_small(feature: _Feature, width: float) -> bool:
-    """No wider inside than at its loops: a cavity behind a small opening is no detail."""
+    """Return whether a feature is no wider inside than at its loops: a cavity behind a small
+    opening is no detail.
+    """
     boxes = np.array([gmsh.model.occ.getBoundingBox(2, face) for face in feature.faces])
     sides = np.sort(boxes[:, 3:].max(axis=0) - boxes[:, :3].min(axis=0))
     return float(sides[1]) <= LONGEST * width
@@ -217,7 +221,7 @@ def _lies_in(face: int, ends: Collection[tuple[int, float]]) -> bool:
 
 
 def _fill(feature: _Feature) -> int:
-    """The volume between a feature's faces and its loops."""
+    """Return the volume between a feature's faces and its loops."""
     caps = [_plane(loop.curves) for loop in feature.loops]
     return _bound([*sorted(feature.faces), *caps])
 
@@ -233,7 +237,7 @@ def _bound(faces: Collection[int]) -> int:
 
 
 def _close(faces: Sequence[int], features: Sequence[_Feature]) -> dict[int, int]:
-    """The faces that stay: tag before to tag now, another one for planes that lost loops."""
+    """Return the faces that stay: tag before to tag now, another one for planes that lost loops."""
     gone = frozenset().union(*(feature.faces for feature in features))
     lost: dict[int, set[tuple[int, ...]]] = {}
     for feature in features:
@@ -260,8 +264,8 @@ def _span(curves: tuple[int, ...]) -> float:
 
 
 def _match_faces(before: Collection[int], now: Collection[int]) -> dict[int, int]:
-    """New tags of faces, of which some get another one when a volume is made of them: their curves
-    stay.
+    """Return the new tags of faces, of which some get another one when a volume is made of them:
+    their curves stay.
     """
     same = {face: face for face in set(before) & set(now)}
     left = {frozenset(_curves(face)): face for face in set(now) - set(before)}
@@ -273,7 +277,9 @@ def _match_faces(before: Collection[int], now: Collection[int]) -> dict[int, int
 
 
 def _describe_features(features: Sequence[_Feature], solids: Sequence[int]) -> LeftOut:
-    """Where features lie and what they hold: before the plane of a loop material, behind it none."""
+    """Return where features lie and what they hold: before the plane of a loop material, behind it
+    none.
+    """
     contents = np.array([float(gmsh.model.occ.getMass(3, solid)) for solid in solids])
     centers = np.array([gmsh.model.occ.getCenterOfMass(3, solid) for solid in solids])
     places, sides = np.zeros((len(features), 3, 3)), np.zeros(len(features))

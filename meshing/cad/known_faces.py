@@ -34,11 +34,11 @@ class PlainShape:
 
     @property
     def numbers(self) -> dict[int, int]:
-        """What ``face:N`` counts, by tag, of the faces that are left of the whole shape."""
+        """Return what ``face:N`` counts, by tag, of the faces that are left of the whole shape."""
         return {tag: number for number, tag in enumerate(self.faces, 1) if tag != GONE}
 
     def followed(self, volume: int, now: Sequence[int]) -> "PlainShape":
-        """The same after a further change.
+        """Return the shape after a further change.
 
         Args:
             volume: Tag of what is left.
@@ -60,7 +60,7 @@ class Face:
 
 
 def face_radius(face: int) -> float:
-    """Smallest radius of curvature of a face where it is measured; inf for planes."""
+    """Return the smallest radius of curvature of a face where it is measured; inf for planes."""
     if gmsh.model.getType(2, face) == "Plane":
         return float("inf")
     low, high = gmsh.model.getParametrizationBounds(2, face)
@@ -76,12 +76,12 @@ def face_radius(face: int) -> float:
 
 
 def radius_of(curvature: float) -> float:
-    """Radius of a curvature; inf where there is none."""
+    """Return the radius of a curvature; inf where there is none."""
     return 1.0 / curvature if curvature > 0.0 and np.isfinite(curvature) else float("inf")
 
 
 def know_face(face: int) -> Face:
-    """What the face with a tag of the open gmsh model is known by."""
+    """Return what the face with a tag of the open gmsh model is known by."""
     return Face(
         str(gmsh.model.getType(2, face)),
         face_radius(face),
@@ -91,8 +91,8 @@ def know_face(face: int) -> Face:
 
 
 def follow_faces(before: Sequence[Face], now: Sequence[int]) -> list[int]:
-    """New tags in the old order: faces that stayed as they were, then those that only grew or
-    shrank; the rest at the end.
+    """Return the new tags in the old order: faces that stayed as they were, then those that only
+    grew or shrank; the rest at the end.
     """
     left = {tag: know_face(tag) for tag in now}
     found: dict[int, int] = {}
@@ -117,7 +117,7 @@ def _is_same(face: Face, other: Face) -> bool:
 
 
 def _is_changed(face: Face, other: Face) -> bool:
-    """Of the same kind and radius, and about where it was."""
+    """Return whether a face is of the same kind and radius, and about where it was."""
     size = np.sqrt(face.area)
     radii = face.radius == other.radius or abs(other.radius / face.radius - 1.0) <= SAME
     return (

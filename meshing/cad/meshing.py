@@ -140,7 +140,7 @@ def mesh_shape(job: MeshJob) -> MeshData:
 
 @contextmanager
 def open_kernel() -> Iterator[None]:
-    """An empty gmsh model with the options all jobs share."""
+    """Provide an empty gmsh model with the options all jobs share."""
     gmsh.initialize(interruptible=False, readConfigFiles=False)
     try:
         for name, value in OPTIONS.items():
@@ -152,15 +152,15 @@ def open_kernel() -> Iterator[None]:
 
 
 def read_solid(job: MeshJob) -> Shape:
-    """The solid of a job that has a CAD shape."""
+    """Return the solid of a job that has a CAD shape."""
     if isinstance(job.solid, MeshFile):
         raise MeshError("a mesh file has no CAD shape")
     return job.solid
 
 
 def _element_size(job: MeshJob, solid: Shape, volume: int) -> float:
-    """As requested, or by the sizing rule; for files coarser until curved faces included there are
-    not too many cells.
+    """Return the element size as requested, or by the sizing rule; for files coarser until curved
+    faces included there are not too many cells.
     """
     if job.size is not None:
         return job.size
@@ -195,14 +195,14 @@ def _mean_thickness(volume: int) -> float:
 
 
 def boundary_faces(volume: int) -> list[int]:
-    """Tags of a volume's faces in the order in which ``face:N`` counts them."""
+    """Return the tags of a volume's faces in the order in which ``face:N`` counts them."""
     return sorted(abs(tag) for _, tag in gmsh.model.getBoundary([(3, volume)], oriented=False))
 
 
 def _plan_sizes(
     job: MeshJob, volume: int, faces: dict[str, list[int]], size: float
 ) -> tuple[SizePlan | None, int]:
-    """Element sizes on curved faces and rims, and the number of cells to expect."""
+    """Return the element sizes on curved faces and rims, and the number of cells to expect."""
     content = float(gmsh.model.occ.getMass(3, volume))
     thickness = _mean_thickness(volume)
     count = estimate_tets(content, thickness, size)
@@ -221,19 +221,21 @@ def _plan_sizes(
 
 
 def shape_bounds(volume: int) -> tuple[FloatArray, FloatArray]:
-    """Lower and upper corner ``(3,)`` of a volume's bounding box."""
+    """Return the lower and upper corner ``(3,)`` of a volume's bounding box."""
     box = np.array(gmsh.model.occ.getBoundingBox(3, volume))
     return box[:3], box[3:]
 
 
 def _named_faces(job: MeshJob) -> list[int]:
-    """Numbers of the faces that patches name by them."""
+    """Return the numbers of the faces that patches name by them."""
     faces = [patch.face for patches in job.groups.values() for patch in patches]
     return [int(face.removeprefix("face:")) for face in faces if face.startswith("face:")]
 
 
 def _remove_features(job: MeshJob, solid: StepFile, volume: int, size: float) -> PlainShape:
-    """The shape to be meshed: without details that are small beside the elements, or as requested."""
+    """Return the shape to be meshed: without details that are small compared with the elements, or
+    as requested.
+    """
 
     def build_anew() -> PlainShape:
         gmsh.clear()
@@ -267,7 +269,9 @@ def _remove_features(job: MeshJob, solid: StepFile, volume: int, size: float) ->
 
 
 def _named_ends(job: MeshJob, volume: int) -> list[tuple[int, float]]:
-    """Axis and coordinate of the outermost planes that patches name by their direction."""
+    """Return the axis and coordinate of the outermost planes that patches name by their
+    direction.
+    """
     corners = dict(zip((-1.0, 1.0), shape_bounds(volume), strict=True))
     named = {patch.face for patches in job.groups.values() for patch in patches}
     return [
@@ -317,13 +321,13 @@ def _measure(volume: int, faces: dict[str, list[int]]) -> SolidProperties:
 
 
 def _box(dimension: int, tags: list[int]) -> FloatArray:
-    """Box ``(2, 3)`` around shapes."""
+    """Return the box ``(2, 3)`` around shapes."""
     ends = np.array([gmsh.model.occ.getBoundingBox(dimension, tag) for tag in tags])
     return np.stack([ends[:, :3].min(axis=0), ends[:, 3:].max(axis=0)])
 
 
 def _choose_growth(job: MeshJob, imprints: Imprints, size: float) -> float | None:
-    """As requested; around patches that are narrow beside the elements a default."""
+    """Return the growth as requested; a default around patches narrow compared with the elements."""
     narrow = any(at_rim < NARROW_PATCH * size for at_rim in imprints.sizes.values())
     return NARROW_GROWTH if job.growth is None and narrow else job.growth
 
@@ -396,7 +400,7 @@ def _mesh_faces(
 
 
 def _count_cells(job: MeshJob, volume: int, size: float) -> tuple[int, int]:
-    """Number of cells and nodes to expect behind the triangles of the meshed faces."""
+    """Return the number of cells and nodes to expect behind the triangles of the meshed faces."""
     triangles = sum(
         len(gmsh.model.mesh.getElementsByType(TRIANGLE[1], face)[0])
         for face in boundary_faces(volume)
@@ -427,7 +431,7 @@ def _check_budget(count: int, job: MeshJob, size: float, numbers: dict[int, int]
 
 
 def _find_rims(job: MeshJob, imprints: Imprints) -> dict[int, float]:
-    """Curves from which elements grow, and the size there."""
+    """Find the curves from which elements grow, and the size there."""
     found: dict[int, float] = {}
     groups = [([face], size) for face, size in imprints.sizes.items()]
     groups += (
@@ -453,8 +457,8 @@ def _generate(job: MeshJob) -> None:
 
 
 def _mesh_acceptably(*, from_cad: bool) -> bool:
-    """Mesh with the algorithm that leaves no slivers, or else with the one whose worst tet is
-    best.
+    """Return the mesh with the algorithm that leaves no slivers, or else with the one whose worst
+    tet is best.
 
     No algorithm makes good tets on triangles that are slivers themselves, and HXT takes ten times
     as long there: the other one goes first, and alone if its tets can be used. On thin triangles of
@@ -493,7 +497,7 @@ def _try_algorithm(algorithm: int) -> float:
 
 
 def _worst_triangle() -> float:
-    """Height of the flattest triangle of the meshed faces over its longest side."""
+    """Return the height of the flattest triangle of the meshed faces over its longest side."""
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
     _, nodes = gmsh.model.mesh.getElementsByType(TRIANGLE[1])
     row = np.zeros(int(tags.max()) + 1, dtype=np.int64)
@@ -519,8 +523,8 @@ def _worst_quality() -> float:
 
 
 def _point_owners(data: MeshData, numbers: dict[int, int]) -> IntArray:
-    """Number ``(n,)`` of a face that each point of a mesh lies on, 0 inside or where faces have no
-    numbers.
+    """Return the number ``(n,)`` of a face that each point of a mesh lies on, 0 inside or where
+    faces have no numbers.
     """
     tags, _, _ = gmsh.model.mesh.getNodes()
     owner = np.zeros(int(tags.max()) + 1, dtype=np.int64)
@@ -567,8 +571,8 @@ def _collect(
 def _curved_facets(
     faces: list[int], place: IntArray, points: FloatArray, order: int
 ) -> CurvedFacets:
-    """Facets on faces that are not plane, and where these lie; of free-form faces, which take long,
-    no more than a sample.
+    """Return the facets on faces that are not plane, and where these lie; of free-form faces, which
+    take long, no more than a sample.
     """
     per_facet = 3 if order == 1 else 6
     kinds = {face: gmsh.model.getType(2, face) for face in faces}

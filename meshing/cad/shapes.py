@@ -64,8 +64,8 @@ def _build_planar(solid: Box | Plate | HollowColumn) -> int:
 
 
 def _core_holes(column: HollowColumn) -> DimTags:
-    """Cylinders that pierce caps and horizontal ribs along z, and vertical ribs along their
-    normals, in every cell.
+    """Return the cylinders that pierce caps and horizontal ribs along z, and vertical ribs along
+    their normals, in every cell.
     """
     occ = gmsh.model.occ
     x_cells, y_cells, z_cells = column_cells(column)
@@ -147,7 +147,7 @@ def _import_step(solid: StepFile) -> int:
 
 
 def _refuse_odd_numbers(text: bytes, file: str) -> None:
-    """A coordinate that is no number keeps the kernel busy for minutes, or ends it."""
+    """Refuse coordinates that are no numbers: they keep the kernel busy for minutes, or end it."""
     odd = re.search(rb"[(,]\s*([+-]?(?:nan|inf(?:inity)?|1\.#\w+))\b", text, re.IGNORECASE)
     if odd is not None:
         line = text[: odd.start()].count(b"\n") + 1

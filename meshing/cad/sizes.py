@@ -84,7 +84,7 @@ class CurvedFaces:
 def measure_curved_faces(
     faces: Sequence[int], patch_faces: Mapping[str, Sequence[int]], order: int
 ) -> CurvedFaces:
-    """Curved faces of the open gmsh model, and the round rims of its plane patches."""
+    """Return the curved faces of the open gmsh model, and the round rims of its plane patches."""
     chosen = {tag for tags in patch_faces.values() for tag in tags}
     rows: list[tuple[float, ...]] = []
     rims: list[tuple[float, float]] = []
@@ -115,7 +115,7 @@ def size_curved_faces(
     refinement: float,
     smallest: float = 0.0,
 ) -> SizePlan:
-    """Element sizes on curved faces: as coarse as volume and patch areas allow.
+    """Return the element sizes on curved faces: as coarse as volume and patch areas allow.
 
     Args:
         order: 1 or 2.
@@ -147,7 +147,7 @@ def size_curved_faces(
 
 
 def count_curved_cells(plan: SizePlan) -> int:
-    """Number of cells that curved faces add, roughly."""
+    """Return the number of cells that curved faces add, roughly."""
     finer = 1.0 - np.minimum(plan.faces / plan.elsewhere, 1.0)
     return int(CELLS_PER_FACET * np.sum(2.3 * plan.curved.areas / plan.faces**2 * finer))
 
@@ -177,7 +177,9 @@ def add_sizes_view(sizes: SizeField) -> int:
 
 
 def _size_classes(tags: IntArray, sizes: FloatArray, size: float) -> list[tuple[float, list[int]]]:
-    """Tags grouped by size, rounded down to a quarter of an octave below the size elsewhere."""
+    """Return the tags grouped by size, rounded down to a quarter of an octave below the size
+    elsewhere.
+    """
     steps = np.ceil(CLASSES_PER_OCTAVE * np.log2(size / sizes) - 1e-9).astype(np.int64)
     return [
         (size * 2.0 ** (-step / CLASSES_PER_OCTAVE), tags[steps == step].tolist())
@@ -194,8 +196,8 @@ def _add_field(entities: str, value: float, tags: list[int]) -> int:
 
 
 def _rim_sizes(face: int, order: int) -> list[tuple[float, float]]:
-    """Round rims of a plane patch with the element size at which together they lose no more than
-    the share of its area.
+    """Return the round rims of a plane patch with the element size at which together they lose no
+    more than the share of its area.
     """
     rims = []
     for _, curve in gmsh.model.getBoundary([(2, face)], oriented=False):
@@ -244,7 +246,8 @@ def add_grading_fields(rims: Mapping[int, float], *, growth: float, size: float)
 
 
 def count_graded_cells(rims: Mapping[int, float], *, growth: float, size: float) -> int:
-    """Number of cells that growing from curves adds, roughly; of each curve the element size there.
+    """Return the number of cells that growing from curves adds, roughly; of each curve the element
+    size there.
 
     Args:
         rims: Curve tag to the element size there [m].
@@ -299,8 +302,8 @@ class EdgeSizes:
 
 
 def measure_edges(faces: Sequence[int], size: float) -> EdgeSizes:
-    """How the meshed edges of the open gmsh model would fill its faces if sizes inside were those
-    of the edges around them.
+    """Measure how the meshed edges of the open gmsh model would fill its faces if sizes inside were
+    those of the edges around them.
     """
     lengths: dict[int, float] = {}
     counts: dict[int, int] = {}
@@ -351,8 +354,8 @@ def add_growth_fields(edges: EdgeSizes, *, size: float, smallest: float) -> list
 def describe_short_edges(
     edges: EdgeSizes, numbers: Mapping[int, int], *, smallest: float, unit: float
 ) -> list[str]:
-    """What a user should know of edges that are far shorter than the elements, with the faces they
-    belong to.
+    """Return what a user should know of edges that are far shorter than the elements, with the
+    faces they belong to.
 
     Args:
         numbers: What ``face:N`` counts, by tag.
@@ -371,8 +374,8 @@ def describe_short_edges(
 
 
 def name_finest_faces(numbers: Mapping[int, int]) -> str:
-    """The faces that hold most triangles of a meshed surface, for a message; nothing before it is
-    meshed.
+    """Return the faces that hold most triangles of a meshed surface, for a message; nothing before
+    it is meshed.
     """
     counts = {face: len(gmsh.model.mesh.getElementsByType(TRIANGLE, face)[0]) for face in numbers}
     total = sum(counts.values())
@@ -402,7 +405,9 @@ def _grow(curves: list[int], smallest: float, size: float) -> int:
 
 
 def _round_fields(faces: IntArray, size: float) -> list[int]:
-    """The walls of holes: coarser elements than their radius would cut through each other."""
+    """Make the size fields of the walls of holes: coarser elements than their radius would cut
+    through each other.
+    """
     classes: dict[int, list[int]] = {}
     for face in map(int, faces):
         if gmsh.model.getType(2, face) not in ("Cylinder", "Cone"):

@@ -28,8 +28,8 @@ class Sliver:
 
 
 def find_slivers(faces: Sequence[int], size: float) -> list[Sliver]:
-    """Faces of the open gmsh model that are narrower than a thousandth of the elements that must
-    lie along them.
+    """Find the faces of the open gmsh model that are narrower than a thousandth of the elements
+    that must lie along them.
     """
     return [
         sliver
@@ -94,7 +94,9 @@ def remove_narrow_features(
 
 
 def list_faces(numbers: Sequence[int]) -> str:
-    """The first few of some faces in brackets, as ``show`` numbers them; nothing for none."""
+    """Return the first few of some faces in brackets, as ``show`` numbers them; nothing for
+    none.
+    """
     if not numbers:
         return ""
     named = ", ".join(f"face:{number}" for number in sorted(numbers)[:NAMED_FACES])
@@ -133,7 +135,7 @@ def refuse_slivers(
 
 
 def _measure_faces(faces: Sequence[int]) -> list[Sliver]:
-    """Width and length of each face."""
+    """Return the width and length of each face."""
     found = []
     for number, face in enumerate(faces, 1):
         # seams count on both sides

@@ -88,7 +88,7 @@ def survey_step(solid: StepFile) -> CadSurvey:
 
 
 def _in_metres(face: CadFace) -> CadFace:
-    """A face in metres from one in millimetres."""
+    """Return a face in metres from one in millimetres."""
 
     def scale(place: Vector) -> Vector:
         return place[0] * STEP_UNIT, place[1] * STEP_UNIT, place[2] * STEP_UNIT

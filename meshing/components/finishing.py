@@ -132,7 +132,9 @@ def finish_mesh(data: MeshData, component: Component, groups: Groups) -> Compone
 def _list_remarks(
     data: MeshData, component: Component, repaired: int, count: int
 ) -> tuple[str, ...]:
-    """What the user should know of how the mesh came about; that a file's cells were changed is part of it."""
+    """Return what the user should know of how the mesh came about; that a file's cells were changed
+    is part of it.
+    """
     if not repaired or not isinstance(component.solid, MeshFile):
         return tuple(data.remarks)
     return (
@@ -143,7 +145,7 @@ def _list_remarks(
 
 
 def find_patch_faults(data: MeshData, component: Component, groups: Groups) -> list[PatchError]:
-    """What is wrong with the patches on a mesh file, the first fault of each group.
+    """Find what is wrong with the patches on a mesh file, the first fault of each group.
 
     Args:
         data: What the file holds [m].
@@ -167,7 +169,7 @@ def _find_flat_tets(points: FloatArray, cells: IntArray, kind: CellKind) -> Flat
 
 
 def _straight_volumes(points: FloatArray, cells: IntArray) -> FloatArray:
-    """Volume ``(n_cells,)`` of tets, their edges taken as straight [m^3]."""
+    """Return the volume ``(n_cells,)`` of tets, their edges taken as straight [m^3]."""
     a, b, c = (points[cells[:, k]] - points[cells[:, 0]] for k in (1, 2, 3))
     return np.asarray(np.abs(np.einsum("ci,ci->c", a, np.cross(b, c))) / 6.0)
 
@@ -175,13 +177,13 @@ def _straight_volumes(points: FloatArray, cells: IntArray) -> FloatArray:
 def _poor_share(
     points: FloatArray, cells: IntArray, kind: CellKind, jacobians: FloatArray
 ) -> float:
-    """Share of a mesh's volume in poor elements."""
+    """Return the share of a mesh's volume in poor elements."""
     poor = cells[jacobians < POOR_QUALITY]
     return mesh_volume(points, poor, kind) / mesh_volume(points, cells, kind) if len(poor) else 0.0
 
 
 def _face_at(data: MeshData, cell: IntArray) -> str:
-    """``face:N`` on which most nodes of a cell lie, where faces have numbers."""
+    """Return ``face:N`` on which most nodes of a cell lie, where faces have numbers."""
     found = cell[cell < len(data.owners)]
     owners = data.owners[found]
     owners = owners[owners > 0]
@@ -191,7 +193,7 @@ def _face_at(data: MeshData, cell: IntArray) -> str:
 def patch_moments(
     points: FloatArray, patches: Mapping[str, IntArray]
 ) -> tuple[dict[str, float], dict[str, FloatArray]]:
-    """Area [m^2] and centroid ``(3,)`` [m] of each patch group."""
+    """Return the area [m^2] and centroid ``(3,)`` [m] of each patch group."""
     areas: dict[str, float] = {}
     centroids: dict[str, FloatArray] = {}
     for name, facets in patches.items():
@@ -239,7 +241,7 @@ def _check_quality(
     straight: bool,
     from_file: bool,
 ) -> FloatArray:
-    """Scaled Jacobian ``(n_cells,)`` of every element."""
+    """Return the scaled Jacobian ``(n_cells,)`` of every element."""
     affine = straight and cell_family(kind) == "tet"
     shape: CellKind = "tet4" if affine else kind
     quality = scaled_jacobians(points, cells[:, :4] if affine else cells, shape)
@@ -285,8 +287,8 @@ def _reference_properties(data: MeshData, component: Component) -> SolidProperti
 def _correct_volume(
     properties: SolidProperties, volume: float, gaps: SurfaceGaps
 ) -> SolidProperties:
-    """The volume that a mesh and the gaps to its CAD faces make, where that of the CAD kernel is not it:
-    the kernel integrates over spline faces with few points.
+    """Return the volume that a mesh and the gaps to its CAD faces make, where that of the CAD
+    kernel is not it: the kernel integrates over spline faces with few points.
 
     Args:
         properties: As the kernel has them.
@@ -340,8 +342,8 @@ def _find_gaps(
     *,
     straight: bool,
 ) -> SurfaceGaps | None:
-    """What the mesh cuts short of curved faces; None where nobody knows, or where it does not add
-    up to the volume it misses.
+    """Find what the mesh cuts short of curved faces; None where nobody knows, or where it does not
+    add up to the volume it misses.
     """
     if isinstance(component.solid, MeshFile) and not (straight and are_planes(points, surface)):
         return None
@@ -354,8 +356,8 @@ def _find_gaps(
 def _resolve_file_patches(
     data: MeshData, surface: MeshSurface, component: Component, groups: Groups
 ) -> MeshData:
-    """The mesh of a file with the facet corners of each patch group in place of the file's own
-    sets.
+    """Return the mesh of a file with the facet corners of each patch group in place of the file's
+    own sets.
 
     Forced point and line groups leave their nodes in ``node_sets``.
 

@@ -62,7 +62,7 @@ def survey_mesh(solid: MeshFile, unit: str | None = None) -> CadSurvey:
 
 
 def suggest_sets(survey: CadSurvey) -> list[LikelyInterface]:
-    """Interfaces from the named sets of a file."""
+    """Return the interfaces from the named sets of a file."""
     found: dict[str, LikelyInterface] = {}
     for one in survey.sets[:MOST_SUGGESTED]:
         name = re.sub(r"\W+", "_", one.name, flags=re.ASCII).strip("_")

@@ -118,8 +118,8 @@ def mesh_component(
 def find_file_faults(
     component: Component, supports: Sequence[Support] = (), loads: Sequence[Load] = ()
 ) -> tuple[list[PatchError], list[str]]:
-    """What is wrong with the patches of a component from a mesh file, which is read for it, and
-    remarks on the file; none of any other solid.
+    """Find what is wrong with the patches of a component from a mesh file, which is read for it,
+    and remarks on the file; none of any other solid.
 
     Raises:
         MeshError: The file cannot be read.
@@ -132,8 +132,8 @@ def find_file_faults(
 
 
 def describe_component(component: Component) -> SolidProperties:
-    """Volume, centre, inertia for unit density, and interface areas and centroids of a component,
-    without meshing it.
+    """Return the volume, centre, inertia for unit density, and interface areas and centroids of a
+    component, without meshing it.
 
     Closed forms for boxes, tubes, plates and columns without core holes; the CAD kernel for other
     solids and patches; the integral over the mesh for mesh files. A mass that the component
@@ -166,7 +166,7 @@ def describe_component(component: Component) -> SolidProperties:
 
 
 def _box_of(points: FloatArray) -> FloatArray:
-    """Lowest and highest coordinates ``(2, 3)`` of points ``(..., 3)``."""
+    """Return the lowest and highest coordinates ``(2, 3)`` of points ``(..., 3)``."""
     flat = points.reshape(-1, 3)
     return np.stack([flat.min(axis=0), flat.max(axis=0)])
 
@@ -194,7 +194,7 @@ def estimate_mesh(
     known: dict[MeshJobText, MeshEstimate] | None = None,
     before_survey: Callable[[], None] | None = None,
 ) -> MeshEstimate:
-    """What a component's mesh will be like before meshing.
+    """Estimate what a component's mesh will be like before meshing.
 
     Args:
         survey: Mesh the surface of what has patches or curved faces, with the sizes of the mesh
@@ -249,8 +249,8 @@ def estimate_mesh(
 def _count_hex_cells(
     component: Component, supports: Sequence[Support], loads: Sequence[Load]
 ) -> int:
-    """Number of hexes with grid lines along all patches; without them where the grid cannot follow,
-    which meshing will say.
+    """Return the number of hexes with grid lines along all patches; without them where the grid
+    cannot follow, which meshing will say.
     """
     roughly = estimate_cells(component)
     if not isinstance(component.solid, Box) or roughly > CELL_BUDGET:
@@ -269,8 +269,8 @@ def _count_hex_cells(
 
 
 def estimate_cells(component: Component) -> int:
-    """Number of cells a component's mesh will have, roughly (hexes: exactly up to patch lines),
-    before meshing.
+    """Return the number of cells a component's mesh will have, roughly (hexes: exactly up to patch
+    lines), before meshing.
 
     STEP files are measured by the CAD kernel and mesh files are read.
     """
@@ -288,7 +288,9 @@ def estimate_cells(component: Component) -> int:
 
 
 def element_size(component: Component) -> float:
-    """Element size of a parametric solid [m]: as requested, or by the sizing rule, to 12 digits."""
+    """Return the element size of a parametric solid [m]: as requested, or by the sizing rule, to 12
+    digits.
+    """
     solid = component.solid
     if isinstance(solid, Imported):
         raise ValueError("only parametric solids have a size rule of their own")
@@ -300,7 +302,8 @@ def element_size(component: Component) -> float:
 
 
 def automatic_size(component: Component) -> float:
-    """Element size that the sizing rules choose for a component, whatever it asks for [m].
+    """Return the element size that the sizing rules choose for a component, whatever it asks for
+    [m].
 
     Raises:
         MeshError: A STEP file cannot be read.
@@ -312,14 +315,16 @@ def automatic_size(component: Component) -> float:
 
 
 def _without_mesh_settings(component: Component) -> Component:
-    """The component with a mesh of which nothing is said but its order: features that meshes leave out
-    belong to what is described.
+    """Return the component with a mesh of which nothing is said but its order: features that meshes
+    leave out belong to what is described.
     """
     return dataclasses.replace(component, mesh=MeshSettings(order=component.mesh.order))
 
 
 def _describe_shape(component: Component, groups: Groups) -> MeshData:
-    """What the CAD kernel tells of a component without meshing it; it is asked once in a process."""
+    """Return what the CAD kernel reports of a component without meshing it; it is asked once in a
+    process.
+    """
     path = component.solid.path if isinstance(component.solid, StepFile) else None
     changed = None if path is None or not path.exists() else path.stat().st_mtime_ns
     question = format_job(_shape_job(component, groups, task="describe")), changed
@@ -331,7 +336,7 @@ def _describe_shape(component: Component, groups: Groups) -> MeshData:
 
 
 def count_hexes(component: Component, size: float, across: int = 4) -> int:
-    """Number of hexes of a box with grid lines along its patches.
+    """Return the number of hexes of a box with grid lines along its patches.
 
     Args:
         size: Largest side of a hex [m].
@@ -346,7 +351,7 @@ def count_hexes(component: Component, size: float, across: int = 4) -> int:
 def grid_of(
     component: Component, size: float, across: int = 4
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Grid lines along the patches of a box [m], see ``count_hexes``."""
+    """Return the grid lines along the patches of a box [m], see ``count_hexes``."""
     if not isinstance(component.solid, Box):
         raise ValueError("only boxes are meshed with hexes")
     patches = [patch for interface in component.interfaces.values() for patch in interface.patches]
@@ -356,7 +361,7 @@ def grid_of(
 def patch_groups(
     component: Component, supports: Sequence[Support], loads: Sequence[Load]
 ) -> Groups:
-    """Patches of every group of a component, by group name.
+    """Return the patches of every group of a component, by group name.
 
     Args:
         supports: Of the machine; those on other components are left out.
@@ -417,8 +422,8 @@ def _shape_job(
     task: Literal["mesh", "describe", "estimate"],
     refinement: float = 1.0,
 ) -> MeshJob:
-    """What the worker process is to do; the same for components of the same shape, patches and mesh
-    settings.
+    """Return what the worker process is to do; the same for components of the same shape, patches
+    and mesh settings.
     """
     solid = component.solid
     if isinstance(solid, MeshFile | SuperelementFile | PointMass):
@@ -475,8 +480,8 @@ def _wanted_size(component: Component) -> float:
 
 
 def _scaled_solid(solid: ParametricSolid, scale: float) -> ParametricSolid:
-    """A solid with its lengths, alone or several in a field, in another unit; its counts of ribs
-    stay.
+    """Return a solid with its lengths, alone or several in a field, in another unit; its counts of
+    ribs stay.
     """
     fields = dataclasses.asdict(solid)
     for name, value in fields.items():
@@ -495,7 +500,9 @@ def _scaled_patch(patch: Patch, scale: float) -> Patch:
 
 
 def has_plane_faces_only(component: Component) -> bool:
-    """Whether a solid is known to have no curved face, so that no edge of its mesh is curved."""
+    """Return whether a solid is known to have no curved face, so that no edge of its mesh is
+    curved.
+    """
     solid = component.solid
     return not isinstance(solid, StepFile | Tube) and not (
         isinstance(solid, HollowColumn) and solid.core_hole > 0.0

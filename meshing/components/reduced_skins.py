@@ -58,8 +58,9 @@ class _Nearest:
 
 
 def reduce_skin(skin: Skin, *, largest: int, tolerance: float) -> Skin:
-    """The same surface with the fewest triangles, from ``largest`` up, with which it keeps its form,
-    stays within the tolerance, keeps its sharp edges, and the sides of its walls stay apart.
+    """Return the same surface with the fewest triangles, from ``largest`` up, with which it keeps
+    its form, stays within the tolerance, keeps its sharp edges, and the sides of its walls stay
+    apart.
 
     Its points lie on triangles of the original, so that a field known at the points of those is
     known there.
@@ -93,8 +94,8 @@ def reduce_skin(skin: Skin, *, largest: int, tolerance: float) -> Skin:
 
 
 def _decimate(skin: Skin, whole: _Surface, *, share: float) -> Skin | None:
-    """The surface without a share of its triangles, its points moved onto the original; None where
-    VTK fails.
+    """Return the surface without a share of its triangles, its points moved onto the original; None
+    where VTK fails.
     """
     size = float(np.linalg.norm(np.ptp(skin.points, axis=0)))
     middle = 0.5 * (skin.points.min(axis=0) + skin.points.max(axis=0))
@@ -124,8 +125,8 @@ def _decimate(skin: Skin, whole: _Surface, *, share: float) -> Skin | None:
 
 
 def _run_silently(step: vtkQuadricDecimation) -> None:
-    """Without VTK's line of warning for each edge whose quadric has no single lowest point, as on a
-    flat wall: it then takes the middle, and what came out is checked here.
+    """Run a step without VTK's line of warning for each edge whose quadric has no single lowest
+    point, as on a flat wall: it then takes the middle, and what came out is checked here.
     """
     told = vtkObject.GetGlobalWarningDisplay()
     vtkObject.SetGlobalWarningDisplay(0)
@@ -136,7 +137,9 @@ def _run_silently(step: vtkQuadricDecimation) -> None:
 
 
 def _project(skin: Skin, whole: _Surface, *, places: FloatArray, triangles: IntArray) -> Skin:
-    """Points moved onto the nearest triangle of the original, with shares of its corners."""
+    """Return the points moved onto the nearest triangle of the original, with shares of its
+    corners.
+    """
     nearest = _find_nearest(whole, places)
     sources = skin.triangles[nearest.triangles]
     a, b, c = (skin.points[sources[:, corner]] for corner in range(3))
@@ -164,8 +167,8 @@ def _project(skin: Skin, whole: _Surface, *, places: FloatArray, triangles: IntA
 
 
 def _find_form(triangles: IntArray) -> tuple[int, bool] | None:
-    """Euler's number and whether the surface is open; None where an edge belongs to more than two
-    triangles, or to two that do not go on in one another.
+    """Return Euler's number and whether the surface is open; None where an edge belongs to more
+    than two triangles, or to two that do not go on in one another.
     """
     ways = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     count = int(triangles.max()) + 1
@@ -186,8 +189,8 @@ def _keeps_edges(skin: Skin, reduced: Skin) -> bool:
 
 
 def _keeps_places(whole: _Surface, reduced: Skin, tolerance: float) -> bool:
-    """Whether two surfaces are nowhere apart by more than the tolerance, and every triangle is
-    nearer to what it stands for than to the other side of a wall.
+    """Return whether two surfaces are nowhere apart by more than the tolerance, and every triangle
+    is nearer to what it stands for than to the other side of a wall.
     """
     tried = np.einsum("sc,mck->msk", SAMPLES, reduced.points[reduced.triangles]).reshape(-1, 3)
     there = _find_nearest(whole, tried)

@@ -33,13 +33,13 @@ SPLIT = {
 
 
 def mesh_skin(mesh: ComponentMesh) -> Skin:
-    """Boundary triangles of a mesh; of very fine ones only some."""
+    """Return the boundary triangles of a mesh; of very fine ones only some."""
     return _boundary_skin(mesh.points, mesh.cells, mesh.kind)
 
 
 def unmeshed_skin(solid: Solid, *, thinned: bool = True) -> Skin | None:
-    """The visible surface of a solid that is not meshed: closed forms, the faces of a STEP file, the
-    boundary of a mesh file.
+    """Return the visible surface of a solid that is not meshed: closed forms, the faces of a STEP
+    file, the boundary of a mesh file.
 
     Args:
         thinned: Take triangles out of the fine surface of a STEP file, which takes seconds.
@@ -82,8 +82,8 @@ def _boundary_skin(all_points: FloatArray, cells: IntArray, kind: CellKind) -> S
 
 
 def thin_skin(skin: Skin, *, largest: int, pixel: float | None = None) -> Skin:
-    """A surface with fewer triangles that looks the same; the surface itself, which then says why,
-    where VTK is missing or there is none.
+    """Return a surface with fewer triangles that looks the same; the surface itself, which then
+    says why, where VTK is missing or there is none.
 
     Args:
         largest: How many triangles there may be if it then looks the same.
@@ -104,12 +104,14 @@ def thin_skin(skin: Skin, *, largest: int, pixel: float | None = None) -> Skin:
 
 
 def skin_size(skin: Skin) -> float:
-    """Diagonal of the box around a surface [m]."""
+    """Return the diagonal of the box around a surface [m]."""
     return float(np.linalg.norm(np.ptp(skin.points, axis=0)))
 
 
 def surface_triangles(surface: MeshSurface) -> tuple[IntArray, IntArray]:
-    """Triangles ``(m, 3)`` of a surface between the corners of its facets, and the facet of each."""
+    """Return the triangles ``(m, 3)`` of a surface between the corners of its facets, and the facet
+    of each.
+    """
     triangles = _triangles(surface, split=False)
     each = len(triangles) // max(len(surface.facets), 1)
     return triangles, np.repeat(np.arange(len(surface.facets)), each)

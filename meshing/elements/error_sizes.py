@@ -29,8 +29,8 @@ NEIGHBOURS = 4
 
 
 def mean_edges(field: SizeField) -> FloatArray:
-    """Root mean square ``(m,)`` of the six edges of each tetrahedron [m]: of a flat one its width, as
-    its size was.
+    """Return the root mean square ``(m,)`` of the six edges of each tetrahedron [m]: of a flat one
+    its width, as its size was.
     """
     corners = field.points[field.tets]
     squares = [np.square(corners[:, i] - corners[:, j]).sum(axis=1) for i, j in EDGES["tet"]]
@@ -38,7 +38,9 @@ def mean_edges(field: SizeField) -> FloatArray:
 
 
 def find_singular(mesh: ComponentMesh) -> NDArray[np.bool_]:
-    """Cells ``(n_cells,)`` with a corner at a sharp inner edge or at the rim of a patch."""
+    """Find the cells ``(n_cells,)`` with a corner at a sharp inner edge or at the rim of a
+    patch.
+    """
     surface = extract_surface(mesh.cells, mesh.kind)
     corners, normals = surface.facets[:, :3], corner_normals(mesh.points, surface)
     sides = np.sort(corners[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
@@ -60,8 +62,8 @@ def find_singular(mesh: ComponentMesh) -> NDArray[np.bool_]:
 def spread_error(
     mesh: ComponentMesh, energies: FloatArray, share: float, before: SizeField | None = None
 ) -> SizeField:
-    """The sizes with which the fewest cells miss so much of what a mesh misses, a quarter more of them
-    at least and four times as many at most; none is larger than those of the mesh.
+    """Return the sizes with which the fewest cells miss so much of what a mesh misses, a quarter
+    more of them at least and four times as many at most; none is larger than those of the mesh.
 
     A cell misses ``e s^p`` when its size becomes ``s`` times what it is, with a power ``p`` that is
     smaller where stresses are singular. The fewest cells are needed where ``p e s^(p + 3)`` is equal
@@ -106,7 +108,7 @@ def spread_error(
 
 
 def _sizes_at(field: SizeField, places: FloatArray) -> FloatArray:
-    """Sizes ``(n,)`` at places among the corners of a field [m]."""
+    """Return the sizes ``(n,)`` at places among the corners of a field [m]."""
     away, nearest = cKDTree(field.points).query(places, k=min(NEIGHBOURS, len(field.points)))
     weights = 1.0 / np.maximum(away, 1e-9 * away.max()) ** 2
     return np.asarray(np.sum(weights * field.sizes[nearest], axis=1) / weights.sum(axis=1))

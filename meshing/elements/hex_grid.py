@@ -47,8 +47,8 @@ def mesh_box_grid(
 def grid_lines(
     box: Box, patches: Iterable[Patch], size: float, across: int = 4
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Positions of the grid planes along x, y and z [m]: patch edges, and evenly spaced planes
-    between them.
+    """Return the positions of the grid planes along x, y and z [m]: patch edges, and evenly spaced
+    planes between them.
 
     Args:
         size: Largest distance of planes [m].
@@ -70,7 +70,7 @@ def grid_lines(
 
 
 def count_grid_cells(lines: Sequence[FloatArray]) -> int:
-    """Number of hexes a grid makes."""
+    """Return the number of hexes a grid makes."""
     return math.prod(len(axis) - 1 for axis in lines)
 
 
@@ -99,7 +99,7 @@ def _spread(
 
 
 def _patch_window(box: Box, patch: Patch) -> dict[int, tuple[float, float]]:
-    """Extent of a patch along the two axes of its face, cut to the box."""
+    """Return the extent of a patch along the two axes of its face, cut to the box."""
     if patch.face not in FACE_DIRECTIONS:
         raise MeshError(
             f"face {patch.face!r} selects nothing on a hex-meshed box; available: {', '.join(FACE_DIRECTIONS)}"
@@ -150,7 +150,7 @@ def _grid_cells(
 def _patch_facets(
     box: Box, lines: tuple[FloatArray, FloatArray, FloatArray], patch: Patch, order: int
 ) -> IntArray:
-    """Corner nodes ``(n, 4)`` of the grid's facets inside a patch."""
+    """Return the corner nodes ``(n, 4)`` of the grid's facets inside a patch."""
     axis, sign = FACE_DIRECTIONS[patch.face]
     shape = [order * (len(line) - 1) + 1 for line in lines]
     spans = {}

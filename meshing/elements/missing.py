@@ -15,7 +15,7 @@ SIMPSON = np.array([1.0, 4.0, 1.0]) / 6.0
 def place_features(
     points: FloatArray, cells: IntArray, kind: CellKind, left_out: LeftOut
 ) -> MissingVolumes:
-    """Features shared out among the cells that hold their ends and middles.
+    """Return the features shared out among the cells that hold their ends and middles.
 
     Args:
         points: ``(n_points, 3)`` [m].

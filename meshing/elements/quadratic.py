@@ -17,8 +17,8 @@ FACES, PAIRS = FACETS["hex"], EDGES["hex"]
 
 
 def elevate_tets(points: FloatArray, cells: IntArray) -> tuple[FloatArray, IntArray]:
-    """10-node tets with exactly centred mid-nodes from 4-node tets; new points follow the old
-    ones.
+    """Return the 10-node tets with exactly centred mid-nodes from 4-node tets; new points follow
+    the old ones.
     """
     edges = cells[:, np.array(EDGES["tet"])]
     low, high = edges.min(axis=2), edges.max(axis=2)
@@ -28,8 +28,8 @@ def elevate_tets(points: FloatArray, cells: IntArray) -> tuple[FloatArray, IntAr
 
 
 def repair_tets(points: FloatArray, cells: IntArray) -> tuple[FloatArray, IntArray]:
-    """Points ``(n, 3)`` in which curved 10-node tets below the repair floor have been straightened,
-    and which cells were.
+    """Return the points ``(n, 3)`` in which curved 10-node tets below the repair floor have been
+    straightened, and which cells were.
 
     The mid-nodes of a bad tet move half-way to the middle of their edges, up to three times, then
     all the way; neighbours that turn bad by it are treated in the next round. Straight tets that
@@ -63,7 +63,7 @@ def repair_tets(points: FloatArray, cells: IntArray) -> tuple[FloatArray, IntArr
 def is_straight(
     points: FloatArray, cells: IntArray, kind: CellKind, tolerance: float = 1e-12
 ) -> bool:
-    """Whether every cell of a mesh is straight, see ``straight_cells``.
+    """Return whether every cell of a mesh is straight, see ``straight_cells``.
 
     Args:
         points: Nodes, ``(n, 3)`` [m].
@@ -76,8 +76,8 @@ def is_straight(
 def straight_cells(
     points: FloatArray, cells: IntArray, kind: CellKind, tolerance: float = 1e-12
 ) -> NDArray[np.bool_]:
-    """Cells ``(n_cells,)`` whose every mid-node sits at the mean of its corners, to ``tolerance``
-    times the size of the mesh.
+    """Return the cells ``(n_cells,)`` whose every mid-node sits at the mean of its corners, to
+    ``tolerance`` times the size of the mesh.
 
     Args:
         points: Nodes, ``(n, 3)`` [m].
@@ -97,14 +97,14 @@ def straight_cells(
 
 
 def _cells_of_nodes(cells: IntArray, n_points: int) -> tuple[IntArray, IntArray]:
-    """Row starts and cell numbers: which cells hold each node."""
+    """Return the row starts and cell numbers: which cells hold each node."""
     order = np.argsort(cells.ravel(), kind="stable")
     starts = np.searchsorted(cells.ravel()[order], np.arange(n_points + 1))
     return starts, order // cells.shape[1]
 
 
 def complete_hexes(points: FloatArray, cells: IntArray) -> tuple[FloatArray, IntArray]:
-    """Twenty-node hexahedra as 27-node ones of the same shape.
+    """Return the twenty-node hexahedra as 27-node ones of the same shape.
 
     The new nodes lie where the 20-node map puts face and body centres, so geometry and boundary
     stay what they were.

@@ -28,7 +28,8 @@ PLACES = 3
 
 
 def scaled_jacobians(points: FloatArray, cells: IntArray, kind: CellKind) -> FloatArray:
-    """Quality of every cell: 1 for the ideal shape, <= 0 where det J vanishes anywhere in the cell.
+    """Return the quality of every cell: 1 for the ideal shape, <= 0 where det J vanishes anywhere
+    in the cell.
 
     Straight tets: det J times sqrt(2) over the largest product of three edges meeting at a corner
     (Knupp 2000); times the smallest det J over that of the straight tet where curved. Hexes:
@@ -56,7 +57,7 @@ def scaled_jacobians(points: FloatArray, cells: IntArray, kind: CellKind) -> Flo
 
 
 def integrate_mesh(points: FloatArray, cells: IntArray, kind: CellKind) -> VolumeMoments:
-    """Volume, centre and inertia for unit density, integrated over the cells.
+    """Return the volume, centre and inertia for unit density, integrated over the cells.
 
     Args:
         points: Nodes, ``(n, 3)`` [m].
@@ -79,7 +80,7 @@ def integrate_mesh(points: FloatArray, cells: IntArray, kind: CellKind) -> Volum
 
 
 def mesh_volume(points: FloatArray, cells: IntArray, kind: CellKind) -> float:
-    """Volume of a mesh [m^3], exact for its (curved) elements.
+    """Return the volume of a mesh [m^3], exact for its (curved) elements.
 
     Args:
         points: Nodes, ``(n, 3)`` [m].
@@ -97,7 +98,7 @@ def mesh_volume(points: FloatArray, cells: IntArray, kind: CellKind) -> float:
 
 
 def facet_moments(points: FloatArray, facets: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Area and centroid of facets, integrated along curved ones.
+    """Return the area and centroid of facets, integrated along curved ones.
 
     Args:
         points: ``(n_points, 3)`` [m].
@@ -122,8 +123,8 @@ def facet_moments(points: FloatArray, facets: IntArray) -> tuple[FloatArray, Flo
 def jacobian_determinants(
     points: FloatArray, cells: IntArray, kind: CellKind, samples: FloatArray
 ) -> FloatArray:
-    """Jacobian determinant of every cell ``(n_cells, n_samples)`` at reference points ``(n_samples,
-    3)``.
+    """Return the Jacobian determinant of every cell ``(n_cells, n_samples)`` at reference points
+    ``(n_samples, 3)``.
 
     Args:
         points: Nodes, ``(n, 3)`` [m].
@@ -183,8 +184,8 @@ def _tet_quality(corners: FloatArray) -> FloatArray:
 
 
 def _smallest_tet_determinant(points: FloatArray, cells: IntArray, kind: CellKind) -> FloatArray:
-    """Smallest det J of 10-node tets: a cubic, bounded below by its Bernstein coefficients (Johnen,
-    Remacle, Geuzaine 2013).
+    """Return the smallest det J of 10-node tets: a cubic, bounded below by its Bernstein
+    coefficients (Johnen, Remacle, Geuzaine 2013).
 
     Where the bound is positive the smallest sampled value is returned; the doubtful rest is sampled
     on a fine lattice.
@@ -222,7 +223,7 @@ def _tet_lattice(order: int) -> FloatArray:
 
 @cache
 def _bernstein_transform() -> FloatArray:
-    """Matrix ``(20, 20)`` from values on the cubic lattice to Bernstein coefficients."""
+    """Return the matrix ``(20, 20)`` from values on the cubic lattice to Bernstein coefficients."""
     lattice = _tet_lattice(3)
     factorial = np.array([1.0, 1.0, 2.0, 6.0])
     barycentric = np.column_stack([1.0 - lattice.sum(axis=1), lattice])
@@ -235,7 +236,9 @@ def _bernstein_transform() -> FloatArray:
 
 @cache
 def _quadrature(kind: CellKind, count: int) -> tuple[FloatArray, FloatArray]:
-    """Gauss rule with ``count`` points per direction, collapsed onto the tet (Stroud 1971)."""
+    """Return the Gauss rule with ``count`` points per direction, collapsed onto the tet (Stroud
+    1971).
+    """
     nodes, weights = np.polynomial.legendre.leggauss(
         count + (2 if cell_family(kind) == "hex" and cell_order(kind) == 2 else 1)
     )
@@ -250,8 +253,8 @@ def _quadrature(kind: CellKind, count: int) -> tuple[FloatArray, FloatArray]:
 
 @cache
 def facet_tables(node_count: int, places: int = 6) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Shape functions ``(q, n)``, gradients ``(2, q, n)`` and weights ``(q,)`` of tri3, tri6,
-    quad4, quad8 and quad9 facets.
+    """Return the shape functions ``(q, n)``, gradients ``(2, q, n)`` and weights ``(q,)`` of tri3,
+    tri6, quad4, quad8 and quad9 facets.
 
     Args:
         places: Gauss points along each side.
@@ -284,7 +287,7 @@ def facet_tables(node_count: int, places: int = 6) -> tuple[FloatArray, FloatArr
 
 
 def facet_places(points: FloatArray, facets: IntArray) -> FloatArray:
-    """Quadrature places ``(n, q, 3)`` of facets."""
+    """Return the quadrature places ``(n, q, 3)`` of facets."""
     values, _, _ = facet_tables(facets.shape[1], PLACES)
     return np.asarray(np.einsum("qn,fni->fqi", values, points[facets]))
 

@@ -26,8 +26,8 @@ FEWEST_ROUND, MOST_EVALUATIONS = 8, 60
 
 
 def are_whole_faces(points: FloatArray, surface: MeshSurface, chosen: IntArray) -> bool:
-    """Whether facets fill faces of a surface: such areas end at edges of the part, however few facets there
-    are.
+    """Return whether facets fill faces of a surface: such areas end at edges of the part, however
+    few facets there are.
 
     Args:
         points: Nodes ``(n_points, 3)``, in any unit.
@@ -37,7 +37,8 @@ def are_whole_faces(points: FloatArray, surface: MeshSurface, chosen: IntArray) 
 
 
 def split_surface(points: FloatArray, surface: MeshSurface) -> IntArray:
-    """Number of the face that each facet belongs to, ``(n,)``, from 1 in the order of the facets.
+    """Return the number of the face that each facet belongs to, ``(n,)``, from 1 in the order of
+    the facets.
 
     Facets in one plane make a face where at least one of them has no neighbour that is bent a
     little against it; of the others those make one that meet at less than 40 degrees. A fillet is
@@ -65,7 +66,8 @@ def split_surface(points: FloatArray, surface: MeshSurface) -> IntArray:
 
 
 def are_planes(points: FloatArray, surface: MeshSurface) -> bool:
-    """Whether facets between sharp edges lie in one plane: then the part has no curved faces.
+    """Return whether facets between sharp edges lie in one plane: then the part has no curved
+    faces.
 
     Args:
         points: Nodes ``(n_points, 3)``, in any unit; those between corners are taken as half-way.
@@ -75,7 +77,7 @@ def are_planes(points: FloatArray, surface: MeshSurface) -> bool:
 
 
 def _find_edges(points: FloatArray, surface: MeshSurface) -> tuple[IntArray, IntArray, FloatArray]:
-    """Facets on either side of each edge of a surface, and the cosine of their angle."""
+    """Find the facets on either side of each edge of a surface, and the cosine of their angle."""
     corners = surface.facets[:, : surface.corners]
     normals = corner_normals(points, surface)
     sides = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2)
@@ -90,7 +92,7 @@ def _find_edges(points: FloatArray, surface: MeshSurface) -> tuple[IntArray, Int
 
 
 def describe_faces(points: FloatArray, surface: MeshSurface, owners: IntArray) -> list[CadFace]:
-    """What each face of a surface is, in the order of their numbers.
+    """Return what each face of a surface is, in the order of their numbers.
 
     Args:
         points: Nodes ``(n_points, 3)`` [m].
@@ -115,7 +117,7 @@ def describe_faces(points: FloatArray, surface: MeshSurface, owners: IntArray) -
 def _describe(
     number: int, places: FloatArray, normals: FloatArray, areas: FloatArray, centers: FloatArray
 ) -> CadFace:
-    """A face from its nodes ``(n, 3)`` and from normal, area and centre of its facets."""
+    """Return a face from its nodes ``(n, 3)`` and from normal, area and centre of its facets."""
     total = areas @ normals
     mean: FloatArray = np.asarray(total / (np.linalg.norm(total) or 1.0))
     kind: FaceKind = "freeform"
@@ -150,14 +152,14 @@ def _describe(
 
 
 def _distances(places: FloatArray, cylinder: FittedCylinder) -> FloatArray:
-    """Distance ``(n,)`` of points from a cylinder's axis."""
+    """Return the distance ``(n,)`` of points from a cylinder's axis."""
     away = places - cylinder.place
     return np.asarray(np.linalg.norm(away - np.outer(away @ cylinder.axis, cylinder.axis), axis=1))
 
 
 def _refine_cylinder(places: FloatArray, start: FittedCylinder) -> FittedCylinder:
-    """The cylinder that lies best in points ``(n, 3)``: triangles on a cylinder look a little along
-    its axis, so their normals give it roughly only.
+    """Return the cylinder that lies best in points ``(n, 3)``: triangles on a cylinder look a
+    little along its axis, so their normals give it roughly only.
     """
     across = np.linalg.svd(start.axis[None, :])[2][1:]
 

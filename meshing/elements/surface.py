@@ -33,7 +33,7 @@ class MeshSurface:
 
 
 def extract_surface(cells: IntArray, kind: CellKind) -> MeshSurface:
-    """Facets that belong to one cell only, in the order of the cells."""
+    """Return the facets that belong to one cell only, in the order of the cells."""
     local = local_facets(kind)
     corners = len(FACETS[cell_family(kind)][0])
     every = cells[:, local].reshape(-1, local.shape[1])
@@ -44,8 +44,8 @@ def extract_surface(cells: IntArray, kind: CellKind) -> MeshSurface:
 
 
 def match_facets(surface: MeshSurface, facets: IntArray) -> tuple[IntArray, int]:
-    """Surface facets with the same corners as ``facets``, and how many of ``facets`` are not on the
-    surface.
+    """Return the surface facets with the same corners as ``facets``, and how many of ``facets`` are
+    not on the surface.
 
     Args:
         facets: ``(n, >= corners)``, corners first, in any orientation.
@@ -61,8 +61,8 @@ def match_facets(surface: MeshSurface, facets: IntArray) -> tuple[IntArray, int]
 
 
 def find_facets(surface: MeshSurface, facets: IntArray) -> IntArray:
-    """Index of the surface facet with the same corners for each of ``facets``, which all lie on the
-    surface.
+    """Find the index of the surface facet with the same corners for each of ``facets``, which all
+    lie on the surface.
     """
     table = _pack(np.sort(surface.facets[:, : surface.corners], axis=1))
     order = np.argsort(table)
@@ -71,12 +71,12 @@ def find_facets(surface: MeshSurface, facets: IntArray) -> IntArray:
 
 
 def facets_within(surface: MeshSurface, nodes: IntArray) -> IntArray:
-    """Indices of the surface facets all of whose corners are among ``nodes``."""
+    """Return the indices of the surface facets all of whose corners are among ``nodes``."""
     return np.flatnonzero(np.isin(surface.facets[:, : surface.corners], nodes).all(axis=1))
 
 
 def corner_normals(points: FloatArray, surface: MeshSurface) -> FloatArray:
-    """Unit outward normals ``(n, 3)`` of facets from their corners."""
+    """Return the unit outward normals ``(n, 3)`` of facets from their corners."""
     corners = points[surface.facets[:, : surface.corners]]
     if surface.corners == 3:
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -87,7 +87,8 @@ def corner_normals(points: FloatArray, surface: MeshSurface) -> FloatArray:
 
 
 def count_parts(cells: IntArray, kind: CellKind, n_points: int) -> tuple[int, IntArray]:
-    """Number of parts of a mesh that share no node, and the part of each cell ``(n_cells,)``.
+    """Return the number of parts of a mesh that share no node, and the part of each cell
+    ``(n_cells,)``.
 
     Args:
         cells: Nodes of each cell, ``(n_cells, k)``.
@@ -104,13 +105,13 @@ def count_parts(cells: IntArray, kind: CellKind, n_points: int) -> tuple[int, In
 
 
 def _pack(keys: IntArray) -> IntArray:
-    """Each row of sorted node numbers as one sortable value."""
+    """Return each row of sorted node numbers as one sortable value."""
     rows = np.ascontiguousarray(keys.astype(np.int64))
     return rows.view([("", np.int64)] * rows.shape[1]).ravel()
 
 
 def measure_gaps(points: FloatArray, surface: MeshSurface, curved: CurvedFacets) -> SurfaceGaps:
-    """Signed heights of CAD faces over the facets that stand for them.
+    """Return the signed heights of CAD faces over the facets that stand for them.
 
     Args:
         points: ``(n_points, 3)`` of the mesh as it is used [m], repaired.
@@ -134,7 +135,7 @@ def measure_gaps(points: FloatArray, surface: MeshSurface, curved: CurvedFacets)
 
 
 def gaps_agree(gaps: SurfaceGaps, volume: float, cad_volume: float) -> bool:
-    """Whether the gaps add up to the volume that a mesh misses of its part; roundoff is no
+    """Return whether the gaps add up to the volume that a mesh misses of its part; roundoff is no
     disagreement.
 
     Args:

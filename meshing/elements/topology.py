@@ -55,23 +55,25 @@ CORNERS: dict[Family, FloatArray] = {
 
 
 def cell_family(kind: CellKind) -> Family:
-    """``tet`` or ``hex``."""
+    """Return ``tet`` or ``hex``."""
     return "tet" if kind.startswith("tet") else "hex"
 
 
 def cell_order(kind: CellKind) -> int:
-    """Polynomial order of a cell kind: 1 or 2."""
+    """Return the polynomial order of a cell kind: 1 or 2."""
     return 1 if kind in ("tet4", "hex8") else 2
 
 
 def corner_count(kind: CellKind) -> int:
-    """Number of corner nodes of a cell."""
+    """Return the number of corner nodes of a cell."""
     return 4 if cell_family(kind) == "tet" else 8
 
 
 @cache
 def local_facets(kind: CellKind) -> IntArray:
-    """Local nodes of each facet, outward, ``(n_facets, nodes per facet)`` in gmsh's facet order."""
+    """Return the local nodes of each facet, outward, ``(n_facets, nodes per facet)`` in gmsh's
+    facet order.
+    """
     family = cell_family(kind)
     if cell_order(kind) == 1:
         return np.array(FACETS[family])
@@ -88,7 +90,9 @@ def local_facets(kind: CellKind) -> IntArray:
 
 @cache
 def reference_nodes(kind: CellKind) -> FloatArray:
-    """Reference coordinates ``(n_nodes, 3)``: tets in the unit simplex, hexes in [-1, 1]^3."""
+    """Return the reference coordinates ``(n_nodes, 3)``: tets in the unit simplex, hexes in [-1,
+    1]^3.
+    """
     family = cell_family(kind)
     corners = CORNERS[family]
     parts = [corners]
@@ -112,7 +116,9 @@ def _exponents(kind: CellKind) -> IntArray:
 
 
 def _monomials(kind: CellKind, points: FloatArray, derivative: int | None = None) -> FloatArray:
-    """Monomials (or their derivative along one axis) at points, ``(n_points, n_monomials)``."""
+    """Return the monomials (or their derivative along one axis) at points,
+    ``(n_points, n_monomials)``.
+    """
     exponents = _exponents(kind)
     result = np.ones((len(points), len(exponents)))
     for axis in range(3):
@@ -126,7 +132,7 @@ def _monomials(kind: CellKind, points: FloatArray, derivative: int | None = None
 
 
 def shape_functions(kind: CellKind, points: FloatArray) -> FloatArray:
-    """Shape functions at reference points ``(n, 3)``: ``(n, nodes per cell)``."""
+    """Return the shape functions at reference points ``(n, 3)``: ``(n, nodes per cell)``."""
     return np.asarray(
         np.linalg.solve(_monomials(kind, reference_nodes(kind)).T, _monomials(kind, points).T).T,
         dtype=float,
@@ -134,7 +140,7 @@ def shape_functions(kind: CellKind, points: FloatArray) -> FloatArray:
 
 
 def shape_gradients(kind: CellKind, points: FloatArray) -> FloatArray:
-    """Reference gradients at reference points ``(n, 3)``: ``(3, n, nodes per cell)``."""
+    """Return the reference gradients at reference points ``(n, 3)``: ``(3, n, nodes per cell)``."""
     system = _monomials(kind, reference_nodes(kind)).T
     return np.array(
         [np.linalg.solve(system, _monomials(kind, points, axis).T).T for axis in range(3)]

@@ -66,7 +66,7 @@ class _Assembly:
         self.raw = RawMesh(np.concatenate(places))
 
     def mesh(self) -> RawMesh:
-        """The mesh of the deck."""
+        """Return the mesh of the deck."""
         raw, deck = self.raw, self.deck
         self._merge_ties()
         for one in self.instances:
@@ -109,7 +109,7 @@ class _Assembly:
             ) from error
 
     def _find(self, one: Instance, text: str) -> tuple[Instance, str]:
-        """The instance and the name or number that ``INSTANCE.NAME`` stands for."""
+        """Return the instance and the name or number that ``INSTANCE.NAME`` stands for."""
         owner, dot, rest = text.partition(".")
         if dot and owner in self.by_name:
             return self.by_name[owner], rest
@@ -118,7 +118,7 @@ class _Assembly:
     def _members(
         self, one: Instance, name: str, kind: str, seen: tuple[str, ...] = ()
     ) -> Iterator[tuple[Instance, int]]:
-        """Instance and number of each member of a set; kind is ``node`` or ``element``.
+        """Yield the instance and number of each member of a set; kind is ``node`` or ``element``.
 
         Raises:
             MeshError: There is no such set, or it holds itself.
@@ -185,7 +185,7 @@ class _Assembly:
                     )
 
     def _name(self, one: Instance, name: str) -> str:
-        """What a set is called: by its instance where several have one of that name."""
+        """Return what a set is called: by its instance where several have one of that name."""
         owners = [
             other for other in self.instances
             if any(name in sets for sets in (other.scope.node_sets, other.scope.element_sets, other.scope.surfaces))
@@ -216,7 +216,8 @@ class _Assembly:
         self.deck.left_out = +self.deck.left_out
 
     def _surface(self, one: Instance, name: str) -> tuple[list[list[int]], list[int]]:
-        """Nodes of the facets of a surface, those of first order alone, and those of a surface of nodes.
+        """Return the nodes of the facets of a surface, those of first order alone, and those of a
+        surface of nodes.
 
         Raises:
             MeshError: It names elements or faces that are not there.
@@ -255,7 +256,7 @@ class _Assembly:
     def _faces(
         self, block: Block, one: Instance, number: int, label: str, free: set[frozenset[int]]
     ) -> list[list[int]]:
-        """Corners of the faces of an element that a surface names."""
+        """Return the corners of the faces of an element that a surface names."""
         if number in one.scope.others:
             return []
         if number not in one.scope.numbers:
@@ -276,7 +277,7 @@ class _Assembly:
         return [[rows[corner] for corner in faces[int(place) - 1]]]
 
     def _free_faces(self, members: Sequence[tuple[Instance, int]]) -> set[frozenset[int]]:
-        """Faces of solids that no other element of their instances has."""
+        """Return the faces of solids that no other element of their instances has."""
         counts: Counter[frozenset[int]] = Counter()
         for one in {id(one): one for one, _ in members}.values():
             for elements in one.scope.elements.values():
@@ -310,7 +311,7 @@ class _Assembly:
                 self.alias[int(row)] = self.alias[int(target)]
 
     def _surface_nodes(self, one: Instance, name: str) -> IntArray:
-        """Rows of all nodes on a surface, those between corners among them."""
+        """Return the rows of all nodes on a surface, those between corners among them."""
         facets, nodes = self._surface(one, name)
         faces = {frozenset(facet) for facet in facets}
         found = {*nodes, *(row for facet in facets for row in facet)}

@@ -64,7 +64,7 @@ class Block:
     rows: list[list[str]]
 
     def option(self, name: str) -> str:
-        """A set, part or material that an option names.
+        """Return a set, part or material that an option names.
 
         Raises:
             MeshError: It names none.
@@ -172,7 +172,7 @@ class Deck:
 
 
 def _blocks(path: Path) -> Iterator[Block]:
-    """Keyword blocks; a keyword line that ends in a comma goes on in the next."""
+    """Yield the keyword blocks; a keyword line that ends in a comma goes on in the next."""
     block: Block | None = None
     head, start = "", 0
     with path.open(encoding="utf-8-sig", errors="replace") as file:
@@ -210,7 +210,7 @@ def _number(text: str) -> float:
 
 
 def _numbers(rows: Sequence[Sequence[str]]) -> list[float]:
-    """Numbers of data lines, without the blanks at their ends."""
+    """Return the numbers of data lines, without the blanks at their ends."""
     found: list[float] = []
     for row in rows:
         while row and not row[-1]:
@@ -340,7 +340,7 @@ class DeckReader:
             self.scope.node_sets.setdefault(block.option("NSET").upper(), []).append(own)
 
     def _generate_nodes(self, block: Block) -> None:
-        """Nodes at even steps on the line between two others."""
+        """Generate nodes at even steps on the line between two others."""
         if block.options.keys() - {"NSET"}:
             raise MeshError(
                 f"{block.place}: *NGEN is read along straight lines only, without {', '.join(block.options)}; "
@@ -357,8 +357,8 @@ class DeckReader:
             self._place_nodes(block, numbers, np.concatenate([ends[:1], between, ends[1:]]))
 
     def _generate_elements(self, block: Block) -> None:
-        """Elements like a given one, in up to three directions, each with its steps of nodes and of
-        elements.
+        """Generate elements like a given one, in up to three directions, each with its steps of
+        nodes and of elements.
         """
         made: list[int] = []
         for row in block.rows:
@@ -447,7 +447,7 @@ class DeckReader:
 
 
 def _read_system(block: Block) -> tuple[FloatArray, FloatArray] | None:
-    """Origin and axes (rows) of the coordinates that follow; None for global ones.
+    """Return the origin and axes (rows) of the coordinates that follow; None for global ones.
 
     The first line holds the origin and a point on the axis x, the second a point in the plane xy; without
     the second the axis z stays where it was.

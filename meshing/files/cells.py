@@ -134,7 +134,7 @@ def _note_left_out(path: Path, raw: RawMesh) -> list[str]:
 
 
 def _choose_solid(path: Path, raw: RawMesh, solid: str | None) -> NDArray[np.bool_]:
-    """Which cells of the file to take, ``(n_cells,)``."""
+    """Return which cells of the file to take, ``(n_cells,)``."""
     if solid is None or solid == WHOLE_FILE:
         return np.ones(raw.cell_count, dtype=bool)
     known = {name.upper(): name for name in reversed(raw.groups)}
@@ -150,7 +150,7 @@ def _choose_solid(path: Path, raw: RawMesh, solid: str | None) -> NDArray[np.boo
 
 
 def _material_numbers(raw: RawMesh) -> IntArray:
-    """Number of the material of each cell, -1 where the file tells none."""
+    """Return the number of the material of each cell, -1 where the file tells none."""
     keys = {
         key: number for number, key in enumerate(dict.fromkeys(one.key for one in raw.sections))
     }
@@ -193,7 +193,7 @@ def _list_sections(sections: Sequence[Section]) -> str:
 def _make_one_kind(
     path: Path, points: FloatArray, every: Sequence[SolidCells], numbers: IntArray
 ) -> tuple[FloatArray, IntArray, CellKind, list[str]]:
-    """Points, cells of one kind and what was done to make them one."""
+    """Return the points, cells of one kind and what was done to make them one."""
     families = [cells.family for cells in every]
     cells = every[0]
     collapsed = any((np.diff(np.sort(one.corners, axis=1), axis=1) == 0).any() for one in every)
@@ -222,7 +222,9 @@ def _make_one_kind(
 
 
 def _assemble_facets(raw: RawMesh, kind: CellKind, *, cut: bool) -> dict[str, IntArray]:
-    """Corners of the facets of each named surface set, of the number that faces of the cells have."""
+    """Return the corners of the facets of each named surface set, of the number that faces of the
+    cells have.
+    """
     wanted = len(FACETS["tet" if kind.startswith("tet") else "hex"][0])
     facets = {}
     for name, blocks in raw.facets.items():
@@ -235,7 +237,9 @@ def _assemble_facets(raw: RawMesh, kind: CellKind, *, cut: bool) -> dict[str, In
 def _find_cut(
     every: Sequence[SolidCells], rest: Sequence[SolidCells], kind: CellKind, *, cut: bool
 ) -> dict[str, IntArray]:
-    """Facets that the cells of a part share with the other cells of the file, as a named set."""
+    """Find the facets that the cells of a part share with the other cells of the file, as a named
+    set.
+    """
     wanted = len(FACETS["tet" if kind.startswith("tet") else "hex"][0])
     rims = []
     for faces in (list_faces(every), list_faces(rest)):
@@ -253,8 +257,8 @@ def _find_cut(
 
 
 def _drop_unused_points(data: MeshData, *, whole: bool) -> MeshData:
-    """The mesh without points that no cell has; what is ``whole`` keeps facets with such points, of which
-    patches say that they are none.
+    """Return the mesh without points that no cell has; what is ``whole`` keeps facets with such
+    points, of which patches say that they are none.
     """
     used = np.unique(data.cells)
     place = np.full(len(data.points), -1, dtype=np.int64)

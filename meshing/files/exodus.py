@@ -113,7 +113,7 @@ def _read_points(path: Path, variables: Mapping[str, "netCDF4.Variable[Any]"]) -
 
 
 def _block_kind(path: Path, block: "netCDF4.Variable[Any]") -> str:
-    """The kind of the cells of a block by meshio's name, such as ``tetra10``."""
+    """Return the kind of the cells of a block by meshio's name, such as ``tetra10``."""
     kind = str(getattr(block, "elem_type", "")).upper()
     family = FAMILIES.get(kind[:3], "")
     if len(block.shape) != 2:
@@ -136,7 +136,9 @@ def _numbered(variables: Mapping[str, object], start: str) -> list[str]:
 def _named_sets(
     variables: Mapping[str, "netCDF4.Variable[Any]"], start: str, kind: str, unnamed: str
 ) -> list[tuple[str, str]]:
-    """Variable and name of each set that has members; ``unnamed`` and its number without a name."""
+    """Return the variable and name of each set that has members; ``unnamed`` and its number without
+    a name.
+    """
     names, numbers = variables.get(f"{kind}_names"), variables.get(f"{kind}_prop1")
     found = []
     for name in _numbered(variables, start):
@@ -159,7 +161,9 @@ def _add_side_set(
     elements: IntArray,
     sides: IntArray,
 ) -> None:
-    """Facets of a side set: numbers of elements, counted over all blocks, and of their sides."""
+    """Add the facets of a side set: numbers of elements, counted over all blocks, and of their
+    sides.
+    """
     if len(elements) != len(sides):
         raise MeshError(
             f"{path.name}: side set {label} has {len(elements)} elements and {len(sides)} sides; it is damaged"

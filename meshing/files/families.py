@@ -41,16 +41,16 @@ VTK_EDGES: dict[SolidFamily, tuple[tuple[int, int], ...]] = {
 
 
 def upright_first(family: SolidFamily) -> tuple[tuple[int, int], ...]:
-    """Edges as Exodus and Nastran list their middles: in wedges and hexes the upright ones before the upper
-    ones.
+    """Return the edges as Exodus and Nastran list their middles: in wedges and hexes the upright
+    ones before the upper ones.
     """
     edges, base = VTK_EDGES[family], {"wedge": 3, "hex": 4}.get(family)
     return edges if base is None else (*edges[:base], *edges[2 * base :], *edges[base : 2 * base])
 
 
 def middle_groups(family: SolidFamily, count: int) -> tuple[Group, ...] | None:
-    """Corners whose middles the nodes behind the corners are, edges first; None for a number of nodes that no
-    cell of the family has.
+    """Return the corners whose middles the nodes behind the corners are, edges first; None for a
+    number of nodes that no cell of the family has.
     """
     edges = FAMILY_EDGES[family]
     quads = tuple(face for face in FAMILY_FACES[family] if len(face) == 4)

@@ -92,8 +92,8 @@ def _check_counts(path: Path) -> None:
 
 
 def _count_section(file: BinaryIO, section: bytes, version: bytes) -> tuple[int, int]:
-    """Lines a section should have behind its first, and has: version 4 has a line per block, 4.1
-    two lines per node.
+    """Return the lines a section should have behind its first, and has: version 4 has a line per
+    block, 4.1 two lines per node.
     """
     try:
         head = [int(word) for word in file.readline().split()]
@@ -112,7 +112,9 @@ def _count_section(file: BinaryIO, section: bytes, version: bytes) -> tuple[int,
 
 
 def _gmsh_surfaces(row: IntArray) -> dict[str, list[IntArray]]:
-    """Corners of the elements of each physical surface; unnamed ones go by their number."""
+    """Return the corners of the elements of each physical surface; unnamed ones go by their
+    number.
+    """
     result: dict[str, list[IntArray]] = {}
     for dim, group in gmsh.model.getPhysicalGroups(2):
         parts: list[Any] = []

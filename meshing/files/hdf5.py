@@ -54,7 +54,7 @@ class GuardedXdmf(XdmfReader):  # type: ignore[misc]
         self.files = {other.name: other for other in beside}
 
     def values(self, element: ElementTree.Element) -> AnyArray:
-        """The array of the one data item of an element.
+        """Return the array of the one data item of an element.
 
         Raises:
             MeshError: It is none, or lies elsewhere.
@@ -91,7 +91,7 @@ class GuardedXdmf(XdmfReader):  # type: ignore[misc]
 
 
 def read_plain(group: h5py.Group, place: str) -> AnyArray:
-    """An array of an HDF5 file whose numbers lie in the file itself.
+    """Return an array of an HDF5 file whose numbers lie in the file itself.
 
     Raises:
         MeshError: There is none, or it lies elsewhere.
@@ -177,7 +177,7 @@ def _refuse_entities(text: bytes, name: str) -> None:
 
 
 def _find_cells(raw: RawMesh, kind: str, nodes: IntArray) -> IntArray:
-    """Which solid cells have the nodes of others, ``(n,)``; none where one of them has not."""
+    """Find which solid cells have the nodes of others, ``(n,)``; none where one of them has not."""
     known: dict[bytes, int] = {}
     start = 0
     for block in raw.solids if is_solid(kind) else ():
@@ -201,7 +201,7 @@ def _xdmf_points(reader: GuardedXdmf, geometry: ElementTree.Element) -> FloatArr
 def _xdmf_cells(
     reader: GuardedXdmf, topology: ElementTree.Element
 ) -> Iterator[tuple[str, IntArray]]:
-    """Kind and nodes ``(n, k)`` of each block of cells."""
+    """Yield the kind and nodes ``(n, k)`` of each block of cells."""
     kind = topology.get("TopologyType") or topology.get("Type") or ""
     values = reader.values(topology).astype(np.int64)
     if kind == "Mixed":
@@ -214,8 +214,8 @@ def _xdmf_cells(
 
 
 def _split_mixed(name: str, values: IntArray) -> Iterator[tuple[str, IntArray]]:
-    """Blocks of cells of a mixed topology: per cell its type, for points and lines their count, and
-    its nodes.
+    """Yield the blocks of cells of a mixed topology: per cell its type, for points and lines their
+    count, and its nodes.
     """
     place, current = 0, ""
     rows: list[list[int]] = []
@@ -249,7 +249,8 @@ def _add_tags(
     raw: RawMesh,
     cells: Sequence[IntArray],
 ) -> None:
-    """Sets of surface elements, and groups of solid cells, by the integer values that a grid gives them.
+    """Add sets of surface elements, and groups of solid cells, by the integer values that a grid
+    gives them.
 
     Args:
         blocks: Kind and nodes of its cells.
@@ -288,7 +289,9 @@ def _add_tags(
 
 
 def _same_places(points: FloatArray, others: FloatArray) -> IntArray:
-    """Number of the point at the same place for each of ``others``, -1 where there is none."""
+    """Return the number of the point at the same place for each of ``others``, -1 where there is
+    none.
+    """
     _, groups = np.unique(np.vstack([points, others]), axis=0, return_inverse=True)
     first = np.full(groups.max() + 1, -1, dtype=np.int64)
     first[groups[: len(points)].ravel()] = np.arange(len(points))
@@ -356,7 +359,7 @@ def read_med(path: Path) -> RawMesh:
 
 
 def _med_groups(families: h5py.Group) -> dict[int, list[str]]:
-    """Names of the groups that each family belongs to, by its number."""
+    """Return the names of the groups that each family belongs to, by its number."""
     found: dict[int, list[str]] = {}
     for family in families.values():
         if "GRO" in family:

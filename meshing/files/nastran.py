@@ -89,7 +89,7 @@ class Card:
     fields: list[str]
 
     def integer(self, index: int, default: int = 0) -> int:
-        """A field as a whole number; ``default`` where it is blank.
+        """Return a field as a whole number; ``default`` where it is blank.
 
         Raises:
             MeshError: It is none.
@@ -103,7 +103,7 @@ class Card:
             ) from None
 
     def real(self, index: int) -> float:
-        """A field as a real number; zero where it is blank.
+        """Return a field as a real number; zero where it is blank.
 
         Raises:
             MeshError: It is none.
@@ -119,7 +119,7 @@ class Card:
             ) from None
 
     def vector(self, index: int) -> FloatArray:
-        """Three fields as real numbers."""
+        """Return three fields as real numbers."""
         return np.array([self.real(index + axis) for axis in range(3)])
 
 
@@ -170,7 +170,9 @@ def read_nastran(path: Path) -> RawMesh:
 
 
 def _unnamed_properties(elements: Sequence[Card], known: Collection[int]) -> set[int]:
-    """Properties that are but the number of their one element, as they are where none is written."""
+    """Return the properties that are but the number of their one element, as they are where none is
+    written.
+    """
     count = Counter(card.integer(1, card.integer(0)) for card in elements)
     return {
         card.integer(0)
@@ -180,7 +182,7 @@ def _unnamed_properties(elements: Sequence[Card], known: Collection[int]) -> set
 
 
 def _bulk_lines(path: Path, text: str) -> Iterator[Line]:
-    """Lines of the bulk data section, or of the whole file where none begins.
+    """Yield the lines of the bulk data section, or of the whole file where none begins.
 
     Raises:
         MeshError: A line refers to another file, or is of no known format.
@@ -226,8 +228,8 @@ def _bulk_lines(path: Path, text: str) -> Iterator[Line]:
 
 
 def _add_steps(path: Path, before: Line, steps: Sequence[str]) -> list[str]:
-    """Fields of a card that repeats the one before: ``=`` for the same, ``==`` for all that follow, ``*(2)``
-    for two more.
+    """Return the fields of a card that repeats the one before: ``=`` for the same, ``==`` for all
+    that follow, ``*(2)`` for two more.
 
     Raises:
         MeshError: A field to which something is added is no number.
@@ -281,7 +283,8 @@ def _split_line(path: Path, number: int, line: str) -> Line:
 
 
 def _join_lines(path: Path, lines: Iterator[Line]) -> Iterator[Card]:
-    """Cards with the lines that continue them, which follow, or stand elsewhere and are found by their mark.
+    """Yield the cards with the lines that continue them, which follow, or stand elsewhere and are
+    found by their mark.
 
     Raises:
         MeshError: A line continues none.
@@ -356,7 +359,7 @@ class _Nodes:
             self.given.append(own)
 
     def row(self, card: Card, index: int) -> int:
-        """Row of the grid point in a field; -1 where it is blank or zero."""
+        """Return the row of the grid point in a field; -1 where it is blank or zero."""
         number = card.integer(index)
         if not number:
             return -1
@@ -367,7 +370,7 @@ class _Nodes:
         return self.rows[number]
 
     def positions(self) -> FloatArray:
-        """Positions ``(n, 3)`` in the basic system."""
+        """Return the positions ``(n, 3)`` in the basic system."""
         result = np.zeros((len(self.given), 3))
         numbers = np.array([system for system, _ in self.given], dtype=np.int64)
         values = np.array([own for _, own in self.given]).reshape(-1, 3)
@@ -377,7 +380,7 @@ class _Nodes:
         return result
 
     def _place(self, system: int, values: FloatArray) -> FloatArray:
-        """Basic coordinates ``(n, 3)`` of coordinates in a system."""
+        """Return the basic coordinates ``(n, 3)`` of coordinates in a system."""
         if system == 0:
             return values
         kind, origin, axes = self._frame(system)
@@ -394,7 +397,7 @@ class _Nodes:
         return np.asarray(origin + values @ axes)
 
     def _frame(self, system: int) -> tuple[str, FloatArray, FloatArray]:
-        """Kind, origin and axes (rows) of a system."""
+        """Return the kind, origin and axes (rows) of a system."""
         if system in self.frames:
             return self.frames[system]
         if system not in self.systems:
@@ -431,7 +434,7 @@ class _Nodes:
 
 
 def _add_solids(raw: RawMesh, nodes: _Nodes, cards: Mapping[str, Sequence[Card]]) -> None:
-    """Solid cells, and which property and material they have."""
+    """Add solid cells, and which property and material they have."""
     properties: dict[int, list[IntArray]] = {}
     solids = {card.integer(0): card for card in cards.get("PSOLID", ())}
     values = {card.integer(0): card for card in cards.get("MAT1", ())}
@@ -490,12 +493,12 @@ def _refuse_repeated_numbers(path: Path, raw: RawMesh) -> None:
 def _node_sets(
     text: str, cards: Mapping[str, Sequence[Card]], nodes: _Nodes
 ) -> Iterator[tuple[str, IntArray]]:
-    """Name and rows of the nodes of each card that lists nodes."""
+    """Yield the name and rows of the nodes of each card that lists nodes."""
     known = np.array(sorted(nodes.rows), dtype=np.int64)
     rows = np.array([nodes.rows[int(number)] for number in known], dtype=np.int64)
 
     def find(card: Card, start: int) -> tuple[IntArray, bool]:
-        """Rows of the nodes that are listed, and whether all numbers are of nodes."""
+        """Return the rows of the nodes that are listed, and whether all numbers are of nodes."""
         mine = np.zeros(len(known), dtype=bool)
         words = [word for word in card.fields[start:] if word]
         single = []
@@ -533,7 +536,7 @@ def _node_sets(
 
 
 def format_bulk_data(points: FloatArray, cells: IntArray, sets: Mapping[str, IntArray]) -> str:
-    """A mesh as bulk data, its node sets as ``SET1`` cards with comments that name them.
+    """Return a mesh as bulk data, its node sets as ``SET1`` cards with comments that name them.
 
     Args:
         points: ``(n, 3)``, in the unit of the file.
@@ -555,7 +558,7 @@ def format_bulk_data(points: FloatArray, cells: IntArray, sets: Mapping[str, Int
 
 
 def _card_lines(words: Sequence[str | int | np.int64]) -> list[str]:
-    """A card in fields of 8 columns, eight behind the name or the sign of continuation."""
+    """Return a card in fields of 8 columns, eight behind the name or the sign of continuation."""
     name, rest = words[0], words[1:]
     return [
         "".join(f"{word:<8}" for word in ["+" if start else name, *rest[start : start + 8]])
@@ -564,7 +567,7 @@ def _card_lines(words: Sequence[str | int | np.int64]) -> list[str]:
 
 
 def _real(value: float) -> str:
-    """A number in 16 columns, as exact as they allow; Nastran wants a decimal point."""
+    """Return a number in 16 columns, as exact as they allow; Nastran wants a decimal point."""
     shortest = repr(value)
     if len(shortest) <= REAL_COLUMNS and "e" not in shortest:
         return shortest

@@ -28,8 +28,8 @@ FACET_TOLERANCE = 0.1  # of the normals of facets, which are not those of the fa
 
 
 def select_facets(data: MeshData, surface: MeshSurface, patch: Patch) -> IntArray:
-    """Indices of the surface facets of a patch; an imprint takes the facets whose middle lies
-    inside it.
+    """Return the indices of the surface facets of a patch; an imprint takes the facets whose middle
+    lies inside it.
 
     Args:
         data: The mesh; its unit is that of the patch.
@@ -59,14 +59,14 @@ def select_facets(data: MeshData, surface: MeshSurface, patch: Patch) -> IntArra
 
 
 def set_nodes(data: MeshData, patch: Patch) -> IntArray:
-    """Nodes of a named node set, empty for any other patch."""
+    """Return the nodes of a named node set, empty for any other patch."""
     return data.node_sets.get(
         _find(data.node_sets, patch.face.removeprefix("set:")) or "", np.zeros(0, dtype=np.int64)
     )
 
 
 def end_facets(points: FloatArray, surface: MeshSurface, face: str) -> IntArray:
-    """Facets that lie in the plane at one end of the bounding box and face outward.
+    """Return the facets that lie in the plane at one end of the bounding box and face outward.
 
     Args:
         points: Nodes, ``(n, 3)`` [m].
@@ -81,7 +81,7 @@ def end_facets(points: FloatArray, surface: MeshSurface, face: str) -> IntArray:
 
 
 def available_names(data: MeshData, surface: MeshSurface) -> str:
-    """The names a patch of this mesh may use."""
+    """Return the names a patch of this mesh may use."""
     names = [face for face in FACE_DIRECTIONS if len(end_facets(data.points, surface, face))]
     return (
         ", ".join([*names, *(f"set:{name}" for name in [*data.facets, *data.node_sets])]) or "none"
@@ -109,14 +109,14 @@ def _named_facets(data: MeshData, surface: MeshSurface, name: str) -> IntArray:
 
 
 def _find(names: dict[str, IntArray], wanted: str) -> str | None:
-    """A name as written, or else one that differs only in case (Abaqus ignores case)."""
+    """Return a name as written, or else one that differs only in case (Abaqus ignores case)."""
     if wanted in names:
         return wanted
     return next((name for name in names if name.upper() == wanted.upper()), None)
 
 
 def _imprinted(data: MeshData, surface: MeshSurface, facets: IntArray, patch: Patch) -> IntArray:
-    """The facets whose middle lies inside an imprint.
+    """Return the facets whose middle lies inside an imprint.
 
     Raises:
         MeshError: The patch wraps around the face.
@@ -149,8 +149,8 @@ def _imprinted(data: MeshData, surface: MeshSurface, facets: IntArray, patch: Pa
 def _on_curved_face(
     corners: IntArray, middles: FloatArray, normals: FloatArray, patch: Patch
 ) -> IntArray:
-    """Which facets of a curved face an imprint takes: those under its outline that face the same
-    way as its middle; of a strip also what is joined to that, however far it goes around.
+    """Return which facets of a curved face an imprint takes: those under its outline that face the
+    same way as its middle; of a strip also what is joined to that, however far it goes around.
 
     Args:
         corners: Nodes of the facets, ``(n, 3 or 4)``.
@@ -174,7 +174,7 @@ def _on_curved_face(
 
 
 def _joined(corners: IntArray, chosen: NDArray[np.bool_], start: int) -> NDArray[np.bool_]:
-    """Which of chosen facets are joined to one of them by facets that are chosen."""
+    """Return which of chosen facets are joined to one of them by facets that are chosen."""
     nodes, places = np.unique(corners, return_inverse=True)
     places = places.reshape(corners.shape)
     rows = np.repeat(np.flatnonzero(chosen), corners.shape[1])

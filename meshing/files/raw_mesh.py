@@ -171,11 +171,11 @@ class RawMesh:
 
 
 def is_solid(kind: str) -> bool:
-    """Whether cells that meshio calls so are solids."""
+    """Return whether cells that meshio calls so are solids."""
     return kind.rstrip("0123456789") in MESHIO_FAMILIES
 
 
 def clean_name(name: str) -> str:
-    """A name as messages may show it."""
+    """Return a name as messages may show it."""
     shown = "".join(letter if letter.isprintable() else "?" for letter in name.strip())
     return shown[:LONGEST_NAME] or "unnamed"

@@ -57,7 +57,7 @@ class SolidCells:
         return self.nodes[:, first : first + len(FAMILY_EDGES[self.family])]
 
     def within(self, chosen: NDArray[np.bool_]) -> "SolidCells":
-        """Some of them.
+        """Return some of the cells.
 
         Args:
             chosen: ``(n_cells of the file,)``.
@@ -67,12 +67,12 @@ class SolidCells:
 
 
 def all_groups(family: SolidFamily) -> tuple[Group, ...]:
-    """Corners whose middle each node behind the corners of `SolidCells` is."""
+    """Return the corners whose middle each node behind the corners of `SolidCells` is."""
     return middle_groups(family, MOST_NODES[family]) or ()
 
 
 def gather_cells(path: Path, points: FloatArray, blocks: Sequence[SolidBlock]) -> list[SolidCells]:
-    """Cells by family, with nodes in one order.
+    """Return the cells by family, with nodes in one order.
 
     Formats differ in the order of mid-side nodes and in the side from which corners are counted,
     and programs differ in how well they keep to the format they write.
@@ -112,7 +112,8 @@ def gather_cells(path: Path, points: FloatArray, blocks: Sequence[SolidBlock]) -
 
 
 def _vote_order(path: Path, points: FloatArray, block: SolidBlock) -> IntArray:
-    """Which node behind the corners lies in the middle of each group of a block, in most cells.
+    """Return which node behind the corners lies in the middle of each group of a block, in most
+    cells.
 
     Raises:
         MeshError: They lie near the middles of no edges and faces, and the format has no order.
@@ -143,7 +144,7 @@ def _vote_order(path: Path, points: FloatArray, block: SolidBlock) -> IntArray:
 
 
 def mirror_cells(cells: SolidCells, turned: NDArray[np.bool_]) -> SolidCells:
-    """Cells of which some are counted from the other side.
+    """Return the cells of which some are counted from the other side.
 
     Args:
         turned: ``(n,)`` which.
@@ -161,8 +162,8 @@ def mirror_cells(cells: SolidCells, turned: NDArray[np.bool_]) -> SolidCells:
 
 
 def signed_volumes(points: FloatArray, cells: SolidCells) -> FloatArray:
-    """Volume ``(n,)`` between the straight faces of cells, negative where corners are counted from the other
-    side.
+    """Return the volume ``(n,)`` between the straight faces of cells, negative where corners are
+    counted from the other side.
 
     Args:
         points: ``(n_points, 3)``.
@@ -183,7 +184,8 @@ def signed_volumes(points: FloatArray, cells: SolidCells) -> FloatArray:
 def fill_middles(
     path: Path, points: FloatArray, every: Sequence[SolidCells], numbers: IntArray
 ) -> tuple[FloatArray, list[SolidCells]]:
-    """Cells with a node in the middle of every edge: that of a neighbour, or a new one half-way.
+    """Return the cells with a node in the middle of every edge: that of a neighbour, or a new one
+    half-way.
 
     Args:
         points: ``(n, 3)``.
@@ -249,7 +251,7 @@ class CutTets:
 
 
 def cut_cells(cells: SolidCells) -> CutTets:
-    """Tets between the corners of cells; neighbours are cut alike where they meet.
+    """Return the tets between the corners of cells; neighbours are cut alike where they meet.
 
     Every face is cut through its smallest node, and every cell from its smallest corner. What collapses
     because corners of a cell are equal is left out.
@@ -280,7 +282,7 @@ def cut_cells(cells: SolidCells) -> CutTets:
 
 
 def _cut_face(face: IntArray, nodes: IntArray) -> list[tuple[IntArray, IntArray, IntArray]]:
-    """Triangles of a face of many cells, as local corners ``(n,)`` each."""
+    """Return the triangles of a face of many cells, as local corners ``(n,)`` each."""
     if len(face) == 3:
         a, b, c = (np.full(len(nodes), corner) for corner in face)
         return [(a, b, c)]
@@ -290,7 +292,9 @@ def _cut_face(face: IntArray, nodes: IntArray) -> list[tuple[IntArray, IntArray,
 
 
 def cut_facets(facets: IntArray) -> IntArray:
-    """Triangles ``(2 n, 3)`` of quadrilaterals ``(n, 4)``, cut as `cut_cells` cuts the cells behind them."""
+    """Return the triangles ``(2 n, 3)`` of quadrilaterals ``(n, 4)``, cut as `cut_cells` cuts the
+    cells behind them.
+    """
     first = np.argmin(facets, axis=1)[:, None]
     turned = np.take_along_axis(facets, (first + np.arange(4)) % 4, axis=1)
     both = np.concatenate([turned[:, [0, 1, 2]], turned[:, [0, 2, 3]]])
@@ -300,7 +304,8 @@ def cut_facets(facets: IntArray) -> IntArray:
 def cut_to_tets(
     points: FloatArray, every: Sequence[SolidCells]
 ) -> tuple[FloatArray, IntArray, IntArray]:
-    """Second-order tets of the same shape as cells of mixed families whose middles are filled.
+    """Return the second-order tets of the same shape as cells of mixed families whose middles are
+    filled.
 
     A diagonal gets the node that the cell's own map puts half-way, so that surfaces of straight-edged cells
     stay what they were.
@@ -347,7 +352,9 @@ def cut_to_tets(
 
 
 def _list_diagonals(family: SolidFamily) -> list[tuple[tuple[int, int], Group]]:
-    """Pairs of corners that are no edge, and the one quadrilateral face, or else the body, that they cross."""
+    """Return the pairs of corners that are no edge, and the one quadrilateral face, or else the
+    body, that they cross.
+    """
     edges = FAMILY_EDGES[family]
     known = {frozenset(edge) for edge in edges}
     groups = all_groups(family)[len(edges) :]
@@ -361,7 +368,7 @@ def _list_diagonals(family: SolidFamily) -> list[tuple[tuple[int, int], Group]]:
 def _group_middles(
     points: FloatArray, cells: SolidCells, rows: IntArray, group: Group
 ) -> FloatArray:
-    """Where the map of cells puts the middle of a face or of the body.
+    """Return where the map of cells puts the middle of a face or of the body.
 
     Source: Zienkiewicz and Taylor (2000), vol. 1, ch. 8, serendipity shape functions.
     """

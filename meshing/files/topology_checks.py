@@ -47,15 +47,17 @@ class Faces:
     owners: IntArray
 
     def runs(self) -> tuple[IntArray, IntArray, IntArray]:
-        """Order in which equal faces follow each other, and where each run starts and how long it is."""
+        """Return the order in which equal faces follow each other, and where each run starts and
+        how long it is.
+        """
         order = np.lexsort(self.keys.T)
         new = np.concatenate([[True], np.diff(self.keys[order], axis=0).any(axis=1)])
         starts = np.flatnonzero(new)
         return order, starts, np.diff(np.append(starts, len(order)))
 
     def upward(self) -> NDArray[np.bool_]:
-        """Whether a face runs from its smallest corner to the smaller of the two beside it, ``(n,)``; two
-        cells on both sides of a face see it run both ways.
+        """Return whether a face runs from its smallest corner to the smaller of its two neighbours,
+        ``(n,)``; two cells on both sides of a face see it run both ways.
         """
         count = (self.nodes >= 0).sum(axis=1)
         first = np.argmin(np.where(self.nodes < 0, self.nodes.max(initial=0) + 1, self.nodes), 1)
@@ -65,7 +67,7 @@ class Faces:
 
 
 def list_faces(every: Sequence[SolidCells]) -> Faces:
-    """The faces of cells; a face that collapses to a triangle is one, to less is none."""
+    """Return the faces of cells; a face that collapses to a triangle is one, to less is none."""
     nodes, owners = [], []
     for cells in every:
         corners = cells.corners
@@ -92,7 +94,8 @@ def list_faces(every: Sequence[SolidCells]) -> Faces:
 def drop_repeated_cells(
     path: Path, every: Sequence[SolidCells], numbers: IntArray, materials: IntArray
 ) -> tuple[list[SolidCells], list[str]]:
-    """Cells without those that have the corners of another, and what is to be said of them.
+    """Return the cells without those that have the corners of another, and what is to be said of
+    them.
 
     Args:
         materials: Number of the material of each cell, -1 where none is known.
@@ -138,7 +141,8 @@ def drop_repeated_cells(
 def turn_cells(
     points: FloatArray, every: Sequence[SolidCells]
 ) -> tuple[list[SolidCells], list[str]]:
-    """Cells with those turned that are counted from the other side than their neighbours.
+    """Return the cells with those turned that are counted from the other side than their
+    neighbours.
 
     A cell of negative volume that agrees with its neighbours is not turned: nodes of it lie in the wrong
     place.
@@ -309,7 +313,7 @@ def _count_sets(size: int, left: IntArray, right: IntArray) -> IntArray:
 
 
 def _measure_curvature(points: FloatArray, cells: SolidCells) -> FloatArray:
-    """How far ``(n,)`` cells reach beyond or stay behind tets between their corners."""
+    """Return how far ``(n,)`` cells reach beyond or stay behind tets between their corners."""
     corners, middles = points[cells.corners], cells.middles
     ends = np.array(FAMILY_EDGES[cells.family])
     away = points[np.maximum(middles, 0)] - corners[:, ends].mean(axis=2)
@@ -329,7 +333,8 @@ def _find_covered_faces(
     faces: IntArray,
     face_owners: IntArray,
 ) -> tuple[IntArray, IntArray]:
-    """Pairs of cells of which one has the middle of a face of the surface inside the other.
+    """Find the pairs of cells of which one has the middle of a face of the surface inside the
+    other.
 
     Where every inner face has a cell on either side, cells overlap only where the surface runs through
     them.

@@ -45,7 +45,8 @@ SOLID_TAG = 1
 
 
 def encode_mesh(mesh: ComponentMesh, path: Path) -> dict[str, bytes]:
-    """Content of the files that hold a mesh, by name; arrays come before the file that names them.
+    """Return the content of the files that hold a mesh, by name; arrays come before the file that
+    names them.
 
     Lengths are in metres.
 
@@ -150,7 +151,9 @@ def _write_med(mesh: ComponentMesh, path: Path) -> None:
 def _families(
     sets: Mapping[str, IntArray],
 ) -> tuple[IntArray, IntArray, dict[int, list[str]]]:
-    """Members of any set, the family of each, from 1, and the sets that each family belongs to."""
+    """Return the members of any set, the family of each, from 1, and the sets that each family
+    belongs to.
+    """
     if not sets:
         return np.zeros((0, 1), dtype=np.int64), np.zeros(0, dtype=np.int64), {}
     rows = np.concatenate(list(sets.values()))
@@ -201,7 +204,9 @@ WRITERS: dict[str, Callable[[ComponentMesh, Path], None]] = {
 
 
 def _area_patches(mesh: ComponentMesh) -> dict[str, IntArray]:
-    """Facets of the patches that are areas; a forced point or line is one node per facet."""
+    """Return the facets of the patches that are areas; a forced point or line is one node per
+    facet.
+    """
     return {
         name: facets
         for name, facets in mesh.patches.items()
@@ -218,7 +223,7 @@ def _order_cells(
     edges: tuple[tuple[int, int], ...],
     faces: tuple[tuple[int, ...] | None, ...],
 ) -> IntArray:
-    """Cells with the nodes behind the corners in the order of another format.
+    """Return the cells with the nodes behind the corners in the order of another format.
 
     Args:
         mesh: In gmsh's order.
@@ -237,7 +242,7 @@ def _order_cells(
 
 
 def _with_twenty_nodes(mesh: ComponentMesh, path: Path) -> ComponentMesh:
-    """A mesh without 27-node hexes, of the same shape.
+    """Return a mesh without 27-node hexes, of the same shape.
 
     Raises:
         MeshError: Twenty nodes do not describe the shape of its hexes.

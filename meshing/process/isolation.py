@@ -72,8 +72,8 @@ class WorkerLimits:
     wall_seconds: float
 
     def within_shell(self) -> "WorkerLimits":
-        """These limits, or those of the calling shell (``ulimit -v``, ``ulimit -t``) where they are
-        lower.
+        """Return these limits, or those of the calling shell (``ulimit -v``, ``ulimit -t``) where
+        they are lower.
         """
         return WorkerLimits(
             _at_most(resource.RLIMIT_AS, self.memory_bytes),
@@ -106,7 +106,7 @@ class WorkerEnd:
 
     @property
     def out_of_time(self) -> str | None:
-        """Which time limit it met, in words, or None."""
+        """Return which time limit it met, in words, or None."""
         if self.code == -signal.SIGALRM:
             return f"{self.limits.wall_seconds:g} s"
         return (
@@ -117,13 +117,13 @@ class WorkerEnd:
 
     @property
     def time_remedy(self) -> str | None:
-        """What to do where the calling shell set the limit of processor time."""
+        """Return what to do where the calling shell set the limit of processor time."""
         bound = self.code == -signal.SIGXCPU and self.limits.cpu_seconds < self.wanted.cpu_seconds
         return "this shell allows no more (ulimit -t)" if bound else None
 
     @property
     def out_of_memory(self) -> bool:
-        """Whether it met its limit of memory."""
+        """Return whether it met its limit of memory."""
         # threads that could not start are no exception of Python's
         return any(
             text in self.errors for text in (*OUT_OF_MEMORY, "Resource temporarily unavailable")
@@ -136,7 +136,7 @@ class WorkerEnd:
 
     @property
     def memory_remedy(self) -> str | None:
-        """What to do where the calling shell set the limit of memory."""
+        """Return what to do where the calling shell set the limit of memory."""
         bound = self.limits.memory_bytes < self.wanted.memory_bytes
         return (
             f"this shell allows no more (ulimit -v); {self.wanted.memory_bytes / 2**30:.3g} GiB are wanted"
@@ -199,9 +199,9 @@ def run_isolated(
 
 
 def child_environment(module: str) -> dict[str, str]:
-    """Variables of a child that runs a module of ours: none of an MPI launcher, and of the places
-    where this Python looks for modules those that hold our code or a library, and no folder of a
-    script.
+    """Return the variables of a child that runs a module of ours: none of an MPI launcher, and of
+    the places where this Python looks for modules those that hold our code or a library, and no
+    folder of a script.
     """
     needed = CODE | {module.partition(".")[0]}
     script = getattr(sys.modules["__main__"], "__file__", None) or sys.argv[0]
@@ -393,7 +393,9 @@ def _build_view(opened: dict[str, int]) -> None:
 
 
 def _code_folders() -> list[str]:
-    """Folders of this program and of the Python that runs it, links resolved, outer ones first."""
+    """Return the folders of this program and of the Python that runs it, links resolved, outer ones
+    first.
+    """
     ours = {
         Path(module.__file__).resolve().parent
         for name, module in sys.modules.items()

@@ -111,7 +111,7 @@ class MeshData:
 
 
 def format_job(job: MeshJob) -> str:
-    """A job as JSON."""
+    """Return a job as JSON."""
     solid = {"kind": type(job.solid).__name__, **dataclasses.asdict(job.solid)}
     sizes = None
     if job.sizes is not None:
@@ -121,7 +121,7 @@ def format_job(job: MeshJob) -> str:
 
 
 def parse_job(text: str) -> MeshJob:
-    """A job from JSON."""
+    """Return a job from JSON."""
     job = _DECODER.decode(text)
     fields = job.pop("solid")
     if "path" in fields:
@@ -199,7 +199,7 @@ def read_data(file: BinaryIO) -> MeshData:
 
 
 def scale_properties(properties: SolidProperties, scale: float) -> SolidProperties:
-    """Properties in metres from properties in a unit of ``scale`` metres."""
+    """Return the properties in metres from properties in a unit of ``scale`` metres."""
     return SolidProperties(
         properties.volume * scale**3,
         properties.center * scale,

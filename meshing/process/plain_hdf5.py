@@ -21,7 +21,8 @@ PLAIN_FILTERS = {1, 2, 3}  # deflate, shuffle, fletcher32 (H5Zpublic.h)
 def plain_objects(
     start: h5py.Group, error: type[HeadstockError], names: Iterable[str] | None = None
 ) -> Iterator[tuple[str, h5py.Group | h5py.Dataset]]:
-    """Every object below a group, with its printable path; heads of objects are all that is read.
+    """Yield every object below a group, with its printable path; heads of objects are all that is
+    read.
 
     External storage, virtual data sets and links to other files would show what is in other files;
     soft links and filters from plug-ins have no place in a file of numbers either.

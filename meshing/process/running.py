@@ -103,8 +103,8 @@ def _limit_reading(limits: WorkerLimits, readable: Sequence[Path]) -> WorkerLimi
 
 
 def _failure(end: WorkerEnd, job: MeshJob, what: str) -> MeshError:
-    """Why a worker process failed; a disk without room is the cause of the error, so that nobody takes it
-    for a fault of the mesh.
+    """Return why a worker process failed; a disk without room is the cause of the error, so that
+    nobody takes it for a fault of the mesh.
     """
     for lost in (code for code in NO_ROOM if os.strerror(code) in end.errors):
         error = MeshError(

@@ -61,7 +61,7 @@ class FileKind:
     advice: str
 
     def refusal(self, name: str, size: int) -> str | None:
-        """What is wrong with a file of a size; None for nothing."""
+        """Return what is wrong with a file of a size; None for nothing."""
         if size <= self.most_bytes:
             return None
         return f"{name} has {show_size(size)}; {self.name} may have {show_size(self.most_bytes)}: {self.advice}"
@@ -81,7 +81,7 @@ _known: dict[tuple[object, ...], Arrays] = {}
 
 
 def show_size(size: int) -> str:
-    """A number of bytes as a message has it."""
+    """Return a number of bytes as a message has it."""
     return f"{size / 1e9:.1f} GB" if size >= 1e9 else f"{size / 1e6:.3g} MB"
 
 
@@ -128,7 +128,8 @@ def require_size(path: Path, kind: FileKind, error: type[HeadstockError]) -> os.
 
 
 def files_beside(path: Path) -> tuple[str, ...]:
-    """Names of the HDF5 files that an XDMF file reads its arrays from; none for other formats.
+    """Return the names of the HDF5 files that an XDMF file reads its arrays from; none for other
+    formats.
 
     Raises:
         MeshError: It names one in another folder, or is too large.

@@ -50,22 +50,22 @@ class BoundaryNode:
     shapes: PatchShapes | None = None
 
     def columns(self, number: int) -> IntArray:
-        """Boundary dofs of the node with this number, rigid ones first."""
+        """Return the boundary dofs of the node with this number, rigid ones first."""
         rigid = 6 * number + np.arange(6)
         if self.shapes is None:
             return rigid
         return np.concatenate([rigid, self.shapes.first + np.arange(self.shapes.count)])
 
     def fields(self) -> FloatArray:
-        """``(3 n, 6 + count)`` displacement of its points per unit of its dofs."""
+        """Return the displacement ``(3 n, 6 + count)`` of its points per unit of its dofs."""
         rigid = self.patch.rigid_displacements()
         if self.shapes is None:
             return rigid
         return np.hstack([rigid, shape_fields(self.shapes, self.patch.points)])
 
     def mean_operator(self) -> FloatArray:
-        """``(3 n, 6 + count)`` matrix C whose ``C^T u`` are the dofs of the field that fits the
-        patch best.
+        """Return the matrix C ``(3 n, 6 + count)`` whose ``C^T u`` are the dofs of the field that
+        fits the patch best.
         """
         if self.shapes is None:
             return self.patch.average_operator()
@@ -73,7 +73,7 @@ class BoundaryNode:
         return np.asarray(scipy.linalg.solve(fields.T @ weighted, weighted.T, assume_a="pos").T)
 
     def weighted_fields(self) -> FloatArray:
-        """The fields integrated against the shape functions of the patch."""
+        """Return the fields integrated against the shape functions of the patch."""
         fields = self.fields()
         weighted = np.zeros_like(fields)
         for axis in range(3):
@@ -119,7 +119,8 @@ class BoundaryBasis:
 def build_boundary_basis(
     component: Component, mesh: ComponentMesh, supports: Sequence[Support]
 ) -> BoundaryBasis:
-    """Boundary nodes, fixed dofs and dependence rows of a component's interfaces and supports.
+    """Return the boundary nodes, fixed dofs and dependence rows of a component's interfaces and
+    supports.
 
     Args:
         mesh: Its mesh, with a patch per interface and the groups of patches of each support.
@@ -231,8 +232,8 @@ def _rail_dofs(component: Component) -> int:
 
 
 def lay_out_shapes(component: Component, node: BoundaryNode, first: int) -> PatchShapes:
-    """Deformation shapes of a flexible interface over the area of its patch: a rectangle, disk or
-    ring as written, or the rectangle around it as the mesh has it.
+    """Return the deformation shapes of a flexible interface over the area of its patch: a
+    rectangle, disk or ring as written, or the rectangle around it as the mesh has it.
 
     Args:
         first: Where the dofs of its shapes begin.
@@ -376,7 +377,7 @@ def _independent_rows(rows: FloatArray) -> FloatArray:
 
 
 def boundary_labels(basis: BoundaryBasis) -> list[tuple[str, str]]:
-    """Labels of the boundary dofs in order."""
+    """Return the labels of the boundary dofs in order."""
     nodes = [(node.name, dof) for node in basis.nodes for dof in DOF_NAMES]
     control_points = [
         (f"{rail.name}[{i}]", i, rail) for rail in basis.rails for i in range(len(rail.points))

@@ -101,8 +101,8 @@ class MeanConstraints:
 
 
 def _split_range(columns: FloatArray, comm: MPI.Comm) -> tuple[FloatArray, FloatArray]:
-    """Orthonormal combinations of columns that are independent ``(n_c, r)``, and those that vanish
-    ``(n_c, n_c - r)``.
+    """Return the orthonormal combinations of columns that are independent ``(n_c, r)``, and those
+    that vanish ``(n_c, n_c - r)``.
     """
     if columns.shape[1] == 0:
         return np.zeros((0, 0)), np.zeros((0, 0))
@@ -119,8 +119,8 @@ def _split_range(columns: FloatArray, comm: MPI.Comm) -> tuple[FloatArray, Float
 def _mass_mean(
     operators: ElasticOperators, supported: BoolArray, middle: FloatArray, free: FloatArray
 ) -> BodyMean:
-    """Mean of the motions about a point that supports leave free, from their combinations ``(6,
-    k)``.
+    """Return the mean of the motions about a point that supports leave free, from their
+    combinations ``(6, k)``.
     """
     ones = np.zeros((operators.owned_dofs, 1))
     ones[0::3] = 1.0
@@ -141,17 +141,17 @@ def _mass_mean(
 
 
 def local_dofs(operators: ElasticOperators) -> IntArray:
-    """Mesh dofs ``(3 n_owned,)`` behind the rows this rank owns."""
+    """Return the mesh dofs ``(3 n_owned,)`` behind the rows this rank owns."""
     return np.asarray((3 * operators.nodes[:, None] + np.arange(3)).ravel())
 
 
 def find_dofs(operators: ElasticOperators, dofs: IntArray) -> BoolArray:
-    """Which rows of this rank ``(3 n_owned,)`` are among some mesh dofs."""
+    """Find which rows of this rank ``(3 n_owned,)`` are among some mesh dofs."""
     return np.isin(local_dofs(operators), dofs)
 
 
 def _scatter_turned(held: HeldPoints, operators: ElasticOperators) -> FloatArray:
-    """Column ``(3 n_owned, m)`` per point and turned direction that a support holds."""
+    """Return a column ``(3 n_owned, m)`` per point and turned direction that a support holds."""
     found = np.zeros((len(operators.nodes), 3, len(held.nodes)))
     order = np.argsort(operators.nodes)
     places = np.searchsorted(operators.nodes, held.nodes, sorter=order)
@@ -169,7 +169,8 @@ def _scatter(operator: FloatArray, patch: MeshPatch, operators: ElasticOperators
 def find_constraint_modes(
     basis: BoundaryBasis, means: MeanConstraints, solver: ConstrainedSolver
 ) -> FloatArray:
-    """Constraint modes ``psi``: displacement for unit boundary dofs, the interior free of loads.
+    """Find the constraint modes ``psi``: displacement for unit boundary dofs, the interior free of
+    loads.
 
     Boundary dofs that move as a rigid body move the whole component so, which no solve has to find;
     only the others are solved for. Mass, centre of mass and inertia then come out right however
@@ -209,8 +210,8 @@ def find_constraint_modes(
 def _rigid_part(
     basis: BoundaryBasis, means: MeanConstraints, solver: ConstrainedSolver
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Rigid motions that supports leave free ``(3 n_owned, k)``, their boundary dofs ``(n_b, k)``,
-    and the unit of each dof ``(n_b,)``.
+    """Return the rigid motions that supports leave free ``(3 n_owned, k)``, their boundary dofs
+    ``(n_b, k)``, and the unit of each dof ``(n_b,)``.
     """
     operators = solver.operators
     supported = find_dofs(operators, basis.held.dofs)
@@ -244,7 +245,7 @@ def _follow(
     targets: FloatArray,
     solver: ConstrainedSolver,
 ) -> bool:
-    """Whether the boundary dofs determine the rigid motions; not so where a patch leaves a
+    """Return whether the boundary dofs determine the rigid motions; not so where a patch leaves a
     rotation undetermined.
     """
     if not boundary.size or np.linalg.matrix_rank(boundary) < boundary.shape[1]:
@@ -263,8 +264,8 @@ def _follow(
 def dependent_rows(
     basis: BoundaryBasis, means: MeanConstraints, solver: ConstrainedSolver
 ) -> FloatArray:
-    """Rows of boundary dofs that vanish because some means depend on each other or on rigid patches
-    alone.
+    """Return the rows of boundary dofs that vanish because some means depend on each other or on
+    rigid patches alone.
 
     Args:
         basis: Boundary nodes, fixed dofs and shapes of rigid interfaces.
@@ -287,8 +288,8 @@ def dependent_rows(
 def _prescribe_patches(
     basis: BoundaryBasis, means: MeanConstraints, solver: ConstrainedSolver
 ) -> FloatArray:
-    """``(3 n_owned, n_b)`` displacement of the points in rigid patches for unit boundary dofs; all
-    others rest.
+    """Return the displacement ``(3 n_owned, n_b)`` of the points in rigid patches for unit boundary
+    dofs; all others rest.
     """
     local = local_dofs(solver.operators)
     prescribed = np.zeros((len(local), means.boundary_size))

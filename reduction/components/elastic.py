@@ -87,7 +87,7 @@ def reduce_elastic(
     request: ReductionRequest | None = None,
     probes: Sequence[Probe] = (),
 ) -> Superelement:
-    """Craig-Bampton superelement of a component.
+    """Return the Craig-Bampton superelement of a component.
 
     Args:
         component: Description; its material's density is scaled when the component states its mass.
@@ -142,7 +142,9 @@ def _name_component(component: Component, error: Exception) -> Exception:
 
 
 def _method(component: Component, mesh: ComponentMesh) -> SolverMethod:
-    """As planned; what nobody planned goes by the factors that its mesh would have."""
+    """Return the method as planned; what nobody planned goes by the factors that its mesh would
+    have.
+    """
     entries = predict_factor_entries(3 * len(mesh.points), np.ptp(mesh.points, axis=0).tolist())
     return choose_method(component.reduction, entries).method
 
@@ -157,8 +159,8 @@ def reduce_operators(
     request: ReductionRequest,
     probes: Sequence[Probe] = (),
 ) -> Superelement:
-    """Superelement of a meshed elastic component, see ``reduce_elastic``, from operators that are
-    already assembled.
+    """Return the superelement of a meshed elastic component, see ``reduce_elastic``, from operators
+    that are already assembled.
 
     Args:
         component: Geometry, material, interfaces and reduction settings.
@@ -255,7 +257,7 @@ def _smooth_probes(
     places: Mapping[str, ProbePlace],
     fields: FloatArray | None,
 ) -> dict[str, FloatArray]:
-    """What recovery changes in the stresses that probes see of dofs and loads, on rank 0."""
+    """Return what recovery changes in the stresses that probes see of dofs and loads, on rank 0."""
     if fields is None:
         raise ValueError("rank 0 has no fields")
     probes = SEEN * len(places)
@@ -274,9 +276,9 @@ def _estimate_errors(
     element: Superelement,
     fields: RowBlocks | None,
 ) -> tuple[ErrorEstimates, FloatArray | None]:
-    """What its mesh makes of the displacement fields of a superelement's dofs, and energy products
-    of the errors of further fields with those of all; zeros stand for what nobody knows, where there
-    are no fields.
+    """Estimate what its mesh makes of the displacement fields of a superelement's dofs, and energy
+    products of the errors of further fields with those of all; zeros stand for what nobody knows,
+    where there are no fields.
     """
     if fields is None:
         return ErrorEstimates(missing_energy=np.zeros(element.stiffness.shape)), None
@@ -308,8 +310,8 @@ def _estimate_errors(
 
 
 def _strained_motions(element: Superelement) -> FloatArray:
-    """Projector ``(n, n)`` to motions of the dofs without rigid ones, which miss no energy: what
-    rounding leaves of it would look large beside that of a soft mount.
+    """Return the projector ``(n, n)`` to motions of the dofs without rigid ones, which miss no
+    energy: what rounding leaves of it would look large beside that of a soft mount.
     """
     strained = np.eye(len(element.stiffness))
     if not element.supported:
@@ -321,8 +323,8 @@ def _strained_motions(element: Superelement) -> FloatArray:
 def find_cell_errors(
     component: Component, mesh: ComponentMesh, element: Superelement, motions: FloatArray
 ) -> FloatArray:
-    """Where a mesh misses energy: squared energy norms ``(n_cells, k)`` of the discretisation errors
-    in each cell, times the factor that covers 95 % of true errors.
+    """Find where a mesh misses energy: squared energy norms ``(n_cells, k)`` of the discretisation
+    errors in each cell, times the factor that covers 95 % of true errors.
 
     Args:
         component: What was meshed.
@@ -344,7 +346,7 @@ def find_cell_errors(
 
 
 def _rim_weights(component: Component, mesh: ComponentMesh, surface: MeshSurface) -> FloatArray:
-    """What the energies that cells miss count ``(n_cells,)``.
+    """Return the weights ``(n_cells,)`` of the energies that cells miss.
 
     More where stresses are singular, at what is fixed like a rigid plate, and where tractions end
     abruptly, at averaging patches' rims. Within a pad, around which the face goes on, they are not.
@@ -376,8 +378,8 @@ def _rim_weights(component: Component, mesh: ComponentMesh, surface: MeshSurface
 def _rim_nodes(
     mesh: ComponentMesh, surface: MeshSurface, facets: IntArray
 ) -> tuple[IntArray, IntArray]:
-    """Nodes that a patch shares with facets of the surface outside of it: those beyond which the
-    surface goes on flat, and those where it bends.
+    """Return the nodes that a patch shares with facets of the surface outside of it: those beyond
+    which the surface goes on flat, and those where it bends.
     """
     within, _ = match_facets(surface, facets)
     outside = np.setdiff1d(np.arange(len(surface.facets)), within)
@@ -397,7 +399,7 @@ def _rim_nodes(
 
 
 def scaled_material(component: Component, mesh: ComponentMesh) -> Material:
-    """The component's material, its density scaled so that a stated mass comes out."""
+    """Return the component's material, its density scaled so that a stated mass comes out."""
     if component.mass is None:
         return component.material
     return dataclasses.replace(component.material, density=component.mass / mesh.quality.volume)
@@ -409,8 +411,8 @@ def _reduce_loads(
     psi: FloatArray,
     modes: FixedInterfaceModes,
 ) -> tuple[FloatArray, FloatArray]:
-    """Forces on the reduced dofs ``(n_b + m, k)``, and displacements that remain with those at zero
-    ``(3 n_owned, k)``.
+    """Return the forces on the reduced dofs ``(n_b + m, k)``, and displacements that remain with
+    those at zero ``(3 n_owned, k)``.
     """
     forces = np.column_stack([np.zeros((len(psi), 0)), *vectors.values()])
     modal = solver.product(modes.shapes, forces)
@@ -423,12 +425,14 @@ def _reduce_loads(
 
 
 def _order_fields(operators: ElasticOperators, vectors: FloatArray) -> RowBlocks:
-    """Vectors ``(3 n_owned, k)`` of all ranks as ``(n_points, 3, k)`` in the order of the mesh."""
+    """Return the vectors ``(3 n_owned, k)`` of all ranks as ``(n_points, 3, k)`` in the order of
+    the mesh.
+    """
     by_node = vectors.reshape(len(operators.nodes), 3, vectors.shape[1])
     return order_rows(operators.comm, operators.nodes, by_node, operators.total_nodes)
 
 
 def _gather_field(fields: RowBlocks) -> FloatArray | None:
-    """``(3 n_points, k)`` on rank 0."""
+    """Return ``(3 n_points, k)`` on rank 0."""
     gathered = fields.gather()
     return None if gathered is None else gathered.reshape(3 * len(gathered), gathered.shape[2])

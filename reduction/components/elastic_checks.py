@@ -23,8 +23,8 @@ LINEAR = ("tet4", "hex8")
 def without_rigid_stiffness(
     element: Superelement, points: FloatArray, held: HeldPoints, *, scale: float
 ) -> FloatArray:
-    """The stiffness ``(n, n)`` of a superelement with its free rigid motions exactly in its null
-    space.
+    """Return the stiffness ``(n, n)`` of a superelement with its free rigid motions exactly in its
+    null space.
 
     A rounding error of 1e-16 of the largest nodal stiffness would otherwise look like a very soft
     spring, which hides mechanisms; with a single boundary node nothing but rounding is left.
@@ -71,8 +71,8 @@ def without_rigid_stiffness(
 
 
 def _free_combinations(points: FloatArray, held: HeldPoints, length: float) -> FloatArray:
-    """Combinations ``(6, k)`` of the rigid motions about the mean point that supports do not
-    prevent.
+    """Return the combinations ``(6, k)`` of the rigid motions about the mean point that supports do
+    not prevent.
     """
     middle = points.mean(axis=0)
     prevented = np.vstack([rigid_map(points, middle)[held.dofs], held.turned_motions(middle)])
@@ -86,7 +86,7 @@ def _free_combinations(points: FloatArray, held: HeldPoints, length: float) -> F
 
 
 def judge_element_order(component: Component, mesh: ComponentMesh) -> tuple[str, ...]:
-    """What is to be said of the order of a mesh's elements; nothing of second-order ones.
+    """Return remarks on the order of a mesh's elements; nothing of second-order ones.
 
     Raises:
         ModelError: First-order elements are drawn out, or the part is thin, and the scene does not
@@ -117,7 +117,7 @@ def judge_element_order(component: Component, mesh: ComponentMesh) -> tuple[str,
 
 
 def _aspect_ratios(mesh: ComponentMesh) -> FloatArray:
-    """Longest over shortest edge of each cell ``(n_cells,)``."""
+    """Return the longest over shortest edge of each cell ``(n_cells,)``."""
     pairs = np.array(EDGES[cell_family(mesh.kind)])
     lengths = np.linalg.norm(
         mesh.points[mesh.cells[:, pairs[:, 1]]] - mesh.points[mesh.cells[:, pairs[:, 0]]], axis=2

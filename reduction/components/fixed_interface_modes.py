@@ -60,7 +60,7 @@ def find_fixed_interface_modes(
     *,
     eigensolver: Eigensolver = DEFAULT_EIGENSOLVER,
 ) -> FixedInterfaceModes:
-    """Fixed-interface modes, complete up to a target and never cut through a cluster.
+    """Find the fixed-interface modes, complete up to a target and never cut through a cluster.
 
     Args:
         solver: Solver of the component with its interfaces fixed; its factorisation is reused.
@@ -132,14 +132,14 @@ def _block_width(target: ModeTarget) -> int:
 
 
 def _start_block(solver: ConstrainedSolver, width: int) -> FloatArray:
-    """The same pseudo-random block for any number of ranks."""
+    """Return the same pseudo-random block for any number of ranks."""
     table = draw_numbers(solver.operators.nodes, 3 * width, seed=START_SEED)
     return np.where(solver.fixed[:, None], 0.0, table.reshape(-1, width))
 
 
 def draw_numbers(nodes: IntArray, count: int, *, seed: int) -> FloatArray:
-    """Pseudo-random numbers ``(n, count)`` between -1 and 1 that belong to the nodes: each rank
-    draws those of its own.
+    """Return the pseudo-random numbers ``(n, count)`` between -1 and 1 that belong to the nodes:
+    each rank draws those of its own.
 
     Args:
         nodes: ``(n,)`` mesh points.
@@ -159,7 +159,7 @@ def draw_numbers(nodes: IntArray, count: int, *, seed: int) -> FloatArray:
 
 
 def _dense_modes(solver: ConstrainedSolver, target: ModeTarget) -> EigenPairs:
-    """All modes of a small model by dense algebra on every rank alike."""
+    """Return all modes of a small model by dense algebra on every rank alike."""
     comm, operators = solver.comm, solver.operators
     free = np.flatnonzero(~solver.fixed)
     total = solver.free_total
@@ -216,8 +216,8 @@ class _Improved(NamedTuple):
 
 
 def _improve(solver: ConstrainedSolver, values: FloatArray, shapes: FloatArray) -> _Improved:
-    """Rayleigh-Ritz on the shapes with K and M themselves: frequencies become upper bounds, and the
-    search is checked by it.
+    """Apply Rayleigh-Ritz to the shapes with K and M themselves: frequencies become upper bounds,
+    and the search is checked by it.
 
     The search works with the inverse, which rounding of K changes by as much as ``energy_roundoff``
     says, or as the pins of a free body make of it; its shapes are off by the same share and the
@@ -262,7 +262,7 @@ def require_resolved(values: FloatArray, improved: FloatArray, roundoff: FloatAr
 
 
 def _fix_signs(solver: ConstrainedSolver, shapes: FloatArray) -> FloatArray:
-    """Signs that do not depend on the number of ranks."""
+    """Return the shapes with signs that do not depend on the number of ranks."""
     weights = draw_numbers(solver.operators.nodes, 3, seed=SIGN_SEED).reshape(1, -1)
     signs = np.sign(sum_over_ranks(solver.comm, weights @ shapes))
     return np.asarray(shapes * np.where(signs == 0.0, 1.0, signs))
@@ -271,7 +271,7 @@ def _fix_signs(solver: ConstrainedSolver, shapes: FloatArray) -> FloatArray:
 def measure_truncation(
     solver: ConstrainedSolver, psi: FloatArray, modes: FixedInterfaceModes
 ) -> Truncation:
-    """Moments of the modes left out, by one solve per boundary dof.
+    """Return the moments of the modes left out, by one solve per boundary dof.
 
     ``X = K^-1 W``, with ``W`` the part of ``M psi`` that does no work on the fixed-interface modes
     kept, has the energies ``X^T K X = X^T W = sum p_k p_k^T / omega_k^2`` and ``X^T M X = sum p_k

@@ -34,12 +34,14 @@ class MeshPatch:
     facet_count: int
 
     def rigid_displacements(self) -> FloatArray:
-        """``(3 n, 6)`` displacements of the nodes under rigid motions about the centroid."""
+        """Return the displacements ``(3 n, 6)`` of the nodes under rigid motions about the
+        centroid.
+        """
         return rigid_map(self.points, self.centroid)
 
     def average_operator(self) -> FloatArray:
-        """``(3 n, 6)`` matrix C whose ``C^T u`` is the weighted least-squares rigid motion of the
-        patch about its centroid.
+        """Return the matrix C ``(3 n, 6)`` whose ``C^T u`` is the weighted least-squares rigid
+        motion of the patch about its centroid.
 
         Source: Kaufmann, Buxbaum and Lichtblau (2019) on RBE3; weights are areas, so ``C q`` is a
         linear traction.
@@ -56,8 +58,8 @@ class MeshPatch:
         return np.asarray(weighted @ (scale[:, None] * inverse * scale))
 
     def undetermined_rotations(self) -> FloatArray:
-        """``(k, 3)`` rotation axes about which the patch's own nodes do not move: none for an area,
-        one for a line, three for a point.
+        """Return the rotation axes ``(k, 3)`` about which the patch's own nodes do not move: none
+        for an area, one for a line, three for a point.
         """
         arms = self.points - self.centroid
         moments = arms.T @ arms
@@ -113,8 +115,8 @@ def measure_patch(mesh: ComponentMesh, name: str) -> MeshPatch:
 
 
 def nodal_normals(mesh: ComponentMesh, name: str) -> tuple[IntArray, FloatArray]:
-    """Sorted mesh points ``(n,)`` of a patch group and its outward unit normals ``(n, 3)`` at them,
-    those of facets that meet averaged.
+    """Return the sorted mesh points ``(n,)`` of a patch group and its outward unit normals
+    ``(n, 3)`` at them, those of facets that meet averaged.
     """
     facets = mesh.patches[name]
     nodes, local = np.unique(facets, return_inverse=True)
@@ -128,8 +130,8 @@ def nodal_normals(mesh: ComponentMesh, name: str) -> tuple[IntArray, FloatArray]
 
 
 def _facet_rule(size: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Shape functions ``(q, n)``, their gradients ``(q, n, 2)`` and weights ``(q,)`` for a facet in
-    gmsh node order.
+    """Return the shape functions ``(q, n)``, their gradients ``(q, n, 2)`` and weights ``(q,)`` for
+    a facet in gmsh node order.
     """
     weights: FloatArray
     if size in (3, 6):
@@ -148,7 +150,9 @@ def _facet_rule(size: int) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def _triangle_rule() -> tuple[FloatArray, FloatArray]:
-    """Conical product of Gauss rules on the unit triangle, exact to degree 6 (Stroud 1971)."""
+    """Return the conical product of Gauss rules on the unit triangle, exact to degree 6 (Stroud
+    1971).
+    """
     line, weights = np.polynomial.legendre.leggauss(5)
     u, w = 0.5 * (line + 1.0), 0.5 * weights
     points = np.array([[a, (1.0 - a) * b] for a in u for b in u])

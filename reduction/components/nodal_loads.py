@@ -25,7 +25,7 @@ def assemble_loads(
     *,
     gravity: bool,
 ) -> dict[str, FloatArray]:
-    """Nodal forces ``(3 n_owned,)`` of each load.
+    """Return the nodal forces ``(3 n_owned,)`` of each load.
 
     Pressures come as ``NAME`` at their full magnitude. Tractions, body loads and gravity come as
     ``NAME:x``, ``NAME:y``, ``NAME:z``: one unit (1 Pa, 1 m/s^2) along each axis of the component,
@@ -74,7 +74,7 @@ def _unit_accelerations(name: str, operators: ElasticOperators) -> dict[str, Flo
 
 
 def scatter_rows(values: FloatArray, nodes: IntArray, operators: ElasticOperators) -> FloatArray:
-    """Values ``(n_owned, ...)`` of this rank's nodes, zero where none are given.
+    """Return the values ``(n_owned, ...)`` of this rank's nodes, zero where none are given.
 
     Args:
         values: ``(n, ...)`` by node.
@@ -89,7 +89,7 @@ def scatter_rows(values: FloatArray, nodes: IntArray, operators: ElasticOperator
 def make_of_mesh[T](
     comm: MPI.Comm, mesh: ComponentMesh | None, make: Callable[[ComponentMesh], T]
 ) -> T:
-    """What ``make`` makes of the mesh that rank 0 holds, on every rank; collective.
+    """Return what ``make`` makes of the mesh that rank 0 holds, on every rank; collective.
 
     Raises:
         SharedFailure: It failed, on every rank of several; a single rank gets the error itself.

@@ -108,7 +108,8 @@ def reduce_polynomial(
     *,
     request: ReductionRequest,
 ) -> Superelement:
-    """A component of one section as polynomials (Rayleigh-Ritz), with its error by lower degrees.
+    """Reduce a component of one section to polynomials (Rayleigh-Ritz), with its error by lower
+    degrees.
 
     Stiffness and mass are integrated in closed form. Means over averaging interfaces and rails are
     those of finite elements; on a rigid interface the motion is rigid as far as polynomials of
@@ -207,8 +208,8 @@ def _refusal(component: Component, why: str) -> ModelError:
 
 
 def choose_degrees(component: Component, bar: PrismaticBar) -> tuple[list[int], int]:
-    """Degrees along both sides of the section and along the bar: as fine in space along long sides as
-    pays, and finer than the control points of rails.
+    """Return the degrees along both sides of the section and along the bar: as fine in space along
+    long sides as pays, and finer than the control points of rails.
     """
     sides = _sides(component, bar)
     degrees = [
@@ -270,7 +271,9 @@ def _measure_area(
 def _lay_out_dofs(
     component: Component, areas: dict[str, MeshPatch], properties: SolidProperties
 ) -> tuple[tuple[Frame, ...], dict[str, InterfaceMap], list[RailFit]]:
-    """Boundary nodes and interfaces, one each, or one for the whole body where there are none; rails."""
+    """Return the boundary nodes and interfaces, one each, or one for the whole body where there are
+    none; rails.
+    """
     fixed = {name: item for name, item in component.interfaces.items() if item.rail is None}
     rails = [
         fit_rail(component.name, item, areas[name])
@@ -330,8 +333,8 @@ def _prescribe(
 def _follow_rigidly(
     space: PolynomialSpace, area: MeshPatch, first: int
 ) -> tuple[FloatArray, int, FloatArray]:
-    """Rows ``(3 m, 3 n)`` of what polynomials can tell apart on a patch, where its first dof is, and
-    what a rigid motion makes of them ``(3 m, 6)``.
+    """Return the rows ``(3 m, 3 n)`` of what polynomials can tell apart on a patch, where its first
+    dof is, and what a rigid motion makes of them ``(3 m, 6)``.
     """
     weights = np.sqrt(area.weights.diagonal())
     left, sizes, right = np.linalg.svd(
@@ -345,7 +348,7 @@ def _follow_rigidly(
 
 
 def _mean_motion(space: PolynomialSpace, frame: Frame) -> FloatArray:
-    """Rows ``(6, 3 n)``: the rigid motion that fits the whole body best."""
+    """Return the rows ``(6, 3 n)``: the rigid motion that fits the whole body best."""
     rigid = space.rigid_motion(frame.origin)
     return np.asarray(np.linalg.solve(rigid.T @ rigid, rigid.T))
 
@@ -353,7 +356,7 @@ def _mean_motion(space: PolynomialSpace, frame: Frame) -> FloatArray:
 def _rigid_dofs(
     center: FloatArray, frames: Sequence[Frame], rails: Sequence[RailFit]
 ) -> FloatArray:
-    """Boundary dofs ``(n_b, 6)`` in the rigid motions about a point."""
+    """Return the boundary dofs ``(n_b, 6)`` in the rigid motions about a point."""
     nodes = [rigid_transfer(center, frame.origin) for frame in frames]
     return np.vstack(
         nodes
@@ -392,7 +395,7 @@ def _condense(
 
 
 def _find_modes(whole: _Condensed, density: float, target: ModeTarget | None) -> _Modes:
-    """Modes with the boundary at rest; none without a target."""
+    """Find the modes with the boundary at rest; none without a target."""
     if target is None:
         return _Modes(np.zeros(0), np.zeros((len(whole.free), 0)), 0.0, np.inf)
     total, asked = len(whole.inner), FIRST_SEARCH
@@ -413,7 +416,9 @@ def _find_modes(whole: _Condensed, density: float, target: ModeTarget | None) ->
 def _missing_energy(
     whole: _Condensed, rough: _Condensed, modes: _Modes, density: float
 ) -> FloatArray:
-    """What polynomials of fewer degrees are too stiff by ``(n, n)``: about what these are."""
+    """Return what polynomials of fewer degrees are too stiff by ``(n, n)``: about what these
+    are.
+    """
     boundary = rough.stiffness - whole.stiffness
     values, vectors = np.linalg.eigh(0.5 * (boundary + boundary.T))
     boundary = vectors * np.maximum(values, 0.0) @ vectors.T
@@ -426,7 +431,7 @@ def _missing_energy(
 
 
 def _measure_truncation(whole: _Condensed, modes: _Modes, density: float) -> Truncation:
-    """Moments of the modes left out, see ``fixed_interface_modes.measure_truncation``."""
+    """Return the moments of the modes left out, see ``fixed_interface_modes.measure_truncation``."""
     own, kept = whole.free.T @ whole.psi, math.sqrt(density) * whole.free.T @ modes.shapes
     for _ in range(2):
         own = own - kept @ (kept.T @ own)
@@ -443,7 +448,7 @@ def _list_forces(
     request: ReductionRequest,
     density: float,
 ) -> dict[str, FloatArray]:
-    """Forces ``(3 n,)`` on the polynomials per unit of each load and axis."""
+    """Return the forces ``(3 n,)`` on the polynomials per unit of each load and axis."""
     found: dict[str, FloatArray] = {}
     uniform = density * space.rigid_motion(bar.center)[:, :3]
     if request.gravity:
@@ -470,7 +475,7 @@ def _reduce_load(
     force: FloatArray,
     points: FloatArray,
 ) -> StaticLoad:
-    """A force on the reduced dofs, and what remains of its displacement with those at zero."""
+    """Return a force on the reduced dofs, and what remains of its displacement with those at zero."""
     modal = modes.shapes.T @ force
     rest = whole.free @ scipy.linalg.cho_solve(whole.factor, whole.free.T @ force)
     rest -= modes.shapes @ (modal / modes.squares)

@@ -47,7 +47,7 @@ class PolynomialSpace:
         return self.mix.shape[1] * (self.along + 1)
 
     def values(self, points: FloatArray) -> FloatArray:
-        """Functions ``(k, n)`` at points ``(k, 3)`` of the component."""
+        """Return the functions ``(k, n)`` at points ``(k, 3)`` of the component."""
         local = points - self.bar.center
         across = local[:, list(in_plane_axes(self.bar.axis))]
         section = _products(across, self.half, self.degrees, None) @ self.mix
@@ -55,21 +55,25 @@ class PolynomialSpace:
         return np.asarray(np.einsum("ki,kj->kij", section, along).reshape(len(points), -1))
 
     def move(self, points: FloatArray, dofs: FloatArray) -> FloatArray:
-        """Displacements ``(3 k, c)`` of points ``(k, 3)`` under dofs ``(3 n, c)``."""
+        """Return the displacements ``(3 k, c)`` of points ``(k, 3)`` under dofs ``(3 n, c)``."""
         return _apply(self.values(points), dofs)
 
     def pull(self, points: FloatArray, forces: FloatArray) -> FloatArray:
-        """Forces ``(3 n, c)`` on the dofs by those on points ``(k, 3)``, ``(3 k, c)``."""
+        """Return the forces ``(3 n, c)`` on the dofs by those on points ``(k, 3)``,
+        ``(3 k, c)``.
+        """
         return _apply(self.values(points).T, forces)
 
     def rigid_motion(self, origin: FloatArray) -> FloatArray:
-        """Dofs ``(3 n, 6)`` of the rigid motions about a point."""
+        """Return the dofs ``(3 n, 6)`` of the rigid motions about a point."""
         motion = np.repeat(self.weights, 3)[:, None] * rigid_map(self.points, origin)
         return self.pull(self.points, motion)
 
 
 def _apply(functions: FloatArray, columns: FloatArray) -> FloatArray:
-    """``(3 a, c)`` of functions ``(a, b)`` that take each axis alike, and columns ``(3 b, c)``."""
+    """Return the product ``(3 a, c)`` of functions ``(a, b)`` that take each axis alike, and
+    columns ``(3 b, c)``.
+    """
     return np.asarray(functions @ columns.reshape(functions.shape[1], -1)).reshape(
         3 * len(functions), -1
     )
@@ -84,7 +88,7 @@ def build_space(
     across: Sequence[int],
     along: int,
 ) -> PolynomialSpace:
-    """Polynomials up to some degrees over a bar.
+    """Return the polynomials up to some degrees over a bar.
 
     Args:
         bar: Its axis, ends and centre.
@@ -148,8 +152,8 @@ def build_space(
 def _section_rule(
     solid: Tube | None, half: FloatArray, count: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Places ``(q, 2)`` from the middle of a section [m] and weights ``(q,)`` [m^2], exact for
-    products of two functions of fewer degrees than the count.
+    """Return the places ``(q, 2)`` from the middle of a section [m] and weights ``(q,)`` [m^2],
+    exact for products of two functions of fewer degrees than the count.
     """
     nodes, weights = np.polynomial.legendre.leggauss(count)
     if solid is None:
@@ -168,8 +172,8 @@ def _section_rule(
 def _products(
     places: FloatArray, half: FloatArray, degrees: FloatArray, slope: int | None
 ) -> FloatArray:
-    """Legendre products ``(k, t)`` over a rectangle at places ``(k, 2)``, or their derivatives along
-    one side.
+    """Return the Legendre products ``(k, t)`` over a rectangle at places ``(k, 2)``, or their
+    derivatives along one side.
     """
     first, second = (
         _legendre(places[:, side], half[side], int(degrees[:, side].max()), side == slope)
@@ -179,8 +183,8 @@ def _products(
 
 
 def _legendre(places: FloatArray, half: float, degree: int, slope: bool) -> FloatArray:
-    """Legendre polynomials ``(k, degree + 1)`` of square integral one over ``-half .. half``, or
-    their slopes.
+    """Return the Legendre polynomials ``(k, degree + 1)`` of square integral one over
+    ``-half .. half``, or their slopes.
     """
     norms = np.sqrt((np.arange(degree + 1) + 0.5) / half)
     if not slope:

@@ -61,7 +61,7 @@ def find_probe_places(
     supports: Sequence[Support],
     probes: Sequence[Probe],
 ) -> dict[str, ProbePlace]:
-    """Where the probes of a component are in its mesh.
+    """Find where the probes of a component are in its mesh.
 
     Raises:
         ModelError: A probe lies outside the mesh.
@@ -88,8 +88,8 @@ def find_probe_places(
 def find_singular_edges(
     component: Component, mesh: ComponentMesh, supports: Sequence[Support]
 ) -> dict[str, IntArray]:
-    """Mesh points at which stresses are singular, by what makes them so: rims of rigid interfaces
-    and of supports, and re-entrant edges.
+    """Find the mesh points at which stresses are singular, by what makes them so: rims of rigid
+    interfaces and of supports, and re-entrant edges.
 
     A support that holds a flat face along its normal alone is a plane of symmetry for the faces
     next to it, where they are square to it.
@@ -121,7 +121,9 @@ def find_singular_edges(
 
 
 def _slides(support: Support, normals: FloatArray) -> bool:
-    """Whether a support fixes nothing but the motion along the normals ``(n, 3)`` of a flat face."""
+    """Return whether a support fixes nothing but the motion along the normals ``(n, 3)`` of a flat
+    face.
+    """
     if np.abs(normals - normals[0]).max(initial=0.0) > 1e-6:
         return all(direction == NORMAL for direction in support.directions)
     units = [
@@ -135,7 +137,9 @@ def _slides(support: Support, normals: FloatArray) -> bool:
 
 
 def _reentrant_nodes(mesh: ComponentMesh, surface: MeshSurface, normals: FloatArray) -> IntArray:
-    """Corner points of edges at which the surface turns inwards by more than 45 degrees."""
+    """Return the corner points of edges at which the surface turns inwards by more than 45
+    degrees.
+    """
     corners = surface.facets[:, : surface.corners]
     ends = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2)
     keys = np.sort(ends.reshape(-1, 2), axis=1)
@@ -178,7 +182,7 @@ def watch_dofs(
     eigenvalues: FloatArray,
     particular: FloatArray,
 ) -> WatchedDofs:
-    """What probes see, by the responses to unit loads that do the work of what they see.
+    """Return what probes see, by the responses to unit loads that do the work of what they see.
 
     With ``z`` the response to such a load ``l`` with interfaces fixed, less its share along the modes
     kept, the modes left out add ``omega^2 z^T M psi q_b`` at rest to what is seen: one solve per
@@ -209,7 +213,7 @@ def watch_dofs(
 
 
 def _spread(rows: PointRows, operators: ElasticOperators) -> FloatArray:
-    """Rows over the nodes of this rank ``(3 n_owned, 9)``."""
+    """Return the rows over the nodes of this rank ``(3 n_owned, 9)``."""
     by_node = rows.rows.reshape(SEEN, len(rows.nodes), 3).transpose(1, 2, 0)
     return scatter_rows(by_node, rows.nodes, operators).reshape(-1, SEEN)
 
@@ -217,8 +221,8 @@ def _spread(rows: PointRows, operators: ElasticOperators) -> FloatArray:
 def read_smoothing(
     mesh: ComponentMesh, material: Material, places: Mapping[str, ProbePlace], fields: FloatArray
 ) -> dict[str, FloatArray]:
-    """What recovery changes in the stresses of displacement fields ``(s, 6, k)`` at each probe and at
-    the nodes of its cells, which count as one together.
+    """Return what recovery changes in the stresses of displacement fields ``(s, 6, k)`` at each
+    probe and at the nodes of its cells, which count as one together.
 
     The change at the probe alone is sometimes small by chance: that of its cells stands beside it.
 
@@ -252,7 +256,7 @@ def gather_probes(
     smoothing: Mapping[str, FloatArray] | None,
     missing: FloatArray | None,
 ) -> dict[str, ProbeRows]:
-    """The probes of a superelement of ``n`` dofs and ``k`` loads.
+    """Return the probes of a superelement of ``n`` dofs and ``k`` loads.
 
     Args:
         watched: What they see.

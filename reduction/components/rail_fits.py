@@ -65,8 +65,8 @@ class RailFit:
 def fit_rail(
     component: str, interface: Interface, patch: MeshPatch, *, order: int = 2, own_mesh: bool = True
 ) -> RailFit:
-    """Least-squares fit of the motion of a strip by a spline of frames, ``integral |u - A d|^2 dA
-    -> min``.
+    """Return the least-squares fit of the motion of a strip by a spline of frames,
+    ``integral |u - A d|^2 dA -> min``.
 
     A section of the strip moves and turns about the rail as the spline says. It may also turn about
     the two axes across the rail; that part is fitted too, so that no rigid motion is left over, but
@@ -112,7 +112,7 @@ def fit_rail(
 
 
 def free_rails(fits: Sequence[RailFit], first: int, size: int) -> dict[str, Rail]:
-    """Rails whose control values are dofs of their own."""
+    """Return the rails whose control values are dofs of their own."""
     rails = {}
     for fit in fits:
         count = CONTROL_POINT_DOFS * len(fit.points)
@@ -126,8 +126,8 @@ def free_rails(fits: Sequence[RailFit], first: int, size: int) -> dict[str, Rail
 
 
 def _section_fields(patch: MeshPatch, axis: int, center: FloatArray) -> FloatArray:
-    """Displacement of the nodes ``(n, 3, f)`` under the motions of a section: x y z, about the
-    rail, and about the axes across it.
+    """Return the displacement of the nodes ``(n, 3, f)`` under the motions of a section: x y z,
+    about the rail, and about the axes across it.
     """
     along = np.eye(3)[axis]
     arms = patch.points - center
@@ -145,14 +145,14 @@ def _section_fields(patch: MeshPatch, axis: int, center: FloatArray) -> FloatArr
 
 
 def _covered(patch: MeshPatch, axis: int) -> Spans:
-    """What elements cover along an axis [m]."""
+    """Return what elements cover along an axis [m]."""
     pairs, place = patch.weights.tocoo(), patch.points[:, axis]
     ends = np.sort(np.stack([place[pairs.row], place[pairs.col]], axis=1), axis=1)
     return merge_spans([(low, high) for low, high in ends if high > low])
 
 
 def _condition(gram: FloatArray) -> float:
-    """Condition of the fit, dofs scaled alike; inf where it is singular."""
+    """Return the condition of the fit, dofs scaled alike; inf where it is singular."""
     diagonal = gram.diagonal()
     if not (diagonal > 0.0).all():
         return math.inf
@@ -162,7 +162,7 @@ def _condition(gram: FloatArray) -> float:
 
 
 def merge_spans(spans: Sequence[Sequence[float]]) -> Spans:
-    """Spans that touch or overlap as one, in rising order."""
+    """Return the spans that touch or overlap as one, in rising order."""
     found: list[tuple[float, float]] = []
     for low, high in sorted((float(low), float(high)) for low, high in spans):
         if found and low <= found[-1][1] + THIN * abs(high):
@@ -173,7 +173,7 @@ def merge_spans(spans: Sequence[Sequence[float]]) -> Spans:
 
 
 def line_condition(lines: Sequence[FloatArray], control_points: int, order: int) -> float:
-    """Condition of the fit to rows of elements straight across the rail.
+    """Return the condition of the fit to rows of elements straight across the rail.
 
     Elements, shape functions and splines are products then, and so is the fit: of the condition
     this is the factor along the rail.
@@ -195,8 +195,8 @@ def line_condition(lines: Sequence[FloatArray], control_points: int, order: int)
 
 @functools.cache
 def longest_elements(pieces: Spans, control_points: int, order: int) -> float | None:
-    """Longest elements that tell the control points of a rail apart for sure [m]; None where no mesh
-    does, because the rail has gaps.
+    """Return the longest elements that tell the control points of a rail apart for sure [m]; None
+    where no mesh does, because the rail has gaps.
 
     Args:
         pieces: Where the rail is along its axis [m].
@@ -216,7 +216,7 @@ def longest_elements(pieces: Spans, control_points: int, order: int) -> float | 
 def describe_coarse_rail(
     interface: Interface, pieces: Spans, *, order: int, own_mesh: bool = True
 ) -> str:
-    """Why a mesh does not tell the control points of a rail apart, and what to write.
+    """Return why a mesh does not tell the control points of a rail apart, and what to write.
 
     Args:
         pieces: Where it is along its axis [m].

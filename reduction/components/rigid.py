@@ -23,7 +23,7 @@ from headstock.solvers.errors import ModelError
 def reduce_rigid(
     component: Component, properties: SolidProperties, loads: Sequence[Load] = ()
 ) -> Superelement:
-    """A rigid body with one boundary node at its centre of mass.
+    """Return the superelement of a rigid body with one boundary node at its centre of mass.
 
     Args:
         component: Its ``mass`` scales mass and inertia when given.
@@ -74,8 +74,8 @@ def reduce_rigid(
 
 
 def _unfelt_rotations(component: Component, inertia: FloatArray) -> FloatArray:
-    """Rows ``(m, 6)`` of the rotations that a point mass without inertia does not feel: fixed unless
-    a joint acts on them.
+    """Return the rows ``(m, 6)`` of the rotations that a point mass without inertia does not feel:
+    fixed unless a joint acts on them.
     """
     if not isinstance(component.solid, PointMass):
         return np.zeros((0, 6))
@@ -85,7 +85,7 @@ def _unfelt_rotations(component: Component, inertia: FloatArray) -> FloatArray:
 def _rigid_rails(
     component: Component, properties: SolidProperties, origin: FloatArray
 ) -> dict[str, Rail]:
-    """Rails that move rigidly with the body: exact for any carriage."""
+    """Return the rails that move rigidly with the body: exact for any carriage."""
     rails = {}
     for name, interface in component.interfaces.items():
         if interface.rail is not None:
@@ -99,7 +99,7 @@ def _rigid_rails(
 
 
 def _density(component: Component, properties: SolidProperties) -> float:
-    """Density that gives the wanted mass [kg/m^3]."""
+    """Return the density that gives the wanted mass [kg/m^3]."""
     if not (
         np.isfinite(properties.volume)
         and properties.volume > 0.0
@@ -121,8 +121,8 @@ def _density(component: Component, properties: SolidProperties) -> float:
 def _unit_loads(
     load: Load, component: Component, properties: SolidProperties, mass_kg: float
 ) -> dict[str, StaticLoad]:
-    """Resultants at the centre of mass of one unit of a load along each axis of the component, as
-    elastic components have them.
+    """Return the resultants at the centre of mass of one unit of a load along each axis of the
+    component, as elastic components have them.
     """
     group = f"load:{load.name}"
     if load.kind == "force":

@@ -10,8 +10,8 @@ ROUND_SHARE = 0.5
 
 
 def polynomial_limit(solid: Solid, material: Material) -> float:
-    """Frequency [Hz] up to which polynomials of low degrees across a section lack none of its modes:
-    a share of that at which a tube ovalizes; inf for other solids.
+    """Return the frequency [Hz] up to which polynomials of low degrees across a section lack none
+    of its modes: a share of that at which a tube ovalizes; inf for other solids.
 
     Source: Hoppe (1871) for the ring; Blevins (1979), Formulas for Natural Frequency and Mode Shape.
     """

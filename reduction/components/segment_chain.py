@@ -22,7 +22,8 @@ Span = tuple[float, float]
 def _spring_stiffness(
     bar: PrismaticBar, material: Material, first: FloatArray, second: FloatArray
 ) -> FloatArray:
-    """Stiffness ``(12, 12)`` of a piece of a bar between two places on its axis [N/m, N, N m].
+    """Return the stiffness ``(12, 12)`` of a piece of a bar between two places on its axis [N/m, N,
+    N m].
 
     Exact for loads at its ends: extension, Saint-Venant torsion and bending with shear in both
     directions.
@@ -40,8 +41,8 @@ def _spring_stiffness(
 
 
 def _end_flexibility(bar: PrismaticBar, material: Material, length: float) -> FloatArray:
-    """Motion ``(6, 6)`` of the upper end of a piece per unit load there, its lower end fixed [m/N,
-    rad/N, rad/(N m)].
+    """Return the motion ``(6, 6)`` of the upper end of a piece per unit load there, its lower end
+    fixed [m/N, rad/N, rad/(N m)].
     """
     modulus = material.youngs_modulus
     shear = modulus / (2.0 * (1.0 + material.poisson_ratio))
@@ -65,7 +66,7 @@ def _end_flexibility(bar: PrismaticBar, material: Material, length: float) -> Fl
 
 
 def segment_mass(bar: PrismaticBar, density: float, length: float) -> FloatArray:
-    """Mass matrix ``(6, 6)`` of a rigid segment about its centre [kg, kg m^2].
+    """Return the mass matrix ``(6, 6)`` of a rigid segment about its centre [kg, kg m^2].
 
     Args:
         density: [kg/m^3].
@@ -159,7 +160,7 @@ def lay_out_chain(
 
 
 def join_spans(spans: Sequence[Span], slack: float) -> list[Span]:
-    """Ascending spans apart from each other that cover the same places."""
+    """Return the ascending spans apart from each other that cover the same places."""
     joined: list[Span] = []
     for low, high in sorted(spans):
         if joined and low <= joined[-1][1] + slack:
@@ -170,7 +171,7 @@ def join_spans(spans: Sequence[Span], slack: float) -> list[Span]:
 
 
 def node_at(chain: SegmentChain, place: float) -> SegmentNode:
-    """The node nearest to a place along the bar."""
+    """Return the node nearest to a place along the bar."""
     return min(
         chain.nodes_along,
         key=lambda segment_node: max(segment_node.low - place, place - segment_node.high),
@@ -178,7 +179,7 @@ def node_at(chain: SegmentChain, place: float) -> SegmentNode:
 
 
 def chain_stiffness(chain: SegmentChain) -> FloatArray:
-    """Stiffness ``(6 n, 6 n)`` of the springs between neighbouring nodes."""
+    """Return the stiffness ``(6 n, 6 n)`` of the springs between neighbouring nodes."""
     size = 6 * len(chain.places)
     stiffness = np.zeros((size, size))
     for first, second in itertools.pairwise(chain.nodes_along):
@@ -198,8 +199,8 @@ def chain_stiffness(chain: SegmentChain) -> FloatArray:
 
 
 def section_motion(chain: SegmentChain, place: float) -> FloatArray:
-    """Motion ``(6, 6 n)`` of the section at a place along the bar, at its centre, per unit node
-    dof.
+    """Return the motion ``(6, 6 n)`` of the section at a place along the bar, at its centre, per
+    unit node dof.
 
     Between nodes it is that of the beam loaded at its ends, before the first and after the last
     one it is rigid.

@@ -109,8 +109,8 @@ def attach_interfaces(
 
 
 def surface_motion(chain: SegmentChain, points: FloatArray) -> FloatArray:
-    """Displacement ``(3 k, 6 n)`` of points ``(k, 3)`` of the bar per unit dof of the chain's
-    nodes; sections stay plane.
+    """Return the displacement ``(3 k, 6 n)`` of points ``(k, 3)`` of the bar per unit dof of the
+    chain's nodes; sections stay plane.
     """
     along = points[:, chain.bar.axis]
     motion = np.zeros((len(points), 3, 6 * len(chain.places)))
@@ -127,7 +127,7 @@ def surface_motion(chain: SegmentChain, points: FloatArray) -> FloatArray:
 def _sample_surface(
     chain: SegmentChain, solid: PlanarSolid | Tube, patches: Sequence[Patch]
 ) -> PatchSamples:
-    """Points on patches for area integrals of the bar's motion."""
+    """Return the points on patches for area integrals of the bar's motion."""
     breaks = sorted(
         {
             place
@@ -141,7 +141,8 @@ def _sample_surface(
 def traction_load(
     chain: SegmentChain, solid: PlanarSolid | Tube, patches: Sequence[Patch]
 ) -> FloatArray:
-    """Nodal loads ``(6 n, 3)`` of a traction of one along x, y and z over patches [m^2, m^3].
+    """Return the nodal loads ``(6 n, 3)`` of a traction of one along x, y and z over patches [m^2,
+    m^3].
 
     Args:
         chain: The segmented bar with ``n`` nodes.
@@ -166,7 +167,7 @@ def _section_name(bar: PrismaticBar, spans: Sequence[Span]) -> str:
 
 
 def _tie_rows(chain: SegmentChain, *, segment: int, node: int) -> FloatArray:
-    """Rows ``(6, 6 n)``: one node less another carried to it."""
+    """Return the rows ``(6, 6 n)``: one node less another carried to it."""
     rows = np.zeros((6, 6 * len(chain.places)))
     rows[:, 6 * node : 6 * node + 6] = -rigid_transfer(chain.places[node], chain.places[segment])
     rows[:, 6 * segment : 6 * segment + 6] = np.eye(6)
@@ -176,8 +177,8 @@ def _tie_rows(chain: SegmentChain, *, segment: int, node: int) -> FloatArray:
 def _mean_rows(
     chain: SegmentChain, solid: PlanarSolid | Tube, interface: Interface, frame: Frame
 ) -> FloatArray:
-    """Rows ``(6, 6 n)``: less the rigid motion about the frame that fits the surface of an
-    interface best.
+    """Return the rows ``(6, 6 n)``: less the rigid motion about the frame that fits the surface of
+    an interface best.
 
     Source: as for elastic components, Kaufmann, Buxbaum and Lichtblau (2019): weights are areas.
     """
@@ -201,8 +202,8 @@ def _mean_rows(
 
 
 def _join_rows(rows: Sequence[FloatArray], chained: int, means: int) -> FloatArray:
-    """All rows over all nodes; the last ones, six per averaging interface, get that interface's own
-    motion.
+    """Return all rows over all nodes; the last ones, six per averaging interface, get that
+    interface's own motion.
     """
     result = np.zeros((6 * len(rows), 6 * (chained + means)))
     if rows:

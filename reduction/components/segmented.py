@@ -42,7 +42,7 @@ FEWEST_SLICES = 16
 def reduce_segmented(
     component: Component, properties: SolidProperties, loads: Sequence[Load] = ()
 ) -> Superelement:
-    """A component as a row of rigid segments with six dofs each.
+    """Reduce a component to a row of rigid segments with six dofs each.
 
     Neighbours are coupled by the exact stiffness of the beam between their centres, an interface on
     an end face by that of half a segment. Under a rigid interface the bar is rigid from edge to
@@ -114,8 +114,8 @@ def reduce_segmented(
 
 
 def segment_skin(component: Component) -> Skin:
-    """The surface of a segmented component, cut across so that it can bend; its points are those of
-    the recovery basis.
+    """Return the surface of a segmented component, cut across so that it can bend; its points are
+    those of the recovery basis.
 
     Raises:
         ValueError: The solid is no bar of one section.
@@ -131,8 +131,8 @@ def segment_skin(component: Component) -> Skin:
 
 
 def _fit_rail(row: SegmentedBar, rail: Rail, name: str) -> Rail:
-    """A rail along the bar: a cubic spline through the motion of the beam at the segments' centres
-    and borders.
+    """Return a rail along the bar: a cubic spline through the motion of the beam at the segments'
+    centres and borders.
     """
     bar = row.chain.bar
     if rail.axis != bar.axis:
@@ -163,15 +163,15 @@ def _row_mass(row: SegmentedBar, density: float) -> FloatArray:
 
 
 def _over_all_nodes(row: SegmentedBar, values: FloatArray) -> FloatArray:
-    """Rows for the chain's dofs, and zero rows for those of averaging interfaces."""
+    """Return the rows for the chain's dofs, and zero rows for those of averaging interfaces."""
     return np.vstack([values, np.zeros((6 * len(row.frames) - len(values), values.shape[1]))])
 
 
 def _row_loads(
     row: SegmentedBar, component: Component, mass: FloatArray, loads: Sequence[Load]
 ) -> dict[str, StaticLoad]:
-    """Unit loads along each component axis: body loads by mass, tractions by the motion of the
-    surface under them.
+    """Return the unit loads along each component axis: body loads by mass, tractions by the motion
+    of the surface under them.
     """
     found: dict[str, StaticLoad] = {}
     for load in loads:

@@ -30,7 +30,8 @@ class SolverChoice:
 
 
 def predict_factor_entries(dofs: int, extents: Sequence[float] | None) -> float:
-    """Entries of the Cholesky factors of a meshed component, ordered by nested dissection.
+    """Return the entries of the Cholesky factors of a meshed component, ordered by nested
+    dissection.
 
     The box around it is cut across its longest side until little is left. Each cut couples with itself
     and with the cuts around its piece; a slender part has small cuts, a compact one large ones.
@@ -61,7 +62,7 @@ def predict_factor_entries(dofs: int, extents: Sequence[float] | None) -> float:
 
 
 def _cuts_around(counts: Sequence[float], faces: Sequence[float]) -> float:
-    """Dofs of the cuts around a piece, that couple with what is eliminated within it."""
+    """Return the dofs of the cuts around a piece, that couple with what is eliminated within it."""
     volume = counts[0] * counts[1] * counts[2]
     return sum(3.0 * faces[axis] * volume / counts[axis] for axis in range(3))
 
@@ -73,8 +74,8 @@ def choose_method(
     direct_mb: float = 0.0,
     memory_mb: float = float("inf"),
 ) -> SolverChoice:
-    """How a component is to be solved with: as its settings say, else by factors as long as they can
-    be numbered and fit.
+    """Return how a component is to be solved with: as its settings say, else by factors as long as
+    they can be numbered and fit.
 
     Args:
         settings: Of its reduction; ``verify`` counts modes by factors.

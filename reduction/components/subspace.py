@@ -38,7 +38,8 @@ class ReductionSpace:
 def project_component(
     component: Component, solver: ConstrainedSolver, space: ReductionSpace
 ) -> Superelement:
-    """Superelement with the dofs ``[boundary | modal]``, without recovery, loads and error moments.
+    """Return the superelement with the dofs ``[boundary | modal]``, without recovery, loads and
+    error moments.
 
     Its stiffness is ``[psi^T K psi, 0; 0, omega^2]``; its mass is zero where none was assembled.
 

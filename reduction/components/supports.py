@@ -41,7 +41,9 @@ class HeldPoints:
         return len(self.dofs) > 0 or len(self.nodes) > 0
 
     def turned_motions(self, center: FloatArray) -> FloatArray:
-        """``(m, 6)`` motion along the turned directions in unit rigid motions about a point."""
+        """Return the motion ``(m, 6)`` along the turned directions in unit rigid motions about a
+        point.
+        """
         motions = rigid_map(self.points, center).reshape(-1, 3, 6)
         return np.asarray(np.einsum("mi,mij->mj", self.directions, motions))
 
@@ -49,7 +51,7 @@ class HeldPoints:
 def hold_points(
     component: Component, mesh: ComponentMesh, supports: Sequence[Support]
 ) -> HeldPoints:
-    """What the supports of a component fix; several may meet in a point.
+    """Return what the supports of a component fix; several may meet in a point.
 
     Args:
         mesh: Its mesh, with the groups of patches of each support.
@@ -116,7 +118,7 @@ def _find_nodes(
 def _find_normals(
     component: Component, mesh: ComponentMesh, support: Support, warnings: list[str]
 ) -> FloatArray:
-    """Unit normals ``(n, 3)`` at the sorted points of a support's patches."""
+    """Find the unit normals ``(n, 3)`` at the sorted points of a support's patches."""
     nodes, normals = nodal_normals(mesh, next(iter(support.groups)))
     if isinstance(component.solid, Tube) and {patch.face for patch in support.patches} <= {
         "outer",
@@ -136,8 +138,8 @@ def _find_normals(
 
 
 def _split_axes(fixed: BoolArray, vectors: FloatArray) -> FloatArray:
-    """Orthonormal directions ``(k, 3)`` of one point beside its fixed dofs, to which those along axes
-    are added.
+    """Return the orthonormal directions ``(k, 3)`` of one point other than its fixed dofs, to which
+    those along axes are added.
     """
     while True:
         free = np.where(fixed, 0.0, vectors)

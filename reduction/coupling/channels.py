@@ -27,8 +27,8 @@ AXES = "xyz"
 def machine_channels(
     layout: DofLayout, machine: Machine, basis: FloatArray, wanted: Collection[str] | None = None
 ) -> dict[tuple[str, str], FloatArray]:
-    """Row ``(n,)`` of each channel, all in machine axes: motion there, and by work also the load of
-    a unit force there.
+    """Return the row ``(n,)`` of each channel, all in machine axes: motion there, and by work also
+    the load of a unit force there.
 
     Every interface dof is a channel ``("component.interface", dof)``; every point is one as tool
     less work, at the tool. Where names are wanted, only those.
@@ -64,14 +64,14 @@ def machine_channels(
 
 
 def _reduce_rows(rows: FloatArray, basis: FloatArray) -> FloatArray:
-    """``rows @ basis`` by the few dofs that the rows see."""
+    """Return ``rows @ basis`` by the few dofs that the rows see."""
     seen = np.flatnonzero(rows.any(axis=0))
     return np.asarray(rows[:, seen] @ basis[seen])
 
 
 def point_rows(layout: DofLayout, point: Point) -> FloatArray:
-    """Rows ``(6, n_all)`` of the motion of the tool relative to the work, both carried to the
-    tool's place.
+    """Return the rows ``(6, n_all)`` of the motion of the tool relative to the work, both carried
+    to the tool's place.
     """
     if point.tool.component is None and point.work.component is None:
         raise ModelError(
@@ -88,7 +88,8 @@ def machine_loads(
     basis: FloatArray,
     gravity: FloatArray | None,
 ) -> dict[str, FloatArray]:
-    """Generalised load ``(n,)`` of every load of the machine by name, and of gravity where it acts.
+    """Return the generalised load ``(n,)`` of every load of the machine by name, and of gravity
+    where it acts.
 
     Args:
         layout: Places of the components' dofs among the ``n_all`` stacked ones.
@@ -110,8 +111,8 @@ def machine_loads(
 
 
 def load_factors(placement: Frame, load: Load) -> dict[str, float]:
-    """How much of each of its superelement's unit loads a load takes where its component stands in
-    the pose; empty for a force at an interface.
+    """Return how much of each of its superelement's unit loads a load takes where its component
+    stands in the pose; empty for a force at an interface.
     """
     if load.kind == "force":
         return {}
@@ -121,8 +122,8 @@ def load_factors(placement: Frame, load: Load) -> dict[str, float]:
 
 
 def gravity_factors(placement: Frame, gravity: FloatArray) -> dict[str, float]:
-    """How much of each unit of gravity of a superelement an acceleration ``(3,)`` in machine axes
-    [m/s^2] takes.
+    """Return how much of each unit of gravity of a superelement an acceleration ``(3,)`` in machine
+    axes [m/s^2] takes.
     """
     return _by_axis(GRAVITY, placement, gravity)
 
@@ -154,7 +155,9 @@ def _stacked_load(layout: DofLayout, load: Load) -> FloatArray:
 
 
 def _combine(layout: DofLayout, name: str, factors: dict[str, float]) -> FloatArray | None:
-    """Sum of unit loads of a superelement, turned to machine axes; None when it lacks one."""
+    """Return the sum of unit loads of a superelement, turned to machine axes; None when it lacks
+    one.
+    """
     superelement = layout.superelements[name]
     if not all(key in superelement.loads for key in factors):
         return None
@@ -168,8 +171,8 @@ def _combine(layout: DofLayout, name: str, factors: dict[str, float]) -> FloatAr
 def _weight(
     layout: DofLayout, matrices: ComponentMatrices, name: str, gravity: FloatArray
 ) -> FloatArray:
-    """Weight of a component ``(n_c,)`` in machine axes: its own unit loads, or its mass times the
-    acceleration.
+    """Return the weight of a component ``(n_c,)`` in machine axes: its own unit loads, or its mass
+    times the acceleration.
     """
     superelement, placement = layout.superelements[name], layout.placements[name]
     own = placement.rotation.T @ gravity

@@ -29,7 +29,7 @@ class PlacedLayer:
 
 
 def place_layer(joint: Joint, layer: ContactLayer, layout: DofLayout, frame: Frame) -> PlacedLayer:
-    """Stiffness of a layer, integrated over the area of its patches.
+    """Return the stiffness of a layer, integrated over the area of its patches.
 
     The relative displacement of both patches is a rigid motion and shapes; a patch without shapes
     moves as a rigid body. Shapes are orthogonal to rigid motions and to each other, also in their
@@ -68,7 +68,7 @@ def place_layer(joint: Joint, layer: ContactLayer, layout: DofLayout, frame: Fra
 
 
 def _normal_shares(shapes: PatchShapes, points: FloatArray, weights: FloatArray) -> FloatArray:
-    """Mean square ``(count,)`` of each shape across the patch: one or zero."""
+    """Return the mean square ``(count,)`` of each shape across the patch: one or zero."""
     fields = shape_fields(shapes, points).reshape(len(points), 3, -1)
     return np.asarray(np.round(weights @ fields[:, shapes.normal] ** 2))
 
@@ -76,7 +76,7 @@ def _normal_shares(shapes: PatchShapes, points: FloatArray, weights: FloatArray)
 def _rigid_stiffness(
     layer: ContactLayer, layout: DofLayout, end: JointEnd, shapes: PatchShapes, frame: Frame
 ) -> FloatArray:
-    """The layer against rigid motions about the joint point, in joint axes ``(6, 6)``."""
+    """Return the layer against rigid motions about the joint point, in joint axes ``(6, 6)``."""
     points, weights = gauss_rule(shapes)
     area = shapes.outline.area
     place = layout.placements[end.component or ""]

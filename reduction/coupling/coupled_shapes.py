@@ -29,7 +29,7 @@ class ShapeRows:
 
 
 def couple_shapes(machine: Machine, layout: DofLayout) -> ShapeRows:
-    """Rows that make the fields of both sides of every rigid joint equal.
+    """Return the rows that make the fields of both sides of every rigid joint equal.
 
     Between two flexible interfaces the moments of the relative displacement with the shapes of the
     side that has fewer vanish; where both have as many, that is every shape. Against ground and
@@ -77,7 +77,7 @@ def couple_shapes(machine: Machine, layout: DofLayout) -> ShapeRows:
 
 
 def _warn_of_free_shapes(machine: Machine, layout: DofLayout) -> list[str]:
-    """Interfaces whose shapes nothing uses: springs act on their six motions alone."""
+    """Return the interfaces whose shapes nothing uses: springs act on their six motions alone."""
     used: set[JointEnd] = set()
     sprung: dict[JointEnd, str] = {}
     for joint in machine.joints.values():
@@ -97,14 +97,16 @@ def _warn_of_free_shapes(machine: Machine, layout: DofLayout) -> list[str]:
 
 
 def find_shapes(layout: DofLayout, end: JointEnd) -> PatchShapes | None:
-    """Deformation shapes of the interface at an end; None of a rigid one, a rail and ground."""
+    """Find the deformation shapes of the interface at an end; None of a rigid one, a rail and
+    ground.
+    """
     part = layout.superelements.get(end.component or "")
     entry = None if part is None else part.interface_maps.get(end.interface or "")
     return None if entry is None else entry.shapes
 
 
 def _is_rigid(components: Mapping[str, Component], end: JointEnd) -> bool:
-    """Whether what is behind an end without shapes cannot deform."""
+    """Return whether what is behind an end without shapes cannot deform."""
     if end.component is None:
         return True
     component = components[end.component]
@@ -115,14 +117,14 @@ def _is_rigid(components: Mapping[str, Component], end: JointEnd) -> bool:
 
 
 def select_shapes(layout: DofLayout, end: JointEnd, shapes: PatchShapes) -> FloatArray:
-    """Rows ``(count, n_all)`` that pick the dofs of the shapes."""
+    """Return the rows ``(count, n_all)`` that pick the dofs of the shapes."""
     first = layout.offsets[end.component or ""].start + shapes.first
     return np.eye(shapes.count, layout.size, first)
 
 
 def shape_moments(joint: Joint, layout: DofLayout, one: JointEnd, other: JointEnd) -> FloatArray:
-    """Moments ``(m_1, m_2)`` of the shapes of another interface with those of one, over their
-    common area.
+    """Return the moments ``(m_1, m_2)`` of the shapes of another interface with those of one, over
+    their common area.
     """
     own, far = find_shapes(layout, one), find_shapes(layout, other)
     if own is None or far is None:
@@ -154,7 +156,7 @@ def shape_moments(joint: Joint, layout: DofLayout, one: JointEnd, other: JointEn
 def _cover_each_other(
     own: PatchShapes, far: PatchShapes, carry: Callable[[FloatArray], FloatArray]
 ) -> bool:
-    """Whether two areas in parallel planes are one.
+    """Return whether two areas in parallel planes are one.
 
     Args:
         carry: Points of the one ``(k, 3)`` in the frame of the other.

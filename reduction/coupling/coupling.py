@@ -249,7 +249,7 @@ def couple(
 
 
 def _loss_factors(machine: Machine, superelements: Mapping[str, Superelement]) -> dict[str, float]:
-    """Loss factor of every component and joint."""
+    """Return the loss factor of every component and joint."""
     parts = {name: machine.components[name].material.loss_factor for name in superelements}
     return parts | {name: joint.loss_factor for name, joint in machine.joints.items()}
 
@@ -257,7 +257,7 @@ def _loss_factors(machine: Machine, superelements: Mapping[str, Superelement]) -
 def _rayleigh_dampings(
     machine: Machine, superelements: Mapping[str, Superelement]
 ) -> dict[str, RayleighDamping]:
-    """Of every component: its own and that of the whole machine."""
+    """Return the Rayleigh damping of every component: its own and that of the whole machine."""
     every, own = machine.rayleigh, {n: machine.components[n].rayleigh for n in superelements}
     return {
         name: RayleighDamping(every.alpha + part.alpha, every.beta + part.beta)
@@ -271,8 +271,8 @@ def _constraint_rows(
     springs: tuple[PlacedJoint, ...],
     shapes: ShapeRows,
 ) -> tuple[FloatArray, tuple[str, ...]]:
-    """Rows ``(m, n_all)`` that must vanish, and where each comes from. Shared interfaces first:
-    joints count as redundant.
+    """Return the rows ``(m, n_all)`` that must vanish, and where each comes from. Shared interfaces
+    first: joints count as redundant.
 
     A dof of an interface that its component does not feel (the rotation of a line about itself, of a
     point mass about any axis) is fixed only if no joint acts on it: otherwise it follows what it is
@@ -302,7 +302,7 @@ def _constraint_rows(
 
 
 def _find_unseen(seen: FloatArray) -> FloatArray:
-    """Orthonormal combinations ``(m, k)`` of free rotations that no joint acts on.
+    """Find the orthonormal combinations ``(m, k)`` of free rotations that no joint acts on.
 
     Args:
         seen: ``(joint rows, k)`` what each row that acts sees of each free rotation.
@@ -323,7 +323,7 @@ def _find_unseen(seen: FloatArray) -> FloatArray:
 
 
 def _label_coordinates(layout: DofLayout, basis: FloatArray) -> tuple[str, ...]:
-    """Each coordinate by the stacked dof it moves most; ``~`` where it moves others too."""
+    """Return each coordinate by the stacked dof it moves most; ``~`` where it moves others too."""
     if not layout.size:
         # supports hold every component, none has an interface, and no mode is kept
         return ()

@@ -74,7 +74,7 @@ def lay_out_dofs(
 
 
 def scale_dofs(layout: DofLayout) -> FloatArray:
-    """Factor per stacked dof ``(n_all,)`` after which every dof is a length.
+    """Return the factor per stacked dof ``(n_all,)`` after which every dof is a length.
 
     All are powers of two: they cost no digits, and those of rotations are the same in neighbouring
     poses, which then share what is made of them.
@@ -94,7 +94,7 @@ def _power_of_two(size: float) -> float:
 
 
 def label_dofs(layout: DofLayout) -> tuple[str, ...]:
-    """A name such as ``column.top rx`` per stacked dof."""
+    """Return a name such as ``column.top rx`` per stacked dof."""
     return tuple(
         f"{name}.{place} {dof}"
         for name, superelement in layout.superelements.items()
@@ -103,7 +103,7 @@ def label_dofs(layout: DofLayout) -> tuple[str, ...]:
 
 
 def turn_dofs(superelement: Superelement, placement: Frame) -> FloatArray:
-    """Matrix ``(n, n)`` from machine-axis dofs of one component to its own."""
+    """Return the matrix ``(n, n)`` from machine-axis dofs of one component to its own."""
     turn = np.eye(len(superelement.labels))
     back = rotate_dofs(placement.rotation.T)
     for node in range(len(superelement.frames)):
@@ -112,7 +112,7 @@ def turn_dofs(superelement: Superelement, placement: Frame) -> FloatArray:
 
 
 def clean_stiffness(superelement: Superelement) -> FloatArray:
-    """Stiffness ``(n, n)`` of a component with rigid motions free of roundoff.
+    """Return the stiffness ``(n, n)`` of a component with rigid motions free of roundoff.
 
     Static condensation leaves ``K R`` at roundoff of the *local* stiffness, which may be more than
     a soft mount. Rebuilding K from its block without one boundary node makes ``K R = 0`` to
@@ -139,16 +139,16 @@ def clean_stiffness(superelement: Superelement) -> FloatArray:
 
 
 def free_deformations(superelement: Superelement) -> FloatArray:
-    """Rows ``(n - 6, n)``: all dofs but those of the first node, less the rigid motion that the
-    first node makes.
+    """Return the rows ``(n - 6, n)``: all dofs but those of the first node, less the rigid motion
+    that the first node makes.
     """
     motions = rigid_motions(superelement, superelement.frames[0].origin)[DOFS_OF_A_BODY:]
     return np.hstack([-motions, np.eye(len(motions))])
 
 
 def split_constraints(superelement: Superelement) -> tuple[FloatArray, FloatArray]:
-    """Constraint rows of a superelement, and separately those that fix a rotation of one node
-    without stiffness and mass.
+    """Return the constraint rows of a superelement, and separately those that fix a rotation of one
+    node without stiffness and mass.
 
     Such a rotation, that of a line-like interface about its own line, is no motion of the component
     at all. A row that couples two nodes never counts as one.
@@ -167,8 +167,8 @@ def split_constraints(superelement: Superelement) -> tuple[FloatArray, FloatArra
 
 
 def _free_rotations(superelement: Superelement) -> FloatArray:
-    """Orthonormal rotations ``(k, n)``, each of one node, that the constraint rows fix and that
-    have no stiffness and no mass.
+    """Return the orthonormal rotations ``(k, n)``, each of one node, that the constraint rows fix
+    and that have no stiffness and no mass.
     """
     rows = superelement.constraints
     span = np.linalg.svd(rows / np.linalg.norm(rows, axis=0).max(), full_matrices=False)
@@ -185,14 +185,14 @@ def _free_rotations(superelement: Superelement) -> FloatArray:
 
 
 def _rotation_products(superelement: Superelement, rows: FloatArray) -> FloatArray:
-    """``R^T R`` for the columns ``(m, 3)`` of each node's rotations: ``(nodes, 3, 3)``."""
+    """Return ``R^T R`` for the columns ``(m, 3)`` of each node's rotations: ``(nodes, 3, 3)``."""
     turns = rows[:, : superelement.node_size].reshape(len(rows), -1, 6)[:, :, 3:].transpose(1, 2, 0)
     return np.asarray(turns @ turns.transpose(0, 2, 1))
 
 
 def _has_free_rotations(superelement: Superelement, stiffness: FloatArray) -> bool:
-    """Whether a boundary dof of node 0 has neither stiffness nor mass, so that the node cannot
-    stand for the body's rigid motion.
+    """Return whether a boundary dof of node 0 has neither stiffness nor mass, so that the node
+    cannot stand for the body's rigid motion.
     """
     first = np.abs(stiffness[:6]).max(axis=1)
     return (
@@ -205,7 +205,7 @@ def _has_free_rotations(superelement: Superelement, stiffness: FloatArray) -> bo
 def locate_interface(
     layout: DofLayout, end: JointEnd, offset: Sequence[float] = NO_OFFSET
 ) -> FloatArray:
-    """Position ``(3,)`` of an interface in the machine frame [m].
+    """Return the position ``(3,)`` of an interface in the machine frame [m].
 
     Args:
         offset: ``(3,)`` of a place from it, in the axes of the component [m].
@@ -217,7 +217,7 @@ def locate_interface(
 
 
 def is_rail(layout: DofLayout, end: JointEnd) -> bool:
-    """Whether an end is an interface that carriages slide along."""
+    """Return whether an end is an interface that carriages slide along."""
     if end.component is None:
         return False
     component, interface = _named_end(layout, end)
@@ -227,8 +227,8 @@ def is_rail(layout: DofLayout, end: JointEnd) -> bool:
 def motion_rows(
     layout: DofLayout, end: JointEnd, point: FloatArray, length: float | None = None
 ) -> FloatArray:
-    """Rows ``(6, n_all)`` that give the motion in machine axes of the body behind an interface at a
-    point; zero for ground.
+    """Return the rows ``(6, n_all)`` that give the motion in machine axes of the body behind an
+    interface at a point; zero for ground.
 
     Args:
         end: An interface, a rail or ground.

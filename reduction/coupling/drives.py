@@ -37,7 +37,7 @@ ALONG = 1e-9  # how far an axis of a joint may be off its leg
 def place_drives(
     coupled: CoupledMachine, machine: Machine, drives: Iterable[Drive]
 ) -> tuple[DriveTrain, ...]:
-    """Every drive in the pose in which a machine is coupled.
+    """Return every drive in the pose in which a machine is coupled.
 
     Args:
         coupled: The machine coupled in a pose; legs that a motor moves without compliance are free
@@ -68,19 +68,19 @@ def place_drives(
 def find_scales(
     coupled: CoupledMachine, machine: Machine, drives: Iterable[Drive]
 ) -> list[FloatArray]:
-    """What the linear scale of each drive reads with locked motors ``(n,)``."""
+    """Find what the linear scale of each drive reads with locked motors ``(n,)``."""
     return list(scale_rows(coupled, machine, drives) @ coupled.basis)
 
 
 def scale_rows(coupled: CoupledMachine, machine: Machine, drives: Iterable[Drive]) -> FloatArray:
-    """The same as rows ``(d, n_all)`` of the stacked dofs."""
+    """Return the same as rows ``(d, n_all)`` of the stacked dofs."""
     rows = [_find_slide(coupled, machine, drive).scale for drive in drives]
     return np.array(rows).reshape(len(rows), coupled.layout.size)
 
 
 def housing_rows(coupled: CoupledMachine, machine: Machine, drives: Iterable[Drive]) -> FloatArray:
-    """Rows ``(d, n_all)`` of the stacked dofs of how the housings of the motors of axes turn about
-    their screws, as travel.
+    """Return the rows ``(d, n_all)`` of the stacked dofs of how the housings of the motors of axes
+    turn about their screws, as travel.
 
     Args:
         drives: ``d`` of axes.
@@ -97,7 +97,8 @@ def housing_rows(coupled: CoupledMachine, machine: Machine, drives: Iterable[Dri
 
 
 def free_legs(coupled: CoupledMachine, machine: Machine, drives: Iterable[Drive]) -> Machine:
-    """A machine in which the legs of its mechanism slide freely where a drive holds them rigidly.
+    """Return a machine in which the legs of its mechanism slide freely where a drive holds them
+    rigidly.
 
     Raises:
         ModelError: A joint neither holds its leg along itself nor is a ball screw.
@@ -120,8 +121,9 @@ def free_legs(coupled: CoupledMachine, machine: Machine, drives: Iterable[Drive]
 
 
 def release_motors(coupled: CoupledMachine, trains: tuple[DriveTrain, ...]) -> CoupledMachine:
-    """The same machine with its motors let go; a drive's joint then stretches by the nut's motion
-    less the motor's, or the screw's where that turns by itself, and is as stiff as the thread.
+    """Return the same machine with its motors unlocked; a drive's joint then stretches by the nut's
+    motion less the motor's, or the screw's where that turns by itself, and is as stiff as the
+    thread.
     """
     size = len(coupled.system.mass)
     counts = [count_coordinates(train) for train in trains]
@@ -164,7 +166,7 @@ def make_rigid_train(
     moved_mass: float,
     beta: float = 0.0,
 ) -> DriveTrain:
-    """A drive whose motor moves what it drives without any compliance, but for its coupling.
+    """Return a drive whose motor moves what it drives without any compliance, but for its coupling.
 
     Args:
         slide: ``(n,)`` motion that it drives, free in the system.
@@ -197,8 +199,8 @@ def make_rigid_train(
 def anchor_motors(
     trains: Iterable[DriveTrain], masses: Iterable[float], gravity: Iterable[float]
 ) -> tuple[DriveTrain, ...]:
-    """Drives whose motors are anchored while their loops are open, so that a machine whose weight
-    counts in its stiffness does not fall.
+    """Return the drives whose motors are anchored while their loops are open, so that a machine
+    whose weight counts in its stiffness does not fall.
 
     Args:
         masses: Of all bodies [kg].
@@ -211,7 +213,7 @@ def anchor_motors(
 def find_weight_stiffness(
     system: SecondOrderSystem, trains: Iterable[DriveTrain], geometric: FloatArray
 ) -> FloatArray:
-    """What weight and the anchors of motors add to a stiffness ``(n, n)`` [N/m].
+    """Find what weight and the anchors of motors add to a stiffness ``(n, n)`` [N/m].
 
     Args:
         system: From ``free_motors``, with anchors.
@@ -226,8 +228,8 @@ def find_weight_stiffness(
 
 
 def find_moved_mass(system: SecondOrderSystem, slides: FloatArray) -> FloatArray:
-    """What each of several free motions accelerates [kg] ``(d,)`` while the others are held and the
-    machine follows as its springs ask.
+    """Find what each of several free motions accelerates [kg] ``(d,)`` while the others are locked
+    and the machine follows as its springs ask.
 
     Args:
         system: In which these motions are free.
@@ -270,8 +272,8 @@ class _Slide:
 def _moved_masses(
     coupled: CoupledMachine, machine: Machine, drives: Sequence[Drive], slides: Sequence[_Slide]
 ) -> list[float]:
-    """What each motor accelerates beside itself and its screw [kg]: all an axis carries, or what
-    moves with a leg.
+    """Return what each motor accelerates apart from itself and its screw [kg]: all an axis carries,
+    or what moves with a leg.
     """
     carried = coupled.layout.superelements
     legs = [
@@ -341,7 +343,7 @@ def _place_drive(
 
 
 def _find_slide(coupled: CoupledMachine, machine: Machine, drive: Drive) -> _Slide:
-    """What a drive moves, in the stacked dofs."""
+    """Find what a drive moves, in the stacked dofs."""
     joint = machine.joints[drive.joint]
     spring = next(each for each in coupled.fixed.springs if each.name == drive.joint)
     if machine.mechanism is not None and drive.axis not in machine.axes:
@@ -368,8 +370,8 @@ def _find_leg_slide(
     drive: Drive,
     spring: PlacedJoint,
 ) -> _Slide:
-    """A leg that grows; its motor stands on the part that does not slide, and a linear scale reads
-    the length up to the joint of the platform.
+    """Find the slide of a leg that grows; its motor stands on the part that does not slide, and a
+    linear scale reads the length up to the joint of the platform.
     """
     joint, leg = machine.joints[drive.joint], LENGTHS.index(drive.axis) + 1
     standing, sliding = (
@@ -406,7 +408,7 @@ def _length_row(
     standing: JointEnd,
     base: FloatArray,
 ) -> FloatArray:
-    """Motion ``(n_all, 3)`` of a leg's joint at the platform against the leg's base."""
+    """Return the motion ``(n_all, 3)`` of a leg's joint at the platform against the leg's base."""
     frames = {spring.name: spring.frame for spring in coupled.joint_springs}
     for joint in machine.joints.values():
         carried = {mechanism.carries.get(end.component or ""): end for end in joint.ends}
@@ -421,21 +423,23 @@ def _length_row(
 
 
 def _thread_row(spring: PlacedJoint) -> FloatArray:
-    """Motion that stretches a screw: along it, less what turns of the nut do along the thread."""
+    """Return the motion that stretches a screw: along it, less what turns of the nut do along the
+    thread.
+    """
     return np.asarray(spring.stiffness[0] / spring.stiffness[0, 0] @ spring.rows)
 
 
 def _travel_sign(joint: Joint, moves: tuple[str, ...], along: float) -> float:
-    """Sign that turns the relative motion of the joint's ends, second less first, into travel of
-    the axis.
+    """Return the sign that turns the relative motion of the joint's ends, second less first, into
+    travel of the axis.
     """
     second_moves = joint.ends[1].component in moves
     return float(np.sign(along)) * (1.0 if second_moves else -1.0)
 
 
 def _feed_inertia(drive: Drive, moved_mass: float) -> AxisControl:
-    """The controller with its acceleration feed-forward [kg]: what the motor moves, its own inertia
-    and the screw's.
+    """Return the controller with its acceleration feed-forward [kg]: what the motor moves, its own
+    inertia and the screw's.
     """
     pitch = drive.lead / (2.0 * math.pi)
     whole = moved_mass + (drive.motor_inertia + drive.screw_inertia) / pitch**2
@@ -445,8 +449,8 @@ def _feed_inertia(drive: Drive, moved_mass: float) -> AxisControl:
 
 
 def _scale_row(coupled: CoupledMachine, machine: Machine, point: str, axis: str) -> FloatArray:
-    """Motion along an axis at a point; where the axis carries the work, its travel is that of work
-    against tool.
+    """Return the motion along an axis at a point; where the axis carries the work, its travel is
+    that of work against tool.
     """
     carrier = machine.axes[axis]
     row = carrier.direction @ point_rows(coupled.layout, machine.points[point])[:3]

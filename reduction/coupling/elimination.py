@@ -49,8 +49,8 @@ def eliminate_constraints(
     shared_groups: int = 0,
     memo: CouplingMemo | None = None,
 ) -> Elimination:
-    """Coordinates ``q = T z`` with ``C T = 0``, graded so that springs of very different stiffness
-    do not mix.
+    """Return the coordinates ``q = T z`` with ``C T = 0``, graded so that springs of very different
+    stiffness do not mix.
 
     The stiff relative motions become coordinates of their own. A stiffness matrix put together from
     a stiff and a soft spring loses the soft one to roundoff; in these coordinates each keeps its
@@ -122,8 +122,8 @@ class _Split:
 
 
 def _find_sets(rows: Sequence[FloatArray], memo: CouplingMemo) -> list[_Set]:
-    """The sets of dofs that rows tie together: a machine of many bodies falls into one for each
-    face at which bodies meet.
+    """Find the sets of dofs that rows tie together: a machine of many bodies falls into one for
+    each face at which bodies meet.
     """
     pattern = np.vstack([block != 0.0 for block in rows])
     ends = np.cumsum([len(block) for block in rows])[:-1]
@@ -131,7 +131,9 @@ def _find_sets(rows: Sequence[FloatArray], memo: CouplingMemo) -> list[_Set]:
 
 
 def _tie_dofs(pattern: BoolArray, ends: IntArray) -> list[_Set]:
-    """Sets by where rows ``(m, n_all)`` have entries, and the numbers at which their blocks end."""
+    """Return the sets by where rows ``(m, n_all)`` have entries, and the numbers at which their
+    blocks end.
+    """
     sparse, (count, size) = csr_matrix(pattern), pattern.shape
     graph = bmat([[csr_matrix((count, count)), sparse], [sparse.T, csr_matrix((size, size))]])
     names = connected_components(graph, directed=False)[1]
@@ -165,7 +167,7 @@ def _split_set(rows: Sequence[FloatArray], one: _Set, memo: CouplingMemo) -> _Sp
 
 
 def _normalised(rows: FloatArray) -> FloatArray:
-    """Rows of length one; a zero row stays."""
+    """Return the rows of length one; a zero row stays."""
     lengths = np.linalg.norm(rows, axis=1, keepdims=True)
     return np.asarray(rows / np.where(lengths > 0.0, lengths, 1.0))
 

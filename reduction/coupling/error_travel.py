@@ -68,7 +68,7 @@ class ErrorTravel:
         return tuple((ACCELERATION, f"{joint} {DOF_NAMES[dof]}") for joint, dof in self.directions)
 
     def sample(self, way: FloatArray) -> FloatArray:
-        """Offsets ``(n, k)`` at places ``(n,)`` of the way [m, rad].
+        """Return the offsets ``(n, k)`` at places ``(n,)`` of the path [m, rad].
 
         Raises:
             ModelError: A place lies outside the table of a profile.
@@ -78,7 +78,7 @@ class ErrorTravel:
 
 
 def _read_places(nodes: FloatArray, places: ErrorPlaces, way: FloatArray) -> ErrorPlaces:
-    """Where errors are read between the nodes of a way."""
+    """Return where errors are read between the nodes of a path."""
     degree = min(3, len(nodes) - 1)
     return places.map(
         lambda values: np.asarray(
@@ -88,7 +88,7 @@ def _read_places(nodes: FloatArray, places: ErrorPlaces, way: FloatArray) -> Err
 
 
 def _add_up(machine: Machine, places: ErrorPlaces) -> dict[str, FloatArray]:
-    """Offset ``(n, 6)`` of every joint by all of its sources."""
+    """Return the offset ``(n, 6)`` of every joint by all of its sources."""
     totals: dict[str, FloatArray] = {}
     for by_joint in sample_offsets(machine, places).values():
         for joint, offset in by_joint.items():
@@ -124,7 +124,7 @@ def plan_travel(
     nodes: FloatArray,
     poses: Sequence[Pose],
 ) -> ErrorTravel | None:
-    """The offsets along a way; None where no joint has any.
+    """Return the offsets along a path; None where no joint has any.
 
     Args:
         nodes: ``(k,)`` places of the way, rising.
@@ -160,7 +160,7 @@ def plan_travel(
 def _place_errors(
     machine: Machine, superelements: Mapping[str, Superelement], pose: Pose
 ) -> tuple[tuple[PlacedJoint, ...], ErrorPlaces]:
-    """Every joint of a machine as placed in a pose, and where its errors are read."""
+    """Return every joint of a machine as placed in a pose, and where its errors are read."""
     placements = place_components(machine, pose)
     layout = lay_out_dofs(superelements, {name: placements[name] for name in superelements})
     springs = place_joints(machine, layout)
@@ -181,7 +181,9 @@ def _stack_places(places: Sequence[ErrorPlaces]) -> ErrorPlaces:
 
 
 def _find_shortest(machine: Machine, way: FloatArray, places: ErrorPlaces) -> float:
-    """Shortest way over which a wave repeats: what reads it slower than the way goes stretches it."""
+    """Find the shortest length over which a harmonic repeats: reading it slower than the path goes
+    stretches it.
+    """
     found = [np.inf]
     sources: list[tuple[FloatArray, list[ErrorProfile]]] = []
     for name, read in places.rails.items():
@@ -205,8 +207,8 @@ def find_offset_motions(
     damped: SecondOrderSystem,
     unmoved: FloatArray | None = None,
 ) -> OffsetMotions:
-    """What unit offsets of joints do to a machine in a pose: the springs of their joints push, and
-    fixed directions move what they hold, ``q = B y + O e``.
+    """Find what unit offsets of joints do to a machine in a pose: the springs of their joints push,
+    and fixed directions move what they hold, ``q = B y + O e``.
 
     Args:
         damped: Its system with the damping that acts.
@@ -257,8 +259,8 @@ def find_offset_motions(
 
 
 def move_rows(rows: FloatArray, moved: FloatArray) -> FloatArray:
-    """Products of rows ``(p, n)`` with motions ``(n, k)``, none where terms cancel to roundoff, which no
-    spline along a way could follow.
+    """Return the products of rows ``(p, n)`` with motions ``(n, k)``, none where terms cancel to
+    roundoff, which no spline along a path could follow.
     """
     found = rows @ moved
     return np.asarray(np.where(np.abs(found) > ROUNDOFF * np.abs(rows) @ np.abs(moved), found, 0.0))
@@ -267,8 +269,8 @@ def move_rows(rows: FloatArray, moved: FloatArray) -> FloatArray:
 def _modal_rates(
     system: SecondOrderSystem, damped: SecondOrderSystem, pulled: FloatArray
 ) -> FloatArray:
-    """Loads ``(n, k)`` by modal damping, which resists the motion of what fixed directions move as it
-    does any other.
+    """Return the loads ``(n, k)`` by modal damping, which resists the motion of what fixed
+    directions move as it does any other.
     """
     if damped.damping is None:
         return np.zeros_like(pulled)
@@ -328,8 +330,8 @@ def differentiate(
     ends: tuple[float, float],
     step: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """First and second derivative ``(n, k)`` of values along a way, by the
-    polynomial through five places beside each other.
+    """Return the first and second derivative ``(n, k)`` of values along a path, by the polynomial
+    through five neighbouring places.
 
     Args:
         sample: Values ``(m, k)`` at places ``(m,)``.

@@ -80,7 +80,7 @@ def find_gravity_stiffness(
     constraints: FloatArray,
     basis: FloatArray,
 ) -> FloatArray:
-    """Geometric stiffness ``(n_all, n_all)`` in stacked dofs [N/m].
+    """Find the geometric stiffness ``(n_all, n_all)`` in stacked dofs [N/m].
 
     Args:
         machine: Its joints and components, and gravity.
@@ -162,8 +162,8 @@ def _first_joint_row(constraints: FloatArray, springs: tuple[PlacedJoint, ...]) 
 
 
 def _second_order(contact: _Contact) -> FloatArray:
-    """Second derivative ``(n_all, n_all)`` of the work of a contact's force and moment on the
-    second-order part of its motion.
+    """Return the second derivative ``(n_all, n_all)`` of the work of a contact's force and moment
+    on the second-order part of its motion.
     """
     # a constant force in axes that turn: -f . (theta x d)
     mixed = contact.frame.T @ skew_matrices(contact.force) @ contact.shift
@@ -220,7 +220,7 @@ def _end_body(
 def _component_bodies(
     name: str, machine: Machine, layout: DofLayout, matrices: ComponentMatrices
 ) -> Callable[[FloatArray, str], _Body | None]:
-    """The body of a component behind one of its interfaces at a point."""
+    """Return the body of a component behind one of its interfaces at a point."""
     superelement, placement = layout.superelements[name], layout.placements[name]
     own = layout.offsets[name]
     if machine.components[name].fidelity == "segmented":
@@ -258,7 +258,7 @@ def _component_bodies(
 
 
 def _chain_nodes(stiffness: FloatArray) -> list[int]:
-    """Nodes of a row of segments: those that springs act on."""
+    """Return the nodes of a row of segments: those that springs act on."""
     count = len(stiffness) // 6
     sizes = np.abs(stiffness.diagonal()).reshape(count, 6).max(axis=1)
     return [int(node) for node in np.flatnonzero(sizes > 0.0)]
@@ -276,7 +276,7 @@ def _segment_contacts(
     layout: DofLayout,
     pulls: FloatArray,
 ) -> list[_Contact]:
-    """What neighbouring segments do to each other, half-way between their nodes.
+    """Return what neighbouring segments do to each other, half-way between their nodes.
 
     Args:
         pulls: ``(n,)`` forces that act on its nodes from outside, machine axes.

@@ -50,7 +50,7 @@ class ErrorPlaces:
     levers: dict[tuple[str, str], FloatArray]
 
     def map(self, change: Callable[[FloatArray], FloatArray]) -> "ErrorPlaces":
-        """The same with another array for each."""
+        """Return the same with another array for each."""
         return ErrorPlaces(
             {name: change(values) for name, values in self.rails.items()},
             self.signs,
@@ -78,7 +78,7 @@ class ErrorLoads:
         return np.asarray(np.sum(list(self.loads.values()), axis=0))
 
     def offset(self, size: int) -> FloatArray:
-        """Of all sources ``(size,)``."""
+        """Return the offsets of all sources ``(size,)``."""
         return np.asarray(np.sum([*self.offsets.values(), np.zeros(size)], axis=0))
 
 
@@ -98,7 +98,9 @@ class FixedRows:
     first: int
 
     def values(self, by_joint: Mapping[str, FloatArray]) -> FloatArray:
-        """Values ``(c,)`` that the constraint rows must take for offsets ``(6,)`` of joints."""
+        """Return the values ``(c,)`` that the constraint rows must take for offsets ``(6,)`` of
+        joints.
+        """
         wanted = np.zeros(len(self.constraints))
         first = self.first
         for spring in self.springs:
@@ -110,7 +112,7 @@ class FixedRows:
 
 
 def has_errors(machine: Machine) -> bool:
-    """Whether any rail, screw or axis of a machine has errors."""
+    """Return whether any rail, screw or axis of a machine has errors."""
     return any(joint.errors is not None for joint in machine.joints.values()) or any(
         axis.errors is not None for axis in machine.axes.values()
     )
@@ -122,7 +124,7 @@ def find_places(
     layout: DofLayout,
     springs: Sequence[PlacedJoint],
 ) -> ErrorPlaces:
-    """Where the errors of a machine are read in a pose.
+    """Find where the errors of a machine are read in a pose.
 
     Args:
         positions: Of its axes; zero for those not named.
@@ -151,8 +153,8 @@ def find_places(
 
 
 def sample_offsets(machine: Machine, places: ErrorPlaces) -> dict[str, dict[str, FloatArray]]:
-    """Offsets ``(n, 6)`` of the joints in joint axes, second end relative to first, by source and
-    joint.
+    """Return the offsets ``(n, 6)`` of the joints in joint axes, second end relative to first, by
+    source and joint.
 
     Args:
         places: Where they are read in ``n`` poses.
@@ -190,7 +192,9 @@ def sample_offsets(machine: Machine, places: ErrorPlaces) -> dict[str, dict[str,
 
 
 def find_offsets(machine: Machine, places: ErrorPlaces) -> dict[str, dict[str, FloatArray]]:
-    """Offsets ``(6,)`` of the joints in one pose by source and joint; see ``sample_offsets``."""
+    """Find the offsets ``(6,)`` of the joints in one pose by source and joint; see
+    ``sample_offsets``.
+    """
     return {
         source: {joint: offset[0] for joint, offset in offsets.items()}
         for source, offsets in sample_offsets(machine, places).items()
@@ -200,8 +204,8 @@ def find_offsets(machine: Machine, places: ErrorPlaces) -> dict[str, dict[str, F
 def find_displacements(
     machine: Machine, springs: Sequence[PlacedJoint]
 ) -> dict[str, dict[str, FloatArray]]:
-    """Offsets ``(6,)`` in joint axes of prescribed displacements by name and joint: what the second
-    end does relative to the first.
+    """Find the offsets ``(6,)`` in joint axes of prescribed displacements by name and joint: what
+    the second end does relative to the first.
 
     Args:
         springs: Every joint as placed.
@@ -217,8 +221,8 @@ def find_displacements(
 
 
 def warn_of_held_displacements(machine: Machine, reduced: Sequence[PlacedJoint]) -> tuple[str, ...]:
-    """What to say of prescribed displacements along which a joint's ends cannot move, since their
-    points are held by supports.
+    """Return warnings of prescribed displacements along which a joint's ends cannot move, since
+    their points are held by supports.
 
     Args:
         reduced: Every joint with rows in free coordinates.
@@ -255,7 +259,7 @@ def solve_error_loads(
     matrices: ComponentMatrices,
     basis: FloatArray,
 ) -> ErrorLoads:
-    """Loads of offsets, and the motions that fixed directions make.
+    """Return the loads of offsets, and the motions that fixed directions make.
 
     Args:
         offsets: ``(6,)`` by source and joint, joint axes.
@@ -297,8 +301,8 @@ def solve_error_loads(
 
 
 def follow_fixed(constraints: FloatArray, wanted: FloatArray, layout: DofLayout) -> FloatArray:
-    """The smallest motions ``(n_all, k)`` that give constraint rows their values ``(c, k)``, as far
-    as they agree.
+    """Return the smallest motions ``(n_all, k)`` that give constraint rows their values ``(c, k)``,
+    as far as they agree.
     """
     scale = scale_dofs(layout)
     found = np.linalg.lstsq(constraints * scale, wanted)[0]
@@ -323,7 +327,7 @@ def _check_fixed(
 
 
 def contradiction_error(joints: Sequence[str]) -> ModelError:
-    """Of fixed joints whose errors nothing follows."""
+    """Return the error of fixed joints whose errors nothing follows."""
     return ModelError(
         f"errors of rigid guides or prescribed displacements contradict each other ({', '.join(joints)}): nothing deforms to follow them all; "
         "give these joints a stiffness"
@@ -331,8 +335,8 @@ def contradiction_error(joints: Sequence[str]) -> ModelError:
 
 
 def _rail_place(joint: Joint, frame: Frame, layout: DofLayout) -> float:
-    """Where a carriage stands along the axis of its joint, from the origin of what it slides on; a nut
-    on a shaft by the distance from its bearing.
+    """Return where a carriage stands along the axis of its joint, from the origin of what it slides
+    on; a nut on a shaft by the distance from its bearing.
     """
     axis = frame.rotation[:, 0]
     if joint.screw is not None:
@@ -345,15 +349,18 @@ def _rail_place(joint: Joint, frame: Frame, layout: DofLayout) -> float:
 
 
 def _rail_side(joint: Joint, layout: DofLayout) -> JointEnd:
-    """The end that a joint slides along: a rail, else the second, or the first where that is ground."""
+    """Return the end that a joint slides along: a rail, else the second, or the first where that is
+    ground.
+    """
     first, second = joint.ends
     return first if first.component is None or is_rail(layout, first) else second
 
 
 def _rail_sign(joint: Joint, frame: Frame, layout: DofLayout) -> float:
-    """Of an offset, second end relative to first along the joint's axis, per error: the way that the
-    position of the carriage or the nut is counted. That of a nut on a shaft is its distance from the
-    bearing; where the shaft ends elsewhere, at what it carries, a longer one moves that on.
+    """Return the sign of an offset, second end relative to first along the joint's axis, per error:
+    the way that the position of the carriage or the nut is counted. That of a nut on a shaft is its
+    distance from the bearing; where the shaft ends elsewhere, at what it carries, a longer one
+    moves that on.
     """
     if joint.screw is not None:
         bearing = joint.screw.floating_end or joint.ends[1]
@@ -366,8 +373,8 @@ def _rail_sign(joint: Joint, frame: Frame, layout: DofLayout) -> float:
 def _axis_frame(
     axis: Axis, machine: Machine, layout: DofLayout, frames: Mapping[str, Frame]
 ) -> tuple[FloatArray, FloatArray]:
-    """Rotation ``(3, 3)`` of what an axis stands on since its zero position, and its functional
-    point ``(3,)`` in the pose.
+    """Return the rotation ``(3, 3)`` of what an axis stands on since its zero position, and its
+    functional point ``(3,)`` in the pose.
     """
     ends = machine.joints[axis.joints[0]].ends
     moving = next(end.component for end in ends if end.component in axis.moves)

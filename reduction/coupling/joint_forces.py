@@ -30,7 +30,7 @@ class JointForces:
     dampers: FloatArray
 
     def outputs(self) -> dict[Channel, FloatArray]:
-        """Rows ``(n,)`` of springs and dampers by channel."""
+        """Return the rows ``(n,)`` of springs and dampers by channel."""
         return {
             (f"{self.name} {kind}", direction): row
             for kind, rows in ((SPRING, self.springs), (DAMPER, self.dampers))
@@ -38,17 +38,17 @@ class JointForces:
         }
 
     def channels(self, kind: str) -> tuple[Channel, ...]:
-        """Channels of its springs, or of its dampers."""
+        """Return the channels of its springs, or of its dampers."""
         return tuple((f"{self.name} {kind}", direction) for direction in self.directions)
 
 
 def joint_outputs(joints: Iterable[JointForces]) -> dict[Channel, FloatArray]:
-    """Rows ``(n,)`` of the springs and dampers of all joints by channel."""
+    """Return the rows ``(n,)`` of the springs and dampers of all joints by channel."""
     return {name: row for joint in joints for name, row in joint.outputs().items()}
 
 
 def find_joint_forces(joints: Iterable[PlacedJoint], *, damped: bool) -> tuple[JointForces, ...]:
-    """Forces of all joints that have any.
+    """Find the forces of all joints that have any.
 
     Args:
         joints: With their rows in the coordinates ``(n,)`` of a machine.

@@ -54,8 +54,8 @@ class ScrewSpring:
 
 
 def place_screw(joint: Joint, shaft: ScrewShaft, distance: float) -> ScrewSpring:
-    """Nut, shaft, bearings and coupling in series; both sides of a shaft with two fixed bearings in
-    parallel.
+    """Place nut, shaft, bearings and coupling in series; both sides of a shaft with two fixed
+    bearings in parallel.
 
     With the motor locked, an axial force F on the nut twists the shaft by F p a / (G J), p = lead /
     (2 pi), a the distance, which gives way by p times that; and the nut may turn about the shaft as
@@ -146,7 +146,7 @@ class SpringDirection:
 
 
 def place_joint(joint: Joint, machine: Machine, layout: DofLayout) -> PlacedJoint:
-    """Joint point, joint axes and relative-motion rows of a joint in a pose.
+    """Return the joint point, joint axes and relative-motion rows of a joint in a pose.
 
     Args:
         joint: Its ends, 6x6 stiffness [N/m, N/rad, N m/rad] and damping (the same times s) in joint
@@ -188,7 +188,7 @@ def place_joint(joint: Joint, machine: Machine, layout: DofLayout) -> PlacedJoin
 
 
 def _add_layer(spring: PlacedJoint, layer: PlacedLayer) -> PlacedJoint:
-    """A joint with a contact layer beside its own springs."""
+    """Return a joint with a contact layer in addition to its own springs."""
     nothing = np.zeros((len(layer.rows), len(layer.rows)))
     return dataclasses.replace(
         spring,
@@ -201,8 +201,8 @@ def _add_layer(spring: PlacedJoint, layer: PlacedLayer) -> PlacedJoint:
 def _place_shaft(
     joint: Joint, shaft: ScrewShaft, spring: PlacedJoint, layout: DofLayout
 ) -> PlacedJoint:
-    """A ball screw at the distance its nut has in the pose; a far bearing takes its share of the
-    axial motion.
+    """Return a ball screw at the distance its nut has in the pose; a far bearing takes its share of
+    the axial motion.
     """
     axis = spring.frame.rotation[:, 0]
     bearing = joint.ends[1] if shaft.floating_end is None else shaft.floating_end
@@ -220,8 +220,8 @@ def _place_shaft(
 
 
 def principal_springs(spring: PlacedJoint, length: float) -> tuple[SpringDirection, ...]:
-    """Independent springs that together make up a joint's stiffness; directions without stiffness
-    are left out.
+    """Return the independent springs that together make up a joint's stiffness; directions without
+    stiffness are left out.
 
     Args:
         spring: Its stiffness must be symmetric.
@@ -256,8 +256,8 @@ def _name_row(row: int) -> str:
 
 
 def express_in_free_coordinates(spring: PlacedJoint, elimination: Elimination) -> PlacedJoint:
-    """The same joint with its rows in free coordinates; fixed rows, and what is roundoff, exactly
-    zero.
+    """Return the same joint with its rows in free coordinates; fixed rows, and what is roundoff,
+    exactly zero.
     """
     # a joint sees the dofs of two bodies only
     seen = np.flatnonzero(spring.rows.any(axis=0))
@@ -269,12 +269,12 @@ def express_in_free_coordinates(spring: PlacedJoint, elimination: Elimination) -
 
 
 def place_joints(machine: Machine, layout: DofLayout) -> tuple[PlacedJoint, ...]:
-    """Every joint of a machine in a pose."""
+    """Return every joint of a machine in a pose."""
     return tuple(place_joint(joint, machine, layout) for joint in machine.joints.values())
 
 
 def floating_groups(machine: Machine, fixed: Mapping[str, bool]) -> tuple[tuple[str, ...], ...]:
-    """Groups of components that hang together by joints but not with ground.
+    """Return the groups of components that hang together by joints but not with ground.
 
     Args:
         machine: Its joints that hold or spring at least one dof connect.
@@ -291,8 +291,8 @@ def floating_groups(machine: Machine, fixed: Mapping[str, bool]) -> tuple[tuple[
 
 
 def _joint_frame(joint: Joint, machine: Machine, layout: DofLayout) -> Frame:
-    """The joint frame, carried along by the component of its first end that is neither ground nor a
-    rail.
+    """Return the joint frame, carried along by the component of its first end that is neither
+    ground nor a rail.
 
     Of a universal joint the first axis stays with the first end and the second with the second end,
     as those of a cross do.
@@ -328,8 +328,8 @@ def _joint_frame(joint: Joint, machine: Machine, layout: DofLayout) -> Frame:
 
 
 def _turn_of(end: JointEnd, machine: Machine, layout: DofLayout) -> FloatArray:
-    """Rotation ``(3, 3)`` of the body behind an end since its axes and points were given; of a
-    carried body all of it.
+    """Return the rotation ``(3, 3)`` of the body behind an end since its axes and points were
+    given; of a carried body all of it.
     """
     if end.component is None:
         return np.eye(3)
@@ -340,8 +340,8 @@ def _turn_of(end: JointEnd, machine: Machine, layout: DofLayout) -> FloatArray:
 
 
 def leading_end(joint: Joint, layout: DofLayout) -> JointEnd:
-    """The end whose body carries the joint point: on a rail it is the carriage that does, not the
-    rail.
+    """Return the end whose body carries the joint point: on a rail it is the carriage that does,
+    not the rail.
 
     Raises:
         ModelError: Both ends are ground, or there is not one carriage on one rail.
@@ -382,7 +382,7 @@ class SpringGrading:
     deformations: tuple[FloatArray, ...] = ()
 
     def group_rows(self, springs: Sequence[PlacedJoint]) -> list[FloatArray]:
-        """Rows ``(m_g, n_all)`` of each group, deformations of components first."""
+        """Return the rows ``(m_g, n_all)`` of each group, deformations of components first."""
         rows = {spring.name: spring.rows for spring in springs}
         return [
             *self.deformations,
@@ -445,8 +445,8 @@ def _stiff_deformations(
     most_compliant: float,
     memo: CouplingMemo,
 ) -> tuple[FloatArray, ...]:
-    """Rows of the boundary dofs of far stiffer components, less the rigid motion of the first node
-    of each.
+    """Return the rows of the boundary dofs of far stiffer components, less the rigid motion of the
+    first node of each.
 
     The soft springs of a body must not be what is left of the difference of its own large
     stiffnesses.
@@ -476,17 +476,19 @@ def _stiff_deformations(
 
 
 def _turned_deformations(element: Superelement, placement: Frame) -> FloatArray:
-    """Rows ``(n - 6, n)`` of a component in machine axes."""
+    """Return the rows ``(n - 6, n)`` of a component in machine axes."""
     return np.asarray(free_deformations(element) @ turn_dofs(element, placement))
 
 
 def _acts(spring: PlacedJoint, part: SpringDirection) -> bool:
-    """Whether a spring is stretched by any motion at all; one across a single rigid body is not."""
+    """Return whether a spring is stretched by any motion at all; one across a single rigid body is
+    not.
+    """
     return bool(np.any(part.direction @ spring.rows))
 
 
 def _ratio_warnings(parts: Sequence[SpringDirection], most_compliant: SpringDirection) -> list[str]:
-    """A warning per joint that is far stiffer than the most compliant one, with its stiffest
+    """Return a warning per joint that is far stiffer than the most compliant one, with its stiffest
     direction; a contact layer has one direction per deformation shape.
 
     Args:

@@ -114,7 +114,8 @@ def sum_stiffness(
     weights: Mapping[str, float] | None = None,
     memo: CouplingMemo | None = None,
 ) -> FloatArray:
-    """Stiffness ``(n, n)`` of components and joints, each times its weight where weights are given.
+    """Return the stiffness ``(n, n)`` of components and joints, each times its weight where weights
+    are given.
 
     A stiff spring enters only the coordinates that stretch its group or a stiffer one: in the
     others its row is zero but for roundoff, which times its stiffness would drown a soft spring.
@@ -168,8 +169,8 @@ def sum_hysteretic(
     grading: SpringGrading,
     loss_factors: Mapping[str, float],
 ) -> FloatArray | None:
-    """Imaginary part ``(n, n)`` of the complex stiffness: loss factor times stiffness of each part
-    [N/m]; None without any.
+    """Return the imaginary part ``(n, n)`` of the complex stiffness: loss factor times stiffness of
+    each part [N/m]; None without any.
 
     Args:
         layout: Places of the components' dofs among the ``n_all`` stacked ones.
@@ -190,7 +191,7 @@ def sum_mass(
     elimination: Elimination,
     memo: CouplingMemo | None = None,
 ) -> FloatArray:
-    """Mass ``(n, n)`` of the components.
+    """Return the mass ``(n, n)`` of the components.
 
     Args:
         layout: Places of the components' dofs among the ``n_all`` stacked ones.
@@ -206,7 +207,7 @@ def sum_damping(
     elimination: Elimination,
     springs: Sequence[PlacedJoint],
 ) -> FloatArray | None:
-    """Viscous damping ``(n, n)`` of components and joints, or None without any.
+    """Return the viscous damping ``(n, n)`` of components and joints, or None without any.
 
     Args:
         layout: Places of the components' dofs among the ``n_all`` stacked ones.
@@ -236,7 +237,7 @@ def _sum_components(
     memo: CouplingMemo | None = None,
     what: str = "",
 ) -> FloatArray:
-    """``T^T A T``; coordinates whose diagonal is roundoff of its terms are set to zero.
+    """Return ``T^T A T``; coordinates whose diagonal is roundoff of its terms are set to zero.
 
     The block of the coordinates that all poses share is kept in the memo.
     """
@@ -299,14 +300,14 @@ def _sum_shared(
 
 
 def _sum_terms(part: FloatArray, matrix: FloatArray) -> FloatArray:
-    """``(k,)`` sizes of the terms of the diagonal of ``P^T A P``."""
+    """Return the sizes ``(k,)`` of the terms of the diagonal of ``P^T A P``."""
     size = np.abs(part)
     return np.asarray(np.einsum("ij,ij->j", size, np.abs(matrix) @ size))
 
 
 def _is_identity(part: FloatArray) -> bool:
-    """Whether a component's dofs are coordinates as they stand: nothing is fixed and no spring
-    stands apart.
+    """Return whether a component's dofs are coordinates as they stand: nothing is fixed and no
+    spring stands apart.
     """
     return (
         part.shape[0] == part.shape[1]

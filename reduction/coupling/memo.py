@@ -23,8 +23,8 @@ class CouplingMemo:
     _kept: dict[str, tuple[tuple[object, ...], Any]] = field(default_factory=dict)
 
     def recall[T](self, name: str, made_of: tuple[object, ...], make: Callable[[], T]) -> T:
-        """A value made anew, or that of the last call of this name where it was made of the same:
-        arrays equal, the rest identical.
+        """Return a value made anew, or that of the last call of this name where it was made of the
+        same: arrays equal, the rest identical.
 
         Args:
             name: One per kind of value.

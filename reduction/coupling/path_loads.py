@@ -30,8 +30,8 @@ POINT_ROWS = 12  # that a body which turns adds to its dofs: a point and the slo
 def add_path_input(
     system: SecondOrderSystem, coupled: CoupledMachine, directions: Mapping[str, FloatArray]
 ) -> SecondOrderSystem:
-    """The system with the acceleration along a path as an input: ``M d'' + C d' + K d = -M
-    a_rigid``.
+    """Return the system with the acceleration along a path as an input:
+    ``M d'' + C d' + K d = -M a_rigid``.
 
     Its coordinates are then displacements about the rigid machine that travels as its set point
     says. A drive whose motor follows its set point is what the scene describes: the screw's spring
@@ -51,8 +51,8 @@ def add_path_input(
 
 
 def inertia_load(coupled: CoupledMachine, directions: Mapping[str, FloatArray]) -> FloatArray:
-    """Generalised load ``(n,)`` per unit acceleration along a path: the mass times the rigid
-    travel, reversed [kg].
+    """Return the generalised load ``(n,)`` per unit acceleration along a path: the mass times the
+    rigid travel, reversed [kg].
 
     Raises:
         ModelError: A component that travels is itself fixed to the machine frame.
@@ -65,8 +65,8 @@ def inertia_load(coupled: CoupledMachine, directions: Mapping[str, FloatArray]) 
 
 
 def rigid_travel(coupled: CoupledMachine, directions: Mapping[str, FloatArray]) -> FloatArray:
-    """Motion ``(n_all,)`` of the stacked dofs of all components per travel along a path, without
-    deformation.
+    """Return the motion ``(n_all,)`` of the stacked dofs of all components per travel along a path,
+    without deformation.
 
     Raises:
         ModelError: A component that travels is itself fixed to the machine frame.
@@ -78,8 +78,8 @@ def rigid_travel(coupled: CoupledMachine, directions: Mapping[str, FloatArray]) 
 
 
 def body_travel(coupled: CoupledMachine, name: str) -> FloatArray:
-    """Motion ``(n_own, 6)`` of the dofs of a component that moves as a rigid body along and about the
-    machine's axes through its centre of mass.
+    """Return the motion ``(n_own, 6)`` of the dofs of a component that moves as a rigid body along
+    and about the machine's axes through its centre of mass.
 
     Raises:
         ModelError: The component is itself fixed to the machine frame.
@@ -96,8 +96,8 @@ def body_travel(coupled: CoupledMachine, name: str) -> FloatArray:
 
 
 def body_loads(coupled: CoupledMachine, name: str) -> FloatArray:
-    """Generalised loads ``(n, 6)`` per unit acceleration of a component as a rigid body: its mass
-    times that motion, reversed.
+    """Return the generalised loads ``(n, 6)`` per unit acceleration of a component as a rigid body:
+    its mass times that motion, reversed.
     """
     return np.asarray(
         -coupled.basis[coupled.offsets[name]].T
@@ -106,7 +106,9 @@ def body_loads(coupled: CoupledMachine, name: str) -> FloatArray:
 
 
 def momentum_rows(coupled: CoupledMachine, travels: FloatArray) -> FloatArray:
-    """Rows ``(r, n_all)`` of the stacked dofs of their momenta along travels ``(n_all, r)``."""
+    """Return the rows ``(r, n_all)`` of the stacked dofs of their momenta along travels
+    ``(n_all, r)``.
+    """
     rows = np.zeros(travels.T.shape)
     for name, own in coupled.offsets.items():
         rows[:, own] = travels[own].T @ coupled.matrices.masses[name]
@@ -116,8 +118,8 @@ def momentum_rows(coupled: CoupledMachine, travels: FloatArray) -> FloatArray:
 def stack_modes(
     system: SecondOrderSystem, modes: ModalResult, coupled: CoupledMachine
 ) -> PosedModes:
-    """A system with its modes in the stacked dofs of the components, which are the same in every
-    pose of a path.
+    """Return a system with its modes in the stacked dofs of the components, which are the same in
+    every pose of a path.
 
     Args:
         system: The machine in one pose, ``n`` free coordinates, with its path input.
@@ -152,7 +154,7 @@ class TurningBody:
 
 
 def turn_with_bodies(posed: PosedModes, bodies: Sequence[TurningBody]) -> PosedModes:
-    """Modes in dofs that stay with the matter of bodies that turn.
+    """Return the modes in dofs that stay with the matter of bodies that turn.
 
     A point of a body moves by ``t + [theta] R r``, with its place ``r`` in the body and the turn
     ``R`` of the pose. Parallel transport by the product of such motions over the mass of the body
@@ -184,8 +186,8 @@ def turn_with_bodies(posed: PosedModes, bodies: Sequence[TurningBody]) -> PosedM
 def bound_gyroscopic_shift(
     posed: PosedModes, bodies: Sequence[TurningBody], rates: Sequence[float]
 ) -> float:
-    """How far gyroscopic forces on the deformation of bodies, of which ``turn_with_bodies`` has a part
-    only, can move a natural frequency, as a share of it; to first order in the speeds.
+    """Return how far gyroscopic forces on the deformation of bodies, of which ``turn_with_bodies``
+    has a part only, can move a natural frequency, as a share of it; to first order in the speeds.
 
     Two modes of equal frequency and unit mass that ``g`` couples are split by ``g / 2`` to both
     sides, modes of different frequencies by less. Of a body that turns at ``omega``, ``g = 2 omega
@@ -216,7 +218,7 @@ def find_rigid_travels(
     directions: Mapping[str, FloatArray],
     shares: Mapping[str, float],
 ) -> tuple[RigidTravel, ...]:
-    """What each drive does per travel along a path while the machine stays rigid.
+    """Find what each drive does per travel along a path while the machine stays rigid.
 
     Args:
         coupled: The machine in a pose, motors locked.
@@ -241,7 +243,8 @@ def add_driven_path_input(
     directions: Mapping[str, FloatArray],
     travels: Sequence[RigidTravel],
 ) -> SecondOrderSystem:
-    """The same of a machine with its motors let go: they and the screws turn as the travel asks.
+    """Do the same for a machine with its motors unlocked: they and the screws turn as the travel
+    asks.
 
     Args:
         system: From ``free_motors``, with whatever damping.
@@ -265,8 +268,8 @@ def stack_driven_modes(
     released: CoupledMachine,
     trains: Sequence[DriveTrain],
 ) -> PosedModes:
-    """A machine with free motors and its modes, in the stacked dofs of the components and the turns
-    of motors and screws in space.
+    """Return a machine with free motors and its modes, in the stacked dofs of the components and
+    the turns of motors and screws in space.
     """
     bodies = stack_modes(system, modes, released)
     turning = _turning_masses(trains, len(system.mass))
@@ -280,8 +283,8 @@ def stack_driven_modes(
 
 
 def housing_loads(trains: Sequence[DriveTrain], turned: FloatArray, total: int) -> FloatArray:
-    """Loads ``(total, k)`` of motors and screws per unit acceleration with which their housings are
-    turned.
+    """Return the loads ``(total, k)`` of motors and screws per unit acceleration with which their
+    housings are turned.
 
     Args:
         trains: Drives of a machine with free motors.

@@ -53,7 +53,7 @@ class PlacedProbe:
 def place_probe(
     coupled: CoupledMachine, machine: Machine, probe: Probe, gravity: FloatArray | None
 ) -> PlacedProbe:
-    """What a probe sees of a coupled machine.
+    """Return what a probe sees of a coupled machine.
 
     Args:
         gravity: ``(3,)`` acceleration in machine axes [m/s^2]; None without.
@@ -90,7 +90,9 @@ def place_probe(
 
 
 def carry_probe(coupled: CoupledMachine, probe: Probe, moved: FloatArray) -> FloatArray:
-    """What a probe sees ``(9, ...)`` of motions of the stacked dofs ``(n_all, ...)``, machine axes."""
+    """Return what a probe sees ``(9, ...)`` of motions of the stacked dofs ``(n_all, ...)``,
+    machine axes.
+    """
     superelement, placement = (
         coupled.layout.superelements[probe.component],
         coupled.placements[probe.component],
@@ -101,14 +103,16 @@ def carry_probe(coupled: CoupledMachine, probe: Probe, moved: FloatArray) -> Flo
 
 
 def travel_inertia(coupled: CoupledMachine, probe: Probe, direction: FloatArray) -> FloatArray:
-    """What modes left out add at a probe ``(9,)`` at rest per acceleration of its whole component in a
-    direction ``(3,)``, times -1, machine axes.
+    """Return what modes left out add at a probe ``(9,)`` at rest per acceleration of its whole
+    component in a direction ``(3,)``, times -1, machine axes.
     """
     return moved_inertia(coupled, probe, coupled.matrices.rigid[probe.component][:, :3] @ direction)
 
 
 def moved_inertia(coupled: CoupledMachine, probe: Probe, moved: FloatArray) -> FloatArray:
-    """The same ``(9, ...)`` per acceleration of the dofs of its component ``(n_own, ...)``."""
+    """Return the same ``(9, ...)`` per acceleration of the dofs of its component
+    ``(n_own, ...)``.
+    """
     superelement, placement = (
         coupled.layout.superelements[probe.component],
         coupled.placements[probe.component],
@@ -121,7 +125,8 @@ def moved_inertia(coupled: CoupledMachine, probe: Probe, moved: FloatArray) -> F
 def component_factors(
     coupled: CoupledMachine, machine: Machine, name: str, gravity: FloatArray | None
 ) -> dict[str, dict[str, float]]:
-    """By load of the machine, how much of each unit load of a component's superelement it takes.
+    """Return how much of each unit load of a component's superelement each load of the machine
+    takes.
 
     Args:
         gravity: ``(3,)`` acceleration in machine axes [m/s^2]; None without.
@@ -141,7 +146,7 @@ def component_factors(
 
 
 def _combine(rows: ProbeRows, factors: Mapping[str, float], seen: FloatArray) -> ProbeLoad:
-    """What is seen of unit loads that act together, machine axes."""
+    """Return what is seen of unit loads that act together, machine axes."""
     values: FloatArray = np.zeros(9)
     smoothing: FloatArray = np.zeros(() if rows.smoothing is None else rows.smoothing.shape[:2])
     missing: FloatArray = np.zeros(9)
@@ -165,8 +170,9 @@ def missing_of_loads(
     gravity: FloatArray | None,
     wanted: Collection[str] | None = None,
 ) -> dict[str, FloatArray]:
-    """Energy products ``(n,)`` of the discretisation errors of static responses to loads inside
-    bodies with those of the coordinates, together; by component with such loads, as far as known.
+    """Return the energy products ``(n,)`` of the discretisation errors of static responses to loads
+    inside bodies with those of the coordinates, together; by component with such loads, as far as
+    known.
 
     Args:
         gravity: ``(3,)`` acceleration in machine axes [m/s^2]; None without.

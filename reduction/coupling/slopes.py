@@ -70,7 +70,7 @@ class Selection:
 
 
 def stack_pieces(layout: DofLayout, machine: Machine, wanted: Selection) -> StackedPieces:
-    """The wanted parts of a machine as placed.
+    """Return the wanted parts of a machine as placed.
 
     Args:
         layout: Placed superelements with ``n_all`` stacked dofs.
@@ -103,8 +103,8 @@ def stack_pieces(layout: DofLayout, machine: Machine, wanted: Selection) -> Stac
 
 
 def difference_pieces(pairs: Sequence[tuple[StackedPieces, StackedPieces, float]]) -> StackedPieces:
-    """Sum of ``weight (after - before)`` over pairs of pieces that hold the same parts; what is
-    equal gives exact zeros.
+    """Return the sum of ``weight (after - before)`` over pairs of pieces that hold the same parts;
+    what is equal gives exact zeros.
     """
 
     def subtract(
@@ -127,7 +127,7 @@ def difference_pieces(pairs: Sequence[tuple[StackedPieces, StackedPieces, float]
 
 
 def _observer_rows(layout: DofLayout, machine: Machine, name: str) -> FloatArray:
-    """Rows ``(6, n_all)`` of the motion of a point, an interface or a component.
+    """Return the rows ``(6, n_all)`` of the motion of a point, an interface or a component.
 
     Raises:
         ModelError: There is nothing of that name.
@@ -150,8 +150,8 @@ def _component_constraints(layout: DofLayout, name: str) -> FloatArray:
 
 
 def _mean_motion_rows(layout: DofLayout, name: str) -> FloatArray:
-    """Rigid motion nearest to that of a component in the norm of its mass matrix, at its centre of
-    mass.
+    """Return the rigid motion nearest to that of a component in the norm of its mass matrix, at its
+    centre of mass.
     """
     superelement, placement = layout.superelements[name], layout.placements[name]
     motions = rigid_motions(superelement, superelement.center_of_mass)
@@ -179,7 +179,7 @@ class CoupledSlopes:
 
     @cached_property
     def _places(self) -> dict[str, slice]:
-        """Where each source of fixed motions has its rows."""
+        """Return where each source of fixed motions has its rows."""
         places, start = {}, 0
         for name, rows in self.pieces.constraints.items():
             places[name] = slice(start, start + len(rows))
@@ -187,7 +187,7 @@ class CoupledSlopes:
         return places
 
     def stiffness_times(self, motions: FloatArray) -> FloatArray:
-        """``K_s q`` ``(n_all, m)`` of components and joints without fixed motions."""
+        """Return ``K_s q`` ``(n_all, m)`` of components and joints without fixed motions."""
         forces = self._component_forces(self.pieces.stiffnesses, motions)
         for name, rows in self.pieces.rows.items():
             if self.pieces.springs[name].any():
@@ -195,13 +195,13 @@ class CoupledSlopes:
         return forces
 
     def mass_times(self, motions: FloatArray) -> FloatArray:
-        """``M_s q`` ``(n_all, m)``."""
+        """Return ``M_s q`` ``(n_all, m)``."""
         return self._component_forces(self.pieces.masses, motions)
 
     def changed_forces(
         self, slope: StackedPieces, motions: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """``dK_s q`` and ``dM_s q`` ``(n_all, m)``."""
+        """Return ``dK_s q`` and ``dM_s q`` ``(n_all, m)``."""
         forces = self._component_forces(slope.stiffnesses, motions)
         for name, spring in slope.springs.items():
             if spring.any():
@@ -217,8 +217,8 @@ class CoupledSlopes:
         return forces, self._component_forces(slope.masses, motions)
 
     def carried_motions(self, slope: StackedPieces, motions: FloatArray) -> FloatArray | None:
-        """``dT z`` ``(n_all, m)`` for ``q = T z``: how the fixed motions carry the dofs along; None
-        where they do not change.
+        """Return ``dT z`` ``(n_all, m)`` for ``q = T z``: how the fixed motions carry the dofs
+        along; None where they do not change.
 
         Raises:
             ModelError: Redundantly fixed motions would contradict each other after the change.
@@ -239,7 +239,7 @@ class CoupledSlopes:
         return carried
 
     def carried_forces(self, slope: StackedPieces, forces: FloatArray) -> FloatArray:
-        """``dT^T f`` ``(n, m)`` for stacked forces ``(n_all, m)``."""
+        """Return ``dT^T f`` ``(n, m)`` for stacked forces ``(n_all, m)``."""
         multipliers = self._spread.T @ forces
         total = np.zeros_like(forces)
         for name, change in slope.constraints.items():
@@ -274,7 +274,7 @@ class ModeSlopes:
 def slope_modes(
     machine: CoupledSlopes, slope: StackedPieces, eigenvalues: FloatArray, shapes: FloatArray
 ) -> ModeSlopes:
-    """Change of the pencil on given modes.
+    """Return the change of the pencil on given modes.
 
     Args:
         machine: The machine at the parameter's value.
@@ -314,7 +314,7 @@ def slope_point_compliance(
     motion: ObservedDof,
     force: ObservedDof,
 ) -> float:
-    """Derivative of the motion at one channel per unit force at another.
+    """Return the derivative of the motion at one channel per unit force at another.
 
     Args:
         machine: The machine at the parameter's value.

@@ -16,13 +16,15 @@ LEAST_MODE = 1e-8  # of the largest share in the mass that modes left out take, 
 
 
 def with_finer_mesh(element: Superelement) -> Superelement:
-    """As soft as the ± of its mesh leaves possible; itself where nothing is known of that."""
+    """Return a superelement as soft as the ± of its mesh leaves possible; itself where nothing is
+    known of that.
+    """
     return soften_element(element, element.errors.mesh_safety)
 
 
 def with_true_faces(element: Superelement) -> Superelement:
-    """With the curved faces and small features of the part; itself where its mesh cuts none short or
-    nothing is known of that.
+    """Return a superelement with the curved faces and small features of the part; itself where its
+    mesh cuts none short or nothing is known of that.
     """
     errors = element.errors
     for stiffness, mass in (
@@ -39,8 +41,9 @@ def with_true_faces(element: Superelement) -> Superelement:
 
 
 def with_modes_left_out(element: Superelement) -> Superelement:
-    """With modal dofs for the fixed-interface modes that it leaves out, all at the lowest of them: the
-    most that they can do at any frequency below it. Itself where it leaves out none.
+    """Return a superelement with modal dofs for the fixed-interface modes that it leaves out, all
+    at the lowest of them: the most that they can do at any frequency below it. Itself where it
+    leaves out none.
 
     The sum of ``p_k p_k^T / omega_k^2`` is known, with the participation ``p_k`` of each mode; modes of
     one frequency that have this sum in common follow from its eigenvectors.
@@ -110,7 +113,7 @@ def with_modes_left_out(element: Superelement) -> Superelement:
 
 
 def _widen(values: FloatArray | None, count: int, *axes: int) -> FloatArray | None:
-    """With zeros for further dofs along some axes; None stays None."""
+    """Return an array with zeros for further dofs along some axes; None stays None."""
     if values is None:
         return None
     return np.pad(values, [(0, count if axis in axes else 0) for axis in range(values.ndim)])

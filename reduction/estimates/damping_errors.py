@@ -49,7 +49,7 @@ class DampingErrors:
 def estimate_damping_errors(
     coupled: CoupledMachine, system: SecondOrderSystem, damped: DampedModes, count: int
 ) -> DampingErrors:
-    """How far the damped modes that belong to the first undamped ones may be off.
+    """Return how far the damped modes that belong to the first undamped ones may be off.
 
     What a source of error changes of the dynamic stiffness, ``dD(s)``, moves a pole by ``-x^T dD x
     / (x^T (2 s M + C) x)``. Modes left out change it by ``-s^4 R(-s^2)`` (see ``Truncation``),
@@ -94,7 +94,7 @@ class _StiffnessChanges:
         self._truncated, self._meshed = truncated_parts(coupled), meshed_parts(coupled)
 
     def project(self, pole: complex, shapes: ComplexArray) -> list[ComplexArray] | None:
-        """``X^T dD X`` ``(k, k)`` for each source; None where a source is not known."""
+        """Return ``X^T dD X`` ``(k, k)`` for each source; None where a source is not known."""
         square = -(pole**2)
         if any(
             not abs(square) < part.truncation.limit for part in self._truncated.values()
@@ -130,7 +130,9 @@ class _StiffnessChanges:
         return found
 
     def _damped(self, name: str, pole: complex) -> tuple[complex, complex]:
-        """Factors ``1 + s beta`` of a component's stiffness and ``1 + alpha / s`` of its mass."""
+        """Return the factors ``1 + s beta`` of a component's stiffness and ``1 + alpha / s`` of its
+        mass.
+        """
         damping = self._coupled.rayleigh.get(name, RayleighDamping())
         return 1.0 + damping.beta * pole, 1.0 + (damping.alpha / pole if pole else 0.0)
 
@@ -145,7 +147,7 @@ class _StiffnessChanges:
 def _shift_pole(
     system: SecondOrderSystem, damped: DampedModes, index: int, changes: _StiffnessChanges
 ) -> list[complex] | None:
-    """By how much each source of error moves a pole; None where that is not known."""
+    """Return how far each source of error moves a pole; None where that is not known."""
     pole = complex(damped.poles[index])
     every = np.concatenate([damped.poles, damped.poles[damped.poles.imag > 0.0].conj()])
     distances = np.abs(every - pole)
@@ -174,7 +176,7 @@ def _mode_errors(
     second: int | None,
     shifts: dict[int, list[complex] | None],
 ) -> tuple[float | None, float | None]:
-    """Of a mode's damped frequency [Hz] and damping ratio."""
+    """Return the errors of a mode's damped frequency [Hz] and damping ratio."""
     moved = None if first is None else shifts[first]
     if first is None or moved is None:
         return None, None
@@ -205,8 +207,8 @@ def _mode_errors(
 
 
 def _largest_damper(coupled: CoupledMachine, system: SecondOrderSystem, shape: ComplexArray) -> str:
-    """The joint or component that takes more than half of the energy a damped motion loses; empty
-    without one.
+    """Return the joint or component that takes more than half of the energy a damped motion loses;
+    empty without one.
     """
     if system.damping is None:
         return ""

@@ -40,7 +40,7 @@ def estimate_deviation(
     gravity: FloatArray | None,
     deviation: ToolDeviation,
 ) -> dict[str, DeviationChanges]:
-    """What finer meshes and true surfaces change in a deviation, by its source.
+    """Estimate what finer meshes and true surfaces change in a deviation, by its source.
 
     The change by a mesh is the energy product of the errors of two responses, to the source and to
     a unit load at the tool: a sum over components. What a true surface changes is to first order
@@ -87,6 +87,6 @@ def estimate_deviation(
 
 
 def _is_silent(coupled: CoupledMachine, motions: FloatArray) -> FloatArray:
-    """Which motions ``(n, m)`` strain dofs whose mesh error is not known."""
+    """Return which motions ``(n, m)`` strain dofs whose mesh error is not known."""
     energies = np.einsum("im,ij,jm->m", motions, coupled.system.stiffness, motions)
     return np.asarray(silent_energies(coupled, motions) > SILENT_SHARE * energies)

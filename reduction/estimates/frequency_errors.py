@@ -46,7 +46,7 @@ class TruncatedPart:
 
 
 def truncated_parts(coupled: CoupledMachine) -> dict[str, TruncatedPart]:
-    """The components of a machine that leave modes out."""
+    """Return the components of a machine that leave modes out."""
     parts = {}
     for name, superelement in coupled.layout.superelements.items():
         truncation = superelement.errors.truncation
@@ -62,7 +62,7 @@ def truncated_parts(coupled: CoupledMachine) -> dict[str, TruncatedPart]:
 def bound_frequency_errors(
     system: SecondOrderSystem, parts: Mapping[str, TruncatedPart], modes: ModalResult
 ) -> FrequencyErrors:
-    """Bounds of the reduction error of natural frequencies.
+    """Return the bounds of the reduction error of natural frequencies.
 
     With every mode kept a frequency solves ``(K - lambda M - lambda^2 R(lambda)) q = 0``, with R
     the participation of the modes left out. R grows with lambda and is at most
@@ -118,8 +118,8 @@ def bound_frequency_errors(
 def _trial_space(
     system: SecondOrderSystem, parts: Mapping[str, TruncatedPart], modes: ModalResult
 ) -> FloatArray:
-    """The modes ``(n, m)`` and the new directions, M-orthonormal, into which the modes left out
-    push them.
+    """Return the modes ``(n, m)`` and the new directions, M-orthonormal, into which the modes left
+    out push them.
     """
     shapes = modes.shapes
     if not parts or not shapes.shape[1]:
@@ -143,8 +143,8 @@ def _trial_space(
 
 
 def new_directions(block: FloatArray, space: FloatArray, mass: FloatArray) -> FloatArray:
-    """M-orthonormal directions that a block adds to an M-orthonormal space; those it shares with
-    the space fall away.
+    """Return the M-orthonormal directions that a block adds to an M-orthonormal space; those it
+    shares with the space fall away.
 
     Args:
         block: ``(n, k)`` directions of any length.

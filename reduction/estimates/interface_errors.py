@@ -18,7 +18,7 @@ PASSING = 3  # peaks that may pass over a line
 def shape_energies(
     coupled: CoupledMachine, joints: Mapping[str, Joint], motions: FloatArray
 ) -> dict[str, FloatArray]:
-    """Twice the strain energies ``(m,)`` that the shapes at each joint hold.
+    """Return twice the strain energies ``(m,)`` that the shapes at each joint hold.
 
     In the strong form this is, to first order, by how much the squares of the angular frequencies
     of mass-normalised modes fall when the joint gets its shapes.
@@ -60,8 +60,8 @@ class FormResponse:
 def bound_response_changes(
     plain: ComplexArray, frequencies_hz: FloatArray, forms: Sequence[FormResponse]
 ) -> FloatArray:
-    """How far every line ``(n_freq, n_outputs, n_inputs)`` of a response may be off by shapes that
-    joints leave out; NaN where a peak without damping passes.
+    """Return how far every line ``(n_freq, n_outputs, n_inputs)`` of a response may be off by
+    shapes that joints leave out; NaN where a peak without damping passes.
 
     The strong form is too stiff and the weak one too soft, so each peak of the truth lies between
     its two places: the lines between them may carry its top.

@@ -26,7 +26,7 @@ class Border:
     chatter: FloatArray
 
     def distance(self, other: "Border") -> "Border":
-        """Sizes of both differences."""
+        """Return the sizes of both differences."""
         return Border(np.abs(self.depth - other.depth), np.abs(self.chatter - other.chatter))
 
 
@@ -52,7 +52,7 @@ class BorderChanges:
 def find_border_changes(
     space: ResponseSpace, find: FindBorder, chatter: FloatArray
 ) -> BorderChanges:
-    """How far limits may be off.
+    """Find how far limits may be off.
 
     Args:
         find: Its border with a change; NaN at other speeds than those asked for.
@@ -80,7 +80,9 @@ def find_border_changes(
 def _add_modes(
     space: ResponseSpace, find: FindBorder, chatter: FloatArray, plain: Border
 ) -> Border:
-    """By the least and the most that modes left out add at the frequencies of chatter."""
+    """Return the changes by the least and the most that modes left out add at the frequencies of
+    chatter.
+    """
     unknown = np.full(len(chatter), np.nan)
     found = Border(unknown.copy(), unknown.copy())
     with np.errstate(invalid="ignore"):

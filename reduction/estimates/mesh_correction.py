@@ -14,8 +14,8 @@ ROUNDING = 1e-13  # of the largest direction, below which a dof moves nothing bu
 
 
 def correct_mesh(element: Superelement) -> Superelement:
-    """The superelement as finer meshes would have it, to first order in the estimate of its mesh; itself
-    where nothing is known of that, or where it is corrected already.
+    """Return the superelement as finer meshes would have it, to first order in the estimate of its
+    mesh; itself where nothing is known of that, or where it is corrected already.
 
     The compliance grows by the energy that the mesh misses: ``K_c^-1 = K^-1 + K^-1 E K^-1``, so that
     ``K_c = K (K + E)^-1 K`` has no negative direction however large ``E`` is, and the rigid motions of
@@ -38,8 +38,8 @@ def correct_mesh(element: Superelement) -> Superelement:
 
 
 def soften_element(element: Superelement, share: float) -> Superelement:
-    """The superelement with a share of the energy that its mesh misses taken out of its stiffness;
-    itself where nothing is known of that.
+    """Return the superelement with a share of the energy that its mesh misses taken out of its
+    stiffness; itself where nothing is known of that.
 
     Args:
         element: Of finite elements, with the estimate of its mesh.
@@ -60,7 +60,7 @@ def soften_element(element: Superelement, share: float) -> Superelement:
 
 
 def _soften(stiffness: FloatArray, missing: FloatArray) -> FloatArray:
-    """``K (K + E)^-1 K``, as ``K - E + E (K + E)^+ E``: what is rigid is not divided by."""
+    """Return ``K (K + E)^-1 K``, as ``K - E + E (K + E)^+ E``: what is rigid is not divided by."""
     total = stiffness + missing
     scale = 1.0 / np.sqrt(np.where((size := total.diagonal()) > 0.0, size, 1.0))
     values, shapes = np.linalg.eigh(total * scale * scale[:, None])
@@ -88,7 +88,7 @@ def _correct_probe(probe: ProbeRows, share: float) -> ProbeRows:
 
 
 def _add_missing(values: FloatArray, missing: FloatArray | None, share: float) -> FloatArray:
-    """What is seen with what the mesh misses of it inside. Of stresses this is what keeps them in balance
-    with the loads: the softer coordinates alone would raise them.
+    """Return what is seen with what the mesh misses of it inside. Of stresses this is what keeps
+    them in balance with the loads: the softer coordinates alone would raise them.
     """
     return values if missing is None else values + share * missing

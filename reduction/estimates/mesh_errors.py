@@ -72,18 +72,19 @@ class MeshedPart:
     rigid: FloatArray | None = None
 
     def strain[Motions: (FloatArray, ComplexArray)](self, motions: Motions) -> Motions:
-        """Its dofs ``(n_c, m)`` under motions of the machine ``(n, m)``, without its rigid motions:
-        these miss no energy, but what rounding leaves of it would look large beside a soft mount.
+        """Return its dofs ``(n_c, m)`` under motions of the machine ``(n, m)``, without its rigid
+        motions: these miss no energy, but what rounding leaves of it would look large beside a soft
+        mount.
         """
         return self.without_rigid(self.rows @ motions)
 
     def without_rigid[Motions: (FloatArray, ComplexArray)](self, own: Motions) -> Motions:
-        """Motions of its dofs, ``(n_c,)`` or ``(n_c, m)``, without their rigid part."""
+        """Return the motions of its dofs, ``(n_c,)`` or ``(n_c, m)``, without their rigid part."""
         return own if self.rigid is None else own - self.rigid @ (self.rigid.T @ own)
 
     @property
     def shape(self) -> PartChange | None:
-        """What faces and features change together; None where nothing is known of either."""
+        """Return what faces and features change together; None where nothing is known of either."""
         known = [each for each in (self.faces, self.left_out) if each is not None]
         if not known:
             return None
@@ -94,7 +95,7 @@ class MeshedPart:
 
 
 def meshed_parts(coupled: CoupledMachine) -> dict[str, MeshedPart]:
-    """The components of a machine whose mesh has an estimate."""
+    """Return the components of a machine whose mesh has an estimate."""
     found = {}
     for name, part in coupled.layout.superelements.items():
         errors = part.errors
@@ -132,8 +133,8 @@ def _scale_change(stiffness: FloatArray | None, mass: FloatArray | None) -> Part
 
 
 def missing_energies(coupled: CoupledMachine, motions: FloatArray) -> dict[str, FloatArray]:
-    """Energy products of the discretisation errors of each meshed component under motions of the
-    machine.
+    """Return the energy products of the discretisation errors of each meshed component under
+    motions of the machine.
 
     Args:
         motions: ``(n, m)`` generalised displacements.
@@ -148,8 +149,8 @@ def missing_energies(coupled: CoupledMachine, motions: FloatArray) -> dict[str, 
 
 
 def frequency_mesh_errors(coupled: CoupledMachine, modes: ModalResult) -> dict[str, FloatArray]:
-    """By how much each mesh makes the natural frequencies too high, ``(m,)`` per component [Hz];
-    NaN where that is not known.
+    """Return by how much each mesh makes the natural frequencies too high, ``(m,)`` per component
+    [Hz]; NaN where that is not known.
 
     The square of a frequency is too large by the energy norm of the shape's error; what the kinetic
     energy adds is of higher order.
@@ -174,8 +175,8 @@ def frequency_mesh_errors(coupled: CoupledMachine, modes: ModalResult) -> dict[s
 
 
 def silent_energies(coupled: CoupledMachine, motions: FloatArray) -> FloatArray:
-    """Twice the strain energies ``(m,)`` of motions ``(n, m)`` in dofs whose mesh error is not
-    known.
+    """Return twice the strain energies ``(m,)`` of motions ``(n, m)`` in dofs whose mesh error is
+    not known.
     """
     total = np.zeros(motions.shape[1])
     for part in meshed_parts(coupled).values():
@@ -187,8 +188,8 @@ def silent_energies(coupled: CoupledMachine, motions: FloatArray) -> FloatArray:
 
 
 def frequency_shape_errors(coupled: CoupledMachine, modes: ModalResult) -> dict[str, FloatArray]:
-    """By how much natural frequencies differ because meshes cut curved faces short, ``(m,)`` per
-    component [Hz].
+    """Return by how much natural frequencies differ because meshes cut curved faces short, ``(m,)``
+    per component [Hz].
 
     Source: Rayleigh; to first order ``omega^2`` changes by ``phi^T (dK - omega^2 dM) phi``.
     """
@@ -200,8 +201,8 @@ def frequency_shape_errors(coupled: CoupledMachine, modes: ModalResult) -> dict[
 
 
 def frequency_feature_errors(coupled: CoupledMachine, modes: ModalResult) -> dict[str, FloatArray]:
-    """By how much natural frequencies differ because meshes lack small features, ``(m,)`` per
-    component [Hz].
+    """Return by how much natural frequencies differ because meshes lack small features, ``(m,)``
+    per component [Hz].
 
     Source: As ``frequency_shape_errors``.
     """
@@ -229,8 +230,8 @@ def _frequency_change(part: MeshedPart, change: PartChange, modes: ModalResult) 
 def compliance_shape_errors(
     coupled: CoupledMachine, displacements: FloatArray
 ) -> dict[str, FloatArray]:
-    """By how much static compliances differ because meshes cut curved faces short, ``(m,)`` per
-    component.
+    """Return by how much static compliances differ because meshes cut curved faces short, ``(m,)``
+    per component.
 
     Args:
         displacements: ``(n, m)`` responses to unit loads.
@@ -245,7 +246,7 @@ def compliance_shape_errors(
 def compliance_feature_errors(
     coupled: CoupledMachine, displacements: FloatArray
 ) -> dict[str, FloatArray]:
-    """By how much static compliances differ because meshes lack small features, ``(m,)`` per
+    """Return by how much static compliances differ because meshes lack small features, ``(m,)`` per
     component.
 
     Args:
@@ -261,8 +262,8 @@ def compliance_feature_errors(
 def product_errors(
     coupled: CoupledMachine, left: FloatArray, right: FloatArray
 ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
-    """By how much products of static responses with loads differ by each mesh, and by the curved
-    faces and small features that it lacks, ``(m,)`` per component.
+    """Return by how much products of static responses with loads differ by each mesh, and by the
+    curved faces and small features that it lacks, ``(m,)`` per component.
 
     Args:
         left: ``(n, m)`` responses to the loads that do the work of what is sought.
@@ -290,7 +291,7 @@ def _compliance_change(
 def compliance_mesh_errors(
     coupled: CoupledMachine, displacements: FloatArray
 ) -> dict[str, FloatArray]:
-    """By how much each mesh makes a static compliance too small.
+    """Return by how much each mesh makes a static compliance too small.
 
     Args:
         displacements: ``(n, 6)`` responses to unit loads at a point.
@@ -317,7 +318,7 @@ def doubted_energies(
     areas: Mapping[tuple[str, str], float],
     parts: Mapping[str, Material],
 ) -> dict[str, FloatArray]:
-    """Twice the energies ``(m,)`` by which the kind of each interface may change motions, by
+    """Return twice the energies ``(m,)`` by which the kind of each interface may change motions, by
     ``component.interface``.
 
     Args:

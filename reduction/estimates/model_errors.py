@@ -48,7 +48,7 @@ def watch_modes(
     *,
     count: int,
 ) -> WatchedModes:
-    """Enough modes of a machine for the first of another model of it to find theirs.
+    """Return enough modes of a machine for the first of another model of it to find theirs.
 
     Args:
         places: By component, points that stand for its mass.
@@ -63,7 +63,7 @@ def watch_modes(
 
 
 def compare_modes(plain: WatchedModes, better: WatchedModes, *, count: int) -> ModeChanges:
-    """What better bodies change of the first modes of a machine.
+    """Return what better bodies change of the first modes of a machine.
 
     Modes are one where their motions at places that stand for the mass of every body are, whatever
     their order; close ones are compared by the space they span (see ``pair_modes``). First-order
@@ -98,8 +98,8 @@ def compare_modes(plain: WatchedModes, better: WatchedModes, *, count: int) -> M
 
 
 def split_change(size: float, singles: Mapping[str, float]) -> dict[str, float]:
-    """Parts of the size of a change that several bodies make together: as their single changes are
-    to one another, and together that size.
+    """Return the parts of the size of a change that several bodies make together: as their single
+    changes are to one another, and together that size.
 
     Args:
         singles: Body to the change that it alone makes; NaN where nobody knows.

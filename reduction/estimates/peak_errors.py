@@ -60,7 +60,7 @@ class _Follower:
         self.before = self.measure(plain)
 
     def measure(self, model: FrfModel) -> FloatArray:
-        """Heights ``(n,)`` of peaks, then of levels."""
+        """Return the heights ``(n,)`` of peaks, then of levels."""
         partners = {
             pair.first: pair.second
             for pair in pair_modes(self._modes, _mode_set(model, BEYOND * self._count + FURTHER))
@@ -70,7 +70,7 @@ class _Follower:
         return np.concatenate([heights, measure_levels(model, self._levels)])
 
     def shape(self, mode: int) -> FloatArray:
-        """Coordinates ``(m,)`` of a mode."""
+        """Return the coordinates ``(m,)`` of a mode."""
         return np.asarray(self._modes.field[:, mode])
 
 
@@ -89,7 +89,7 @@ def find_peak_errors(
     peaks: Sequence[ResponsePeak],
     levels: Sequence[ResponseLevel],
 ) -> PeakErrors:
-    """What each source of error changes of the heights of peaks and of levels.
+    """Find what each source of error changes of the heights of peaks and of levels.
 
     Near a resonance ``|H| = phi_i phi_o / (2 zeta omega^2)`` and what other modes add, so that a peak
     changes with its mode's shape at both channels, twice with its frequency, and with its damping. The
@@ -133,8 +133,8 @@ def _add_modes(
     peaks: Sequence[ResponsePeak],
     levels: int,
 ) -> dict[str, FloatArray]:
-    """Changes by the most that modes left out can add, split among components by their energy; at
-    rest they add nothing.
+    """Return the changes by the most that modes left out can add, split among components by their
+    energy; at rest they add nothing.
     """
     names = list(space.sources.truncated)
     found: dict[str, FloatArray] = {name: np.zeros(len(peaks) + levels) for name in names}

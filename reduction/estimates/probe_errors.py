@@ -68,7 +68,7 @@ class RestErrors:
 def estimate_at_rest(
     coupled: CoupledMachine, probe: PlacedProbe, moved: FloatArray, inside: Mapping[str, FloatArray]
 ) -> RestErrors:
-    """Errors of what a probe sees of a static response.
+    """Return the errors of what a probe sees of a static response.
 
     The error of a displacement is the energy product of the errors of the response and of the
     response to a unit force at the probe. That of a stress is the same with the load that does the
@@ -116,8 +116,9 @@ def estimate_at_rest(
 
 
 def moved_locally(strain_reach: float, local: ComplexArray | FloatArray) -> FloatArray:
-    """Size of the displacement error within the cells of a probe ``(...)`` [m], which energy products
-    see poorly where the probe hardly moves: that of the strain over a share of their size.
+    """Return the size of the displacement error within the cells of a probe ``(...)`` [m], which
+    energy products see poorly where the probe hardly moves: that of the strain over a share of
+    their size.
 
     Args:
         strain_reach: Of the probe [m/Pa].
@@ -129,8 +130,8 @@ def moved_locally(strain_reach: float, local: ComplexArray | FloatArray) -> Floa
 
 
 def bound_von_mises(stress: FloatArray, errors: RestErrors) -> tuple[float, float]:
-    """Error of the equivalent stress by meshes, and by the curved faces and small features that they
-    lack [Pa]; NaN where nobody knows.
+    """Return the error of the equivalent stress by meshes, and by the curved faces and small
+    features that they lack [Pa]; NaN where nobody knows.
 
     Args:
         stress: ``(6,)`` [Pa].

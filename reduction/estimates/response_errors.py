@@ -188,7 +188,7 @@ class ResponseSpace:
         )
 
     def _add_up(self, changes: Sequence[SystemChange], factor: float = 1.0) -> SystemChange:
-        """The sum of changes, times a factor."""
+        """Return the sum of changes, times a factor."""
         viscous = [each.damping for each in changes if each.damping is not None]
         nothing = np.zeros_like(self._mass)
         return SystemChange(
@@ -210,8 +210,8 @@ class ResponseSpace:
         change: SystemChange | None = None,
         shares: FloatArray | float = 1.0,
     ) -> ComplexArray:
-        """``K + i H + i omega C - omega^2 M`` ``(n_freq, m, m)``, with what control adds; structural
-        damping does not act at rest.
+        """Return ``K + i H + i omega C - omega^2 M`` ``(n_freq, m, m)``, with what control adds;
+        structural damping does not act at rest.
 
         Args:
             squares: ``(n_freq,)`` of the angular frequencies; 0 for rest.
@@ -246,7 +246,7 @@ class ResponseSpace:
         outputs: Sequence[Channel],
         change: SystemChange | None = None,
     ) -> SecondOrderSystem:
-        """The machine in the trial space as a system of its own.
+        """Return the machine in the trial space as a system of its own.
 
         Args:
             change: What is added, such as by finer meshes; None for nothing.
@@ -269,8 +269,8 @@ class ResponseSpace:
         )
 
     def squares(self, change: SystemChange | None = None, near_hz: float = 0.0) -> FloatArray:
-        """``omega^2`` of the undamped modes ``(m,)``, with a change or without; of drives under
-        control, as stiff as they are near a frequency.
+        """Return ``omega^2`` of the undamped modes ``(m,)``, with a change or without; of drives
+        under control, as stiff as they are near a frequency.
         """
         stiffness = self._stiffness if change is None else self._stiffness + change.stiffness.real
         mass = self._mass if change is None else self._mass + change.mass
@@ -280,7 +280,9 @@ class ResponseSpace:
         return np.asarray(eigh(stiffness, mass, eigvals_only=True))
 
     def softening(self, hz: float) -> float:
-        """Where the mode nearest to a frequency lies with finer meshes, over where it lies now."""
+        """Return where the mode nearest to a frequency lies with finer meshes, over where it lies
+        now.
+        """
         now, then = self.squares(near_hz=hz), self.squares(self.finer, hz)
         mode = int(np.argmin(np.abs(now - (2.0 * np.pi * hz) ** 2)))
         return float(np.sqrt(max(then[mode], 0.0) / now[mode])) if now[mode] > 0.0 else 1.0
@@ -288,8 +290,8 @@ class ResponseSpace:
     def participations(
         self, squares: FloatArray, only: str | None = None
     ) -> tuple[ComplexArray, ComplexArray]:
-        """The least and the most that ``lambda^2 R`` can be ``(n_freq, m, m)``, of one component or of
-        all.
+        """Return the least and the most that ``lambda^2 R`` can be ``(n_freq, m, m)``, of one
+        component or of all.
         """
         shape = (len(squares), *self._mass.shape)
         least, most = np.zeros(shape, dtype=complex), np.zeros(shape, dtype=complex)
@@ -307,8 +309,8 @@ class ResponseSpace:
         return least, most
 
     def linearise_modes(self, square: float) -> tuple[SystemChange, SystemChange]:
-        """The least and the most that modes left out take from the dynamic stiffness, as a line in
-        ``omega^2`` through its value and its slope at one ``square``.
+        """Return the least and the most that modes left out take from the dynamic stiffness, as a
+        line in ``omega^2`` through its value and its slope at one ``square``.
         """
         ends = square * np.array([1.0 - STEP, 1.0 + STEP])
         changes = []
@@ -376,8 +378,8 @@ def _trial_space(
     highest_hz: float,
     shift: float,
 ) -> FloatArray:
-    """M-orthonormal directions ``(n, m)`` in which the response and its change are sought: the
-    lowest modes, as many as counted, and others.
+    """Return the M-orthonormal directions ``(n, m)`` in which the response and its change are
+    sought: the lowest modes, as many as counted, and others.
     """
     shapes = modes.shapes[:, :count]
     near = shapes[
@@ -444,7 +446,8 @@ class ResponseErrors:
 
 
 def bound_response_errors(space: ResponseSpace, frequencies_hz: FloatArray) -> ResponseErrors:
-    """Change of a frequency response by the modes that components leave out, and by finer meshes.
+    """Return the change of a frequency response by the modes that components leave out, and by
+    finer meshes.
 
     Modes left out take ``lambda^2 R(lambda)`` from the dynamic stiffness (see
     ``bound_frequency_errors``); a loss factor eta of a component divides its ``omega_k^2`` by ``1 /
@@ -509,8 +512,8 @@ def bound_response_errors(space: ResponseSpace, frequencies_hz: FloatArray) -> R
 
 
 def soften_response(space: ResponseSpace, frequencies_hz: FloatArray) -> ComplexArray:
-    """Receptance ``(n_freq, n_outputs, n_inputs)`` as finer meshes would have it, by their
-    estimates.
+    """Return the receptance ``(n_freq, n_outputs, n_inputs)`` as finer meshes would have it, by
+    their estimates.
     """
     return _respond(
         space, space.dynamic_stiffness((2.0 * np.pi * frequencies_hz) ** 2, space.finer)
@@ -535,7 +538,7 @@ class _Move:
 def _largest_change(
     space: ResponseSpace, move: _Move, squares: FloatArray, plain: ComplexArray, whole: ComplexArray
 ) -> FloatArray:
-    """The largest change of lines ``(n_freq, n_outputs, n_inputs)`` anywhere on the way from
+    """Return the largest change of lines ``(n_freq, n_outputs, n_inputs)`` anywhere on the way from
     ``plain`` to the ``whole`` change.
     """
     largest = np.maximum(np.abs(whole), _largest_passing(space, move, squares, plain))
@@ -550,8 +553,8 @@ def _largest_change(
 def _largest_passing(
     space: ResponseSpace, move: _Move, squares: FloatArray, plain: ComplexArray
 ) -> FloatArray:
-    """The largest change of lines ``(n_freq, n_outputs, n_inputs)`` while peaks pass over them; 0
-    where none does.
+    """Return the largest change of lines ``(n_freq, n_outputs, n_inputs)`` while peaks pass over
+    them; 0 where none does.
 
     The truth may lie anywhere between no change and the whole. While the change grows modes move
     from here to there, and those that pass over a line are on it at some share of the change, which
@@ -573,7 +576,7 @@ def _largest_passing(
 def _add_modes(
     space: ResponseSpace, squares: FloatArray, dynamic: ComplexArray, plain: ComplexArray
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Changes by the least and by the most that the modes left out can add."""
+    """Return the changes by the least and by the most that the modes left out can add."""
     inputs = space.loads.shape[1]
     low, high = space.participations(squares)
     loads, rows = space.loads.astype(complex), space.rows.T.astype(complex)

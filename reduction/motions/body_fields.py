@@ -35,8 +35,8 @@ class BodyPlaces:
 
 
 def choose_places(superelement: Superelement) -> BodyPlaces:
-    """Gauss points of the block of equal mass, centre and inertia: exact for rigid motions, and
-    enough of them to see bending.
+    """Return the Gauss points of the block of equal mass, centre and inertia: exact for rigid
+    motions, and enough of them to see bending.
     """
     mass = superelement.mass_kg
     if not mass > 0.0:
@@ -52,7 +52,8 @@ def choose_places(superelement: Superelement) -> BodyPlaces:
 
 
 def place_motion(superelement: Superelement, points: FloatArray) -> FloatArray:
-    """Displacement ``(3 k, n)`` of places ``(k, 3)`` in a component per unit dof, component axes.
+    """Return the displacement ``(3 k, n)`` of places ``(k, 3)`` in a component per unit dof,
+    component axes.
 
     Recovered displacements nearby are fitted by a linear field, which gives rigid motions and plane
     sections exactly; without them the boundary nodes carry the places, weighted by their nearness.
@@ -79,8 +80,8 @@ def place_motion(superelement: Superelement, points: FloatArray) -> FloatArray:
 
 
 def carried_motion(superelement: Superelement, points: FloatArray) -> FloatArray:
-    """The same from the boundary nodes alone: each place takes their rigid motions, weighted by
-    nearness (Shepard 1968).
+    """Return the same from the boundary nodes alone: each place takes their rigid motions, weighted
+    by nearness (Shepard 1968).
     """
     result = np.zeros((3 * len(points), len(superelement.labels)))
     distances = np.array(
@@ -99,7 +100,7 @@ def machine_field(
     shapes: FloatArray,
     motions: Mapping[str, FloatArray] | None = None,
 ) -> FloatArray:
-    """Motions of all places in machine axes, each times the root of its mass.
+    """Return the motions of all places in machine axes, each times the root of its mass.
 
     The scalar product of two columns is the kinetic energy they share, so mass-normalised modes
     have length one.

@@ -54,7 +54,7 @@ class BodyMotion:
 
 
 def center_of_mass(coupled: CoupledMachine, name: str) -> FloatArray:
-    """Centre of mass ``(3,)`` of a component in the machine frame [m]."""
+    """Return the centre of mass ``(3,)`` of a component in the machine frame [m]."""
     placement = coupled.placements[name]
     return np.asarray(
         placement.origin + placement.rotation @ coupled.layout.superelements[name].center_of_mass
@@ -62,8 +62,8 @@ def center_of_mass(coupled: CoupledMachine, name: str) -> FloatArray:
 
 
 def rigid_dofs(coupled: CoupledMachine, name: str, point: FloatArray) -> FloatArray:
-    """Dofs ``(n_c, 6)`` of a component when it moves rigidly: three unit displacements and three
-    unit rotations, machine axes.
+    """Return the dofs ``(n_c, 6)`` of a component when it moves rigidly: three unit displacements
+    and three unit rotations, machine axes.
 
     Args:
         point: ``(3,)`` point about which it rotates, machine frame [m].
@@ -98,13 +98,13 @@ def _body_motion(coupled: CoupledMachine, name: str, stacked: FloatArray) -> Bod
 
 
 def split_motions(coupled: CoupledMachine, stacked: FloatArray) -> tuple[BodyMotion, ...]:
-    """The motion of every component that has dofs."""
+    """Return the motion of every component that has dofs."""
     return tuple(_body_motion(coupled, name, stacked) for name in coupled.offsets)
 
 
 def join_names(names: Sequence[str], limit: int = 4) -> str:
-    """``a + pad_1..4``: numbered names of one family together, cut with an ellipsis where there are
-    many.
+    """Return ``a + pad_1..4``: numbered names of one family together, cut with an ellipsis where
+    there are many.
     """
     families: dict[str, list[int]] = {}
     for name in names:
@@ -116,7 +116,9 @@ def join_names(names: Sequence[str], limit: int = 4) -> str:
 
 
 def name_families(names: Iterable[str]) -> dict[str, list[str]]:
-    """Names that differ by a number only, by what they are called together: ``pad_1..4``."""
+    """Return the names that differ by a number only, by what they are called together:
+    ``pad_1..4``.
+    """
     families: dict[str, list[str]] = {}
     for name in sorted(names):
         families.setdefault(split_number(name)[0], []).append(name)
@@ -124,7 +126,7 @@ def name_families(names: Iterable[str]) -> dict[str, list[str]]:
 
 
 def split_number(name: str) -> tuple[str, int | None]:
-    """``pad_3`` as ``("pad", 3)``; a name without a number as ``(name, None)``."""
+    """Split ``pad_3`` into ``("pad", 3)``; a name without a number into ``(name, None)``."""
     stem, _, tail = name.rpartition("_")
     if stem and tail.isdecimal() and str(int(tail)) == tail:
         return stem, int(tail)
@@ -158,8 +160,8 @@ class FreeMotion:
 
 
 def find_free_motions(coupled: CoupledMachine) -> tuple[FreeMotion, ...]:
-    """Independent motions that meet no stiffness, each as simple as can be: one body leads, the
-    others of the set do not.
+    """Find the independent motions that meet no stiffness, each as simple as can be: one body
+    leads, the others of the set do not.
     """
     null = find_null_space(coupled.system.stiffness)
     if null.dimension == 0:
@@ -186,7 +188,8 @@ def find_free_motions(coupled: CoupledMachine) -> tuple[FreeMotion, ...]:
 
 
 def solve_machine_static(coupled: CoupledMachine, loads: FloatArray) -> BalancedResult:
-    """Static displacements of a coupled machine under loads that do no work on its free motions.
+    """Return the static displacements of a coupled machine under loads that do no work on its free
+    motions.
 
     Args:
         loads: ``(n,)`` or ``(n, m)`` generalised loads.
@@ -203,8 +206,8 @@ def solve_machine_static(coupled: CoupledMachine, loads: FloatArray) -> Balanced
 
 
 def warn_of_free_motions(motions: Sequence[FreeMotion]) -> str:
-    """What to say of motions that nothing holds where the analyses go on: one text, whoever finds
-    them, so that it is said once.
+    """Return the warning of motions that nothing constrains where the analyses go on: one text,
+    whoever finds them, so that it is said once.
     """
     return (
         f"nothing holds {'; '.join(str(motion) for motion in motions)}: that has no frequency, and a static load that does work on it "
@@ -213,7 +216,7 @@ def warn_of_free_motions(motions: Sequence[FreeMotion]) -> str:
 
 
 def free_motion_error(coupled: CoupledMachine) -> ModelError:
-    """What to say where a load does work on free motions, which are named."""
+    """Return the error of a load that does work on free motions, which are named."""
     motions = find_free_motions(coupled)
     return ModelError(
         f"{len(motions)} rigid motion(s) are free and the loads do work on them, so there is no static answer: "
@@ -222,8 +225,8 @@ def free_motion_error(coupled: CoupledMachine) -> ModelError:
 
 
 def _stack_rigid(coupled: CoupledMachine, shape: FloatArray) -> FloatArray:
-    """Rigid motions ``(6 n_components,)`` of all components, rotations times the machine's
-    length.
+    """Return the rigid motions ``(6 n_components,)`` of all components, rotations times the
+    machine's length.
     """
     scale = np.repeat([1.0, coupled.layout.length], 3)
     return np.concatenate([scale * motion.rigid for motion in split_motions(coupled, shape)])

@@ -68,8 +68,8 @@ class WeakLink:
 
 
 def point_loads(coupled: CoupledMachine, point: str) -> FloatArray:
-    """Generalised loads ``(n, 6)`` of unit forces and moments on the tool, opposite ones on the
-    work, machine axes.
+    """Return the generalised loads ``(n, 6)`` of unit forces and moments on the tool, opposite ones
+    on the work, machine axes.
 
     Raises:
         ModelError: There is no such point.
@@ -81,8 +81,8 @@ def point_loads(coupled: CoupledMachine, point: str) -> FloatArray:
 
 
 def point_compliance(coupled: CoupledMachine, point: str) -> FloatArray:
-    """Static compliance ``(6, 6)`` at a point: motion of the tool relative to the work per unit
-    load between them.
+    """Return the static compliance ``(6, 6)`` at a point: motion of the tool relative to the work
+    per unit load between them.
 
     Raises:
         ModelError: There is no such point, or every force there does work on a free motion of the
@@ -92,7 +92,8 @@ def point_compliance(coupled: CoupledMachine, point: str) -> FloatArray:
 
 
 def point_budget(coupled: CoupledMachine, point: str) -> PointBudget:
-    """Compliance at a point with the share of every component and joint by strain energy.
+    """Return the compliance at a point with the share of every component and joint by strain
+    energy.
 
     Under a unit load the compliance is twice the strain energy (Clapeyron 1833), which is a sum
     over components and joints, and over what the weight does where it stiffens.
@@ -119,8 +120,8 @@ def point_budget(coupled: CoupledMachine, point: str) -> PointBudget:
 
 
 def _solve_point(coupled: CoupledMachine, point: str) -> tuple[FloatArray, FloatArray]:
-    """Compliance ``(6, 6)``, NaN where a free motion leaves it open, and displacements ``(n,
-    6)``.
+    """Return the compliance ``(6, 6)``, NaN where a free motion makes it undetermined, and
+    displacements ``(n, 6)``.
     """
     found = solve_balanced(coupled.system, point_loads(coupled, point))
     if not found.balanced[: len(DIRECTIONS)].any():
@@ -131,8 +132,8 @@ def _solve_point(coupled: CoupledMachine, point: str) -> tuple[FloatArray, Float
 
 
 def strain_energies(coupled: CoupledMachine, displacements: FloatArray) -> dict[str, FloatArray]:
-    """Strain energy ``(m,)`` [J] of each component and joint for generalised displacements ``(n,
-    m)``; rigid ones are left out.
+    """Return the strain energy ``(m,)`` [J] of each component and joint for generalised
+    displacements ``(n, m)``; rigid ones are left out.
     """
     return {
         name: 0.5 * energy
@@ -143,8 +144,8 @@ def strain_energies(coupled: CoupledMachine, displacements: FloatArray) -> dict[
 def mutual_energies(
     coupled: CoupledMachine, first: FloatArray, second: FloatArray
 ) -> dict[str, FloatArray]:
-    """``p^T K q`` ``(m,)`` [J] of each component and joint for pairs of displacements ``(n, m)``;
-    rigid ones are left out.
+    """Return ``p^T K q`` ``(m,)`` [J] of each component and joint for pairs of displacements
+    ``(n, m)``; rigid ones are left out.
     """
     same = first is second
     one = coupled.basis @ first
@@ -165,8 +166,8 @@ def mutual_energies(
 
 
 def weight_energy(coupled: CoupledMachine, first: FloatArray, second: FloatArray) -> FloatArray:
-    """``p^T K q`` ``(m,)`` [J] of the geometric stiffness of gravity for pairs of displacements ``(n,
-    m)``; zero without the effect.
+    """Return ``p^T K q`` ``(m,)`` [J] of the geometric stiffness of gravity for pairs of
+    displacements ``(n, m)``; zero without the effect.
     """
     if coupled.geometric is None:
         return np.zeros(first.shape[1])
@@ -175,8 +176,8 @@ def weight_energy(coupled: CoupledMachine, first: FloatArray, second: FloatArray
 
 
 def _deformation(coupled: CoupledMachine, name: str, own: FloatArray) -> FloatArray:
-    """A component's dofs less the rigid motion of its first node: strains nothing, and would only
-    cost digits.
+    """Return a component's dofs less the rigid motion of its first node: strains nothing, and would
+    only cost digits.
     """
     superelement = coupled.layout.superelements[name]
     if superelement.supported or not superelement.frames:
@@ -187,8 +188,8 @@ def _deformation(coupled: CoupledMachine, name: str, own: FloatArray) -> FloatAr
 
 
 def kinetic_energies(coupled: CoupledMachine, shape: FloatArray) -> dict[str, float]:
-    """``q^T M q / 2`` of each component for a shape ``(n,)``: its kinetic energy at unit angular
-    frequency.
+    """Return ``q^T M q / 2`` of each component for a shape ``(n,)``: its kinetic energy at unit
+    angular frequency.
     """
     stacked = coupled.basis @ shape
     parts = {name: stacked[coupled.offsets[name]] for name in coupled.offsets}
@@ -200,8 +201,8 @@ def kinetic_energies(coupled: CoupledMachine, shape: FloatArray) -> dict[str, fl
 def energy_shares(
     coupled: CoupledMachine, shapes: FloatArray
 ) -> tuple[tuple[dict[str, float], ...], tuple[dict[str, float], ...]]:
-    """Shares of strain energy (components and joints) and of kinetic energy (components) for each
-    mode shape ``(n, m)``.
+    """Return the shares of strain energy (components and joints) and of kinetic energy (components)
+    for each mode shape ``(n, m)``.
 
     A rigid-body mode has no strain energy and an empty strain share.
     """
@@ -220,8 +221,8 @@ def energy_shares(
 def find_weakest_link(
     coupled: CoupledMachine, point: str, direction: str, budget: PointBudget | None = None
 ) -> WeakLink | None:
-    """The part that gives most of the compliance in a direction, and what doubling its stiffness
-    would change.
+    """Find the part that gives most of the compliance in a direction, and what doubling its
+    stiffness would change.
 
     Joints and components whose names differ by a number only, such as the carriages of one guide,
     count as one part.
@@ -271,9 +272,9 @@ def _add_stiffness(total: FloatArray, coupled: CoupledMachine, name: str) -> Non
 
 
 def _roundoff(coupled: CoupledMachine, displacement: FloatArray) -> float:
-    """What rounding leaves of the strain energy [J] of a displacement ``(n,)``: in a long slender
-    machine parts move far and strain little, and a compact body of thin segments is stiff for how
-    far it is carried along.
+    """Return what rounding leaves of the strain energy [J] of a displacement ``(n,)``: in a long
+    slender machine parts move far and strain little, and a compact body of thin segments is stiff
+    for how far it is carried along.
     """
     size = np.abs(displacement)
     energy = float(size @ absolute_product(coupled.system.stiffness, size))
@@ -286,7 +287,7 @@ def _roundoff(coupled: CoupledMachine, displacement: FloatArray) -> float:
 def _shares(
     energies: dict[str, float], work: float, roundoff: float, what: str
 ) -> dict[str, float]:
-    """Energies over the work of the load, which they must add up to but for rounding."""
+    """Return the energies over the work of the load, which they must add up to but for rounding."""
     if not work > 0.0:
         return {}
     error = abs(sum(energies.values()) / work - 1.0)

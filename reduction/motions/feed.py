@@ -13,7 +13,7 @@ from headstock.reduction.superelement import Superelement
 def trace_feed(
     machine: Machine, superelements: Mapping[str, Superelement], at: str, poses: Sequence[Pose]
 ) -> Feed:
-    """Where the tool at a point is fed to, in poses one after the other."""
+    """Return where the tool at a point is fed to, in poses one after the other."""
     point = machine.points[at]
     end = point.tool
     tip: FloatArray = np.zeros(3)

@@ -46,7 +46,7 @@ SLICES = 12
 
 
 def round_axis(moments: FloatArray, axes: FloatArray, places: FloatArray) -> FloatArray | None:
-    """Axis ``(3,)`` of a body of revolution; None where it has none.
+    """Return the axis ``(3,)`` of a body of revolution; None where it has none.
 
     Args:
         moments: ``(3,)`` principal moments of inertia, rising.
@@ -70,7 +70,7 @@ def round_axis(moments: FloatArray, axes: FloatArray, places: FloatArray) -> Flo
 
 
 def is_ball(moments: FloatArray, places: FloatArray) -> bool:
-    """Whether a body reaches equally far in every direction from its centre of mass."""
+    """Return whether a body reaches equally far in every direction from its centre of mass."""
     corners = np.array(
         [[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z],
         dtype=float,
@@ -80,7 +80,7 @@ def is_ball(moments: FloatArray, places: FloatArray) -> bool:
 
 
 def _is_even(places: FloatArray, directions: FloatArray) -> bool:
-    """Whether points reach equally far in directions; too few of them tell nothing."""
+    """Return whether points reach equally far in directions; too few of them tell nothing."""
     reach = (
         (places @ directions.T).max(axis=0)
         if len(places) >= FEWEST_POINTS
@@ -90,8 +90,8 @@ def _is_even(places: FloatArray, directions: FloatArray) -> bool:
 
 
 def name_on_ball(places: FloatArray, field: FloatArray) -> tuple[str, str]:
-    """Verb and addition for a deformation ``(n, 3)`` at places ``(n, 3)`` about the middle of a
-    ball.
+    """Return the verb and addition for a deformation ``(n, 3)`` at places ``(n, 3)`` about the
+    middle of a ball.
     """
     outward = places / np.maximum(
         np.linalg.norm(places, axis=1, keepdims=True), np.finfo(float).tiny
@@ -105,8 +105,8 @@ def name_on_ball(places: FloatArray, field: FloatArray) -> tuple[str, str]:
 def name_around(
     axis: FloatArray, places: FloatArray, field: FloatArray, letter: int, *, slender: bool
 ) -> tuple[str, str] | None:
-    """Verb and addition for a deformation of a body of revolution; None for what bends it as any
-    other body or has no clear harmonic.
+    """Return the verb and addition for a deformation of a body of revolution; None for what bends
+    it as any other body or has no clear harmonic.
 
     Args:
         axis: ``(3,)`` unit.
@@ -213,14 +213,14 @@ def _name_mode(
 
 
 def _largest(shares: dict[str, float], limit: float) -> list[str]:
-    """Names with at least a share, largest first, equals by name."""
+    """Return the names with at least a share, largest first, equals by name."""
     kept = [name for name, share in shares.items() if share >= limit]
     return sorted(kept, key=lambda name: (-round(shares[name], 6), name))
 
 
 def _main_joints(shares: dict[str, float]) -> list[str]:
-    """Joints whose family (names that differ by a number only) has at least a fifth of the strain
-    energy, largest first.
+    """Return the joints whose family (names that differ by a number only) has at least a fifth of
+    the strain energy, largest first.
     """
     families: dict[str, float] = {}
     for name, share in shares.items():
@@ -240,7 +240,7 @@ def _on(joints: Sequence[str]) -> str:
 
 
 def _moving_together(motions: dict[str, BodyMotion], kinetic: dict[str, float]) -> str:
-    """The main motion of the body with most kinetic energy, and the bodies that share it."""
+    """Return the main motion of the body with most kinetic energy, and the bodies that share it."""
     movers = _largest(kinetic, MOVING_SHARE) or _largest(kinetic, 0.0)[:1]
     if not movers:
         return "motion without mass"
@@ -249,8 +249,8 @@ def _moving_together(motions: dict[str, BodyMotion], kinetic: dict[str, float]) 
 
 
 def _whole_motion(coupled: CoupledMachine, stacked: FloatArray) -> tuple[int, float]:
-    """The main rigid motion of the machine as one body, and the share of the kinetic energy that
-    such a motion explains.
+    """Return the main rigid motion of the machine as one body, and the share of the kinetic energy
+    that such a motion explains.
     """
     masses = {name: coupled.layout.superelements[name].mass_kg for name in coupled.offsets}
     total = sum(masses.values())
@@ -273,7 +273,7 @@ def _whole_motion(coupled: CoupledMachine, stacked: FloatArray) -> tuple[int, fl
 
 
 def _deformations(coupled: CoupledMachine, motions: Sequence[BodyMotion]) -> list[str]:
-    """``column_left + column_right bend X``: components that deform alike together."""
+    """Return ``column_left + column_right bend X``: components that deform alike together."""
     alike: dict[tuple[str, str], list[str]] = {}
     for motion in motions:
         alike.setdefault(_deformation_words(coupled, motion), []).append(motion.component)
@@ -290,8 +290,8 @@ def _third_person(verb: str) -> str:
 
 
 def _deformation_words(coupled: CoupledMachine, motion: BodyMotion) -> tuple[str, str]:
-    """How a component deforms: ``bend X`` or, about and along the long axis of a slender one,
-    ``twist C``, ``stretch Z``.
+    """Return how a component deforms: ``bend X`` or, about and along the long axis of a slender
+    one, ``twist C``, ``stretch Z``.
     """
     places, field = _sample_field(coupled, motion)
     sizes = (field**2).sum(axis=0)
@@ -333,8 +333,8 @@ def _deformation_words(coupled: CoupledMachine, motion: BodyMotion) -> tuple[str
 
 
 def _turning_share(axis: FloatArray, places: FloatArray, field: FloatArray) -> float:
-    """Share of a displacement field that turns its cross-sections about an axis: one angle per
-    slice along it.
+    """Return the share of a displacement field that turns its cross-sections about an axis: one
+    angle per slice along it.
     """
     turning = 0.0
     around = np.cross(axis, places)
@@ -349,8 +349,8 @@ def _turning_share(axis: FloatArray, places: FloatArray, field: FloatArray) -> f
 
 
 def _stretching_share(axis: FloatArray, places: FloatArray, field: FloatArray) -> float:
-    """Share of a displacement field that moves its cross-sections along an axis as a whole: one
-    shift per slice.
+    """Return the share of a displacement field that moves its cross-sections along an axis as a
+    whole: one shift per slice.
     """
     order = np.argsort(places @ axis, kind="stable")
     shifts = (field @ axis)[order]
@@ -361,8 +361,8 @@ def _stretching_share(axis: FloatArray, places: FloatArray, field: FloatArray) -
 
 
 def _sample_field(coupled: CoupledMachine, motion: BodyMotion) -> tuple[FloatArray, FloatArray]:
-    """Places about the centre of mass and displacements there ``(n, 3)`` of a component's
-    deformation, machine axes.
+    """Return the places about the centre of mass and displacements there ``(n, 3)`` of a
+    component's deformation, machine axes.
 
     Mesh points where the recovery basis is kept, boundary nodes otherwise.
     """

@@ -66,8 +66,8 @@ class PathErrors:
         return self.travel.shortest * self.path.length
 
     def amounts(self, move: SetPoint, times: FloatArray) -> FloatArray:
-        """Offsets from those at the beginning, their rates and their accelerations at instants of a
-        move ``(n, 3 k)``: what the channels of :func:`add_error_inputs` take.
+        """Return the offsets from those at the beginning, their rates and their accelerations at
+        instants of a move ``(n, 3 k)``: what the channels of :func:`add_error_inputs` take.
         """
         now, length = sample_move(move, times), self.path.length
         values = (now.positions, now.speeds, now.accelerations)
@@ -77,7 +77,7 @@ class PathErrors:
         return np.hstack([offsets - self.travel.sample(np.zeros(1)), rates, growth])
 
     def follow_pose(self, frozen: PathDeviation, move: SetPoint) -> PathDeviation:
-        """A deviation in the frozen pose with the static part of the pose at hand."""
+        """Return a deviation in the frozen pose with the static part of the pose at hand."""
         if len(self.places) == 1:
             return frozen
         way = sample_move(move, frozen.times).positions / self.path.length
@@ -99,7 +99,7 @@ def find_path_errors(
     *,
     nodes: int,
 ) -> PathErrors | None:
-    """Errors of guides along a path; None where there are none.
+    """Find the errors of guides along a path; None where there are none.
 
     Args:
         outputs: Where its deviation is wanted.
@@ -132,7 +132,7 @@ def find_path_errors(
 def _static_gain(
     coupled: CoupledMachine, travel: ErrorTravel, outputs: Sequence[Channel]
 ) -> FloatArray:
-    """Motion ``(n_outputs, k)`` per unit offset in a pose."""
+    """Return the motion ``(n_outputs, k)`` per unit offset in a pose."""
     motions = find_offset_motions(coupled, travel, coupled.system)
     moved = solve_machine_static(coupled, motions.loads).displacements
     rows = np.array([coupled.system.outputs[channel] for channel in outputs])
@@ -142,7 +142,7 @@ def _static_gain(
 def move_outputs(
     coupled: CoupledMachine, machine: Machine, motions: OffsetMotions, outputs: Sequence[Channel]
 ) -> FloatArray:
-    """What fixed directions move of outputs at zero free coordinates ``(n_outputs, k)``.
+    """Return what fixed directions move of outputs at zero free coordinates ``(n_outputs, k)``.
 
     Args:
         outputs: Points or interfaces, with a direction.
@@ -196,7 +196,7 @@ def pass_offsets(
 def add_error_inputs(
     system: SecondOrderSystem, travel: ErrorTravel, motions: OffsetMotions
 ) -> tuple[SecondOrderSystem, tuple[Channel, ...]]:
-    """The system with offsets, their rates and their accelerations as inputs, and these."""
+    """Return the system with offsets, their rates and their accelerations as inputs, and these."""
     channels = (*travel.channels, *travel.rates, *travel.accelerations)
     columns = np.hstack([motions.loads, motions.rates, motions.accelerations])
     own = dict(zip(channels, columns.T, strict=True))
@@ -214,8 +214,8 @@ def respond_to_errors(
     probes: Mapping[str, Sequence[Channel]],
     watch: Watch,
 ) -> PathDeviation:
-    """Deviation by errors of guides over a move with ideal motors, from that at its beginning, in
-    the pose of the middle.
+    """Return the deviation by errors of guides over a move with ideal motors, from that at its
+    beginning, in the pose of the middle.
 
     Args:
         system: The machine in the middle of it, with its damping.

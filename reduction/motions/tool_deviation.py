@@ -64,8 +64,8 @@ class ToolDeviation:
 
 
 def fixed_offsets(coupled: CoupledMachine, machine: Machine, name: str) -> dict[str, FloatArray]:
-    """Motion ``(6,)`` of a point or an interface that each load makes by fixed directions that it
-    displaces, at zero free coordinates; no entry of a load that displaces none.
+    """Return the motion ``(6,)`` of a point or an interface that each load makes by fixed
+    directions that it displaces, at zero free coordinates; no entry of a load that displaces none.
 
     Args:
         name: A point, or ``component.interface``.
@@ -82,7 +82,7 @@ def fixed_offsets(coupled: CoupledMachine, machine: Machine, name: str) -> dict[
 
 
 def channel_rows(coupled: CoupledMachine, machine: Machine, name: str) -> FloatArray:
-    """Rows ``(6, n_all)`` of the motion at a point or an interface in stacked dofs."""
+    """Return the rows ``(6, n_all)`` of the motion at a point or an interface in stacked dofs."""
     if name in machine.points:
         return point_rows(coupled.layout, machine.points[name])
     component, _, interface = name.partition(".")
@@ -91,7 +91,7 @@ def channel_rows(coupled: CoupledMachine, machine: Machine, name: str) -> FloatA
 
 
 def solve_deviation(coupled: CoupledMachine, machine: Machine, point: str) -> ToolDeviation:
-    """Deviation at a point by source and part.
+    """Return the deviation at a point by source and part.
 
     With ``lambda`` the response to a unit load at the point (Maxwell 1864), a load ``f`` moves it by
     ``lambda^T f = lambda^T K u``, a sum over components and joints; errors of a joint by

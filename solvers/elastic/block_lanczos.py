@@ -29,7 +29,7 @@ FRESH_PHASE = 1e3
 
 
 def block_lanczos_pairs(problem: EigenProblem, start: FloatArray, target: ModeTarget) -> EigenPairs:
-    """Lowest eigenpairs, complete up to the target and to the end of the cluster there.
+    """Return the lowest eigenpairs, complete up to the target and to the end of the cluster there.
 
     A count is a number at most: frequencies that lie too densely to converge, such as those of a
     sheet fixed all over, are left out.
@@ -93,7 +93,7 @@ def _search(space: "_KrylovSpace", dimension: int, target: ModeTarget) -> EigenP
 
 
 def _largest_cluster(values: FloatArray) -> int:
-    """How often the most frequent value occurs in a falling list."""
+    """Return how often the most frequent value occurs in a falling list."""
     if not len(values):
         return 0
     breaks = np.flatnonzero(values[:-1] - values[1:] > MULTIPLICITY_TOLERANCE * values[:-1])
@@ -180,8 +180,8 @@ class _KrylovSpace:
         return _width(self._next) > old
 
     def ritz_pairs(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Ritz values of the inverse, largest first, their vectors in the basis, and relative
-        residual bounds.
+        """Return the Ritz values of the inverse, largest first, their vectors in the basis, and
+        relative residual bounds.
         """
         values, vectors = scipy.linalg.eigh(self._projected, check_finite=False)
         values, vectors = values[::-1], vectors[:, ::-1]
@@ -190,8 +190,8 @@ class _KrylovSpace:
         return values, vectors, np.linalg.norm(self._couple(vectors), axis=0) / values
 
     def improved(self, values: FloatArray, coefficients: FloatArray) -> FloatArray:
-        """Ritz vectors ``(n, m)`` after one more step of the inverse, which costs nothing:
-        ``K^-1 M V y = theta V y + V_next C y``.
+        """Return the Ritz vectors ``(n, m)`` after one more step of the inverse, which costs
+        nothing: ``K^-1 M V y = theta V y + V_next C y``.
 
         Args:
             values: ``(m,)`` theta.
@@ -229,7 +229,7 @@ class _KrylovSpace:
         self._next.restoreMat(matrix)
 
     def _solve(self) -> None:
-        """``K^-1`` of the massive block in place of the next one."""
+        """Put ``K^-1`` of the massive block in place of the next one."""
         given, found = self._massive.getMat(), self._next.getMat()
         self._problem.inverse.matSolve(given, found)
         self._massive.restoreMat(given)
@@ -237,7 +237,7 @@ class _KrylovSpace:
         self.solves += _width(self._next)
 
     def _weigh(self) -> None:
-        """M times the next block in place of the massive one."""
+        """Put M times the next block in place of the massive one."""
         self._massive.setActiveColumns(0, _width(self._next))
         self._next.matMult(self._problem.mass, self._massive)
 
@@ -289,7 +289,7 @@ def _width(vectors: SLEPc.BV) -> int:
 
 
 def _rows(vectors: SLEPc.BV) -> FloatArray:
-    """A copy of the rows of this rank ``(n, k)``."""
+    """Return a copy of the rows of this rank ``(n, k)``."""
     matrix = vectors.getMat()
     rows = np.array(matrix.getDenseArray(readonly=True))
     vectors.restoreMat(matrix)
@@ -297,7 +297,7 @@ def _rows(vectors: SLEPc.BV) -> FloatArray:
 
 
 def _combined(vectors: SLEPc.BV, coefficients: FloatArray) -> FloatArray:
-    """Combinations of vectors, the rows of this rank ``(n, m)``."""
+    """Return the combinations of vectors, the rows of this rank ``(n, m)``."""
     matrix = vectors.getMat()
     rows = np.asarray(matrix.getDenseArray(readonly=True) @ coefficients)
     vectors.restoreMat(matrix)
@@ -313,7 +313,7 @@ def _small(values: FloatArray) -> PETSc.Mat:
 
 
 def _products(left: SLEPc.BV, right: SLEPc.BV) -> FloatArray:
-    """``left^T right`` of active columns, over all ranks."""
+    """Return ``left^T right`` of active columns, over all ranks."""
     if not _width(left) or not _width(right):
         return np.zeros((_width(left), _width(right)))
     matrix = right.dot(left)
@@ -324,7 +324,7 @@ def _products(left: SLEPc.BV, right: SLEPc.BV) -> FloatArray:
 
 
 def _subtract(block: SLEPc.BV, basis: SLEPc.BV, coefficients: FloatArray) -> None:
-    """``block -= basis @ coefficients`` of active columns."""
+    """Subtract: ``block -= basis @ coefficients`` of active columns."""
     if not coefficients.size:
         return
     first, _ = basis.getActiveColumns()
@@ -335,7 +335,7 @@ def _subtract(block: SLEPc.BV, basis: SLEPc.BV, coefficients: FloatArray) -> Non
 
 
 def _transform(block: SLEPc.BV, coefficients: FloatArray) -> None:
-    """``block @ coefficients`` in place of the block."""
+    """Put ``block @ coefficients`` in place of the block."""
     count = coefficients.shape[1]
     if count:
         matrix = _small(coefficients)

@@ -17,7 +17,7 @@ _GMSH: Any = import_module("dolfinx.io.gmsh" if RELEASE >= (0, 10) else "dolfinx
 
 
 def gmsh_cell_order(shape: str, nodes: int) -> NDArray[np.int32]:
-    """Place in gmsh's order of each node of a cell in dolfinx's.
+    """Return the place in gmsh's order of each node of a cell in dolfinx's.
 
     Args:
         shape: ``tetrahedron`` or ``hexahedron``.
@@ -28,8 +28,8 @@ def gmsh_cell_order(shape: str, nodes: int) -> NDArray[np.int32]:
 def create_mesh(
     comm: MPI.Comm, cells: NDArray[np.int64], points: FloatArray, element: basix.ufl._ElementBase
 ) -> dolfinx.mesh.Mesh:
-    """Cells of this rank ``(n, k)`` with numbers of points ``(m, 3)`` [m] in dolfinx's order,
-    partitioned over the ranks.
+    """Return the cells of this rank ``(n, k)`` with numbers of points ``(m, 3)`` [m] in dolfinx's
+    order, partitioned over the ranks.
     """
     # element and points changed places in 0.10; their names are the same
     return dolfinx.mesh.create_mesh(comm, cells=cells, x=points, e=element)

@@ -30,8 +30,8 @@ def lowest_modes(
     *,
     eigensolver: Eigensolver = DEFAULT_EIGENSOLVER,
 ) -> EigenPairs:
-    """Lowest modes with fixed dofs at zero and constraints fulfilled, complete up to the target and
-    to the end of the cluster there; collective.
+    """Return the lowest modes with fixed dofs at zero and constraints fulfilled, complete up to the
+    target and to the end of the cluster there; collective.
 
     Args:
         solver: Factorised stiffness of the component.
@@ -67,7 +67,7 @@ class _ConstrainedProblem:
     owned: int
 
     def embed(self, vectors: FloatArray) -> FloatArray:
-        """``(owned, k)`` from rows ``(n, k)``, fixed dofs zero."""
+        """Return ``(owned, k)`` from rows ``(n, k)``, fixed dofs zero."""
         full = np.zeros((self.owned, vectors.shape[1]))
         full[self.rows] = vectors
         return full
@@ -75,7 +75,7 @@ class _ConstrainedProblem:
 
 @contextmanager
 def _constrained_problem(solver: ConstrainedSolver) -> Iterator[_ConstrainedProblem]:
-    """The eigenproblem on a solver's constrained space, on its own factors; collective.
+    """Provide the eigenproblem on a solver's constrained space, on its own factors; collective.
 
     Where there are neither constraints nor pins, SLEPc works on the factors directly.
     """

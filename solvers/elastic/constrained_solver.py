@@ -79,18 +79,18 @@ class ConstrainedSolver:
         self.roundoff = self._soft_roundoff()
 
     def product(self, left: FloatArray, right: FloatArray) -> FloatArray:
-        """``left^T right`` summed over the ranks."""
+        """Return ``left^T right`` summed over the ranks."""
         return sum_over_ranks(self.comm, left.T @ right)
 
     def apply_inverse(self, loads: FloatArray) -> FloatArray:
-        """Displacements ``(3 n_owned, k)`` under loads, with ``C^T u = 0``; not refined: for use
-        inside an eigensolver.
+        """Return the displacements ``(3 n_owned, k)`` under loads, with ``C^T u = 0``; not refined:
+        for use inside an eigensolver.
         """
         return self._solve(loads, np.zeros((self.constraints.shape[1], loads.shape[1])))[0]
 
     def solve(self, loads: FloatArray, targets: FloatArray | None = None) -> FloatArray:
-        """Displacements under loads with ``C^T u = targets``, refined until residual and, in thin
-        parts, displacements are small.
+        """Return the displacements under loads with ``C^T u = targets``, refined until residual
+        and, in thin parts, displacements are small.
 
         A residual says little about displacements where the stiffness is badly conditioned. The
         factors are those of K with its rounding, the residual is that of K less it
@@ -165,11 +165,11 @@ class ConstrainedSolver:
 
     @property
     def multigrid(self) -> Multigrid | None:
-        """What stands for factors where there are none; else None."""
+        """Return what stands for factors where there are none; else None."""
         return self._inverse.multigrid if isinstance(self._inverse, IterativeInverse) else None
 
     def precondition(self, forces: FloatArray) -> FloatArray:
-        """What is near ``apply_inverse``, from one multigrid cycle in place of a solve."""
+        """Return what is near ``apply_inverse``, from one multigrid cycle in place of a solve."""
         if self.multigrid is None:
             return self.apply_inverse(forces)
         if self._cycle_saddle is None:
@@ -185,15 +185,17 @@ class ConstrainedSolver:
 
     @property
     def attainable_change(self) -> float:
-        """What rounding of residuals can make of refined displacements, as a share of them."""
+        """Return what rounding of residuals can make of refined displacements, as a share of
+        them.
+        """
         residuals = np.longdouble if self.roundoff > NEGLIGIBLE_ROUNDOFF else np.float64
         return max(
             self.roundoff * float(np.finfo(residuals).eps / np.finfo(float).eps), ENERGY_ROUNDOFF
         )
 
     def forces(self, displacements: FloatArray) -> FloatArray:
-        """``K u`` of a block ``(3 n_owned, k)``, as precisely as the conditioning of the component
-        calls for.
+        """Return ``K u`` of a block ``(3 n_owned, k)``, as precisely as the conditioning of the
+        component calls for.
         """
         if self.roundoff <= NEGLIGIBLE_ROUNDOFF:
             return self.operators.apply_stiffness(displacements)
@@ -215,14 +217,14 @@ class ConstrainedSolver:
         self.close()
 
     def _solve(self, loads: FloatArray, targets: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Displacements, and those without constraints and with the pins holding."""
+        """Return the displacements, and those without constraints and with the pins holding."""
         plain = self._inverse.solve(loads)
         return self._constrain(plain, loads, targets, self._saddle), plain
 
     def _constrain(
         self, plain: FloatArray, loads: FloatArray, targets: FloatArray, saddle: "_Saddle"
     ) -> FloatArray:
-        """Displacements with ``C^T u = targets`` from those without constraints."""
+        """Return the displacements with ``C^T u = targets`` from those without constraints."""
         if not len(saddle.scale):
             return plain
         free_loads = np.where(self.fixed[:, None], 0.0, loads)
@@ -247,8 +249,8 @@ class ConstrainedSolver:
         return _Saddle(lifted, *_factor_saddle(matrix, count, rigid))
 
     def _soft_roundoff(self) -> float:
-        """Rounding of K as a share of the strain energy of a shape in which what is factorised
-        gives way: its soft modes dominate it.
+        """Return the rounding of K as a share of the strain energy of a shape in which what is
+        factorised gives way: its soft modes dominate it.
         """
         # forces that grow with the square of the distance bend a part, even a free one
         motions = rigid_motions(self.operators)
@@ -293,7 +295,7 @@ class _Saddle:
 
 
 def rigid_motions(operators: ElasticOperators) -> FloatArray:
-    """The six rigid motions ``(3 n_owned, 6)`` about the mean point, rotations scaled by the
+    """Return the six rigid motions ``(3 n_owned, 6)`` about the mean point, rotations scaled by the
     component's size to unit length.
     """
     center, units = scale_motions(operators)
@@ -307,8 +309,8 @@ def free_combinations(
     fixed: BoolArray,
     turned: Callable[[FloatArray], FloatArray] | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Point ``(3,)`` and combinations ``(6, k)`` of the rigid motions about it that move no fixed
-    dof.
+    """Return the point ``(3,)`` and combinations ``(6, k)`` of the rigid motions about it that move
+    no fixed dof.
 
     Args:
         fixed: ``(3 n_owned,)`` dofs that do not move.
@@ -328,8 +330,8 @@ def free_combinations(
 
 
 def scale_motions(operators: ElasticOperators) -> tuple[FloatArray, FloatArray]:
-    """Mean point ``(3,)``, and what makes unit motions of translations and rotations about it
-    ``(6,)``.
+    """Return the mean point ``(3,)``, and what makes unit motions of translations and rotations
+    about it ``(6,)``.
     """
     comm, points = operators.comm, operators.points
     center = sum_over_ranks(comm, points.sum(axis=0)) / max(operators.total_nodes, 1)
@@ -349,8 +351,8 @@ def _free_motions(operators: ElasticOperators, fixed: BoolArray) -> FloatArray:
 
 
 def _choose_pins(motions: FloatArray, operators: ElasticOperators) -> BoolArray:
-    """As many dofs as there are free motions, chosen one after the other where the motions left
-    over are largest.
+    """Return as many dofs as there are free motions, chosen one after the other where the motions
+    left over are largest.
     """
     comm = operators.comm
     pins = np.zeros(len(motions), dtype=bool)

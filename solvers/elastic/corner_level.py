@@ -42,7 +42,9 @@ class CornerLevel:
         return 3 * len(self.points)
 
     def prolong(self, shape: FloatArray) -> FloatArray:
-        """Displacements ``(3 n_fine,)`` of all nodes from those of the corners ``(3 n_owned,)``."""
+        """Return the displacements ``(3 n_fine,)`` of all nodes from those of the corners
+        ``(3 n_owned,)``.
+        """
         local = shape
         if self.comm.size > 1:
             vector = la.vector(self.transfer_map, bs=3)
@@ -52,7 +54,7 @@ class CornerLevel:
         return np.asarray(self.transfer @ local.reshape(-1, 3)).ravel()
 
     def restrict(self, forces: FloatArray) -> FloatArray:
-        """Forces ``(3 n_owned,)`` on corners that do the same work as those on all nodes
+        """Return the forces ``(3 n_owned,)`` on corners that do the same work as those on all nodes
         ``(3 n_fine,)``.
         """
         local = np.asarray(self.transfer.T @ forces.reshape(-1, 3)).ravel()
@@ -64,13 +66,15 @@ class CornerLevel:
         return np.array(vector.array[: self.owned_dofs])
 
     def at_corners(self, marked: BoolArray) -> BoolArray:
-        """Dofs of corners ``(3 n_owned,)`` that are marked on the fine level ``(3 n_fine,)``."""
+        """Return the dofs of corners ``(3 n_owned,)`` that are marked on the fine level
+        ``(3 n_fine,)``.
+        """
         alone = np.diff(self.transfer.indptr) == 1  # a corner interpolates itself only
         chosen = marked.reshape(-1, 3) & alone[:, None]
         return np.asarray(self.restrict(chosen.astype(float).ravel()) > 0.5)
 
     def global_columns(self) -> FloatArray:
-        """Number over all ranks of the corner behind each column of the stiffness."""
+        """Return the number over all ranks of the corner behind each column of the stiffness."""
         count = self.stiffness_map.size_local + self.stiffness_map.num_ghosts
         return np.asarray(self.stiffness_map.local_to_global(np.arange(count, dtype=np.int32)))
 
@@ -78,7 +82,7 @@ class CornerLevel:
 def interpolate_corners(
     corners: fem.FunctionSpace, nodes: fem.FunctionSpace
 ) -> tuple[scipy.sparse.csr_matrix, dolfinx.common.IndexMap]:
-    """Weights of corners at the nodes of this rank, and the map of their columns.
+    """Return the weights of corners at the nodes of this rank, and the map of their columns.
 
     Args:
         corners: Scalar elements of order 1.

@@ -30,8 +30,8 @@ class ModeTarget:
     up_to_hz: float | None = None
 
     def count_wanted(self, frequencies: FloatArray) -> int:
-        """How many are wanted where these are the lowest frequencies [Hz], rising; a count may go
-        beyond them.
+        """Return how many are wanted where these are the lowest frequencies [Hz], rising; a count
+        may go beyond them.
         """
         limits = [] if self.count is None else [self.count]
         if self.up_to_hz is not None:
@@ -63,8 +63,8 @@ class EigenPairs:
 
 
 def cluster_end(frequencies: FloatArray, count: int) -> int:
-    """Smallest number >= count after which the next frequency stands off by more than the cluster
-    gap (5e-3).
+    """Return the smallest number >= count after which the next frequency stands off by more than
+    the cluster gap (5e-3).
 
     A run longer than ``LONGEST_CLUSTER`` is cut at its widest gap: nobody asked for all of it, and
     what is left out is in the ±.
@@ -87,7 +87,8 @@ def select_pairs(
     *,
     tolerance: float = RITZ_TOLERANCE,
 ) -> int | None:
-    """Number of converged leading pairs that fulfil the target, or None if not there yet.
+    """Return the number of converged leading pairs that fulfil the target, or None if not there
+    yet.
 
     Args:
         values: ``(m,)`` of the inverse, falling.
@@ -109,8 +110,8 @@ def select_pairs(
 
 
 def converged_pairs(values: FloatArray, bounds: FloatArray) -> tuple[int, float]:
-    """How many of the leading pairs come before the first that did not converge, and a bound below
-    the eigenvalue of that one.
+    """Return how many of the leading pairs come before the first that did not converge, and a bound
+    below the eigenvalue of that one.
 
     Args:
         values: ``(m,)`` of the inverse, falling.

@@ -23,7 +23,7 @@ class EigenProblem:
 
 
 def shell_inverse(context: object, matrix: PETSc.Mat) -> PETSc.KSP:
-    """A solver that applies an inverse of one's own; the caller destroys it.
+    """Return a solver that applies an inverse of one's own; the caller destroys it.
 
     Args:
         context: Has ``apply(pc, given, found)`` for vectors, and ``matApply`` where it is given

@@ -77,8 +77,8 @@ class ElasticOperators:
         return 3 * len(self.nodes)
 
     def apply_stiffness(self, vectors: FloatArray) -> FloatArray:
-        """``K x`` for a block of owned vectors ``(3 n_owned, k)``, less what rounding of K makes of
-        uniform translations.
+        """Return ``K x`` for a block of owned vectors ``(3 n_owned, k)``, less what rounding of K
+        makes of uniform translations.
         """
         count = vectors.shape[1]
         if count == 0:
@@ -88,8 +88,8 @@ class ElasticOperators:
         return forces
 
     def apply_stiffness_precisely(self, vectors: FloatArray) -> FloatArray:
-        """The same with products and sums in extended precision: where forces of a thin part all
-        but cancel, for several times the time.
+        """Return the same with products and sums in extended precision: where forces of a thin part
+        all but cancel, for several times the time.
 
         Source: Higham, Accuracy and Stability of Numerical Algorithms (2002), sec. 12.1, on
         residuals of iterative refinement.
@@ -119,16 +119,16 @@ class ElasticOperators:
         return forces.reshape(vectors.shape)
 
     def energy_roundoff(self, vectors: FloatArray) -> FloatArray:
-        """What rounding can make of ``x^T K x`` for each column of ``(3 n_owned, k)``: at most
-        ``eps |x|^T |K| |x|`` (Gershgorin).
+        """Return what rounding can make of ``x^T K x`` for each column of ``(3 n_owned, k)``: at
+        most ``eps |x|^T |K| |x|`` (Gershgorin).
         """
         return np.asarray(
             np.finfo(float).eps * sum_over_ranks(self.comm, self.row_sizes @ vectors**2)
         )
 
     def apply_mass(self, vectors: FloatArray) -> FloatArray:
-        """``M x`` for a block of owned vectors ``(3 n_owned, k)``; the mass acts alike in x, y and
-        z.
+        """Return ``M x`` for a block of owned vectors ``(3 n_owned, k)``; the mass acts alike in x,
+        y and z.
         """
         if self.scalar_mass is None:
             raise AccuracyError(
@@ -141,7 +141,9 @@ class ElasticOperators:
         return np.asarray(self.scalar_mass @ local).reshape(-1, count)
 
     def with_ghosts(self, vectors: FloatArray) -> FloatArray:
-        """Rows ``(3 n_local, k)`` of all nodes that the columns of the matrices stand for."""
+        """Return the rows ``(3 n_local, k)`` of all nodes that the columns of the matrices stand
+        for.
+        """
         if self.comm.size == 1:
             return np.ascontiguousarray(vectors)
         count = vectors.shape[1]
@@ -160,7 +162,7 @@ class _MeshFacts:
     volume: float
 
     def kernel(self, part: KernelPart) -> str:
-        """Name of the kernel for one of the matrices."""
+        """Return the name of the kernel for one of the matrices."""
         return kernel_name(part, self.kind, straight=self.straight)
 
 
@@ -172,7 +174,7 @@ def assemble_elasticity(
     with_mass: bool,
     with_corners: bool = False,
 ) -> ElasticOperators:
-    """Stiffness and, when asked for, mass of a component.
+    """Return the stiffness and, when asked for, mass of a component.
 
     Args:
         mesh: On rank 0; what others hand in is not looked at.
@@ -231,7 +233,7 @@ def assemble_elasticity(
 def _distribute_mesh(
     mesh: ComponentMesh | None, facts: _MeshFacts, comm: MPI.Comm
 ) -> dolfinx.mesh.Mesh:
-    """Cells of the mesh on rank 0, partitioned over the ranks."""
+    """Return the cells of the mesh on rank 0, partitioned over the ranks."""
     shape, order = CELL_TYPES[facts.kind]
     geometry_order = 1 if facts.straight else order
     element = basix.ufl.element("Lagrange", shape, geometry_order, shape=(3,))
@@ -246,7 +248,7 @@ def _distribute_mesh(
 
 
 def _cell_order(kind: CellKind) -> NDArray[np.int32]:
-    """Place in gmsh's order of each node of a cell in dolfinx's."""
+    """Return the place in gmsh's order of each node of a cell in dolfinx's."""
     return gmsh_cell_order(CELL_TYPES[kind][0], int(kind[3:]))
 
 
@@ -326,8 +328,8 @@ class _Values:
 
 
 def _measure_rows(stiffness: scipy.sparse.bsr_matrix) -> tuple[FloatArray, FloatArray]:
-    """Sums of absolute values by row ``(3 n_owned,)``, and symmetric sums of blocks by row of
-    blocks ``(n_owned, 3, 3)``.
+    """Return the sums of absolute values by row ``(3 n_owned,)``, and symmetric sums of blocks by
+    row of blocks ``(n_owned, 3, 3)``.
     """
     pointers, rows = stiffness.indptr, len(stiffness.indptr) - 1
     sizes, sums = np.zeros((rows, 3)), np.zeros((rows, 3, 3))

@@ -35,8 +35,8 @@ SMALL_MATRIX = 2000
 
 
 def dissect_nodes(pattern: scipy.sparse.spmatrix) -> IntArray32 | None:
-    """Order in which to eliminate the nodes of a symmetric pattern, or None where METIS is missing
-    or gives no order.
+    """Return the order in which to eliminate the nodes of a symmetric pattern, or None where METIS
+    is missing or gives no order.
 
     On the graph of nodes this takes a tenth of the time of an order of dofs, and is as good.
 
@@ -66,7 +66,7 @@ def dissect_nodes(pattern: scipy.sparse.spmatrix) -> IntArray32 | None:
 
 
 def _load_metis() -> ctypes.CDLL | None:
-    """METIS with 32-bit indices; None when there is none.
+    """Return METIS with 32-bit indices; None when there is none.
 
     The widths of its integers cannot be asked for: with 64-bit ones the default options, all -1,
     would fill twice the space.
@@ -121,8 +121,8 @@ class Factorization:
         return self._factors
 
     def solve(self, loads: FloatArray) -> FloatArray:
-        """Displacements ``(3 n_owned, k)`` under loads ``(3 n_owned, k)``: ``K_ff u_f = F_f``, fixed
-        dofs zero.
+        """Return the displacements ``(3 n_owned, k)`` under loads ``(3 n_owned, k)``:
+        ``K_ff u_f = F_f``, fixed dofs zero.
         """
         result = np.zeros(loads.shape)
         if self._factors is None or loads.shape[1] == 0:
@@ -174,8 +174,8 @@ def free_block(
     *,
     order: NDArray[np.int64] | None = None,
 ) -> PETSc.Mat:
-    """Upper triangle, between the dofs that are not fixed, of a matrix distributed like the
-    stiffness; the caller destroys it.
+    """Return the upper triangle, between the dofs that are not fixed, of a matrix distributed like
+    the stiffness; the caller destroys it.
 
     Args:
         operators: How rows and columns are distributed.
@@ -205,8 +205,8 @@ def full_block(
     *,
     order: NDArray[np.int64],
 ) -> PETSc.Mat:
-    """Both triangles, between the dofs that are not fixed, of a matrix that acts alike in x, y and z;
-    the caller destroys it.
+    """Return both triangles, between the dofs that are not fixed, of a matrix that acts alike in x,
+    y and z; the caller destroys it.
 
     Args:
         operators: How rows and columns are distributed.
@@ -233,7 +233,9 @@ def full_block(
 def _free_numbers(
     operators: ElasticOperators, fixed: BoolArray, free: NDArray[np.int64]
 ) -> NDArray[np.int32]:
-    """Number over all ranks of each local dof among those that are not fixed; -1 for fixed ones."""
+    """Return the number over all ranks of each local dof among those that are not fixed; -1 for
+    fixed ones.
+    """
     comm: Any = operators.comm  # mpi4py's types leave out exscan
     offset = int(comm.exscan(len(free)) or 0)
     numbers = la.vector(operators.column_map, bs=3, dtype=np.int32)
@@ -247,7 +249,7 @@ def _free_numbers(
 def _upper_rows(
     matrix: scipy.sparse.bsr_matrix, free: NDArray[np.int64], numbers: NDArray[np.int32]
 ) -> scipy.sparse.csr_matrix:
-    """Rows of free dofs and columns at or above the diagonal, columns sorted."""
+    """Return the rows of free dofs and columns at or above the diagonal, columns sorted."""
     nodes = numbers.reshape(-1, 3)
     lowest = np.where(nodes >= 0, nodes, np.iinfo(np.int32).max).min(axis=1)[
         : len(matrix.indptr) - 1
@@ -270,7 +272,9 @@ def _upper_rows(
 def _elimination_order(
     operators: ElasticOperators, fixed: BoolArray
 ) -> tuple[NDArray[np.int64], bool]:
-    """Dofs that are not fixed, and whether they come in a good order for a factorisation already."""
+    """Return the dofs that are not fixed, and whether they come in a good order for a factorisation
+    already.
+    """
     if operators.comm.size == 1 and _has_cholmod():
         stiffness = operators.stiffness
         count = len(fixed) // 3
@@ -291,13 +295,13 @@ def _has_cholmod() -> bool:
 
 
 def ordering_option(matrix: PETSc.Mat) -> dict[str, int]:
-    """Which ordering MUMPS is to use for a matrix."""
+    """Return which ordering MUMPS is to use for a matrix."""
     return {"mat_mumps_icntl_7": MINIMUM_DEGREE if matrix.getSize()[0] < SMALL_MATRIX else PORD}
 
 
 def _factorize(matrix: PETSc.Mat, comm: MPI.Comm, *, ordered: bool) -> PETSc.KSP:
-    """Solver with the Cholesky factor of a matrix: CHOLMOD on one rank, MUMPS on several and
-    where CHOLMOD gives up.
+    """Return the solver with the Cholesky factor of a matrix: CHOLMOD on one rank, MUMPS on several
+    and where CHOLMOD gives up.
     """
     if comm.size == 1 and _has_cholmod():
         try:
@@ -349,7 +353,8 @@ def _factorize(matrix: PETSc.Mat, comm: MPI.Comm, *, ordered: bool) -> PETSc.KSP
 def apply_once(
     matrix: PETSc.Mat, prefix: str, settings: Mapping[str, object]
 ) -> tuple[PETSc.KSP, PETSc.PC]:
-    """A solver of one application of a preconditioner, which is still to be chosen, and that.
+    """Return a solver of one application of a preconditioner, which is still to be chosen, and
+    that.
 
     Args:
         prefix: Of PETSc's options.

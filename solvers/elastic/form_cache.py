@@ -116,15 +116,17 @@ def require_private(folder: Path) -> None:
 
 
 def _looks_unmapped(uid: int) -> bool:
-    """In a user namespace all accounts without a number of their own there, root among them, look
-    like this one.
+    """Return whether an account may be an unmapped one: in a user namespace all accounts without a
+    number of their own there, root among them, look like this one.
     """
     whole = Path("/proc/self/uid_map").read_text().split()[-1] == str(2**32 - 1)
     return not whole and uid == int(Path("/proc/sys/kernel/overflowuid").read_text())
 
 
 def _is_own_group(gid: int) -> bool:
-    """A group of the account's own name has no other members where accounts get one each."""
+    """Return whether a group has the account's own name: it has no other members where accounts get
+    one each.
+    """
     try:
         return (
             gid == os.getegid() and grp.getgrgid(gid).gr_name == pwd.getpwuid(os.geteuid()).pw_name

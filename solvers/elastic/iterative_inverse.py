@@ -35,7 +35,7 @@ class IterativeInverse:
         self.steps = 0
 
     def solve(self, loads: FloatArray) -> FloatArray:
-        """Displacements ``(3 n_owned, k)`` under loads ``(3 n_owned, k)``.
+        """Return the displacements ``(3 n_owned, k)`` under loads ``(3 n_owned, k)``.
 
         Raises:
             ConvergenceError: A load did not converge.

@@ -14,7 +14,7 @@ KernelPart = Literal["stiffness", "mass", "corners"]
 
 
 def kernel_name(part: KernelPart, kind: CellKind, *, straight: bool) -> str:
-    """Name of what computes one matrix of a cell.
+    """Return the name of what computes one matrix of a cell.
 
     Args:
         part: Of the operators: stiffness, mass, or stiffness of the corners alone.
@@ -25,14 +25,14 @@ def kernel_name(part: KernelPart, kind: CellKind, *, straight: bool) -> str:
 
 
 def form_cache_folder() -> Path:
-    """``headstock/forms`` in the user's cache folder."""
+    """Return ``headstock/forms`` in the user's cache folder."""
     cache = os.environ.get("XDG_CACHE_HOME")
     return (Path(cache) if cache else Path.home() / ".cache") / "headstock" / "forms"
 
 
 def kernel_link(name: str) -> Path:
-    """A link in the cache folder that leads to the compiled kernel of a name, of this FFCx; it is
-    missing, or leads nowhere, where the kernel is still to be compiled.
+    """Return a link in the cache folder that leads to the compiled kernel of a name, of this FFCx;
+    it is missing, or leads nowhere, where the kernel is still to be compiled.
     """
     return form_cache_folder() / f"{name}.ffcx-{_compiler_version()}"
 

@@ -26,7 +26,7 @@ BEYOND = 3  # pairs behind those wanted that show where a cluster ends
 
 
 def krylov_schur_pairs(problem: EigenProblem, start: FloatArray, target: ModeTarget) -> EigenPairs:
-    """Lowest eigenpairs, complete up to the target and to the end of the cluster there.
+    """Return the lowest eigenpairs, complete up to the target and to the end of the cluster there.
 
     A single start vector sees one mode of several with the same frequency, the others only through
     rounding: block Lanczos is the surer one there.
@@ -82,7 +82,7 @@ class _Found(NamedTuple):
 
 
 def _search(problem: EigenProblem, start: FloatArray, asked: int) -> _Found:
-    """The lowest pairs that converge, at least as many as asked for where all is well."""
+    """Return the lowest pairs that converge, at least as many as asked for where all is well."""
     stiffness, mass = problem.inverse.getOperators()[0], problem.mass
     search = SLEPc.EPS().create(mass.getComm())
     search.setType(SLEPc.EPS.Type.KRYLOVSCHUR)

@@ -30,7 +30,7 @@ FRESH_PHASE = 1e3
 
 
 def block_width(target: ModeTarget) -> int:
-    """Vectors that are iterated together for a target: a few more than are wanted."""
+    """Return the vectors that are iterated together for a target: a few more than are wanted."""
     wanted = FIRST_GUESS if target.count is None else target.count
     return min(wanted + max(FEWEST_GUARDS, round(GUARD_SHARE * wanted)), LARGEST_BLOCK)
 
@@ -38,7 +38,8 @@ def block_width(target: ModeTarget) -> int:
 def lobpcg_pairs(
     solver: ConstrainedSolver, multigrid: Multigrid, start: FloatArray, target: ModeTarget
 ) -> EigenPairs:
-    """Lowest eigenpairs, complete up to the target and to the end of the cluster there; collective.
+    """Return the lowest eigenpairs, complete up to the target and to the end of the cluster there;
+    collective.
 
     Args:
         solver: Constraints of the component, around the multigrid.
@@ -84,7 +85,7 @@ def lobpcg_pairs(
 
 
 def _needs_more(values: FloatArray, target: ModeTarget) -> bool:
-    """Whether a target lies beyond the vectors at hand."""
+    """Return whether a target lies beyond the vectors at hand."""
     known = np.sqrt(values) / (2.0 * np.pi)
     return target.count_wanted(known) + FEWEST_GUARDS > len(values) or bool(
         len(values) and target.count is None and known[-1] <= (target.up_to_hz or 0.0)
@@ -113,12 +114,12 @@ class _Block:
         self.improve()
 
     def vectors(self, count: int) -> FloatArray:
-        """The lowest shapes, locked ones first ``(n, count)``."""
+        """Return the lowest shapes, locked ones first ``(n, count)``."""
         return np.hstack([self._locked, self._basis[:, : len(self.values)]])[:, :count]
 
     def precondition_residuals(self) -> FloatArray:
-        """Error bound of each shape, relative, in its own energy ``(b,)``; the preconditioned
-        residuals of those that have not converged become the next directions.
+        """Return the error bound of each shape, relative, in its own energy ``(b,)``; the
+        preconditioned residuals of those that have not converged become the next directions.
 
         Where the preconditioner is the inverse, ``r^T T r`` is the energy of ``x - lambda K^-1 M x``.
         """
@@ -154,7 +155,7 @@ class _Block:
         self._take_fresh(count)
 
     def improve(self) -> None:
-        """Rayleigh-Ritz on all vectors at hand."""
+        """Apply Rayleigh-Ritz to all vectors at hand."""
         self._complete_basis()
         values, vectors = scipy.linalg.eigh(self._projected)
         old, width = len(self.values), min(self.width, len(values))
@@ -229,7 +230,7 @@ class _Block:
 
 
 def _transform(table: FloatArray, change: FloatArray) -> None:
-    """Columns of a table combined in place, piece by piece."""
+    """Combine the columns of a table in place, piece by piece."""
     size, count = change.shape
     for first in range(0, len(table), ROWS_AT_A_TIME):
         rows = slice(first, first + ROWS_AT_A_TIME)

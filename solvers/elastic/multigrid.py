@@ -67,8 +67,8 @@ class Multigrid:
         self._corners.close()
 
     def multiply(self, vectors: FloatArray) -> FloatArray:
-        """``K x`` ``(3 n_owned, k)`` between the dofs that are not fixed, with the rounding of K; in
-        columns that follow each other.
+        """Return ``K x`` ``(3 n_owned, k)`` between the dofs that are not fixed, with the rounding
+        of K; in columns that follow each other.
         """
         local = vectors if self._comm.size == 1 else self._operators.with_ghosts(vectors)
         local, result = np.asfortranarray(local), np.zeros(vectors.shape, order="F")
@@ -85,8 +85,8 @@ class Multigrid:
         return result
 
     def without_motions(self, vectors: FloatArray) -> FloatArray:
-        """Vectors ``(3 n_owned, k)`` less their part along the rigid motions that are free, zero on
-        fixed dofs.
+        """Return the vectors ``(3 n_owned, k)`` less their part along the rigid motions that are
+        free, zero on fixed dofs.
         """
         result = np.array(vectors, order="F")
         result[self._fixed] = 0.0
@@ -95,7 +95,7 @@ class Multigrid:
         return result
 
     def apply(self, loads: FloatArray) -> FloatArray:
-        """``T F`` ``(3 n_owned, k)``."""
+        """Return ``T F`` ``(3 n_owned, k)``."""
         result = np.zeros(loads.shape, order="F")
         for first in range(0, loads.shape[1], COLUMNS):
             part = slice(first, first + COLUMNS)
@@ -108,7 +108,7 @@ class Multigrid:
         return self.without_motions(self._smooth(loads, shapes))
 
     def _smooth(self, loads: FloatArray, shapes: FloatArray | None) -> FloatArray:
-        """Chebyshev iteration, from zero where no shapes are given."""
+        """Smooth by Chebyshev iteration, from zero where no shapes are given."""
         high, low = self._largest, SMOOTHED_SHARE * self._largest
         middle, radius = 0.5 * (high + low), 0.5 * (high - low)
         rest: FloatArray = loads if shapes is None else loads - self.multiply(shapes)
@@ -123,7 +123,7 @@ class Multigrid:
         return result
 
     def _blocks(self, forces: FloatArray) -> FloatArray:
-        """Each node's forces through the inverse of its own stiffness."""
+        """Return each node's forces through the inverse of its own stiffness."""
         result = np.empty(forces.shape, order="F")
         for column in range(forces.shape[1]):
             nodal = forces[:, column].reshape(-1, 3)
@@ -131,7 +131,9 @@ class Multigrid:
         return result
 
     def _largest_eigenvalue(self) -> float:
-        """Of the stiffness with the nodes' own stiffness as unit, from below."""
+        """Estimate the largest eigenvalue of the stiffness with the nodes' own stiffness as unit,
+        from below.
+        """
         vector = np.cos(1e3 * np.arange(self._operators.owned_dofs, dtype=float))[:, None]
         vector[self._fixed] = 0.0
         value = 1.0
@@ -157,7 +159,7 @@ class _CornerSolver:
             item.destroy()
 
     def correct(self, forces: FloatArray) -> FloatArray:
-        """Displacements ``(3 n_owned, k)`` of all nodes for forces on them."""
+        """Return the displacements ``(3 n_owned, k)`` of all nodes for forces on them."""
         result = np.empty(forces.shape, order="F")
         for column in range(forces.shape[1]):
             at_corners = self._level.restrict(forces[:, column])
@@ -171,7 +173,9 @@ class _CornerSolver:
 
 
 def _corner_matrix(level: CornerLevel, fixed: BoolArray) -> PETSc.Mat:
-    """Stiffness of the corners with fixed dofs on the diagonal alone, and its rigid motions."""
+    """Return the stiffness of the corners with fixed dofs on the diagonal alone, and its rigid
+    motions.
+    """
     total = 3 * level.stiffness_map.size_global
     matrix = level.stiffness.tocsr()
     columns = (3 * level.global_columns()[:, None] + np.arange(3)).ravel()
@@ -213,7 +217,7 @@ def _corner_matrix(level: CornerLevel, fixed: BoolArray) -> PETSc.Mat:
 
 
 def _aggregate(matrix: PETSc.Mat) -> PETSc.KSP:
-    """A solver that is one cycle of smoothed aggregation."""
+    """Return a solver that is one cycle of smoothed aggregation."""
     solver, pc = apply_once(matrix, "headstock_corners_", GAMG_OPTIONS)
     pc.setType(PETSc.PC.Type.GAMG)
     pc.setFromOptions()
@@ -222,7 +226,7 @@ def _aggregate(matrix: PETSc.Mat) -> PETSc.KSP:
 
 
 def _orthonormal(motions: FloatArray, operators: ElasticOperators) -> FloatArray:
-    """An orthonormal basis of rigid motions ``(3 n_owned, r)``."""
+    """Return an orthonormal basis of rigid motions ``(3 n_owned, r)``."""
     result = motions
     for _ in range(2):  # once more takes out what the first pass rounds
         gram = sum_over_ranks(operators.comm, result.T @ result)
@@ -231,7 +235,7 @@ def _orthonormal(motions: FloatArray, operators: ElasticOperators) -> FloatArray
 
 
 def _local_matrix(stiffness: scipy.sparse.bsr_matrix) -> PETSc.Mat:
-    """The rows of this rank, columns of their neighbours included."""
+    """Return the rows of this rank, columns of their neighbours included."""
     csr = (
         stiffness.indptr.astype(PETSc.IntType),
         stiffness.indices.astype(PETSc.IntType),
@@ -243,7 +247,7 @@ def _local_matrix(stiffness: scipy.sparse.bsr_matrix) -> PETSc.Mat:
 
 
 def _inverse_blocks(operators: ElasticOperators, fixed: BoolArray) -> FloatArray:
-    """``(n_owned, 3, 3)`` inverse stiffness of each node, with its fixed dofs at zero."""
+    """Return ``(n_owned, 3, 3)`` inverse stiffness of each node, with its fixed dofs at zero."""
     matrix, count = operators.stiffness, len(operators.nodes)
     rows = np.repeat(np.arange(count), np.diff(matrix.indptr))
     blocks = np.array(matrix.data[rows == matrix.indices])

@@ -27,7 +27,8 @@ PREFIX = "headstock_whole_"
 
 
 def solve_symmetric(matrix: scipy.sparse.spmatrix, loads: FloatArray) -> FloatArray:
-    """``A^-1 f`` for a sparse symmetric matrix ``(n, n)``, definite or not, and loads ``(n, k)``.
+    """Return ``A^-1 f`` for a sparse symmetric matrix ``(n, n)``, definite or not, and loads
+    ``(n, k)``.
 
     Raises:
         ConvergenceError: MUMPS found the matrix singular, or the solution misses the residual
@@ -56,7 +57,8 @@ def lowest_symmetric_pairs(
     shift: float,
     constraints: int = 0,
 ) -> tuple[FloatArray, FloatArray]:
-    """The lowest eigenvalues and mass-normalised shapes of ``K x = omega^2 M x``, none left out.
+    """Return the lowest eigenvalues and mass-normalised shapes of ``K x = omega^2 M x``, none left
+    out.
 
     Args:
         stiffness: ``(n, n)`` symmetric; bordered by constraint rows if there are any.
@@ -128,7 +130,7 @@ def _require_count(
     count: int,
     constraints: int,
 ) -> None:
-    """As many pivots below zero as eigenvalues were found below the widest gap above those
+    """Require as many pivots below zero as eigenvalues were found below the widest gap above those
     wanted.
     """
     gaps = eigenvalues[count:] - eigenvalues[count - 1 : -1]
@@ -161,7 +163,9 @@ def _require_small(missed: FloatArray, what: str) -> None:
 
 
 def _row_sums(sizes: FloatArray) -> FloatArray:
-    """Sizes by which residuals are divided; rows below rounding of the largest count with that."""
+    """Return the sizes by which residuals are divided; rows below rounding of the largest count
+    with that.
+    """
     return np.asarray(np.maximum(sizes, np.finfo(float).eps * sizes.max(axis=0, initial=1e-300)))
 
 

@@ -52,7 +52,7 @@ def estimate_split_errors(
     fields: RowBlocks,
     weights: FloatArray | None,
 ) -> MeshErrors:
-    """``estimate_mesh_errors`` of a mesh on rank 0; collective, the same result everywhere.
+    """Return ``estimate_mesh_errors`` of a mesh on rank 0; collective, the same result everywhere.
 
     Args:
         mesh: On rank 0.

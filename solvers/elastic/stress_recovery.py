@@ -39,17 +39,19 @@ class PointRows:
     shares: FloatArray
 
     def apply(self, displacement: FloatArray) -> FloatArray:
-        """Displacement and stress ``(9, k)`` under displacements ``(3 n_points, k)`` of mesh points."""
+        """Return the displacement and stress ``(9, k)`` under displacements ``(3 n_points, k)`` of
+        mesh points.
+        """
         moved = displacement.reshape(-1, 3, displacement.shape[1])[self.nodes]
         return np.asarray(self.rows @ moved.reshape(-1, displacement.shape[1]))
 
     def read(self, smooth: FloatArray) -> FloatArray:
-        """A continuous field at the point, from its values ``(m, ...)`` at the nodes."""
+        """Return a continuous field at the point, from its values ``(m, ...)`` at the nodes."""
         return np.asarray(np.tensordot(self.shares, smooth, axes=1))
 
 
 def find_point_rows(mesh: ComponentMesh, material: Material, point: FloatArray) -> PointRows:
-    """What is seen at a point of a component.
+    """Find what is seen at a point of a component.
 
     At a mesh point the stresses of all cells that meet there are averaged; elsewhere the cell that
     holds the point is evaluated.
@@ -83,8 +85,8 @@ def find_point_rows(mesh: ComponentMesh, material: Material, point: FloatArray) 
 
 
 def _cell_rows(values: FloatArray, slopes: FloatArray, material: Material) -> FloatArray:
-    """Displacement and stress ``(9, n_nodes, 3)`` per displacement of a cell's nodes, from values
-    ``(n_nodes,)`` and derivatives ``(n_nodes, 3)`` of their shape functions.
+    """Return the displacement and stress ``(9, n_nodes, 3)`` per displacement of a cell's nodes,
+    from values ``(n_nodes,)`` and derivatives ``(n_nodes, 3)`` of their shape functions.
     """
     shear = material.youngs_modulus / (2.0 * (1.0 + material.poisson_ratio))
     lame = 2.0 * shear * material.poisson_ratio / (1.0 - 2.0 * material.poisson_ratio)
@@ -113,12 +115,12 @@ class _Element:
         self.simplex = shape == "tetrahedron"
 
     def tabulate(self, place: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Values ``(n,)`` and gradients ``(n, 3)`` at a reference place."""
+        """Return the values ``(n,)`` and gradients ``(n, 3)`` at a reference place."""
         table = self._element.tabulate(1, place[None, :])[:, 0, :, 0]
         return table[0], table[1:].T
 
     def contains(self, place: FloatArray) -> bool:
-        """Whether a reference place lies in the reference cell."""
+        """Return whether a reference place lies in the reference cell."""
         low = bool((place >= -INSIDE_TOLERANCE).all())
         return low and bool(
             place.sum() <= 1.0 + INSIDE_TOLERANCE

@@ -30,8 +30,8 @@ def count_frequencies_below(
     *,
     constraints: FloatArray | None = None,
 ) -> int:
-    """Number of natural frequencies of a component below a given one, each counted as often as it
-    occurs.
+    """Return the number of natural frequencies of a component below a given one, each counted as
+    often as it occurs.
 
     Rigid-body motions that nothing holds count too. Collective over the operators' communicator.
 
@@ -110,7 +110,9 @@ def _count_with(
 def _negative_directions(
     factor: PETSc.Mat, constraints: FloatArray, operators: ElasticOperators, fixed: BoolArray
 ) -> int:
-    """Negative eigenvalues of ``C^T A^-1 C``: what the constraints take from the count."""
+    """Return the negative eigenvalues of ``C^T A^-1 C``: what the constraints take from the
+    count.
+    """
     count = constraints.shape[1]
     if count == 0:
         return 0

@@ -51,8 +51,8 @@ class DampedModes:
 def solve_damped(
     system: SecondOrderSystem, undamped: ModalResult | None = None, *, lowest: int | None = None
 ) -> DampedModes:
-    """All complex modes of a damped system, by its state matrix in the coordinates of all undamped
-    modes.
+    """Return all complex modes of a damped system, by its state matrix in the coordinates of all
+    undamped modes.
 
     In these coordinates stiffness and mass are diagonal, so that springs which differ by many
     decades cost no digits. Where only the lowest are wanted they come by way of a small space
@@ -109,7 +109,7 @@ def solve_damped(
 
 
 def _between_modes(damping: FloatArray, shapes: FloatArray) -> FloatArray:
-    """Modal damping ``(m, m)``; only dofs that dampers act on take part."""
+    """Return the modal damping ``(m, m)``; only dofs that dampers act on take part."""
     damped = np.flatnonzero(damping.any(axis=0) | damping.any(axis=1))
     moved = shapes[damped]
     return np.asarray(moved.T @ damping[np.ix_(damped, damped)] @ moved)
@@ -132,7 +132,7 @@ def _elastic_poles(
 
 
 def _damps_massless(system: SecondOrderSystem, modes: ModalResult) -> bool:
-    """Whether damping acts on dofs without mass; others follow the finite modes statically.
+    """Return whether damping acts on dofs without mass; others follow the finite modes statically.
 
     Raises:
         ModelError: Modes were left out.
@@ -151,8 +151,8 @@ def _damps_massless(system: SecondOrderSystem, modes: ModalResult) -> bool:
 
 
 def add_little_mass(system: SecondOrderSystem, modes: ModalResult) -> SecondOrderSystem:
-    """The system with the mass ``K / Omega^2`` added: dofs without mass vibrate at ``Omega``, others
-    change their frequency by the share ``omega^2 / (2 Omega^2)``.
+    """Return the system with the mass ``K / Omega^2`` added: dofs without mass vibrate at
+    ``Omega``, others change their frequency by the share ``omega^2 / (2 Omega^2)``.
     """
     lowest = float(modes.frequencies_hz[modes.rigid_count :].min(initial=np.inf))
     if not np.isfinite(lowest):
@@ -162,7 +162,7 @@ def add_little_mass(system: SecondOrderSystem, modes: ModalResult) -> SecondOrde
 
 
 def _solve_unsymmetric(system: SecondOrderSystem) -> DampedModes:
-    """Complex modes from ``M^-1 K`` and ``M^-1 C`` as they are."""
+    """Return the complex modes from ``M^-1 K`` and ``M^-1 C`` as they are."""
     count = len(system.mass)
     inverse = _invert_mass(system.mass)
     damping = np.zeros((count, count)) if system.damping is None else inverse @ system.damping
@@ -190,8 +190,8 @@ def _invert_mass(mass: FloatArray) -> FloatArray:
 
 
 def pair_with_undamped(damped: DampedModes, count: int) -> tuple[tuple[int | None, ...], ...]:
-    """For each of the first undamped modes the index of the damped mode that is mostly it, and of a
-    second, real one, if any.
+    """Return, for each of the first undamped modes, the index of the damped mode that is mostly it,
+    and of a second, real one, if any.
     """
     pairs: list[tuple[int | None, ...]] = []
     for mode in range(count):
@@ -211,7 +211,8 @@ def pair_with_undamped(damped: DampedModes, count: int) -> tuple[tuple[int | Non
 def damping_of_undamped(
     damped: DampedModes, count: int
 ) -> tuple[tuple[float | None, ...], tuple[float | None, ...]]:
-    """Damping ratio and frequency of oscillation [Hz] of each of the first undamped modes.
+    """Return the damping ratio and frequency of oscillation [Hz] of each of the first undamped
+    modes.
 
     An overdamped mode has a ratio above one, from its two real poles; None where the poles do not
     show one.
@@ -238,7 +239,7 @@ def damping_of_undamped(
 
 
 def overdamped_ratio(first: float, second: float) -> float:
-    """Damping ratio of a mode from its two real poles [rad/s] of one sign."""
+    """Return the damping ratio of a mode from its two real poles [rad/s] of one sign."""
     return -0.5 * (first + second) / math.sqrt(first * second)
 
 

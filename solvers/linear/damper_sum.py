@@ -62,8 +62,8 @@ class DamperSum:
     rest: RestTerms
 
     def evaluate(self, omega: FloatArray) -> ComplexArray:
-        """Receptance ``(n_freq, n_outputs, n_inputs)`` at positive angular frequencies; NaN on an
-        undamped pole that is seen.
+        """Return the receptance ``(n_freq, n_outputs, n_inputs)`` at positive angular frequencies;
+        NaN on an undamped pole that is seen.
         """
         lines = max(1, BLOCK // max(1, len(self.eigenvalues)))
         parts = [
@@ -73,8 +73,8 @@ class DamperSum:
         return np.concatenate(parts) + self.rest.evaluate(omega)
 
     def poles(self, below: float | None = None) -> ComplexArray:
-        """Poles at positive frequencies, and real ones [rad/s]; structural damping as a viscous one
-        of the same loss per cycle.
+        """Return the poles at positive frequencies, and real ones [rad/s]; structural damping as a
+        viscous one of the same loss per cycle.
 
         Args:
             below: Only those of modes up to this angular frequency [rad/s]; None for all.
@@ -91,7 +91,7 @@ class DamperSum:
         return np.asarray(poles[poles.imag >= 0.0])
 
     def _evaluate_block(self, omega: FloatArray) -> ComplexArray:
-        """The modes far from each frequency are eliminated, those near it are solved for."""
+        """Eliminate the modes far from each frequency, and solve for those near it."""
         square = omega[:, None] ** 2
         dynamic = (
             self.eigenvalues
@@ -157,7 +157,7 @@ class DamperSum:
 
 
 def sum_over_dampers(coordinates: ModalCoordinates) -> DamperSum | None:
-    """The sum for damping of low rank; None where too many dampers couple the modes.
+    """Return the sum for damping of low rank; None where too many dampers couple the modes.
 
     Low rank is what is left of a damping matrix when damping that couples no modes (one damping
     ratio, one loss factor, one mass- or stiffness-proportional part for most of the machine) is
@@ -190,14 +190,14 @@ def sum_over_dampers(coordinates: ModalCoordinates) -> DamperSum | None:
 
 
 def _products(far: ComplexArray, left: FloatArray, right: FloatArray) -> ComplexArray:
-    """``left^T diag(far) right`` for each frequency: ``(n_freq, n_left, n_right)``."""
+    """Return ``left^T diag(far) right`` for each frequency: ``(n_freq, n_left, n_right)``."""
     flat = np.einsum("mi,mj->mij", left, right).reshape(len(left), -1)
     return _weighed(far, flat).reshape(len(far), left.shape[1], right.shape[1])
 
 
 def _squares(far: ComplexArray, factors: FloatArray) -> ComplexArray:
-    """``factors^T diag(far) factors`` for each frequency ``(n_freq, r, r)``: one product for many
-    frequencies, else one for each.
+    """Return ``factors^T diag(far) factors`` for each frequency ``(n_freq, r, r)``: one product for
+    many frequencies, else one for each.
     """
     rank = factors.shape[1]
     if len(far) < rank:
@@ -212,8 +212,8 @@ def _squares(far: ComplexArray, factors: FloatArray) -> ComplexArray:
 
 
 def _weighed(weights: ComplexArray, matrix: FloatArray) -> ComplexArray:
-    """A complex matrix times a real one, without the product of an imaginary part that is not
-    there.
+    """Return a complex matrix times a real one, without the product of an imaginary part that is
+    not there.
     """
     # the parts of a complex array are strided, for which there is no fast product
     real, imaginary = np.ascontiguousarray(weights.real), np.ascontiguousarray(weights.imag)
@@ -232,8 +232,8 @@ def _whole(dampers: CoupledDampers) -> FloatArray:
 def _split(
     matrix: FloatArray | None, taken: slice, omega: FloatArray, powers: tuple[float, ...]
 ) -> CoupledDampers | None:
-    """Damping of few dampers, apart from one that is proportional to a power of the modes'
-    frequencies.
+    """Return the damping of few dampers, apart from one that is proportional to a power of the
+    modes' frequencies.
     """
     count = len(omega)
     if matrix is None:

@@ -16,8 +16,8 @@ from headstock.solvers.second_order import SecondOrderSystem
 def add_modal_damping(
     system: SecondOrderSystem, ratios: Sequence[float], modes: ModalResult | None = None
 ) -> SecondOrderSystem:
-    """The system with a damping ratio on every elastic mode, on top of what it has; rigid-body
-    modes stay free.
+    """Return the system with a damping ratio on every elastic mode, on top of what it has;
+    rigid-body modes stay free.
 
     Args:
         system: Symmetric.
@@ -47,8 +47,8 @@ def add_modal_damping(
 def equivalent_viscous(
     system: SecondOrderSystem, modes: ModalResult | None = None
 ) -> SecondOrderSystem:
-    """The system with a viscous damping in place of its structural one: the same loss per cycle in
-    each mode at its own frequency.
+    """Return the system with a viscous damping in place of its structural one: the same loss per
+    cycle in each mode at its own frequency.
 
     In modal coordinates ``C_ij = H_ij / sqrt(omega_i omega_j)``: a loss factor eta of a mode
     becomes the damping ratio eta / 2, and modes of nearly one frequency stay coupled as they are.

@@ -110,8 +110,8 @@ def solve_frf(
     inputs: Sequence[Channel],
     outputs: Sequence[Channel],
 ) -> FrequencyResponse:
-    """Receptance at given frequencies; at 0 Hz the static compliance, at negative ones the complex
-    conjugate.
+    """Return the receptance at given frequencies; at 0 Hz the static compliance, at negative ones
+    the complex conjugate.
 
     Structural (hysteretic) damping acts at every frequency but 0 Hz.
 
@@ -173,7 +173,7 @@ def prepare_frf(
 
 
 def evaluate_frf(model: FrfModel, frequencies_hz: FloatArray) -> FrequencyResponse:
-    """Receptance at given frequencies; see ``solve_frf``.
+    """Return the receptance at given frequencies; see ``solve_frf``.
 
     Raises:
         ModelError: A frequency is not finite.
@@ -204,8 +204,8 @@ def evaluate_frf(model: FrfModel, frequencies_hz: FloatArray) -> FrequencyRespon
 
 
 def find_peaks(model: FrfModel, to_hz: float) -> ComplexArray:
-    """Poles at positive frequencies, and real ones [rad/s], that may shape a response up to a
-    frequency; perhaps others too.
+    """Find the poles at positive frequencies, and real ones [rad/s], that may shape a response up
+    to a frequency; perhaps others too.
     """
     if isinstance(model.form, DamperSum):
         return model.form.poles(2.0 * np.pi * PEAK_MARGIN * to_hz)
@@ -215,8 +215,8 @@ def find_peaks(model: FrfModel, to_hz: float) -> ComplexArray:
 def convert_receptance(
     receptance: ComplexArray, frequencies_hz: FloatArray, motion: Motion
 ) -> ComplexArray:
-    """A receptance as receptance, mobility or accelerance: displacement, velocity or acceleration
-    per unit load.
+    """Return a receptance as receptance, mobility or accelerance: displacement, velocity or
+    acceleration per unit load.
 
     Args:
         receptance: ``(n_freq, n_outputs, n_inputs)`` [m/N, rad/N, ...].
@@ -249,8 +249,8 @@ def _choose_form(
 
 
 def _agrees(form: PoleSum, direct: DirectResponse) -> bool:
-    """Whether a sum over poles equals direct solves between poles, where no peak magnifies the
-    roundoff of either.
+    """Return whether a sum over poles equals direct solves between poles, where no peak magnifies
+    the roundoff of either.
     """
     sizes = np.sort(np.abs(form.poles()))
     sizes = sizes[np.isfinite(sizes)]
@@ -262,7 +262,7 @@ def _agrees(form: PoleSum, direct: DirectResponse) -> bool:
 
 
 def _general_rest(direct: DirectResponse) -> FloatArray:
-    """Static compliance of a system without modal coordinates; NaN where it has none."""
+    """Return the static compliance of a system without modal coordinates; NaN where it has none."""
     system = dataclasses.replace(direct.system, damping=None, hysteretic=None)
     try:
         return np.asarray(direct.rows @ solve_static(system, direct.loads).displacements)
@@ -271,7 +271,7 @@ def _general_rest(direct: DirectResponse) -> FloatArray:
 
 
 def refine_grid(base_hz: FloatArray, poles: ComplexArray) -> FloatArray:
-    """A grid with every pole's damped frequency in it and points from its half-power width
+    """Return a grid with every pole's damped frequency in it and points from its half-power width
     outwards.
 
     Args:
@@ -305,7 +305,7 @@ def _local_step(base: FloatArray, center: float) -> float:
 
 
 def _offsets(width: float, step: float) -> FloatArray:
-    """Distances from a resonance, out to the step of the even grid."""
+    """Return the distances from a resonance, out to the step of the even grid."""
     largest = OFFSETS[-1] * width
     count = (
         max(0, int(np.ceil(np.log(max(step / largest, 1.0)) / np.log(GROWTH))))
@@ -343,8 +343,8 @@ class StabilityFigures:
 def find_stability_figures(
     model: FrfModel, response: FrequencyResponse
 ) -> tuple[StabilityFigures, ...]:
-    """Figures of every drive point (a channel that is both input and output), refined between the
-    points of the grid.
+    """Find the figures of every drive point (a channel that is both input and output), refined
+    between the points of the grid.
 
     Args:
         model: What the response was computed from.
@@ -391,8 +391,9 @@ def _judge(
 def _lowest(
     frequencies_hz: FloatArray, values: FloatArray, function: Callable[[float], float]
 ) -> tuple[float, float]:
-    """Frequency and value of the lowest point, by Brent's method between the neighbours of the
-    lowest grid point; those without a value, such as rest where a motion is free, are left out.
+    """Return the frequency and value of the lowest point, by Brent's method between the neighbours
+    of the lowest grid point; those without a value, such as rest where a motion is free, are left
+    out.
     """
     known = np.flatnonzero(~np.isnan(values))
     frequencies_hz, values = frequencies_hz[known], values[known]

@@ -42,18 +42,18 @@ class LoadHistory:
 
     @property
     def instants(self) -> FloatArray:
-        """Where the load jumps, bends, or strikes [s]."""
+        """Return where the load jumps, bends, or strikes [s]."""
         struck = [time for time, _ in self.impulses]
         every = np.concatenate([self.begins, self.ends, struck])
         return np.asarray(np.unique(every[np.isfinite(every)]), dtype=float)
 
     @property
     def first(self) -> float:
-        """When it begins to act, or to change [s]."""
+        """Return when it begins to act, or to change [s]."""
         return float(self.instants.min(initial=np.inf))
 
     def is_constant_at(self, time: float) -> bool:
-        """Whether the load stands still at a time."""
+        """Return whether the load stands still at a time."""
         piece = int(np.searchsorted(self.begins, time, side="right")) - 1
         if piece < 0 or time > self.ends[piece]:
             return True
@@ -100,7 +100,9 @@ class SteppedLoads:
         return np.diff(self.times)
 
     def evaluate(self) -> tuple[FloatArray, FloatArray]:
-        """Loads and their rates, each ``(n - 1, 2, k)`` at the begin and the end of each step."""
+        """Return the loads and their rates, each ``(n - 1, 2, k)`` at the begin and the end of each
+        step.
+        """
         steps = self.steps[:, None]
         values = self.linear.copy()
         slope = (self.linear[:, 1] - self.linear[:, 0]) / steps
@@ -114,12 +116,12 @@ class SteppedLoads:
 
 
 def step_load(size: float, begin: float = 0.0, end: float = np.inf) -> LoadHistory:
-    """A constant load from one time to another [s]; without an end it stays."""
+    """Return a constant load from one time to another [s]; without an end it stays."""
     return _one_piece(begin, end, value=size)
 
 
 def ramp_load(size: float, begin: float, duration: float) -> LoadHistory:
-    """A load that rises evenly while a time [s] lasts, and then stays."""
+    """Return a load that rises evenly while a time [s] lasts, and then stays."""
     end = begin + duration
     zero = np.zeros(2)
     return LoadHistory(
@@ -133,23 +135,23 @@ def ramp_load(size: float, begin: float, duration: float) -> LoadHistory:
 
 
 def half_sine_load(size: float, begin: float, duration: float) -> LoadHistory:
-    """Half a period of a sine, as long as a time [s]."""
+    """Return half a period of a sine, as long as a time [s]."""
     return _one_piece(begin, begin + duration, amplitude=size, omega=np.pi / duration)
 
 
 def sine_load(size: float, begin: float, hz: float, cycles: float = np.inf) -> LoadHistory:
-    """A sine from a time [s] on, for a number of cycles."""
+    """Return a sine from a time [s] on, for a number of cycles."""
     return _one_piece(begin, begin + cycles / hz, amplitude=size, omega=2.0 * np.pi * hz)
 
 
 def impulse_load(size: float, at: float = 0.0) -> LoadHistory:
-    """An impulse [N s, or N m s] at a time [s]."""
+    """Return an impulse [N s, or N m s] at a time [s]."""
     empty = np.zeros(0)
     return LoadHistory(empty, empty, empty, empty, empty, empty, ((at, size),))
 
 
 def released_load(size: float, at: float = 0.0) -> LoadHistory:
-    """A load that has acted for long, and is gone from a time [s] on."""
+    """Return a load that has acted for long, and is gone from a time [s] on."""
     history = _one_piece(0.0, at, value=size)
     return LoadHistory(
         history.begins,
@@ -163,7 +165,7 @@ def released_load(size: float, at: float = 0.0) -> LoadHistory:
 
 
 def recorded_load(times: FloatArray, values: FloatArray) -> LoadHistory:
-    """A record, linear between its samples and zero outside.
+    """Return a record, linear between its samples and zero outside.
 
     Args:
         times: ``(n,)`` rising [s].
@@ -175,7 +177,8 @@ def recorded_load(times: FloatArray, values: FloatArray) -> LoadHistory:
 
 
 def step_loads(loads: Sequence[LoadHistory], duration: float, sampling_hz: float) -> SteppedLoads:
-    """Loads on a grid of even samples and of the instants at which one of them jumps or bends.
+    """Return the loads on a grid of even samples and of the instants at which one of them jumps or
+    bends.
 
     Args:
         loads: ``k`` of them.
@@ -226,7 +229,7 @@ def _one_piece(
 
 
 def _active(load: LoadHistory, times: FloatArray) -> tuple[IndexArray, BoolArray]:
-    """Piece that acts on each step, and whether one does."""
+    """Return the piece that acts on each step, and whether one does."""
     middle = 0.5 * (times[1:] + times[:-1])
     piece = np.searchsorted(load.begins, middle, side="right") - 1
     acts = piece >= 0
@@ -235,7 +238,7 @@ def _active(load: LoadHistory, times: FloatArray) -> tuple[IndexArray, BoolArray
 
 
 def _linear_part(load: LoadHistory, times: FloatArray) -> FloatArray:
-    """``(n - 1, 2)`` at both ends of each step."""
+    """Return the linear part ``(n - 1, 2)`` at both ends of each step."""
     found = np.zeros((len(times) - 1, 2))
     if not len(load.begins):
         return found
@@ -264,7 +267,7 @@ def _sines(loads: Sequence[LoadHistory], times: FloatArray) -> tuple[Sine, ...]:
 
 
 def _struck(load: LoadHistory, times: FloatArray) -> FloatArray:
-    """``(n,)`` impulse at each time; those after the last are none."""
+    """Return the impulse ``(n,)`` at each time; those after the last are none."""
     found = np.zeros(len(times))
     for at, size in load.impulses:
         nearest = int(np.argmin(np.abs(times - at)))

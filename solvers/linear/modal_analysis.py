@@ -67,8 +67,8 @@ def solve_modal(
     up_to_hz: float | None = None,
     resolved: float = RESOLVED,
 ) -> ModalResult:
-    """Natural frequencies and mass-normalised shapes of the undamped system; what a run calls
-    (sweeps: ``solve_lowest_modes``).
+    """Return the natural frequencies and mass-normalised shapes of the undamped system; what a run
+    calls (sweeps: ``solve_lowest_modes``).
 
     Args:
         system: Mass and stiffness must be symmetric and positive semidefinite; damping is left out.
@@ -108,7 +108,7 @@ def _finish_modes(
     up_to_hz: float | None,
     largest_residual: float = RESIDUAL_LIMIT,
 ) -> ModalResult:
-    """Frequencies, signs and residuals of eigenpairs; those beyond a limit are left out.
+    """Return the frequencies, signs and residuals of eigenpairs; those beyond a limit are left out.
 
     Raises:
         AccuracyError: An eigenpair misses the residual limit.
@@ -131,7 +131,7 @@ def _finish_modes(
 def keep_lowest(
     modes: ModalResult, *, count: int | None = None, up_to_hz: float | None = None
 ) -> ModalResult:
-    """The lowest of all modes, without solving anew.
+    """Return the lowest of all modes, without solving anew.
 
     Args:
         modes: Modes in rising order.
@@ -157,8 +157,8 @@ def keep_lowest(
 
 
 def _with_sign(shapes: FloatArray) -> FloatArray:
-    """Shapes whose largest entry is positive; of entries of equal size, which symmetric machines
-    have, the first.
+    """Return the shapes whose largest entry is positive; of entries of equal size, which symmetric
+    machines have, the first.
     """
     sizes = np.abs(shapes)
     # rounding does not choose between equal entries of different signs
@@ -168,8 +168,8 @@ def _with_sign(shapes: FloatArray) -> FloatArray:
 
 
 def _residuals(system: SecondOrderSystem, pairs: ModalPairs, shapes: FloatArray) -> FloatArray:
-    """Residual of each pair whose shape is kept, every dof weighed by its own ``k_ii + omega^2
-    m_ii``: independent of units and of grading.
+    """Return the residual of each pair whose shape is kept, every dof weighed by its own
+    ``k_ii + omega^2 m_ii``: independent of units and of grading.
 
     A rigid-body mode is weighed by the highest frequency found: its own, and the stiffness of dofs
     that it alone moves, are roundoff. Without any other the null space itself has been tested.
@@ -203,8 +203,8 @@ def _require_small(residuals: FloatArray, frequencies: FloatArray, limit: float)
 def solve_lowest_modes(
     system: SecondOrderSystem, *, count: int | None = None, up_to_hz: float | None = None
 ) -> ModalResult:
-    """Like ``solve_modal``, at two thirds of its cost where few modes are wanted; dofs without mass
-    are not counted.
+    """Solve like ``solve_modal``, at two thirds of its cost where few modes are wanted; dofs
+    without mass are not counted.
 
     ``M x = mu K x`` is reduced by ``K = L L^T`` to one symmetric matrix, of which LAPACK finds the
     largest eigenvalues only. Where the answer may not be good enough (free motions, a wide spread)
@@ -271,7 +271,7 @@ def _largest_flexibilities(
 
 
 def slope_squares(shapes: FloatArray, forces: FloatArray) -> FloatArray:
-    """Derivatives ``(m,)`` of ``omega^2`` by one parameter.
+    """Return the derivatives ``(m,)`` of ``omega^2`` by one parameter.
 
     Args:
         shapes: ``(n, m)`` mass-normalised mode shapes ``phi_i``.
@@ -290,7 +290,7 @@ def slope_shape(
     forces: FloatArray,
     mass_terms: FloatArray,
 ) -> FloatArray:
-    """Derivatives ``(n, p)`` of one mass-normalised mode shape by p parameters.
+    """Return the derivatives ``(n, p)`` of one mass-normalised mode shape by p parameters.
 
     In a cluster of repeated eigenvalues the part that turns the shapes of the cluster into each
     other is left out: it has no definite value.

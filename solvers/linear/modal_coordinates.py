@@ -82,7 +82,7 @@ def to_modal_coordinates(
     outputs: Sequence[Channel],
     modes: ModalResult | None = None,
 ) -> ModalCoordinates | None:
-    """The system in modal coordinates; None where they cannot carry it.
+    """Return the system in modal coordinates; None where they cannot carry it.
 
     That is so when a matrix is not symmetric (control, gyroscopic terms), or a damper acts on dofs
     without mass.
@@ -124,7 +124,7 @@ def to_modal_coordinates(
 
 
 def keep_modes(coordinates: ModalCoordinates, count: int) -> ModalCoordinates:
-    """Only the lowest elastic modes; what the others add statically goes to the residual
+    """Keep only the lowest elastic modes; what the others add statically goes to the residual
     flexibility.
 
     Args:
@@ -161,8 +161,8 @@ def reduce_to_modes(
     up_to_hz: float,
     modes: ModalResult | None = None,
 ) -> SecondOrderSystem:
-    """The modes up to a frequency, and a residual mode for each independent static flexibility of the
-    channels that they lack.
+    """Return the modes up to a frequency, and a residual mode for each independent static
+    flexibility of the channels that they lack.
 
     Static answers are exact. A residual mode has the mass of its own shape; one that would be faster
     than ``FASTEST`` times the limit gets the mass that makes it so fast.
@@ -219,7 +219,7 @@ def reduce_to_modes(
 
 
 def count_modes(coordinates: ModalCoordinates, limit_hz: float) -> int:
-    """Elastic modes up to a frequency."""
+    """Return the elastic modes up to a frequency."""
     return int(
         np.count_nonzero(
             (coordinates.eigenvalues > 0.0) & (coordinates.omega <= 2.0 * np.pi * limit_hz)
@@ -228,7 +228,7 @@ def count_modes(coordinates: ModalCoordinates, limit_hz: float) -> int:
 
 
 def has_symmetric_terms(system: SecondOrderSystem) -> bool:
-    """Whether every matrix passes the test without which no symmetric solver may see it."""
+    """Return whether every matrix passes the test without which no symmetric solver may see it."""
     terms = (system.mass, system.stiffness, system.damping, system.hysteretic)
     return all(term is None or is_symmetric(term) for term in terms)
 
@@ -236,8 +236,8 @@ def has_symmetric_terms(system: SecondOrderSystem) -> bool:
 def elastic_displacements(
     system: SecondOrderSystem, modes: ModalResult, loads: FloatArray
 ) -> FloatArray:
-    """Static displacements ``(n, k)`` without the rigid-body motion that an unbalanced load sets
-    off.
+    """Return the static displacements ``(n, k)`` without the rigid-body motion that an unbalanced
+    load sets off.
 
     A load that is not in balance is balanced by the inertia forces of that motion, and the answer
     is orthogonal to it.
@@ -266,8 +266,8 @@ def elastic_displacements(
 def rigid_response(
     coordinates: ModalCoordinates,
 ) -> tuple[FloatArray, np.ndarray[tuple[int, ...], np.dtype[np.bool_]]]:
-    """Acceleration per unit load of the rigid-body motion ``(n_outputs, n_inputs)``, and where it
-    is more than roundoff.
+    """Return the acceleration per unit load of the rigid-body motion ``(n_outputs, n_inputs)``, and
+    where it is more than roundoff.
     """
     first = slice(0, coordinates.rigid_count)
     moved, pushed = coordinates.outputs[:, first], coordinates.inputs[first]
@@ -281,8 +281,8 @@ def rigid_response(
 def modal_motion(
     coordinates: ModalCoordinates, omega: FloatArray, loads: ComplexArray
 ) -> ComplexArray:
-    """``(k, m)`` modal coordinates under harmonic modal loads ``(k, m)`` at angular frequencies
-    ``(k,)``.
+    """Return the modal coordinates ``(k, m)`` under harmonic modal loads ``(k, m)`` at angular
+    frequencies ``(k,)``.
     """
     square, size = omega[:, None] ** 2, len(coordinates.eigenvalues)
     terms = (coordinates.viscous, coordinates.hysteretic)
@@ -299,7 +299,7 @@ def modal_motion(
 
 
 def damps_rigid_motion(coordinates: ModalCoordinates) -> bool:
-    """Whether a damper resists a rigid-body motion."""
+    """Return whether a damper resists a rigid-body motion."""
     first = coordinates.rigid_count
     for matrix in (coordinates.viscous, coordinates.hysteretic):
         if (
@@ -312,7 +312,7 @@ def damps_rigid_motion(coordinates: ModalCoordinates) -> bool:
 
 
 def is_diagonal(matrix: FloatArray | None) -> bool:
-    """Whether damping couples no two modes by more than roundoff; true for none."""
+    """Return whether damping couples no two modes by more than roundoff; true for none."""
     if matrix is None:
         return True
     size = np.sqrt(np.abs(matrix.diagonal()))
@@ -326,7 +326,7 @@ def is_diagonal(matrix: FloatArray | None) -> bool:
 
 
 def undamped(system: SecondOrderSystem) -> SecondOrderSystem:
-    """The same system without any damping."""
+    """Return the same system without any damping."""
     return dataclasses.replace(system, damping=None, hysteretic=None)
 
 
@@ -338,8 +338,8 @@ def _project(matrix: FloatArray | None, modes: ModalResult) -> FloatArray | None
 
 
 def _dampers_have_mass(system: SecondOrderSystem, modes: ModalResult) -> bool:
-    """Whether no damper moves with dofs that have no mass: their springs settle them at once, beside
-    the slowest mode.
+    """Return whether no damper moves with dofs that have no mass: their springs settle them at
+    once, compared with the slowest mode.
     """
     massless = find_null_space(system.mass, what="mass").vectors
     springs = massless.T @ system.stiffness @ massless

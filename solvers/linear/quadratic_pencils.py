@@ -34,13 +34,13 @@ class Pencil:
     tolerance: float
 
     def apply(self, poles: ComplexArray, shapes: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-        """``Q(s) x`` and ``Q'(s) x`` of poles ``(p,)`` and shapes ``(m, p)``."""
+        """Return ``Q(s) x`` and ``Q'(s) x`` of poles ``(p,)`` and shapes ``(m, p)``."""
         damped = real_product(self.viscous, shapes)
         inner = (poles**2 + self.eigenvalues[:, None]) * shapes + poles * damped
         return inner, 2.0 * poles * shapes + damped
 
     def allowed(self, poles: ComplexArray) -> FloatArray:
-        """Errors ``(p,)`` of poles that are good enough [rad/s]."""
+        """Return the errors ``(p,)`` of poles that are good enough [rad/s]."""
         return np.asarray(self.tolerance * np.maximum(np.abs(poles), AT_REST * self.radius))
 
 
@@ -67,14 +67,14 @@ class ProjectedPencil:
     upper: NDArray[np.int64]
 
     def expand(self, coordinates: ComplexArray) -> ComplexArray:
-        """Shapes ``(m, p)`` from coordinates ``(n, p)``."""
+        """Return the shapes ``(m, p)`` from coordinates ``(n, p)``."""
         lower = len(coordinates) - self.columns.shape[1]
         return np.vstack([coordinates[:lower], real_product(self.columns, coordinates[lower:])])
 
     def solve(
         self, poles: ComplexArray, forces: ComplexArray, own: NDArray[np.int64]
     ) -> ComplexArray:
-        """``Q(s)^-1`` on the space times forces ``(m, p)``, each without its own pole.
+        """Return ``Q(s)^-1`` on the space times forces ``(m, p)``, each without its own pole.
 
         Source: Tisseur and Meerbergen (2001), SIAM Review 43, 235-286, section 3.5.
         """
@@ -85,7 +85,7 @@ class ProjectedPencil:
         return self.expand(self.coordinates @ ((self.coordinates.T @ seen) / weights))
 
     def gaps(self, picked: NDArray[np.int64]) -> FloatArray:
-        """Distances ``(p,)`` of picked poles to the next ones [rad/s]."""
+        """Return the distances ``(p,)`` of picked poles to the next ones [rad/s]."""
         distances = np.abs(self.poles[picked, None] - self.poles)
         distances[np.arange(len(picked)), picked] = np.inf
         return np.asarray(distances.min(axis=1, initial=np.inf))
@@ -94,8 +94,8 @@ class ProjectedPencil:
 def state_eigenpairs(
     eigenvalues: FloatArray, viscous: FloatArray
 ) -> tuple[ComplexArray, ComplexArray]:
-    """All poles and shapes of ``p'' + C p' + K p = 0`` for a diagonal K ``(m,)`` or a symmetric one
-    ``(m, m)``.
+    """Return all poles and shapes of ``p'' + C p' + K p = 0`` for a diagonal K ``(m,)`` or a
+    symmetric one ``(m, m)``.
     """
     count = len(viscous)
     stiffness = np.diag(eigenvalues) if eigenvalues.ndim == 1 else eigenvalues
@@ -113,14 +113,14 @@ def state_eigenpairs(
 
 
 def takes_energy(viscous: FloatArray) -> bool:
-    """Whether damping is positive semidefinite, to within rounding."""
+    """Return whether damping is positive semidefinite, to within rounding."""
     shift = NEGATIVE * len(viscous) * float(np.abs(viscous).max(initial=0.0))
     _, info = dpotrf(viscous + shift * np.eye(len(viscous)), lower=1) if shift else (None, 0)
     return bool(info == 0)
 
 
 def project_pencil(pencil: Pencil, columns: FloatArray) -> ProjectedPencil:
-    """The pencil on the lower modes and on columns ``(k, w)`` of the outer ones."""
+    """Return the pencil on the lower modes and on columns ``(k, w)`` of the outer ones."""
     lower = len(pencil.eigenvalues) - len(columns)
     viscous, eigenvalues = pencil.viscous, pencil.eigenvalues
     stiffness = scipy.linalg.block_diag(
@@ -155,6 +155,6 @@ def project_pencil(pencil: Pencil, columns: FloatArray) -> ProjectedPencil:
 def real_product(
     matrix: NDArray[np.floating], columns: NDArray[np.complexfloating]
 ) -> NDArray[np.complexfloating]:
-    """A real matrix times complex columns as one real product, several times as fast."""
+    """Return a real matrix times complex columns as one real product, several times as fast."""
     found = matrix @ np.hstack([columns.real, columns.imag])
     return np.asarray(found[:, : columns.shape[1]] + 1j * found[:, columns.shape[1] :])

@@ -81,7 +81,7 @@ class _Outer:
 def find_poles_within(
     eigenvalues: FloatArray, viscous: FloatArray, radius: float, *, tolerance: float
 ) -> CirclePoles | None:
-    """Every pole of at most a size, none left out.
+    """Find every pole of at most a size, none left out.
 
     The pencil ``Q(s) = s^2 + s C + Omega^2`` is projected on the lower undamped modes, on the outer
     motions that are overdamped, and on what each pole's residual moves of the others, until every
@@ -156,8 +156,8 @@ def find_poles_within(
 def find_lowest_poles(
     eigenvalues: FloatArray, viscous: FloatArray, wanted: int, *, tolerance: float
 ) -> tuple[ComplexArray, ComplexArray] | None:
-    """Every pole in the circle of the lowest undamped modes, and those beyond it that are for the
-    most part one of them, as the fast pole of an overdamped mode is.
+    """Find every pole in the circle of the lowest undamped modes, and those beyond it that are for
+    the most part one of them, as the fast pole of an overdamped mode is.
 
     Args:
         eigenvalues: ``(m,)`` omega^2 of all undamped modes [rad^2/s^2], rising.
@@ -188,7 +188,8 @@ def find_lowest_poles(
 def polish_poles(
     eigenvalues: FloatArray, viscous: FloatArray, poles: ComplexArray, shapes: ComplexArray
 ) -> tuple[ComplexArray, ComplexArray] | None:
-    """Poles from where they are nearly right, each on its own; None where one does not converge.
+    """Return the poles from where they are nearly right, each on its own; None where one does not
+    converge.
 
     Args:
         eigenvalues: ``(m,)`` undamped eigenvalues [rad^2/s^2].
@@ -224,7 +225,7 @@ def polish_poles(
 
 
 def _find_outer(pencil: Pencil, lower: int) -> _Outer | None:
-    """Modes from a number on; None where LAPACK does not converge."""
+    """Find the modes from a number on; None where LAPACK does not converge."""
     scale = 1.0 / np.sqrt(pencil.eigenvalues[lower:] + pencil.radius**2)
     damping = pencil.radius * (scale[:, None] * pencil.viscous[lower:, lower:] * scale)
     heavy = np.zeros((len(scale), 0))
@@ -244,7 +245,7 @@ def _find_outer(pencil: Pencil, lower: int) -> _Outer | None:
 def _correct(
     pencil: Pencil, outer: _Outer, poles: ComplexArray, shapes: ComplexArray
 ) -> tuple[ComplexArray, FloatArray]:
-    """What outer motions lack ``(k, p)``, and errors of poles ``(p,)`` [rad/s] by that."""
+    """Return what outer motions lack ``(k, p)``, and errors of poles ``(p,)`` [rad/s] by that."""
     residuals, slopes = pencil.apply(poles, shapes)
     residuals = residuals[len(shapes) - len(outer.scale) :]
     # Jacobi's sweeps are worth no more than single precision, which takes half the time
@@ -275,7 +276,8 @@ def _refine(
     shapes: ComplexArray,
     lacking: ComplexArray,
 ) -> tuple[ComplexArray, ComplexArray] | None:
-    """Exact poles ``(p,)`` and shapes ``(m, p)`` of some that stand apart, each from its own.
+    """Return the exact poles ``(p,)`` and shapes ``(m, p)`` of some that stand apart, each from its
+    own.
 
     The outer motions and the space take turns: sweeps for the ones, the inverse by all its poles
     for the other, and between them the Rayleigh quotient. A pole has converged when it moves by
@@ -304,8 +306,8 @@ def _refine(
 
 
 def _widen(first: FloatArray, shapes: ComplexArray, outer: _Outer, radius: float) -> FloatArray:
-    """The first columns with what the outer parts ``(k, p)`` of shapes add to them, orthonormal:
-    all but a unit of their energy norm.
+    """Return the first columns with what the outer parts ``(k, p)`` of shapes add to them,
+    orthonormal: all but a unit of their energy norm.
     """
     parts = np.hstack([shapes.real, shapes.imag]) / (radius * outer.scale[:, None])
     parts -= outer.heavy @ (outer.heavy.T @ parts)
@@ -317,7 +319,7 @@ def _widen(first: FloatArray, shapes: ComplexArray, outer: _Outer, radius: float
 
 
 def _agree(pencil: Pencil, small: ProjectedPencil) -> bool:
-    """Whether the whole ``Q(-r)`` has as many negative eigenvalues as its projection, by the
+    """Return whether the whole ``Q(-r)`` has as many negative eigenvalues as its projection, by the
     inertia of its factors.
     """
     radius = pencil.radius

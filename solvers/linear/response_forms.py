@@ -34,10 +34,12 @@ class ResponseForm(Protocol):
     """What answers with a response at any frequency."""
 
     def evaluate(self, omega: FloatArray) -> ComplexArray:
-        """Receptance ``(n_freq, n_outputs, n_inputs)`` at positive angular frequencies."""
+        """Return the receptance ``(n_freq, n_outputs, n_inputs)`` at positive angular
+        frequencies.
+        """
 
     def poles(self) -> ComplexArray:
-        """Poles at positive frequencies, and real ones [rad/s]."""
+        """Return the poles at positive frequencies, and real ones [rad/s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +58,7 @@ class RestTerms:
     square: float
 
     def evaluate(self, omega: FloatArray) -> FloatArray:
-        """Their receptance ``(n_freq, n_outputs, n_inputs)``."""
+        """Return their receptance ``(n_freq, n_outputs, n_inputs)``."""
         square = omega[:, None, None] ** 2
         fading = 1.0 if np.isinf(self.square) else (self.square / (self.square + square)) ** 2
         return np.asarray(self.residual * fading - self.rigid / square)
@@ -83,8 +85,8 @@ class ModalSum:
     rest: RestTerms
 
     def evaluate(self, omega: FloatArray) -> ComplexArray:
-        """Receptance ``(n_freq, n_outputs, n_inputs)`` at positive angular frequencies; NaN on an
-        undamped pole that is seen.
+        """Return the receptance ``(n_freq, n_outputs, n_inputs)`` at positive angular frequencies;
+        NaN on an undamped pole that is seen.
         """
         band = self.within(float(omega.max())) if len(omega) >= MANY else self
         if band is not self:
@@ -92,7 +94,9 @@ class ModalSum:
         return self.add_up(omega) + self.rest.evaluate(omega)
 
     def within(self, highest: float) -> "ModalSum | BandSum":
-        """The same up to an angular frequency [rad/s], faster where many modes lie far beyond."""
+        """Return the same up to an angular frequency [rad/s], faster where many modes lie far
+        beyond.
+        """
         far = np.abs(self.poles()) > FAR * highest
         if far.sum() < MANY:
             return self
@@ -113,7 +117,7 @@ class ModalSum:
         )
 
     def add_up(self, omega: FloatArray) -> ComplexArray:
-        """The sum alone."""
+        """Return the sum alone."""
         square = omega[:, None] ** 2
         real, imaginary = self.eigenvalues - square, omega[:, None] * self.viscous + self.hysteretic
         size = real**2 + imaginary**2
@@ -132,7 +136,9 @@ class ModalSum:
         return found if singular is None else _blank_singular(found, singular, self.seen)
 
     def poles(self) -> ComplexArray:
-        """Pole of each mode at positive frequencies [rad/s]; of an overdamped one the slower."""
+        """Return the pole of each mode at positive frequencies [rad/s]; of an overdamped one the
+        slower.
+        """
         root = np.sqrt(0.25 * self.viscous**2 - self.eigenvalues - 1j * self.hysteretic)
         return np.asarray(-0.5 * self.viscous + np.where(root.imag < 0.0, -root, root))
 
@@ -154,7 +160,7 @@ class BandSum:
     coefficients: ComplexArray
 
     def evaluate(self, omega: FloatArray) -> ComplexArray:
-        """Receptance ``(n_freq, n_outputs, n_inputs)`` at positive angular frequencies."""
+        """Return the receptance ``(n_freq, n_outputs, n_inputs)`` at positive angular frequencies."""
         if omega.max(initial=0.0) > self.highest:
             return self.every.evaluate(omega)
         places = 2.0 * omega / self.highest - 1.0
@@ -163,17 +169,19 @@ class BandSum:
         return np.asarray(found + smooth.reshape(found.shape))
 
     def poles(self) -> ComplexArray:
-        """Those of all modes [rad/s]."""
+        """Return the poles of all modes [rad/s]."""
         return self.every.poles()
 
 
 def narrow_band(form: ResponseForm, highest: float) -> ResponseForm:
-    """The same response, faster up to an angular frequency [rad/s] where it is a sum over modes."""
+    """Return the same response, faster up to an angular frequency [rad/s] where it is a sum over
+    modes.
+    """
     return form.within(highest) if isinstance(form, ModalSum) else form
 
 
 def sum_over_modes(coordinates: ModalCoordinates) -> ModalSum:
-    """The sum over all modes; the damping of the coordinates must be diagonal."""
+    """Return the sum over all modes; the damping of the coordinates must be diagonal."""
     flexible = slice(coordinates.rigid_count, None)
     rows, loads = coordinates.outputs[:, flexible], coordinates.inputs[flexible]
     size = len(coordinates.eigenvalues)
@@ -188,7 +196,7 @@ def sum_over_modes(coordinates: ModalCoordinates) -> ModalSum:
 
 
 def rest_terms(coordinates: ModalCoordinates) -> RestTerms:
-    """What the elastic modes of a system lack."""
+    """Return what the elastic modes of a system lack."""
     rigid, moves = rigid_response(coordinates)
     lowest = float(coordinates.eigenvalues[coordinates.rigid_count :].min(initial=np.inf))
     return RestTerms(
@@ -201,8 +209,8 @@ def rest_terms(coordinates: ModalCoordinates) -> RestTerms:
 def see_modes(
     rows: ComplexArray | FloatArray, loads: ComplexArray | FloatArray
 ) -> NDArray[np.bool_]:
-    """Whether a mode takes part in each entry ``(m, n_outputs, n_inputs)``, from ``(n_outputs, m)``
-    and ``(m, n_inputs)``.
+    """Return whether a mode takes part in each entry ``(m, n_outputs, n_inputs)``, from
+    ``(n_outputs, m)`` and ``(m, n_inputs)``.
     """
     moved = np.abs(rows) > UNSEEN * np.abs(rows).max(axis=1, keepdims=True, initial=0.0)
     pushed = np.abs(loads) > UNSEEN * np.abs(loads).max(axis=0, keepdims=True, initial=0.0)
@@ -212,8 +220,8 @@ def see_modes(
 def _blank_singular(
     values: ComplexArray, singular: NDArray[np.bool_], seen: NDArray[np.bool_]
 ) -> ComplexArray:
-    """NaN in place of what a singular mode ``(n_freq, m)`` that takes part ``(m, n_outputs,
-    n_inputs)`` has spoilt.
+    """Put NaN in place of what a singular mode ``(n_freq, m)`` that takes part
+    ``(m, n_outputs, n_inputs)`` has spoilt.
     """
     lost = np.tensordot(singular.astype(float), seen.astype(float), axes=1) > 0.0
     return np.where(lost, np.nan, values)
@@ -244,8 +252,8 @@ class PoleSum:
     first_order: bool
 
     def evaluate(self, omega: FloatArray) -> ComplexArray:
-        """Receptance ``(n_freq, n_outputs, n_inputs)`` at positive angular frequencies; NaN on an
-        undamped pole that is seen.
+        """Return the receptance ``(n_freq, n_outputs, n_inputs)`` at positive angular frequencies;
+        NaN on an undamped pole that is seen.
         """
         sigma = 1j * omega if self.first_order else omega**2 + 0j
         product = sigma[:, None] * self.flexibilities
@@ -262,7 +270,7 @@ class PoleSum:
         return _blank_singular(found, singular, self.seen)
 
     def poles(self) -> ComplexArray:
-        """Poles at positive frequencies, and real ones [rad/s]."""
+        """Return the poles at positive frequencies, and real ones [rad/s]."""
         with np.errstate(divide="ignore"):
             inverse = 1.0 / self.flexibilities
         if self.first_order:
@@ -271,7 +279,7 @@ class PoleSum:
 
 
 def sum_over_poles(coordinates: ModalCoordinates) -> PoleSum:
-    """The sum over all poles of the elastic modes; no damper may act on rigid-body motions.
+    """Return the sum over all poles of the elastic modes; no damper may act on rigid-body motions.
 
     Raises:
         AccuracyError: The poles lie so close together that they have hardly independent shapes
@@ -305,7 +313,7 @@ def sum_over_poles(coordinates: ModalCoordinates) -> PoleSum:
 
 
 def _softness(hysteretic: FloatArray | None, flexible: slice, omega: FloatArray) -> ComplexArray:
-    """Inverse of the complex stiffness ``W^-1 (W^2 + i H) W^-1``, W = diag(omega)."""
+    """Return the inverse of the complex stiffness ``W^-1 (W^2 + i H) W^-1``, W = diag(omega)."""
     unit = np.eye(len(omega)) + 0j
     return (
         unit
@@ -334,7 +342,7 @@ def _eigenpairs(matrix: ComplexArray | FloatArray) -> tuple[ComplexArray, Comple
 
 
 def find_poles(system: SecondOrderSystem) -> ComplexArray:
-    """All finite poles ``(p,)`` [rad/s], rising in size; conjugate pairs stand twice.
+    """Find all finite poles ``(p,)`` [rad/s], rising in size; conjugate pairs stand twice.
 
     Structural damping is taken as it acts at positive frequencies, so that with it only poles above
     the real axis mean anything.
@@ -382,8 +390,8 @@ class DirectResponse:
     rows: FloatArray
 
     def evaluate(self, omega: FloatArray) -> ComplexArray:
-        """Receptance ``(n_freq, n_outputs, n_inputs)`` at positive angular frequencies; NaN where
-        the matrix is singular.
+        """Return the receptance ``(n_freq, n_outputs, n_inputs)`` at positive angular frequencies;
+        NaN where the matrix is singular.
         """
         shape = (len(omega), len(self.rows), self.loads.shape[1])
         return np.array([self.rows @ self.displacements(float(value)) for value in omega]).reshape(
@@ -391,13 +399,14 @@ class DirectResponse:
         )
 
     def poles(self) -> ComplexArray:
-        """Poles at positive frequencies, and real ones [rad/s]."""
+        """Return the poles at positive frequencies, and real ones [rad/s]."""
         found = find_poles(self.system)
         return np.asarray(found[found.imag >= 0.0])
 
     def displacements(self, omega: float) -> ComplexArray:
-        """Displacements ``(n, n_inputs)`` at a positive angular frequency, NaN where the matrix is
-        singular; rows and columns scaled by the size of their own terms, one step of refinement.
+        """Return the displacements ``(n, n_inputs)`` at a positive angular frequency, NaN where the
+        matrix is singular; rows and columns scaled by the size of their own terms, one step of
+        refinement.
         """
         system = self.system
         matrix = system.stiffness - omega**2 * system.mass + 0j

@@ -40,14 +40,16 @@ class SparseFactor:
     negative: int
 
     def solve(self, loads: FloatArray) -> FloatArray:
-        """``A^-1 f`` for loads ``(n,)`` or ``(n, m)``, refined once."""
+        """Return ``A^-1 f`` for loads ``(n,)`` or ``(n, m)``, refined once."""
         scale = self.scale if loads.ndim == 1 else self.scale[:, None]
         right = scale * loads
         found = self.factor.solve(right)
         return np.asarray(scale * (found + self.factor.solve(right - self.scaled @ found)))
 
     def reciprocal_condition(self) -> float:
-        """Of the scaled matrix in the 1-norm, estimated (Higham and Tisseur 2000)."""
+        """Return the reciprocal condition of the scaled matrix in the 1-norm, estimated (Higham and
+        Tisseur 2000).
+        """
         inverse = LinearOperator(
             self.scaled.shape, matvec=self.factor.solve, rmatvec=self.factor.solve, dtype=float
         )
@@ -55,7 +57,9 @@ class SparseFactor:
 
 
 def find_sparse(matrix: FloatArray) -> sp.csc_matrix | None:
-    """The entries that are not zero, or None where they are too many or the matrix is small."""
+    """Find the entries that are not zero, or None where they are too many or the matrix is
+    small.
+    """
     size = len(matrix)
     if size < SMALLEST or np.count_nonzero(matrix) > FILLED * size * size:
         return None
@@ -63,7 +67,7 @@ def find_sparse(matrix: FloatArray) -> sp.csc_matrix | None:
 
 
 def factorise_sparse(matrix: sp.csc_matrix) -> SparseFactor | None:
-    """None where a pivot is zero or lies beside the diagonal."""
+    """Factorise a sparse matrix; None where a pivot is zero or lies off the diagonal."""
     diagonal = np.abs(matrix.diagonal())
     if not diagonal.all():
         return None
@@ -87,8 +91,8 @@ def factorise_sparse(matrix: sp.csc_matrix) -> SparseFactor | None:
 def lowest_sparse_modes(
     stiffness: FloatArray, mass: FloatArray, wanted: int
 ) -> tuple[FloatArray, FloatArray] | None:
-    """The lowest eigenvalues ``(m,)`` and mass-normalised shapes ``(n, m)`` by Lanczos' method,
-    none left out.
+    """Return the lowest eigenvalues ``(m,)`` and mass-normalised shapes ``(n, m)`` by Lanczos'
+    method, none left out.
 
     Args:
         stiffness: ``(n, n)`` symmetric, positive definite.

@@ -92,16 +92,16 @@ class StateSpace:
 
     @functools.cached_property
     def columns(self) -> Index:
-        """Where the inputs stand."""
+        """Return where the inputs stand."""
         return Index(self.inputs)
 
     @functools.cached_property
     def rows(self) -> Index:
-        """Where the outputs stand."""
+        """Return where the outputs stand."""
         return Index(self.outputs)
 
     def select(self, inputs: Sequence[Channel], outputs: Sequence[Channel]) -> "StateSpace":
-        """The same states between some of the inputs and outputs."""
+        """Return the same states between some of the inputs and outputs."""
         if (tuple(inputs), tuple(outputs)) == (self.inputs, self.outputs):
             return self
         columns, rows = self.columns.of(inputs), self.rows.of(outputs)
@@ -125,7 +125,7 @@ class StateSpace:
         return dataclasses.replace(self, d=d)
 
     def watch(self, outputs: Watch) -> WatchedOutputs:
-        """Some of the outputs, with rates and accelerations of others added.
+        """Return some of the outputs, with rates and accelerations of others added.
 
         Those others are displacements: what inputs do to them at once has no rate here.
         """
@@ -143,14 +143,16 @@ class StateSpace:
     def _find_rows(
         self, channels: Sequence[Channel], added: Mapping[Channel, Channel]
     ) -> FloatArray:
-        """Rows ``(k, n)`` of what is added to each channel; zero for nothing."""
+        """Find the rows ``(k, n)`` of what is added to each channel; zero for nothing."""
         found = np.zeros((len(channels), len(self.a)))
         some = [number for number, channel in enumerate(channels) if channel in added]
         found[some] = self.c[self.rows.of(added[channels[number]] for number in some)]
         return found
 
     def respond(self, omega: FloatArray) -> ComplexArray:
-        """Frequency response ``(n_freq, n_outputs, n_inputs)`` at angular frequencies [rad/s]."""
+        """Return the frequency response ``(n_freq, n_outputs, n_inputs)`` at angular frequencies
+        [rad/s].
+        """
         unit = np.eye(len(self.a))
         return np.array(
             [
@@ -167,7 +169,7 @@ def to_state_space(
     outputs: Sequence[Channel],
     up_to_hz: float | None = None,
 ) -> StateSpace:
-    """State space of a system; outputs are displacements.
+    """Return the state space of a system; outputs are displacements.
 
     In modal coordinates, each mode as ``(omega p, p')``: half the sum of squares of the states is
     the energy. Structural damping is replaced by the viscous one of equal loss in each mode. A
@@ -198,8 +200,8 @@ def to_state_space(
 def modal_state_space(
     coordinates: ModalCoordinates, inputs: tuple[Channel, ...], outputs: tuple[Channel, ...]
 ) -> StateSpace:
-    """State space of modal coordinates: state ``2k`` is ``omega p`` of mode k, state ``2k + 1`` is
-    ``p'``.
+    """Return the state space of modal coordinates: state ``2k`` is ``omega p`` of mode k, state
+    ``2k + 1`` is ``p'``.
 
     Args:
         coordinates: ``m`` modes with their input and output matrices and the residual flexibility
@@ -267,7 +269,7 @@ def _unsymmetric(
 
 
 def to_control(space: StateSpace) -> Any:
-    """A ``control.StateSpace`` with the same matrices and names.
+    """Return a ``control.StateSpace`` with the same matrices and names.
 
     Raises:
         ModelError: python-control is not installed.

@@ -40,7 +40,7 @@ class StaticResult:
 
 
 def solve_static(system: SecondOrderSystem, loads: FloatArray) -> StaticResult:
-    """Displacements under static loads.
+    """Return the displacements under static loads.
 
     Args:
         system: Its stiffness must hold every motion; a control term may make it unsymmetric.
@@ -84,14 +84,15 @@ class BalancedResult:
     weights: FloatArray
 
     def determines(self, rows: FloatArray) -> BoolArray:
-        """Whether outputs ``(k, n)`` are the same in all answers: they do not move in a free
+        """Return whether outputs ``(k, n)`` are the same in all answers: they do not move in a free
         motion.
         """
         return _does_no_work(rows.T, self.free.vectors, self.weights)
 
 
 def solve_balanced(system: SecondOrderSystem, loads: FloatArray) -> BalancedResult:
-    """Static displacements under those loads that do no work on the motions that nothing holds.
+    """Return the static displacements under those loads that do no work on the motions that nothing
+    holds.
 
     Args:
         system: Symmetric where motions are free.
@@ -140,7 +141,7 @@ def solve_balanced(system: SecondOrderSystem, loads: FloatArray) -> BalancedResu
 
 
 def _does_no_work(loads: FloatArray, motions: FloatArray, weights: FloatArray) -> BoolArray:
-    """Whether each load ``(n, m)`` does no work on any motion ``(n, r)`` but roundoff."""
+    """Return whether each load ``(n, m)`` does no work on any motion ``(n, r)`` but roundoff."""
     size = np.sqrt(weights)[:, None]
     reach = np.linalg.norm(motions * size, axis=0)[:, None] * np.linalg.norm(loads / size, axis=0)
     return np.asarray((np.abs(motions.T @ loads) <= WORK_LIMIT * reach).all(axis=0))
@@ -180,7 +181,7 @@ def _solve_symmetric(system: SecondOrderSystem, loads: FloatArray) -> FloatArray
 
 
 def _least_condition(size: int) -> float:
-    """Reciprocal condition below which a matrix may be singular but for roundoff."""
+    """Return the reciprocal condition below which a matrix may be singular but for roundoff."""
     return PIVOT_FACTOR * size * EPS * size
 
 
@@ -210,7 +211,7 @@ def _solve_general(system: SecondOrderSystem, loads: FloatArray) -> FloatArray:
 
 
 def _residual(stiffness: FloatArray, displacements: FloatArray, loads: FloatArray) -> float:
-    """Largest backward error over the columns (Oettli and Prager 1964, by columns)."""
+    """Return the largest backward error over the columns (Oettli and Prager 1964, by columns)."""
     residual = np.abs(stiffness @ displacements - loads).max(axis=0, initial=0.0)
     terms = (absolute_product(stiffness, displacements) + np.abs(loads)).max(axis=0, initial=0.0)
     return float((residual / np.maximum(terms, np.finfo(float).tiny)).max(initial=0.0))

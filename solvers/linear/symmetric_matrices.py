@@ -50,8 +50,8 @@ class NullSpace:
 
 
 def find_null_space(matrix: FloatArray, *, what: str = "stiffness") -> NullSpace:
-    """Null space of a symmetric positive semidefinite matrix by Cholesky's method with diagonal
-    pivoting.
+    """Find the null space of a symmetric positive semidefinite matrix by Cholesky's method with
+    diagonal pivoting.
 
     Each pivot is weighed against its *own* diagonal entry, which is what its roundoff is
     proportional to, so the decision does not depend on units and a soft spring beside a stiff one
@@ -145,7 +145,7 @@ def require_standing(stiffness: FloatArray, geometric: FloatArray) -> None:
 
 
 def _stands(matrix: FloatArray) -> bool:
-    """Whether a symmetric matrix has no negative direction."""
+    """Return whether a symmetric matrix has no negative direction."""
     try:
         find_null_space(matrix)
     except ModelError:
@@ -154,8 +154,8 @@ def _stands(matrix: FloatArray) -> bool:
 
 
 def is_symmetric(matrix: FloatArray) -> bool:
-    """Whether ``|A - A^T|`` stays below 1e-12 of the largest entry; False too when a value is not
-    finite.
+    """Return whether ``|A - A^T|`` stays below 1e-12 of the largest entry; False too when a value
+    is not finite.
     """
     # without copies of the matrix; what is not a number stays one in a sum
     largest = max(matrix.max(initial=0.0), -matrix.min(initial=0.0))
@@ -169,7 +169,7 @@ def is_symmetric(matrix: FloatArray) -> bool:
 
 
 def symmetrise(matrix: FloatArray) -> FloatArray:
-    """``(A + A^T) / 2`` in the place of ``A``, which is given back."""
+    """Return ``(A + A^T) / 2`` in the place of ``A``, which is given back."""
     for start in range(0, len(matrix), PIECE):
         piece, rest = slice(start, start + PIECE), slice(start, None)
         half = 0.5 * (matrix[piece, rest] + matrix[rest, piece].T)
@@ -179,7 +179,7 @@ def symmetrise(matrix: FloatArray) -> FloatArray:
 
 
 def absolute_product(matrix: FloatArray, vectors: FloatArray) -> FloatArray:
-    """``|A| |x|``: the size of the terms of a product."""
+    """Return ``|A| |x|``: the size of the terms of a product."""
     sizes = np.abs(vectors)
     parts = [
         np.abs(matrix[start : start + PIECE]) @ sizes for start in range(0, len(matrix), PIECE)

@@ -54,8 +54,8 @@ def solve_symmetric_modes(
     up_to: float | None = None,
     resolved: float = RESOLVED,
 ) -> ModalPairs:
-    """The lowest eigenpairs, or all, of ``K x = omega^2 M x`` for symmetric positive semidefinite
-    matrices.
+    """Return the lowest eigenpairs, or all, of ``K x = omega^2 M x`` for symmetric positive
+    semidefinite matrices.
 
     Few modes of a large sparse pencil are sought by Lanczos (``lowest_sparse_modes``). Else the
     pencil is solved as ``M x = mu K x``, mu = 1/omega^2: a Cholesky factorisation of K keeps small
@@ -98,8 +98,8 @@ def solve_symmetric_modes(
 def _flexibility_modes(
     stiffness: FloatArray, mass: FloatArray, count: int, up_to: float | None, resolved: float
 ) -> ModalPairs | None:
-    """The lowest eigenvalues and shapes by one LAPACK call, or None where its answer may not be
-    good enough.
+    """Return the lowest eigenvalues and shapes by one LAPACK call, or None where its answer may not
+    be good enough.
     """
     if 0 < count <= FEW * len(mass) and _few_lose_digits(stiffness, mass, count):
         return None
@@ -120,8 +120,8 @@ def _flexibility_modes(
 
 
 def _few_lose_digits(stiffness: FloatArray, mass: FloatArray, count: int) -> bool:
-    """Whether the lowest modes alone show that the careful path has to take over, which saves the
-    solve of all.
+    """Return whether the lowest modes alone show that the careful path has to take over, which
+    saves the solve of all.
     """
     few = _few_modes(stiffness, mass, count)
     if few is None:
@@ -131,21 +131,21 @@ def _few_lose_digits(stiffness: FloatArray, mass: FloatArray, count: int) -> boo
 
 
 def spreads_too_far(smallest: float, largest: float) -> bool:
-    """Whether flexibilities lie too far apart for one solve to resolve both."""
+    """Return whether flexibilities lie too far apart for one solve to resolve both."""
     return not smallest > SPREAD_LIMIT * largest
 
 
 def loses_digits(stiffness: FloatArray, lowest: FloatArray) -> bool:
-    """Whether roundoff is so much of the strain energy of the lowest shape ``(n,)``, ``x^T K x =
-    1``, that it may be a rigid motion.
+    """Return whether roundoff is so much of the strain energy of the lowest shape ``(n,)``,
+    ``x^T K x = 1``, that it may be a rigid motion.
     """
     size = np.abs(lowest)
     return bool(len(size) * EPS * (size @ absolute_product(stiffness, size)) > CANCELLATION_LIMIT)
 
 
 def _careful_modes(stiffness: FloatArray, mass: FloatArray, wanted: int) -> ModalPairs:
-    """The same when K or M is singular or the eigenvalues lie far apart; at least the lowest that
-    are wanted.
+    """Return the same when K or M is singular or the eigenvalues lie far apart; at least the lowest
+    that are wanted.
     """
     back, condensed_stiffness, condensed_mass = _condense_massless(stiffness, mass)
     null = find_null_space(condensed_stiffness)
@@ -175,7 +175,9 @@ def _careful_modes(stiffness: FloatArray, mass: FloatArray, wanted: int) -> Moda
 def _condense_massless(
     stiffness: FloatArray, mass: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Guyan condensation of the null space of M: exact, because nothing there has inertia."""
+    """Return the Guyan condensation of the null space of M: exact, because nothing there has
+    inertia.
+    """
     massless = find_null_space(mass, what="mass")
     if massless.dimension == 0:
         return np.eye(len(mass)), stiffness, mass
@@ -206,8 +208,8 @@ def _void_error(massless: NullSpace, void: NullSpace) -> ModelError:
 
 
 def _mass_orthonormal(vectors: FloatArray, mass: FloatArray, *, times: int = 2) -> FloatArray:
-    """The same space with ``R^T M R = 1``, each vector less its part along those before; by default
-    twice, because once leaves the square of the condition number.
+    """Return the same space with ``R^T M R = 1``, each vector less its part along those before; by
+    default twice, because once leaves the square of the condition number.
     """
     for _ in range(times if vectors.shape[1] else 0):
         lower = np.linalg.cholesky(vectors.T @ mass @ vectors)
@@ -218,8 +220,8 @@ def _mass_orthonormal(vectors: FloatArray, mass: FloatArray, *, times: int = 2) 
 def _few_modes(
     stiffness: FloatArray, mass: FloatArray, wanted: int
 ) -> tuple[FloatArray, FloatArray] | None:
-    """The lowest modes alone, at a tenth of the cost of all; None where many are wanted or one
-    solve does not resolve them.
+    """Return the lowest modes alone, at a tenth of the cost of all; None where many are wanted or
+    one solve does not resolve them.
     """
     size = len(mass)
     if not 0 < wanted <= FEW * size:
@@ -241,8 +243,8 @@ def _few_modes(
 
 
 def _two_sided_modes(stiffness: FloatArray, mass: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Low modes from ``M x = mu K x``, high ones from ``K x = lambda M x`` where one solve cannot
-    resolve both ends.
+    """Return the low modes from ``M x = mu K x``, high ones from ``K x = lambda M x`` where one
+    solve cannot resolve both ends.
     """
     if len(mass) == 0:
         return np.zeros(0), np.zeros((0, 0))
@@ -264,7 +266,9 @@ def _two_sided_modes(stiffness: FloatArray, mass: FloatArray) -> tuple[FloatArra
 
 
 def _widest_gap(eigenvalues: FloatArray, middle: float) -> int:
-    """Number of modes below the widest gap near the middle, so that no cluster is cut."""
+    """Return the number of modes below the widest gap near the middle, so that no cluster is
+    cut.
+    """
     inside = np.flatnonzero(
         (eigenvalues > middle / SPLIT_WINDOW) & (eigenvalues < middle * SPLIT_WINDOW)
     )

@@ -49,7 +49,7 @@ class Propagator:
     step: float
 
     def advance(self, state: FloatArray) -> FloatArray:
-        """The free motion after one step."""
+        """Return the free motion after one step."""
         if self.transition.ndim == 2:
             return np.asarray(self.transition @ state)
         pairs = state.reshape(-1, 2)
@@ -63,7 +63,7 @@ class Propagator:
 def solve_time_response(
     space: StateSpace, loads: FloatArray, step: float, *, initial_state: FloatArray | None = None
 ) -> TimeResponse:
-    """Response to sampled loads, linear between samples.
+    """Return the response to sampled loads, linear between samples.
 
     There is no error of integration, whatever the step: modes far faster than it neither blow up
     nor ring beyond what they physically do. Energy is kept to roundoff where nothing is damped.
@@ -96,7 +96,8 @@ def solve_time_response(
 
 
 def solve_stepped_response(space: StateSpace, times: FloatArray, loads: FloatArray) -> TimeResponse:
-    """Response from rest to loads that are linear within each step and may jump between steps.
+    """Return the response from rest to loads that are linear within each step and may jump between
+    steps.
 
     Args:
         space: From ``to_state_space``.
@@ -142,7 +143,7 @@ def add_direct(outputs: FloatArray, loads: FloatArray, direct: FloatArray) -> No
 
 
 def make_propagator(space: StateSpace, step: float) -> Propagator:
-    """The exact step of a system.
+    """Return the exact step of a system.
 
     Raises:
         ModelError: The step is not positive.
@@ -167,8 +168,8 @@ def make_propagator(space: StateSpace, step: float) -> Propagator:
 
 
 def sine_gains(space: StateSpace, step: float, omega: float) -> tuple[FloatArray, FloatArray]:
-    """What loads ``sin(omega s)`` and ``cos(omega s)`` while a step lasts add to the state at its
-    end, ``(n, n_inputs)`` each; also in resonance without damping.
+    """Return what loads ``sin(omega s)`` and ``cos(omega s)`` while a step lasts add to the state
+    at its end, ``(n, n_inputs)`` each; also in resonance without damping.
 
     Args:
         space: The system.
@@ -186,8 +187,8 @@ def sine_gains(space: StateSpace, step: float, omega: float) -> tuple[FloatArray
 
 
 def _sine_integrals(a: FloatArray, step: float, omega: float) -> tuple[FloatArray, FloatArray]:
-    """``int exp(A (h - s)) cos(omega s) ds`` and the same of the sine, of matrices ``(..., n,
-    n)``: an oscillator drives the system.
+    """Return ``int exp(A (h - s)) cos(omega s) ds`` and the same of the sine, of matrices
+    ``(..., n, n)``: an oscillator drives the system.
     """
     size = a.shape[-1]
     big = np.zeros((*a.shape[:-2], 3 * size, 3 * size))
@@ -202,7 +203,7 @@ def _sine_integrals(a: FloatArray, step: float, omega: float) -> tuple[FloatArra
 
 
 def _integrals(a: FloatArray, step: float) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
-    """``exp(A h)``, ``int exp(A (h - s)) ds`` and ``int exp(A (h - s)) s / h ds``."""
+    """Return ``exp(A h)``, ``int exp(A (h - s)) ds`` and ``int exp(A (h - s)) s / h ds``."""
     size = len(a)
     zero, unit = np.zeros((size, size)), np.eye(size)
     big = np.block([[a * step, unit * step, zero], [zero, zero, unit], [zero, zero, zero]])
@@ -211,8 +212,8 @@ def _integrals(a: FloatArray, step: float) -> tuple[FloatArray, tuple[FloatArray
 
 
 def _pair_integrals(pairs: ModalPairs, step: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The same for every mode ``(m, 2, 2)``: closed forms, but for low-frequency modes, where these
-    would cancel.
+    """Return the same for every mode ``(m, 2, 2)``: closed forms, but for low-frequency modes,
+    where these would cancel.
     """
     a = _pair_matrices(pairs)
     transition, total, rising = np.empty_like(a), np.empty_like(a), np.empty_like(a)
@@ -231,7 +232,7 @@ def _pair_integrals(pairs: ModalPairs, step: float) -> tuple[FloatArray, FloatAr
 
 
 def _pair_matrices(pairs: ModalPairs) -> FloatArray:
-    """State matrix ``(m, 2, 2)`` of every mode."""
+    """Return the state matrix ``(m, 2, 2)`` of every mode."""
     a = np.zeros((len(pairs.eigenvalues), 2, 2))
     a[:, 0, 1], a[:, 1, 0], a[:, 1, 1] = (
         pairs.scales,
@@ -244,8 +245,8 @@ def _pair_matrices(pairs: ModalPairs) -> FloatArray:
 def _pair_exponentials(
     a: FloatArray, eigenvalues: FloatArray, viscous: FloatArray, step: float
 ) -> FloatArray:
-    """``exp(A h)`` of single modes: ``e^{-c h / 2} (cos(w h) + sin(w h) / w (A + c / 2))``, and its
-    overdamped form.
+    """Return ``exp(A h)`` of single modes: ``e^{-c h / 2} (cos(w h) + sin(w h) / w (A + c / 2))``,
+    and its overdamped form.
     """
     mean, rest = -0.5 * viscous, 0.25 * viscous**2 - eigenvalues
     rate = np.sqrt(np.abs(rest))

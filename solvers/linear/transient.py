@@ -79,8 +79,8 @@ class Response:
     sampled: IndexArray
 
     def sample(self) -> tuple[FloatArray, FloatArray]:
-        """Times of the samples ``(m,)`` and displacements there ``(m, k)``, after what happens at
-        them.
+        """Return the times of the samples ``(m,)`` and displacements there ``(m, k)``, after what
+        happens at them.
         """
         values = np.concatenate([self.begins, self.ends[-1:]])
         return self.times[self.sampled], values[self.sampled]
@@ -129,7 +129,7 @@ class EnergyBalance:
 
     @property
     def error(self) -> float:
-        """What does not add up, over the largest part."""
+        """Return what does not add up, over the largest part."""
         most = max(self.initial, abs(self.work), self.dissipated, self.largest)
         rest = self.initial + self.work - self.dissipated - self.final
         return abs(rest) / most if most else 0.0
@@ -143,7 +143,7 @@ def prepare_transient(
     up_to_hz: float | None,
     modes: ModalResult | None = None,
 ) -> TransientModel:
-    """A system in the coordinates of its lowest modes; the others follow loads at once.
+    """Return a system in the coordinates of its lowest modes; the others follow loads statically.
 
     Structural damping is replaced by the viscous one of equal loss in each mode. Dofs without mass
     that dampers act on get a little. A system with unsymmetric terms keeps its own dofs.
@@ -192,7 +192,7 @@ def soften_system(
     factors: FloatArray,
     loss: StiffnessLoss | None = None,
 ) -> SecondOrderSystem:
-    """A symmetric system with other natural frequencies, of the same shapes.
+    """Return a symmetric system with other natural frequencies, of the same shapes.
 
     Args:
         system: Any.
@@ -215,8 +215,8 @@ def soften_system(
 
 
 def find_equilibrium(space: StateSpace, loads: FloatArray) -> FloatArray | None:
-    """State ``(s,)`` at rest under constant loads ``(n_inputs,)``; None where they are not in
-    balance, so that there is none.
+    """Find the state ``(s,)`` at rest under constant loads ``(n_inputs,)``; None where they are not
+    in balance, so that there is none.
     """
     push = space.b @ loads
     if not push.any():
@@ -227,7 +227,7 @@ def find_equilibrium(space: StateSpace, loads: FloatArray) -> FloatArray | None:
 
 
 def solve_transient(space: StateSpace, loads: SteppedLoads, initial_state: FloatArray) -> Motion:
-    """Motion under loads, exact at every time of the grid whatever its steps.
+    """Return the motion under loads, exact at every time of the grid whatever its steps.
 
     Args:
         space: Of ``prepare_transient``.
@@ -257,7 +257,7 @@ def solve_transient(space: StateSpace, loads: SteppedLoads, initial_state: Float
 
 
 def read_response(space: StateSpace, motion: Motion) -> Response:
-    """Displacements and speeds of the outputs."""
+    """Return the displacements and speeds of the outputs."""
     values, rates = motion.loads.evaluate()
     begins, ends = motion.right[:-1], motion.left[1:]
     speeds = [
@@ -277,8 +277,8 @@ def read_response(space: StateSpace, motion: Motion) -> Response:
 def find_figures(
     response: Response, *, start: FloatArray, final: FloatArray | None, near: float
 ) -> tuple[TransientFigures, ...]:
-    """Peak, overshoot and settling time of every output; between samples the displacement is the
-    cubic of both displacements and both speeds.
+    """Find the peak, overshoot and settling time of every output; between samples the displacement
+    is the cubic of both displacements and both speeds.
 
     Args:
         response: Of ``k`` outputs.
@@ -334,8 +334,8 @@ def find_energy(model: TransientModel, motion: Motion) -> EnergyBalance | None:
 def rest_positions(
     space: StateSpace, loads: Sequence[LoadHistory], duration: float
 ) -> tuple[FloatArray, FloatArray | None, FloatArray]:
-    """Displacements before everything and at rest under the loads of the end (None where they do
-    not come to rest), and the state before everything.
+    """Return the displacements before everything and at rest under the loads of the end (None where
+    they do not come to rest), and the state before everything.
 
     Raises:
         ModelError: What acts beforehand is not in balance.
@@ -361,7 +361,7 @@ def _value_at(load: LoadHistory, time: float) -> float:
 
 
 def _stored_energy(coordinates: ModalCoordinates, states: FloatArray) -> FloatArray:
-    """Kinetic and strain energy ``(n,)`` of states ``(n, 2 m)``."""
+    """Return the kinetic and strain energy ``(n,)`` of states ``(n, 2 m)``."""
     elastic = states[:, 0::2] * (coordinates.eigenvalues > 0.0)
     return np.asarray(0.5 * ((elastic**2).sum(axis=1) + (states[:, 1::2] ** 2).sum(axis=1)))
 
@@ -404,8 +404,8 @@ def _figures_of(
 def _candidates(
     steps: FloatArray, ends: tuple[FloatArray, FloatArray], speeds: tuple[FloatArray, FloatArray]
 ) -> tuple[FloatArray, FloatArray]:
-    """Where on each step the cubic of ends and speeds may be largest, and its values there, ``(n -
-    1, 4)`` each: both ends and both places without speed.
+    """Return where on each step the cubic of ends and speeds may be largest, and its values there,
+    ``(n - 1, 4)`` each: both ends and both places without speed.
     """
     (y0, y1), (v0, v1) = ends, (speeds[0] * steps, speeds[1] * steps)
     # y = y0 + v0 s + b s^2 + a s^3

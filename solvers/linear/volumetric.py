@@ -37,7 +37,7 @@ class AxisMotions:
 
     @property
     def along(self) -> int | None:
-        """Which of x, y, z the tool travels in; None for a rotary or an oblique axis."""
+        """Return which of x, y, z the tool travels in; None for a rotary or an oblique axis."""
         main = int(np.argmax(np.abs(self.travel)))
         return main if abs(self.travel[main]) > PARALLEL else None
 
@@ -74,7 +74,7 @@ class Squareness:
 
 
 def measure_range(values: FloatArray) -> FloatArray:
-    """Range ``(6,)`` over a grid ``(..., 6)``; poses without a number are left out."""
+    """Return the range ``(6,)`` over a grid ``(..., 6)``; poses without a number are left out."""
     flat = values.reshape(-1, values.shape[-1])
     return np.asarray(np.nanmax(flat, axis=0) - np.nanmin(flat, axis=0))
 
@@ -82,7 +82,7 @@ def measure_range(values: FloatArray) -> FloatArray:
 def axis_motions(
     axis: str, positions: FloatArray, motions: FloatArray, travel: FloatArray
 ) -> AxisMotions:
-    """Error motions along one axis with their lines.
+    """Return the error motions along one axis with their lines.
 
     Args:
         axis: Name.
@@ -99,8 +99,8 @@ def axis_motions(
 
 
 def find_squareness(first: AxisMotions, second: AxisMotions) -> Squareness | None:
-    """Squareness of the second axis to the first, by the least-squares lines of the tool's travel;
-    None where they are not two of x, y and z.
+    """Find the squareness of the second axis to the first, by the least-squares lines of the tool's
+    travel; None where they are not two of x, y and z.
 
     Args:
         first: The reference.
@@ -121,8 +121,8 @@ def find_squareness(first: AxisMotions, second: AxisMotions) -> Squareness | Non
 
 
 def variance_shares(parts: Mapping[str, FloatArray]) -> dict[str, float]:
-    """Share of each part ``(n,)`` in the variation of their sum over the poses; shares sum to 1, and
-    a part that varies against the others has a negative one.
+    """Return the share of each part ``(n,)`` in the variation of their sum over the poses; shares
+    sum to 1, and a part that varies against the others has a negative one.
 
     Source: ``sum_p cov(c_p, d) = var(d)`` for ``d = sum_p c_p``.
     """

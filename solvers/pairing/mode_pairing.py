@@ -44,8 +44,8 @@ class ModePair:
 
 
 def correlate_modes(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Modal assurance criterion ``(m_1, m_2)`` of weighted fields ``(k, m_1)`` and ``(k, m_2)``; 0
-    for a field that rests.
+    """Return the modal assurance criterion ``(m_1, m_2)`` of weighted fields ``(k, m_1)`` and
+    ``(k, m_2)``; 0 for a field that rests.
 
     Source: Allemang and Brown (1982).
     """
@@ -55,7 +55,7 @@ def correlate_modes(first: FloatArray, second: FloatArray) -> FloatArray:
 def pair_modes(
     first: ModeSet, second: ModeSet, *, mac_threshold: float = SAME_MODE
 ) -> tuple[ModePair, ...]:
-    """Modes of two models that are the same, each used once, in the order of the first.
+    """Return the modes of two models that are the same, each used once, in the order of the first.
 
     Modes closer to each other than two per cent are no more than a basis of the space they span:
     there the smallest cosine between the two spaces counts where it is larger than that of the
@@ -87,7 +87,7 @@ def pair_modes(
 def assign_modes(
     correlations: FloatArray, tie_break: FloatArray, *, mac_threshold: float = SAME_MODE
 ) -> list[ModePair]:
-    """The pairs, each mode used once, with the largest sum of correlations.
+    """Return the pairs, each mode used once, with the largest sum of correlations.
 
     Args:
         correlations: ``(m_1, m_2)`` squares of cosines.
@@ -113,8 +113,8 @@ def match_frequencies(
     sigmas: FloatArray | float = 1.0,
     costs: FloatArray | float = 0.0,
 ) -> tuple[int, ...]:
-    """Which mode meets each wanted frequency, where shapes alone do not tell: the smallest sum of
-    squared distances and costs.
+    """Return which mode meets each wanted frequency, where shapes alone do not tell: the smallest
+    sum of squared distances and costs.
 
     Args:
         logs: ``(m,)`` logarithms of the modes' frequencies.
@@ -132,8 +132,8 @@ def match_frequencies(
 
 
 def find_clusters(modes: ModeSet) -> list[list[int]]:
-    """Rigid-body modes, and runs of modes whose neighbours lie within ``CLUSTER_GAP`` of each
-    other.
+    """Find the rigid-body modes, and runs of modes whose neighbours lie within ``CLUSTER_GAP`` of
+    each other.
     """
     clusters = [list(range(modes.rigid_count))] if modes.rigid_count else []
     for index in range(modes.rigid_count, len(modes.frequencies_hz)):
@@ -149,8 +149,8 @@ def find_clusters(modes: ModeSet) -> list[list[int]]:
 
 
 def _cluster_correlations(first: ModeSet, second: ModeSet) -> FloatArray:
-    """Square of the smallest cosine between the spaces that two clusters span, for every mode of
-    them.
+    """Return the square of the smallest cosine between the spaces that two clusters span, for every
+    mode of them.
     """
     result = np.zeros((first.field.shape[1], second.field.shape[1]))
     bases = [
@@ -174,5 +174,5 @@ def _unit_columns(field: FloatArray) -> FloatArray:
 
 
 def _positive(frequencies_hz: FloatArray) -> FloatArray:
-    """Frequencies for ratios: rigid-body modes have none."""
+    """Return the frequencies for ratios: rigid-body modes have none."""
     return np.maximum(frequencies_hz, 1e-3 * max(float(frequencies_hz.max()), 1e-300))

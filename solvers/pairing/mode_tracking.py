@@ -50,7 +50,7 @@ class SweptModes:
         return np.asarray(np.isfinite(self.frequencies_hz).any(axis=1))
 
     def mode_set(self, number: int) -> ModeSet:
-        """Modes of one pose."""
+        """Return the modes of one pose."""
         count = int(np.isfinite(self.frequencies_hz[number]).sum())
         return ModeSet(
             self.frequencies_hz[number, :count],
@@ -120,8 +120,8 @@ def track_modes(modes: SweptModes, neighbours: Edges) -> TrackedModes:
 
 
 def _mac(modes: SweptModes, edges: Edges) -> FloatArray:
-    """How much the wanted mode that is least alike in two poses still looks like one of the other
-    pose, per edge.
+    """Return how much the wanted mode that is least alike in two poses still looks like one of the
+    other pose, per edge.
     """
     first, second = np.array(edges).T
     products = np.swapaxes(modes.fields[first], 1, 2) @ modes.fields[second]
@@ -135,7 +135,8 @@ def _mac(modes: SweptModes, edges: Edges) -> FloatArray:
 
 
 def _walk(modes: SweptModes, edges: Edges, mac: FloatArray) -> Iterator[tuple[int, int]]:
-    """Every pose that has modes, after the neighbour it is followed from; -1 for those that begin.
+    """Yield every pose that has modes, after the neighbour it is followed from; -1 for those that
+    begin.
 
     It begins where frequencies lie furthest apart, since a cluster's shapes say nothing about which
     mode is which.
@@ -157,8 +158,8 @@ def _walk(modes: SweptModes, edges: Edges, mac: FloatArray) -> Iterator[tuple[in
 
 
 def _closest_gaps(modes: SweptModes) -> FloatArray:
-    """Smallest distance between a wanted elastic mode and the next, as a share of its frequency;
-    NaN without modes.
+    """Return the smallest distance between a wanted elastic mode and the next, as a share of its
+    frequency; NaN without modes.
     """
     columns = np.arange(modes.frequencies_hz.shape[1] - 1)
     asked = (columns >= modes.rigid[:, None]) & (columns < modes.wanted[:, None])
@@ -170,8 +171,8 @@ def _closest_gaps(modes: SweptModes) -> FloatArray:
 
 
 def _follow(modes: ModeSet, before: _Node | None, labels: int) -> _Node:
-    """Labels of a pose's modes: those of the neighbour's modes they are, new ones from ``labels``
-    on for the others.
+    """Return the labels of a pose's modes: those of the neighbour's modes they are, new ones from
+    ``labels`` on for the others.
     """
     field, count = modes.field.copy(), len(modes.frequencies_hz)
     node = _Node(field, np.full(count, NOBODY), np.ones(count))
@@ -190,8 +191,8 @@ def _follow(modes: ModeSet, before: _Node | None, labels: int) -> _Node:
 
 
 def _assign(modes: ModeSet, before: _Node, cosines: FloatArray) -> Iterator[tuple[int, int, float]]:
-    """Pairs of modes that are one, and how much of the old shape lies in the space of the new one's
-    cluster.
+    """Yield the pairs of modes that are one, and how much of the old shape lies in the space of the
+    new one's cluster.
     """
     plain = cosines**2
     spanned = plain.copy()
@@ -206,8 +207,8 @@ def _assign(modes: ModeSet, before: _Node, cosines: FloatArray) -> Iterator[tupl
 def _turn_cluster(
     cosines: FloatArray, before: IntArray, labels: IntArray, members: list[int]
 ) -> FloatArray:
-    """Rotation ``(m, m)`` of a cluster's shapes to those nearest to the shapes they were followed
-    from; of one shape, its sign.
+    """Return the rotation ``(m, m)`` of a cluster's shapes to those nearest to the shapes they were
+    followed from; of one shape, its sign.
     """
     followed = [place for place, member in enumerate(members) if labels[member] in before]
     old = [int(np.flatnonzero(before == labels[members[place]])[0]) for place in followed]
@@ -275,7 +276,7 @@ def _tabulate(modes: SweptModes, nodes: dict[int, _Node], edges: Edges) -> Track
 
 
 def tracked_frequencies(frequencies_hz: FloatArray, index: IntArray) -> FloatArray:
-    """Frequency ``(n, t)`` of each tracked mode in each pose, NaN where it is not."""
+    """Return the frequency ``(n, t)`` of each tracked mode in each pose, NaN where it is not."""
     found = np.take_along_axis(frequencies_hz, np.maximum(index, 0), axis=1)
     return np.where(index >= 0, found, np.nan)
 

@@ -52,7 +52,7 @@ class ResponseLevel:
 
 
 def find_response_peaks(model: FrfModel, from_hz: float, to_hz: float) -> list[ResponsePeak]:
-    """Peaks of every entry within a range of frequencies, that are tall enough to count.
+    """Find the peaks of every entry within a range of frequencies, that are tall enough to count.
 
     None of a system without modal coordinates, and of modes that have hardly any damping or so much
     that they have no peak.
@@ -100,8 +100,8 @@ def find_response_peaks(model: FrfModel, from_hz: float, to_hz: float) -> list[R
 
 
 def find_levels(model: FrfModel, from_hz: float) -> list[ResponseLevel]:
-    """Size of every entry at the lowest frequency, where that lies well below all resonances and the
-    entry is not small beside the others; none of what is free at rest.
+    """Find the size of every entry at the lowest frequency, where that lies well below all
+    resonances and the entry is not small compared with the others; none of what is free at rest.
 
     Args:
         from_hz: Lowest frequency [Hz].
@@ -122,8 +122,8 @@ def find_levels(model: FrfModel, from_hz: float) -> list[ResponseLevel]:
 def follow_peaks(
     model: FrfModel, peaks: Sequence[ResponsePeak], partners: Sequence[int], lines_hz: FloatArray
 ) -> list[ResponsePeak]:
-    """The same peaks of another model of the machine; NaN for their height where a mode has no
-    partner.
+    """Return the same peaks of another model of the machine; NaN for their height where a mode has
+    no partner.
 
     Each is sought where it lies if it moves along with its mode.
 
@@ -157,7 +157,7 @@ def follow_peaks(
 
 
 def measure_levels(model: FrfModel, levels: Sequence[ResponseLevel]) -> FloatArray:
-    """Sizes ``(n,)`` of another model at the same levels [m/N, ...]."""
+    """Return the sizes ``(n,)`` of another model at the same levels [m/N, ...]."""
     if not levels:
         return np.zeros(0)
     response: ComplexArray = evaluate_frf(model, np.array([levels[0].hz])).receptance[0]
@@ -165,7 +165,9 @@ def measure_levels(model: FrfModel, levels: Sequence[ResponseLevel]) -> FloatArr
 
 
 def _resonances(coordinates: ModalCoordinates) -> tuple[FloatArray, FloatArray]:
-    """Undamped frequencies ``(m,)`` [Hz] and damping ratios ``(m,)``, couplings left out."""
+    """Return the undamped frequencies ``(m,)`` [Hz] and damping ratios ``(m,)``, couplings left
+    out.
+    """
     omega = coordinates.omega
     moving = np.where(omega > 0.0, omega, np.inf)
     ratios = np.zeros(len(omega))
@@ -177,7 +179,9 @@ def _resonances(coordinates: ModalCoordinates) -> tuple[FloatArray, FloatArray]:
 
 
 def _sample(model: FrfModel, hz: FloatArray, ratios: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Frequencies around resonances ``(n, w)`` and sizes ``(n, w, n_outputs, n_inputs)`` there."""
+    """Return the frequencies around resonances ``(n, w)`` and sizes ``(n, w, n_outputs, n_inputs)``
+    there.
+    """
     lines = hz[:, None] * (1.0 + ratios[:, None] * WINDOW)
     values = evaluate_frf(model, lines.ravel()).receptance
     return lines, np.abs(values).reshape(*lines.shape, *values.shape[1:])
@@ -198,7 +202,7 @@ class _Top:
 
 
 def _find_top(lines: FloatArray, sizes: FloatArray) -> tuple[float, float, bool]:
-    """Place and height of the largest size, and whether it is a peak within the window.
+    """Find the place and height of the largest size, and whether it is a peak within the window.
 
     Beside a resonance ``1 / |H|^2`` is a parabola, whose vertex lies between the lines.
     """
@@ -214,7 +218,7 @@ def _find_top(lines: FloatArray, sizes: FloatArray) -> tuple[float, float, bool]
 
 
 def _sharpen(model: FrfModel, tops: Sequence[_Top]) -> list[_Top]:
-    """The same with peaks told by nearer lines; what is no peak stays."""
+    """Return the same with peaks resolved by nearer lines; what is no peak stays."""
     if not tops:
         return []
     places, widths = np.array([(top.hz, top.width) for top in tops]).T
@@ -231,8 +235,8 @@ def _sharpen(model: FrfModel, tops: Sequence[_Top]) -> list[_Top]:
 
 
 def _matters(model: FrfModel, sizes: FloatArray) -> BoolArray:
-    """Whether entries ``(n_outputs, n_inputs)`` are not small beside those of their drive points;
-    where one of these was not asked for, beside the largest of their row and column.
+    """Return whether entries ``(n_outputs, n_inputs)`` are not small compared with those of their
+    drive points; where one of these was not asked for, with the largest of their row and column.
     """
     rows, columns = sizes.max(axis=1), sizes.max(axis=0)
     for row, channel in enumerate(model.outputs):

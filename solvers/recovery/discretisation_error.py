@@ -102,7 +102,7 @@ class MeshErrors:
 
 
 def mesh_safety(mesh: ComponentMesh, surface: MeshSurface) -> float:
-    """What estimates of a mesh with a surface are to be multiplied by to cover 95 % of true
+    """Return what estimates of a mesh with a surface are to be multiplied by to cover 95 % of true
     errors.
     """
     base = SAFETY[cell_family(mesh.kind), cell_order(mesh.kind)]
@@ -116,8 +116,8 @@ def mesh_safety(mesh: ComponentMesh, surface: MeshSurface) -> float:
 
 
 def locate_truth(mesh: ComponentMesh, safety: float) -> tuple[float, float]:
-    """Share of an estimate that the truth lies around, and how far of it on either side in 95 of 100
-    numbers.
+    """Return the share of an estimate that the truth lies around, and how far of it on either side
+    in 95 of 100 numbers.
 
     Args:
         safety: What covers its true errors.
@@ -128,8 +128,8 @@ def locate_truth(mesh: ComponentMesh, safety: float) -> tuple[float, float]:
 
 
 def sees_errors(mesh: ComponentMesh) -> bool:
-    """Whether recovery can tell anything: not in a bar with a single thick hexahedron across, which
-    has no neighbours to learn from.
+    """Return whether recovery can detect errors: not in a bar with a single thick hexahedron
+    across, which has no neighbours to learn from.
 
     A polynomial through the samples of a row of cells is that of the cells themselves across the
     row: the warping of a twisted bar goes unseen. A wall that is flat beside its cells has little
@@ -146,8 +146,8 @@ def sees_errors(mesh: ComponentMesh) -> bool:
 
 
 def find_seen_step(mesh: ComponentMesh) -> float:
-    """Size of the elements over the present one with which recovery sees what they miss; 1 where it does
-    already.
+    """Find the size of the elements over the present one with which recovery sees what they miss; 1
+    where it does already.
 
     Single tetrahedra through a wall, somewhat wider than it is thick, miss up to twice as much of its
     shear and torsion as either fit shows. Sheets, which are far thinner, have little of that.
@@ -168,23 +168,25 @@ def find_seen_step(mesh: ComponentMesh) -> float:
 
 
 def _find_flatness(mesh: ComponentMesh, surface: MeshSurface) -> float:
-    """Width of tetrahedra at the surface of a mesh over the thickness of its walls, in the mean."""
+    """Find the width of tetrahedra at the surface of a mesh over the thickness of its walls, in the
+    mean.
+    """
     areas, _ = facet_moments(mesh.points, surface.facets)
     # an even triangle of a side has 0.43 times its square
     return float(np.sqrt(2.3 * areas.mean()) * areas.sum() / (2.0 * mesh.quality.volume))
 
 
 def _fill_most(spans: FloatArray, chosen: NDArray[np.bool_]) -> bool:
-    """Whether hexahedra that are chosen by one of their faces ``(n, 6)`` fill more of the volume than
-    may go unseen, by their lengths ``(n, 6)``.
+    """Return whether hexahedra that are chosen by one of their faces ``(n, 6)`` fill more of the
+    volume than may go unseen, by their lengths ``(n, 6)``.
     """
     volumes = spans.prod(axis=1)
     return float(volumes[chosen.any(axis=1)].sum()) > UNSEEN_SHARE * float(volumes.sum())
 
 
 def _find_single_spans(mesh: ComponentMesh) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Lengths of hexahedra through each of their six faces, and where no neighbour is on either side
-    of it, ``(n, 6)`` each.
+    """Find the lengths of hexahedra through each of their six faces, and where no neighbour is on
+    either side of it, ``(n, 6)`` each.
     """
     faces = np.array(FACETS["hex"])
     opposite = np.array(
@@ -207,8 +209,8 @@ def estimate_mesh_errors(
     counted: int | None = None,
     sides: FreeSides | None = None,
 ) -> MeshErrors:
-    """Energy products of the discretisation errors of displacement fields, and what the part's true
-    surface changes.
+    """Return the energy products of the discretisation errors of displacement fields, and what the
+    part's true surface changes.
 
     For a field that combines them with weights q, ``q^T E q`` estimates the squared energy norm of
     its error: what the compliance under its load is too small by, and by what ``omega^2`` of a
@@ -256,8 +258,9 @@ def estimate_cell_errors(
     weights: FloatArray | None = None,
     sides: FreeSides | None = None,
 ) -> FloatArray:
-    """Squared energy norms ``(n_cells, k)`` of the discretisation errors of displacement fields in
-    each cell, see ``estimate_mesh_errors``: their sums are the diagonal of its ``missing_energy``.
+    """Return the squared energy norms ``(n_cells, k)`` of the discretisation errors of displacement
+    fields in each cell, see ``estimate_mesh_errors``: their sums are the diagonal of its
+    ``missing_energy``.
 
     Args:
         displacement: ``(3 n_points, k)`` of the mesh points [m].
@@ -275,8 +278,8 @@ def estimate_cell_errors(
 
 
 def cut_neighbourhood(mesh: ComponentMesh, cells: IntArray) -> tuple[ComponentMesh, IntArray]:
-    """The part of a mesh that recovery at the nodes of some cells needs, those cells first, and the
-    mesh points that it has.
+    """Return the part of a mesh that recovery at the nodes of some cells needs, those cells first,
+    and the mesh points that it has.
 
     Args:
         cells: ``(c,)``.
@@ -301,8 +304,8 @@ def cut_neighbourhood(mesh: ComponentMesh, cells: IntArray) -> tuple[ComponentMe
 def recover_at_nodes(
     part: ComponentMesh, material: Material, displacement: FloatArray, counted: int
 ) -> FloatArray:
-    """Recovered stresses ``(n_points, 6, k)`` xx yy zz xy xz yz [Pa] of displacement fields at the
-    nodes of the leading cells; of no meaning at the others.
+    """Return the recovered stresses ``(n_points, 6, k)`` xx yy zz xy xz yz [Pa] of displacement
+    fields at the nodes of the leading cells; of no meaning at the others.
 
     Args:
         part: Those cells and their neighbours, as ``cut_neighbourhood`` finds them.
@@ -321,7 +324,9 @@ def _recover(
     counted: int | None,
     sides: FreeSides | None = None,
 ) -> tuple[StressArray, StressArray]:
-    """Stresses sampled in cells, and those recovered at the nodes of the counted ones."""
+    """Return the stresses sampled in cells, and those recovered at the nodes of the counted
+    ones.
+    """
     samples, _ = gauss_places(
         mesh.kind, SAMPLE_DEGREES[cell_family(mesh.kind), cell_order(mesh.kind)]
     )
@@ -341,8 +346,8 @@ def _stress_changes(
     weights: FloatArray | None,
     counted: int | None,
 ) -> Iterator[tuple[IntArray, StressArray]]:
-    """Blocks of cells, and what recovery changes in them: rows whose squares add up to energies, one
-    column per field.
+    """Yield the blocks of cells, and what recovery changes in them: rows whose squares add up to
+    energies, one column per field.
     """
     key = cell_family(mesh.kind), cell_order(mesh.kind)
     samples, _ = gauss_places(mesh.kind, SAMPLE_DEGREES[key])
@@ -376,8 +381,8 @@ def _stress_changes(
 def _shape_change(
     mesh: ComponentMesh, material: Material, displacement: FloatArray, smooth: StressArray
 ) -> ShapeChange | None:
-    """Energy and mass densities at the surface, times the volume between facets and faces, in
-    products of all fields.
+    """Return the energy and mass densities at the surface, times the volume between facets and
+    faces, in products of all fields.
     """
     if mesh.gaps is None:
         return None
@@ -402,7 +407,9 @@ def _shape_change(
 def _feature_change(
     mesh: ComponentMesh, material: Material, displacement: FloatArray, smooth: StressArray
 ) -> ShapeChange | None:
-    """Energy and mass densities where small features lie that the mesh lacks, times their volumes."""
+    """Return the energy and mass densities where small features lie that the mesh lacks, times
+    their volumes.
+    """
     lacks = mesh.missing
     if lacks is None:
         return None
@@ -423,7 +430,9 @@ def _feature_change(
 def _sample_stresses(
     mesh: ComponentMesh, material: Material, displacement: FloatArray, places: FloatArray
 ) -> StressArray:
-    """Stresses ``(n_cells, n_places, 6 k)``; per place and component one value per field."""
+    """Return the stresses ``(n_cells, n_places, 6 k)``; per place and component one value per
+    field.
+    """
     result = np.empty(
         (len(mesh.cells), len(places), COMPONENTS * displacement.shape[1]), dtype=np.float32
     )
@@ -439,8 +448,8 @@ def _sample_stresses(
 def _change_rule(
     mesh: ComponentMesh, samples: FloatArray, places: FloatArray, weights: FloatArray
 ) -> StressArray:
-    """What recovery changes in a straight tetrahedron, from nodal values and samples, so that its
-    squares add up to its energy.
+    """Return what recovery changes in a straight tetrahedron, from nodal values and samples, so
+    that its squares add up to its energy.
 
     There the stress is a polynomial of one order less than the displacement, which its samples
     determine.

@@ -50,7 +50,7 @@ class FreeSides:
     cells: IntArray
 
     def within(self, nodes: IntArray, cells: IntArray) -> "FreeSides":
-        """Those of a part of the mesh.
+        """Return those of a part of the mesh.
 
         Args:
             nodes: ``(n,)`` its points, sorted.
@@ -63,7 +63,7 @@ class FreeSides:
 
 
 def find_free_sides(mesh: ComponentMesh) -> FreeSides | None:
-    """Where single second-order tetrahedra fill a part; None where they do nowhere.
+    """Find where single second-order tetrahedra fill a part; None where they do nowhere.
 
     Args:
         mesh: Whole, with the areas that something holds or loads.
@@ -105,8 +105,8 @@ def find_free_sides(mesh: ComponentMesh) -> FreeSides | None:
 
 
 def _find_stout(mesh: ComponentMesh, owners: IntArray, areas: FloatArray) -> NDArray[np.bool_]:
-    """Corners ``(n_points,)`` at which walls are as thick as their cells are wide, from free facets
-    with areas ``(n,)``.
+    """Find the corners ``(n_points,)`` at which walls are as thick as their cells are wide, from
+    free facets with areas ``(n,)``.
     """
     corners = mesh.cells[:, :4]
     volumes = np.abs(np.linalg.det(mesh.points[corners[:, 1:]] - mesh.points[corners[:, :1]])) / 6.0
@@ -120,7 +120,7 @@ def _find_stout(mesh: ComponentMesh, owners: IntArray, areas: FloatArray) -> NDA
 
 
 def _find_owners(mesh: ComponentMesh, facets: IntArray) -> IntArray:
-    """The cell ``(n,)`` that each facet of the surface belongs to."""
+    """Find the cell ``(n,)`` that each facet of the surface belongs to."""
     points = len(mesh.points)
     incidence = scipy.sparse.csr_matrix(
         (
@@ -161,8 +161,8 @@ class SideFit:
         middles: FloatArray,
         samples: FloatArray | NDArray[np.float32],
     ) -> tuple[FloatArray, FloatArray]:
-        """Coefficients ``(n_v, n, m)`` of the polynomials around some corners, and the length
-        ``(n_v,)`` that coordinates are divided by.
+        """Return the coefficients ``(n_v, n, m)`` of the polynomials around some corners, and the
+        length ``(n_v,)`` that coordinates are divided by.
 
         Args:
             offsets: ``(n_v, n_samples, 3)`` of the samples from the corners; NaN for fillers.
@@ -198,7 +198,7 @@ class SideFit:
 
 
 def prepare_fit(mesh: ComponentMesh, material: Material, sides: FreeSides) -> SideFit:
-    """The free sides of a mesh, ready for fits.
+    """Return the free sides of a mesh, ready for fits.
 
     Args:
         mesh: Of second-order tetrahedra.
@@ -220,7 +220,7 @@ def prepare_fit(mesh: ComponentMesh, material: Material, sides: FreeSides) -> Si
 
 
 def raise_powers(places: FloatArray) -> FloatArray:
-    """Monomials ``(..., n)`` of the fits at places ``(..., 3)``."""
+    """Return the monomials ``(..., n)`` of the fits at places ``(..., 3)``."""
     powers = [np.ones_like(places)]
     for _ in range(DEGREE):
         powers.append(powers[-1] * places)

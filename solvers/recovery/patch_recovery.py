@@ -62,7 +62,9 @@ class StressOperators:
 
 
 def gauss_places(kind: CellKind, degree: int) -> tuple[FloatArray, FloatArray]:
-    """Reference places ``(n, 3)`` and weights ``(n,)`` of a rule that is exact up to a degree."""
+    """Return the reference places ``(n, 3)`` and weights ``(n,)`` of a rule that is exact up to a
+    degree.
+    """
     simplex = cell_family(kind) == "tet"
     places, weights = basix.make_quadrature(
         basix.CellType.tetrahedron if simplex else basix.CellType.hexahedron, degree
@@ -74,8 +76,8 @@ def gauss_places(kind: CellKind, degree: int) -> tuple[FloatArray, FloatArray]:
 def stress_operators(
     mesh: ComponentMesh, material: Material, places: FloatArray, cells: IntArray
 ) -> StressOperators:
-    """Operators to stresses at reference places of cells, in coordinates in which the strain energy
-    is half the sum of squares.
+    """Return the operators to stresses at reference places of cells, in coordinates in which the
+    strain energy is half the sum of squares.
 
     With deviator s and pressure p of a stress the components are s / sqrt(2 G) and p / sqrt(K)
     spread evenly over the diagonal, so that any two fields have the energy product ``sum(values_a *
@@ -103,8 +105,8 @@ def stress_operators(
 
 
 def local_motions(mesh: ComponentMesh, displacement: FloatArray, cells: IntArray) -> StressArray:
-    """Displacements of the nodes of cells against the first of each, ``(n_cells, 3 n_nodes, k)`` in
-    the order of the operators.
+    """Return the displacements of the nodes of cells against the first of each,
+    ``(n_cells, 3 n_nodes, k)`` in the order of the operators.
 
     Args:
         displacement: ``(3 n_points, k)``.
@@ -131,8 +133,8 @@ class _Lists:
         return np.diff(self.starts)
 
     def table(self, rows: IntArray) -> tuple[IntArray, FloatArray]:
-        """The lists of some corners ``(n, longest)``, filled up with their first entries, and 1 for
-        entries, 0 for fillers.
+        """Return the lists of some corners ``(n, longest)``, filled up with their first entries,
+        and 1 for entries, 0 for fillers.
         """
         lengths = self.lengths[rows]
         column = np.arange(int(lengths.max()))
@@ -156,7 +158,7 @@ class CornerPatches:
     cells: _Lists
 
     def around(self, cells: IntArray) -> IntArray:
-        """All cells that stresses in some cells are recovered from, those among them."""
+        """Return all cells that stresses in some cells are recovered from, those among them."""
         chosen = np.unique(self.own[cells])
         starts, lengths = self.cells.starts[chosen], self.cells.lengths[chosen]
         first = np.concatenate([[0], np.cumsum(lengths)[:-1]])
@@ -168,7 +170,7 @@ class CornerPatches:
 def corner_patches(
     mesh: ComponentMesh, samples: int, sides: FreeSides | None = None
 ) -> CornerPatches:
-    """The patches of a mesh.
+    """Return the patches of a mesh.
 
     Args:
         mesh: Any kind of cells.
@@ -193,8 +195,8 @@ def recover_stresses(
     wanted: int | None = None,
     sides: tuple[FreeSides, Material] | None = None,
 ) -> StressArray:
-    """Nodal values ``(n_points, m)`` of stresses that are continuous and of the order of the
-    displacement, from samples in every cell.
+    """Return the nodal values ``(n_points, m)`` of stresses that are continuous and of the order of
+    the displacement, from samples in every cell.
 
     Around each corner point a polynomial is fitted to the samples of the cells that meet there, and
     of the next ones where those are few (at edges, in coarse meshes). A point of the mesh takes the
@@ -260,7 +262,9 @@ def recover_stresses(
 
 
 def _exponents(kind: CellKind) -> IntArray:
-    """Complete polynomials on tetrahedra, products on hexahedra: those of the displacement."""
+    """Return the complete polynomials on tetrahedra, products on hexahedra: those of the
+    displacement.
+    """
     order = cell_order(kind)
     powers = np.array(sorted(product(range(order + 1), repeat=3), key=sum))
     return np.asarray(powers[powers.sum(axis=1) <= order] if cell_family(kind) == "tet" else powers)
@@ -269,8 +273,8 @@ def _exponents(kind: CellKind) -> IntArray:
 def _fit_operators(
     offsets: FloatArray, real: FloatArray, points: FloatArray, weights: FloatArray, powers: IntArray
 ) -> StressArray:
-    """From the samples of patches to weighted values of their polynomials at points, ``(n_v,
-    n_points, n_samples)``.
+    """Return the operators from the samples of patches to weighted values of their polynomials at
+    points, ``(n_v, n_points, n_samples)``.
 
     Args:
         offsets: ``(n_v, n_samples, 3)`` of the samples from the corners.
@@ -290,8 +294,8 @@ def _fit_operators(
 
 
 def _orthonormal_terms(normal: FloatArray) -> FloatArray:
-    """Polynomials that are orthonormal over the samples of their patch ``(n_v, n, n)``, so that no
-    digits are lost in the fit.
+    """Return the polynomials that are orthonormal over the samples of their patch ``(n_v, n, n)``,
+    so that no digits are lost in the fit.
 
     They are made of the monomials in the order of their degree. One that the samples of a patch
     cannot tell from those before it is left out, as the square across a row of bricks.
@@ -317,7 +321,7 @@ def _orthonormal_terms(normal: FloatArray) -> FloatArray:
 
 
 def _monomials(places: FloatArray, powers: IntArray) -> FloatArray:
-    """``(n_monomials, ...)`` at places ``(..., 3)``."""
+    """Return the monomials ``(n_monomials, ...)`` at places ``(..., 3)``."""
     refinement = [np.ones_like(places), places, places * places]
     result = np.empty((len(powers), *places.shape[:-1]))
     for row in range(len(powers)):
@@ -328,7 +332,7 @@ def _monomials(places: FloatArray, powers: IntArray) -> FloatArray:
 
 
 def _gather_patches(own: IntArray, count: int, enough: FloatArray) -> _Lists:
-    """Cells around each corner.
+    """Return the cells around each corner.
 
     Args:
         own: ``(n_cells, corners per cell)`` number of each corner.
@@ -356,7 +360,7 @@ def _gather_patches(own: IntArray, count: int, enough: FloatArray) -> _Lists:
 
 
 def _gather_points(mesh: ComponentMesh, own: IntArray, count: int) -> _Lists:
-    """Points of the mesh that lie between each corner and others."""
+    """Return the points of the mesh that lie between each corner and others."""
     linear: CellKind = "tet4" if cell_family(mesh.kind) == "tet" else "hex8"
     node, corner = np.nonzero(shape_functions(linear, reference_nodes(mesh.kind)) > 1e-9)
     keys = np.unique(own[:, corner].astype(np.int64) * len(mesh.points) + mesh.cells[:, node])
@@ -367,7 +371,7 @@ def _gather_points(mesh: ComponentMesh, own: IntArray, count: int) -> _Lists:
 def _alike(
     patches: _Lists, near: _Lists, used: IntArray, values_per_cell: int
 ) -> Iterator[IntArray]:
-    """Some of the corners with patches of much the same size at a time."""
+    """Yield some of the corners with patches of much the same size at a time."""
     order = used[np.lexsort((near.lengths[used], patches.lengths[used]))]
     while len(order):
         # the largest first: all others of a block are filled up to it
@@ -378,7 +382,9 @@ def _alike(
 
 
 def _stress_law(material: Material) -> FloatArray:
-    """``(6, 3, 3)`` scaled stress per derivative [.., component of the displacement, direction]."""
+    """Return the scaled stress ``(6, 3, 3)`` per derivative [.., component of the displacement,
+    direction].
+    """
     shear = material.youngs_modulus / (2.0 * (1.0 + material.poisson_ratio))
     bulk = material.youngs_modulus / (3.0 * (1.0 - 2.0 * material.poisson_ratio))
     law = np.zeros((COMPONENTS, 3, 3))
@@ -391,8 +397,8 @@ def _stress_law(material: Material) -> FloatArray:
 
 
 def _invert(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Inverses and determinants of ``(..., 3, 3)``; by cofactors, as a factorisation of each takes
-    longer than all the rest.
+    """Return the inverses and determinants of ``(..., 3, 3)``; by cofactors, as a factorisation of
+    each takes longer than all the rest.
     """
     a, b, c = (matrices[..., row, :] for row in range(3))
     cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-1)
