@@ -17,6 +17,7 @@ import tempfile
 from pathlib import Path
 
 from mpi4py import MPI
+from step_parts import PARTS, write_part
 
 from headstock.meshing.components.meshing import mesh_component
 from headstock.pipeline.planning.planner import plan_scene
@@ -24,7 +25,6 @@ from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import Scene
-from step_parts import PARTS, write_part
 
 SCENE = """name = "part"
 materials.iron = { E = "110 GPa", nu = 0.28, rho = "7200 kg/m^3" }

@@ -2,9 +2,9 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
+from built_parts import gmsh_session
 from headstock.geometry.parts.components import Component, Interface, Material, MeshSettings, Patch
 from headstock.geometry.parts.solids import Solid
-from step_parts import gmsh_session
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
 Patches = Patch | tuple[Patch, ...]

@@ -11,6 +11,7 @@ import gmsh
 import numpy as np
 import pytest
 
+from built_parts import gmsh_session
 from common import approx
 from headstock.geometry.parts.components import Component, Patch
 from headstock.geometry.parts.solids import Box, MeshFile, Tube
@@ -20,7 +21,6 @@ from headstock.meshing.components.meshing import describe_component, estimate_ce
 from headstock.meshing.elements.quality import integrate_mesh
 from headstock.meshing.errors import MeshError
 from headstock.meshing.files.gmsh import read_gmsh
-from step_parts import gmsh_session
 
 pytestmark = pytest.mark.process
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import headstock as hs
+from built_parts import built_part
 from common import approx
-from step_parts import built_part
 
 pytestmark = pytest.mark.process
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import pyvista
 
+from built_parts import built_part
 from common import approx
 from fixture_machines import machine
 from headstock.app.actions import showing
@@ -29,7 +30,6 @@ from headstock.reduction.coupling.coupling import couple
 from headstock.scene.analyses.modal import ModalRequest
 from headstock.scene.analyses.static import StaticRequest
 from headstock.scene.building.loader import load_scene
-from step_parts import built_part
 
 MACHINES = Path(__file__).resolve().parents[3] / "machines"
 SUPPORT = Path(__file__).parent.parent.parent / "data" / "support.step"

@@ -9,13 +9,13 @@ import gmsh
 import numpy as np
 import pytest
 
+from built_parts import built_part
 from common import approx
 from headstock.geometry.parts.components import Component, Patch
 from headstock.geometry.parts.solids import StepFile
 from headstock.meshing.components.finishing import patch_moments
 from headstock.meshing.components.meshing import describe_component, mesh_component
 from headstock.meshing.errors import PatchError
-from step_parts import built_part
 
 pytestmark = pytest.mark.process
 

@@ -11,6 +11,7 @@ import gmsh
 import numpy as np
 import pytest
 
+from built_parts import built_part
 from common import approx, make_box
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component
@@ -21,7 +22,6 @@ from headstock.meshing.components import reduced_skins, skins
 from headstock.meshing.components.meshing import mesh_component
 from headstock.meshing.components.skins import PIXEL, mesh_skin, skin_size, thin_skin, unmeshed_skin
 from headstock.meshing.errors import MeshError
-from step_parts import built_part
 
 pytestmark = pytest.mark.slow
 

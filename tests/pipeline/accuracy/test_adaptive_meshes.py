@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from built_parts import built_part
 from common import approx
 from fixture_machines import machine
 from headstock.geometry.frames import FloatArray
@@ -20,7 +21,6 @@ from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import SceneError
-from step_parts import built_part
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
