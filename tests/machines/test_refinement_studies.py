@@ -15,6 +15,7 @@ from headstock.scene.building.loader import load_scene
 from headstock.scene.studies import Study
 from headstock.studies.parameters.runs import StudyJob, hash_scene, run_study
 from headstock.validation.refinement.points import (
+    ModelKind,
     RefinementError,
     RefinementPoint,
     collect_points,
@@ -156,7 +157,7 @@ def test_linear_elements_fail_in_bending_and_in_torsion(
 
 @pytest.mark.parametrize("kind", ["segmented", "hex27"])
 def test_every_mode_of_the_paper_is_found_by_its_shape(
-    cantilever: tuple[ReferenceBeam, list[RefinementPoint]], kind: str
+    cantilever: tuple[ReferenceBeam, list[RefinementPoint]], kind: ModelKind
 ) -> None:
     finest = pick_series(*cantilever, "modal", kind).points[-1]
     assert list(finest.values) == ["X1", "Y1", "X2", "T1", "Y2", "X3"]
@@ -177,7 +178,7 @@ def test_the_segmented_fixed_beam_meets_the_paper_s_limits(
 
 @pytest.mark.parametrize("kind", ["tet4", "hex8"])
 def test_linear_elements_fail_for_the_fixed_beam_by_more_than_70_per_cent(
-    fixed_beam: tuple[ReferenceBeam, list[RefinementPoint]], kind: str
+    fixed_beam: tuple[ReferenceBeam, list[RefinementPoint]], kind: ModelKind
 ) -> None:
     shifts = ["dx(Fx), h_F = 0", "dx(Fx), h_F = 100 mm"]
     found = deviations(pick_series(*fixed_beam, "static", kind), shifts)

@@ -332,7 +332,7 @@ def test_a_pole_that_passes_the_limit_on_the_way_counts_as_what_it_is_all_along(
 def test_poles_between_sampled_poses_are_those_of_the_machine_there() -> None:
     case = Case()
     loop = make_loop(case)
-    places = (np.linspace(0.0, LENGTH, 9) * 0.93).tolist()
+    places = [float(place) for place in np.linspace(0.0, LENGTH, 9) * 0.93]
     own = np.array([np.linalg.eigvals(freeze(case, place).loop.space.a) for place in places])
     found = np.array([np.linalg.eigvals(close_along(loop, place).space.a) for place in places])
     missed = np.abs(found[:, :, None] - own[:, None]).min(axis=2)
