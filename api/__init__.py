@@ -1,13 +1,19 @@
-"""Headstock as a library: ``import headstock as hs``. docs/python.md describes these names; no
-other is public.
+"""Headstock as a library: a machine from a scene file, what can be done with it, what comes out.
 
-The folder ``api`` is the package ``headstock`` itself. A name loads its module when it is first
-used, so that ``import headstock.geometry.frames`` loads that module and nothing else.
+    import headstock as hs
+
+    machine = hs.load("machines/three_axis.toml", set={"joints.x_drive.stiffness.axial": "30 N/um"})
+    results = hs.run(machine)
+    print(results.numbers.select("frequency"))
+
+Commands such as ``run`` and ``compare`` are functions of the same name; machines are also built of
+tables such as ``hs.Component``. ``docs/python.md`` describes the public names; no other is public.
+A name loads its module when it is first used, so that ``import headstock`` is quick.
 """
 
 from importlib import import_module
 
-_HOMES = {
+_HOMES = {  # module to its public names
     "headstock.runs": (
         *("check", "compare", "identify", "load", "open", "plan", "run", "study", "sweep"),
     ),
@@ -32,13 +38,13 @@ __all__ = ["__version__", *_HOME_OF]
 
 def __getattr__(name: str) -> object:
     if name == "__version__":
-        found = import_module("headstock.pipeline.storage.provenance").find_version().version
+        value = import_module("headstock.pipeline.storage.provenance").find_version().version
     elif name in _HOME_OF:
-        found = getattr(import_module(_HOME_OF[name]), name)
+        value = getattr(import_module(_HOME_OF[name]), name)
     else:
         raise AttributeError(f"headstock has no public name {name!r}; it has: {', '.join(__all__)}")
-    globals()[name] = found
-    return found
+    globals()[name] = value
+    return value
 
 
 def __dir__() -> list[str]:

@@ -1,4 +1,9 @@
-"""Running exactly the stages of a plan, on one or many ranks."""
+"""Run a scene: plan it, run the stages of the plan in turn, write what they found.
+
+:func:`run_scene` is the whole of it. Stages of components come first; each later one is a handler
+that takes the state of the run and adds an answer to it. With an accuracy in the scene, rounds of
+stages repeat until it is met. ``docs/architecture.md`` shows a run in fifteen lines.
+"""
 
 import dataclasses
 import functools
@@ -51,26 +56,6 @@ from headstock.solvers.ranks import make_on_root
 from headstock.solvers.shared_work import all_cores_on_root
 
 LIBRARIES = ("fenics-dolfinx", "petsc4py", "slepc4py", "gmsh", "numpy", "scipy", "h5py", "mpi4py")
-# stages of the machine that no request asks for; those of a component are in `COMPONENT_STAGES` of
-# stages/components.py and run first, `write` is in `run_scene`, and `refine` is what accuracy/search.py
-# records of a round
-HANDLERS: dict[str, Callable[[RunState, Stage], Outcome]] = {
-    "couple": run_couple_stage,
-    "place": run_place_stage,
-    "spread": run_spread_stage,
-    "models": run_models_stage,
-    "joints": run_interfaces_stage,
-}
-# all ranks work on them
-SHARED_STAGES = {"spread", "models", "joints"} | {each.kind for each in RECORDS if each.shared}
-
-
-def find_handler(kind: str) -> Callable[[RunState, Stage], Outcome]:
-    """Return what does the work of a stage of the machine."""
-    if kind not in HANDLERS:
-        (record,) = (each for each in RECORDS if each.kind == kind)
-        HANDLERS[kind] = load_named(record.solve)
-    return HANDLERS[kind]
 
 
 def run_scene(
@@ -101,7 +86,7 @@ def run_scene(
         provenance: Where the results come from, to be written with them.
 
     Returns:
-        What was found; complete on rank 0 only.
+        Its results; complete on rank 0 only.
 
     Raises:
         SceneError: Lobes along the feed are asked for in poses that are on no path.
@@ -110,21 +95,63 @@ def run_scene(
     """
     make_on_root(comm, lambda: require_feed_of_run(scene))
     make_on_root(comm, lambda: prepare_output(output, (RESULTS_FILE, SUMMARY_FILE)))
-    rounds = _StageRunner(
+    runner = _StageRunner(
         scene.limits.time_s,
         comm,
         store or Store(default_store_root()),
         observer=observer,
         announce=announce,
     )
-    state = _run_rounds(scene, rounds)
+    state = _run_rounds(scene, runner)
     remarks = make_on_root(
-        comm, lambda: _write(state, rounds, output, volume=volume, provenance=provenance)
+        comm, lambda: _write(state, runner, output, volume=volume, provenance=provenance)
     )
     results = gather_results(
-        state, tuple(rounds.records), provenance=provenance, files=remarks.files
+        state, tuple(runner.records), provenance=provenance, files=remarks.files
     )
     return dataclasses.replace(results, warnings=(*results.warnings, *remarks.warnings))
+
+
+def _run_rounds(scene: Scene, runner: "_StageRunner") -> RunState:
+    """Run one round; or as many as an accuracy needs, and then what is requested beyond the analyses
+    whose errors the search estimates.
+    """
+    if scene.accuracy is None:
+        ranks = find_ranks(runner.comm)
+        return runner.run(scene, make_on_root(runner.comm, lambda: plan_scene(scene, held=ranks)))
+    search = search_settings(scene, runner.run, runner.note, comm=runner.comm, store=runner.store)
+    state = search.state
+    more = search.scene.analyses != state.scene.analyses
+    if more or scene.model_errors or scene.interface_errors:
+        state = runner.run(search.scene, plan_scene(search.scene), state.reduced)
+    if not scene.model_errors:
+        _add_model_errors(scene, state, search, runner)
+    state.answers.append(search.answer)
+    if search.failure:
+        state.failures.append(search.failure)
+    return state
+
+
+def _add_model_errors(
+    scene: Scene, state: RunState, search: AccuracySearch, runner: "_StageRunner"
+) -> None:
+    """Add to ± what the chosen models of bodies leave out, as an earlier run of the scene found it, or
+    compared now with finite elements and kept for the next.
+    """
+    stage = Stage("models", None, "what the models chosen leave out of elastic bodies")
+    known, better = search.judged, search.better
+    if known is not None:
+        runner.run_stage(state, stage, lambda state, stage: repeat_judgement(state, known))
+    elif better is not None:
+        parts = dataclasses.replace(better.parts, scene=state.scene)
+        whole = dataclasses.replace(better, parts=parts)
+
+        def compare(state: RunState, stage: Stage) -> Outcome:
+            compared = compare_models(state, whole)
+            state.warn(remember_judged(scene, runner.store, compared))
+            return repeat_judgement(state, compared)
+
+        runner.run_stage(state, stage, compare)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -137,13 +164,13 @@ class _Written:
 
 def _write(
     state: RunState,
-    rounds: "_StageRunner",
+    runner: "_StageRunner",
     output: Path,
     *,
     volume: bool,
     provenance: Provenance | None,
 ) -> _Written:
-    """The last stage, on rank 0: results and summary, then volume meshes."""
+    """Write results and summary, the last stage, then volume meshes; on rank 0."""
     # results.h5 and the summary appear together at the end: a disk that is too full for one keeps
     # both old ones
     with PendingOutputs() as pending:
@@ -152,16 +179,38 @@ def _write(
         def write(state: RunState, stage: Stage) -> Outcome:
             for message in find_warnings(state):
                 state.warn(message)
-            found = gather_results(state, tuple(rounds.records), provenance=provenance)
-            files[RESULTS_FILE] = add_results(pending, output, found)
+            results = gather_results(state, tuple(runner.records), provenance=provenance)
+            files[RESULTS_FILE] = add_results(pending, output, results)
             return Outcome(detail=str(output))
 
-        rounds.run_stage(state, state.plan.stages[-1], write)
-        results = gather_results(state, tuple(rounds.records), provenance=provenance, files=files)
+        runner.run_stage(state, state.plan.stages[-1], write)
+        results = gather_results(state, tuple(runner.records), provenance=provenance, files=files)
         publish_summary(pending, output, results)
     # the results are safe by now
     remarks = write_sizes(output, state.scene.machine.components)
     return _Written(files, (*remarks, *write_volumes(state, output, wanted=volume)))
+
+
+# stages of the machine that no request asks for; those of a component are in `COMPONENT_STAGES` of
+# stages/components.py and run first, `write` is in `run_scene`, and `refine` is what accuracy/search.py
+# records of a round
+HANDLERS: dict[str, Callable[[RunState, Stage], Outcome]] = {
+    "couple": run_couple_stage,
+    "place": run_place_stage,
+    "spread": run_spread_stage,
+    "models": run_models_stage,
+    "joints": run_interfaces_stage,
+}
+# all ranks work on them
+SHARED_STAGES = {"spread", "models", "joints"} | {each.kind for each in RECORDS if each.shared}
+
+
+def find_handler(kind: str) -> Callable[[RunState, Stage], Outcome]:
+    """Return what does the work of a stage of the machine."""
+    if kind not in HANDLERS:
+        (record,) = (each for each in RECORDS if each.kind == kind)
+        HANDLERS[kind] = load_named(record.solve)
+    return HANDLERS[kind]
 
 
 class _StageRunner:
@@ -227,7 +276,7 @@ class _StageRunner:
         Args:
             state: What the stages hand on.
             stage: One of the plan's.
-            work: Does it and tells what became of it.
+            work: Does it and returns what became of it.
         """
         run_stage(state, stage, work, announce=self._begin, observer=self._record)
 
@@ -254,49 +303,6 @@ class _StageRunner:
         self.observer(record)
 
 
-def _run_rounds(scene: Scene, rounds: _StageRunner) -> RunState:
-    """One round; or as many as an accuracy needs, and then what is requested beyond the analyses
-    that errors are estimated of.
-    """
-    if scene.accuracy is None:
-        held = find_ranks(rounds.comm)
-        return rounds.run(scene, make_on_root(rounds.comm, lambda: plan_scene(scene, held=held)))
-    search = search_settings(scene, rounds.run, rounds.note, comm=rounds.comm, store=rounds.store)
-    state = search.state
-    rest = search.scene.analyses != state.scene.analyses
-    rest = rest or scene.model_errors or scene.interface_errors
-    if rest:
-        state = rounds.run(search.scene, plan_scene(search.scene), state.reduced)
-    if not scene.model_errors:
-        _judge_chosen(scene, state, search, rounds)
-    state.answers.append(search.answer)
-    if search.failure:
-        state.failures.append(search.failure)
-    return state
-
-
-def _judge_chosen(
-    scene: Scene, state: RunState, search: AccuracySearch, rounds: _StageRunner
-) -> None:
-    """What the models chosen leave out of finite elements, as an earlier run of the scene found it,
-    or compared now and kept for the next.
-    """
-    stage = Stage("models", None, "what the models chosen leave out of elastic bodies")
-    known, better = search.judged, search.better
-    if known is not None:
-        rounds.run_stage(state, stage, lambda state, stage: repeat_judgement(state, known))
-    elif better is not None:
-        parts = dataclasses.replace(better.parts, scene=state.scene)
-        whole = dataclasses.replace(better, parts=parts)
-
-        def judge(state: RunState, stage: Stage) -> Outcome:
-            found = compare_models(state, whole)
-            state.warn(remember_judged(scene, rounds.store, found))
-            return repeat_judgement(state, found)
-
-        rounds.run_stage(state, stage, judge)
-
-
 def gather_results(
     state: RunState,
     records: tuple[StageRecord, ...] = (),
@@ -304,7 +310,7 @@ def gather_results(
     provenance: Provenance | None,
     files: dict[str, str] | None = None,
 ) -> Results:
-    """What a run has found so far.
+    """Return what a run has found so far.
 
     Args:
         state: Of the run.
@@ -351,7 +357,7 @@ def gather_results(
 
 
 def gather_facts(state: RunState, name: str, reduced: ReducedComponent) -> ComponentFacts:
-    """What became of a component of a run.
+    """Return what became of a component of a run.
 
     Args:
         state: Of the run, with its plan.

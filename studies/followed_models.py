@@ -27,7 +27,7 @@ class FollowedModel:
     """What another model says of the modes and responses of a machine.
 
     Attributes:
-        numbers: Frequencies and heights of peaks, under the keys of the machine as written.
+        numbers: Frequencies under the keys of the machine as written.
         missing: Modes of the machine as written that the model lacks within an octave, each with its
             frequency.
         added: Modes of the model, below the highest of the machine as written, that this lacks.
@@ -38,11 +38,6 @@ class FollowedModel:
     missing: list[str] = field(default_factory=list)
     added: list[str] = field(default_factory=list)
     lines: list[Change] = field(default_factory=list)
-
-
-def is_followed(number: Number) -> bool:
-    """Whether a number belongs to a mode, which another model may have at another position."""
-    return "mode" in number.key.group.roles
 
 
 def follow_model(written: Results, family: MachineFamily, model: ComparedMachine) -> FollowedModel:
@@ -56,10 +51,7 @@ def follow_model(written: Results, family: MachineFamily, model: ComparedMachine
     found = FollowedModel()
     for modes in written.modal:
         _follow_modes(modes, family, model, found)
-    for response in written.frf.values():
-        followed = follow_numbers(response, family.base, model).numbers
-        found.numbers.extend(filter(is_followed, followed))
-        found.lines.append(_compare_lines(response, model))
+    found.lines.extend(_compare_lines(response, model) for response in written.frf.values())
     return found
 
 

@@ -14,8 +14,6 @@ from headstock.pipeline.numbers.numbers import Key, Number
 
 RIGID_HZ = 1e-2  # below it a frequency is a rigid-body mode's
 ROUNDING = 1e-9  # relative to the largest number of a kind
-# what a frequency response has a peak of is decided by a threshold: without one nothing is lost
-BY_THRESHOLD = "peak"
 DERIVED = SIZES[2:]  # figures of a deviation that follow its peak and range
 
 
@@ -118,10 +116,6 @@ def _list_changes(before: Mapping[Key, Number], after: Mapping[Key, Number]) -> 
         unknown = first is None and second is None
         if unknown or largest <= ROUNDING * kinds[key.kind]:
             continue
-        if first is not None and second is not None:
-            share = abs(moved.difference[key]) / largest
-        elif key.kind == BY_THRESHOLD:
-            continue
-        else:
-            share = 1.0
+        known = first is not None and second is not None
+        share = abs(moved.difference[key]) / largest if known else 1.0
         yield Change(key, share, first, second, number.unit)

@@ -30,7 +30,7 @@ from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
 from headstock.solvers.shared_work import share_work, use_threads
 from headstock.studies.effects import LITTLE, MUCH, load_choice
-from headstock.studies.followed_models import FollowedModel, follow_model, is_followed
+from headstock.studies.followed_models import FollowedModel, follow_model
 from headstock.studies.kind_changes import Change, compare_kinds
 from headstock.studies.model_trials import (
     MODEL_KINDS,
@@ -447,7 +447,7 @@ def _judge(
     # what is written is what is present; modes are followed by their shapes
     without, present = (
         [
-            *(number for number in each.numbers.values() if not is_followed(number)),
+            *(number for number in each.numbers.values() if number.key.kind != "frequency"),
             *each.followed.numbers,
         ]
         for each in (tried, written)

@@ -73,7 +73,7 @@ from headstock.solvers.milling.tool_path import (
     ToolPath,
     TraceFit,
 )
-from headstock.solvers.paths.linear_motion import even_nodes, interpolate_nodes
+from headstock.solvers.paths.linear_motion import even_nodes
 from headstock.solvers.paths.sampled_motion import (
     LOAD_SPACING,
     MOST_SAMPLES,
@@ -208,9 +208,7 @@ def run_coupled_contour(
     )
     motion = machine.motion
     cut = cut_contour(request, motion, course.plan, rotation=np.eye(3), record=record)
-    gravity_deflection = motion.tool_motion(
-        interpolate_nodes(times, motion.nodes, motion.gravity_deflection)
-    )
+    gravity_deflection = motion.tool_motion(motion.deflect())
 
     def acting(part: slice) -> FloatArray:
         given = interpolate_smooth(loads.deviating, times[part], contour.spacing)

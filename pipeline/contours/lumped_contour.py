@@ -51,7 +51,6 @@ from headstock.solvers.milling.tool_path import plan_contour
 from headstock.solvers.paths.linear_motion import (
     CompliantHistory,
     LinearMotion,
-    interpolate_nodes,
 )
 from headstock.solvers.paths.servo_motion import ServoMotion
 
@@ -133,10 +132,7 @@ def run_lumped_contour(
         cut = cut_contour(request, motion, plan, rotation=turn, record=record)
         moved = cut.tip
     history = cut.history
-    gravity_deflection = (
-        motion.tool_motion(interpolate_nodes(times, motion.nodes, motion.gravity_deflection))
-        @ turn.T
-    )
+    gravity_deflection = motion.tool_motion(motion.deflect()) @ turn.T
     modes = solve_pose_modes(linearise_poses(model, drive.states[:: max(1, len(nodes) // 20)]))
     highest = float(modes.frequencies_hz.max())
     return ContourRun(

@@ -25,7 +25,7 @@ from headstock.pipeline.stages.probe_motions import (
 from headstock.pipeline.stages.run_state import MachineParts, PoseModel
 from headstock.reduction.coupling.probes import PlacedProbe, carry_probe, moved_inertia
 from headstock.reduction.estimates.probe_errors import MOVED, SEEN
-from headstock.solvers.paths.linear_motion import apply_matrices, interpolate_nodes
+from headstock.solvers.paths.linear_motion import apply_matrices
 from headstock.solvers.paths.sampled_motion import SampledHistory
 from headstock.solvers.second_order import Channel, Index
 
@@ -132,9 +132,9 @@ def drive_bodies(machine: MovingMachine, seen: SampledHistory) -> DrivenBodies:
         )
         return values
 
-    weight = interpolate_nodes(motion.times, motion.nodes, motion.gravity_deflection[:, places])
+    deviating = history.compliant[:, places] - motion.deflect()[:, places]
     return DrivenBodies(
         dataclasses.replace(seen, acting=acting),
         motors.bodies,
-        motion.apply(travels, history.compliant[:, places] - weight),
+        motion.apply(travels, deviating),
     )

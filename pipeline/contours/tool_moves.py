@@ -546,7 +546,7 @@ def _split_motion(
         projector = below @ np.swapaxes(below, 1, 2)
         slow = rows @ projector
         held = held - held @ projector
-    weight = interpolate_nodes(motion.times, motion.nodes, motion.gravity_deflection)
+    weight = motion.deflect()
     moved = history.compliant - weight
     return _SplitMotion(
         motion.apply(rows, moved),

@@ -50,7 +50,6 @@ from headstock.solvers.paths.linear_motion import (
     interpolate_nodes,
 )
 from headstock.solvers.paths.sampled_motion import (
-    LOAD_SPACING,
     SampledHistory,
     SampledMotion,
     TrajectoryLoads,
@@ -274,16 +273,7 @@ class DrivenTrajectory:
         )
         servo = None
         if self.motors is not None:
-            servo = close_motor_loops(
-                self.motors,
-                sampled,
-                motion,
-                loads=loads,
-                offsets=self.trajectory.offsets,
-                tool=self.tool,
-                friction=friction,
-                load_spacing=load_spacing,
-            )
+            servo = _close_loops(self, self.motors, sampled, motion, loads, friction, load_spacing)
             motion = servo.motion
         return MovingMachine(self, sampled.at(motion.nodes, "rows", "direct"), motion, servo)
 
@@ -325,29 +315,16 @@ class MovingMachine:
         return SampledHistory(self.motion, history, self.plant, self.driven.inputs, acting)
 
 
-def close_motor_loops(
+def _close_loops(
+    driven: DrivenTrajectory,
     motors: TrajectoryMotors,
     sampled: SampledMotion,
     motion: LinearMotion,
-    *,
     loads: TrajectoryLoads,
-    offsets: Sequence[tuple[Channel, Channel]],
-    tool: Sequence[Channel],
     friction: FrictionSpeeds,
-    load_spacing: float = LOAD_SPACING,
+    load_spacing: float,
 ) -> ServoMotion:
-    """Close the loops of all motors along a trajectory.
-
-    Args:
-        motors: Of the machine.
-        sampled: The machine with locked motors.
-        motion: The same between its nodes.
-        loads: That act along the trajectory.
-        offsets: Channels of offsets that motors feel at once, and of their accelerations.
-        tool: Where the tool moves.
-        friction: At which speeds it acts.
-        load_spacing: Time between which loads of the rigid motion are linear [s].
-    """
+    """Close the loops of all motors of a machine, from its motion with locked motors."""
     now = motors.at(motion.nodes)
     found = sampled.at(motion.nodes, "loads", "rows", "direct")
     modes, count = sampled.modes, len(motors.drives)
@@ -366,6 +343,7 @@ def close_motor_loops(
 
     # offsets of joints that modes follow at once move what scales read and what motors accelerate
     follow = Index(loads.channels)
+    offsets = driven.trajectory.offsets
     moving, pulling = ([pair[end] for pair in offsets] for end in (0, 1))
     moved, accelerated = (
         between([loads.at(load_nodes[part])[:, columns] for part in chunk_slices(len(load_nodes))])
@@ -382,7 +360,7 @@ def close_motor_loops(
             damping=np.pad(motion.damping, extra),
             stiffness=np.pad(motion.stiffness, extra),
             tool=np.concatenate(
-                [motion.tool, now.outputs[:, Index(motors.outputs).of(tool)]], axis=2
+                [motion.tool, now.outputs[:, Index(motors.outputs).of(driven.tool)]], axis=2
             ),
             load=np.concatenate([motion.load, pulled], axis=1),
         ),

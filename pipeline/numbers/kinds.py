@@ -32,7 +32,8 @@ class Kind:
         evidence: The validation behind those factors.
         across: Roles of the components of a vector, which may be zero by symmetry: a change counts
             relative to the largest of them. Without, relative to the number itself.
-        compared: Comparisons of runs list the kind.
+        compared: Comparisons of runs list the kind. Not numbers of modes but for frequencies: close
+            modes change places.
         words: One of them in plain words, with roles in braces; built of the label without it.
     """
 
@@ -79,8 +80,10 @@ KINDS: Mapping[str, Kind] = {
         evidence="validate coverage",
         words="frequency {mode}",
     ),
-    "damping_ratio": Kind("damping ratios", ("pose", "mode"), shown={"1": ("%", 100.0)}),
-    "damped_frequency": Kind("damped frequencies", ("pose", "mode")),
+    "damping_ratio": Kind(
+        "damping ratios", ("pose", "mode"), shown={"1": ("%", 100.0)}, compared=False
+    ),
+    "damped_frequency": Kind("damped frequencies", ("pose", "mode"), compared=False),
     "compliance": Kind(
         "static compliance",
         ("pose", "point", "direction"),
@@ -101,6 +104,7 @@ KINDS: Mapping[str, Kind] = {
     "peak": Kind(
         "peaks of frequency responses",
         ("pose", "output", "input", "mode"),
+        compared=False,
         words="peak of {output} under {input} at mode {mode}",
     ),
     "level": Kind(
@@ -148,7 +152,9 @@ KINDS: Mapping[str, Kind] = {
     "peak_stress": _along_path("peak stress over time", "pose", "feed", "probe"),
     "peak_displacement": _along_path("peak displacement over time", "pose", "feed", "probe"),
     "pole_frequency": Kind("control poles", ("pose", "pole")),
-    "pole_damping": Kind("damping of control poles", ("pose", "pole"), shown={"1": ("%", 100.0)}),
+    "pole_damping": Kind(
+        "damping of control poles", ("pose", "pole"), shown={"1": ("%", 100.0)}, compared=False
+    ),
     "velocity_lag": Kind("velocity lag", ("pose", "drive")),
     "loop_margin": Kind("margins of drive loops", ("pose", "drive", "figure")),
     "gravity_deflection": Kind(

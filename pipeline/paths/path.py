@@ -36,6 +36,7 @@ from headstock.solvers.paths.response import (
 )
 from headstock.solvers.paths.set_points import SetPoint, sample_move
 from headstock.solvers.paths.varying_system import PosedModes
+from headstock.solvers.watched_outputs import WatchedValues
 
 
 def run_path_stage(state: RunState, stage: Stage) -> Outcome:
@@ -226,7 +227,11 @@ def _run_move(
     """The deviation of one move as filtered, with its figures; and as if the pose were kept. Forces
     are not filtered.
     """
-    found, frozen = (filter_deviation(part, request.low_pass) for part in (raw, kept))
+    # what was watched is in the forces and probes
+    found, frozen = (
+        dataclasses.replace(filter_deviation(part, request.low_pass), watched=WatchedValues())
+        for part in (raw, kept)
+    )
     motion = sample_move(move, found.times)
     curves = PathCurves(
         move.feed,

@@ -66,6 +66,10 @@ class LinearMotion:
         ]
         return np.concatenate(parts)
 
+    def deflect(self, part: slice = slice(None)) -> FloatArray:
+        """Return the static deflection ``(m, c)`` under gravity alone at some of the steps."""
+        return self.between(self.gravity_deflection, part)
+
     def tool_motion(self, compliant: FloatArray) -> FloatArray:
         """``(n, 3)`` motion of the tool at coordinates ``(n, c)``, of those that are kept."""
         return self.apply(self.tool, compliant)

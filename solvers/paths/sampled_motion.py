@@ -509,7 +509,7 @@ class SampledHistory:
         ]
         found = np.empty((len(motion.times), len(watch.channels)))
         for part in chunk_slices(len(motion.times)):
-            moved = states.compliant[part] - motion.between(motion.gravity_deflection, part)
+            moved = states.compliant[part] - motion.deflect(part)
             found[part] = apply_matrices(motion.between(rows, part), moved[:, :modes])
             for others, values in added:
                 found[part] += apply_matrices(motion.between(others, part), values[part, :modes])

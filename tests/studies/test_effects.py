@@ -64,13 +64,16 @@ def test_a_number_that_only_one_run_has_is_a_change_of_all_of_it() -> None:
     assert compare_kinds([], []) == [] == compare_kinds(modes(), modes())
 
 
-def test_what_a_threshold_decides_and_rounding_are_no_changes() -> None:
-    def peak(mode: int) -> Number:
-        at: dict[str, str | int] = {"pose": "p", "output": "tcp x", "input": "tcp x"}
-        return Number(make_key("peak", mode=mode, **at), 1e-6, "m/N")
+def test_close_modes_that_change_places_and_rounding_are_no_changes() -> None:
+    def modes_with(*ratios: float) -> list[Number]:
+        damped = [
+            Number(make_key("damping_ratio", pose="p", mode=mode), ratio, "1")
+            for mode, ratio in enumerate(ratios, 2)
+        ]
+        return [*modes(50.0, 50.0), *damped]
 
-    (change,) = compare_kinds([peak(1), peak(2)], [peak(1)])
-    assert change.key["mode"] == 1 and change.share == 0.0
+    (change,) = compare_kinds(modes_with(0.01, 0.03), modes_with(0.03, 0.01))
+    assert change.key.kind == "frequency" and change.share == 0.0
     noise, other = (
         [Number(make_key("joint_force", feed="f", joint="a", direction="x"), 1.0, "N"),
          Number(make_key("velocity_lag", pose="p", drive="x"), 1.0, "m"),
