@@ -54,10 +54,10 @@ def _start_petsc() -> None:
     """Initialise PETSc and SLEPc; of their settings only those of the account are read, and those
     that variables name.
     """
-    own = Path(os.environ.get("HOME", ""), ".petscrc")
+    account_file = Path(os.environ.get("HOME", ""), ".petscrc")
     arguments = ["headstock", "-skip_petscrc"]
-    if own.is_absolute() and own.is_file():
-        arguments += ["-options_file", str(own)]
+    if account_file.is_absolute() and account_file.is_file():
+        arguments += ["-options_file", str(account_file)]
     importlib.import_module("petsc4py").init(arguments)
     importlib.import_module("slepc4py").init(arguments)
 
@@ -137,9 +137,9 @@ def load_library(name: str) -> ModuleType:
 
 def _load(name: str, start: _Start) -> None:
     before = [module for module in start.modules if module in sys.modules and module not in _known]
-    if before and (found := _files_here(start.files)):
+    if before and (shadowing := _files_here(start.files)):
         warnings.warn(
-            f"{before[0]} was loaded before Headstock needed it, in a folder with {found}, which it "
+            f"{before[0]} was loaded before Headstock needed it, in a folder with {shadowing}, which it "
             "may have obeyed: move the file, or start Python in another folder",
             stacklevel=2,
         )
@@ -175,9 +175,9 @@ def _run_apart(action: Callable[[], None], files: tuple[str, ...]) -> None:
         with _standing_apart():
             action()
         return
-    if found := _files_here(files):
+    if shadowing := _files_here(files):
         raise LibraryError(
-            f"the working folder holds {found}, which a library would obey, and this kernel lets no thread have a folder "
+            f"the working folder holds {shadowing}, which a library would obey, and this kernel lets no thread have a folder "
             "of its own (unshare): move the file, or start Python in another folder"
         )
     action()

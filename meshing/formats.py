@@ -54,11 +54,11 @@ def find_format(path: Path, *, written: bool = False) -> MeshFormat:
     Raises:
         MeshError: It ends like none of them.
     """
-    known = [one for one in MESH_FORMATS if one.written or not written]
-    for one in known:
+    formats = [one for one in MESH_FORMATS if one.written or not written]
+    for one in formats:
         if path.suffix.lower() in one.suffixes:
             return one
-    endings = ", ".join(f"{' '.join(one.suffixes)} ({one.name})" for one in known)
+    endings = ", ".join(f"{' '.join(one.suffixes)} ({one.name})" for one in formats)
     raise MeshError(f"{path.name}: mesh files end in {endings}")
 
 
@@ -68,18 +68,18 @@ def list_array_files(path: Path) -> dict[str, NDArray[np.str_]]:
     Raises:
         MeshError: It names one in another folder, or too many.
     """
-    found: set[bytes] = set()
+    file_names: set[bytes] = set()
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as text:
         # the ending first: looking for whole names takes time quadratic in the length of lines
         for match in _HDF5_ENDING.finditer(text):
             before = text[max(0, match.start() - LONGEST_NAME) : match.start()]
             stem = _HDF5_STEM.search(before)
-            found |= {(stem[0] + match[1]).strip()} if stem is not None else set()
-            if len(found) > MOST_FILES:
+            file_names |= {(stem[0] + match[1]).strip()} if stem is not None else set()
+            if len(file_names) > MOST_FILES:
                 raise MeshError(
                     f"{path.name} reads arrays from more than {MOST_FILES} files; write one"
                 )
-    names = sorted(name.decode(errors="replace") for name in found)
+    names = sorted(name.decode(errors="replace") for name in file_names)
     for name in names:
         if "/" in name or "\\" in name or not name.isprintable():
             raise MeshError(

@@ -16,16 +16,16 @@ def read_length_unit(path: Path) -> str | None:
     there is none or several.
     """
     text = path.read_bytes()
-    found = {
+    units = {
         name.decode().lower()
         for name in re.findall(rb"CONVERSION_BASED_UNIT\s*\(\s*'(INCH|FOOT)'", text, re.IGNORECASE)
     }
-    if not found:  # a unit made from mm names mm too
+    if not units:  # a unit made from mm names mm too
         prefixes = set(re.findall(rb"SI_UNIT\s*\(\s*(?:\$|\.(\w+)\.)\s*,\s*\.METRE\.\s*\)", text))
-        found = {
+        units = {
             {b"": "m", b"MILLI": "mm", b"CENTI": "cm"}.get(prefix, "other") for prefix in prefixes
         }
-    return found.pop() if len(found) == 1 else None
+    return units.pop() if len(units) == 1 else None
 
 
 def doubt_size(path: Path, extent: float) -> str | None:

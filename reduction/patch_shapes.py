@@ -166,11 +166,11 @@ def _round_polynomials(
     turned = places[:, 0] + 1j * places[:, 1]
     squares = np.abs(turned) ** 2
     for waves in {abs(pair[1]) for pair in degrees}:
-        own = [(column, pair) for column, pair in enumerate(degrees) if abs(pair[1]) == waves]
-        zeros = max(pair[0] for _, pair in own)
+        members = [(column, pair) for column, pair in enumerate(degrees) if abs(pair[1]) == waves]
+        zeros = max(pair[0] for _, pair in members)
         radial = _radial_polynomials(zeros, waves, hole, squares)
         around = turned**waves * (np.sqrt(2.0) if waves else 1.0)
-        for column, (number, signed) in own:
+        for column, (number, signed) in members:
             values[:, column] = radial[:, number] * (around.imag if signed < 0 else around.real)
     return values
 
@@ -185,12 +185,12 @@ def _radial_polynomials(zeros: int, waves: int, hole: float, squares: FloatArray
     def powers(at: FloatArray) -> FloatArray:
         return np.polynomial.legendre.legvander((2.0 * at - low - high) / (high - low), zeros)
 
-    own = 0.5 * (low + high) + 0.5 * (high - low) * nodes
-    weighted = np.sqrt(0.5 * weights * own**waves)[:, None] * powers(own)
+    radii = 0.5 * (low + high) + 0.5 * (high - low) * nodes
+    weighted = np.sqrt(0.5 * weights * radii**waves)[:, None] * powers(radii)
     triangle = np.asarray(np.linalg.qr(weighted)[1])
     triangle = np.where(np.diag(triangle) < 0.0, -1.0, 1.0)[:, None] * triangle
-    found = scipy.linalg.solve_triangular(triangle, powers(squares).T, trans="T")
-    return np.asarray(found.T)
+    values_at = scipy.linalg.solve_triangular(triangle, powers(squares).T, trans="T")
+    return np.asarray(values_at.T)
 
 
 def gauss_rule(shapes: PatchShapes) -> tuple[FloatArray, FloatArray]:

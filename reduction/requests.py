@@ -221,13 +221,13 @@ def _trim_probe(element: Superelement, probe: ProbeRows, kept: int) -> ProbeRows
     both to loads and of the probe.
     """
     energy = element.errors.missing_energy
-    own = _resting_amplitudes(element, probe.values.T, kept)
+    amplitudes = _resting_amplitudes(element, probe.values.T, kept)
     missing = None
     if probe.missing is not None and energy is not None:
-        missing = probe.missing[:, :kept] + own.T @ energy[kept:, :kept]
+        missing = probe.missing[:, :kept] + amplitudes.T @ energy[kept:, :kept]
     return ProbeRows(
         values=probe.values[:, :kept],
-        inertia=probe.inertia + own.T @ element.mass[kept:, : element.boundary_size],
+        inertia=probe.inertia + amplitudes.T @ element.mass[kept:, : element.boundary_size],
         smoothing=None if probe.smoothing is None else probe.smoothing[..., :kept],
         missing=missing,
         loads={
@@ -243,7 +243,7 @@ def _trim_probe_load(
     element: Superelement, probe: ProbeRows, seen: ProbeLoad, load: StaticLoad, kept: int
 ) -> ProbeLoad:
     amplitudes = _resting_amplitudes(element, load.vector, kept)
-    own, energy = (
+    resting, energy = (
         _resting_amplitudes(element, probe.values.T, kept),
         element.errors.missing_energy,
     )
@@ -260,7 +260,7 @@ def _trim_probe_load(
         missing = (
             seen.missing
             + probe.missing[:, kept:] @ amplitudes
-            + own.T @ (load.missing[kept:] + energy[kept:, kept:] @ amplitudes)
+            + resting.T @ (load.missing[kept:] + energy[kept:, kept:] @ amplitudes)
         )
     return ProbeLoad(seen.values + probe.values[:, kept:] @ amplitudes, smoothing, missing)
 

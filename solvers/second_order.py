@@ -82,8 +82,8 @@ class Index:
         wanted = tuple(channels)
         for channel in wanted:
             if channel not in self._places:
-                known = ", ".join(map(name_channel, self.channels))
-                raise ModelError(f"there is no channel {name_channel(channel)!r}; known: {known}")
+                names = ", ".join(map(name_channel, self.channels))
+                raise ModelError(f"there is no channel {name_channel(channel)!r}; known: {names}")
         places = np.array([self._places[channel] for channel in wanted], dtype=np.intp)
         first = int(places[0]) if wanted else 0
         if np.array_equal(places, first + np.arange(len(wanted))):
@@ -141,8 +141,8 @@ def name_channel(channel: Channel) -> str:
 
 def _find(channels: dict[Channel, FloatArray], channel: Channel, what: str) -> FloatArray:
     if channel not in channels:
-        known = sorted({name for name, _ in channels})
+        names = sorted({name for name, _ in channels})
         raise ModelError(
-            f"there is no {what} {name_channel(channel)!r}; points and interfaces: {known}, directions x y z rx ry rz"
+            f"there is no {what} {name_channel(channel)!r}; points and interfaces: {names}, directions x y z rx ry rz"
         )
     return channels[channel]

@@ -82,8 +82,8 @@ def share_work[T](
     order = sorted(range(len(jobs)), key=lambda number: -jobs[number].seconds)
     node = find_node(comm)
     needs = [max(0.0, jobs[number].memory_mb - idle_mb) for number in order]
-    with _shared_folder(comm, node, folder) as place:
-        counter = _Counter(place, node, needs, memory_mb - idle_mb * node.ranks)
+    with _shared_folder(comm, node, folder) as folder_path:
+        counter = _Counter(folder_path, node, needs, memory_mb - idle_mb * node.ranks)
         mail = _Mail[T](comm, observer)
         _work_off(counter, order, work, mail)
         mail.close()
@@ -108,8 +108,8 @@ def _work_off[T](
 
     counter.join()
     try:
-        while (place := counter.take()) is not None:
-            number = order[place]
+        while (job := counter.take()) is not None:
+            number = order[job]
             try:
                 settle()
                 mail.send(number, work(number, settle))
@@ -117,7 +117,7 @@ def _work_off[T](
                 counter.stop()
                 mail.send(number, None, error)
             finally:
-                counter.end(place)
+                counter.end(job)
     finally:
         counter.leave()
         use_threads(threads)
@@ -169,27 +169,27 @@ def _shared_folder(comm: MPI.Comm, node: Node, folder: Path) -> Iterator[Path]:
     if parent is not None:
         parent.mkdir(parents=True, exist_ok=True)
         _clear_dead(parent)
-    place = Path(tempfile.mkdtemp(prefix=FOLDER_PREFIX, dir=parent))
+    folder_path = Path(tempfile.mkdtemp(prefix=FOLDER_PREFIX, dir=parent))
     try:
-        with (place / ALIVE_FILE).open("w", encoding="ascii") as alive:
+        with (folder_path / ALIVE_FILE).open("w", encoding="ascii") as alive:
             with contextlib.suppress(OSError):  # the counter says so, where there are no locks
                 fcntl.lockf(alive, fcntl.LOCK_EX)
-            share_from_root(comm, place)
-            yield place
+            share_from_root(comm, folder_path)
+            yield folder_path
     finally:
-        shutil.rmtree(place, ignore_errors=True)
+        shutil.rmtree(folder_path, ignore_errors=True)
 
 
 def _clear_dead(parent: Path) -> None:
     """Remove folders whose job lives no more: nobody holds their lock."""
-    for place in parent.glob(f"{FOLDER_PREFIX}*"):
+    for folder_path in parent.glob(f"{FOLDER_PREFIX}*"):
         with (
             contextlib.suppress(OSError),
-            (place / ALIVE_FILE).open("r+", encoding="ascii") as file,
+            (folder_path / ALIVE_FILE).open("r+", encoding="ascii") as file,
         ):
-            if time.time() - place.stat().st_mtime > OLD_SECONDS:
+            if time.time() - folder_path.stat().st_mtime > OLD_SECONDS:
                 fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                shutil.rmtree(place)
+                shutil.rmtree(folder_path)
 
 
 @dataclass
@@ -236,14 +236,14 @@ class _Counter:
         """Return the next place, once its job fits into the memory; None when all are begun."""
         while True:
             with self._open() as counts:
-                place, used = counts.begun, counts.memory_mb.get(self._node, 0.0)
-                if place >= len(self._needs_mb):
+                job, used = counts.begun, counts.memory_mb.get(self._node, 0.0)
+                if job >= len(self._needs_mb):
                     return None
-                need = self._needs_mb[place]
+                need = self._needs_mb[job]
                 if used <= 0.0 or used + need <= self._memory_mb:
                     counts.begun += 1
                     counts.memory_mb[self._node] = used + need
-                    return place
+                    return job
             time.sleep(POLL_SECONDS)
 
     def _add(self, *, ranks: int = 0, memory_mb: float = 0.0) -> None:

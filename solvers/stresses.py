@@ -72,13 +72,13 @@ def true_stresses(material: Material, scaled: NDArray[np.floating]) -> FloatArra
     shear = material.youngs_modulus / (2.0 * (1.0 + material.poisson_ratio))
     bulk = material.youngs_modulus / (3.0 * (1.0 - 2.0 * material.poisson_ratio))
     mean = scaled[..., :3].mean(axis=-1, keepdims=True)
-    found = np.zeros((*scaled.shape[:-1], 3, 3))
+    tensors = np.zeros((*scaled.shape[:-1], 3, 3))
     for position, (row, column) in enumerate(SHEAR_PAIRS):
-        found[..., row, column] = found[..., column, row] = (
+        tensors[..., row, column] = tensors[..., column, row] = (
             np.sqrt(shear) * scaled[..., 3 + position]
         )
     # a pressure p stands as p / sqrt(3 K) at each of the three places
     diagonal = np.sqrt(2.0 * shear) * (scaled[..., :3] - mean) + np.sqrt(3.0 * bulk) * mean
     for axis in range(3):
-        found[..., axis, axis] = diagonal[..., axis]
-    return found
+        tensors[..., axis, axis] = diagonal[..., axis]
+    return tensors

@@ -103,14 +103,14 @@ class WatchedOutputs:
         for end in (0, 1):
             for start in range(0, len(times) - 1, CHUNK):
                 part = slice(start, start + CHUNK)
-                found = self.evaluate(states[end][part], acting[end][part])
-                rows = np.abs(found).argmax(axis=0)
-                largest = found[rows, np.arange(count)]
+                values_at = self.evaluate(states[end][part], acting[end][part])
+                rows = np.abs(values_at).argmax(axis=0)
+                largest = values_at[rows, np.arange(count)]
                 larger = np.abs(largest) > np.abs(values)
                 values[larger], places[larger] = largest[larger], rows[larger] + start + end
         return tuple(
-            Extreme(float(value), float(times[place]))
-            for value, place in zip(values, places, strict=True)
+            Extreme(float(value), float(times[instant]))
+            for value, instant in zip(values, places, strict=True)
         )
 
 

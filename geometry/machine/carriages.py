@@ -51,8 +51,8 @@ def rail_pieces(solid: Solid, interface: Interface) -> tuple[Span, ...] | None:
         raise ValueError(f"interface {interface.name!r} is no rail")
     axis = "xyz".index(interface.rail.along)
     spans = [_patch_span(solid, patch, axis) for patch in interface.patches]
-    known = tuple(span for span in spans if span is not None)
-    return known if len(known) == len(spans) else None
+    closed_form = tuple(span for span in spans if span is not None)
+    return closed_form if len(closed_form) == len(spans) else None
 
 
 def _patch_span(solid: Solid, patch: Patch, axis: int) -> Span | None:
@@ -126,7 +126,7 @@ def place_carriages(machine: Machine, pose: Pose) -> tuple[Carriage, ...]:
     riding = [(machine.joints[name], rail) for name, rail in ends.items() if rail is not None]
     # poses of a mechanism name no axes
     placements = place_components(machine, pose) if riding else {}
-    found = []
+    carriages = []
     for joint, rail in riding:
         if joint.length is None:
             continue
@@ -138,9 +138,11 @@ def place_carriages(machine: Machine, pose: Pose) -> tuple[Carriage, ...]:
         )
         if span is not None and point is not None and interface.rail is not None:
             frame = placements[component.name]
-            place = (frame.rotation.T @ (point - frame.origin))["xyz".index(interface.rail.along)]
-            found.append(Carriage(joint.name, rail, float(place), joint.length, span))
-    return tuple(found)
+            position = (frame.rotation.T @ (point - frame.origin))[
+                "xyz".index(interface.rail.along)
+            ]
+            carriages.append(Carriage(joint.name, rail, float(position), joint.length, span))
+    return tuple(carriages)
 
 
 def find_overhangs(machine: Machine, pose: Pose) -> dict[str, str]:

@@ -111,7 +111,7 @@ def ripple_force(drive: Drive, positions: FloatArray) -> FloatArray:
     Args:
         positions: ``(n,)`` [m].
     """
-    turns, found = positions / drive.lead, np.zeros_like(positions)
+    turns, force = positions / drive.lead, np.zeros_like(positions)
     for wave in drive.ripple:
-        found += wave.torque * np.sin(2.0 * math.pi * wave.per_turn * turns + wave.phase)
-    return np.asarray(2.0 * math.pi / drive.lead * found)
+        force += wave.torque * np.sin(2.0 * math.pi * wave.per_turn * turns + wave.phase)
+    return np.asarray(2.0 * math.pi / drive.lead * force)

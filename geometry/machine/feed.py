@@ -62,14 +62,14 @@ def find_feed(machine: Machine, point: Point, tip: FloatArray, poses: Sequence[P
         turns.append(work.rotation)
     if len(taken) < 2:
         return Feed(directions)
-    way: FloatArray = np.asarray(places)
-    lengths = np.linalg.norm(np.diff(way, axis=0), axis=1)
+    points: FloatArray = np.asarray(places)
+    lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
     moves = lengths > STANDSTILL * lengths.max()
     if not moves.any():
         return Feed(directions)
     # poses of one place share its direction
     place_of = np.concatenate([[0], np.cumsum(moves)])
-    tangents, turning = _tangents(way[np.concatenate([[True], moves])])
+    tangents, turning = _tangents(points[np.concatenate([[True], moves])])
     directions[taken] = np.einsum("nij,nj->ni", np.asarray(turns), tangents[place_of])
     alone = np.bincount(place_of) == 1
     return Feed(
@@ -99,8 +99,8 @@ def _tangents(way: FloatArray) -> tuple[FloatArray, BoolArray]:
             ends[0] = (2.0 * lengths[0] + lengths[1]) * units[0] - lengths[0] * units[1]
         if not corners[-2]:
             ends[1] = (2.0 * lengths[-1] + lengths[-2]) * units[-1] - lengths[-1] * units[-2]
-    found = np.vstack([ends[0], middle, ends[1]])
-    return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True)), corners
+    tangents = np.vstack([ends[0], middle, ends[1]])
+    return np.asarray(tangents / np.linalg.norm(tangents, axis=1, keepdims=True)), corners
 
 
 def _is_closed(way: FloatArray) -> bool:

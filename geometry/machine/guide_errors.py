@@ -199,17 +199,17 @@ class RailErrors:
         Raises:
             ProfileError: The carriage reaches beyond a table.
         """
-        found = np.zeros((len(places), 6))
+        offsets = np.zeros((len(places), 6))
         for dof, profile in self.profiles.items():
             mean, slope = average_profile(profile, places, self.length)
-            found[:, dof] += mean
+            offsets[:, dof] += mean
             if dof == 1:
-                found[:, 5] += slope
+                offsets[:, 5] += slope
             if dof == 2:
-                found[:, 4] -= slope
+                offsets[:, 4] -= slope
         for dof, profile in self.passing.items():
-            found[:, dof] += profile.sample(places)
-        return found
+            offsets[:, dof] += profile.sample(places)
+        return offsets
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,9 +242,9 @@ class AxisErrors:
         Raises:
             ProfileError: A position lies outside a table.
         """
-        found = np.zeros((len(positions), 6))
+        motion = np.zeros((len(positions), 6))
         for dof, profile in self.motions.items():
-            found[:, dof] = profile.sample(positions)
-        turned = found @ rotate_dofs(self.rotation).T
+            motion[:, dof] = profile.sample(positions)
+        turned = motion @ rotate_dofs(self.rotation).T
         turned[:, :3] += np.outer(positions, np.cross(self.rotation @ self.squareness, direction))
         return np.asarray(turned)

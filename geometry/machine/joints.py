@@ -166,6 +166,6 @@ def connected_groups(names: Iterable[str], edges: Iterable[tuple[str, str]]) -> 
         if small is not large:
             large.extend(small)
             group_of.update(dict.fromkeys(small, large))
-    place = {name: number for number, name in enumerate(group_of)}
+    number_of = {name: number for number, name in enumerate(group_of)}
     distinct = {id(group): group for group in group_of.values()}
-    return [sorted(group, key=place.__getitem__) for group in distinct.values()]
+    return [sorted(group, key=number_of.__getitem__) for group in distinct.values()]

@@ -196,7 +196,7 @@ def find_limit_fault(axis: str, position: float, *, low: float, high: float, uni
     """
     if low <= position <= high:
         return ""
-    places = [show_position(place, unit) for place in (position, low, high)]
+    places = [show_position(value, unit) for value in (position, low, high)]
     return f"{places[0]} is outside the limits of axis {axis}: {places[1]} to {places[2]}"
 
 
@@ -360,7 +360,7 @@ def travel_directions(machine: Machine, path: MachinePath) -> dict[str, FloatArr
         ValueError: A component turns on the way, or an end lies outside an axis' limits.
     """
     before, after = place_components(machine, path.start), place_components(machine, path.end)
-    found = {}
+    velocities = {}
     for name, frame in after.items():
         if np.abs(frame.rotation - before[name].rotation).max() > TURN_TOLERANCE:
             raise ValueError(
@@ -368,5 +368,5 @@ def travel_directions(machine: Machine, path: MachinePath) -> dict[str, FloatArr
             )
         step = frame.origin - before[name].origin
         if step.any():
-            found[name] = np.asarray(step / path.length)
-    return found
+            velocities[name] = np.asarray(step / path.length)
+    return velocities

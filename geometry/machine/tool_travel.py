@@ -29,13 +29,13 @@ class ToolTravel:
         Raises:
             ValueError: No axis moves the tool that way.
         """
-        found = places @ np.linalg.pinv(self.directions).T
-        off = np.abs(found @ self.directions.T - places).max(axis=0, initial=0.0)
+        positions = places @ np.linalg.pinv(self.directions).T
+        off = np.abs(positions @ self.directions.T - places).max(axis=0, initial=0.0)
         if (off > OUT_OF_REACH).any():
             raise ValueError(
                 f"no axis moves the tool along {'xyz'[int(np.argmax(off))]}, by {1e3 * off.max():.4g} mm from where it stands with axes at zero"
             )
-        return np.asarray(found)
+        return np.asarray(positions)
 
 
 def find_tool_travel(machine: Machine, point: Point) -> ToolTravel:
@@ -44,16 +44,16 @@ def find_tool_travel(machine: Machine, point: Point) -> ToolTravel:
     Raises:
         ValueError: None does, or two move it the same way.
     """
-    found = {}
+    axis_directions = {}
     for name, axis in machine.axes.items():
         share = (point.tool.component in axis.moves) - (point.work.component in axis.moves)
         if axis.kind == "linear" and share:
-            found[name] = share * axis.direction
-    if not found:
+            axis_directions[name] = share * axis.direction
+    if not axis_directions:
         raise ValueError(f"no linear axis moves the tool of {point.name} against its work")
-    directions = np.stack(list(found.values()), axis=1)
-    if np.linalg.svd(directions, compute_uv=False)[-1] < PARALLEL or len(found) > 3:
+    directions = np.stack(list(axis_directions.values()), axis=1)
+    if np.linalg.svd(directions, compute_uv=False)[-1] < PARALLEL or len(axis_directions) > 3:
         raise ValueError(
-            f"axes {', '.join(found)} move the tool of {point.name} the same way twice; leave one out"
+            f"axes {', '.join(axis_directions)} move the tool of {point.name} the same way twice; leave one out"
         )
-    return ToolTravel(tuple(found), directions)
+    return ToolTravel(tuple(axis_directions), directions)

@@ -99,7 +99,7 @@ class ClosureLayout:
 @lru_cache(maxsize=64)
 def closure_layout(mechanism: Mechanism) -> ClosureLayout:
     """Return the closures of a mechanism as arrays."""
-    markers = {name: place for place, name in enumerate(mechanism.markers)}
+    markers = {name: row for row, name in enumerate(mechanism.markers)}
     points = [item for item in mechanism.closures if isinstance(item, PointConstraint)]
     orientations = [item for item in mechanism.closures if isinstance(item, OrientationConstraint)]
     sums = [item for item in mechanism.closures if isinstance(item, CoordinateConstraint)]
@@ -123,11 +123,11 @@ def closure_layout(mechanism: Mechanism) -> ClosureLayout:
         )
 
     return ClosureLayout(
-        place([item.first for item in points]),
-        place([item.second for item in points]),
-        place([item.frame for item in points]),
-        place([item.first for item in orientations]),
-        place([item.second for item in orientations]),
+        row([item.first for item in points]),
+        row([item.second for item in points]),
+        row([item.frame for item in points]),
+        row([item.first for item in orientations]),
+        row([item.second for item in orientations]),
         np.array(rows, dtype=np.intp),
         weights.reshape(len(sums), len(mechanism.coordinates)),
         np.array([item.value for item in sums]),

@@ -186,20 +186,22 @@ def solve_tool_pose(
             or gained.
         JointLimitError: A joint is beyond its limits; says which and by how much.
     """
-    place = f"tool point ({', '.join(f'{1e3 * value:.4g}' for value in point)}) mm"
+    tool_point = f"tool point ({', '.join(f'{1e3 * value:.4g}' for value in point)}) mm"
     center = _wrist_center(machine, np.asarray(point), np.asarray(direction))
-    _require_reach(machine, center, place)
+    _require_reach(machine, center, tool_point)
     survey = survey_tool_poses(machine, np.asarray(point), np.asarray(direction))
     if not survey.reached:
         raise SingularPoseError(
-            f"{place}: the directions of a leg or of the wrist are undetermined there; move the pose a little"
+            f"{tool_point}: the directions of a leg or of the wrist are undetermined there; move the pose a little"
         )
     if not survey.condition < LARGEST_CONDITION:
         raise SingularPoseError(
-            f"{place}: the tripod is singular there, condition number {survey.condition:.2g}; a motion of the platform is lost or gained"
+            f"{tool_point}: the tripod is singular there, condition number {survey.condition:.2g}; a motion of the platform is lost or gained"
         )
     if not survey.within:
-        raise JointLimitError(f"{place}: {'; '.join(name_limit_faults(machine, survey.states))}")
+        raise JointLimitError(
+            f"{tool_point}: {'; '.join(name_limit_faults(machine, survey.states))}"
+        )
     return survey.states
 
 
@@ -220,15 +222,17 @@ def survey_tool_poses(
         )
         turned = place_markers(machine.mechanism, states)
         platform = turned.rotations[..., machine.mechanism.markers.index("platform"), :, :]
-        own = (np.swapaxes(machine.mounting.rotation @ platform, -1, -2) @ directions[..., None])[
-            ..., 0
-        ]
+        tool_directions = (
+            np.swapaxes(machine.mounting.rotation @ platform, -1, -2) @ directions[..., None]
+        )[..., 0]
         wrist = machine.mechanism.index("g4")
-        sideways = np.hypot(own[..., 0], own[..., 1])
+        sideways = np.hypot(tool_directions[..., 0], tool_directions[..., 1])
         states[..., wrist] = np.where(
-            sideways > SINGULAR, np.arctan2(own[..., 1], own[..., 0]), np.nan
+            sideways > SINGULAR,
+            np.arctan2(tool_directions[..., 1], tool_directions[..., 0]),
+            np.nan,
         )
-        states[..., wrist + 1] = np.arctan2(sideways, own[..., 2])
+        states[..., wrist + 1] = np.arctan2(sideways, tool_directions[..., 2])
     reached = np.asarray(np.isfinite(states).all(axis=-1))
     within = reached.copy()
     for name, (low, high) in machine.limits.items():
@@ -290,8 +294,8 @@ def condition_numbers(mechanism: Mechanism, states: FloatArray) -> FloatArray:
     centre; all lengths, so it has no unit.
     """
     finite = np.asarray(np.isfinite(states).all(axis=-1))
-    known = np.where(finite[..., None], states, 1.0)
-    kinematics = evaluate_kinematics(mechanism, known)
+    finite_states = np.where(finite[..., None], states, 1.0)
+    kinematics = evaluate_kinematics(mechanism, finite_states)
     closures = kinematics.closure_jacobian
     sizes = np.linalg.svd(closures[..., mechanism.passive_slice], compute_uv=False)
     regular = finite & (sizes[..., -1] > SINGULAR * sizes[..., 0])

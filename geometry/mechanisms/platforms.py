@@ -33,9 +33,9 @@ def planar_3rpr(base: FloatArray, platform: FloatArray) -> Mechanism:
     chains: list[tuple[ChainItem, ...]] = []
     closures: list[Closure] = []
     for leg in (1, 2, 3):
-        place, joint = base[leg - 1], platform[leg - 1]
+        anchor, joint = base[leg - 1], platform[leg - 1]
         chain: tuple[ChainItem, ...] = (
-            prismatic("x", float(place[0])), prismatic("y", float(place[1])), revolute("z", f"th{leg}"), Marker(f"leg_{leg}"),
+            prismatic("x", float(anchor[0])), prismatic("y", float(anchor[1])), revolute("z", f"th{leg}"), Marker(f"leg_{leg}"),
             prismatic("x", f"q{leg}"), prismatic("x", f"d{leg}"), Marker(f"joint_{leg}"), revolute("z", f"ps{leg}"),
             prismatic("x", -float(joint[0])), prismatic("y", -float(joint[1])), Marker(f"platform_{leg}"),
         )  # fmt: skip
@@ -92,12 +92,12 @@ def planar_3rpr_assemblies(
         platform: Platform joints in the platform frame, ``(3, 2)`` [m].
         lengths: Of the legs, ``(3,)`` [m].
     """
-    own = platform - platform[0]
+    local = platform - platform[0]
 
     def place(angle: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         cos, sin = np.cos(angle)[:, None], np.sin(angle)[:, None]
-        x = cos * own[:, 0] - sin * own[:, 1] - base[:, 0]
-        y = sin * own[:, 0] + cos * own[:, 1] - base[:, 1]
+        x = cos * local[:, 0] - sin * local[:, 1] - base[:, 0]
+        y = sin * local[:, 0] + cos * local[:, 1] - base[:, 1]
         sums = (x**2 + y**2 - lengths**2) / 2.0
         a, b, c = ((part[:, 1:] - part[:, :1]) for part in (x, y, sums))
         across = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]

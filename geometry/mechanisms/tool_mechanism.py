@@ -61,9 +61,9 @@ def place_carriers(mechanism: ToolMechanism, positions: Mapping[str, float]) -> 
     Raises:
         PoseError: The pose is out of reach, singular or beyond a joint's limits.
     """
-    known = mechanism.mounted.mechanism
-    placed = place_markers(known, solve_pose(mechanism, positions))
-    places = {name: known.markers.index(marker) for name, marker in mechanism.carries.items()}
+    mounted = mechanism.mounted.mechanism
+    placed = place_markers(mounted, solve_pose(mechanism, positions))
+    places = {name: mounted.markers.index(marker) for name, marker in mechanism.carries.items()}
     return {
         name: compose_frames(
             mechanism.mounted.mounting, Frame(placed.positions[place], placed.rotations[place])

@@ -135,7 +135,7 @@ def find_ends(faces: Sequence[CadFace]) -> dict[str, tuple[CadFace, ...]]:
     ``z-``.
     """
     extent = part_extent(faces)
-    found: dict[str, tuple[CadFace, ...]] = {}
+    ends: dict[str, tuple[CadFace, ...]] = {}
     for name, (axis, sign) in FACE_DIRECTIONS.items():
         end = max(sign * (face.high if sign > 0.0 else face.low)[axis] for face in faces)
         chosen = tuple(
@@ -146,8 +146,8 @@ def find_ends(faces: Sequence[CadFace]) -> dict[str, tuple[CadFace, ...]]:
             and abs(sign * face.center[axis] - end) <= SAME_PLACE * extent
         )
         if chosen:
-            found[name] = chosen
-    return found
+            ends[name] = chosen
+    return ends
 
 
 def name_faces(faces: Sequence[CadFace]) -> dict[int, str]:

@@ -73,8 +73,8 @@ class CurvedPatch:
         """
         if self.axis is None:
             return np.asarray(normals @ self.normal)
-        place, direction = self.axis
-        radial = _reject(np.vstack([self.origin, points]) - place, direction)
+        on_axis, direction = self.axis
+        radial = _reject(np.vstack([self.origin, points]) - on_axis, direction)
         radial /= np.maximum(np.linalg.norm(radial, axis=1), 1e-300)[:, None]
         outward = np.einsum("ni,ni->n", normals, radial[1:]) * float(self.normal @ radial[0])
         return np.asarray(outward + (normals @ direction) * float(self.normal @ direction))

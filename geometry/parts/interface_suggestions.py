@@ -71,13 +71,13 @@ class _Flat:
 def likely_interfaces(faces: Sequence[CadFace]) -> list[LikelyInterface]:
     """Return likely interfaces, the foot and the tip first where there are two flat faces."""
     names = name_faces(faces)
-    found: list[LikelyInterface] = []
+    likely: list[LikelyInterface] = []
     taken: set[int] = set()
     foot, tip = _choose_ends(faces, names)
     ends: tuple[tuple[Role, _Flat | None], ...] = (("foot", foot), ("tip", tip))
     for role, flat in ends:
         if flat is not None:
-            found.append(LikelyInterface(flat.name, (flat.face,), _describe(flat.parts), role))
+            likely.append(LikelyInterface(flat.name, (flat.face,), _describe(flat.parts), role))
             taken |= {part.number for part in flat.parts}
     extent = part_extent(faces)
     patterns = _hole_patterns(find_holes(faces), extent)
@@ -91,7 +91,9 @@ def likely_interfaces(faces: Sequence[CadFace]) -> list[LikelyInterface]:
     for name, holes in chosen:
         walls = tuple(names[face] for hole in holes for face in hole.faces)
         reason = f"{len(holes)} holes of {2e3 * holes[0].radius:.4g} mm"
-        found.append(LikelyInterface(name, walls, reason, "screws" if holes is screws else "holes"))
+        likely.append(
+            LikelyInterface(name, walls, reason, "screws" if holes is screws else "holes")
+        )
     single = max(
         (pattern[0] for pattern in patterns if len(pattern) == 1),
         key=lambda hole: hole.radius,
@@ -100,9 +102,9 @@ def likely_interfaces(faces: Sequence[CadFace]) -> list[LikelyInterface]:
     if single is not None:
         walls = tuple(names[face] for face in single.faces)
         reason = f"hole of {2e3 * single.radius:.4g} mm at {_in_mm(single.place)} mm"
-        found.append(LikelyInterface("bore", walls, reason, "bore"))
+        likely.append(LikelyInterface("bore", walls, reason, "bore"))
     taken |= {face for pattern in patterns for hole in pattern for face in hole.faces}
-    return found + _large_faces(faces, names, taken)
+    return likely + _large_faces(faces, names, taken)
 
 
 def _choose_ends(
@@ -161,12 +163,12 @@ def _opens_into(foot: _Flat, hole: Hole, extent: float) -> bool:
     """Return whether a hole ends in a face, or in a countersink there."""
     if abs(float(np.array(hole.axis) @ foot.normal)) < PARALLEL:
         return False
-    place = np.array(hole.place)
+    center = np.array(hole.place)
     low = np.min([part.low for part in foot.parts], axis=0) - SAME_PLACE * extent
     high = np.max([part.high for part in foot.parts], axis=0) + SAME_PLACE * extent
-    beside = np.abs(foot.normal) < 0.5  # directions in the face
-    inside = ((place >= low) & (place <= high))[beside].all()
-    return bool(inside) and _height(foot, place) <= 0.5 * hole.depth + 2.0 * hole.radius
+    in_face = np.abs(foot.normal) < 0.5  # directions in the face
+    inside = ((center >= low) & (center <= high))[in_face].all()
+    return bool(inside) and _height(foot, center) <= 0.5 * hole.depth + 2.0 * hole.radius
 
 
 def _large_faces(
@@ -178,15 +180,15 @@ def _large_faces(
         (face for face in faces if face.number not in taken and face.area >= least),
         key=lambda face: -face.area,
     )
-    found = []
+    likely = []
     for face in left[:MOST_FACES]:
         name = names[face.number]
-        found.append(
+        likely.append(
             LikelyInterface(
                 END_NAMES.get(name, name.replace(":", "_")), (name,), _describe((face,)), "face"
             )
         )
-    return found
+    return likely
 
 
 def _describe(parts: tuple[CadFace, ...]) -> str:

@@ -189,17 +189,17 @@ def _tube_parts(tube: Tube, patches: tuple[Patch, ...]) -> list[AreaMoment] | No
         return None
     ring = np.pi * (tube.outer_diameter**2 - tube.inner_diameter**2) / 4
     middle = np.array([0.0, 0.0, tube.length / 2])
-    known: dict[str, AreaMoment] = {
+    moments: dict[str, AreaMoment] = {
         "z-": (ring, np.zeros(3)),
         "z+": (ring, np.array([0.0, 0.0, tube.length])),
         "outer": (np.pi * tube.outer_diameter * tube.length, middle),
     }
     if tube.inner_diameter > 0.0:
-        known["inner"] = (np.pi * tube.inner_diameter * tube.length, middle)
+        moments["inner"] = (np.pi * tube.inner_diameter * tube.length, middle)
     faces = dict.fromkeys(patch.face for patch in patches)  # a face named twice counts once
-    if any(face not in known for face in faces):
+    if any(face not in moments for face in faces):
         return None
-    return [known[face] for face in faces]
+    return [moments[face] for face in faces]
 
 
 def _planar_parts(solid: PlanarSolid, patches: tuple[Patch, ...]) -> list[AreaMoment] | None:

@@ -101,12 +101,12 @@ def _planar_samples(
         for patch in patches
         if patch.shape == "disk"
     ]
-    found = []
+    samples = []
     for a, b, areas in flat:
         points = np.full((len(a), 3), face.position)
         points[:, first], points[:, second] = a, b
-        found.append(PatchSamples(points, areas))
-    return found
+        samples.append(PatchSamples(points, areas))
+    return samples
 
 
 def _disk_points(
@@ -179,7 +179,7 @@ def _gauss_points(
     """Return the Gauss points and weights on an interval; on each of its parts where there are
     breaks.
     """
-    inside = [place for place in breaks if low < place < high]
+    inside = [cut for cut in breaks if low < cut < high]
     nodes, weights = np.polynomial.legendre.leggauss(
         count or (ALONG_POINTS if len(breaks) else ACROSS_POINTS)
     )

@@ -120,18 +120,18 @@ def _tube_skin(tube: Tube) -> Skin:
         ]
     if inner == 0.0:  # the inner bottom ring closes the bottom
         triangles.append(np.column_stack([3 * SIDES + k, after, k]))
-    found = np.vstack(triangles)
-    corners = points[found]
+    faces = np.vstack(triangles)
+    corners = points[faces]
     areas = np.linalg.norm(
         np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
     )
-    found = found[areas > 1e-12 * max(outer, tube.length) ** 2]
+    faces = faces[areas > 1e-12 * max(outer, tube.length) ** 2]
     edges = [
         np.column_stack([SIDES * ring + k, SIDES * ring + after])
         for ring in range(4)
         if rings[ring][0] > 0.0
     ]
-    return Skin(points, found, np.vstack(edges), "solid")
+    return Skin(points, faces, np.vstack(edges), "solid")
 
 
 def _box_loop(solid: Solid, around: list[int]) -> FloatArray:

@@ -56,10 +56,10 @@ def cut_curved_face(face: int, patch: Patch, extent: float, unit: float) -> list
         raise PartFileError(_refuse(laid, unit, "the CAD kernel cannot cut it out")) from error
     occ.synchronize()
     occ.remove([(3, tool)], recursive=True)
-    found = [int(tag) for dim, tag in pieces if dim == 2]
-    if not found:
+    faces = [int(tag) for dim, tag in pieces if dim == 2]
+    if not faces:
         return []
-    cut = sum(float(occ.getMass(2, tag)) for tag in found)
+    cut = sum(float(occ.getMass(2, tag)) for tag in faces)
     asked = measure_under(face, laid)
     if abs(cut - asked) > AREA_TOLERANCE * asked:
         raise PartFileError(
@@ -69,8 +69,8 @@ def cut_curved_face(face: int, patch: Patch, extent: float, unit: float) -> list
                 f"an area of {asked * unit**2:.4g} m^2 lies under it, but the CAD kernel cuts out {cut * unit**2:.4g} m^2",
             )
         )
-    kept = _choose_pieces(found, laid)
-    occ.remove([(2, tag) for tag in found if tag not in kept], recursive=True)
+    kept = _choose_pieces(faces, laid)
+    occ.remove([(2, tag) for tag in faces if tag not in kept], recursive=True)
     occ.synchronize()
     for tag in kept:
         if float(laid.gentleness(*_sample_face(tag, face)).min()) < STEEPEST:
@@ -91,15 +91,15 @@ def _find_seats(
     """
     seats: list[tuple[float, FloatArray]] = []
     for shift in np.vstack([np.zeros(3), np.eye(3), -np.eye(3)]):
-        found, _ = gmsh.model.getClosestPoint(2, face, list(center + PROBE * extent * shift))
-        place = np.array(found)
-        distance = float(np.linalg.norm(place - center))
-        if all(np.linalg.norm(place - other) > 2.0 * PROBE * extent for _, other in seats):
-            seats.append((distance, place))
+        closest, _ = gmsh.model.getClosestPoint(2, face, list(center + PROBE * extent * shift))
+        seat = np.array(closest)
+        distance = float(np.linalg.norm(seat - center))
+        if all(np.linalg.norm(seat - other) > 2.0 * PROBE * extent for _, other in seats):
+            seats.append((distance, seat))
     nearest = min(distance for distance, _ in seats)
     return [
-        (place, _normals(face, gmsh.model.getParametrization(2, face, list(place)))[0])
-        for distance, place in seats
+        (seat, _normals(face, gmsh.model.getParametrization(2, face, list(seat)))[0])
+        for distance, seat in seats
         if distance - nearest <= NEARLY * extent
     ]
 

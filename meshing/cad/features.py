@@ -103,11 +103,11 @@ def _find_features(faces: Sequence[int], radius: float) -> list[set[int]]:
 def _take_off(volume: int, feature: Iterable[int]) -> int | None:
     """Return the volume without some of its faces; None where the kernel cannot close it."""
     try:
-        found = gmsh.model.occ.defeature([volume], sorted(feature))
+        volumes = gmsh.model.occ.defeature([volume], sorted(feature))
         gmsh.model.occ.synchronize()
     except Exception:  # gmsh raises the bare class
         return None
-    left = [tag for dim, tag in found if dim == 3]
+    left = [tag for dim, tag in volumes if dim == 3]
     return left[0] if len(left) == 1 else None
 
 

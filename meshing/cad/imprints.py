@@ -134,25 +134,25 @@ def choose_faces(shape: OpenShape, face: str) -> list[int]:
         PartFileError: There is no such face; the message lists what there is.
     """
     if face in FACE_DIRECTIONS:
-        found = _end_faces(shape, face)
+        faces = _end_faces(shape, face)
     elif face.startswith("face:"):
         number = face.removeprefix("face:")
         if not number.isdigit() or not 1 <= int(number) <= len(shape.faces):
             raise PartFileError(
                 f"there is no {face!r}; CAD faces are face:1 .. face:{len(shape.faces)}"
             )
-        found = [shape.faces[int(number) - 1]]
+        faces = [shape.faces[int(number) - 1]]
     elif face in ("outer", "inner") and isinstance(shape.solid, Tube):
         round_faces = [tag for tag in shape.faces if gmsh.model.getType(2, tag) == "Cylinder"]
         round_faces.sort(key=lambda tag: float(gmsh.model.occ.getMass(2, tag)))
-        found = round_faces[-1:] if face == "outer" else round_faces[:-1]
+        faces = round_faces[-1:] if face == "outer" else round_faces[:-1]
     else:
-        found = []
-    if not found:
+        faces = []
+    if not faces:
         raise PartFileError(
             f"face {face!r} selects nothing; available: {', '.join(available_faces(shape))}"
         )
-    return found
+    return faces
 
 
 def available_faces(shape: OpenShape) -> list[str]:
@@ -200,7 +200,7 @@ def _cut_pieces(shape: OpenShape, faces: list[int], patch: Patch) -> dict[int, i
     from.
     """
     occ = gmsh.model.occ
-    found: dict[int, int] = {}
+    sources: dict[int, int] = {}
     tool: int | None = None
     for face in faces:
         normal = plane_normal(face)
@@ -210,10 +210,10 @@ def _cut_pieces(shape: OpenShape, faces: list[int], patch: Patch) -> dict[int, i
             tool = _plane_tool(shape, face, patch, normal) if tool is None else tool
             cut, _ = occ.intersect([(2, face)], [(3, tool)], removeObject=False, removeTool=False)
             pieces = [int(tag) for dim, tag in cut if dim == 2]
-        found |= dict.fromkeys(pieces, face)
+        sources |= dict.fromkeys(pieces, face)
     if tool is not None:
         occ.remove([(3, tool)], recursive=True)
-    if not found:
+    if not sources:
         center, low, high = (
             ", ".join(f"{value * shape.unit:.5g}" for value in values)
             for values in (patch.center, shape.low, shape.high)
@@ -221,7 +221,7 @@ def _cut_pieces(shape: OpenShape, faces: list[int], patch: Patch) -> dict[int, i
         raise PartFileError(
             f"the {patch.shape} around ({center}) m does not touch face {patch.face!r}; the solid spans ({low}) .. ({high}) m"
         )
-    return found
+    return sources
 
 
 def _find_overhang(faces: list[int], pieces: dict[int, int], patch: Patch) -> list[str]:
@@ -300,15 +300,15 @@ def _fragment_faces(
         abs(tag) for _, tag in gmsh.model.getBoundary([(3, shape.volume)], oriented=False)
     )
     children = {
-        tag: [child for dim, child in found if dim == 2]
-        for tag, found in zip(pieces, mapping[1:], strict=True)
+        tag: [child for dim, child in parts if dim == 2]
+        for tag, parts in zip(pieces, mapping[1:], strict=True)
     }
     # the kernel renumbers untouched faces and does not say how: find them by their place
     centers = np.array([occ.getCenterOfMass(2, tag) for tag in boundary])
     for tag, middle in middles.items():
         children[tag] = [boundary[int(np.argmin(np.linalg.norm(centers - middle, axis=1)))]]
-    for tag, found in children.items():
-        area = sum(float(occ.getMass(2, child)) for child in found if child in boundary)
+    for tag, parts in children.items():
+        area = sum(float(occ.getMass(2, child)) for child in parts if child in boundary)
         if abs(area - areas[tag]) > IMPRINT_TOLERANCE * areas[tag]:
             raise MeshError(
                 f"a patch of {areas[tag] * shape.unit**2:.6g} m^2 became {area * shape.unit**2:.6g} m^2 when imprinted; move "

@@ -103,8 +103,8 @@ def close_planes(
         return None
     change = float(gmsh.model.occ.getMass(3, left)) - before
     left_out = _describe_features(features, solids)
-    told = abs(float(left_out.volumes.sum()) + change) <= VOLUME_TOLERANCE * before
-    if not told or abs(change) > LARGEST_CHANGE * before:
+    consistent = abs(float(left_out.volumes.sum()) + change) <= VOLUME_TOLERANCE * before
+    if not consistent or abs(change) > LARGEST_CHANGE * before:
         return None
     occ = gmsh.model.occ
     occ.remove([(3, volume), *((3, solid) for solid in solids)], recursive=False)
@@ -141,14 +141,14 @@ def _find_features(faces: Sequence[int], width: float) -> list[_Feature]:
             break
         # a bore in the floor of a counterbore goes with it
         cuts = {curve: loop for curve, loop in cuts.items() if loop not in nested}
-    found = []
+    features = []
     for piece in pieces:
         if piece is body:
             continue
         curves = set().union(*(around[face] for face in piece))
-        own = dict.fromkeys(cuts[curve] for curve in sorted(curves) if curve in cuts)
-        found.append(_Feature(frozenset(piece), tuple(own)))
-    return found
+        feature_loops = dict.fromkeys(cuts[curve] for curve in sorted(curves) if curve in cuts)
+        features.append(_Feature(frozenset(piece), tuple(feature_loops)))
+    return features
 
 
 def _connect(around: dict[int, set[int]], cuts: dict[int, _Loop]) -> list[set[int]]:
@@ -164,9 +164,9 @@ def _connect(around: dict[int, set[int]], cuts: dict[int, _Loop]) -> list[set[in
         while edge:
             face = edge.pop()
             piece.add(face)
-            beside = {other for curve in around[face] for other in behind.get(curve, ())} & free
-            free -= beside
-            edge += sorted(beside)
+            neighbours = {other for curve in around[face] for other in behind.get(curve, ())} & free
+            free -= neighbours
+            edge += sorted(neighbours)
         pieces.append(piece)
     return pieces
 
@@ -178,10 +178,10 @@ def _curves(face: int) -> set[int]:
 def _inner_loops(face: int, curves: set[int], width: float) -> list[_Loop]:
     if gmsh.model.getType(2, face) != "Plane":
         return []
-    _, found = gmsh.model.occ.getCurveLoops(face)
-    if len(found) < 2:
+    _, curve_loops = gmsh.model.occ.getCurveLoops(face)
+    if len(curve_loops) < 2:
         return []
-    loops = [_measure_loop(face, tuple(abs(int(tag)) for tag in tags)) for tags in found]
+    loops = [_measure_loop(face, tuple(abs(int(tag)) for tag in tags)) for tags in curve_loops]
     outer = max(loops, key=lambda loop: float(np.linalg.norm(loop.high - loop.low)))
     return [
         loop
@@ -243,19 +243,19 @@ def _close(faces: Sequence[int], features: Sequence[_Feature]) -> dict[int, int]
     for feature in features:
         for loop in feature.loops:
             lost.setdefault(loop.plane, set()).add(loop.curves)
-    found = {}
+    replaced = {}
     for face in faces:
         if face in gone:
             continue
-        found[face] = face
+        replaced[face] = face
         if face in lost:
             _, loops = gmsh.model.occ.getCurveLoops(face)
             curves = [tuple(abs(int(tag)) for tag in tags) for tags in loops]
             left = [tags for tags in curves if tags not in lost[face]]
             # the outer loop comes first
             left.sort(key=lambda tags: -_span(tags))
-            found[face] = _plane(*left)
-    return found
+            replaced[face] = _plane(*left)
+    return replaced
 
 
 def _span(curves: tuple[int, ...]) -> float:

@@ -95,16 +95,16 @@ def follow_faces(before: Sequence[Face], now: Sequence[int]) -> list[int]:
     grew or shrank; the rest at the end.
     """
     left = {tag: know_face(tag) for tag in now}
-    found: dict[int, int] = {}
+    matches: dict[int, int] = {}
     for fits in (_is_same, _is_changed):
         for number, face in enumerate(before):
-            if number in found:
+            if number in matches:
                 continue
             candidates = [tag for tag, other in left.items() if fits(face, other)]
             if len(candidates) == 1:
-                found[number] = candidates[0]
+                matches[number] = candidates[0]
                 del left[candidates[0]]
-    return [*(found.get(number, GONE) for number in range(len(before))), *left]
+    return [*(matches.get(number, GONE) for number in range(len(before))), *left]
 
 
 def _is_same(face: Face, other: Face) -> bool:

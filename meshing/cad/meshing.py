@@ -432,7 +432,7 @@ def _check_budget(count: int, job: MeshJob, size: float, numbers: dict[int, int]
 
 def _find_rims(job: MeshJob, imprints: Imprints) -> dict[int, float]:
     """Find the curves from which elements grow, and the size there."""
-    found: dict[int, float] = {}
+    sizes: dict[int, float] = {}
     groups = [([face], size) for face, size in imprints.sizes.items()]
     groups += (
         []
@@ -441,8 +441,8 @@ def _find_rims(job: MeshJob, imprints: Imprints) -> dict[int, float]:
     )
     for faces, size in groups:
         for _, curve in gmsh.model.getBoundary([(2, face) for face in faces], oriented=False):
-            found[curve] = min(size, found.get(curve, size))
-    return found
+            sizes[curve] = min(size, sizes.get(curve, size))
+    return sizes
 
 
 def _generate(job: MeshJob) -> None:
@@ -464,18 +464,18 @@ def _mesh_acceptably(*, from_cad: bool) -> bool:
     as long there: the other one goes first, and alone if its tets can be used. On thin triangles of
     curved faces, which may cut through each other, HXT takes all memory: the other one does alone.
     """
-    found: dict[int, float] = {}
+    qualities: dict[int, float] = {}
     worst = _worst_triangle()
     if from_cad and worst < THIN_TRIANGLE:
         return _try_algorithm(DELAUNAY) > 0.0
     if worst < SLIVER_QUALITY and _try_algorithm(DELAUNAY) > USABLE_QUALITY:
         return True
     for algorithm in (HXT, DELAUNAY):
-        found[algorithm] = _try_algorithm(algorithm)
-        if found[algorithm] >= SLIVER_QUALITY:
+        qualities[algorithm] = _try_algorithm(algorithm)
+        if qualities[algorithm] >= SLIVER_QUALITY:
             return True
-    best = max(found, key=lambda algorithm: found[algorithm])
-    return found[best] > 0.0 if best == DELAUNAY else _try_algorithm(best) > 0.0
+    best = max(qualities, key=lambda algorithm: qualities[algorithm])
+    return qualities[best] > 0.0 if best == DELAUNAY else _try_algorithm(best) > 0.0
 
 
 def _try_algorithm(algorithm: int) -> float:
@@ -549,17 +549,17 @@ def _collect(
     _, cell_nodes = gmsh.model.mesh.getElementsByType(TETRAHEDRON[order], volume)
     per_cell = 4 if order == 1 else 10
     used = np.unique(cell_nodes)
-    place = np.full(int(tags.max()) + 1, -1, dtype=np.int64)
-    place[used] = np.arange(len(used))
+    row_of = np.full(int(tags.max()) + 1, -1, dtype=np.int64)
+    row_of[used] = np.arange(len(used))
     row = np.zeros(int(tags.max()) + 1, dtype=np.int64)
     row[tags] = np.arange(len(tags))
     points = coordinates.reshape(-1, 3)[row[used]]
-    facets = {name: _face_corners(place, tags_of, order) for name, tags_of in faces.items()}
+    facets = {name: _face_corners(row_of, tags_of, order) for name, tags_of in faces.items()}
     kind: CellKind = "tet4" if order == 1 else "tet10"
-    curved = _curved_facets(boundary_faces(volume), place, points, order)
+    curved = _curved_facets(boundary_faces(volume), row_of, points, order)
     return MeshData(
         points,
-        place[cell_nodes.reshape(-1, per_cell)],
+        row_of[cell_nodes.reshape(-1, per_cell)],
         kind,
         facets,
         properties=properties,
@@ -576,20 +576,22 @@ def _curved_facets(
     """
     per_facet = 3 if order == 1 else 6
     kinds = {face: gmsh.model.getType(2, face) for face in faces}
-    found = {
+    face_facets = {
         face: place[gmsh.model.mesh.getElementsByType(TRIANGLE[order], face)[1]].reshape(
             -1, per_facet
         )
         for face, kind in kinds.items()
         if kind != "Plane"
     }
-    free = sum(len(facets) for face, facets in found.items() if kinds[face] not in ROUND_KINDS)
+    free = sum(
+        len(facets) for face, facets in face_facets.items() if kinds[face] not in ROUND_KINDS
+    )
     nodes, nearest, shares = (
         [np.zeros((0, per_facet), dtype=np.int64)],
         [np.zeros((0, PLACES**2, 3))],
         [np.zeros(0)],
     )
-    for face, facets in found.items():
+    for face, facets in face_facets.items():
         step = 1 if kinds[face] in ROUND_KINDS else max(1, -(-free // FREE_FACETS))
         chosen = facets[::step]
         nodes.append(chosen)

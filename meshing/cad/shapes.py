@@ -163,11 +163,11 @@ def _refuse_other_files(text: bytes, file: str) -> None:
     names = OTHER_FILES
     if re.search(DOCUMENT_FILE, text, re.IGNORECASE):
         names += b"|" + OTHER_FILES_BESIDE_DOCUMENT_FILE
-    found = re.search(rb"\b(" + names + rb")\b", text, re.IGNORECASE)
-    if found is not None:
-        line = text[: found.start()].count(b"\n") + 1
+    match = re.search(rb"\b(" + names + rb")\b", text, re.IGNORECASE)
+    if match is not None:
+        line = text[: match.start()].count(b"\n") + 1
         raise PartFileError(
-            f"{file}:{line} refers to other files ({found[1].decode().upper()}), and these are never read; export the part with all its"
+            f"{file}:{line} refers to other files ({match[1].decode().upper()}), and these are never read; export the part with all its"
             " geometry in one file, without documents"
         )
 
@@ -175,11 +175,11 @@ def _refuse_other_files(text: bytes, file: str) -> None:
 def _choose_solid(wanted: int | str | None, volumes: list[int], file: str) -> int:
     names = [str(gmsh.model.getEntityName(3, tag)).split("/")[-1] for tag in volumes]
     # the translator numbers what nobody named
-    known = {
+    named = {
         i: name for i, name in enumerate(names, 1) if name and not name.startswith("Open CASCADE")
     }
     listing = (
-        ", ".join(f"{i}: {name}" for i, name in known.items())
+        ", ".join(f"{i}: {name}" for i, name in named.items())
         or f"1 to {len(volumes)}, without names"
     )
     if wanted is None and len(volumes) == 1:

@@ -316,11 +316,13 @@ def measure_edges(faces: Sequence[int], size: float) -> EdgeSizes:
     for face in faces:
         around = [abs(curve) for _, curve in gmsh.model.getBoundary([(2, face)], oriented=False)]
         area = float(gmsh.model.occ.getMass(2, face))
-        own = TRIANGLES * area / size**2
+        at_size = TRIANGLES * area / size**2
         number = sum(counts[curve] for curve in around)
         mean = sum(lengths[curve] for curve in around) / number if number else size
-        extra.append(max(TRIANGLES * area / min(mean, size) ** 2 - own, 0.0) if mean > 0.0 else 0.0)
-        plain += own
+        extra.append(
+            max(TRIANGLES * area / min(mean, size) ** 2 - at_size, 0.0) if mean > 0.0 else 0.0
+        )
+        plain += at_size
     tags = sorted(lengths)
     sizes = np.array([lengths[curve] / counts[curve] for curve in tags], dtype=float)
     return EdgeSizes(
@@ -422,10 +424,10 @@ def _round_fields(faces: IntArray, size: float) -> list[int]:
             classes.setdefault(
                 int(np.ceil(CROWDED_PER_OCTAVE * np.log2(curvature * size))), []
             ).append(face)
-    found = []
+    fields = []
     for step, tags in sorted(classes.items()):
         field = int(gmsh.model.mesh.field.add("Constant"))
         gmsh.model.mesh.field.setNumber(field, "VIn", size * 2.0 ** (-step / CROWDED_PER_OCTAVE))
         gmsh.model.mesh.field.setNumbers(field, "SurfacesList", tags)
-        found.append(field)
-    return found
+        fields.append(field)
+    return fields

@@ -74,18 +74,18 @@ def remove_narrow_features(
     gone = sorted(numbers[face] for face in feature)
     if len(feature) > len(faces) / 2 or set(gone) & set(named):
         return shape
-    known = [know_face(face) for face in faces]
+    faces_before = [know_face(face) for face in faces]
     before = float(gmsh.model.occ.getMass(3, shape.volume))
     try:
-        found = gmsh.model.occ.defeature([shape.volume], sorted(feature))
+        volumes = gmsh.model.occ.defeature([shape.volume], sorted(feature))
     except Exception:  # gmsh raises the bare class
         return None
     gmsh.model.occ.synchronize()
-    left = [tag for dim, tag in found if dim == 3]
+    left = [tag for dim, tag in volumes if dim == 3]
     change = float(gmsh.model.occ.getMass(3, left[0])) / before - 1.0 if len(left) == 1 else np.inf
     if not abs(change) <= LARGEST_CHANGE:
         return None
-    now = shape.followed(left[0], follow_faces(known, list_boundary(left[0])))
+    now = shape.followed(left[0], follow_faces(faces_before, list_boundary(left[0])))
     if any(now.faces[number - 1] == GONE for number in named if 0 < number <= len(shape.faces)):
         return None
     what = f"{len(gone)} of {len(shape.faces)} faces{list_faces(gone)}, narrower than {width * unit:.2g} m or surrounded by such faces"
@@ -117,9 +117,9 @@ def refuse_slivers(
         MeshError: Names the faces, their width and their length.
     """
     numbers = [number for number, face in enumerate(faces, 1) if face in left]
-    found = find_slivers([faces[number - 1] for number in numbers], size)
+    narrow = find_slivers([faces[number - 1] for number in numbers], size)
     slivers = sorted(
-        (Sliver(numbers[each.number - 1], each.width, each.length) for each in found),
+        (Sliver(numbers[each.number - 1], each.width, each.length) for each in narrow),
         key=lambda each: each.width,
     )
     if not slivers:
@@ -136,7 +136,7 @@ def refuse_slivers(
 
 def _measure_faces(faces: Sequence[int]) -> list[Sliver]:
     """Return the width and length of each face."""
-    found = []
+    slivers = []
     for number, face in enumerate(faces, 1):
         # seams count on both sides
         curves = gmsh.model.getBoundary([(2, face)], combined=False, oriented=False)
@@ -146,5 +146,5 @@ def _measure_faces(faces: Sequence[int]) -> list[Sliver]:
         width = (
             2.0 * float(gmsh.model.occ.getMass(2, face)) / perimeter if perimeter > 0.0 else length
         )
-        found.append(Sliver(number, width, length))
-    return found
+        slivers.append(Sliver(number, width, length))
+    return slivers

@@ -184,8 +184,8 @@ def _poor_share(
 
 def _face_at(data: MeshData, cell: IntArray) -> str:
     """Return ``face:N`` on which most nodes of a cell lie, where faces have numbers."""
-    found = cell[cell < len(data.owners)]
-    owners = data.owners[found]
+    on_faces = cell[cell < len(data.owners)]
+    owners = data.owners[on_faces]
     owners = owners[owners > 0]
     return f"face:{np.bincount(owners).argmax()}" if len(owners) else ""
 
@@ -369,13 +369,13 @@ def _resolve_file_patches(
     nodes: dict[str, IntArray] = {}
     for name, patches in groups.items():
         what = f"component {component.name!r}: {name}"
-        found = []
+        resolved = []
         for index, patch in enumerate(patches):
             try:
-                found.append(select_facets(data, surface, patch))
+                resolved.append(select_facets(data, surface, patch))
             except (MeshError, ValueError) as error:
                 raise PatchError(f"{what}: {error}", name, index) from error
-        chosen = np.unique(np.concatenate(found))
+        chosen = np.unique(np.concatenate(resolved))
         facets[name] = surface.facets[chosen][:, : surface.corners]
         members = np.unique(np.concatenate([set_nodes(data, patch) for patch in patches]))
         forced = name in component.interfaces and component.interfaces[name].allow_singular

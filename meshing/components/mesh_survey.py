@@ -63,12 +63,12 @@ def survey_mesh(solid: MeshFile, unit: str | None = None) -> CadSurvey:
 
 def suggest_sets(survey: CadSurvey) -> list[LikelyInterface]:
     """Return the interfaces from the named sets of a file."""
-    found: dict[str, LikelyInterface] = {}
+    likely: dict[str, LikelyInterface] = {}
     for one in survey.sets[:MOST_SUGGESTED]:
         name = re.sub(r"\W+", "_", one.name, flags=re.ASCII).strip("_")
         if not name or name[0].isdigit():
             name = f"set_{name}"
-        if name not in found and '"' not in one.name and "\\" not in one.name:
+        if name not in likely and '"' not in one.name and "\\" not in one.name:
             reason = f"set of {one.facets} facets, {one.area * 1e4:.4g} cm^2"
-            found[name] = LikelyInterface(name, (f"set:{one.name}",), reason, "set")
-    return list(found.values())
+            likely[name] = LikelyInterface(name, (f"set:{one.name}",), reason, "set")
+    return list(likely.values())

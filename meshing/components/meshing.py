@@ -237,12 +237,12 @@ def estimate_mesh(
     cells, across = estimate_cells(component), component.mesh.across_patches
     if component.mesh.growth is None:
         size = element_size(component)
-        found = [
+        patch_cells = [
             count_patch_cells(patch, solid, across=across, size=size)
             for patches in groups.values()
             for patch in patches
         ]
-        cells += int(sum(found))
+        cells += int(sum(patch_cells))
     return MeshEstimate(cells, volume=solid_volume(solid))
 
 
@@ -256,7 +256,7 @@ def _count_hex_cells(
     if not isinstance(component.solid, Box) or roughly > CELL_BUDGET:
         return roughly  # lines of a grid that is refused anyway could fill the memory
     patches = [
-        patch for found in patch_groups(component, supports, loads).values() for patch in found
+        patch for group in patch_groups(component, supports, loads).values() for patch in group
     ]
     try:
         return count_grid_cells(

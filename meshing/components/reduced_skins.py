@@ -115,10 +115,10 @@ def _decimate(skin: Skin, whole: _Surface, *, share: float) -> Skin | None:
     step.VectorsAttributeOn()
     step.SetVectorsWeight(BEND_WEIGHT)
     _run_silently(step)
-    found = step.GetOutput()
-    flat = vtk_to_numpy(found.GetPolys().GetConnectivityArray()).reshape(-1, 3).astype(np.int64)
+    output = step.GetOutput()
+    flat = vtk_to_numpy(output.GetPolys().GetConnectivityArray()).reshape(-1, 3).astype(np.int64)
     used, numbers = np.unique(flat, return_inverse=True)
-    places = vtk_to_numpy(found.GetPoints().GetData()).astype(np.float64)[used] * size + middle
+    places = vtk_to_numpy(output.GetPoints().GetData()).astype(np.float64)[used] * size + middle
     if not 0 < len(flat) < len(skin.triangles) or not np.isfinite(places).all():
         return None
     return _project(skin, whole, places=places, triangles=numbers.reshape(-1, 3))
@@ -128,12 +128,12 @@ def _run_silently(step: vtkQuadricDecimation) -> None:
     """Run a step without VTK's line of warning for each edge whose quadric has no single lowest
     point, as on a flat wall: it then takes the middle, and what came out is checked here.
     """
-    told = vtkObject.GetGlobalWarningDisplay()
+    display = vtkObject.GetGlobalWarningDisplay()
     vtkObject.SetGlobalWarningDisplay(0)
     try:
         step.Update()
     finally:
-        vtkObject.SetGlobalWarningDisplay(told)
+        vtkObject.SetGlobalWarningDisplay(display)
 
 
 def _project(skin: Skin, whole: _Surface, *, places: FloatArray, triangles: IntArray) -> Skin:
@@ -181,9 +181,9 @@ def _find_form(triangles: IntArray) -> tuple[int, bool] | None:
 
 def _keeps_edges(skin: Skin, reduced: Skin) -> bool:
     before, after = (
-        float(np.linalg.norm(np.diff(each.points[edges], axis=1), axis=2).sum())
-        for each in (skin, reduced)
-        for edges in [sharp_edges(each.points, each.triangles)]
+        float(np.linalg.norm(np.diff(surface.points[edges], axis=1), axis=2).sum())
+        for surface in (skin, reduced)
+        for edges in [sharp_edges(surface.points, surface.triangles)]
     )
     return abs(after - before) <= LARGEST_EDGE_CHANGE * before
 
@@ -198,9 +198,9 @@ def _keeps_places(whole: _Surface, reduced: Skin, tolerance: float) -> bool:
     apart = np.vstack([there.places - tried, back.places - whole.points])
     if np.linalg.norm(apart, axis=1).max() > tolerance:
         return False
-    own = np.repeat(_normals(reduced.points, reduced.triangles), len(SAMPLES), axis=0)
+    reduced_normals = np.repeat(_normals(reduced.points, reduced.triangles), len(SAMPLES), axis=0)
     original = _normals(whole.points, whole.triangles)[there.triangles]
-    return bool(np.einsum("ij,ij->i", own, original).min() > OTHER_SIDE)
+    return bool(np.einsum("ij,ij->i", reduced_normals, original).min() > OTHER_SIDE)
 
 
 def _normals(points: FloatArray, triangles: IntArray) -> FloatArray:
@@ -223,12 +223,12 @@ def _find_nearest(surface: _Surface, places: FloatArray) -> _Nearest:
     part: Any = mutable(0)
     squared: Any = mutable(0.0)
     nearest = [0.0, 0.0, 0.0]
-    found, cells = np.empty_like(places), np.empty(len(places), dtype=np.int64)
+    closest, cells = np.empty_like(places), np.empty(len(places), dtype=np.int64)
     rows = zip(*(places[:, axis].tolist() for axis in range(3)), strict=True)
-    for index, place in enumerate(rows):
-        surface.locator.FindClosestPoint(place, nearest, cell, part, squared)
-        found[index], cells[index] = nearest, int(cell)
-    return _Nearest(found, cells)
+    for index, nearby in enumerate(rows):
+        surface.locator.FindClosestPoint(nearby, nearest, cell, part, squared)
+        closest[index], cells[index] = nearest, int(cell)
+    return _Nearest(closest, cells)
 
 
 def _poly_data(points: FloatArray, triangles: IntArray) -> vtkPolyData:

@@ -113,8 +113,8 @@ def surface_triangles(surface: MeshSurface) -> tuple[IntArray, IntArray]:
     of each.
     """
     triangles = _triangles(surface, split=False)
-    each = len(triangles) // max(len(surface.facets), 1)
-    return triangles, np.repeat(np.arange(len(surface.facets)), each)
+    per_facet = len(triangles) // max(len(surface.facets), 1)
+    return triangles, np.repeat(np.arange(len(surface.facets)), per_facet)
 
 
 def _triangles(surface: MeshSurface, *, split: bool) -> IntArray:

@@ -24,12 +24,12 @@ def place_features(
     """
     places = left_out.places.reshape(-1, 3)
     corners = points[cells[:, :4]]
-    found = np.atleast_2d(
+    candidates = np.atleast_2d(
         KDTree(corners.mean(axis=1)).query(places, k=min(CANDIDATES, len(cells)))[1]
     ).reshape(len(places), -1)
-    edges = (corners[:, 1:] - corners[:, :1])[found]
+    edges = (corners[:, 1:] - corners[:, :1])[candidates]
     inside = np.linalg.solve(
-        edges.swapaxes(2, 3), (places[:, None] - corners[found, 0])[..., None]
+        edges.swapaxes(2, 3), (places[:, None] - corners[candidates, 0])[..., None]
     )[..., 0]
     shares = np.concatenate([1.0 - inside.sum(axis=2, keepdims=True), inside], axis=2)
     best = shares.min(axis=2).argmax(axis=1)
@@ -39,7 +39,7 @@ def place_features(
     nearest /= nearest.sum(axis=1, keepdims=True)
     volumes = (left_out.volumes[:, None] * SIMPSON).ravel()
     return MissingVolumes(
-        found[rows, best],
+        candidates[rows, best],
         shape_functions(kind, nearest[:, 1:]),
         volumes,
         np.repeat(left_out.strengths, len(SIMPSON)),

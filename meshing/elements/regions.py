@@ -105,12 +105,12 @@ def describe_faces(points: FloatArray, surface: MeshSurface, owners: IntArray) -
     return [
         _describe(
             number,
-            points[np.unique(surface.facets[own][:, : surface.corners])],
-            normals[own],
-            areas[own],
-            centers[own],
+            points[np.unique(surface.facets[facets_of][:, : surface.corners])],
+            normals[facets_of],
+            areas[facets_of],
+            centers[facets_of],
         )
-        for number, own in enumerate(members, 1)
+        for number, facets_of in enumerate(members, 1)
     ]
 
 
@@ -127,10 +127,10 @@ def _describe(
     if (normals @ mean > FLAT_COSINE).all():
         kind = "plane"
     elif len(places) >= FEWEST_ROUND:
-        found = _refine_cylinder(places, fit_cylinder(places, normals))
-        away = np.abs(_distances(places, found) - found.radius).max()
-        if away < ROUND_TOLERANCE * found.radius:
-            kind, radius, axis, middle = "cylinder", found.radius, found.axis, found.place
+        cylinder = _refine_cylinder(places, fit_cylinder(places, normals))
+        away = np.abs(_distances(places, cylinder) - cylinder.radius).max()
+        if away < ROUND_TOLERANCE * cylinder.radius:
+            kind, radius, axis, middle = "cylinder", cylinder.radius, cylinder.axis, cylinder.place
             heights = places @ axis
             span = (float(heights.min()), float(heights.max()))
             hollow = bool(areas @ np.einsum("ij,ij->i", normals, centers - middle) < 0.0)
@@ -165,12 +165,12 @@ def _refine_cylinder(places: FloatArray, start: FittedCylinder) -> FittedCylinde
 
     def cylinder(values: FloatArray) -> FittedCylinder:
         axis = start.axis + values[:2] @ across
-        place = start.place + start.radius * (values[2:4] @ across)
-        return FittedCylinder(axis / np.linalg.norm(axis), place, start.radius * float(values[4]))
+        on_axis = start.place + start.radius * (values[2:4] @ across)
+        return FittedCylinder(axis / np.linalg.norm(axis), on_axis, start.radius * float(values[4]))
 
     def misses(values: FloatArray) -> FloatArray:
-        found = cylinder(values)
-        return np.asarray((_distances(places, found) - found.radius) / start.radius)
+        fitted = cylinder(values)
+        return np.asarray((_distances(places, fitted) - fitted.radius) / start.radius)
 
     first = np.array([0.0, 0.0, 0.0, 0.0, 1.0])
     return cylinder(least_squares(misses, first, max_nfev=MOST_EVALUATIONS).x)

@@ -56,8 +56,8 @@ def match_facets(surface: MeshSurface, facets: IntArray) -> tuple[IntArray, int]
     """
     table = _pack(np.sort(surface.facets[:, : surface.corners], axis=1))
     wanted = np.unique(_pack(np.sort(facets[:, : surface.corners], axis=1)))
-    found = np.isin(table, wanted)
-    return np.flatnonzero(found), len(wanted) - int(found.sum())
+    on_surface = np.isin(table, wanted)
+    return np.flatnonzero(on_surface), len(wanted) - int(on_surface.sum())
 
 
 def find_facets(surface: MeshSurface, facets: IntArray) -> IntArray:
@@ -188,10 +188,10 @@ def find_flat_tets(points: FloatArray, corners: IntArray) -> FlatTets:
     sizes = np.linalg.norm(facing, axis=1, keepdims=True)
     facing /= np.where(sizes > 0.0, sizes, 1.0)
     cells = np.flatnonzero((sizes[corners, 0] > 0.0).all(axis=1))
-    own = facing[corners[cells]]
+    cell_sides = facing[corners[cells]]
     # the normal that the corners share up to its sign
-    across = np.linalg.eigh(np.einsum("cni,cnj->cij", own, own))[1][:, :, 2]
-    turned = np.einsum("cni,ci->cn", own, across)
+    across = np.linalg.eigh(np.einsum("cni,cnj->cij", cell_sides, cell_sides))[1][:, :, 2]
+    turned = np.einsum("cni,ci->cn", cell_sides, across)
     upper, lower = turned > FACING, turned < -FACING
     places = points[corners[cells]]
     heights = np.einsum("cni,ci->cn", places, across)

@@ -49,15 +49,15 @@ class _Assembly:
         self.by_name = {one.name.upper(): one for one in instances}
         places, start = [], 0
         for one in instances:
-            own = one.own
-            if own.nodes or own.numbers:
-                one.scope = own
-            elif own.node_sets or own.element_sets or own.surfaces:
+            own_part = one.own
+            if own_part.nodes or own_part.numbers:
+                one.scope = own_part
+            elif own_part.node_sets or own_part.element_sets or own_part.surfaces:
                 one.scope = replace(
                     one.scope,
-                    node_sets=one.scope.node_sets | own.node_sets,
-                    element_sets=one.scope.element_sets | own.element_sets,
-                    surfaces=one.scope.surfaces | own.surfaces,
+                    node_sets=one.scope.node_sets | own_part.node_sets,
+                    element_sets=one.scope.element_sets | own_part.element_sets,
+                    surfaces=one.scope.surfaces | own_part.surfaces,
                 )
             one.rows = {number: start + row for row, number in enumerate(one.scope.nodes)}
             nodes = np.array(list(one.scope.nodes.values())).reshape(-1, 3)
@@ -132,7 +132,7 @@ class _Assembly:
             owner = self.by_name.get(members.instance) if members.instance else one
             if owner is None:
                 raise MeshError(f"{members.place}: there is no instance {members.instance!r}")
-            known = owner.rows if kind == "node" else owner.scope.numbers
+            numbers = owner.rows if kind == "node" else owner.scope.numbers
             for item in members.items:
                 if isinstance(item, str):
                     target, rest = self._find(owner, item)
@@ -141,7 +141,7 @@ class _Assembly:
                     else:
                         yield from self._members(target, rest, kind, (*seen, name))
                 elif isinstance(item, range):
-                    yield from ((owner, number) for number in item if number in known)
+                    yield from ((owner, number) for number in item if number in numbers)
                 else:
                     yield owner, item
 
@@ -160,13 +160,13 @@ class _Assembly:
             if nodes:
                 raw.add_nodes(self._name(one, name), np.array(nodes))
         for name in scope.node_sets:
-            found = [
+            set_rows = [
                 self.alias[owner.rows[number]]
                 for owner, number in self._members(one, name, "node")
                 if number in owner.rows
             ]
-            if found and name not in scope.internal:
-                raw.add_nodes(self._name(one, name), np.array(found))
+            if set_rows and name not in scope.internal:
+                raw.add_nodes(self._name(one, name), np.array(set_rows))
         for name in scope.element_sets:
             if name in scope.internal:
                 continue
@@ -193,11 +193,11 @@ class _Assembly:
         return f"{one.name}.{name}" if len(owners) > 1 and one.name else name
 
     def _add_sections(self, one: Instance) -> None:
-        for name, material, place in one.scope.sections:
+        for name, material, line in one.scope.sections:
             try:
                 members = list(self._members(one, name, "element"))
             except MeshError as error:
-                raise MeshError(f"{place}: *SOLID SECTION: {error}") from error
+                raise MeshError(f"{line}: *SOLID SECTION: {error}") from error
             cells = [owner.cells[number] for owner, number in members if number in owner.cells]
             values = self.deck.materials.get(material.upper(), {})
             elastic, density = values.get("ELASTIC", ()), values.get("DENSITY", ())
@@ -233,12 +233,12 @@ class _Assembly:
                 target, label = ([word.upper() for word in row] + [""])[:2]
                 owner, rest = self._find(one, target)
                 if kind == "NODE":
-                    known = (
+                    owners = (
                         [(owner, int(rest))]
                         if rest.isdigit()
                         else list(self._members(owner, rest, "node"))
                     )
-                    nodes += [self.alias[a.rows[n]] for a, n in known if n in a.rows]
+                    nodes += [self.alias[a.rows[n]] for a, n in owners if n in a.rows]
                     continue
                 if rest.isdigit():
                     members = [(owner, int(rest))]
@@ -269,12 +269,12 @@ class _Assembly:
         if not label:
             every = [[rows[corner] for corner in face] for face in faces]
             return [face for face in every if frozenset(face) in free]
-        place = label.removeprefix("S")
-        if not place.isdigit() or not 1 <= int(place) <= len(faces):
+        side = label.removeprefix("S")
+        if not side.isdigit() or not 1 <= int(side) <= len(faces):
             raise MeshError(
                 f"{block.place}: face {label!r} of element {number}; write S1 .. S{len(faces)}"
             )
-        return [[rows[corner] for corner in faces[int(place) - 1]]]
+        return [[rows[corner] for corner in faces[int(side) - 1]]]
 
     def _free_faces(self, members: Sequence[tuple[Instance, int]]) -> set[frozenset[int]]:
         """Return the faces of solids that no other element of their instances has."""
@@ -292,29 +292,29 @@ class _Assembly:
     def _merge_ties(self) -> None:
         """Make one of the nodes on both sides of bonded surfaces whose meshes match."""
         self.alias = list(range(len(self.raw.points)))
-        for slave, master, place in self.deck.ties:
+        for slave, master, line in self.deck.ties:
             sides = []
             for name in (slave, master):
                 one, rest = self._find(self.by_name[""], name)
                 if rest not in one.scope.surfaces:
-                    raise MeshError(f"{place}: *TIE: there is no surface {name!r}")
+                    raise MeshError(f"{line}: *TIE: there is no surface {name!r}")
                 sides.append(np.unique(self._surface_nodes(one, rest)))
-            own, other = sides
-            if not len(own) or not len(other):
+            near, other = sides
+            if not len(near) or not len(other):
                 continue
             size = float(np.ptp(self.raw.points, axis=0).max())
-            away, nearest = cKDTree(self.raw.points[other]).query(self.raw.points[own])
+            away, nearest = cKDTree(self.raw.points[other]).query(self.raw.points[near])
             if (away > COINCIDENT * size).any():
                 self.deck.left_out["*TIE of meshes that do not match"] += 1
                 continue
-            for row, target in zip(own, other[nearest], strict=True):
+            for row, target in zip(near, other[nearest], strict=True):
                 self.alias[int(row)] = self.alias[int(target)]
 
     def _surface_nodes(self, one: Instance, name: str) -> IntArray:
         """Return the rows of all nodes on a surface, those between corners among them."""
         facets, nodes = self._surface(one, name)
         faces = {frozenset(facet) for facet in facets}
-        found = {*nodes, *(row for facet in facets for row in facet)}
+        rows_used = {*nodes, *(row for facet in facets for row in facet)}
         for other in self.instances:
             for kind, elements in other.scope.elements.items():
                 family = elements.family
@@ -326,9 +326,9 @@ class _Assembly:
                     edges = VTK_EDGES[family] if len(rows) > first else ()
                     for face in SOLID_FACES[family]:
                         if frozenset(rows[corner] for corner in face) in faces:
-                            found |= {
-                                rows[first + place]
-                                for place, edge in enumerate(edges)
+                            rows_used |= {
+                                rows[first + index]
+                                for index, edge in enumerate(edges)
                                 if set(edge) <= set(face)
                             }
-        return np.array(sorted(found), dtype=np.int64)
+        return np.array(sorted(rows_used), dtype=np.int64)

@@ -211,12 +211,12 @@ def _number(text: str) -> float:
 
 def _numbers(rows: Sequence[Sequence[str]]) -> list[float]:
     """Return the numbers of data lines, without the blanks at their ends."""
-    found: list[float] = []
+    numbers: list[float] = []
     for row in rows:
         while row and not row[-1]:
             row = row[:-1]
-        found += [_number(word) for word in row]
-    return found
+        numbers += [_number(word) for word in row]
+    return numbers
 
 
 class DeckReader:
@@ -329,15 +329,15 @@ class DeckReader:
         self._place_nodes(block, numbers, places)
 
     def _place_nodes(self, block: Block, numbers: Sequence[int], places: FloatArray) -> None:
-        for number, place in zip(numbers, places, strict=True):
-            x, y, z = (float(value) for value in place)
+        for number, position in zip(numbers, places, strict=True):
+            x, y, z = (float(value) for value in position)
             if self.scope.nodes.setdefault(number, (x, y, z)) != (x, y, z) and np.isfinite(
                 x + y + z
             ):
                 raise ValueError(f"node {number} is defined twice")
         if "NSET" in block.options:
-            own = Members(block.place, "", tuple(numbers))
-            self.scope.node_sets.setdefault(block.option("NSET").upper(), []).append(own)
+            members = Members(block.place, "", tuple(numbers))
+            self.scope.node_sets.setdefault(block.option("NSET").upper(), []).append(members)
 
     def _generate_nodes(self, block: Block) -> None:
         """Generate nodes at even steps on the line between two others."""
@@ -367,7 +367,7 @@ class DeckReader:
             kind = next((e for e in self.scope.elements.values() if master in e.nodes), None)
             if kind is None:
                 raise ValueError(f"there is no solid or surface element {master}")
-            sizes = [words[place : place + 3] for place in (1, 4, 7)]
+            sizes = [words[start : start + 3] for start in (1, 4, 7)]
             if (
                 min(map(min, sizes)) < 1
                 or np.prod([float(size[0]) for size in sizes]) > LONGEST_RANGE
@@ -394,10 +394,10 @@ class DeckReader:
                 )
             # a line that ends in a comma goes on in the next
             starts = [0, *(at for at, row in enumerate(block.rows[:-1], 1) if row[-1])]
-            found = [int(block.rows[at][0]) for at in starts if block.rows]
-            self.deck.left_out[kind] += len(found)
-            self.scope.others.update(found)
-            self._name_elements(block, found)
+            first_numbers = [int(block.rows[at][0]) for at in starts if block.rows]
+            self.deck.left_out[kind] += len(first_numbers)
+            self.scope.others.update(first_numbers)
+            self._name_elements(block, first_numbers)
             return
         if solid is not None:
             count = used = int(solid[1])
@@ -409,7 +409,7 @@ class DeckReader:
                 f"{kind} needs {count} nodes per element; {len(numbers)} numbers do not divide into elements"
             )
         family = SOLID_COUNTS[count] if solid is not None else None
-        own = self.scope.elements.setdefault(kind, Elements(family))
+        elements = self.scope.elements.setdefault(kind, Elements(family))
         members = []
         for start in range(0, len(numbers), count + 1):
             number, nodes = numbers[start], numbers[start + 1 : start + 1 + used]
@@ -417,14 +417,14 @@ class DeckReader:
                 if self.scope.numbers[number] != nodes:
                     raise ValueError(f"element {number} is defined twice")
                 self.deck.repeated += 1
-            self.scope.numbers[number] = own.nodes[number] = nodes
+            self.scope.numbers[number] = elements.nodes[number] = nodes
             members.append(number)
         self._name_elements(block, members)
 
     def _name_elements(self, block: Block, numbers: Sequence[int]) -> None:
         if "ELSET" in block.options:
-            found = Members(block.place, "", tuple(numbers))
-            self.scope.element_sets.setdefault(block.option("ELSET").upper(), []).append(found)
+            members = Members(block.place, "", tuple(numbers))
+            self.scope.element_sets.setdefault(block.option("ELSET").upper(), []).append(members)
 
     def _add_set(self, block: Block) -> None:
         sets = self.scope.node_sets if block.keyword == "NSET" else self.scope.element_sets

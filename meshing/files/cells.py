@@ -137,8 +137,8 @@ def _choose_solid(path: Path, raw: RawMesh, solid: str | None) -> NDArray[np.boo
     """Return which cells of the file to take, ``(n_cells,)``."""
     if solid is None or solid == WHOLE_FILE:
         return np.ones(raw.cell_count, dtype=bool)
-    known = {name.upper(): name for name in reversed(raw.groups)}
-    name = solid if solid in raw.groups else known.get(solid.upper())
+    names = {name.upper(): name for name in reversed(raw.groups)}
+    name = solid if solid in raw.groups else names.get(solid.upper())
     if name is None:
         shown = ", ".join(list(raw.groups)[: 4 * NAMED]) or "none"
         raise MeshError(
@@ -163,14 +163,14 @@ def _material_numbers(raw: RawMesh) -> IntArray:
 
 def _check_materials(path: Path, raw: RawMesh) -> list[str]:
     """Refuse several materials; remark on sets of cells that may be of several."""
-    told = [one for one in raw.sections if one.key is not None]
+    with_material = [one for one in raw.sections if one.key is not None]
     remedy = (
         'a component has one material: write solid = { mesh = "...", solid = "NAME" } for a component of each, or '
         f'solid = "{WHOLE_FILE}" to take them all as one'
     )
-    if len({one.key for one in told}) > 1:
+    if len({one.key for one in with_material}) > 1:
         raise MeshError(
-            f"{path.name} holds cells of {len({one.key for one in told})} materials: {_list_sections(told)}; {remedy}"
+            f"{path.name} holds cells of {len({one.key for one in with_material})} materials: {_list_sections(with_material)}; {remedy}"
         )
     untold = [one for one in raw.sections if one.key is None]
     parts = [one for one in untold if len(np.unique(one.cells)) < raw.cell_count]
@@ -228,8 +228,10 @@ def _assemble_facets(raw: RawMesh, kind: CellKind, *, cut: bool) -> dict[str, In
     wanted = len(FACETS["tet" if kind.startswith("tet") else "hex"][0])
     facets = {}
     for name, blocks in raw.facets.items():
-        own = [cut_facets(block) if cut and block.shape[1] == 4 else block for block in blocks]
-        fitting = [block for block in own if block.shape[1] == wanted] or own[:1]
+        facets_of = [
+            cut_facets(block) if cut and block.shape[1] == 4 else block for block in blocks
+        ]
+        fitting = [block for block in facets_of if block.shape[1] == wanted] or facets_of[:1]
         facets[name] = np.concatenate(fitting).astype(np.int64)
     return facets
 
@@ -261,16 +263,16 @@ def _drop_unused_points(data: MeshData, *, whole: bool) -> MeshData:
     points, of which patches say that they are none.
     """
     used = np.unique(data.cells)
-    place = np.full(len(data.points), -1, dtype=np.int64)
-    place[used] = np.arange(len(used))
-    nodes = {name: place[members[members >= 0]] for name, members in data.node_sets.items()}
+    row_of = np.full(len(data.points), -1, dtype=np.int64)
+    row_of[used] = np.arange(len(used))
+    nodes = {name: row_of[members[members >= 0]] for name, members in data.node_sets.items()}
     facets = {
-        name: np.where(rows < 0, -1, place[rows])[(place[rows] >= 0).all(axis=1) | whole]
+        name: np.where(rows < 0, -1, row_of[rows])[(row_of[rows] >= 0).all(axis=1) | whole]
         for name, rows in data.facets.items()
     }
     return MeshData(
         data.points[used],
-        place[data.cells],
+        row_of[data.cells],
         data.kind,
         {name: rows for name, rows in facets.items() if len(rows)},
         {name: members[members >= 0] for name, members in nodes.items() if (members >= 0).any()},

@@ -80,12 +80,12 @@ def read_exodus(path: Path) -> RawMesh:
             for name in _numbered(variables, "connect")
         ]
         names = dict(_named_sets(variables, "connect", "eb", "block"))
-        for place, (kind, nodes) in zip(_numbered(variables, "connect"), blocks, strict=True):
+        for block_name, (kind, nodes) in zip(_numbered(variables, "connect"), blocks, strict=True):
             if is_solid(kind):
-                raw.add_section(names[place], raw.add_cells(kind, nodes), "", None)
-            elif kind == OTHER or place.replace("connect", "attrib") in variables:
+                raw.add_section(names[block_name], raw.add_cells(kind, nodes), "", None)
+            elif kind == OTHER or block_name.replace("connect", "attrib") in variables:
                 # sheets have their thickness as an attribute
-                raw.left_out[str(variables[place].elem_type)] += len(nodes)
+                raw.left_out[str(variables[block_name].elem_type)] += len(nodes)
         for name, label in _named_sets(variables, "elem_ss", "ss", "side_set"):
             elements = np.asarray(variables[name][:], dtype=np.int64) - 1
             sides = np.asarray(variables[name.replace("elem", "side")][:], dtype=np.int64)
@@ -129,8 +129,10 @@ def _block_kind(path: Path, block: "netCDF4.Variable[Any]") -> str:
 
 
 def _numbered(variables: Mapping[str, object], start: str) -> list[str]:
-    found = [name for name in variables if name.startswith(start) and name[len(start) :].isdigit()]
-    return sorted(found, key=lambda name: int(name[len(start) :]))
+    numbered = [
+        name for name in variables if name.startswith(start) and name[len(start) :].isdigit()
+    ]
+    return sorted(numbered, key=lambda name: int(name[len(start) :]))
 
 
 def _named_sets(
@@ -140,16 +142,16 @@ def _named_sets(
     a name.
     """
     names, numbers = variables.get(f"{kind}_names"), variables.get(f"{kind}_prop1")
-    found = []
+    named = []
     for name in _numbered(variables, start):
-        place = int(name[len(start) :]) - 1
+        index = int(name[len(start) :]) - 1
         label = b""
-        if names is not None and place < len(names):
-            label = np.asarray(names[place]).tobytes().partition(b"\0")[0].strip()
-        known = numbers is not None and place < len(numbers)
-        number = int(numbers[place]) if known and numbers is not None else place + 1
-        found.append((name, label.decode("utf-8", errors="replace") or f"{unnamed}_{number}"))
-    return found
+        if names is not None and index < len(names):
+            label = np.asarray(names[index]).tobytes().partition(b"\0")[0].strip()
+        has_number = numbers is not None and index < len(numbers)
+        number = int(numbers[index]) if has_number and numbers is not None else index + 1
+        named.append((name, label.decode("utf-8", errors="replace") or f"{unnamed}_{number}"))
+    return named
 
 
 def _add_side_set(
@@ -171,10 +173,10 @@ def _add_side_set(
     start = 0
     for kind, cells in blocks:
         inside = (elements >= start) & (elements < start + len(cells))
-        own, numbers = cells[elements[inside] - start], sides[inside]
+        cell_nodes, numbers = cells[elements[inside] - start], sides[inside]
         start += len(cells)
         if not is_solid(kind):
-            raw.add_facets(label, kind, own)
+            raw.add_facets(label, kind, cell_nodes)
             continue
         table = SIDES.get(kind.rstrip("0123456789"), ())
         if inside.any() and (not table or not 1 <= numbers.min() <= numbers.max() <= len(table)):
@@ -182,7 +184,7 @@ def _add_side_set(
                 f"{path.name}: side set {label} names sides that a {kind} does not have"
             )
         for number, corners in enumerate(table, 1):
-            chosen = own[numbers == number][:, list(corners)]
+            chosen = cell_nodes[numbers == number][:, list(corners)]
             raw.add_facets(label, "triangle" if len(corners) == 3 else "quad", chosen)
     if len(elements) and not 0 <= elements.min() <= elements.max() < start:
         raise MeshError(f"{path.name}: side set {label} names elements that the file does not hold")
@@ -198,11 +200,12 @@ def add_side_sets(path: Path, cells: IntArray, sets: Mapping[str, IntArray]) -> 
     corners = 4 if cells.shape[1] in (4, 10) else 8
     table = np.array(SIDES["tetra" if corners == 4 else "hexahedron"])
     sides = np.sort(cells[:, table].reshape(-1, table.shape[1]), axis=1)
-    place = {key.tobytes(): number for number, key in enumerate(np.ascontiguousarray(sides))}
+    number_of = {key.tobytes(): number for number, key in enumerate(np.ascontiguousarray(sides))}
     with netCDF4.Dataset(str(path), "a") as file:
-        for known in ("eb_prop1", "ns_prop1"):  # meshio counts from 0, which is no number of a set
-            if known in file.variables:
-                file.variables[known][:] += 1
+        # meshio counts from 0, which is no number of a set
+        for numbering in ("eb_prop1", "ns_prop1"):
+            if numbering in file.variables:
+                file.variables[numbering][:] += 1
         file.createDimension("num_side_sets", len(sets))
         numbers = file.createVariable("ss_prop1", "i4", ("num_side_sets",))
         numbers.setncattr("name", "ID")
@@ -210,16 +213,18 @@ def add_side_sets(path: Path, cells: IntArray, sets: Mapping[str, IntArray]) -> 
         names = file.createVariable("ss_names", "S1", ("num_side_sets", "len_string"))
         for index, (name, facets) in enumerate(sets.items()):
             keys = np.ascontiguousarray(np.sort(facets, axis=1))
-            found = np.array([place[key.tobytes()] for key in keys])
+            side_numbers = np.array([number_of[key.tobytes()] for key in keys])
             numbers[index], status[index] = index + 1, 1
             names[index] = np.frombuffer(name.encode().ljust(LONGEST_NAME + 1, b"\0"), dtype="S1")
-            file.createDimension(f"num_side_ss{index + 1}", len(found))
+            file.createDimension(f"num_side_ss{index + 1}", len(side_numbers))
             elements = file.createVariable(
                 f"elem_ss{index + 1}", "i4", (f"num_side_ss{index + 1}",)
             )
-            elements[:] = found // len(table) + 1
-            own = file.createVariable(f"side_ss{index + 1}", "i4", (f"num_side_ss{index + 1}",))
-            own[:] = found % len(table) + 1
+            elements[:] = side_numbers // len(table) + 1
+            side_variable = file.createVariable(
+                f"side_ss{index + 1}", "i4", (f"num_side_ss{index + 1}",)
+            )
+            side_variable[:] = side_numbers % len(table) + 1
 
 
 def perform_job(job: MeshJob) -> MeshData:

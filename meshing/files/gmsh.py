@@ -32,8 +32,8 @@ def read_gmsh(path: Path) -> RawMesh:
     try:
         gmsh.option.setNumber("General.Terminal", 0)
         # gmsh runs a script beside a mesh, of its name and .opt: beside a link there is none
-        with tempfile.TemporaryDirectory() as place:
-            (link := Path(place, "mesh.msh")).symlink_to(path.absolute())
+        with tempfile.TemporaryDirectory() as folder:
+            (link := Path(folder, "mesh.msh")).symlink_to(path.absolute())
             gmsh.open(str(link))
         tags, coordinates, _ = gmsh.model.mesh.getNodes()
         row = np.full(int(tags.max(initial=0)) + 1, -1, dtype=np.int64)
@@ -54,7 +54,7 @@ def read_gmsh(path: Path) -> RawMesh:
 
 def _add_cells(raw: RawMesh, entity: int, row: IntArray) -> IntArray:
     """Add the cells of a volume, and return what they count as."""
-    found: list[IntArray] = [np.zeros(0, dtype=np.int64)]
+    cell_numbers: list[IntArray] = [np.zeros(0, dtype=np.int64)]
     types, tags, nodes = gmsh.model.mesh.getElements(3, entity)
     for kind, numbers, block in zip(types, tags, nodes, strict=True):
         name, _, _, count, _, _ = gmsh.model.mesh.getElementProperties(kind)
@@ -62,8 +62,10 @@ def _add_cells(raw: RawMesh, entity: int, row: IntArray) -> IntArray:
         if family is None:
             raise MeshError(f"cells of the kind {name} are not read")
         rows = row[np.asarray(block, dtype=np.int64)].reshape(-1, count)
-        found.append(raw.add_solids(family, rows, numbers=np.asarray(numbers, dtype=np.int64)))
-    return np.concatenate(found)
+        cell_numbers.append(
+            raw.add_solids(family, rows, numbers=np.asarray(numbers, dtype=np.int64))
+        )
+    return np.concatenate(cell_numbers)
 
 
 def _check_counts(path: Path) -> None:
@@ -83,11 +85,11 @@ def _check_counts(path: Path) -> None:
         for line in file:
             section = line.strip()
             if section in (b"$Nodes", b"$Elements"):
-                stated, found = _count_section(file, section, version)
-                if stated != found:
+                stated, counted = _count_section(file, section, version)
+                if stated != counted:
                     name = section.decode()[1:].lower()
                     raise MeshError(
-                        f"{path.name}: {name} take {stated} lines by their counts, the file holds {found}; it is damaged"
+                        f"{path.name}: {name} take {stated} lines by their counts, the file holds {counted}; it is damaged"
                     )
 
 
@@ -103,11 +105,11 @@ def _count_section(file: BinaryIO, section: bytes, version: bytes) -> tuple[int,
         raise MeshError(
             f"{section.decode()} does not begin with its counts; the file is damaged"
         ) from error
-    end, found = section.replace(b"$", b"$End"), 0
+    end, counted = section.replace(b"$", b"$End"), 0
     for line in file:
         if line.strip() == end:
-            return stated, found
-        found += bool(line.strip())
+            return stated, counted
+        counted += bool(line.strip())
     raise MeshError(f"{section.decode()} has no end; the file is cut short")
 
 

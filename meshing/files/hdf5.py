@@ -73,7 +73,7 @@ class GuardedXdmf(XdmfReader):  # type: ignore[misc]
         if form == "XML":
             item.set("Format", "XML")
             return np.asarray(self._read_data_item(item))
-        name, colon, place = text.rpartition(":")
+        name, colon, array_path = text.rpartition(":")
         if form != "HDF" or not colon:
             raise MeshError(
                 f"{self.filename.name}: data of format {form!r} are not read; write HDF or XML"
@@ -81,7 +81,7 @@ class GuardedXdmf(XdmfReader):  # type: ignore[misc]
         if name.strip() not in self.files:
             raise MeshError(f"{self.filename.name} reads {text!r}, which is no HDF5 file beside it")
         with h5py.File(self.files[name.strip()], "r") as file:
-            array = read_plain(file, place.strip())
+            array = read_plain(file, array_path.strip())
         stated = [int(size) for size in (item.get("Dimensions") or "").split()]
         if math.prod(stated) != array.size:
             raise MeshError(
@@ -178,14 +178,14 @@ def _refuse_entities(text: bytes, name: str) -> None:
 
 def _find_cells(raw: RawMesh, kind: str, nodes: IntArray) -> IntArray:
     """Find which solid cells have the nodes of others, ``(n,)``; none where one of them has not."""
-    known: dict[bytes, int] = {}
+    number_of: dict[bytes, int] = {}
     start = 0
     for block in raw.solids if is_solid(kind) else ():
         keys = np.sort(block.nodes, axis=1)
-        known |= {key.tobytes(): start + place for place, key in enumerate(keys)}
+        number_of |= {key.tobytes(): start + index for index, key in enumerate(keys)}
         start += len(keys)
-    found = [known.get(key.tobytes(), -1) for key in np.sort(nodes, axis=1)]
-    return np.array([] if -1 in found else found, dtype=np.int64)
+    matches = [number_of.get(key.tobytes(), -1) for key in np.sort(nodes, axis=1)]
+    return np.array([] if -1 in matches else matches, dtype=np.int64)
 
 
 def _xdmf_points(reader: GuardedXdmf, geometry: ElementTree.Element) -> FloatArray:
@@ -217,21 +217,21 @@ def _split_mixed(name: str, values: IntArray) -> Iterator[tuple[str, IntArray]]:
     """Yield the blocks of cells of a mixed topology: per cell its type, for points and lines their
     count, and its nodes.
     """
-    place, current = 0, ""
+    position, current = 0, ""
     rows: list[list[int]] = []
     numbers = [int(value) for value in values]
-    while place < len(numbers):
-        kind = xdmf_idx_to_meshio_type.get(numbers[place])
+    while position < len(numbers):
+        kind = xdmf_idx_to_meshio_type.get(numbers[position])
         if kind is None:
-            raise MeshError(f"{name}: cells of the type {numbers[place]} are not known")
-        start = place + (2 if kind in ("vertex", "line") else 1)
-        place = start + _node_count(kind)
+            raise MeshError(f"{name}: cells of the type {numbers[position]} are not known")
+        start = position + (2 if kind in ("vertex", "line") else 1)
+        position = start + _node_count(kind)
         if kind != current and rows:
             yield current, np.array(rows, dtype=np.int64)
             rows = []
         current = kind
-        rows.append(numbers[start:place])
-        if place > len(numbers):
+        rows.append(numbers[start:position])
+        if position > len(numbers):
             raise MeshError(f"{name}: the list of cells is cut short")
     if rows:
         yield current, np.array(rows, dtype=np.int64)
@@ -281,10 +281,10 @@ def _add_tags(
         ]
         if not tagged:
             continue
-        found = np.unique(np.concatenate([tags for _, _, tags in tagged]))
-        for value in found:
+        tag_values = np.unique(np.concatenate([tags for _, _, tags in tagged]))
+        for value in tag_values:
             for kind, nodes, tags in tagged:
-                label = name if len(found) == 1 else f"{name}_{value}"
+                label = name if len(tag_values) == 1 else f"{name}_{value}"
                 raw.add_facets(label, kind, nodes[tags == value])
 
 
@@ -343,14 +343,14 @@ def read_med(path: Path) -> RawMesh:
                     continue  # points, lines, polygons
                 raise MeshError(f"{path.name}: cells of the type {code!r} are not read")
             nodes = read_plain(cells, "NOD").reshape(_node_count(kind), -1).T.astype(np.int64) - 1
-            own = raw.add_cells(kind, nodes)
+            numbers = raw.add_cells(kind, nodes)
             if "FAM" not in cells:
                 continue
             tags = read_plain(cells, "FAM")
             for number, names in groups[CELL_FAMILIES].items():
                 for group in names:
                     if is_solid(kind):
-                        solids.setdefault(group, []).append(own[tags == number])
+                        solids.setdefault(group, []).append(numbers[tags == number])
                     else:
                         raw.add_facets(group, kind, nodes[tags == number])
     for group, parts in solids.items():
@@ -360,15 +360,15 @@ def read_med(path: Path) -> RawMesh:
 
 def _med_groups(families: h5py.Group) -> dict[int, list[str]]:
     """Return the names of the groups that each family belongs to, by its number."""
-    found: dict[int, list[str]] = {}
+    groups: dict[int, list[str]] = {}
     for family in families.values():
         if "GRO" in family:
             rows = read_plain(family, "GRO/NOM").astype(np.uint8).reshape(-1, MED_NAME_BYTES)
-            found[int(family.attrs["NUM"])] = [
+            groups[int(family.attrs["NUM"])] = [
                 row.tobytes().partition(b"\0")[0].decode("utf-8", errors="replace").strip()
                 for row in rows
             ]
-    return found
+    return groups
 
 
 def perform_job(job: MeshJob) -> MeshData:

@@ -154,9 +154,11 @@ def read_nastran(path: Path) -> RawMesh:
         unnamed = _unnamed_properties(cards[name], shells)
         corners = 3 if count in (3, 6) else 4
         for card in cards[name]:
-            own = card.integer(1, card.integer(0))
-            surfaces[own].append([nodes.row(card, 2 + corner) for corner in range(corners)])
-            left_out[name] += own in shells
+            card_property = card.integer(1, card.integer(0))
+            surfaces[card_property].append(
+                [nodes.row(card, 2 + corner) for corner in range(corners)]
+            )
+            left_out[name] += card_property in shells
         for number, rows in surfaces.items():
             if number in unnamed:
                 continue
@@ -234,19 +236,21 @@ def _add_steps(path: Path, before: Line, steps: Sequence[str]) -> list[str]:
     Raises:
         MeshError: A field to which something is added is no number.
     """
-    known = Card(f"{path.name}:{before.number}", before.name, before.fields)
+    previous = Card(f"{path.name}:{before.number}", before.name, before.fields)
     fields: list[str] = []
-    for place, (text, step) in enumerate(zip(before.fields, steps, strict=True)):
+    for column, (text, step) in enumerate(zip(before.fields, steps, strict=True)):
         if step == "==":
-            return fields + before.fields[place:]
-        found = _STEP.match(step)
-        if found is None:
+            return fields + before.fields[column:]
+        match = _STEP.match(step)
+        if match is None:
             fields.append(text if step == "=" else step)
             continue
-        added = Card(known.place, before.name, ["", found[1]])
-        whole = text.lstrip("+-").isdigit() and found[1].lstrip("+-").isdigit()
+        added = Card(previous.place, before.name, ["", match[1]])
+        whole = text.lstrip("+-").isdigit() and match[1].lstrip("+-").isdigit()
         total = (
-            known.integer(place) + added.integer(1) if whole else known.real(place) + added.real(1)
+            previous.integer(column) + added.integer(1)
+            if whole
+            else previous.real(column) + added.real(1)
         )
         fields.append(repr(total))
     return fields
@@ -300,21 +304,21 @@ def _join_lines(path: Path, lines: Iterator[Line]) -> Iterator[Card]:
             continue
         before = row - 1
         if line.label and (before < 0 or every[before].mark != line.label):
-            found = marks.get(line.label, -1)
-            before = before if found in (-1, row) else found
+            continued = marks.get(line.label, -1)
+            before = before if continued in (-1, row) else continued
         if before < 0 or before in following:
             raise MeshError(f"{path.name}:{line.number}: there is no card that this line continues")
         following[before] = row
     for row, line in enumerate(every):
         if not line.name:
             continue
-        fields, place, beyond = list(line.fields), row, line.beyond
-        while place in following:
-            place = following[place]
-            if len(every[place].fields) == FIELDS and len(fields) % FIELDS:
+        fields, line_index, beyond = list(line.fields), row, line.beyond
+        while line_index in following:
+            line_index = following[line_index]
+            if len(every[line_index].fields) == FIELDS and len(fields) % FIELDS:
                 fields += [""] * (FIELDS // 2)
-            fields += every[place].fields
-            beyond = max(beyond, every[place].beyond)
+            fields += every[line_index].fields
+            beyond = max(beyond, every[line_index].beyond)
         # meshio marks cells of second order so
         name = line.name.rstrip("*").rstrip("_ ")
         if name in READ and beyond:
@@ -347,16 +351,16 @@ class _Nodes:
                         self.systems[number] = (card, start)
         default = next((card.integer(1) for card in self.cards.get("GRDSET", ())), 0)
         for card in self.cards.get("GRID", ()):
-            number, own = card.integer(0, -1), (card.integer(1, default), card.vector(2))
+            number, entry = card.integer(0, -1), (card.integer(1, default), card.vector(2))
             if number < 1:
                 raise MeshError(f"{card.place}: a GRID without a number")
             if number in self.rows:
-                known = self.given[self.rows[number]]
-                if known[0] != own[0] or not np.array_equal(known[1], own[1]):
+                earlier = self.given[self.rows[number]]
+                if earlier[0] != entry[0] or not np.array_equal(earlier[1], entry[1]):
                     raise MeshError(f"{card.place}: grid point {number} is defined twice")
                 continue
             self.rows[number] = len(self.given)
-            self.given.append(own)
+            self.given.append(entry)
 
     def row(self, card: Card, index: int) -> int:
         """Return the row of the grid point in a field; -1 where it is blank or zero."""
@@ -373,7 +377,7 @@ class _Nodes:
         """Return the positions ``(n, 3)`` in the basic system."""
         result = np.zeros((len(self.given), 3))
         numbers = np.array([system for system, _ in self.given], dtype=np.int64)
-        values = np.array([own for _, own in self.given]).reshape(-1, 3)
+        values = np.array([coordinates for _, coordinates in self.given]).reshape(-1, 3)
         for system in np.unique(numbers):
             mine = numbers == system
             result[mine] = self._place(int(system), values[mine])
@@ -409,8 +413,8 @@ class _Nodes:
         if card.name.startswith("CORD1"):
             points = np.concatenate([self._grid(card, start + 1 + i) for i in range(3)])
         else:
-            own = np.stack([card.vector(2 + 3 * i) for i in range(3)])
-            points = self._place(card.integer(1), own)
+            given_points = np.stack([card.vector(2 + 3 * i) for i in range(3)])
+            points = self._place(card.integer(1), given_points)
         self.pending.pop()
         origin, on_axis, in_plane = points
         z = on_axis - origin
@@ -439,20 +443,23 @@ def _add_solids(raw: RawMesh, nodes: _Nodes, cards: Mapping[str, Sequence[Card]]
     solids = {card.integer(0): card for card in cards.get("PSOLID", ())}
     values = {card.integer(0): card for card in cards.get("MAT1", ())}
     for name, (family, most) in SOLIDS.items():
-        found = cards.get(name, ())
+        solid_cards = cards.get(name, ())
         first = CORNERS[family]
-        rows = np.full((len(found), most), -1, dtype=np.int64)
-        numbers, owners = (np.zeros(len(found), dtype=np.int64) for _ in range(2))
-        for place, card in enumerate(found):
-            own = [nodes.row(card, index) for index in range(2, len(card.fields))]
-            if any(row >= 0 for row in own[most:]) or min([*own[:first], len(own) - first]) < 0:
+        rows = np.full((len(solid_cards), most), -1, dtype=np.int64)
+        numbers, owners = (np.zeros(len(solid_cards), dtype=np.int64) for _ in range(2))
+        for row_index, card in enumerate(solid_cards):
+            nodes_of = [nodes.row(card, index) for index in range(2, len(card.fields))]
+            if (
+                any(row >= 0 for row in nodes_of[most:])
+                or min([*nodes_of[:first], len(nodes_of) - first]) < 0
+            ):
                 raise MeshError(
                     f"{card.place}: {name} {card.integer(0)} needs {first} corners and has at most {most} nodes"
                 )
-            rows[place, : len(own[:most])] = own[:most]
-            numbers[place] = card.integer(0)
-            owners[place] = card.integer(1, card.integer(0))
-        unnamed = _unnamed_properties(found, solids)
+            rows[row_index, : len(nodes_of[:most])] = nodes_of[:most]
+            numbers[row_index] = card.integer(0)
+            owners[row_index] = card.integer(1, card.integer(0))
+        unnamed = _unnamed_properties(solid_cards, solids)
         for chosen in ((rows[:, first:] >= 0).any(axis=1), (rows[:, first:] < 0).all(axis=1)):
             block = rows[chosen]
             straight = len(block) and (block[:, first:] < 0).all()
@@ -483,10 +490,10 @@ def _add_solids(raw: RawMesh, nodes: _Nodes, cards: Mapping[str, Sequence[Card]]
 
 def _refuse_repeated_numbers(path: Path, raw: RawMesh) -> None:
     """Refuse different cells of one number; equal ones are counted with what is in the file twice."""
-    known: dict[int, bytes] = {}
+    cells_by_number: dict[int, bytes] = {}
     for block in raw.solids:
         for number, row in zip(block.numbers, block.nodes, strict=True):
-            if known.setdefault(int(number), row.tobytes()) != row.tobytes():
+            if cells_by_number.setdefault(int(number), row.tobytes()) != row.tobytes():
                 raise MeshError(f"{path.name}: element {number} is defined twice")
 
 
@@ -494,12 +501,12 @@ def _node_sets(
     text: str, cards: Mapping[str, Sequence[Card]], nodes: _Nodes
 ) -> Iterator[tuple[str, IntArray]]:
     """Yield the name and rows of the nodes of each card that lists nodes."""
-    known = np.array(sorted(nodes.rows), dtype=np.int64)
-    rows = np.array([nodes.rows[int(number)] for number in known], dtype=np.int64)
+    grid_numbers = np.array(sorted(nodes.rows), dtype=np.int64)
+    rows = np.array([nodes.rows[int(number)] for number in grid_numbers], dtype=np.int64)
 
     def find(card: Card, start: int) -> tuple[IntArray, bool]:
         """Return the rows of the nodes that are listed, and whether all numbers are of nodes."""
-        mine = np.zeros(len(known), dtype=bool)
+        mine = np.zeros(len(grid_numbers), dtype=bool)
         words = [word for word in card.fields[start:] if word]
         single = []
         for at, word in enumerate(words):
@@ -512,19 +519,19 @@ def _node_sets(
                 raise MeshError(
                     f"{card.place}: {card.name}: a range of numbers has no end"
                 ) from None
-            mine |= (known >= first) & (known <= last)
+            mine |= (grid_numbers >= first) & (grid_numbers <= last)
         try:
             numbers = np.array([int(word) for word in single], dtype=np.int64)
         except (ValueError, OverflowError):
             return rows[:0], False
-        mine |= np.isin(known, numbers)
-        return rows[mine], bool(np.isin(numbers, known).all()) and bool(mine.any())
+        mine |= np.isin(grid_numbers, numbers)
+        return rows[mine], bool(np.isin(numbers, grid_numbers).all()) and bool(mine.any())
 
     for card in cards.get("SPC1", ()):
         yield f"spc_{card.integer(0)}", find(card, 2)[0]
     for card in cards.get("SPC", ()):
-        found = [nodes.rows[n] for n in (card.integer(1), card.integer(4)) if n in nodes.rows]
-        yield f"spc_{card.integer(0)}", np.array(found, dtype=np.int64)
+        set_rows = [nodes.rows[n] for n in (card.integer(1), card.integer(4)) if n in nodes.rows]
+        yield f"spc_{card.integer(0)}", np.array(set_rows, dtype=np.int64)
     comments = {number: (kind, name) for number, kind, name in _SET_NAME.findall(text)}
     for card in cards.get("SET1", ()):
         number = str(card.integer(0))

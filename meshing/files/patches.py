@@ -89,9 +89,9 @@ def available_names(data: MeshData, surface: MeshSurface) -> str:
 
 
 def _named_facets(data: MeshData, surface: MeshSurface, name: str) -> IntArray:
-    found = _find(data.facets, name)
-    if found is not None:
-        facets = data.facets[found]
+    named = _find(data.facets, name)
+    if named is not None:
+        facets = data.facets[named]
         if facets.shape[1] != surface.corners or (facets < 0).any():
             raise MeshError(
                 f"set {name!r} holds surface elements that are not faces of the solid cells"
@@ -102,9 +102,9 @@ def _named_facets(data: MeshData, surface: MeshSurface, name: str) -> IntArray:
                 f"{missing} of {len(facets)} facets of set {name!r} are not on the surface of the mesh"
             )
         return matched
-    found = _find(data.node_sets, name)
-    if found is not None:
-        return facets_within(surface, data.node_sets[found])
+    named = _find(data.node_sets, name)
+    if named is not None:
+        return facets_within(surface, data.node_sets[named])
     raise MeshError(f"there is no set {name!r}; available: {available_names(data, surface)}")
 
 

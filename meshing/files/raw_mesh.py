@@ -119,8 +119,10 @@ class RawMesh:
             groups = (*edges, *groups[len(FAMILY_EDGES[family]) :])
         count = start + np.arange(len(nodes))
         if len(nodes):
-            own = count + 1 if numbers is None else numbers
-            block = SolidBlock(family, nodes.astype(np.int64), groups, edges is not None, own)
+            cell_numbers = count + 1 if numbers is None else numbers
+            block = SolidBlock(
+                family, nodes.astype(np.int64), groups, edges is not None, cell_numbers
+            )
             self.solids.append(block)
         return count
 

@@ -83,7 +83,7 @@ def gather_cells(path: Path, points: FloatArray, blocks: Sequence[SolidBlock]) -
     Raises:
         MeshError: Cells lack corners, or mid-side nodes lie at no sides.
     """
-    found: dict[SolidFamily, list[SolidCells]] = {}
+    by_family: dict[SolidFamily, list[SolidCells]] = {}
     start = 0
     for block in blocks:
         first, count = CORNERS[block.family], len(block.nodes)
@@ -99,7 +99,7 @@ def gather_cells(path: Path, points: FloatArray, blocks: Sequence[SolidBlock]) -
         cells = SolidCells(block.family, full, start + np.arange(count))
         if count and np.median(np.sign(signed_volumes(points, cells))) < 0:
             cells = mirror_cells(cells, np.ones(count, dtype=bool))
-        found.setdefault(block.family, []).append(cells)
+        by_family.setdefault(block.family, []).append(cells)
         start += count
     return [
         SolidCells(
@@ -107,7 +107,7 @@ def gather_cells(path: Path, points: FloatArray, blocks: Sequence[SolidBlock]) -
             np.concatenate([part.nodes for part in parts]),
             np.concatenate([part.index for part in parts]),
         )
-        for family, parts in found.items()
+        for family, parts in by_family.items()
     ]
 
 
@@ -334,14 +334,16 @@ def cut_to_tets(
             if len(group) == 4:
                 rows = np.concatenate([rows, collapsed])
             ends = np.sort(cells.corners[rows][:, list(pair)], axis=1)
-            found = _pair_keys(ends, len(points)), _group_middles(points, cells, rows, group)
-            (diagonals if len(group) == 4 else bodies).append(found)
+            middle_keys = _pair_keys(ends, len(points)), _group_middles(points, cells, rows, group)
+            (diagonals if len(group) == 4 else bodies).append(middle_keys)
     diagonals += [*bodies, (np.zeros(0, dtype=np.int64), np.zeros((0, 3)))]
     keys, first = np.unique(np.concatenate(edge_keys), return_index=True)
     nodes = np.concatenate(edge_nodes)[first]
-    others, where = np.unique(np.concatenate([own for own, _ in diagonals]), return_index=True)
+    others, where = np.unique(
+        np.concatenate([pair_keys for pair_keys, _ in diagonals]), return_index=True
+    )
     new = ~np.isin(others, keys)
-    places = np.concatenate([own for _, own in diagonals])[where[new]]
+    places = np.concatenate([pair_keys for _, pair_keys in diagonals])[where[new]]
     keys = np.concatenate([keys, others[new]])
     nodes = np.concatenate([nodes, len(points) + np.arange(len(places))])
     order = np.argsort(keys)
@@ -356,12 +358,12 @@ def _list_diagonals(family: SolidFamily) -> list[tuple[tuple[int, int], Group]]:
     body, that they cross.
     """
     edges = FAMILY_EDGES[family]
-    known = {frozenset(edge) for edge in edges}
+    edge_sets = {frozenset(edge) for edge in edges}
     groups = all_groups(family)[len(edges) :]
     return [
         (pair, next((group for group in groups if set(pair) <= set(group)), groups[-1]))
         for pair in combinations(range(CORNERS[family]), 2)
-        if frozenset(pair) not in known
+        if frozenset(pair) not in edge_sets
     ]
 
 

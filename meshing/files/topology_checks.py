@@ -72,9 +72,9 @@ def list_faces(every: Sequence[SolidCells]) -> Faces:
     for cells in every:
         corners = cells.corners
         for face in FAMILY_FACES[cells.family]:
-            own = np.full((len(corners), 4), -1, dtype=np.int64)
-            own[:, : len(face)] = corners[:, list(face)]
-            nodes.append(own)
+            sorted_corners = np.full((len(corners), 4), -1, dtype=np.int64)
+            sorted_corners[:, : len(face)] = corners[:, list(face)]
+            nodes.append(sorted_corners)
             owners.append(cells.index)
     rows, owner = np.concatenate(nodes), np.concatenate(owners)
     count = (rows >= 0).sum(axis=1)
@@ -112,19 +112,19 @@ def drop_repeated_cells(
         same = np.concatenate([[False], ~np.diff(keys[order], axis=0).any(axis=1)])
         first = order[np.maximum.accumulate(np.where(same, 0, np.arange(len(order))))]
         twice = np.flatnonzero(same)
-        for place in twice:
-            own, other = order[place], first[place]
-            names = f"elements {numbers[cells.index[other]]} and {numbers[cells.index[own]]}"
-            left, right = materials[cells.index[own]], materials[cells.index[other]]
+        for repeated in twice:
+            later, other = order[repeated], first[repeated]
+            names = f"elements {numbers[cells.index[other]]} and {numbers[cells.index[later]]}"
+            left, right = materials[cells.index[later]], materials[cells.index[other]]
             if left != right:
                 raise MeshError(
                     f"{path.name}: {names} have the same corners and different materials; delete one of them"
                 )
-            if not set(cells.nodes[own].tolist()) <= {-1, *cells.nodes[other].tolist()}:
+            if not set(cells.nodes[later].tolist()) <= {-1, *cells.nodes[other].tolist()}:
                 raise MeshError(
                     f"{path.name}: {names} have the same corners and different nodes between; delete one of them"
                 )
-            pairs.append((numbers[cells.index[other]], numbers[cells.index[own]]))
+            pairs.append((numbers[cells.index[other]], numbers[cells.index[later]]))
         stays = np.ones(len(cells.index), dtype=bool)
         stays[order[twice]] = False
         kept.append(SolidCells(cells.family, cells.nodes[stays], cells.index[stays]))
@@ -202,10 +202,10 @@ def check_one_solid(
     crowded = np.flatnonzero(lengths > 2)
     if len(crowded):
         start, length = starts[crowded[0]], lengths[crowded[0]]
-        own = numbers[np.sort(faces.owners[order[start : start + length]])]
+        sharing = numbers[np.sort(faces.owners[order[start : start + length]])]
         raise MeshError(
             f"{path.name}: {len(crowded)} faces belong to more than two cells, the first to elements "
-            f"{_listed(own)}: cells overlap; delete what is not of the part"
+            f"{_listed(sharing)}: cells overlap; delete what is not of the part"
         )
     if len(every) > 1:
         _check_cuts(path, every, numbers, faces)
@@ -279,8 +279,8 @@ def _check_connected(
     index = np.unique(np.concatenate([cells.index for cells in every]))
     size = 1 + int(index.max())
     parts = _count_sets(size, left, right)[index]
-    found = np.unique(parts)
-    if len(found) < 2:
+    numbers = np.unique(parts)
+    if len(numbers) < 2:
         return
     nodes = np.concatenate([cells.corners.ravel() for cells in every])
     cell = np.concatenate([np.repeat(cells.index, CORNERS[cells.family]) for cells in every])
@@ -302,7 +302,7 @@ def _check_connected(
             f"{path.name}: the mesh falls into {apart} parts that share no node ({sizes}); {remedy}"
         )
     raise MeshError(
-        f"{path.name}: the mesh falls into {len(found)} parts that meet in single nodes or edges only ({sizes}), as "
+        f"{path.name}: the mesh falls into {len(numbers)} parts that meet in single nodes or edges only ({sizes}), as "
         f"hinges do; {remedy}"
     )
 
@@ -364,10 +364,12 @@ def _find_covered_faces(
         tree = cKDTree(centers[mine])
         for start in range(0, len(places), CHUNK):
             near = tree.query_ball_point(places[start : start + CHUNK], 2.0 ** (octave + 1))
-            face = start + np.repeat(np.arange(len(near)), [len(found) for found in near])
+            face = start + np.repeat(np.arange(len(near)), [len(cells_near) for cells_near in near])
             if not len(face):
                 continue
-            tet = mine[np.concatenate([np.array(found, dtype=np.int64) for found in near])]
+            tet = mine[
+                np.concatenate([np.array(cells_near, dtype=np.int64) for cells_near in near])
+            ]
             near_box = (low[tet] <= places[face]) & (places[face] <= high[tet])
             other = near_box.all(axis=1) & (owners[tet] != face_owners[face])
             face, tet = face[other], tet[other]

@@ -60,8 +60,8 @@ def encode_mesh(mesh: ComponentMesh, path: Path) -> dict[str, bytes]:
     with tempfile.TemporaryDirectory() as folder:
         WRITERS[form](mesh, Path(folder, path.name))
         # an XDMF file is complete only with its arrays
-        found = sorted(Path(folder).iterdir(), key=lambda file: file.name == path.name)
-        return {file.name: file.read_bytes() for file in found}
+        files = sorted(Path(folder).iterdir(), key=lambda file: file.name == path.name)
+        return {file.name: file.read_bytes() for file in files}
 
 
 class _GridWriter(XdmfWriter):  # type: ignore[misc]
@@ -79,10 +79,10 @@ class _GridWriter(XdmfWriter):  # type: ignore[misc]
             self.write_cells(mesh.cells, grid)
             (geometry,) = grid.findall("Geometry")
             for name, facets in sets.items():
-                own = ElementTree.SubElement(domain, "Grid", Name=name, GridType="Uniform")
-                own.append(geometry)
-                self.write_cells(facets.cells, own)
-                self.write_cell_data(facets.cell_data, own)
+                grid_element = ElementTree.SubElement(domain, "Grid", Name=name, GridType="Uniform")
+                grid_element.append(geometry)
+                self.write_cells(facets.cells, grid_element)
+                self.write_cell_data(facets.cell_data, grid_element)
         ElementTree.indent(root)
         path.write_bytes(ElementTree.tostring(root, encoding="utf-8", xml_declaration=True))
 
@@ -158,10 +158,10 @@ def _families(
         return np.zeros((0, 1), dtype=np.int64), np.zeros(0, dtype=np.int64), {}
     rows = np.concatenate(list(sets.values()))
     keys = np.sort(rows, axis=1)
-    _, first, place = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    _, first, family_of = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     inside = np.zeros((len(first), len(sets)), dtype=bool)
     owner = np.repeat(np.arange(len(sets)), [len(members) for members in sets.values()])
-    inside[place.ravel(), owner] = True
+    inside[family_of.ravel(), owner] = True
     combinations, family = np.unique(inside, axis=0, return_inverse=True)
     names = np.array(list(sets), dtype=object)
     groups = {number: list(names[row]) for number, row in enumerate(combinations, 1)}
@@ -233,8 +233,8 @@ def _order_cells(
     family, first = cell_family(mesh.kind), corner_count(mesh.kind)
     order = list(range(first))
     if NODE_COUNTS[mesh.kind] > first:
-        place = {frozenset(edge): first + i for i, edge in enumerate(EDGES[family])}
-        order += [place[frozenset(edge)] for edge in edges]
+        position_of = {frozenset(edge): first + i for i, edge in enumerate(EDGES[family])}
+        order += [position_of[frozenset(edge)] for edge in edges]
     if mesh.kind == "hex27":
         middles = {frozenset(facet): 20 + i for i, facet in enumerate(FACETS["hex"])}
         order += [26 if face is None else middles[frozenset(face)] for face in faces]
@@ -250,9 +250,9 @@ def _with_twenty_nodes(mesh: ComponentMesh, path: Path) -> ComponentMesh:
     if mesh.kind != "hex27":
         return mesh
     used = np.unique(mesh.cells[:, :20])
-    place = np.full(len(mesh.points), -1, dtype=np.int64)
-    place[used] = np.arange(len(used))
-    cells, points = place[mesh.cells[:, :20]], mesh.points[used]
+    row_of = np.full(len(mesh.points), -1, dtype=np.int64)
+    row_of[used] = np.arange(len(used))
+    cells, points = row_of[mesh.cells[:, :20]], mesh.points[used]
     completed, whole = complete_hexes(points, cells)
     away = np.abs(completed[whole[:, 20:]] - mesh.points[mesh.cells[:, 20:]]).max()
     if away > SAME_SHAPE * float(np.ptp(mesh.points, axis=0).max()):
@@ -261,7 +261,7 @@ def _with_twenty_nodes(mesh: ComponentMesh, path: Path) -> ComponentMesh:
             "write .xdmf or .exo"
         )
     patches = {
-        name: place[facets[:, :8]] if facets.shape[1] == 9 else place[facets]
+        name: row_of[facets[:, :8]] if facets.shape[1] == 9 else row_of[facets]
         for name, facets in mesh.patches.items()
     }
     return ComponentMesh(points, cells, "hex20", mesh.straight, patches, mesh.quality)

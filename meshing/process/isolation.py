@@ -383,8 +383,8 @@ def _build_view(opened: dict[str, int]) -> None:
                 Path(STAGE + path).open("wb") as copy,
             ):
                 shutil.copyfileobj(source_file, copy)
-    for place in ("/tmp", str(folder)):
-        Path(STAGE + place).mkdir(parents=True, exist_ok=True)
+    for target in ("/tmp", str(folder)):
+        Path(STAGE + target).mkdir(parents=True, exist_ok=True)
     os.chdir(STAGE)
     # the old root comes to lie on top of the new one and is taken away (pivot_root(2), notes)
     _syscall(SYS_PIVOT_ROOT[os.uname().machine], b".", b".")

@@ -163,8 +163,10 @@ def write_data(file: BinaryIO, data: MeshData) -> None:
     if data.left_out is not None:
         arrays |= {f"left_out_{name}": array for name, array in vars(data.left_out).items()}
     if data.properties is not None:
-        found = dataclasses.asdict(data.properties)
-        meta["properties"] = json.loads(json.dumps(found, default=lambda array: array.tolist()))
+        properties = dataclasses.asdict(data.properties)
+        meta["properties"] = json.loads(
+            json.dumps(properties, default=lambda array: array.tolist())
+        )
     np.savez(file, meta=np.array(json.dumps(meta)), **arrays)  # type: ignore[arg-type]
 
 

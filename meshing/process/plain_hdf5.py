@@ -31,7 +31,7 @@ def plain_objects(
         error: Raised for the first thing that is not in the file itself, or is too large.
         names: Of the members of the group to look at; None for all.
     """
-    seen: set[int] = set()
+    visited: set[int] = set()
     claimed, held = 0, 0
     waiting: list[tuple[h5py.Group, str]] = [
         (start, name) for name in (start if names is None else names) if name in start
@@ -45,11 +45,11 @@ def plain_objects(
             )
         item = group[name]
         address = h5py.h5o.get_info(item.id).addr
-        if address in seen or len(seen) >= MOST_OBJECTS:
+        if address in visited or len(visited) >= MOST_OBJECTS:
             raise error(
                 f"{where} is there twice, or the file holds more than {MOST_OBJECTS} objects"
             )
-        seen.add(address)
+        visited.add(address)
         if isinstance(item, h5py.Group):
             waiting += [(item, inner) for inner in item]
         elif isinstance(item, h5py.Dataset):

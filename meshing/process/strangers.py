@@ -100,13 +100,13 @@ def read_apart(
     status = require_size(path, kind, error)
     if status.st_size <= SMALL_BYTES:
         return reader(path, *arguments)
-    place = (path.absolute(), status.st_ino, status.st_size, status.st_mtime_ns)
-    key = (*place, reader.__module__, reader.__qualname__, arguments)
+    file_key = (path.absolute(), status.st_ino, status.st_size, status.st_mtime_ns)
+    key = (*file_key, reader.__module__, reader.__qualname__, arguments)
     if key not in _known:
-        found = _read_in_worker(path, status.st_size, reader, arguments, error)
+        arrays = _read_in_worker(path, status.st_size, reader, arguments, error)
         while len(_known) >= KEPT:
             del _known[next(iter(_known))]
-        _known[key] = found
+        _known[key] = arrays
     return _known[key]
 
 
@@ -152,7 +152,7 @@ def _read_in_worker(
         math.ceil(seconds),
         WALL_FACTOR * seconds,
     )
-    names = [f"{each.__module__}:{each.__qualname__}" for each in (reader, error)]
+    names = [f"{named.__module__}:{named.__qualname__}" for named in (reader, error)]
     with tempfile.TemporaryFile() as result:
         end = run_isolated(
             MODULE,
@@ -165,10 +165,10 @@ def _read_in_worker(
             raise error(_explain(path.name, end))
         result.seek(0)
         with np.load(result, allow_pickle=False) as store:
-            found = {name: store[name] for name in store.files}
-    for array in found.values():
+            arrays = {name: store[name] for name in store.files}
+    for array in arrays.values():
         array.setflags(write=False)
-    return found
+    return arrays
 
 
 def _explain(name: str, end: WorkerEnd) -> str:
@@ -192,12 +192,12 @@ def main(arguments: list[str]) -> int:
     _, _, content, result = accept_limits(arguments)
     path, *others = json.loads(content)
     try:
-        found = reader(Path(path), *others)
+        arrays = reader(Path(path), *others)
     except error as fault:
         sys.stderr.write("\n" + " ".join(str(fault).split()) + "\n")
         return REFUSED
     image = io.BytesIO()
-    np.savez(image, **found)
+    np.savez(image, **arrays)
     with open(int(result), "wb") as file:  # noqa: PTH123 (a number, not a path)
         file.write(image.getbuffer())
     return 0

@@ -144,16 +144,16 @@ def build_boundary_basis(
         if node.coupling != "rigid":
             continue
         fields, columns = node.fields(), node.columns(number)
-        own = np.ones(len(node.patch.nodes), dtype=bool)
+        sole = np.ones(len(node.patch.nodes), dtype=bool)
         for local, point in enumerate(node.patch.nodes):
             here = _PointOwner(columns, fields[3 * local : 3 * local + 3])
             rows += _shared_rows(
                 first_owner.get(int(point)), here, supported[3 * point : 3 * point + 3], size
             )
-            own[local] = int(point) not in first_owner
+            sole[local] = int(point) not in first_owner
             first_owner.setdefault(int(point), here)
         dofs = (3 * node.patch.nodes[:, None] + np.arange(3)).ravel()
-        free = np.repeat(own, 3) & ~supported[dofs]
+        free = np.repeat(sole, 3) & ~supported[dofs]
         shapes.append((dofs[free], fields[free], columns))
         fixed[dofs] = True
     constraints = _independent_rows(np.array(rows).reshape(len(rows), size))

@@ -152,13 +152,13 @@ def find_dofs(operators: ElasticOperators, dofs: IntArray) -> BoolArray:
 
 def _scatter_turned(held: HeldPoints, operators: ElasticOperators) -> FloatArray:
     """Return a column ``(3 n_owned, m)`` per point and turned direction that a support holds."""
-    found = np.zeros((len(operators.nodes), 3, len(held.nodes)))
+    columns = np.zeros((len(operators.nodes), 3, len(held.nodes)))
     order = np.argsort(operators.nodes)
     places = np.searchsorted(operators.nodes, held.nodes, sorter=order)
-    own = order[np.minimum(places, len(order) - 1)] if len(order) else np.zeros(0, dtype=int)
-    here = np.flatnonzero(operators.nodes[own] == held.nodes) if len(order) else own
-    found[own[here], :, here] = held.directions[here]
-    return found.reshape(-1, len(held.nodes))
+    local_rows = order[np.minimum(places, len(order) - 1)] if len(order) else np.zeros(0, dtype=int)
+    here = np.flatnonzero(operators.nodes[local_rows] == held.nodes) if len(order) else local_rows
+    columns[local_rows[here], :, here] = held.directions[here]
+    return columns.reshape(-1, len(held.nodes))
 
 
 def _scatter(operator: FloatArray, patch: MeshPatch, operators: ElasticOperators) -> FloatArray:
@@ -294,6 +294,6 @@ def _prescribe_patches(
     local = local_dofs(solver.operators)
     prescribed = np.zeros((len(local), means.boundary_size))
     for dofs, values, columns in basis.shapes:
-        _, given, own = np.intersect1d(dofs, local, assume_unique=True, return_indices=True)
-        prescribed[np.ix_(own, columns)] = values[given]
+        _, given, local_rows = np.intersect1d(dofs, local, assume_unique=True, return_indices=True)
+        prescribed[np.ix_(local_rows, columns)] = values[given]
     return prescribed

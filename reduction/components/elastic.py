@@ -177,9 +177,9 @@ def reduce_operators(
     remarks = make_of_mesh(comm, mesh, functools.partial(judge_element_order, component))
     basis = make_of_mesh(comm, mesh, lambda whole: build_boundary_basis(component, whole, supports))
     means = MeanConstraints(basis, operators)
-    own = [probe for probe in probes if probe.component == component.name]
+    component_probes = [probe for probe in probes if probe.component == component.name]
     places = make_of_mesh(
-        comm, mesh, lambda whole: find_probe_places(component, whole, supports, own)
+        comm, mesh, lambda whole: find_probe_places(component, whole, supports, component_probes)
     )
     method: SolverMethod = "direct" if operators.corners is None else "iterative"
     fixed = find_dofs(operators, basis.fixed)
@@ -197,23 +197,23 @@ def reduce_operators(
         truncation = measure_truncation(solver, psi, modes) if request.modes is not None else None
         residual = max(solver.largest_residual, modes.residual)
     warnings, errors = remarks + result.warnings, ErrorEstimates()
-    recovery, beside, smoothing = None, None, None
+    recovery, extra, smoothing = None, None, None
     size = len(result.stiffness)
     if request.recovery:
         fields = _order_fields(operators, np.hstack([psi, modes.shapes, particular, watched.moved]))
-        seen = request.errors and make_of_mesh(comm, mesh, sees_errors)
+        has_errors = request.errors and make_of_mesh(comm, mesh, sees_errors)
         if request.errors:
-            errors, beside = _estimate_errors(
-                component, mesh, operators, result, fields if seen else None
+            errors, extra = _estimate_errors(
+                component, mesh, operators, result, fields if has_errors else None
             )
-            if not seen:
+            if not has_errors:
                 warnings += (
                     "its mesh is a row of single elements, whose errors cannot be estimated; write a smaller mesh size",
                 )
         gathered = _gather_field(fields)
         if gathered is not None and mesh is not None:
             recovery = Recovery(np.ascontiguousarray(gathered[:, :size]), mesh.points)
-        if seen and places:
+        if has_errors and places:
             smoothing = make_of_mesh(
                 comm,
                 mesh,
@@ -236,7 +236,7 @@ def reduce_operators(
             name: StaticLoad(
                 reduced[:, column],
                 _gather_field(_order_fields(operators, particular[:, [column]])),
-                None if beside is None else beside[column, :size],
+                None if extra is None else extra[column, :size],
             )
             for column, name in enumerate(vectors)
         },
@@ -245,7 +245,7 @@ def reduce_operators(
             watched,
             list(vectors),
             smoothing,
-            None if beside is None else beside[len(vectors) :, : size + len(vectors)],
+            None if extra is None else extra[len(vectors) :, : size + len(vectors)],
         ),
     )
 
@@ -261,11 +261,13 @@ def _smooth_probes(
     if fields is None:
         raise ValueError("rank 0 has no fields")
     probes = SEEN * len(places)
-    found = read_smoothing(mesh, component.material, places, fields[:, : fields.shape[1] - probes])
+    smoothing = read_smoothing(
+        mesh, component.material, places, fields[:, : fields.shape[1] - probes]
+    )
     size, strained = len(element.stiffness), _strained_motions(element)
     return {
         name: np.concatenate([rows[..., :size] @ strained, rows[..., size:]], axis=-1)
-        for name, rows in found.items()
+        for name, rows in smoothing.items()
     }
 
 
@@ -283,30 +285,32 @@ def _estimate_errors(
     if fields is None:
         return ErrorEstimates(missing_energy=np.zeros(element.stiffness.shape)), None
 
-    comm, weights, worth = operators.comm, None, (0.0, (0.0, 0.0))
+    comm, weights, bounds = operators.comm, None, (0.0, (0.0, 0.0))
     if mesh is not None:
         surface = extract_surface(mesh.cells, mesh.kind)
         weights, safety = _rim_weights(component, mesh, surface), mesh_safety(mesh, surface)
-        worth = safety, locate_truth(mesh, safety)
+        bounds = safety, locate_truth(mesh, safety)
     material = make_of_mesh(comm, mesh, functools.partial(scaled_material, component))
-    found = estimate_split_errors(mesh, material, operators, fields, weights)
-    safety, truth = comm.bcast(worth)
+    estimates = estimate_split_errors(mesh, material, operators, fields, weights)
+    safety, truth = comm.bcast(bounds)
     strained, size = _strained_motions(element), len(element.stiffness)
-    beside = found.missing_energy[size:].copy()
-    beside[:, :size] = beside[:, :size] @ strained
+    extra = estimates.missing_energy[size:].copy()
+    extra[:, :size] = extra[:, :size] @ strained
 
     def of_dofs(change: FloatArray) -> FloatArray:
         return np.asarray(strained @ change[:size, :size] @ strained)
 
     return ErrorEstimates(
-        missing_energy=of_dofs(found.missing_energy),
+        missing_energy=of_dofs(estimates.missing_energy),
         mesh_safety=safety,
         mesh_truth=truth,
-        shape_stiffness=None if found.shape is None else of_dofs(found.shape.stiffness),
-        shape_mass=None if found.shape is None else found.shape.mass[:size, :size],
-        left_out_stiffness=None if found.left_out is None else of_dofs(found.left_out.stiffness),
-        left_out_mass=None if found.left_out is None else found.left_out.mass[:size, :size],
-    ), beside
+        shape_stiffness=None if estimates.shape is None else of_dofs(estimates.shape.stiffness),
+        shape_mass=None if estimates.shape is None else estimates.shape.mass[:size, :size],
+        left_out_stiffness=None
+        if estimates.left_out is None
+        else of_dofs(estimates.left_out.stiffness),
+        left_out_mass=None if estimates.left_out is None else estimates.left_out.mass[:size, :size],
+    ), extra
 
 
 def _strained_motions(element: Superelement) -> FloatArray:

@@ -96,9 +96,9 @@ def find_fixed_interface_modes(
             f"{len(pairs.values)} of {target.count} fixed-interface modes are kept: from {cutoff:.4g} Hz on "
             "they lie too densely to be distinguished; the ± covers what they add",
         )
-    better = _improve(solver, pairs.values, pairs.vectors)
+    improved = _improve(solver, pairs.values, pairs.vectors)
     return FixedInterfaceModes(
-        better.values, _fix_signs(solver, better.shapes), cutoff, better.change, remarks
+        improved.values, _fix_signs(solver, improved.shapes), cutoff, improved.change, remarks
     )
 
 
@@ -299,9 +299,9 @@ def measure_truncation(
     for start in range(0, boundary, COLUMNS):
         part = slice(start, start + COLUMNS)
         second[:, part] = solver.product(rest, operators.apply_mass(rest[:, part]))
-    found = Truncation(
+    moments = Truncation(
         0.5 * (first + first.T), 0.5 * (second + second.T), (2.0 * np.pi * modes.cutoff_hz) ** 2
     )
     if modes.cutoff_hz > 0.0:
-        return found
-    return dataclasses.replace(found, limit=lowest_participating(found.first, found.second))
+        return moments
+    return dataclasses.replace(moments, limit=lowest_participating(moments.first, moments.second))

@@ -81,8 +81,10 @@ def scatter_rows(values: FloatArray, nodes: IntArray, operators: ElasticOperator
         nodes: ``(n,)`` mesh points, each once.
     """
     result = np.zeros((len(operators.nodes), *values.shape[1:]))
-    _, given, own = np.intersect1d(nodes, operators.nodes, assume_unique=True, return_indices=True)
-    result[own] = values[given]
+    _, given, local_rows = np.intersect1d(
+        nodes, operators.nodes, assume_unique=True, return_indices=True
+    )
+    result[local_rows] = values[given]
     return result
 
 

@@ -248,7 +248,7 @@ def _measure_area(
     component: Component, name: str, patches: Sequence[Patch], bar: PrismaticBar, order: Order
 ) -> MeshPatch:
     # the splines of rails are smooth between their knots only
-    breaks = [float(place) for place in np.linspace(bar.low, bar.high, BREAKS + 1)]
+    breaks = [float(coordinate) for coordinate in np.linspace(bar.low, bar.high, BREAKS + 1)]
     try:
         samples = sample_patches(
             cast(PlanarSolid | Tube, component.solid), patches, bar.axis, breaks, order=order
@@ -305,10 +305,10 @@ def _prescribe(
         wide[:, first : first + target.shape[1]] = target / lengths
         values.append(wide)
 
-    for name, place in maps.items():
-        first = 6 * place.node
+    for name, dof_rows in maps.items():
+        first = 6 * dof_rows.node
         if name == BODY_NODE:
-            add(_mean_motion(space, place.frame), first, np.eye(6))
+            add(_mean_motion(space, dof_rows.frame), first, np.eye(6))
         elif component.interfaces[name].coupling == "rigid":
             add(*_follow_rigidly(space, areas[name], first))
         else:
@@ -320,13 +320,13 @@ def _prescribe(
         add(space.pull(rail.patch.points, rail.operator).T, first, np.eye(count))
         first += count
     left, sizes, right = np.linalg.svd(np.vstack(rows), full_matrices=False)
-    told = left.T @ np.vstack(values)
+    prescribed = left.T @ np.vstack(values)
     kept = sizes > ROW_DEPENDENCE * sizes[0]
-    _, lengths, combinations = np.linalg.svd(told[~kept], full_matrices=False)
+    _, lengths, combinations = np.linalg.svd(prescribed[~kept], full_matrices=False)
     return _Boundary(
         right[kept],
-        told[kept] / sizes[kept, None],
-        combinations[lengths > ROW_DEPENDENCE * np.linalg.norm(told, ord=2)],
+        prescribed[kept] / sizes[kept, None],
+        combinations[lengths > ROW_DEPENDENCE * np.linalg.norm(prescribed, ord=2)],
     )
 
 
@@ -383,14 +383,14 @@ def _condense(
             f"component {component.name!r}: its interfaces leave a motion of its polynomials free"
         ) from error
     # rigid motions are known: only the rest is solved for, or slender bars would lose mass to rounding
-    known = np.linalg.pinv(rigid)
-    rest = np.eye(len(rigid)) - rigid @ known
+    inverse = np.linalg.pinv(rigid)
+    rest = np.eye(len(rigid)) - rigid @ inverse
     if len(rigid) == rigid.shape[1]:
         # one interface moves as a rigid body only: nothing but rounding is left of its stiffness
         rest = np.zeros_like(rest)
     part = boundary.rows.T @ (boundary.values @ rest)
     bent = part - free @ scipy.linalg.cho_solve(factor, forces.T @ part)
-    psi = space.rigid_motion(space.bar.center) @ known + bent
+    psi = space.rigid_motion(space.bar.center) @ inverse + bent
     return _Condensed(free, inner, factor, psi, bent.T @ space.stiffness @ bent)
 
 
@@ -432,11 +432,11 @@ def _missing_energy(
 
 def _measure_truncation(whole: _Condensed, modes: _Modes, density: float) -> Truncation:
     """Return the moments of the modes left out, see ``fixed_interface_modes.measure_truncation``."""
-    own, kept = whole.free.T @ whole.psi, math.sqrt(density) * whole.free.T @ modes.shapes
+    boundary, kept = whole.free.T @ whole.psi, math.sqrt(density) * whole.free.T @ modes.shapes
     for _ in range(2):
-        own = own - kept @ (kept.T @ own)
-    once = scipy.linalg.cho_solve(whole.factor, own)
-    first, second = density**2 * own.T @ once, density**3 * once.T @ once
+        boundary = boundary - kept @ (kept.T @ boundary)
+    once = scipy.linalg.cho_solve(whole.factor, boundary)
+    first, second = density**2 * boundary.T @ once, density**3 * once.T @ once
     return Truncation(first, second, min(modes.beyond, lowest_participating(first, second)))
 
 
@@ -449,10 +449,10 @@ def _list_forces(
     density: float,
 ) -> dict[str, FloatArray]:
     """Return the forces ``(3 n,)`` on the polynomials per unit of each load and axis."""
-    found: dict[str, FloatArray] = {}
+    forces: dict[str, FloatArray] = {}
     uniform = density * space.rigid_motion(bar.center)[:, :3]
     if request.gravity:
-        found |= {f"{GRAVITY}:{axis}": uniform[:, i] for i, axis in enumerate(DIRECTIONS)}
+        forces |= {f"{GRAVITY}:{axis}": uniform[:, i] for i, axis in enumerate(DIRECTIONS)}
     for load in loads:
         if load.component != component.name or load.kind == "force":
             continue
@@ -464,8 +464,8 @@ def _list_forces(
             unit = np.kron(area.weights.diagonal() @ space.values(area.points), np.eye(3)).T
         else:
             raise _refusal(component, f"load {load.name} is a {load.kind}")
-        found |= {f"{load.name}:{axis}": unit[:, i] for i, axis in enumerate(DIRECTIONS)}
-    return found
+        forces |= {f"{load.name}:{axis}": unit[:, i] for i, axis in enumerate(DIRECTIONS)}
+    return forces
 
 
 def _reduce_load(

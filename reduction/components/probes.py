@@ -69,7 +69,7 @@ def find_probe_places(
     if not probes:
         return {}
     edges = find_singular_edges(component, mesh, supports)
-    found = {}
+    places = {}
     for probe in probes:
         try:
             rows = find_point_rows(mesh, component.material, np.array(probe.position))
@@ -79,10 +79,10 @@ def find_probe_places(
         widths = np.ptp(mesh.points[mesh.cells[rows.cells]], axis=1)
         size = float(np.sqrt((widths**2).mean(axis=1).max()))
         names = [name for name, nodes in edges.items() if np.isin(near, nodes).any()]
-        found[probe.name] = ProbePlace(
+        places[probe.name] = ProbePlace(
             rows, size / component.material.youngs_modulus, " and ".join(names)
         )
-    return found
+    return places
 
 
 def find_singular_edges(
@@ -98,7 +98,7 @@ def find_singular_edges(
     """
     surface = extract_surface(mesh.cells, mesh.kind)
     normals = corner_normals(mesh.points, surface)
-    found = {"a re-entrant edge": _reentrant_nodes(mesh, surface, normals)}
+    edges = {"a re-entrant edge": _reentrant_nodes(mesh, surface, normals)}
     held = {f"{SUPPORT_GROUP}{support.name}": support for support in supports}
     for name, facets in mesh.patches.items():
         if name.endswith(EDGE_GROUP):
@@ -106,7 +106,7 @@ def find_singular_edges(
         interface, support = component.interfaces.get(name), held.get(name)
         if support is not None and support.edge:
             edge = mesh.patches[f"{name}{EDGE_GROUP}"]
-            found[f"the edge of support {support.name!r}"] = np.intersect1d(facets, edge)
+            edges[f"the edge of support {support.name!r}"] = np.intersect1d(facets, edge)
             continue
         rigid = interface is not None and interface.rail is None and interface.coupling == "rigid"
         if support is None and not rigid:
@@ -116,8 +116,8 @@ def find_singular_edges(
         if support is not None and _slides(support, normals[within]):
             outside = outside[(normals[outside] @ normals[within].mean(axis=0)) > SAME_FACE]
         what = f"support {support.name!r}" if support is not None else f"rigid interface {name!r}"
-        found[f"the rim of {what}"] = np.intersect1d(facets, surface.facets[outside])
-    return {name: nodes for name, nodes in found.items() if len(nodes)}
+        edges[f"the rim of {what}"] = np.intersect1d(facets, surface.facets[outside])
+    return {name: nodes for name, nodes in edges.items() if len(nodes)}
 
 
 def _slides(support: Support, normals: FloatArray) -> bool:
@@ -200,16 +200,16 @@ def watch_dofs(
     """
     psi, shapes = basis
     operators = solver.operators
-    blocks = [_spread(place.rows, operators) for place in places.values()]
+    blocks = [_spread(probe_place.rows, operators) for probe_place in places.values()]
     loads = np.hstack([np.zeros((len(psi), 0)), *blocks])
-    seen = [solver.product(loads, fields) for fields in (psi, shapes, particular)]
+    observed = [solver.product(loads, fields) for fields in (psi, shapes, particular)]
     inertia: FloatArray = np.zeros((loads.shape[1], psi.shape[1]))
     responses: FloatArray = loads
     if loads.shape[1]:
-        responses = solver.solve(loads) - shapes @ (seen[1] / eigenvalues).T
+        responses = solver.solve(loads) - shapes @ (observed[1] / eigenvalues).T
         if operators.scalar_mass is not None:
             inertia = solver.product(responses, operators.apply_mass(psi))
-    return WatchedDofs(np.hstack(seen[:2]), inertia, seen[2], responses)
+    return WatchedDofs(np.hstack(observed[:2]), inertia, observed[2], responses)
 
 
 def _spread(rows: PointRows, operators: ElasticOperators) -> FloatArray:
@@ -230,7 +230,8 @@ def read_smoothing(
         fields: ``(3 n_points, k)`` displacement of the mesh points [m].
     """
     return {
-        name: _read_change(mesh, material, place.rows, fields) for name, place in places.items()
+        name: _read_change(mesh, material, probe_place.rows, fields)
+        for name, probe_place in places.items()
     }
 
 
@@ -265,12 +266,12 @@ def gather_probes(
         missing: ``(9 p, n + k)`` energy products of the errors of unit responses at the probes with
             those of dofs and loads; None where nobody knows.
     """
-    count, found = watched.values.shape[1], {}
-    for number, (name, place) in enumerate(places.items()):
+    count, gathered = watched.values.shape[1], {}
+    for number, (name, probe_place) in enumerate(places.items()):
         rows = slice(SEEN * number, SEEN * (number + 1))
         smooth = None if smoothing is None else smoothing[name]
         energy = None if missing is None else missing[rows]
-        found[name] = ProbeRows(
+        gathered[name] = ProbeRows(
             values=watched.values[rows],
             inertia=watched.inertia[rows],
             smoothing=None if smooth is None else smooth[..., :count],
@@ -283,7 +284,7 @@ def gather_probes(
                 )
                 for column, load in enumerate(loads)
             },
-            strain_reach=place.strain_reach,
-            singular=place.singular,
+            strain_reach=probe_place.strain_reach,
+            singular=probe_place.singular,
         )
-    return found
+    return gathered

@@ -146,8 +146,8 @@ def _section_fields(patch: MeshPatch, axis: int, center: FloatArray) -> FloatArr
 
 def _covered(patch: MeshPatch, axis: int) -> Spans:
     """Return what elements cover along an axis [m]."""
-    pairs, place = patch.weights.tocoo(), patch.points[:, axis]
-    ends = np.sort(np.stack([place[pairs.row], place[pairs.col]], axis=1), axis=1)
+    pairs, coordinates = patch.weights.tocoo(), patch.points[:, axis]
+    ends = np.sort(np.stack([coordinates[pairs.row], coordinates[pairs.col]], axis=1), axis=1)
     return merge_spans([(low, high) for low, high in ends if high > low])
 
 
@@ -163,13 +163,13 @@ def _condition(gram: FloatArray) -> float:
 
 def merge_spans(spans: Sequence[Sequence[float]]) -> Spans:
     """Return the spans that touch or overlap as one, in rising order."""
-    found: list[tuple[float, float]] = []
+    merged: list[tuple[float, float]] = []
     for low, high in sorted((float(low), float(high)) for low, high in spans):
-        if found and low <= found[-1][1] + THIN * abs(high):
-            found[-1] = found[-1][0], max(found[-1][1], high)
+        if merged and low <= merged[-1][1] + THIN * abs(high):
+            merged[-1] = merged[-1][0], max(merged[-1][1], high)
         else:
-            found.append((low, high))
-    return tuple(found)
+            merged.append((low, high))
+    return tuple(merged)
 
 
 def line_condition(lines: Sequence[FloatArray], control_points: int, order: int) -> float:

@@ -73,7 +73,7 @@ def attach_interfaces(
     }
     rigid_spans = [span for name in spans if name in firm for span in spans[name]]
     chain = lay_out_chain(bar, component.material, component.segments.count, rigid_spans)
-    frames = [Frame(place) for place in chain.places]
+    frames = [Frame(position) for position in chain.places]
     names = [f"segment_{number}" for number in range(1, chain.count + 1)] + [""] * (
         len(frames) - chain.count
     )
@@ -114,12 +114,12 @@ def surface_motion(chain: SegmentChain, points: FloatArray) -> FloatArray:
     """
     along = points[:, chain.bar.axis]
     motion = np.zeros((len(points), 3, 6 * len(chain.places)))
-    for place in np.unique(along):
-        here = np.flatnonzero(along == place)
+    for section in np.unique(along):
+        here = np.flatnonzero(along == section)
         center = np.array(chain.bar.center)
-        center[chain.bar.axis] = place
+        center[chain.bar.axis] = section
         motion[here] = (
-            rigid_map(points[here], center) @ section_motion(chain, float(place))
+            rigid_map(points[here], center) @ section_motion(chain, float(section))
         ).reshape(len(here), 3, -1)
     return motion.reshape(3 * len(points), -1)
 
@@ -129,11 +129,7 @@ def _sample_surface(
 ) -> PatchSamples:
     """Return the points on patches for area integrals of the bar's motion."""
     breaks = sorted(
-        {
-            place
-            for segment_node in chain.nodes_along
-            for place in (segment_node.low, segment_node.high)
-        }
+        {end for segment_node in chain.nodes_along for end in (segment_node.low, segment_node.high)}
     )
     return sample_patches(solid, patches, chain.bar.axis, breaks)
 

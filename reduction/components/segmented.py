@@ -173,7 +173,7 @@ def _row_loads(
     """Return the unit loads along each component axis: body loads by mass, tractions by the motion
     of the surface under them.
     """
-    found: dict[str, StaticLoad] = {}
+    unit_loads: dict[str, StaticLoad] = {}
     for load in loads:
         if load.component != component.name or load.kind == "force":
             continue
@@ -186,5 +186,7 @@ def _row_loads(
                 f"load {load.name!r}: {load.kind} cannot act on the segmented component {component.name!r}; "
                 "write a traction, a force at one of its interfaces, or make the component elastic"
             )
-        found |= {f"{load.name}:{axis}": StaticLoad(unit[:, i]) for i, axis in enumerate("xyz")}
-    return found
+        unit_loads |= {
+            f"{load.name}:{axis}": StaticLoad(unit[:, i]) for i, axis in enumerate("xyz")
+        }
+    return unit_loads

@@ -146,8 +146,8 @@ def _split_axes(fixed: BoolArray, vectors: FloatArray) -> FloatArray:
         _, sizes, rows = np.linalg.svd(free, full_matrices=False)
         rows = rows[sizes > ALIGNED]
         # an axis lies in the span of the rows where nothing of it is left beside them
-        beside = np.linalg.norm(np.eye(3) - rows.T @ rows, axis=0)
-        along = (beside <= ALIGNED) & ~fixed
+        remainders = np.linalg.norm(np.eye(3) - rows.T @ rows, axis=0)
+        along = (remainders <= ALIGNED) & ~fixed
         if not along.any():
             return np.asarray(rows)
         fixed |= along

@@ -55,18 +55,18 @@ def machine_channels(
     }
     if not rows:
         return {}
-    reduced = {name: _reduce_rows(own, basis) for name, own in rows.items()}
+    reduced = {name: _reduce_rows(component_rows, basis) for name, component_rows in rows.items()}
     return {
-        (name, dof): own[place]
-        for name, own in reduced.items()
-        for place, dof in enumerate(DOF_NAMES)
+        (name, dof): component_rows[row]
+        for name, component_rows in reduced.items()
+        for row, dof in enumerate(DOF_NAMES)
     }
 
 
 def _reduce_rows(rows: FloatArray, basis: FloatArray) -> FloatArray:
     """Return ``rows @ basis`` by the few dofs that the rows see."""
-    seen = np.flatnonzero(rows.any(axis=0))
-    return np.asarray(rows[:, seen] @ basis[seen])
+    columns = np.flatnonzero(rows.any(axis=0))
+    return np.asarray(rows[:, columns] @ basis[columns])
 
 
 def point_rows(layout: DofLayout, point: Point) -> FloatArray:
@@ -77,8 +77,8 @@ def point_rows(layout: DofLayout, point: Point) -> FloatArray:
         raise ModelError(
             f"point {point.name!r}: tool and work are both ground; name an interface of a component"
         )
-    place = locate_interface(layout, point.carrier, point.offset)
-    return motion_rows(layout, point.tool, place) - motion_rows(layout, point.work, place)
+    tool_point = locate_interface(layout, point.carrier, point.offset)
+    return motion_rows(layout, point.tool, tool_point) - motion_rows(layout, point.work, tool_point)
 
 
 def machine_loads(
@@ -129,8 +129,8 @@ def gravity_factors(placement: Frame, gravity: FloatArray) -> dict[str, float]:
 
 
 def _by_axis(name: str, placement: Frame, vector: FloatArray) -> dict[str, float]:
-    own = placement.rotation.T @ np.asarray(vector, dtype=float)
-    return {f"{name}:{axis}": float(value) for axis, value in zip(AXES, own, strict=True)}
+    local = placement.rotation.T @ np.asarray(vector, dtype=float)
+    return {f"{name}:{axis}": float(value) for axis, value in zip(AXES, local, strict=True)}
 
 
 def _stacked_load(layout: DofLayout, load: Load) -> FloatArray:
@@ -145,12 +145,12 @@ def _stacked_load(layout: DofLayout, load: Load) -> FloatArray:
             @ np.asarray(load.vector, dtype=float)
         )
     stacked = np.zeros(layout.size)
-    own = _combine(layout, load.component, load_factors(layout.placements[load.component], load))
-    if own is None:
+    local = _combine(layout, load.component, load_factors(layout.placements[load.component], load))
+    if local is None:
         raise ModelError(
             f"load {load.name!r}: component {load.component!r} was reduced without it; reduce it again with its loads"
         )
-    stacked[layout.offsets[load.component]] = own
+    stacked[layout.offsets[load.component]] = local
     return stacked
 
 
@@ -161,11 +161,11 @@ def _combine(layout: DofLayout, name: str, factors: dict[str, float]) -> FloatAr
     superelement = layout.superelements[name]
     if not all(key in superelement.loads for key in factors):
         return None
-    own = sum(
+    local = sum(
         (factor * superelement.loads[key].vector for key, factor in factors.items()),
         np.zeros(len(superelement.labels)),
     )
-    return np.asarray(turn_dofs(superelement, layout.placements[name]).T @ own)
+    return np.asarray(turn_dofs(superelement, layout.placements[name]).T @ local)
 
 
 def _weight(
@@ -175,7 +175,7 @@ def _weight(
     times the acceleration.
     """
     superelement, placement = layout.superelements[name], layout.placements[name]
-    own = placement.rotation.T @ gravity
+    local = placement.rotation.T @ gravity
     weight = _combine(layout, name, gravity_factors(placement, gravity))
     if weight is not None:
         return weight
@@ -185,4 +185,4 @@ def _weight(
         turn_dofs(superelement, placement).T
         @ rigid_motions(superelement, superelement.center_of_mass)[:, :3]
     )
-    return np.asarray(matrices.masses[name] @ (motions @ own))
+    return np.asarray(matrices.masses[name] @ (motions @ local))

@@ -79,9 +79,9 @@ def _rigid_stiffness(
     """Return the layer against rigid motions about the joint point, in joint axes ``(6, 6)``."""
     points, weights = gauss_rule(shapes)
     area = shapes.outline.area
-    place = layout.placements[end.component or ""]
-    placed = (place.origin + points @ place.rotation.T - frame.origin) @ frame.rotation
-    normal = frame.rotation.T @ place.rotation[:, shapes.normal]
+    placement = layout.placements[end.component or ""]
+    placed = (placement.origin + points @ placement.rotation.T - frame.origin) @ frame.rotation
+    normal = frame.rotation.T @ placement.rotation[:, shapes.normal]
     per_area = layer.shear * np.eye(3) + (layer.normal - layer.shear) * np.outer(normal, normal)
     motions = rigid_map(placed, np.zeros(3)).reshape(len(points), 3, 6)
     total = np.einsum("k,kia,ij,kjb->ab", area * weights, motions, per_area, motions)

@@ -63,7 +63,7 @@ def couple_shapes(machine: Machine, layout: DofLayout) -> ShapeRows:
                 )
         else:
             ((end, shapes),) = flexible
-            opposite = next(each for each in joint.ends if each is not end)
+            opposite = next(joint_end for joint_end in joint.ends if joint_end is not end)
             if not _is_rigid(machine.components, opposite):
                 warnings.append(
                     f"joint {joint.name}: {opposite} has no deformation shapes; those of {end} are free there"
@@ -126,8 +126,8 @@ def shape_moments(joint: Joint, layout: DofLayout, one: JointEnd, other: JointEn
     """Return the moments ``(m_1, m_2)`` of the shapes of another interface with those of one, over
     their common area.
     """
-    own, far = find_shapes(layout, one), find_shapes(layout, other)
-    if own is None or far is None:
+    near, far = find_shapes(layout, one), find_shapes(layout, other)
+    if near is None or far is None:
         raise ValueError(f"joint {joint.name!r} has an end without shapes")
     here, there = layout.placements[one.component or ""], layout.placements[other.component or ""]
     turn = there.rotation.T @ here.rotation
@@ -136,20 +136,20 @@ def shape_moments(joint: Joint, layout: DofLayout, one: JointEnd, other: JointEn
         placed = here.origin + points @ here.rotation.T
         return np.asarray((placed - there.origin) @ there.rotation)
 
-    parallel = abs(turn[far.normal, own.normal]) > 1.0 - MATCH
-    if not parallel or not _cover_each_other(own, far, carry):
+    parallel = abs(turn[far.normal, near.normal]) > 1.0 - MATCH
+    if not parallel or not _cover_each_other(near, far, carry):
         raise ModelError(
             f"joint {joint.name!r}: {one} and {other} are flexible but not the same area: "
-            f"{_describe(own)} and {_describe(far)}; give both the same patch, or write coupling = "
+            f"{_describe(near)} and {_describe(far)}; give both the same patch, or write coupling = "
             '"rigid" or "average" for one of them'
         )
-    points, weights = gauss_rule(own if own.count >= far.count else far)
-    if own.count < far.count:
+    points, weights = gauss_rule(near if near.count >= far.count else far)
+    if near.count < far.count:
         points = (there.origin + points @ there.rotation.T - here.origin) @ here.rotation
     fields = shape_fields(far, carry(points)).reshape(len(points), 3, -1)
-    seen = np.einsum("ji,kjm->kim", turn, fields)
-    tested = shape_fields(own, points).reshape(len(points), 3, -1)
-    result = np.einsum("k,kim,kin->mn", weights, tested, seen)
+    turned = np.einsum("ji,kjm->kim", turn, fields)
+    tested = shape_fields(near, points).reshape(len(points), 3, -1)
+    result = np.einsum("k,kim,kin->mn", weights, tested, turned)
     return np.asarray(np.where(np.abs(result) > ROUNDOFF, result, 0.0))
 
 
@@ -169,8 +169,8 @@ def _cover_each_other(
         return own.hole == far.hole and bool(np.abs(np.abs(places) - 1.0).max() <= MATCH)
     (center,) = (carry(own.center[None]) - far.center)[:, axes]
     sizes = (own.half_lengths - far.half_lengths, np.array([own.hole - far.hole]))
-    beside = max(np.abs(center).max(), np.abs(sizes[0]).max()) / far.half_lengths[0]
-    return bool(max(beside, np.abs(sizes[1]).max()) <= MATCH)
+    offset = max(np.abs(center).max(), np.abs(sizes[0]).max()) / far.half_lengths[0]
+    return bool(max(offset, np.abs(sizes[1]).max()) <= MATCH)
 
 
 def _describe(shapes: PatchShapes) -> str:

@@ -101,8 +101,10 @@ class CoupledMachine:
         displace, at zero free coordinates.
         """
         size = self.layout.size
-        known = [each for each in (self.errors, self.displaced) if each is not None]
-        return np.asarray(np.sum([np.zeros(size), *(each.offset(size) for each in known)], axis=0))
+        sources = [source for source in (self.errors, self.displaced) if source is not None]
+        return np.asarray(
+            np.sum([np.zeros(size), *(source.offset(size) for source in sources)], axis=0)
+        )
 
     @property
     def offsets(self) -> dict[str, slice]:
@@ -258,10 +260,13 @@ def _rayleigh_dampings(
     machine: Machine, superelements: Mapping[str, Superelement]
 ) -> dict[str, RayleighDamping]:
     """Return the Rayleigh damping of every component: its own and that of the whole machine."""
-    every, own = machine.rayleigh, {n: machine.components[n].rayleigh for n in superelements}
+    every, by_component = (
+        machine.rayleigh,
+        {n: machine.components[n].rayleigh for n in superelements},
+    )
     return {
         name: RayleighDamping(every.alpha + part.alpha, every.beta + part.beta)
-        for name, part in own.items()
+        for name, part in by_component.items()
     }
 
 
@@ -288,12 +293,12 @@ def _constraint_rows(
     joined = np.array(acting).reshape(len(acting), layout.size)
     for name, effective in matrices.constraints.items():
         free_rotations = matrices.free_rotations[name]
-        seen = joined[:, layout.offsets[name]] @ free_rotations.T
-        own = np.vstack([effective, _find_unseen(seen) @ free_rotations])
-        block = np.zeros((len(own), layout.size))
-        block[:, layout.offsets[name]] = own
+        joint_rotations = joined[:, layout.offsets[name]] @ free_rotations.T
+        component_rows = np.vstack([effective, _find_unseen(joint_rotations) @ free_rotations])
+        block = np.zeros((len(component_rows), layout.size))
+        block[:, layout.offsets[name]] = component_rows
         rows.append(block)
-        sources += [f"component {name}"] * len(own)
+        sources += [f"component {name}"] * len(component_rows)
     for spring in springs:
         rows.append(spring.rows[list(spring.fixed)])
         sources += [f"joint {spring.name}"] * len(spring.fixed)

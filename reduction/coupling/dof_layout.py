@@ -61,7 +61,7 @@ def lay_out_dofs(
         ]
         places += [control_point.point for control_point in superelement.control_points]
         positions += [
-            placements[name].origin + placements[name].rotation @ place for place in places
+            placements[name].origin + placements[name].rotation @ position for position in places
         ]
     spread = np.array(positions) - np.mean(positions, axis=0) if positions else np.zeros((1, 3))
     # the largest distance from the middle does not change when the machine is turned or shifted
@@ -96,9 +96,9 @@ def _power_of_two(size: float) -> float:
 def label_dofs(layout: DofLayout) -> tuple[str, ...]:
     """Return a name such as ``column.top rx`` per stacked dof."""
     return tuple(
-        f"{name}.{place} {dof}"
+        f"{name}.{node} {dof}"
         for name, superelement in layout.superelements.items()
-        for place, dof in superelement.labels
+        for node, dof in superelement.labels
     )
 
 
@@ -178,10 +178,10 @@ def _free_rotations(superelement: Superelement) -> FloatArray:
         unseen = unseen + _rotation_products(superelement, matrix / (np.abs(matrix).max() or 1.0))
     levels, vectors = np.linalg.eigh(unseen)
     nodes, modes = np.nonzero(levels < FREE_ROTATION_LEVEL)
-    found = np.zeros((len(nodes), len(superelement.labels)))
+    rotations = np.zeros((len(nodes), len(superelement.labels)))
     for row, (node, mode) in enumerate(zip(nodes, modes, strict=True)):
-        found[row, 6 * node + 3 : 6 * node + 6] = vectors[node, :, mode]
-    return found
+        rotations[row, 6 * node + 3 : 6 * node + 6] = vectors[node, :, mode]
+    return rotations
 
 
 def _rotation_products(superelement: Superelement, rows: FloatArray) -> FloatArray:
@@ -264,19 +264,21 @@ def _rail_rows(
     length: float | None,
 ) -> FloatArray:
     rail = superelement.rails[interface]
-    beside = np.array(rail.center)
+    carriage_center = np.array(rail.center)
     if length is not None:
-        beside[rail.axis] = (placement.rotation.T @ (point - placement.origin))[rail.axis]
+        carriage_center[rail.axis] = (placement.rotation.T @ (point - placement.origin))[rail.axis]
     try:
-        own = carriage_rows(
-            rail, float(beside[rail.axis]), rail.high - rail.low if length is None else length
+        local_rows = carriage_rows(
+            rail,
+            float(carriage_center[rail.axis]),
+            rail.high - rail.low if length is None else length,
         )
     except ModelError as error:
         raise ModelError(f"rail {superelement.name}.{interface}: {error}") from error
-    carried = rigid_transfer(placement.origin + placement.rotation @ beside, point) @ rotate_dofs(
-        placement.rotation
-    )
-    return np.asarray(carried @ own @ turn_dofs(superelement, placement))
+    carried = rigid_transfer(
+        placement.origin + placement.rotation @ carriage_center, point
+    ) @ rotate_dofs(placement.rotation)
+    return np.asarray(carried @ local_rows @ turn_dofs(superelement, placement))
 
 
 def _named_end(layout: DofLayout, end: JointEnd) -> tuple[str, str]:
@@ -285,9 +287,9 @@ def _named_end(layout: DofLayout, end: JointEnd) -> tuple[str, str]:
             f"there is no component {end.component!r}; components: {sorted(layout.superelements)}"
         )
     superelement = layout.superelements[end.component]
-    known = [*superelement.interface_maps, *superelement.rails]
-    if end.interface is None or end.interface not in known:
+    names = [*superelement.interface_maps, *superelement.rails]
+    if end.interface is None or end.interface not in names:
         raise ModelError(
-            f"component {end.component!r} has no interface {end.interface!r}; interfaces: {sorted(known)}"
+            f"component {end.component!r} has no interface {end.interface!r}; interfaces: {sorted(names)}"
         )
     return end.component, end.interface

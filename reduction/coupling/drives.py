@@ -219,12 +219,12 @@ def find_weight_stiffness(
         system: From ``free_motors``, with anchors.
         geometric: ``(k, k)`` geometric stiffness in its first coordinates.
     """
-    found = np.zeros_like(system.stiffness)
-    found[: len(geometric), : len(geometric)] = geometric
+    stiffness = np.zeros_like(system.stiffness)
+    stiffness[: len(geometric), : len(geometric)] = geometric
     for train in trains:
         motor = system.outputs[train.name, MOTOR]
-        found += train.anchor * np.outer(motor, motor)
-    return found
+        stiffness += train.anchor * np.outer(motor, motor)
+    return stiffness
 
 
 def find_moved_mass(system: SecondOrderSystem, slides: FloatArray) -> FloatArray:
@@ -319,7 +319,7 @@ def _place_drive(
             'write stiffness = { axial = "100 N/um" }'
         )
     # a coupling of the joint's own is part of its stiffness already
-    own = math.inf if joint.screw is None else joint.screw.coupling
+    coupling_stiffness = math.inf if joint.screw is None else joint.screw.coupling
     return DriveTrain(
         name=drive.name,
         axis=drive.axis,
@@ -327,7 +327,11 @@ def _place_drive(
         control=_feed_inertia(drive, moved_mass),
         stretch=slide.sign * _thread_row(spring),
         stiffness=stiffness,
-        thread=1.0 / (1.0 / stiffness - (pitch**2 / own if math.isfinite(own) else 0.0)),
+        thread=1.0
+        / (
+            1.0 / stiffness
+            - (pitch**2 / coupling_stiffness if math.isfinite(coupling_stiffness) else 0.0)
+        ),
         slide=slide.motion,
         scale=slide.scale,
         stator=stator,
@@ -336,7 +340,7 @@ def _place_drive(
         beta=machine.rayleigh.beta,
         loss=joint.loss_factor * stiffness,
         screw_mass=drive.screw_inertia / pitch**2,
-        coupling=min(own, drive.coupling) / pitch**2,
+        coupling=min(coupling_stiffness, drive.coupling) / pitch**2,
         friction=drive.friction,
         cycle=drive.cycle,
     )
@@ -345,7 +349,7 @@ def _place_drive(
 def _find_slide(coupled: CoupledMachine, machine: Machine, drive: Drive) -> _Slide:
     """Find what a drive moves, in the stacked dofs."""
     joint = machine.joints[drive.joint]
-    spring = next(each for each in coupled.fixed.springs if each.name == drive.joint)
+    spring = next(entry for entry in coupled.fixed.springs if entry.name == drive.joint)
     if machine.mechanism is not None and drive.axis not in machine.axes:
         return _find_leg_slide(coupled, machine, machine.mechanism, drive, spring)
     axis = machine.axes[drive.axis]

@@ -142,7 +142,7 @@ def _tie_dofs(pattern: BoolArray, ends: IntArray) -> list[_Set]:
     return [
         _Set(
             touched[dof_names[touched] == name],
-            tuple(np.flatnonzero(own == name) for own in row_names),
+            tuple(np.flatnonzero(block_of == name) for block_of in row_names),
         )
         for name in dict.fromkeys(dof_names[touched].tolist())
     ]

@@ -133,7 +133,7 @@ def plan_travel(
         ModelError: A place lies outside a table.
     """
     placed = [_place_errors(machine, superelements, pose) for pose in poses]
-    springs, places = placed[0][0], _stack_places([own for _, own in placed])
+    springs, places = placed[0][0], _stack_places([places_in_pose for _, places_in_pose in placed])
     probes: FloatArray = np.asarray(np.linspace(nodes[0], nodes[-1], PROBED), dtype=float)
     probed = _read_places(nodes, places, probes)
     totals = _add_up(machine, probed)
@@ -170,13 +170,19 @@ def _place_errors(
 def _stack_places(places: Sequence[ErrorPlaces]) -> ErrorPlaces:
     first = places[0]
     return ErrorPlaces(
-        {name: np.concatenate([each.rails[name] for each in places]) for name in first.rails},
+        {
+            name: np.concatenate([pose_places.rails[name] for pose_places in places])
+            for name in first.rails
+        },
         first.signs,
         {
-            name: np.concatenate([each.positions[name] for each in places])
+            name: np.concatenate([pose_places.positions[name] for pose_places in places])
             for name in first.positions
         },
-        {name: np.concatenate([each.levers[name] for each in places]) for name in first.levers},
+        {
+            name: np.concatenate([pose_places.levers[name] for pose_places in places])
+            for name in first.levers
+        },
     )
 
 
@@ -184,7 +190,7 @@ def _find_shortest(machine: Machine, way: FloatArray, places: ErrorPlaces) -> fl
     """Find the shortest length over which a harmonic repeats: reading it slower than the path goes
     stretches it.
     """
-    found = [np.inf]
+    lengths = [np.inf]
     sources: list[tuple[FloatArray, list[ErrorProfile]]] = []
     for name, read in places.rails.items():
         errors = machine.joints[name].errors
@@ -197,8 +203,8 @@ def _find_shortest(machine: Machine, way: FloatArray, places: ErrorPlaces) -> fl
     for read, profiles in sources:
         speed = float(np.abs(np.gradient(read, way)).max())
         if speed > 0.0:
-            found += [wave.period / speed for profile in profiles for wave in profile.waves]
-    return float(min(found))
+            lengths += [wave.period / speed for profile in profiles for wave in profile.waves]
+    return float(min(lengths))
 
 
 def find_offset_motions(
@@ -245,11 +251,11 @@ def find_offset_motions(
         rates += free.rows.T @ passed[spring.name]
     pulled = np.zeros_like(loads)
     if wanted.any():
-        for name, own in layout.offsets.items():
-            loads -= basis[own].T @ (coupled.matrices.stiffnesses[name] @ moved[own])
-            pulled -= basis[own].T @ (coupled.matrices.masses[name] @ moved[own])
+        for name, dofs in layout.offsets.items():
+            loads -= basis[dofs].T @ (coupled.matrices.stiffnesses[name] @ moved[dofs])
+            pulled -= basis[dofs].T @ (coupled.matrices.masses[name] @ moved[dofs])
             if name in coupled.matrices.dampings:
-                rates -= basis[own].T @ (coupled.matrices.dampings[name] @ moved[own])
+                rates -= basis[dofs].T @ (coupled.matrices.dampings[name] @ moved[dofs])
         if coupled.geometric is not None:
             loads -= basis.T @ (coupled.geometric @ moved)
         rates += _modal_rates(coupled.system, damped, pulled)
@@ -262,8 +268,10 @@ def move_rows(rows: FloatArray, moved: FloatArray) -> FloatArray:
     """Return the products of rows ``(p, n)`` with motions ``(n, k)``, none where terms cancel to
     roundoff, which no spline along a path could follow.
     """
-    found = rows @ moved
-    return np.asarray(np.where(np.abs(found) > ROUNDOFF * np.abs(rows) @ np.abs(moved), found, 0.0))
+    products = rows @ moved
+    return np.asarray(
+        np.where(np.abs(products) > ROUNDOFF * np.abs(rows) @ np.abs(moved), products, 0.0)
+    )
 
 
 def _modal_rates(
@@ -274,8 +282,8 @@ def _modal_rates(
     """
     if damped.damping is None:
         return np.zeros_like(pulled)
-    own = np.zeros_like(damped.damping) if system.damping is None else system.damping
-    modal = damped.damping - own
+    physical = np.zeros_like(damped.damping) if system.damping is None else system.damping
+    modal = damped.damping - physical
     if not modal.any():
         return np.zeros_like(pulled)
     return np.asarray(modal @ np.linalg.lstsq(system.mass, pulled)[0])

@@ -106,24 +106,26 @@ def find_gravity_stiffness(
             "hold the machine, or remove the effect"
         )
     moved = basis @ balance.displacements[:, 0]
-    inner = {name: matrices.stiffnesses[name] @ moved[own] for name, own in layout.offsets.items()}
+    inner = {
+        name: matrices.stiffnesses[name] @ moved[dofs] for name, dofs in layout.offsets.items()
+    }
     given = weight.copy()
-    for name, own in layout.offsets.items():
-        given[own] -= inner[name]
+    for name, dofs in layout.offsets.items():
+        given[dofs] -= inner[name]
     pulls = [(spring.stiffness @ (spring.rows @ moved))[:6] for spring in springs]
     for spring in springs:
         given -= spring.rows.T @ (spring.stiffness @ (spring.rows @ moved))
     held = np.linalg.lstsq(constraints.T, given, rcond=None)[0]
     # constraints of joints stand behind those of components, in the order of the joints
     counts = [len(spring.fixed) for spring in springs]
-    place = _first_joint_row(constraints, springs)
+    row = _first_joint_row(constraints, springs)
     bodies = {name: _component_bodies(name, machine, layout, matrices) for name in layout.offsets}
     contacts = []
     extra = np.zeros((layout.size, layout.size))
     for spring, pull, count in zip(springs, pulls, counts, strict=True):
         forces = pull.copy()
-        forces[list(spring.fixed)] += held[place : place + count]
-        place += count
+        forces[list(spring.fixed)] += held[row : row + count]
+        row += count
         contacts.append(_joint_contact(spring, forces, machine, layout, bodies))
         if machine.joints[spring.name].second_axis is not None:
             # axes of a cross: x stays with the first end, z with the second, and (x . z) vanishes
@@ -169,7 +171,7 @@ def _second_order(contact: _Contact) -> FloatArray:
     mixed = contact.frame.T @ skew_matrices(contact.force) @ contact.shift
     # the rotation vector between two bodies lacks half the product of theirs: -m . (a x b) / 2
     mixed += 0.5 * contact.first.T @ skew_matrices(contact.moment) @ contact.second
-    found = mixed + mixed.T
+    derivative = mixed + mixed.T
     for sign, body in zip((-1.0, 1.0), contact.bodies, strict=True):
         if body is None:
             continue
@@ -177,8 +179,8 @@ def _second_order(contact: _Contact) -> FloatArray:
         arm = contact.point - body.point
         product = np.outer(arm, contact.force)
         inner = 0.5 * (product + product.T) - (arm @ contact.force) * np.eye(3)
-        found += sign * body.rotation.T @ inner @ body.rotation
-    return found
+        derivative += sign * body.rotation.T @ inner @ body.rotation
+    return derivative
 
 
 def _joint_contact(
@@ -222,7 +224,7 @@ def _component_bodies(
 ) -> Callable[[FloatArray, str], _Body | None]:
     """Return the body of a component behind one of its interfaces at a point."""
     superelement, placement = layout.superelements[name], layout.placements[name]
-    own = layout.offsets[name]
+    dofs = layout.offsets[name]
     if machine.components[name].fidelity == "segmented":
         nodes = _chain_nodes(matrices.stiffnesses[name])
         places = np.array(
@@ -239,7 +241,7 @@ def _component_bodies(
                 if carried is not None and carried.node in nodes
                 else int(np.argmin(np.linalg.norm(places - point, axis=1)))
             )
-            return _Body(places[number], _node_rows(layout, own.start, nodes[number])[3:])
+            return _Body(places[number], _node_rows(layout, dofs.start, nodes[number])[3:])
 
         return nearest
     if superelement.supported or not superelement.mass_kg > 0.0:
@@ -252,7 +254,7 @@ def _component_bodies(
     )
     heavy = matrices.masses[name] @ rigid
     rotation = np.zeros((3, layout.size))
-    rotation[:, own] = (np.linalg.pinv(rigid.T @ heavy) @ heavy.T)[3:]
+    rotation[:, dofs] = (np.linalg.pinv(rigid.T @ heavy) @ heavy.T)[3:]
     body = _Body(center, rotation)
     return lambda point, interface: body
 
@@ -291,7 +293,7 @@ def _segment_contacts(
     axis = np.linalg.svd(along, full_matrices=False).Vh[0]
     order = nodes[np.argsort(along @ axis, kind="stable")]
     forces = pulls[: 6 * len(places)].reshape(-1, 6)
-    found = []
+    contacts = []
     for number in range(1, len(order)):
         lower, upper = int(order[number - 1]), int(order[number])
         point = 0.5 * (places[lower] + places[upper])
@@ -305,7 +307,7 @@ def _segment_contacts(
             rigid_transfer(places[node], point) @ row
             for node, row in zip((lower, upper), rows, strict=True)
         ]
-        found.append(
+        contacts.append(
             _Contact(
                 point=point,
                 force=force,
@@ -317,4 +319,4 @@ def _segment_contacts(
                 bodies=(_Body(places[lower], rows[0][3:]), _Body(places[upper], rows[1][3:])),
             )
         )
-    return found
+    return contacts

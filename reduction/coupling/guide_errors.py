@@ -138,18 +138,18 @@ def find_places(
     }
     signs = {name: _rail_sign(joint, frames[name], layout) for name, joint in sliding.items()}
     levers: dict[tuple[str, str], FloatArray] = {}
-    known = {}
+    axis_positions = {}
     for axis in machine.axes.values():
         if axis.errors is None:
             continue
-        known[axis.name] = np.array([positions.get(axis.name, 0.0)])
+        axis_positions[axis.name] = np.array([positions.get(axis.name, 0.0)])
         turn, point = _axis_frame(axis, machine, layout, frames)
         for name in axis.joints:
             second = machine.joints[name].ends[1].component in axis.moves
             back = rotate_dofs(frames[name].rotation.T)
             carried = back @ rigid_transfer(point, frames[name].origin) @ rotate_dofs(turn)
             levers[axis.name, name] = (carried if second else -carried)[None]
-    return ErrorPlaces(rails, signs, known, levers)
+    return ErrorPlaces(rails, signs, axis_positions, levers)
 
 
 def sample_offsets(machine: Machine, places: ErrorPlaces) -> dict[str, dict[str, FloatArray]]:
@@ -162,13 +162,13 @@ def sample_offsets(machine: Machine, places: ErrorPlaces) -> dict[str, dict[str,
     Raises:
         ModelError: A place lies outside the table of a profile.
     """
-    found: dict[str, dict[str, FloatArray]] = {}
-    for name, own in places.rails.items():
+    offsets: dict[str, dict[str, FloatArray]] = {}
+    for name, rail_places in places.rails.items():
         joint = machine.joints[name]
         if joint.errors is None:
             continue
         try:
-            found[name] = {name: places.signs[name] * joint.errors.offset(own)}
+            offsets[name] = {name: places.signs[name] * joint.errors.offset(rail_places)}
         except ProfileError as error:
             raise ModelError(
                 f"errors of joint {name}: {error}; give the table values up to there, or keep the axis within it"
@@ -184,11 +184,11 @@ def sample_offsets(machine: Machine, places: ErrorPlaces) -> dict[str, dict[str,
             raise ModelError(
                 f"errors of axis {name}: {error}; give the table values up to there, or keep the axis within it"
             ) from error
-        found[name] = {
+        offsets[name] = {
             joint_name: (places.levers[name, joint_name] @ motions[..., None])[..., 0]
             for joint_name in axis.joints
         }
-    return found
+    return offsets
 
 
 def find_offsets(machine: Machine, places: ErrorPlaces) -> dict[str, dict[str, FloatArray]]:
@@ -211,13 +211,13 @@ def find_displacements(
         springs: Every joint as placed.
     """
     frames = {spring.name: spring.frame for spring in springs}
-    found = {}
+    displacements = {}
     for name, given in machine.displacements.items():
-        own = rotate_dofs(frames[given.joint].rotation.T) @ np.array(given.motion)
+        joint_motion = rotate_dofs(frames[given.joint].rotation.T) @ np.array(given.motion)
         # what is joined to a ground that moves follows it
         follows = machine.joints[given.joint].ends[1].component is not None
-        found[name] = {given.joint: own if follows else -own}
-    return found
+        displacements[name] = {given.joint: joint_motion if follows else -joint_motion}
+    return displacements
 
 
 def warn_of_held_displacements(machine: Machine, reduced: Sequence[PlacedJoint]) -> tuple[str, ...]:
@@ -240,7 +240,7 @@ def warn_of_held_displacements(machine: Machine, reduced: Sequence[PlacedJoint])
             ]
             if held.any() and supports:
                 along = ", ".join(
-                    direction for direction, own in zip(DOF_NAMES, held, strict=True) if own
+                    direction for direction, is_held in zip(DOF_NAMES, held, strict=True) if is_held
                 )
                 warnings.append(
                     f"load {name!r} displaces joint {joint!r} along {along} of its axes, where its face shares points with support"
@@ -282,12 +282,12 @@ def solve_error_loads(
         if wanted.any():
             moved = follow_fixed(fixed.constraints, wanted[:, None], layout)[:, 0]
             particular[source] = moved
-            for name, own in layout.offsets.items():
-                load -= basis[own].T @ (matrices.stiffnesses[name] @ moved[own])
+            for name, dofs in layout.offsets.items():
+                load -= basis[dofs].T @ (matrices.stiffnesses[name] @ moved[dofs])
             for spring, free in zip(fixed.springs, reduced, strict=True):
                 load -= free.rows.T @ (spring.stiffness @ (spring.rows @ moved))
         loads[source] = load
-    found = ErrorLoads(loads, particular)
+    error_loads = ErrorLoads(loads, particular)
     if particular:
         total = {
             spring.name: np.sum(
@@ -296,8 +296,8 @@ def solve_error_loads(
             )
             for spring in fixed.springs
         }
-        _check_fixed(total, found.offset(layout.size), fixed.springs)
-    return found
+        _check_fixed(total, error_loads.offset(layout.size), fixed.springs)
+    return error_loads
 
 
 def follow_fixed(constraints: FloatArray, wanted: FloatArray, layout: DofLayout) -> FloatArray:
@@ -305,10 +305,10 @@ def follow_fixed(constraints: FloatArray, wanted: FloatArray, layout: DofLayout)
     as far as they agree.
     """
     scale = scale_dofs(layout)
-    found = np.linalg.lstsq(constraints * scale, wanted)[0]
+    scaled = np.linalg.lstsq(constraints * scale, wanted)[0]
     # no spline along a way could follow roundoff
-    found[np.abs(found) < ROUNDOFF * np.abs(found).max(axis=0, initial=0.0)] = 0.0
-    return np.asarray(scale[:, None] * found)
+    scaled[np.abs(scaled) < ROUNDOFF * np.abs(scaled).max(axis=0, initial=0.0)] = 0.0
+    return np.asarray(scale[:, None] * scaled)
 
 
 def _check_fixed(

@@ -53,7 +53,7 @@ def find_joint_forces(joints: Iterable[PlacedJoint], *, damped: bool) -> tuple[J
     Args:
         joints: With their rows in the coordinates ``(n,)`` of a machine.
     """
-    found = []
+    joint_forces = []
     for joint in joints:
         dampers = joint.damping if damped else np.zeros_like(joint.damping)
         acting = [
@@ -64,5 +64,5 @@ def find_joint_forces(joints: Iterable[PlacedJoint], *, damped: bool) -> tuple[J
         if acting:
             names = tuple(DOF_NAMES[dof] for dof in acting)
             forces = (matrix[acting] @ joint.rows for matrix in (joint.stiffness, dampers))
-            found.append(JointForces(joint.name, names, *forces))
-    return tuple(found)
+            joint_forces.append(JointForces(joint.name, names, *forces))
+    return tuple(joint_forces)

@@ -260,10 +260,10 @@ def express_in_free_coordinates(spring: PlacedJoint, elimination: Elimination) -
     exactly zero.
     """
     # a joint sees the dofs of two bodies only
-    seen = np.flatnonzero(spring.rows.any(axis=0))
-    own, basis = spring.rows[:, seen], elimination.basis[seen]
-    rows = own @ basis
-    rows[np.abs(rows) <= ROUNDOFF * (np.abs(own) @ np.abs(basis))] = 0.0
+    columns = np.flatnonzero(spring.rows.any(axis=0))
+    spring_rows, basis = spring.rows[:, columns], elimination.basis[columns]
+    rows = spring_rows @ basis
+    rows[np.abs(rows) <= ROUNDOFF * (np.abs(spring_rows) @ np.abs(basis))] = 0.0
     rows[list(spring.fixed)] = 0.0
     return dataclasses.replace(spring, rows=rows)
 
@@ -311,16 +311,16 @@ def _joint_frame(joint: Joint, machine: Machine, layout: DofLayout) -> Frame:
         )
     home, now = machine.components[end.component].placement, layout.placements[end.component]
     turn = _turn_of(end, machine, layout)
-    place = (
+    origin = (
         locate_interface(layout, end)
         if point is None
         else now.origin + turn @ (point - home.origin)
     )
     if joint.second_axis is None:
-        return Frame(place, turn @ joint.rotation)
-    first, second = (_turn_of(each, machine, layout) for each in joint.ends)
+        return Frame(origin, turn @ joint.rotation)
+    first, second = (_turn_of(joint_end, machine, layout) for joint_end in joint.ends)
     try:
-        return Frame(place, frame_axes(first @ joint.rotation[:, 0], second @ joint.second_axis))
+        return Frame(origin, frame_axes(first @ joint.rotation[:, 0], second @ joint.second_axis))
     except ValueError as error:
         raise ModelError(
             f"joint {joint.name!r}: its two axes are parallel in this pose, and it can turn about one only"
@@ -453,10 +453,10 @@ def _stiff_deformations(
     """
     squares, blocks = scale_dofs(layout) ** 2, []
     for name, element in layout.superelements.items():
-        own = layout.offsets[name]
+        dofs = layout.offsets[name]
         boundary = element.boundary_size
         level = float(
-            np.abs(stiffnesses[name].diagonal() * squares[own])[:boundary].max(initial=0.0)
+            np.abs(stiffnesses[name].diagonal() * squares[dofs])[:boundary].max(initial=0.0)
         )
         if (
             element.supported
@@ -466,7 +466,7 @@ def _stiff_deformations(
             continue
         rows = np.zeros((boundary - DOFS_OF_A_BODY, layout.size))
         placement = layout.placements[name]
-        rows[:, own] = memo.recall(
+        rows[:, dofs] = memo.recall(
             f"deformations {name}",
             (element, placement.rotation),
             functools.partial(_turned_deformations, element, placement),
@@ -500,9 +500,9 @@ def _ratio_warnings(parts: Sequence[SpringDirection], most_compliant: SpringDire
             break
         stiff.setdefault(part.joint, []).append(part)
     warnings = []
-    for joint, found in stiff.items():
-        first, ratio = found[0], abs(found[0].level / most_compliant.level)
-        more = f" (and {len(found) - 1} more of its directions)" if len(found) > 1 else ""
+    for joint, directions in stiff.items():
+        first, ratio = directions[0], abs(directions[0].level / most_compliant.level)
+        more = f" (and {len(directions) - 1} more of its directions)" if len(directions) > 1 else ""
         remedy = (
             "check the units of both"
             if ratio > ABSURD_RATIO

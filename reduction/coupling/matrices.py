@@ -225,9 +225,9 @@ def sum_damping(
 
 def _add_spring(total: FloatArray, spring: PlacedJoint, matrix: FloatArray) -> None:
     """Add ``R^T A R`` to the dofs that a joint sees."""
-    seen = np.flatnonzero(spring.rows.any(axis=0))
-    acting = spring.rows[:, seen]
-    total[np.ix_(seen, seen)] += acting.T @ matrix @ acting
+    columns = np.flatnonzero(spring.rows.any(axis=0))
+    acting = spring.rows[:, columns]
+    total[np.ix_(columns, columns)] += acting.T @ matrix @ acting
 
 
 def _sum_components(
@@ -241,7 +241,7 @@ def _sum_components(
 
     The block of the coordinates that all poses share is kept in the memo.
     """
-    basis, own = elimination.basis, np.flatnonzero(~elimination.shared)
+    basis, unshared = elimination.basis, np.flatnonzero(~elimination.shared)
     shared = np.flatnonzero(elimination.shared)
     make = functools.partial(_sum_shared, layout, matrices, basis, shared)
     made_of = (basis[:, shared], shared, *matrices.values())
@@ -249,8 +249,8 @@ def _sum_components(
     total, terms = kept.total.copy(), kept.terms.copy()
     for name, matrix in matrices.items():
         block = basis[layout.offsets[name]]
-        seen = np.any(block != 0.0, axis=0)
-        mine, others = (places[seen[places]] for places in (own, shared))
+        columns = np.any(block != 0.0, axis=0)
+        mine, others = (places[columns[places]] for places in (unshared, shared))
         if not len(mine):
             continue
         part = block[:, mine]

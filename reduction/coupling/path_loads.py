@@ -59,8 +59,8 @@ def inertia_load(coupled: CoupledMachine, directions: Mapping[str, FloatArray]) 
     """
     travel = rigid_travel(coupled, directions)
     stacked = np.zeros(coupled.layout.size)
-    for name, own in coupled.offsets.items():
-        stacked[own] = -coupled.matrices.masses[name] @ travel[own]
+    for name, dofs in coupled.offsets.items():
+        stacked[dofs] = -coupled.matrices.masses[name] @ travel[dofs]
     return np.asarray(coupled.basis.T @ stacked)
 
 
@@ -89,10 +89,10 @@ def body_travel(coupled: CoupledMachine, name: str) -> FloatArray:
         raise ModelError(
             f"component {name!r} travels along the path, but some of its points are fixed; remove its support"
         )
-    own = rigid_motions(superelement, superelement.center_of_mass) @ rotate_dofs(
+    local = rigid_motions(superelement, superelement.center_of_mass) @ rotate_dofs(
         placement.rotation.T
     )
-    return np.asarray(turn_dofs(superelement, placement).T @ own)
+    return np.asarray(turn_dofs(superelement, placement).T @ local)
 
 
 def body_loads(coupled: CoupledMachine, name: str) -> FloatArray:
@@ -110,8 +110,8 @@ def momentum_rows(coupled: CoupledMachine, travels: FloatArray) -> FloatArray:
     ``(n_all, r)``.
     """
     rows = np.zeros(travels.T.shape)
-    for name, own in coupled.offsets.items():
-        rows[:, own] = travels[own].T @ coupled.matrices.masses[name]
+    for name, dofs in coupled.offsets.items():
+        rows[:, dofs] = travels[dofs].T @ coupled.matrices.masses[name]
     return rows
 
 
@@ -127,8 +127,8 @@ def stack_modes(
     """
     motions = coupled.basis @ modes.shapes
     momenta = np.zeros_like(motions)
-    for name, own in coupled.offsets.items():
-        momenta[own] = coupled.matrices.masses[name] @ motions[own]
+    for name, dofs in coupled.offsets.items():
+        momenta[dofs] = coupled.matrices.masses[name] @ motions[dofs]
     return PosedModes(system, modes, motions, momenta)
 
 
@@ -164,10 +164,10 @@ def turn_with_bodies(posed: PosedModes, bodies: Sequence[TurningBody]) -> PosedM
     """
     motions, momenta = [posed.motions], [posed.momenta]
     for body in bodies:
-        own, travel = posed.momenta[body.rows], body.travel
+        body_momenta, travel = posed.momenta[body.rows], body.travel
         rigid: FloatArray = np.asarray(
             # of a point mass without inertia the turn is open
-            np.linalg.lstsq(travel.T @ body.mass @ travel, travel.T @ own)[0]
+            np.linalg.lstsq(travel.T @ body.mass @ travel, travel.T @ body_momenta)[0]
         )
         # the rigid part as it stands is taken off, and put back as a field of the body's points
         motions.append(travel @ rigid)
@@ -202,10 +202,10 @@ def bound_gyroscopic_shift(
     elastic = slice(posed.modes.rigid_count, None)
     shifts = np.zeros(posed.motions.shape[1])
     for body, rate in zip(bodies, rates, strict=True):
-        own, travel = posed.momenta[body.rows], body.travel
-        pulled = travel.T @ own
+        momenta, travel = posed.momenta[body.rows], body.travel
+        pulled = travel.T @ momenta
         rigid = (pulled * np.linalg.lstsq(travel.T @ body.mass @ travel, pulled)[0]).sum(axis=0)
-        whole = (posed.motions[body.rows] * own).sum(axis=0)
+        whole = (posed.motions[body.rows] * momenta).sum(axis=0)
         deforming = np.maximum(whole - rigid, 0.0)
         shifts += rate * (2.0 * np.sqrt(rigid * deforming) + deforming)
     omega = 2.0 * np.pi * posed.modes.frequencies_hz[elastic]
@@ -227,13 +227,13 @@ def find_rigid_travels(
     """
     # the least-squares solution is the exact one: joints let axes travel
     travel = np.linalg.lstsq(coupled.basis, rigid_travel(coupled, directions), rcond=None)[0]
-    found = []
+    travels = []
     for train in trains:
         motor, scale = float(train.stretch @ travel), float(train.scale @ travel)
         encoder = motor if measured_channel(train)[1] == MOTOR else scale
         share = shares.get(train.axis, 0.0)
-        found.append(RigidTravel(share, encoder, motor, float(train.slide @ travel)))
-    return tuple(found)
+        travels.append(RigidTravel(share, encoder, motor, float(train.slide @ travel)))
+    return tuple(travels)
 
 
 def add_driven_path_input(
@@ -290,20 +290,20 @@ def housing_loads(trains: Sequence[DriveTrain], turned: FloatArray, total: int) 
         trains: Drives of a machine with free motors.
         turned: ``(d, k)`` turn of each housing about its screw, as travel.
     """
-    found = np.zeros((total, turned.shape[1]))
+    loads = np.zeros((total, turned.shape[1]))
     twice = np.repeat(turned, 2, axis=0)
     for (row, mass), turn in zip(_turning_masses(trains, total), twice, strict=True):
-        found -= mass * np.outer(row, turn)
-    return found
+        loads -= mass * np.outer(row, turn)
+    return loads
 
 
 def _turning_masses(trains: Sequence[DriveTrain], total: int) -> list[tuple[FloatArray, float]]:
     """Turn in space ``(total,)`` of each motor and each screw, and its mass [kg]."""
-    found = []
+    masses = []
     for train, turns in zip(trains, find_turns(trains, total), strict=True):
         stator = np.concatenate([train.stator, np.zeros(total - len(train.stator))])
-        found += [
+        masses += [
             (turns.motor + stator, train.motor_mass),
             (turns.screw + stator, train.screw_mass),
         ]
-    return found
+    return masses

@@ -69,17 +69,17 @@ def place_probe(
     stacked = turn_dofs(superelement, placement) @ coupled.basis[coupled.offsets[name]]
     fixed = turn_dofs(superelement, placement) @ coupled.offset[coupled.offsets[name]]
     turned = turn_stress(placement.rotation)
-    seen = scipy.linalg.block_diag(placement.rotation, turned)
+    to_machine = scipy.linalg.block_diag(placement.rotation, turned)
     errors = superelement.errors
     return PlacedProbe(
         component=name,
-        values=seen @ rows.values @ stacked,
-        offset=seen @ rows.values @ fixed,
-        inertia=seen @ rows.inertia @ stacked[: superelement.boundary_size],
+        values=to_machine @ rows.values @ stacked,
+        offset=to_machine @ rows.values @ fixed,
+        inertia=to_machine @ rows.inertia @ stacked[: superelement.boundary_size],
         smoothing=None if rows.smoothing is None else turned @ (rows.smoothing @ stacked),
-        missing=None if rows.missing is None else seen @ rows.missing @ stacked,
+        missing=None if rows.missing is None else to_machine @ rows.missing @ stacked,
         loads={
-            load: _combine(rows, factors, seen)
+            load: _combine(rows, factors, to_machine)
             for load, factors in component_factors(coupled, machine, name, gravity).items()
         },
         limit=np.inf if errors.truncation is None else errors.truncation.limit,
@@ -97,9 +97,9 @@ def carry_probe(coupled: CoupledMachine, probe: Probe, moved: FloatArray) -> Flo
         coupled.layout.superelements[probe.component],
         coupled.placements[probe.component],
     )
-    own = turn_dofs(superelement, placement) @ moved[coupled.offsets[probe.component]]
-    seen = scipy.linalg.block_diag(placement.rotation, turn_stress(placement.rotation))
-    return np.asarray(seen @ superelement.probes[probe.name].values @ own)
+    local = turn_dofs(superelement, placement) @ moved[coupled.offsets[probe.component]]
+    to_machine = scipy.linalg.block_diag(placement.rotation, turn_stress(placement.rotation))
+    return np.asarray(to_machine @ superelement.probes[probe.name].values @ local)
 
 
 def travel_inertia(coupled: CoupledMachine, probe: Probe, direction: FloatArray) -> FloatArray:
@@ -117,9 +117,9 @@ def moved_inertia(coupled: CoupledMachine, probe: Probe, moved: FloatArray) -> F
         coupled.layout.superelements[probe.component],
         coupled.placements[probe.component],
     )
-    own = (turn_dofs(superelement, placement) @ moved)[: superelement.boundary_size]
-    seen = scipy.linalg.block_diag(placement.rotation, turn_stress(placement.rotation))
-    return np.asarray(seen @ superelement.probes[probe.name].inertia @ own)
+    local = (turn_dofs(superelement, placement) @ moved)[: superelement.boundary_size]
+    to_machine = scipy.linalg.block_diag(placement.rotation, turn_stress(placement.rotation))
+    return np.asarray(to_machine @ superelement.probes[probe.name].inertia @ local)
 
 
 def component_factors(
@@ -131,17 +131,17 @@ def component_factors(
     Args:
         gravity: ``(3,)`` acceleration in machine axes [m/s^2]; None without.
     """
-    known = coupled.layout.superelements[name].loads
-    found = {
+    unit_loads = coupled.layout.superelements[name].loads
+    factors = {
         load.name: load_factors(coupled.placements[load.component], load)
         for load in machine.loads.values()
         if load.component == name
     }
     if gravity is not None:
-        found["gravity"] = gravity_factors(coupled.placements[name], gravity)
+        factors["gravity"] = gravity_factors(coupled.placements[name], gravity)
     return {
-        load: {key: size for key, size in own.items() if key in known}
-        for load, own in found.items()
+        load: {key: size for key, size in by_key.items() if key in unit_loads}
+        for load, by_key in factors.items()
     }
 
 
@@ -150,7 +150,7 @@ def _combine(rows: ProbeRows, factors: Mapping[str, float], seen: FloatArray) ->
     values: FloatArray = np.zeros(9)
     smoothing: FloatArray = np.zeros(() if rows.smoothing is None else rows.smoothing.shape[:2])
     missing: FloatArray = np.zeros(9)
-    known = rows.smoothing is not None and rows.missing is not None
+    has_errors = rows.smoothing is not None and rows.missing is not None
     for key, factor in factors.items():
         load = rows.loads[key]
         values = values + factor * load.values
@@ -159,8 +159,8 @@ def _combine(rows: ProbeRows, factors: Mapping[str, float], seen: FloatArray) ->
             missing = missing + factor * load.missing
     return ProbeLoad(
         seen @ values,
-        smoothing @ seen[3:, 3:].T if known else None,
-        seen @ missing if known else None,
+        smoothing @ seen[3:, 3:].T if has_errors else None,
+        seen @ missing if has_errors else None,
     )
 
 
@@ -178,7 +178,7 @@ def missing_of_loads(
         gravity: ``(3,)`` acceleration in machine axes [m/s^2]; None without.
         wanted: Names of loads; None for all.
     """
-    found = {}
+    products = {}
     for name, element in coupled.layout.superelements.items():
         total: FloatArray = np.zeros(len(element.labels))
         for load, factors in component_factors(coupled, machine, name, gravity).items():
@@ -188,6 +188,6 @@ def missing_of_loads(
                     total = total + factor * missing
         if total.any():
             turn = turn_dofs(element, coupled.placements[name])
-            own = turn @ coupled.basis[coupled.offsets[name]]
-            found[name] = element.errors.mesh_safety * own.T @ total
-    return found
+            local = turn @ coupled.basis[coupled.offsets[name]]
+            products[name] = element.errors.mesh_safety * local.T @ total
+    return products

@@ -158,8 +158,8 @@ def _mean_motion_rows(layout: DofLayout, name: str) -> FloatArray:
     weighed = motions.T @ superelement.mass
     turn = rotate_dofs(placement.rotation)
     rows = np.zeros((6, layout.size))
-    own = turn @ np.linalg.solve(weighed @ motions, weighed)
-    rows[:, layout.offsets[name]] = own @ turn_dofs(superelement, placement)
+    local_rows = turn @ np.linalg.solve(weighed @ motions, weighed)
+    rows[:, layout.offsets[name]] = local_rows @ turn_dofs(superelement, placement)
     return rows
 
 

@@ -57,10 +57,10 @@ def with_modes_left_out(element: Superelement) -> Superelement:
     values, vectors = np.linalg.eigh(truncation.limit * truncation.first * scale * scale[:, None])
     kept = values > LEAST_MODE * values[-1]
     participations = size[:, None] * vectors[:, kept] * np.sqrt(values[kept])
-    count, known = participations.shape[1], len(element.stiffness)
+    count, dof_count = participations.shape[1], len(element.stiffness)
     mass = scipy.linalg.block_diag(element.mass, np.eye(count))
-    mass[:boundary, known:] = participations
-    mass[known:, :boundary] = participations.T
+    mass[:boundary, dof_count:] = participations
+    mass[dof_count:, :boundary] = participations.T
     errors = element.errors
     hz = np.sqrt(truncation.limit) / (2.0 * np.pi)
     return dataclasses.replace(

@@ -100,34 +100,34 @@ class _StiffnessChanges:
             not abs(square) < part.truncation.limit for part in self._truncated.values()
         ) or self._is_silent(shapes):
             return None
-        found: list[ComplexArray] = []
+        projections: list[ComplexArray] = []
         for name, part in self._truncated.items():
             # sum of lambda^2 p p^T / (omega_k^2 - lambda) over the modes left out, at complex
             # lambda: first moment, and all of the series' rest as if at the lowest of them (see
             # ``most_participation``)
-            moments, seen = part.truncation, part.rows @ shapes
+            moments, moved = part.truncation, part.rows @ shapes
             elastic, heavy = self._damped(name, pole)
             ratio = square * heavy / elastic
-            found.append(
+            projections.append(
                 square
                 * heavy
                 * ratio
                 * (
-                    seen.T
+                    moved.T
                     @ (moments.first + ratio / (1.0 - square / moments.limit) * moments.second)
-                    @ seen
+                    @ moved
                 )
             )
         for name, mesh in self._meshed.items():
             elastic, heavy = self._damped(name, pole)
-            strained, seen, shape = mesh.strain(shapes), mesh.rows @ shapes, mesh.shape
-            found.append(elastic * (strained.T @ mesh.energy @ strained))
+            strained, moved, shape = mesh.strain(shapes), mesh.rows @ shapes, mesh.shape
+            projections.append(elastic * (strained.T @ mesh.energy @ strained))
             if shape is not None:
-                found.append(
+                projections.append(
                     elastic * (strained.T @ shape.stiffness @ strained)
-                    - square * heavy * (seen.T @ shape.mass @ seen)
+                    - square * heavy * (moved.T @ shape.mass @ moved)
                 )
-        return found
+        return projections
 
     def _damped(self, name: str, pole: complex) -> tuple[complex, complex]:
         """Return the factors ``1 + s beta`` of a component's stiffness and ``1 + alpha / s`` of its
@@ -196,13 +196,13 @@ def _mode_errors(
     other = None if second is None else shifts[second]
     if second is None or other is None or not damped.poles[second].real * pole.real > 0.0:
         return None, None
-    own, next_to = float(pole.real), float(damped.poles[second].real)
+    real_pole, next_to = float(pole.real), float(damped.poles[second].real)
     moves = (
-        sum(abs(shift) for shift in moved) / abs(own),
+        sum(abs(shift) for shift in moved) / abs(real_pole),
         sum(abs(shift) for shift in other) / abs(next_to),
     )
     # the ratio depends on the quotient of both poles alone
-    quotient = math.sqrt(own / next_to)
+    quotient = math.sqrt(real_pole / next_to)
     return 0.0, SAFETY * 0.25 * abs(quotient - 1.0 / quotient) * sum(moves)
 
 

@@ -54,7 +54,7 @@ def estimate_deviation(
     """
     influence = deviation.influence
     unknown = _is_silent(coupled, influence)
-    parts, found = meshed_parts(coupled), dict[str, DeviationChanges]()
+    parts, changes_by_source = meshed_parts(coupled), dict[str, DeviationChanges]()
     elements = coupled.layout.superelements
     for source, response in deviation.responses.items():
         loads = {GRAVITY: [GRAVITY], FORCES: list(machine.loads)}.get(source, [])
@@ -66,11 +66,11 @@ def estimate_deviation(
         left_out: dict[str, FloatArray] = {}
         for name, part in parts.items():
             turn = turn_dofs(elements[name], coupled.placements[name])
-            own = part.rows @ influence
+            local = part.rows @ influence
             given = part.without_rigid(
                 part.rows @ response.moved + turn @ response.offset[coupled.offsets[name]]
             )
-            strained = part.without_rigid(own)
+            strained = part.without_rigid(local)
             fallen: FloatArray = np.zeros(len(turn))
             if pull is not None:
                 fallen = turn @ coupled.matrices.rigid[name][:, :3] @ pull
@@ -79,11 +79,11 @@ def estimate_deviation(
                 meshes[name] = meshes[name] + influence.T @ inside[name]
             for changes, change in ((faces, part.faces), (left_out, part.left_out)):
                 if change is not None and change.stiffness.any():
-                    changes[name] = own.T @ change.mass @ fallen - (
+                    changes[name] = local.T @ change.mass @ fallen - (
                         strained.T @ change.stiffness @ given
                     )
-        found[source] = DeviationChanges(meshes, faces, left_out)
-    return found
+        changes_by_source[source] = DeviationChanges(meshes, faces, left_out)
+    return changes_by_source
 
 
 def _is_silent(coupled: CoupledMachine, motions: FloatArray) -> FloatArray:

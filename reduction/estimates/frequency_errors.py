@@ -51,11 +51,11 @@ def truncated_parts(coupled: CoupledMachine) -> dict[str, TruncatedPart]:
     for name, superelement in coupled.layout.superelements.items():
         truncation = superelement.errors.truncation
         if truncation is not None and np.isfinite(truncation.limit):
-            own = (
+            local_rows = (
                 turn_dofs(superelement, coupled.placements[name])
                 @ coupled.basis[coupled.offsets[name]]
             )
-            parts[name] = TruncatedPart(truncation, own[: superelement.boundary_size])
+            parts[name] = TruncatedPart(truncation, local_rows[: superelement.boundary_size])
     return parts
 
 
@@ -89,7 +89,7 @@ def bound_frequency_errors(
     inner = {
         name: TruncatedPart(part.truncation, part.rows @ space) for name, part in parts.items()
     }
-    seen = {name: part.rows @ modes.shapes for name, part in parts.items()}
+    boundary_motions = {name: part.rows @ modes.shapes for name, part in parts.items()}
     bounds, beyond = np.zeros(len(eigenvalues)), []
     by_component: dict[str, FloatArray] = {name: np.zeros(len(eigenvalues)) for name in parts}
     for mode, square in enumerate(eigenvalues):
@@ -108,7 +108,7 @@ def bound_frequency_errors(
         lowered = eigh(stiffness, heavier, eigvals_only=True, subset_by_index=[mode, mode])[0]
         bounds[mode] = modes.frequencies_hz[mode] - np.sqrt(max(lowered, 0.0)) / (2.0 * np.pi)
         for name in parts:
-            column = seen[name][:, mode]
+            column = boundary_motions[name][:, mode]
             by_component[name][mode] = (
                 0.5 * modes.frequencies_hz[mode] * square * float(column @ added[name] @ column)
             )

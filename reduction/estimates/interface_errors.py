@@ -28,18 +28,18 @@ def shape_energies(
         motions: ``(n, m)`` generalised displacements.
     """
     stacked = coupled.basis @ motions
-    found: dict[str, FloatArray] = {}
+    energies: dict[str, FloatArray] = {}
     for name, joint in joints.items():
         for end in joint.ends:
             part = coupled.layout.superelements.get(end.component or "")
             entry = None if part is None else part.interface_maps.get(end.interface or "")
             if part is None or entry is None or entry.shapes is None:
                 continue
-            own = slice(entry.shapes.first, entry.shapes.first + entry.shapes.count)
-            moved = stacked[coupled.offsets[end.component or ""]][own]
-            energy = np.einsum("im,ij,jm->m", moved, part.stiffness[own, own], moved)
-            found[name] = found.get(name, np.zeros(motions.shape[1])) + energy
-    return found
+            columns = slice(entry.shapes.first, entry.shapes.first + entry.shapes.count)
+            moved = stacked[coupled.offsets[end.component or ""]][columns]
+            energy = np.einsum("im,ij,jm->m", moved, part.stiffness[columns, columns], moved)
+            energies[name] = energies.get(name, np.zeros(motions.shape[1])) + energy
+    return energies
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +75,8 @@ def bound_response_changes(
     below = np.array(
         [np.searchsorted(form.peaks_hz, frequencies_hz, side="right") for form in forms]
     )
-    known = min(len(form.peaks_hz) for form in forms)
-    least, most = below.min(axis=0), np.minimum(below.max(axis=0), known)
+    count = min(len(form.peaks_hz) for form in forms)
+    least, most = below.min(axis=0), np.minimum(below.max(axis=0), count)
     for step in range(PASSING):
         lines = np.flatnonzero(least + step < most)
         for form in forms:

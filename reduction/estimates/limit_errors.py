@@ -67,9 +67,11 @@ def find_border_changes(
         mesh = _where(chatter < reach, changes[0])
         if changes[1:]:
             faces = Border(
-                np.maximum(0.0, np.max([each.depth - mesh.depth for each in changes[1:]], axis=0)),
                 np.maximum(
-                    0.0, np.max([each.chatter - mesh.chatter for each in changes[1:]], axis=0)
+                    0.0, np.max([border.depth - mesh.depth for border in changes[1:]], axis=0)
+                ),
+                np.maximum(
+                    0.0, np.max([border.chatter - mesh.chatter for border in changes[1:]], axis=0)
                 ),
             )
     if space.sources.truncated:
@@ -84,18 +86,18 @@ def _add_modes(
     chatter.
     """
     unknown = np.full(len(chatter), np.nan)
-    found = Border(unknown.copy(), unknown.copy())
+    bounds = Border(unknown.copy(), unknown.copy())
     with np.errstate(invalid="ignore"):
         bounded = chatter**2 < space.limit
     group = np.round(np.log(np.where(bounded, chatter, 1.0)) / GROUPS)
     for number in np.unique(group[bounded]):
         some = bounded & (group == number)
         square = float(np.median(chatter[some])) ** 2
-        least, most = (find(each, some) for each in space.linearise_modes(square))
+        least, most = (find(line, some) for line in space.linearise_modes(square))
         first, second, apart = least.distance(plain), most.distance(plain), least.distance(most)
-        found.depth[some] = (np.maximum(first.depth, second.depth) + apart.depth)[some]
-        found.chatter[some] = (np.maximum(first.chatter, second.chatter) + apart.chatter)[some]
-    return found
+        bounds.depth[some] = (np.maximum(first.depth, second.depth) + apart.depth)[some]
+        bounds.chatter[some] = (np.maximum(first.chatter, second.chatter) + apart.chatter)[some]
+    return bounds
 
 
 def _where(known: BoolArray, border: Border) -> Border:

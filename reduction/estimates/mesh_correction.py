@@ -81,8 +81,8 @@ def _correct_probe(probe: ProbeRows, share: float) -> ProbeRows:
         probe,
         values=_add_missing(probe.values, probe.missing, share),
         loads={
-            name: dataclasses.replace(seen, values=_add_missing(seen.values, seen.missing, share))
-            for name, seen in probe.loads.items()
+            name: dataclasses.replace(load, values=_add_missing(load.values, load.missing, share))
+            for name, load in probe.loads.items()
         },
     )
 

@@ -85,18 +85,18 @@ class MeshedPart:
     @property
     def shape(self) -> PartChange | None:
         """Return what faces and features change together; None where nothing is known of either."""
-        known = [each for each in (self.faces, self.left_out) if each is not None]
-        if not known:
+        changes = [change for change in (self.faces, self.left_out) if change is not None]
+        if not changes:
             return None
         return PartChange(
-            np.sum([each.stiffness for each in known], axis=0),
-            np.sum([each.mass for each in known], axis=0),
+            np.sum([change.stiffness for change in changes], axis=0),
+            np.sum([change.mass for change in changes], axis=0),
         )
 
 
 def meshed_parts(coupled: CoupledMachine) -> dict[str, MeshedPart]:
     """Return the components of a machine whose mesh has an estimate."""
-    found = {}
+    parts = {}
     for name, part in coupled.layout.superelements.items():
         errors = part.errors
         if errors.missing_energy is not None:
@@ -110,7 +110,7 @@ def meshed_parts(coupled: CoupledMachine) -> dict[str, MeshedPart]:
                 if unidentifiable
                 else part.modal_frequencies_hz[silent[part.boundary_size :]].min(initial=np.inf)
             )
-            found[name] = MeshedPart(
+            parts[name] = MeshedPart(
                 energy=errors.mesh_safety * errors.missing_energy,
                 stiffness=part.stiffness,
                 rows=rows,
@@ -123,7 +123,7 @@ def meshed_parts(coupled: CoupledMachine) -> dict[str, MeshedPart]:
                 if part.supported
                 else np.linalg.qr(rigid_motions(part, part.center_of_mass))[0],
             )
-    return found
+    return parts
 
 
 def _scale_change(stiffness: FloatArray | None, mass: FloatArray | None) -> PartChange | None:
@@ -142,10 +142,10 @@ def missing_energies(coupled: CoupledMachine, motions: FloatArray) -> dict[str, 
     Returns:
         Component to ``(m, m)``; components without an estimate are left out.
     """
-    seen = {
+    strained = {
         name: (part.energy, part.strain(motions)) for name, part in meshed_parts(coupled).items()
     }
-    return {name: own.T @ energy @ own for name, (energy, own) in seen.items()}
+    return {name: strains.T @ energy @ strains for name, (energy, strains) in strained.items()}
 
 
 def frequency_mesh_errors(coupled: CoupledMachine, modes: ModalResult) -> dict[str, FloatArray]:
@@ -180,9 +180,9 @@ def silent_energies(coupled: CoupledMachine, motions: FloatArray) -> FloatArray:
     """
     total = np.zeros(motions.shape[1])
     for part in meshed_parts(coupled).values():
-        own = (part.rows @ motions)[part.silent]
+        silent = (part.rows @ motions)[part.silent]
         total += np.einsum(
-            "im,ij,jm->m", own, part.stiffness[np.ix_(part.silent, part.silent)], own
+            "im,ij,jm->m", silent, part.stiffness[np.ix_(part.silent, part.silent)], silent
         )
     return total
 
@@ -217,8 +217,8 @@ def _frequency_change(part: MeshedPart, change: PartChange, modes: ModalResult) 
     elastic = np.arange(len(modes.frequencies_hz)) >= modes.rigid_count
     squares = np.where(elastic, (2.0 * np.pi * modes.frequencies_hz) ** 2, np.inf)
     stiffer, heavier = (
-        np.einsum("im,ij,jm->m", own, each, own)
-        for own, each in (
+        np.einsum("im,ij,jm->m", local, matrix, local)
+        for local, matrix in (
             (part.strain(modes.shapes), change.stiffness),
             (part.rows @ modes.shapes, change.mass),
         )
@@ -274,18 +274,18 @@ def product_errors(
     """
     meshes, faces = {}, {}
     for name, part in meshed_parts(coupled).items():
-        own, given = part.strain(left), part.strain(right)
-        meshes[name] = own.T @ part.energy @ given
+        left_strain, right_strain = part.strain(left), part.strain(right)
+        meshes[name] = left_strain.T @ part.energy @ right_strain
         if part.shape is not None:
-            faces[name] = own.T @ part.shape.stiffness @ given
+            faces[name] = left_strain.T @ part.shape.stiffness @ right_strain
     return meshes, faces
 
 
 def _compliance_change(
     part: MeshedPart, change: PartChange, displacements: FloatArray
 ) -> FloatArray:
-    own = part.strain(displacements)
-    return np.asarray(np.abs(np.einsum("im,ij,jm->m", own, change.stiffness, own)))
+    strains = part.strain(displacements)
+    return np.asarray(np.abs(np.einsum("im,ij,jm->m", strains, change.stiffness, strains)))
 
 
 def compliance_mesh_errors(
@@ -327,25 +327,25 @@ def doubted_energies(
         areas: Area of fixed interfaces by component and interface [m^2].
         parts: Materials of meshed components.
     """
-    found: dict[str, FloatArray] = {}
+    energies: dict[str, FloatArray] = {}
     for (name, interface), area in areas.items():
         element = coupled.layout.superelements[name]
         if interface not in element.interface_maps:
             continue
-        own = (
+        local_rows = (
             turn_dofs(element, coupled.placements[name])
             @ coupled.basis[coupled.offsets[name]]
             @ motions
         )
         node = element.interface_maps[interface].node
         rows = slice(6 * node, 6 * node + 6)
-        forces = element.stiffness[rows] @ own - (element.mass[rows] @ own) * squares
+        forces = element.stiffness[rows] @ local_rows - (element.mass[rows] @ local_rows) * squares
         radius, modulus = (
             np.sqrt(area / np.pi),
             parts[name].youngs_modulus / (1.0 - parts[name].poisson_ratio ** 2),
         )
         pushes, turns = (forces[:3] ** 2).sum(axis=0), (forces[3:] ** 2).sum(axis=0)
-        found[f"{name}.{interface}"] = (
+        energies[f"{name}.{interface}"] = (
             FORCE_DOUBT * pushes / radius + MOMENT_DOUBT * turns / radius**3
         ) / modulus
-    return found
+    return energies

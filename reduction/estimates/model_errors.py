@@ -106,4 +106,6 @@ def split_change(size: float, singles: Mapping[str, float]) -> dict[str, float]:
     """
     sizes = {name: abs(single) for name, single in singles.items() if np.isfinite(single)}
     total = sum(sizes.values())
-    return {name: size * own / total for name, own in sizes.items()} if total > 0.0 else {}
+    return (
+        {name: size * part_size / total for name, part_size in sizes.items()} if total > 0.0 else {}
+    )

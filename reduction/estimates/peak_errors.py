@@ -65,8 +65,11 @@ class _Follower:
             pair.first: pair.second
             for pair in pair_modes(self._modes, _mode_set(model, BEYOND * self._count + FURTHER))
         }
-        own = [partners.get(peak.mode, -1) for peak in self._peaks]
-        heights = [each.height for each in follow_peaks(model, self._peaks, own, self._hz)]
+        partner_modes = [partners.get(peak.mode, -1) for peak in self._peaks]
+        heights = [
+            peak_now.height
+            for peak_now in follow_peaks(model, self._peaks, partner_modes, self._hz)
+        ]
         return np.concatenate([heights, measure_levels(model, self._levels)])
 
     def shape(self, mode: int) -> FloatArray:
@@ -137,17 +140,17 @@ def _add_modes(
     energy; at rest they add nothing.
     """
     names = list(space.sources.truncated)
-    found: dict[str, FloatArray] = {name: np.zeros(len(peaks) + levels) for name in names}
+    changes: dict[str, FloatArray] = {name: np.zeros(len(peaks) + levels) for name in names}
     for mode in {peak.mode: None for peak in peaks} if names else ():
-        own = [number for number, peak in enumerate(peaks) if peak.mode == mode]
-        square = (2.0 * np.pi * peaks[own[0]].hz) ** 2
+        peaks_of_mode = [number for number, peak in enumerate(peaks) if peak.mode == mode]
+        square = (2.0 * np.pi * peaks[peaks_of_mode[0]].hz) ** 2
         if not square < space.limit:
             for name in names:
                 if not square < space.sources.truncated[name].truncation.limit:
-                    found[name][own] = np.nan
+                    changes[name][peaks_of_mode] = np.nan
             continue
         model = respond(space.linearise_modes(square)[1])
-        sizes = np.abs(follower.measure(model) - follower.before)[own]
+        sizes = np.abs(follower.measure(model) - follower.before)[peaks_of_mode]
         shape = follower.shape(mode)
         energies = np.array(
             [
@@ -156,5 +159,5 @@ def _add_modes(
             ]
         )
         for name, share in zip(names, energies / max(energies.sum(), 1e-300), strict=True):
-            found[name][own] = share * sizes
-    return found
+            changes[name][peaks_of_mode] = share * sizes
+    return changes

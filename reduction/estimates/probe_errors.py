@@ -98,12 +98,12 @@ def estimate_at_rest(
     if probe.missing is None or probe.smoothing is None:
         unknown[:] = True
     else:
-        own, local = probe.missing @ moved, probe.smoothing @ moved
+        missing_part, local = probe.missing @ moved, probe.smoothing @ moved
         for load in probe.loads.values():
             if load.missing is not None and load.smoothing is not None:
-                own, local = own + load.missing, local + load.smoothing
-        own[:MOVED] *= probe.mesh_safety
-        meshes[probe.component] += own
+                missing_part, local = missing_part + load.missing, local + load.smoothing
+        missing_part[:MOVED] *= probe.mesh_safety
+        meshes[probe.component] += missing_part
     if probe.singular:
         unknown[MOVED:] = True
     return RestErrors(

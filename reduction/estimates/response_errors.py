@@ -141,15 +141,15 @@ class ResponseSpace:
         rayleigh = {name: sources.rayleigh.get(name, RayleighDamping()) for name in names}
         self._moments = {}
         for name, part in sources.truncated.items():
-            seen, moments = part.rows @ space, part.truncation
-            first, second = seen.T @ moments.first @ seen, seen.T @ moments.second @ seen
+            moved, moments = part.rows @ space, part.truncation
+            first, second = moved.T @ moments.first @ moved, moved.T @ moments.second @ moved
             self._moments[name] = _Moments(
                 first, second, moments.limit, lossy[name], rayleigh[name]
             )
         self.parts: dict[str, MeshChanges] = {}
         finer, corrected, surfaces = (list[SystemChange]() for _ in range(3))
         for name, meshed in sources.meshed.items():
-            seen, strained = meshed.rows @ space, meshed.strain(space)
+            moved, strained = meshed.rows @ space, meshed.strain(space)
             strained[:, : self._rigid] = 0.0
 
             def change(
@@ -162,18 +162,21 @@ class ResponseSpace:
                 viscous = damped.alpha * mass + damped.beta * stiffness if damped else None
                 return SystemChange(loss * stiffness, mass, viscous)
 
-            own = change(-strained.T @ meshed.energy @ strained, np.zeros_like(self._mass))
-            finer.append(own)
+            softer = change(-strained.T @ meshed.energy @ strained, np.zeros_like(self._mass))
+            finer.append(softer)
             if meshed.corrected:
-                corrected.append(own)
+                corrected.append(softer)
             others = [
                 None
-                if each is None
-                else change(strained.T @ each.stiffness @ strained, seen.T @ each.mass @ seen)
-                for each in (meshed.faces, meshed.left_out)
+                if part_change is None
+                else change(
+                    strained.T @ part_change.stiffness @ strained,
+                    moved.T @ part_change.mass @ moved,
+                )
+                for part_change in (meshed.faces, meshed.left_out)
             ]
-            surfaces += [each for each in others if each is not None]
-            self.parts[name] = MeshChanges(own, *others)
+            surfaces += [part_change for part_change in others if part_change is not None]
+            self.parts[name] = MeshChanges(softer, *others)
         self.finer = self._add_up(finer)
         stiffer = self._add_up(corrected, -1.0)
         self.meshes: tuple[SystemChange, ...] = (
@@ -189,11 +192,11 @@ class ResponseSpace:
 
     def _add_up(self, changes: Sequence[SystemChange], factor: float = 1.0) -> SystemChange:
         """Return the sum of changes, times a factor."""
-        viscous = [each.damping for each in changes if each.damping is not None]
+        viscous = [change.damping for change in changes if change.damping is not None]
         nothing = np.zeros_like(self._mass)
         return SystemChange(
-            factor * np.sum([nothing + 0j, *(each.stiffness for each in changes)], axis=0),
-            factor * np.sum([nothing, *(each.mass for each in changes)], axis=0),
+            factor * np.sum([nothing + 0j, *(change.stiffness for change in changes)], axis=0),
+            factor * np.sum([nothing, *(change.mass for change in changes)], axis=0),
             factor * np.sum(viscous, axis=0) if viscous else None,
         )
 
@@ -257,13 +260,13 @@ class ResponseSpace:
         hysteretic: FloatArray = np.asarray(added.stiffness.imag)
         if self._hysteretic is not None:
             hysteretic = hysteretic + self._hysteretic
-        viscous = [each for each in (self._damping, added.damping) if each is not None]
+        viscous = [matrix for matrix in (self._damping, added.damping) if matrix is not None]
         return SecondOrderSystem(
             mass=symmetrise(self._mass + added.mass),
             damping=symmetrise(np.sum(viscous, axis=0)) if viscous else None,
             stiffness=symmetrise(self._stiffness + added.stiffness.real),
-            inputs={channel: self.loads[:, place] for place, channel in enumerate(inputs)},
-            outputs={channel: self.rows[place] for place, channel in enumerate(outputs)},
+            inputs={channel: self.loads[:, index] for index, channel in enumerate(inputs)},
+            outputs={channel: self.rows[index] for index, channel in enumerate(outputs)},
             labels=tuple(f"trial.{number}" for number in range(len(self._mass))),
             hysteretic=symmetrise(hysteretic) if hysteretic.any() else None,
         )
@@ -296,15 +299,17 @@ class ResponseSpace:
         shape = (len(squares), *self._mass.shape)
         least, most = np.zeros(shape, dtype=complex), np.zeros(shape, dtype=complex)
         column, omega = squares[:, None, None], np.sqrt(squares)[:, None, None]
-        for name, own in self._moments.items():
+        for name, moments in self._moments.items():
             if only in (None, name):
                 # viscous damping by mass and stiffness acts on modes left out as on those kept
-                loss = own.loss + 1j * omega * own.rayleigh.beta
-                inertia = column - 1j * omega * own.rayleigh.alpha
+                loss = moments.loss + 1j * omega * moments.rayleigh.beta
+                inertia = column - 1j * omega * moments.rayleigh.alpha
                 ratio = inertia / loss
-                least += inertia * ratio * (own.first + ratio * own.second)
+                least += inertia * ratio * (moments.first + ratio * moments.second)
                 most += (
-                    inertia * ratio * (own.first + ratio / (1.0 - column / own.limit) * own.second)
+                    inertia
+                    * ratio
+                    * (moments.first + ratio / (1.0 - column / moments.limit) * moments.second)
                 )
         return least, most
 
@@ -582,11 +587,11 @@ def _add_modes(
     loads, rows = space.loads.astype(complex), space.rows.T.astype(complex)
     if space.control is None:
         moved = np.linalg.solve(dynamic - high, np.hstack([loads, rows]))
-        given, seen = moved[:, :, :inputs], moved[:, :, inputs:]
+        given, observed = moved[:, :, :inputs], moved[:, :, inputs:]
     else:
         given = np.linalg.solve(dynamic - high, loads)
-        seen = np.linalg.solve((dynamic - high).transpose(0, 2, 1), rows)
+        observed = np.linalg.solve((dynamic - high).transpose(0, 2, 1), rows)
     most = space.rows @ given - plain
     # from the most to the least it is a small step, taken to first order: one more factorisation
     # would cost half as much again
-    return most - seen.transpose(0, 2, 1) @ ((high - low) @ given), most
+    return most - observed.transpose(0, 2, 1) @ ((high - low) @ given), most

@@ -62,16 +62,16 @@ def place_motion(superelement: Superelement, points: FloatArray) -> FloatArray:
     """
     if superelement.recovery is None:
         return carried_motion(superelement, points)
-    known = superelement.recovery.points
-    count = min(NEIGHBOURS, len(known))
-    distances, neighbours = KDTree(known).query(points, k=count)
+    basis_points = superelement.recovery.points
+    count = min(NEIGHBOURS, len(basis_points))
+    distances, neighbours = KDTree(basis_points).query(points, k=count)
     result = np.zeros((len(points), 3, len(superelement.labels)))
-    field = superelement.recovery.basis.reshape(len(known), 3, -1)
+    field = superelement.recovery.basis.reshape(len(basis_points), 3, -1)
     for row, (distance, near) in enumerate(
         zip(distances.reshape(-1, count), neighbours.reshape(-1, count), strict=True)
     ):
         reach = max(float(distance.max()), np.finfo(float).tiny)
-        arms = np.column_stack([np.ones(count), (known[near] - points[row]) / reach])
+        arms = np.column_stack([np.ones(count), (basis_points[near] - points[row]) / reach])
         weights = 1.0 / (SOFTENING + (distance / reach) ** 2)
         # the value of the fit at the place itself is its constant term
         factors = np.linalg.pinv(arms * weights[:, None])[0] * weights
@@ -118,10 +118,10 @@ def machine_field(
     parts = []
     for name, chosen in places.items():
         superelement, placement = coupled.layout.superelements[name], coupled.placements[name]
-        own = turn_dofs(superelement, placement) @ stacked[coupled.offsets[name]]
-        known = None if motions is None else motions.get(name)
-        motion = place_motion(superelement, chosen.points) if known is None else known
-        moved = (motion @ own).reshape(-1, 3, shapes.shape[1])
+        local = turn_dofs(superelement, placement) @ stacked[coupled.offsets[name]]
+        body_motion = None if motions is None else motions.get(name)
+        motion = place_motion(superelement, chosen.points) if body_motion is None else body_motion
+        moved = (motion @ local).reshape(-1, 3, shapes.shape[1])
         turned = np.einsum("ij,kjm->kim", placement.rotation, moved)
         parts.append((np.sqrt(chosen.masses)[:, None, None] * turned).reshape(-1, shapes.shape[1]))
     return np.vstack([np.zeros((0, shapes.shape[1])), *parts])

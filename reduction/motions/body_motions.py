@@ -80,7 +80,7 @@ def _body_motion(coupled: CoupledMachine, name: str, stacked: FloatArray) -> Bod
     component has no mass).
     """
     superelement = coupled.layout.superelements[name]
-    own = stacked[coupled.offsets[name]]
+    local = stacked[coupled.offsets[name]]
     motions = rigid_dofs(coupled, name, center_of_mass(coupled, name))
     metric = coupled.matrices.masses[name]
     if not metric.any():
@@ -91,10 +91,10 @@ def _body_motion(coupled: CoupledMachine, name: str, stacked: FloatArray) -> Bod
     length = characteristic_length(superelement)
     scale = np.repeat([1.0, 1.0 / length], 3)
     solved = np.linalg.lstsq(
-        gram * scale * scale[:, None], scale * (motions.T @ metric @ own), rcond=1e-12
+        gram * scale * scale[:, None], scale * (motions.T @ metric @ local), rcond=1e-12
     )[0]
     rigid = scale * solved
-    return BodyMotion(name, rigid, own - motions @ rigid, gram.diagonal() * rigid**2)
+    return BodyMotion(name, rigid, local - motions @ rigid, gram.diagonal() * rigid**2)
 
 
 def split_motions(coupled: CoupledMachine, stacked: FloatArray) -> tuple[BodyMotion, ...]:
@@ -199,10 +199,10 @@ def solve_machine_static(coupled: CoupledMachine, loads: FloatArray) -> Balanced
             that move.
         AccuracyError: The residual is too large.
     """
-    found = solve_balanced(coupled.system, loads[:, None] if loads.ndim == 1 else loads)
-    if not found.balanced.all():
+    result = solve_balanced(coupled.system, loads[:, None] if loads.ndim == 1 else loads)
+    if not result.balanced.all():
         raise free_motion_error(coupled)
-    return replace(found, displacements=found.displacements.reshape(loads.shape))
+    return replace(result, displacements=result.displacements.reshape(loads.shape))
 
 
 def warn_of_free_motions(motions: Sequence[FreeMotion]) -> str:

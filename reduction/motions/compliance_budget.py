@@ -75,8 +75,8 @@ def point_loads(coupled: CoupledMachine, point: str) -> FloatArray:
         ModelError: There is no such point.
     """
     if (point, "x") not in coupled.system.inputs:
-        known = sorted({name for name, _ in coupled.system.inputs})
-        raise ModelError(f"there is no point {point!r}; points and interfaces: {known}")
+        names = sorted({name for name, _ in coupled.system.inputs})
+        raise ModelError(f"there is no point {point!r}; points and interfaces: {names}")
     return np.column_stack([coupled.system.inputs[point, dof] for dof in DOF_NAMES])
 
 
@@ -110,11 +110,11 @@ def point_budget(coupled: CoupledMachine, point: str) -> PointBudget:
     if coupled.geometric is not None:
         energies[WEIGHT] = 0.5 * weight_energy(coupled, moved, moved)
     for i, direction in enumerate(DIRECTIONS):
-        own = {name: float(values[i]) for name, values in energies.items()}
+        energies_now = {name: float(values[i]) for name, values in energies.items()}
         # a load that does work on a free motion has no answer, so nothing has a share in it
         work = 0.5 * float(np.nan_to_num(compliance[i, i]))
         shares[direction] = _shares(
-            own, work, _roundoff(coupled, displacements[:, i]), f"{point} {direction}"
+            energies_now, work, _roundoff(coupled, displacements[:, i]), f"{point} {direction}"
         )
     return PointBudget(compliance, shares, displacements, bool(np.isnan(compliance).any()))
 
@@ -123,12 +123,12 @@ def _solve_point(coupled: CoupledMachine, point: str) -> tuple[FloatArray, Float
     """Return the compliance ``(6, 6)``, NaN where a free motion makes it undetermined, and
     displacements ``(n, 6)``.
     """
-    found = solve_balanced(coupled.system, point_loads(coupled, point))
-    if not found.balanced[: len(DIRECTIONS)].any():
+    result = solve_balanced(coupled.system, point_loads(coupled, point))
+    if not result.balanced[: len(DIRECTIONS)].any():
         raise free_motion_error(coupled)
     rows = np.vstack([coupled.system.outputs[point, dof] for dof in DOF_NAMES])
-    known = found.determines(rows)[:, None] & found.balanced
-    return np.where(known, rows @ found.displacements, np.nan), found.displacements
+    determined = result.determines(rows)[:, None] & result.balanced
+    return np.where(determined, rows @ result.displacements, np.nan), result.displacements
 
 
 def strain_energies(coupled: CoupledMachine, displacements: FloatArray) -> dict[str, FloatArray]:
@@ -153,9 +153,9 @@ def mutual_energies(
     energies = {}
     for name, stiffness in coupled.matrices.stiffnesses.items():
         if stiffness.any():
-            own = coupled.offsets[name]
-            left = _deformation(coupled, name, one[own])
-            right = left if same else _deformation(coupled, name, other[own])
+            dofs = coupled.offsets[name]
+            left = _deformation(coupled, name, one[dofs])
+            right = left if same else _deformation(coupled, name, other[dofs])
             energies[name] = np.einsum("im,im->m", left, stiffness @ right)
     for spring in coupled.joint_springs:
         if np.any(spring.stiffness):
@@ -194,7 +194,8 @@ def kinetic_energies(coupled: CoupledMachine, shape: FloatArray) -> dict[str, fl
     stacked = coupled.basis @ shape
     parts = {name: stacked[coupled.offsets[name]] for name in coupled.offsets}
     return {
-        name: 0.5 * float(own @ coupled.matrices.masses[name] @ own) for name, own in parts.items()
+        name: 0.5 * float(motion @ coupled.matrices.masses[name] @ motion)
+        for name, motion in parts.items()
     }
 
 
@@ -267,8 +268,8 @@ def _add_stiffness(total: FloatArray, coupled: CoupledMachine, name: str) -> Non
     else:
         spring = next(spring for spring in coupled.joint_springs if spring.name == name)
         rows, stiffness = spring.rows, spring.stiffness
-    seen = np.flatnonzero(rows.any(axis=0))
-    total[np.ix_(seen, seen)] += rows[:, seen].T @ stiffness @ rows[:, seen]
+    columns = np.flatnonzero(rows.any(axis=0))
+    total[np.ix_(columns, columns)] += rows[:, columns].T @ stiffness @ rows[:, columns]
 
 
 def _roundoff(coupled: CoupledMachine, displacement: FloatArray) -> float:

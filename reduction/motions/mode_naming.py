@@ -261,11 +261,11 @@ def _whole_motion(coupled: CoupledMachine, stacked: FloatArray) -> tuple[int, fl
         / total
     )
     gram, work, energy = np.zeros((6, 6)), np.zeros(6), 0.0
-    for name, place in coupled.offsets.items():
+    for name, dofs in coupled.offsets.items():
         motions, mass = rigid_dofs(coupled, name, center), coupled.matrices.masses[name]
         gram += motions.T @ mass @ motions
-        work += motions.T @ (mass @ stacked[place])
-        energy += float(stacked[place] @ mass @ stacked[place])
+        work += motions.T @ (mass @ stacked[dofs])
+        energy += float(stacked[dofs] @ mass @ stacked[dofs])
     rigid = np.linalg.lstsq(gram, work, rcond=None)[0]
     weights = gram.diagonal() * rigid**2
     main = int(np.argmax(np.round(weights / max(float(weights.max()), np.finfo(float).tiny), 6)))
@@ -378,6 +378,6 @@ def _sample_field(coupled: CoupledMachine, motion: BodyMotion) -> tuple[FloatArr
     step = max(1, len(superelement.recovery.points) // SAMPLES)
     chosen = np.arange(0, len(superelement.recovery.points), step)
     rows = (3 * chosen[:, None] + np.arange(3)).ravel()
-    own = turn_dofs(superelement, placement) @ motion.deformation
-    field = (superelement.recovery.basis[rows] @ own).reshape(-1, 3) @ rotation.T
+    local = turn_dofs(superelement, placement) @ motion.deformation
+    field = (superelement.recovery.basis[rows] @ local).reshape(-1, 3) @ rotation.T
     return (superelement.recovery.points[chosen] - superelement.center_of_mass) @ rotation.T, field

@@ -71,7 +71,7 @@ class PathErrors:
         """
         now, length = sample_move(move, times), self.path.length
         values = (now.positions, now.speeds, now.accelerations)
-        shares = PathMotion(*(np.asarray(each / length) for each in values))
+        shares = PathMotion(*(np.asarray(value / length) for value in values))
         step = min(MOST_STEP, self.travel.shortest / PLACES_PER_WAVE)
         offsets, rates, growth = follow_offsets(self.travel.sample, shares, (0.0, 1.0), step)
         return np.hstack([offsets - self.travel.sample(np.zeros(1)), rates, growth])
@@ -80,12 +80,12 @@ class PathErrors:
         """Return a deviation in the frozen pose with the static part of the pose at hand."""
         if len(self.places) == 1:
             return frozen
-        way = sample_move(move, frozen.times).positions / self.path.length
-        shares: FloatArray = np.clip(way, 0.0, 1.0)
+        path_shares = sample_move(move, frozen.times).positions / self.path.length
+        shares: FloatArray = np.clip(path_shares, 0.0, 1.0)
         gains = scipy.interpolate.BarycentricInterpolator(self.places, self.gains)
-        first, own = self.travel.sample(np.zeros(1)), self.travel.sample(shares)
-        here = np.einsum("nok,nk->no", gains(shares), own) - gains(0.0) @ first[0]
-        change = here - (own - first) @ gains(0.5).T
+        first, offsets = self.travel.sample(np.zeros(1)), self.travel.sample(shares)
+        here = np.einsum("nok,nk->no", gains(shares), offsets) - gains(0.0) @ first[0]
+        change = here - (offsets - first) @ gains(0.5).T
         return dataclasses.replace(
             frozen, total=frozen.total + change, quasi_static=frozen.quasi_static + change
         )
@@ -116,7 +116,7 @@ def find_path_errors(
     # Chebyshev points of the first kind; a single one is the middle
     places = 0.5 - 0.5 * np.cos(np.pi * (np.arange(nodes) + 0.5) / nodes)
     posed = [
-        couple(superelements, machine, path.pose_at(float(place) * path.length)) for place in places
+        couple(superelements, machine, path.pose_at(float(share) * path.length)) for share in places
     ]
     check_offsets(posed[nodes // 2], travel)
     return PathErrors(
@@ -182,8 +182,8 @@ def pass_offsets(
             dof = DOF_NAMES.index(direction)
             passed = motions.passed[joint.name][dof] * float(damper.any())
             rows.append(-np.concatenate([motions.forces[joint.name][dof], passed]))
-    for name, seen in probes.items():
-        channels += seen
+    for name, probe_rows in probes.items():
+        channels += probe_rows
         carried = carry_probe(coupled, machine.probes[name], motions.moved)
         rows += [np.concatenate([row, still]) for row in carried]
     return Feedthrough(
@@ -199,8 +199,8 @@ def add_error_inputs(
     """Return the system with offsets, their rates and their accelerations as inputs, and these."""
     channels = (*travel.channels, *travel.rates, *travel.accelerations)
     columns = np.hstack([motions.loads, motions.rates, motions.accelerations])
-    own = dict(zip(channels, columns.T, strict=True))
-    return dataclasses.replace(system, inputs={**system.inputs, **own}), channels
+    columns_of = dict(zip(channels, columns.T, strict=True))
+    return dataclasses.replace(system, inputs={**system.inputs, **columns_of}), channels
 
 
 def respond_to_errors(

@@ -109,7 +109,7 @@ def solve_deviation(coupled: CoupledMachine, machine: Machine, point: str) -> To
             load for name, load in coupled.loads.items() if name not in (GRAVITY, GUIDE_ERRORS)
         ],
     }
-    deforming = {source: np.sum(found, axis=0) for source, found in loads.items() if found}
+    deforming = {source: np.sum(terms, axis=0) for source, terms in loads.items() if terms}
     pushed = {} if coupled.errors is None else {GEOMETRY: coupled.loads[GUIDE_ERRORS]}
     pushed |= deforming
     unit = point_loads(coupled, point)
@@ -136,9 +136,9 @@ def solve_deviation(coupled: CoupledMachine, machine: Machine, point: str) -> To
         for number, source in enumerate(pushed)
     }
     for source in deforming:
-        own = responses[source].moved
-        sources[source] = rows @ own
-        same = np.tile(own[:, None], 6)
+        motion = responses[source].moved
+        sources[source] = rows @ motion
+        same = np.tile(motion[:, None], 6)
         parts[source] = mutual_energies(coupled, influence, same)
         if coupled.geometric is not None:
             parts[source][WEIGHT] = weight_energy(coupled, influence, same)

@@ -230,10 +230,10 @@ class _KrylovSpace:
 
     def _solve(self) -> None:
         """Put ``K^-1`` of the massive block in place of the next one."""
-        given, found = self._massive.getMat(), self._next.getMat()
-        self._problem.inverse.matSolve(given, found)
+        given, solution = self._massive.getMat(), self._next.getMat()
+        self._problem.inverse.matSolve(given, solution)
         self._massive.restoreMat(given)
-        self._next.restoreMat(found)
+        self._next.restoreMat(solution)
         self.solves += _width(self._next)
 
     def _weigh(self) -> None:

@@ -49,8 +49,8 @@ def lowest_modes(
         return lobpcg_pairs(solver, solver.multigrid, start, target)
     search = {"block_lanczos": block_lanczos_pairs, "krylov_schur": krylov_schur_pairs}[eigensolver]
     with _constrained_problem(solver) as constrained:
-        found = search(constrained.problem, start[constrained.rows], target)
-        return dataclasses.replace(found, vectors=constrained.embed(found.vectors))
+        pairs = search(constrained.problem, start[constrained.rows], target)
+        return dataclasses.replace(pairs, vectors=constrained.embed(pairs.vectors))
 
 
 @dataclass(frozen=True, eq=False)

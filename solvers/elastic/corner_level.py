@@ -93,7 +93,7 @@ def interpolate_corners(
     rows = matrix.index_map(0).size_local
     columns = matrix.index_map(1)
     pointers = np.array(matrix.indptr[: rows + 1])
-    found = scipy.sparse.csr_matrix(
+    weights = scipy.sparse.csr_matrix(
         (
             np.array(matrix.data[: pointers[-1]]),
             np.array(matrix.indices[: pointers[-1]]),
@@ -101,6 +101,6 @@ def interpolate_corners(
         ),
         shape=(rows, columns.size_local + columns.num_ghosts),
     )
-    found.data[np.abs(found.data) < NO_WEIGHT] = 0.0
-    found.eliminate_zeros()
-    return found, columns
+    weights.data[np.abs(weights.data) < NO_WEIGHT] = 0.0
+    weights.eliminate_zeros()
+    return weights, columns

@@ -98,11 +98,11 @@ class ElasticOperators:
         if count == 0:
             return np.zeros(vectors.shape)
         whole = self.with_ghosts(vectors).astype(np.longdouble)
-        own = vectors.reshape(-1, 3, count).astype(np.longdouble)
-        forces = np.zeros(own.shape)
+        nodal = vectors.reshape(-1, 3, count).astype(np.longdouble)
+        forces = np.zeros(nodal.shape)
         matrix = self.stiffness
-        for first in range(0, len(own), ROWS_AT_A_TIME):
-            last = min(first + ROWS_AT_A_TIME, len(own))
+        for first in range(0, len(nodal), ROWS_AT_A_TIME):
+            last = min(first + ROWS_AT_A_TIME, len(nodal))
             pointers = matrix.indptr[first : last + 1]
             entries = slice(pointers[0], pointers[-1])
             rows = scipy.sparse.bsr_matrix(
@@ -115,7 +115,7 @@ class ElasticOperators:
             )
             forces[first:last] = (rows @ whole).reshape(-1, 3, count) - self.translation_noise[
                 first:last
-            ] @ own[first:last]
+            ] @ nodal[first:last]
         return forces.reshape(vectors.shape)
 
     def energy_roundoff(self, vectors: FloatArray) -> FloatArray:

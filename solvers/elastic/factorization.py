@@ -50,17 +50,20 @@ def dissect_nodes(pattern: scipy.sparse.spmatrix) -> IntArray32 | None:
     if library is None or count == 0:
         return None
     rows = np.repeat(np.arange(count, dtype=np.int32), np.diff(pattern.indptr))
-    beside = rows != pattern.indices
-    neighbours = np.ascontiguousarray(pattern.indices[beside], dtype=np.int32)
-    pointers = np.concatenate([[0], np.cumsum(np.bincount(rows[beside], minlength=count))]).astype(
-        np.int32
-    )
+    off_diagonal = rows != pattern.indices
+    neighbours = np.ascontiguousarray(pattern.indices[off_diagonal], dtype=np.int32)
+    pointers = np.concatenate(
+        [[0], np.cumsum(np.bincount(rows[off_diagonal], minlength=count))]
+    ).astype(np.int32)
     options = np.zeros(METIS_OPTIONS, dtype=np.int32)
-    order, place = np.empty(count, dtype=np.int32), np.empty(count, dtype=np.int32)
+    order, position = np.empty(count, dtype=np.int32), np.empty(count, dtype=np.int32)
     library.METIS_SetDefaultOptions(_pointer(options))
     size = ctypes.byref(ctypes.c_int32(count))
     status = library.METIS_NodeND(
-        size, *map(_pointer, (pointers, neighbours)), None, *map(_pointer, (options, order, place))
+        size,
+        *map(_pointer, (pointers, neighbours)),
+        None,
+        *map(_pointer, (options, order, position)),
     )
     return order if status == METIS_OK else None
 
@@ -132,13 +135,13 @@ class Factorization:
         rows = (len(self._free), self.free_total)
         columns = (PETSc.DECIDE, loads.shape[1])
         given = PETSc.Mat().createDense((rows, columns), array=right, comm=self._comm)
-        found = PETSc.Mat().createDense((rows, columns), array=left, comm=self._comm)
-        for matrix in (given, found):
+        solution = PETSc.Mat().createDense((rows, columns), array=left, comm=self._comm)
+        for matrix in (given, solution):
             matrix.assemble()
-        self._factors.matSolve(given, found)
-        result[self._free] = found.getDenseArray()
+        self._factors.matSolve(given, solution)
+        result[self._free] = solution.getDenseArray()
         given.destroy()
-        found.destroy()
+        solution.destroy()
         if not np.isfinite(self._comm.allreduce(float(np.abs(result).sum()))):
             raise ConvergenceError(
                 "the factorised stiffness returned values that are not finite: the component is fixed too weakly"

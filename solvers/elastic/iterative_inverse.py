@@ -44,11 +44,11 @@ class IterativeInverse:
         """
         result = np.zeros(loads.shape, order="F")
         rest = self.multigrid.without_motions(loads)
-        better = self.multigrid.apply(rest)
-        sizes = self._products(rest, better)
+        preconditioned = self.multigrid.apply(rest)
+        sizes = self._products(rest, preconditioned)
         limits = TOLERANCE**2 * sizes
         active = np.flatnonzero(sizes > 0.0)
-        rest, step, sizes = rest[:, active], better[:, active], sizes[active]
+        rest, step, sizes = rest[:, active], preconditioned[:, active], sizes[active]
         for _ in range(MOST_STEPS):
             if not len(active):
                 return result
@@ -56,11 +56,11 @@ class IterativeInverse:
             lengths = sizes / self._products(step, forces)
             result[:, active] += lengths * step
             rest -= lengths * forces
-            better = self.multigrid.apply(rest)
-            before, sizes = sizes, self._products(rest, better)
+            preconditioned = self.multigrid.apply(rest)
+            before, sizes = sizes, self._products(rest, preconditioned)
             self.steps += 1
             going = sizes > limits[active]
-            step = better + (sizes / before) * step
+            step = preconditioned + (sizes / before) * step
             active, rest, step, sizes = active[going], rest[:, going], step[:, going], sizes[going]
         left = float(np.sqrt((sizes / limits[active]).max())) * TOLERANCE
         raise ConvergenceError(

@@ -109,10 +109,10 @@ def _search(problem: EigenProblem, start: FloatArray, asked: int) -> _Found:
         count = search.getConverged()
         vectors = np.zeros((first.getLocalSize(), count))
         values, bounds = np.zeros(count), np.zeros(count)
-        for place in range(count):
-            values[place] = 1.0 / search.getEigenpair(place, first).real
-            vectors[:, place] = first.getArray(readonly=True)
-            bounds[place] = search.getErrorEstimate(place)
+        for index in range(count):
+            values[index] = 1.0 / search.getEigenpair(index, first).real
+            vectors[:, index] = first.getArray(readonly=True)
+            bounds[index] = search.getErrorEstimate(index)
     finally:
         search.destroy()
         first.destroy()

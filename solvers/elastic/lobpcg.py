@@ -86,9 +86,9 @@ def lobpcg_pairs(
 
 def _needs_more(values: FloatArray, target: ModeTarget) -> bool:
     """Return whether a target lies beyond the vectors at hand."""
-    known = np.sqrt(values) / (2.0 * np.pi)
-    return target.count_wanted(known) + FEWEST_GUARDS > len(values) or bool(
-        len(values) and target.count is None and known[-1] <= (target.up_to_hz or 0.0)
+    frequencies_hz = np.sqrt(values) / (2.0 * np.pi)
+    return target.count_wanted(frequencies_hz) + FEWEST_GUARDS > len(values) or bool(
+        len(values) and target.count is None and frequencies_hz[-1] <= (target.up_to_hz or 0.0)
     )
 
 

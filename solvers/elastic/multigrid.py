@@ -72,15 +72,15 @@ class Multigrid:
         """
         local = vectors if self._comm.size == 1 else self._operators.with_ghosts(vectors)
         local, result = np.asfortranarray(local), np.zeros(vectors.shape, order="F")
-        given, found = (
+        given, product = (
             PETSc.Mat().createDense(array.shape, array=array, comm=PETSc.COMM_SELF)
             for array in (local, result)
         )
-        for matrix in (given, found):
+        for matrix in (given, product):
             matrix.assemble()
-        self._matrix.matMult(given, found)
+        self._matrix.matMult(given, product)
         given.destroy()
-        found.destroy()
+        product.destroy()
         result[self._fixed] = 0.0
         return result
 

@@ -36,17 +36,17 @@ def solve_symmetric(matrix: scipy.sparse.spmatrix, loads: FloatArray) -> FloatAr
     """
     whole = _to_petsc(matrix)
     pc = _factorise(whole)
-    found = _apply(pc, loads)
+    solution = _apply(pc, loads)
     # refined once, residuals are small beside each row of its own, a constraint's among them
-    found += _apply(pc, loads - matrix @ found)
+    solution += _apply(pc, loads - matrix @ solution)
     for thing in (pc, whole):
         thing.destroy()
-    sizes = np.abs(loads) + abs(matrix) @ np.abs(found)
+    sizes = np.abs(loads) + abs(matrix) @ np.abs(solution)
     _require_small(
-        np.abs(loads - matrix @ found) / _row_sums(sizes),
+        np.abs(loads - matrix @ solution) / _row_sums(sizes),
         f"a static solution with {len(loads)} dofs",
     )
-    return found
+    return solution
 
 
 def lowest_symmetric_pairs(
@@ -97,15 +97,15 @@ def lowest_symmetric_pairs(
         solver.solve()
     except PETSc.Error as error:
         raise _failure(error, stiffness.shape[0]) from error
-    found = min(solver.getConverged(), wanted)
-    if found < wanted:
+    converged = min(solver.getConverged(), wanted)
+    if converged < wanted:
         raise ConvergenceError(
-            f"SLEPc found {found} of {wanted} eigenpairs of a model with {stiffness.shape[0]} dofs"
+            f"SLEPc found {converged} of {wanted} eigenpairs of a model with {stiffness.shape[0]} dofs"
         )
     vector = pair[0].createVecRight()
-    eigenvalues: FloatArray = np.zeros(found)
-    shapes: FloatArray = np.zeros((stiffness.shape[0], found))
-    for index in range(found):
+    eigenvalues: FloatArray = np.zeros(converged)
+    shapes: FloatArray = np.zeros((stiffness.shape[0], converged))
+    for index in range(converged):
         eigenvalues[index] = solver.getEigenpair(index, vector).real
         shapes[:, index] = vector.array
     order = np.argsort(eigenvalues)
@@ -225,10 +225,10 @@ def _apply(pc: PETSc.PC, loads: FloatArray) -> FloatArray:
     for block in (right, left):
         block.assemble()
     pc.getFactorMatrix().matSolve(right, left)
-    found: FloatArray = np.array(left.getDenseArray(), dtype=float)
+    solution: FloatArray = np.array(left.getDenseArray(), dtype=float)
     for block in (right, left):
         block.destroy()
-    return found
+    return solution
 
 
 def _failure(error: Exception, size: int) -> Exception:

@@ -74,27 +74,27 @@ def estimate_split_errors(
         piece: _Piece = comm.recv(source=0, tag=CELLS_TAG)
     else:
         piece = _deal_pieces(mesh, operators, weights)
-    own = fields.fetch(piece.nodes).reshape(3 * len(piece.nodes), count)
+    local = fields.fetch(piece.nodes).reshape(3 * len(piece.nodes), count)
     zero = np.zeros((count, count))
     nothing = ShapeChange(zero, zero)
-    found = MeshErrors(
+    errors = MeshErrors(
         zero,
         None if piece.mesh.gaps is None else nothing,
         None if piece.mesh.missing is None else nothing,
     )
     if piece.counted:
-        found = estimate_mesh_errors(
+        errors = estimate_mesh_errors(
             piece.mesh,
             material,
-            own,
+            local,
             piece.weights,
             counted=piece.counted,
             sides=piece.sides,
         )
     return MeshErrors(
-        sum_over_ranks(comm, found.missing_energy),
-        _sum_change(comm, found.shape),
-        _sum_change(comm, found.left_out),
+        sum_over_ranks(comm, errors.missing_energy),
+        _sum_change(comm, errors.shape),
+        _sum_change(comm, errors.left_out),
     )
 
 

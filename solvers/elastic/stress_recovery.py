@@ -72,8 +72,8 @@ def find_point_rows(mesh: ComponentMesh, material: Material, point: FloatArray) 
         cells, positions = np.nonzero(element.cells == nearest)
         places = element.nodes[positions]
     else:
-        found, place = _locate(element, mesh, point)
-        cells, places = np.array([found]), place[None]
+        cell_index, place = _locate(element, mesh, point)
+        cells, places = np.array([cell_index]), place[None]
     nodes, slots = np.unique(element.cells[cells], return_inverse=True)
     rows, shares = np.zeros((9, len(nodes), 3)), np.zeros(len(nodes))
     for cell, place, slot in zip(cells, places, slots.reshape(len(cells), -1), strict=True):
@@ -132,16 +132,16 @@ class _Element:
 def _locate(element: _Element, mesh: ComponentMesh, point: FloatArray) -> tuple[int, FloatArray]:
     centers = mesh.points[mesh.cells].mean(axis=1)
     for cell in np.argsort(np.linalg.norm(centers - point, axis=1))[:CANDIDATE_CELLS]:
-        place = element.nodes.mean(axis=0)
+        reference = element.nodes.mean(axis=0)
         for _ in range(NEWTON_STEPS):
-            values, gradients = element.tabulate(place)
+            values, gradients = element.tabulate(reference)
             nodes = mesh.points[element.cells[cell]]
             step = np.linalg.solve(nodes.T @ gradients, point - values @ nodes)
-            place = place + step
-            if np.abs(step).max() < 1e-12 or np.abs(place).max() > 5.0:
+            reference = reference + step
+            if np.abs(step).max() < 1e-12 or np.abs(reference).max() > 5.0:
                 break
-        if element.contains(place):
-            return int(cell), place
+        if element.contains(reference):
+            return int(cell), reference
     raise ModelError(
         f"the point ({', '.join(f'{value:.6g}' for value in point)}) m lies outside the component's mesh"
     )

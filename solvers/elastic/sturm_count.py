@@ -120,13 +120,13 @@ def _negative_directions(
     free = constraints[~fixed]
     sizes = ((len(free), int(comm.allreduce(len(free)))), (PETSc.DECIDE, count))
     given = PETSc.Mat().createDense(sizes, array=np.asfortranarray(free), comm=comm)
-    found = PETSc.Mat().createDense(sizes, array=np.zeros(free.shape, order="F"), comm=comm)
-    for block in (given, found):
+    solution = PETSc.Mat().createDense(sizes, array=np.zeros(free.shape, order="F"), comm=comm)
+    for block in (given, solution):
         block.assemble()
-    factor.matSolve(given, found)
-    lifted = np.array(found.getDenseArray())
+    factor.matSolve(given, solution)
+    lifted = np.array(solution.getDenseArray())
     given.destroy()
-    found.destroy()
+    solution.destroy()
     complement = sum_over_ranks(comm, free.T @ lifted)
     scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(complement)), np.finfo(float).tiny))
     values = np.linalg.eigvalsh(0.5 * (complement + complement.T) * scale * scale[:, None])

@@ -145,9 +145,9 @@ def _damps_massless(system: SecondOrderSystem, modes: ModalResult) -> bool:
     if not modes.infinite_count or system.damping is None:
         return False
     weighed = system.mass @ modes.shapes
-    seen = weighed @ (modes.shapes.T @ system.damping @ modes.shapes) @ weighed.T
+    damped = weighed @ (modes.shapes.T @ system.damping @ modes.shapes) @ weighed.T
     largest = max(float(np.abs(system.damping).max()), np.finfo(float).tiny)
-    return float(np.abs(system.damping - seen).max()) / largest > MASSLESS_DAMPING
+    return float(np.abs(system.damping - damped).max()) / largest > MASSLESS_DAMPING
 
 
 def add_little_mass(system: SecondOrderSystem, modes: ModalResult) -> SecondOrderSystem:

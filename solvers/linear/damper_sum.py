@@ -111,22 +111,23 @@ class DamperSum:
         # Woodbury: forces of the dampers on the far modes, f = (1 + W F^T g F)^-1 W F^T (...)
         coupling = weights[:, :, None] * _squares(far, factors)
         coupling[:, np.arange(factors.shape[1]), np.arange(factors.shape[1])] += 1.0
-        found = plain - pushed @ np.linalg.solve(coupling, weights[:, :, None] * stretched)
+        receptance = plain - pushed @ np.linalg.solve(coupling, weights[:, :, None] * stretched)
         for line in np.flatnonzero(near.any(axis=1)):
             # G is nearly infinite for modes near a line: they stay unknowns, and the far ones are
             # eliminated from their equations
-            own = np.flatnonzero(near[line])
-            local = factors[own]
+            near_modes = np.flatnonzero(near[line])
+            local = factors[near_modes]
             forces = np.linalg.solve(
                 coupling[line], weights[line, :, None] * np.hstack([local.T, stretched[line]])
             )
             matrix = np.asarray(
-                np.diag(dynamic[line, own]) + local @ forces[:, : len(own)], dtype=complex
+                np.diag(dynamic[line, near_modes]) + local @ forces[:, : len(near_modes)],
+                dtype=complex,
             )
-            loads = self.loads[own] - local @ forces[:, len(own) :]
-            rows = self.rows[:, own] - pushed[line] @ forces[:, : len(own)]
-            found[line] += self._solve_near(matrix + 0j, rows, loads, float(square[line, 0]))
-        return found
+            loads = self.loads[near_modes] - local @ forces[:, len(near_modes) :]
+            rows = self.rows[:, near_modes] - pushed[line] @ forces[:, : len(near_modes)]
+            receptance[line] += self._solve_near(matrix + 0j, rows, loads, float(square[line, 0]))
+        return receptance
 
     def _solve_near(
         self,
@@ -141,19 +142,19 @@ class DamperSum:
         left, sizes, right = np.linalg.svd(matrix)
         resting = sizes <= 2.0 * SINGULAR * square
         inverse = np.where(resting, 0.0, 1.0 / np.where(resting, 1.0, sizes))
-        given, seen = left.conj().T @ loads, rows @ right.conj().T
-        found = (seen * inverse) @ given
+        given, observed = left.conj().T @ loads, rows @ right.conj().T
+        response = (observed * inverse) @ given
         if resting.any():
             reach, push = (
                 np.abs(self.rows).max(axis=1, initial=0.0),
                 np.abs(self.loads).max(axis=0, initial=0.0),
             )
             moved, pushed = (
-                np.abs(seen[:, resting]) > UNSEEN * reach[:, None],
+                np.abs(observed[:, resting]) > UNSEEN * reach[:, None],
                 np.abs(given[resting]) > UNSEEN * push,
             )
-            found[(moved.astype(float) @ pushed.astype(float)) > 0.0] = np.nan
-        return np.asarray(found)
+            response[(moved.astype(float) @ pushed.astype(float)) > 0.0] = np.nan
+        return np.asarray(response)
 
 
 def sum_over_dampers(coordinates: ModalCoordinates) -> DamperSum | None:
@@ -217,10 +218,10 @@ def _weighed(weights: ComplexArray, matrix: FloatArray) -> ComplexArray:
     """
     # the parts of a complex array are strided, for which there is no fast product
     real, imaginary = np.ascontiguousarray(weights.real), np.ascontiguousarray(weights.imag)
-    found = np.asarray(real @ matrix, dtype=np.complex128)
+    product = np.asarray(real @ matrix, dtype=np.complex128)
     if np.any(imaginary):
-        found += 1j * (imaginary @ matrix)
-    return found
+        product += 1j * (imaginary @ matrix)
+    return product
 
 
 def _whole(dampers: CoupledDampers) -> FloatArray:
@@ -238,31 +239,31 @@ def _split(
     count = len(omega)
     if matrix is None:
         return CoupledDampers(np.zeros(count), np.zeros((count, 0)), np.zeros(0))
-    own = matrix[taken, taken]
-    limit = ROUNDOFF * count * float(np.abs(own).max(initial=0.0))
-    factor, pivots, rank, _ = dpstrf(own, tol=limit, lower=1)
+    block = matrix[taken, taken]
+    limit = ROUNDOFF * count * float(np.abs(block).max(initial=0.0))
+    factor, pivots, rank, _ = dpstrf(block, tol=limit, lower=1)
     if rank <= LARGEST_RANK * count:
         factors = np.zeros((count, rank))
         factors[np.asarray(pivots) - 1] = np.tril(factor)[:, :rank]
-        if np.abs(own - factors @ factors.T).max(initial=0.0) <= limit:
+        if np.abs(block - factors @ factors.T).max(initial=0.0) <= limit:
             return CoupledDampers(np.zeros(count), factors, np.ones(rank))
     for power in powers:
         if power > 0.0 and not omega.min(initial=np.inf) > 0.0:
             continue
         scale = omega**power
-        levels, vectors, info = dsyevd(own / np.outer(scale, scale))
+        levels, vectors, info = dsyevd(block / np.outer(scale, scale))
         if info != 0:
             continue
         common = float(np.median(levels))
         apart = _deviating(levels, common)
-        found = CoupledDampers(
+        dampers = CoupledDampers(
             common * scale**2, scale[:, None] * vectors[:, apart], levels[apart] - common
         )
         if (
-            len(found.strengths) <= LARGEST_RANK * count
-            and np.abs(own - _whole(found)).max(initial=0.0) <= limit
+            len(dampers.strengths) <= LARGEST_RANK * count
+            and np.abs(block - _whole(dampers)).max(initial=0.0) <= limit
         ):
-            return found
+            return dampers
     return None
 
 

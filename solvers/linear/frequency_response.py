@@ -256,8 +256,8 @@ def _agrees(form: PoleSum, direct: DirectResponse) -> bool:
     sizes = sizes[np.isfinite(sizes)]
     gaps = sorted({int(share * (len(sizes) - 1)) for share in PROBED_QUANTILES})
     omega = np.array([np.sqrt(sizes[i] * sizes[min(i + 1, len(sizes) - 1)]) for i in gaps])
-    expected, found = direct.evaluate(omega), form.evaluate(omega)
-    error = np.abs(found - expected).max(axis=(1, 2))
+    expected, summed = direct.evaluate(omega), form.evaluate(omega)
+    error = np.abs(summed - expected).max(axis=(1, 2))
     return bool((error <= AGREEMENT * np.abs(expected).max(axis=(1, 2))).all())
 
 
@@ -283,7 +283,7 @@ def refine_grid(base_hz: FloatArray, poles: ComplexArray) -> FloatArray:
     """
     base = np.asarray(base_hz, dtype=float)
     low, high = base[0], base[-1]
-    found = [base]
+    grids = [base]
     for pole in np.asarray(poles)[np.asarray(poles).imag > 0.0]:
         center, width = pole.imag / (2.0 * np.pi), abs(pole.real) / (2.0 * np.pi)
         step = _local_step(base, center)
@@ -292,8 +292,8 @@ def refine_grid(base_hz: FloatArray, poles: ComplexArray) -> FloatArray:
         bare = width < UNDAMPED * center
         offsets = _offsets(NEAREST * center if bare else width, step)
         offsets = offsets[offsets > 0.0] if bare else offsets
-        found.append(np.concatenate([center - offsets, center + offsets]))
-    grid = np.unique(np.concatenate(found))
+        grids.append(np.concatenate([center - offsets, center + offsets]))
+    grid = np.unique(np.concatenate(grids))
     return np.asarray(grid[(grid >= low) & (grid <= high)])
 
 
@@ -395,17 +395,17 @@ def _lowest(
     of the lowest grid point; those without a value, such as rest where a motion is free, are left
     out.
     """
-    known = np.flatnonzero(~np.isnan(values))
-    frequencies_hz, values = frequencies_hz[known], values[known]
+    finite = np.flatnonzero(~np.isnan(values))
+    frequencies_hz, values = frequencies_hz[finite], values[finite]
     index = int(np.argmin(values))
     low, high = frequencies_hz[max(0, index - 1)], frequencies_hz[min(len(values) - 1, index + 1)]
     best = float(frequencies_hz[index]), float(values[index])
     if low == high:
         return best
-    found = minimize_scalar(
+    minimum = minimize_scalar(
         function, bounds=(low, high), method="bounded", options={"xatol": REFINEMENT * high}
     )
-    return (float(found.x), float(found.fun)) if found.fun < best[1] else best
+    return (float(minimum.x), float(minimum.fun)) if minimum.fun < best[1] else best
 
 
 def _entry(response: FrequencyResponse, channel: Channel) -> ComplexArray:

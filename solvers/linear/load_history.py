@@ -239,18 +239,18 @@ def _active(load: LoadHistory, times: FloatArray) -> tuple[IndexArray, BoolArray
 
 def _linear_part(load: LoadHistory, times: FloatArray) -> FloatArray:
     """Return the linear part ``(n - 1, 2)`` at both ends of each step."""
-    found = np.zeros((len(times) - 1, 2))
+    ends = np.zeros((len(times) - 1, 2))
     if not len(load.begins):
-        return found
+        return ends
     piece, acts = _active(load, times)
     since = np.stack([times[:-1], times[1:]], axis=1) - load.begins[piece][:, None]
     values = load.values[piece][:, None] + load.slopes[piece][:, None] * since
-    return np.asarray(np.where(acts[:, None], values, found))
+    return np.asarray(np.where(acts[:, None], values, ends))
 
 
 def _sines(loads: Sequence[LoadHistory], times: FloatArray) -> tuple[Sine, ...]:
     omegas = sorted({float(omega) for load in loads for omega in load.omegas if omega})
-    found = []
+    sines = []
     for omega in omegas:
         forward = np.zeros((len(times) - 1, len(loads)))
         quadrature = np.zeros_like(forward)
@@ -262,15 +262,15 @@ def _sines(loads: Sequence[LoadHistory], times: FloatArray) -> tuple[Sine, ...]:
             phase = omega * (times[:-1] - load.begins[piece])
             forward[:, column] = np.where(acts, load.amplitudes[piece] * np.cos(phase), 0.0)
             quadrature[:, column] = np.where(acts, load.amplitudes[piece] * np.sin(phase), 0.0)
-        found.append(Sine(omega, forward, quadrature))
-    return tuple(found)
+        sines.append(Sine(omega, forward, quadrature))
+    return tuple(sines)
 
 
 def _struck(load: LoadHistory, times: FloatArray) -> FloatArray:
     """Return the impulse ``(n,)`` at each time; those after the last are none."""
-    found = np.zeros(len(times))
+    impulses = np.zeros(len(times))
     for at, size in load.impulses:
         nearest = int(np.argmin(np.abs(times - at)))
         if at <= times[-1] + SAME_TIME:
-            found[nearest] += size
-    return found
+            impulses[nearest] += size
+    return impulses

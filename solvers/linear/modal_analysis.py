@@ -185,10 +185,10 @@ def _residuals(system: SecondOrderSystem, pairs: ModalPairs, shapes: FloatArray)
     )
     weights = np.maximum(weights, np.finfo(float).tiny)
     sizes = np.einsum("ij,ij,ij->j", shapes, shapes, weights)
-    found = np.sqrt(
+    residuals = np.sqrt(
         (residual**2 / weights).max(axis=0, initial=0.0) / np.maximum(sizes, np.finfo(float).tiny)
     )
-    return np.asarray(np.where(rigid & (highest == 0.0), 0.0, found))
+    return np.asarray(np.where(rigid & (highest == 0.0), 0.0, residuals))
 
 
 def _require_small(residuals: FloatArray, frequencies: FloatArray, limit: float) -> None:
@@ -245,18 +245,18 @@ def _largest_flexibilities(
     if info != 0:
         return None
     if up_to_hz is None:
-        found = dsyevr(reduced, range="I", il=size - (count or 0) + 1, iu=size, lower=1)
+        solved = dsyevr(reduced, range="I", il=size - (count or 0) + 1, iu=size, lower=1)
     else:
         least = BEYOND / (2.0 * np.pi * up_to_hz) ** 2
         # no eigenvalue is negative, so none is larger than their sum
-        found = dsyevr(
+        solved = dsyevr(
             reduced,
             range="V",
             vl=least,
             vu=max(WIDENING * float(np.trace(reduced)), 2.0 * least),
             lower=1,
         )
-    values, vectors, number, _, info = found
+    values, vectors, number, _, info = solved
     flexibilities, vectors = values[:number], vectors[:, :number]
     if info != 0 or number == 0 or spreads_too_far(flexibilities[0], flexibilities[-1]):
         return None

@@ -181,9 +181,9 @@ def reduce_to_modes(
     kept = keep_lowest(modes, up_to_hz=up_to_hz)
     flexible = slice(kept.rigid_count, None)
     squares = (2.0 * np.pi * kept.frequencies_hz[flexible]) ** 2
-    own = kept.shapes[:, flexible]
+    flexible_shapes = kept.shapes[:, flexible]
     elastic = elastic_displacements(system, modes, loads)
-    rest = elastic - (own / squares) @ (own.T @ loads)
+    rest = elastic - (flexible_shapes / squares) @ (flexible_shapes.T @ loads)
     # independent shapes among them, by the flexibility they carry
     flexibility = loads.T @ rest
     level, turn = np.linalg.eigh(0.5 * (flexibility + flexibility.T))
@@ -212,8 +212,8 @@ def reduce_to_modes(
         stiffness=np.diag(np.concatenate([rigid, squares, squares_of_rest])),
         damping=project(system.damping),
         hysteretic=project(system.hysteretic),
-        inputs={channel: basis.T @ loads[:, place] for place, channel in enumerate(channels)},
-        outputs={channel: rows[place] @ basis for place, channel in enumerate(channels)},
+        inputs={channel: basis.T @ loads[:, index] for index, channel in enumerate(channels)},
+        outputs={channel: rows[index] @ basis for index, channel in enumerate(channels)},
         labels=tuple(f"mode.{number}" for number in range(count)),
     )
 
@@ -349,7 +349,7 @@ def _dampers_have_mass(system: SecondOrderSystem, modes: ModalResult) -> bool:
         if matrix is None or not matrix.any():
             continue
         slowest = (np.einsum("ij,ij->j", shapes, matrix @ shapes) / squares).max(initial=0.0)
-        own = np.abs(eigh(massless.T @ matrix @ massless, springs, eigvals_only=True)).max()
-        if own > SETTLED * slowest:
+        rates = np.abs(eigh(massless.T @ matrix @ massless, springs, eigvals_only=True)).max()
+        if rates > SETTLED * slowest:
             return False
     return modes.infinite_count == massless.shape[1]

@@ -79,10 +79,10 @@ class ProjectedPencil:
         Source: Tisseur and Meerbergen (2001), SIAM Review 43, 235-286, section 3.5.
         """
         lower = len(forces) - len(self.columns)
-        seen = np.vstack([forces[:lower], real_product(self.columns.T, forces[lower:])])
+        projected = np.vstack([forces[:lower], real_product(self.columns.T, forces[lower:])])
         weights = self.slopes[:, None] * (poles - self.poles[:, None])
         weights[own, np.arange(len(own))] = np.inf
-        return self.expand(self.coordinates @ ((self.coordinates.T @ seen) / weights))
+        return self.expand(self.coordinates @ ((self.coordinates.T @ projected) / weights))
 
     def gaps(self, picked: NDArray[np.int64]) -> FloatArray:
         """Return the distances ``(p,)`` of picked poles to the next ones [rad/s]."""
@@ -126,11 +126,11 @@ def project_pencil(pencil: Pencil, columns: FloatArray) -> ProjectedPencil:
     stiffness = scipy.linalg.block_diag(
         np.diag(eigenvalues[:lower]), columns.T @ (eigenvalues[lower:, None] * columns)
     )
-    beside = viscous[:lower, lower:] @ columns
+    coupling = viscous[:lower, lower:] @ columns
     damping = np.block(
         [
-            [viscous[:lower, :lower], beside],
-            [beside.T, columns.T @ (viscous[lower:, lower:] @ columns)],
+            [viscous[:lower, :lower], coupling],
+            [coupling.T, columns.T @ (viscous[lower:, lower:] @ columns)],
         ]
     )
     poles, coordinates = state_eigenpairs(stiffness, damping)
@@ -156,5 +156,5 @@ def real_product(
     matrix: NDArray[np.floating], columns: NDArray[np.complexfloating]
 ) -> NDArray[np.complexfloating]:
     """Return a real matrix times complex columns as one real product, several times as fast."""
-    found = matrix @ np.hstack([columns.real, columns.imag])
-    return np.asarray(found[:, : columns.shape[1]] + 1j * found[:, columns.shape[1] :])
+    product = matrix @ np.hstack([columns.real, columns.imag])
+    return np.asarray(product[:, : columns.shape[1]] + 1j * product[:, columns.shape[1] :])

@@ -175,8 +175,10 @@ def find_lowest_poles(
     circle = find_poles_within(eigenvalues, viscous, radius, tolerance=tolerance)
     if circle is None:
         return None
-    led = (np.abs(circle.beyond_shapes[:wanted]) ** 2).sum(axis=0) > 0.5
-    polished = polish_poles(eigenvalues, viscous, circle.beyond[led], circle.beyond_shapes[:, led])
+    mostly_wanted = (np.abs(circle.beyond_shapes[:wanted]) ** 2).sum(axis=0) > 0.5
+    polished = polish_poles(
+        eigenvalues, viscous, circle.beyond[mostly_wanted], circle.beyond_shapes[:, mostly_wanted]
+    )
     if polished is None:
         return None
     return (
@@ -256,11 +258,11 @@ def _correct(
     floor = np.finfo(np.float32).eps ** 0.5
     inverse = 1.0 / np.where(np.abs(diagonal) < floor, floor, diagonal)
     given = (-outer.scale[:, None] * residuals).astype(np.complex64)
-    found = given * inverse
+    motions = given * inverse
     for _ in range(SWEEPS):
-        found = (given - ratios * real_product(outer.coupling, found)) * inverse
-        found -= real_product(heavy, real_product(heavy.T, found))
-    lacking = outer.scale[:, None] * found.astype(np.complex128)
+        motions = (given - ratios * real_product(outer.coupling, motions)) * inverse
+        motions -= real_product(heavy, real_product(heavy.T, motions))
+    lacking = outer.scale[:, None] * motions.astype(np.complex128)
     works = np.abs(np.einsum("kp,kp->p", residuals, lacking))
     sizes = np.abs(np.einsum("mp,mp->p", shapes, slopes))
     # where two poles meet, the slope vanishes and they part with the root

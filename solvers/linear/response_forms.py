@@ -130,10 +130,10 @@ class ModalSum:
         # in real numbers twice as fast: (a + i b)^-1 = (a - i b) / (a^2 + b^2)
         real /= size
         imaginary /= size
-        found: ComplexArray = np.tensordot(real, self.residues, axes=1) - 1j * np.tensordot(
+        receptance: ComplexArray = np.tensordot(real, self.residues, axes=1) - 1j * np.tensordot(
             imaginary, self.residues, axes=1
         )
-        return found if singular is None else _blank_singular(found, singular, self.seen)
+        return receptance if singular is None else _blank_singular(receptance, singular, self.seen)
 
     def poles(self) -> ComplexArray:
         """Return the pole of each mode at positive frequencies [rad/s]; of an overdamped one the
@@ -165,8 +165,8 @@ class BandSum:
             return self.every.evaluate(omega)
         places = 2.0 * omega / self.highest - 1.0
         smooth = np.polynomial.chebyshev.chebvander(places, SMOOTH_NODES - 1) @ self.coefficients
-        found = self.near.add_up(omega) + self.every.rest.evaluate(omega)
-        return np.asarray(found + smooth.reshape(found.shape))
+        receptance = self.near.add_up(omega) + self.every.rest.evaluate(omega)
+        return np.asarray(receptance + smooth.reshape(receptance.shape))
 
     def poles(self) -> ComplexArray:
         """Return the poles of all modes [rad/s]."""
@@ -266,8 +266,8 @@ class PoleSum:
             # plain sum loses digits to find
             above = np.abs(product).min(axis=1, initial=np.inf) > 1.0
             weights[above] = 1.0 / (1j * omega[above, None] * (1.0 - product[above]))
-        found = np.tensordot(weights, self.residues, axes=1) + self.rest.evaluate(omega)
-        return _blank_singular(found, singular, self.seen)
+        receptance = np.tensordot(weights, self.residues, axes=1) + self.rest.evaluate(omega)
+        return _blank_singular(receptance, singular, self.seen)
 
     def poles(self) -> ComplexArray:
         """Return the poles at positive frequencies, and real ones [rad/s]."""
@@ -400,8 +400,8 @@ class DirectResponse:
 
     def poles(self) -> ComplexArray:
         """Return the poles at positive frequencies, and real ones [rad/s]."""
-        found = find_poles(self.system)
-        return np.asarray(found[found.imag >= 0.0])
+        all_poles = find_poles(self.system)
+        return np.asarray(all_poles[all_poles.imag >= 0.0])
 
     def displacements(self, omega: float) -> ComplexArray:
         """Return the displacements ``(n, n_inputs)`` at a positive angular frequency, NaN where the
@@ -424,6 +424,6 @@ class DirectResponse:
         if not reciprocal > SINGULAR_FACTOR * EPS:
             return np.full(self.loads.shape, np.nan + 0j)
         right = scale[:, None] * self.loads + 0j
-        found, _ = zgetrs(factor, pivots, right)
-        correction, _ = zgetrs(factor, pivots, right - scaled @ found)
-        return np.asarray(scale[:, None] * (found + correction))
+        solution, _ = zgetrs(factor, pivots, right)
+        correction, _ = zgetrs(factor, pivots, right - scaled @ solution)
+        return np.asarray(scale[:, None] * (solution + correction))

@@ -43,8 +43,8 @@ class SparseFactor:
         """Return ``A^-1 f`` for loads ``(n,)`` or ``(n, m)``, refined once."""
         scale = self.scale if loads.ndim == 1 else self.scale[:, None]
         right = scale * loads
-        found = self.factor.solve(right)
-        return np.asarray(scale * (found + self.factor.solve(right - self.scaled @ found)))
+        solution = self.factor.solve(right)
+        return np.asarray(scale * (solution + self.factor.solve(right - self.scaled @ solution)))
 
     def reciprocal_condition(self) -> float:
         """Return the reciprocal condition of the scaled matrix in the 1-norm, estimated (Higham and

@@ -144,10 +144,10 @@ class StateSpace:
         self, channels: Sequence[Channel], added: Mapping[Channel, Channel]
     ) -> FloatArray:
         """Find the rows ``(k, n)`` of what is added to each channel; zero for nothing."""
-        found = np.zeros((len(channels), len(self.a)))
+        rows = np.zeros((len(channels), len(self.a)))
         some = [number for number, channel in enumerate(channels) if channel in added]
-        found[some] = self.c[self.rows.of(added[channels[number]] for number in some)]
-        return found
+        rows[some] = self.c[self.rows.of(added[channels[number]] for number in some)]
+        return rows
 
     def respond(self, omega: FloatArray) -> ComplexArray:
         """Return the frequency response ``(n_freq, n_outputs, n_inputs)`` at angular frequencies

@@ -108,9 +108,9 @@ def solve_balanced(system: SecondOrderSystem, loads: FloatArray) -> BalancedResu
     weights = np.array(system.stiffness.diagonal())
     every = np.ones(loads.shape[1], dtype=bool)
     try:
-        found = solve_static(system, loads).displacements
+        static = solve_static(system, loads).displacements
         return BalancedResult(
-            found,
+            static,
             every,
             NullSpace(np.zeros((len(weights), 0)), np.zeros(0, int), np.arange(len(weights))),
             weights,

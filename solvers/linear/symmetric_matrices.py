@@ -107,13 +107,13 @@ def _require_semidefinite(schur: FloatArray, what: str) -> None:
 
 
 def _indefinite(what: str, dof: int | None) -> ModelError:
-    place = "" if dof is None else f" (dof {dof} has a negative diagonal entry)"
+    dof_shown = "" if dof is None else f" (dof {dof} has a negative diagonal entry)"
     if what == "mass":
         return ModelError(
-            f"the mass matrix is not positive semidefinite{place}; look for a negative mass or a broken superelement"
+            f"the mass matrix is not positive semidefinite{dof_shown}; look for a negative mass or a broken superelement"
         )
     return ModelError(
-        f"the {what} matrix has negative directions{place}: the machine is statically unstable; "
+        f"the {what} matrix has negative directions{dof_shown}: the machine is statically unstable; "
         "look for a negative joint stiffness or a broken superelement"
     )
 

@@ -198,8 +198,8 @@ def _sine_integrals(a: FloatArray, step: float, omega: float) -> tuple[FloatArra
     big[..., first, second] = unit * step
     big[..., second, third] = unit * (omega * step)
     big[..., third, second] = -unit * (omega * step)
-    found = scipy.linalg.expm(big)
-    return found[..., first, second], found[..., first, third]
+    exponential = scipy.linalg.expm(big)
+    return exponential[..., first, second], exponential[..., first, third]
 
 
 def _integrals(a: FloatArray, step: float) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
@@ -207,8 +207,11 @@ def _integrals(a: FloatArray, step: float) -> tuple[FloatArray, tuple[FloatArray
     size = len(a)
     zero, unit = np.zeros((size, size)), np.eye(size)
     big = np.block([[a * step, unit * step, zero], [zero, zero, unit], [zero, zero, zero]])
-    found = scipy.linalg.expm(big)
-    return found[:size, :size], (found[:size, size : 2 * size], found[:size, 2 * size :])
+    exponential = scipy.linalg.expm(big)
+    return exponential[:size, :size], (
+        exponential[:size, size : 2 * size],
+        exponential[:size, 2 * size :],
+    )
 
 
 def _pair_integrals(pairs: ModalPairs, step: float) -> tuple[FloatArray, FloatArray, FloatArray]:

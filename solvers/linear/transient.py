@@ -296,12 +296,16 @@ def find_energy(model: TransientModel, motion: Motion) -> EnergyBalance | None:
 
     None of a system without modes.
     """
-    own, space = model.coordinates, model.space
-    if own is None:
+    coordinates, space = model.coordinates, model.space
+    if coordinates is None:
         return None
     values, rates = motion.loads.evaluate()
     steps = motion.loads.steps[:, None]
-    viscous = np.zeros((len(own.eigenvalues),) * 2) if own.viscous is None else own.viscous
+    viscous = (
+        np.zeros((len(coordinates.eigenvalues),) * 2)
+        if coordinates.viscous is None
+        else coordinates.viscous
+    )
     gains = space.b[1::2]
     powers, changes = [], []
     for end, states in enumerate((motion.right[:-1], motion.left[1:])):
@@ -324,8 +328,8 @@ def find_energy(model: TransientModel, motion: Motion) -> EnergyBalance | None:
     ).sum(axis=0)
     struck = motion.loads.impulses @ gains.T
     work += float((struck * 0.5 * (motion.left + motion.right)[:, 1::2]).sum())
-    stored = _stored_energy(own, motion.right)
-    initial = float(_stored_energy(own, motion.left[:1])[0])
+    stored = _stored_energy(coordinates, motion.right)
+    initial = float(_stored_energy(coordinates, motion.left[:1])[0])
     return EnergyBalance(
         initial, float(work), float(dissipated), float(stored[-1]), float(stored.max())
     )
@@ -379,21 +383,21 @@ def _figures_of(
         (response.begins[:, column], response.ends[:, column]),
         (response.begin_speeds[:, column], response.end_speeds[:, column]),
     )
-    row, place = np.unravel_index(int(np.argmax(np.abs(values))), values.shape)
-    peak = float(values[row, place])
-    peak_time = float(response.times[row] + steps[row] * shares[row, place])
+    row, output_index = np.unravel_index(int(np.argmax(np.abs(values))), values.shape)
+    peak = float(values[row, output_index])
+    peak_time = float(response.times[row] + steps[row] * shares[row, output_index])
     begin = float(start[column])
     if final is None:
         return TransientFigures(peak, peak_time, begin, None, None, None)
     rest = float(final[column])
-    way = rest - begin
+    change = rest - begin
     largest = float(np.abs(values).max())
-    moves = abs(way) > CHANGE * max(largest, abs(begin))
+    moves = abs(change) > CHANGE * max(largest, abs(begin))
     overshoot = None
     if moves:
-        overshoot = max(0.0, float((np.sign(way) * (values - rest)).max()) / abs(way))
+        overshoot = max(0.0, float((np.sign(change) * (values - rest)).max()) / abs(change))
     away = np.abs(values - rest).max(axis=1)
-    outside = np.flatnonzero(away > near * (abs(way) if moves else float(away.max())))
+    outside = np.flatnonzero(away > near * (abs(change) if moves else float(away.max())))
     settling: float | None = 0.0
     if len(outside):
         last = int(outside[-1])

@@ -46,14 +46,14 @@ class AxisMotions:
         """``(6,)``: straightness across the travel, about the least-squares line; ranges of the
         positioning error and of the angles.
         """
-        found = np.ptp(self.motions, axis=0)
+        ranges = np.ptp(self.motions, axis=0)
         if self.along is not None:
             across = [dof for dof in range(DIRECTIONS) if dof != self.along]
             arms = self.positions - self.positions.mean()
-            found[across] = np.ptp(
+            ranges[across] = np.ptp(
                 self.motions[:, across] - np.outer(arms, self.slopes[across]), axis=0
             )
-        return np.asarray(found)
+        return np.asarray(ranges)
 
 
 @dataclass(frozen=True)
@@ -90,8 +90,8 @@ def axis_motions(
         motions: ``(n, 6)`` deviations; rows that are not known are left out.
         travel: ``(3,)`` of the tool against the work per travel of the axis; zero for a rotary one.
     """
-    known = np.isfinite(motions).all(axis=1)
-    positions, motions = positions[known], motions[known]
+    finite = np.isfinite(motions).all(axis=1)
+    positions, motions = positions[finite], motions[finite]
     arms = positions - positions.mean() if len(positions) else positions
     size = float(arms @ arms)
     slopes = arms @ motions / size if size > 0.0 else np.zeros(6)
@@ -127,9 +127,9 @@ def variance_shares(parts: Mapping[str, FloatArray]) -> dict[str, float]:
     Source: ``sum_p cov(c_p, d) = var(d)`` for ``d = sum_p c_p``.
     """
     total = np.sum(list(parts.values()), axis=0)
-    known = np.isfinite(total)
-    swing = total[known] - total[known].mean() if known.any() else total[known]
+    finite = np.isfinite(total)
+    swing = total[finite] - total[finite].mean() if finite.any() else total[finite]
     variance = float(swing @ swing)
     if not variance > 0.0:
         return {}
-    return {name: float(values[known] @ swing) / variance for name, values in parts.items()}
+    return {name: float(values[finite] @ swing) / variance for name, values in parts.items()}

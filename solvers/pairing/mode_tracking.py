@@ -210,12 +210,12 @@ def _turn_cluster(
     """Return the rotation ``(m, m)`` of a cluster's shapes to those nearest to the shapes they were
     followed from; of one shape, its sign.
     """
-    followed = [place for place, member in enumerate(members) if labels[member] in before]
-    old = [int(np.flatnonzero(before == labels[members[place]])[0]) for place in followed]
+    followed = [position for position, member in enumerate(members) if labels[member] in before]
+    old = [int(np.flatnonzero(before == labels[members[position]])[0]) for position in followed]
     left, _, right = np.linalg.svd(cosines[np.ix_(old, members)].T)
     turn = np.zeros((len(members), len(members)))
     turn[:, followed] = left[:, : len(followed)] @ right
-    turn[:, [place for place in range(len(members)) if place not in followed]] = left[
+    turn[:, [position for position in range(len(members)) if position not in followed]] = left[
         :, len(followed) :
     ]
     return turn
@@ -261,10 +261,10 @@ def _tabulate(modes: SweptModes, nodes: dict[int, _Node], edges: Edges) -> Track
     index = np.full((len(modes.frequencies_hz), len(labels)), NOBODY, dtype=np.int64)
     correlation = np.full(index.shape, np.nan)
     for number, node in nodes.items():
-        for place, label in enumerate(node.labels):
+        for column, label in enumerate(node.labels):
             if label >= 0:
-                index[number, labels.index(int(label))] = place
-                correlation[number, labels.index(int(label))] = node.correlation[place]
+                index[number, labels.index(int(label))] = column
+                correlation[number, labels.index(int(label))] = node.correlation[column]
     asked = ((index >= 0) & (index < modes.wanted[:, None])).any(axis=0)
     tracked = tracked_frequencies(modes.frequencies_hz, index[:, asked])
     order = np.flatnonzero(asked)[np.argsort(np.nanmedian(tracked, axis=0), kind="stable")]
@@ -277,22 +277,22 @@ def _tabulate(modes: SweptModes, nodes: dict[int, _Node], edges: Edges) -> Track
 
 def tracked_frequencies(frequencies_hz: FloatArray, index: IntArray) -> FloatArray:
     """Return the frequency ``(n, t)`` of each tracked mode in each pose, NaN where it is not."""
-    found = np.take_along_axis(frequencies_hz, np.maximum(index, 0), axis=1)
-    return np.where(index >= 0, found, np.nan)
+    tracked = np.take_along_axis(frequencies_hz, np.maximum(index, 0), axis=1)
+    return np.where(index >= 0, tracked, np.nan)
 
 
 def _find_crossings(tracked: FloatArray, edges: Edges) -> dict[tuple[int, int], int]:
     if not edges:
         return {}
     first, second = np.array(edges).T
-    found = {}
+    crossings = {}
     for one in range(tracked.shape[1]):
         for other in range(one + 1, tracked.shape[1]):
             above = tracked[:, other] - tracked[:, one]
             count = int(np.count_nonzero(above[first] * above[second] < 0.0))
             if count:
-                found[one, other] = count
-    return found
+                crossings[one, other] = count
+    return crossings
 
 
 def _breaks(one: _Node, other: _Node) -> bool:

@@ -71,10 +71,10 @@ def find_response_peaks(model: FrfModel, from_hz: float, to_hz: float) -> list[R
         return []
     lines, sizes = _sample(model, hz[modes], ratios[modes])
     tops: list[_Top] = []
-    for place, mode in enumerate(modes):
+    for index, mode in enumerate(modes):
         width = ratios[mode] * hz[mode]
         for output, given in np.ndindex(sizes.shape[2:]):
-            at, height, inside = _find_top(lines[place], sizes[place, :, output, given])
+            at, height, inside = _find_top(lines[index], sizes[index, :, output, given])
             same = any(
                 (top.output, top.given) == (output, given) and abs(top.hz - at) < APART * width
                 for top in tops
@@ -135,25 +135,29 @@ def follow_peaks(
     if coordinates is None or not peaks:
         return [ResponsePeak(peak.output, peak.given, -1, np.nan, np.nan) for peak in peaks]
     hz, ratios = _resonances(coordinates)
-    known = [number for number, partner in enumerate(partners) if partner >= 0]
-    own = np.array([partners[number] for number in known], dtype=int)
-    places = np.array([peaks[number].hz / lines_hz[number] for number in known]) * hz[own]
+    paired = [number for number, partner in enumerate(partners) if partner >= 0]
+    partner_modes = np.array([partners[number] for number in paired], dtype=int)
+    places = (
+        np.array([peaks[number].hz / lines_hz[number] for number in paired]) * hz[partner_modes]
+    )
     # entries share their windows where their peaks lie at one place
-    windows, shared = np.unique(np.column_stack([places, ratios[own]]), axis=0, return_inverse=True)
-    found = [ResponsePeak(peak.output, peak.given, -1, np.nan, np.nan) for peak in peaks]
-    if not known:
-        return found
+    windows, shared = np.unique(
+        np.column_stack([places, ratios[partner_modes]]), axis=0, return_inverse=True
+    )
+    followed = [ResponsePeak(peak.output, peak.given, -1, np.nan, np.nan) for peak in peaks]
+    if not paired:
+        return followed
     lines, sizes = _sample(model, windows[:, 0], windows[:, 1])
     tops = []
-    for number, window in zip(known, shared.ravel(), strict=True):
+    for number, window in zip(paired, shared.ravel(), strict=True):
         peak, width = peaks[number], float(np.prod(windows[window]))
         top = _find_top(lines[window], sizes[window, :, peak.output, peak.given])
         tops.append(_Top(peak.output, peak.given, top[0], width, top[1], top[2]))
-    for number, sharp in zip(known, _sharpen(model, tops), strict=True):
-        found[number] = ResponsePeak(
+    for number, sharp in zip(paired, _sharpen(model, tops), strict=True):
+        followed[number] = ResponsePeak(
             sharp.output, sharp.given, int(partners[number]), sharp.hz, sharp.height
         )
-    return found
+    return followed
 
 
 def measure_levels(model: FrfModel, levels: Sequence[ResponseLevel]) -> FloatArray:
@@ -206,15 +210,15 @@ def _find_top(lines: FloatArray, sizes: FloatArray) -> tuple[float, float, bool]
 
     Beside a resonance ``1 / |H|^2`` is a parabola, whose vertex lies between the lines.
     """
-    place = int(np.argmax(sizes))
-    if not 0 < place < len(sizes) - 1 or not sizes[place] > 0.0:
-        return float(lines[place]), float(sizes[place]), False
-    left, middle, right = (sizes[place] / sizes[place - 1 : place + 2]) ** 2
+    top = int(np.argmax(sizes))
+    if not 0 < top < len(sizes) - 1 or not sizes[top] > 0.0:
+        return float(lines[top]), float(sizes[top]), False
+    left, middle, right = (sizes[top] / sizes[top - 1 : top + 2]) ** 2
     curved, slope = left - 2.0 * middle + right, 0.5 * (right - left)
     offset = -slope / curved if curved > 0.0 else 0.0
     lowest = middle + 0.5 * slope * offset
-    step = lines[place + 1] - lines[place]
-    return float(lines[place] + offset * step), float(sizes[place] / np.sqrt(lowest)), True
+    step = lines[top + 1] - lines[top]
+    return float(lines[top] + offset * step), float(sizes[top] / np.sqrt(lowest)), True
 
 
 def _sharpen(model: FrfModel, tops: Sequence[_Top]) -> list[_Top]:

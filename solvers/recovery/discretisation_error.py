@@ -268,13 +268,13 @@ def estimate_cell_errors(
         sides: Where single tetrahedra fill the part, and its free sides there; None for none.
     """
     taken, smooth = _recover(mesh, material, displacement, None, sides)
-    found = np.zeros((len(mesh.cells), displacement.shape[1]))
+    energies = np.zeros((len(mesh.cells), displacement.shape[1]))
     for cells, rows in _stress_changes(
         mesh, material, displacement, taken, smooth, weights=weights, counted=None
     ):
         squares = np.square(rows, dtype=float).reshape(len(cells), -1, displacement.shape[1])
-        found[cells] = squares.sum(axis=1)
-    return found
+        energies[cells] = squares.sum(axis=1)
+    return energies
 
 
 def cut_neighbourhood(mesh: ComponentMesh, cells: IntArray) -> tuple[ComponentMesh, IntArray]:
@@ -367,10 +367,10 @@ def _stress_changes(
         yield cells, np.matmul(sizes[:, None, None] * change_rule, values)
     shapes = shape_functions(mesh.kind, places).astype(np.float32)
     for cells in _blocks(np.flatnonzero(~straight[:counted]), len(places) * taken.shape[2]):
-        found = stress_operators(mesh, material, places, cells)
-        sizes = np.sqrt(found.measures * rule * factors[cells, None]).astype(np.float32)
+        operators = stress_operators(mesh, material, places, cells)
+        sizes = np.sqrt(operators.measures * rule * factors[cells, None]).astype(np.float32)
         change = np.matmul(
-            np.repeat(sizes, COMPONENTS, axis=1)[:, :, None] * found.table,
+            np.repeat(sizes, COMPONENTS, axis=1)[:, :, None] * operators.table,
             local_motions(mesh, displacement, cells),
         )
         change = change.reshape(len(cells), len(places), -1)
@@ -440,8 +440,8 @@ def _sample_stresses(
         np.arange(len(mesh.cells)), 3 * mesh.cells.shape[1] * displacement.shape[1]
     ):
         table = stress_operators(mesh, material, places, cells).table
-        found = np.matmul(table, local_motions(mesh, displacement, cells))
-        result[cells[0] : cells[-1] + 1] = found.reshape(len(cells), *result.shape[1:])
+        stresses = np.matmul(table, local_motions(mesh, displacement, cells))
+        result[cells[0] : cells[-1] + 1] = stresses.reshape(len(cells), *result.shape[1:])
     return result
 
 

@@ -55,11 +55,11 @@ class FreeSides:
         Args:
             nodes: ``(n,)`` its points, sorted.
         """
-        place = np.full(int(max(cells.max(initial=0), self.cells.max(initial=0))) + 1, -1)
-        place[cells] = np.arange(len(cells))
-        mine = place[self.cells] >= 0
+        row_of = np.full(int(max(cells.max(initial=0), self.cells.max(initial=0))) + 1, -1)
+        row_of[cells] = np.arange(len(cells))
+        mine = row_of[self.cells] >= 0
         facets = np.searchsorted(nodes, self.facets[mine])
-        return FreeSides(self.alone[nodes], facets, place[self.cells[mine]])
+        return FreeSides(self.alone[nodes], facets, row_of[self.cells[mine]])
 
 
 def find_free_sides(mesh: ComponentMesh) -> FreeSides | None:
@@ -137,8 +137,8 @@ def _find_owners(mesh: ComponentMesh, facets: IntArray) -> IntArray:
         shape=(len(facets), points),
     )
     shared = (corners @ incidence.T).tocsr()
-    found: IntArray = shared.indices[shared.data == 3].astype(np.int64)
-    return found
+    owners: IntArray = shared.indices[shared.data == 3].astype(np.int64)
+    return owners
 
 
 @dataclass(frozen=True, eq=False)

@@ -163,8 +163,8 @@ class CornerPatches:
         starts, lengths = self.cells.starts[chosen], self.cells.lengths[chosen]
         first = np.concatenate([[0], np.cumsum(lengths)[:-1]])
         places = np.arange(lengths.sum()) + np.repeat(starts - first, lengths)
-        found: IntArray = np.unique(self.cells.entries[places])
-        return found
+        cells_around: IntArray = np.unique(self.cells.entries[places])
+        return cells_around
 
 
 def corner_patches(
@@ -177,14 +177,16 @@ def corner_patches(
         samples: Number of places in each cell where stresses are sampled.
         sides: Free ones where single tetrahedra fill the part; None for none.
     """
-    corners, own = np.unique(mesh.cells[:, : corner_count(mesh.kind)], return_inverse=True)
-    own = own.reshape(len(mesh.cells), -1)
+    corners, corner_of = np.unique(mesh.cells[:, : corner_count(mesh.kind)], return_inverse=True)
+    corner_of = corner_of.reshape(len(mesh.cells), -1)
     wanted = np.full(
         len(corners), SAMPLES_PER_COEFFICIENT[cell_family(mesh.kind)] * len(_exponents(mesh.kind))
     )
     if sides is not None:
         wanted[sides.alone[corners]] = SAMPLES_BESIDE_SIDES
-    return CornerPatches(corners, own, _gather_patches(own, len(corners), wanted / samples))
+    return CornerPatches(
+        corners, corner_of, _gather_patches(corner_of, len(corners), wanted / samples)
+    )
 
 
 def recover_stresses(
@@ -214,10 +216,10 @@ def recover_stresses(
     patch recovery.
     """
     powers = _exponents(mesh.kind)
-    found = corner_patches(mesh, len(places), None if sides is None else sides[0])
-    corners, patches = found.corners, found.cells
-    near = _gather_points(mesh, found.own, len(corners))
-    used = np.unique(found.own[:wanted])
+    node_patches = corner_patches(mesh, len(places), None if sides is None else sides[0])
+    corners, patches = node_patches.corners, node_patches.cells
+    near = _gather_points(mesh, node_patches.own, len(corners))
+    used = np.unique(node_patches.own[:wanted])
     # linear shape functions weigh the corners between which a point lies alike
     shares = 1.0 / np.maximum(np.bincount(near.entries, minlength=len(mesh.points)), 1)
     where = np.matmul(shape_functions(mesh.kind, places), mesh.points[mesh.cells])
@@ -233,14 +235,14 @@ def recover_stresses(
 
     if sides is not None:
         alone = sides[0].alone[corners[used]]
-        fit, beside, used = prepare_fit(mesh, sides[1], sides[0]), used[alone], used[~alone]
-        for rows in _alike(patches, near, beside, taken.shape[1] * taken.shape[2]):
+        fit, polynomials, used = prepare_fit(mesh, sides[1], sides[0]), used[alone], used[~alone]
+        for rows in _alike(patches, near, polynomials, taken.shape[1] * taken.shape[2]):
             (cells, real), (points, met) = patches.table(rows), near.table(rows)
             middle = mesh.points[corners[rows]][:, None]
             offsets = np.where(real[..., None, None] > 0.0, where[cells] - middle[:, None], np.nan)
             terms, lengths = fit.fit(
                 offsets.reshape(len(rows), -1, 3),
-                [around[own > 0.0] for around, own in zip(cells, real, strict=True)],
+                [around[is_real > 0.0] for around, is_real in zip(cells, real, strict=True)],
                 middle[:, 0],
                 taken[cells].reshape(len(rows), -1, taken.shape[2]),
             )
@@ -351,10 +353,10 @@ def _gather_patches(own: IntArray, count: int, enough: FloatArray) -> _Lists:
         keep = np.ones(count)
         keep[few] = 0.0
         wider = patches[few] @ corners_of @ touch
-        place = scipy.sparse.csr_matrix(
+        incidence = scipy.sparse.csr_matrix(
             (np.ones(len(few)), (few, np.arange(len(few)))), shape=(count, len(few))
         )
-        patches = (scipy.sparse.diags(keep) @ patches + place @ wider).tocsr()
+        patches = (scipy.sparse.diags(keep) @ patches + incidence @ wider).tocsr()
         patches.eliminate_zeros()
     return _Lists(patches.indptr.astype(np.int64), patches.indices.astype(np.int64))
 
