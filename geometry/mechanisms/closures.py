@@ -117,17 +117,17 @@ def closure_layout(mechanism: Mechanism) -> ClosureLayout:
         )
         rows += [starts[id(item)] + component for component in picked]
 
-    def place(names: list[str | None]) -> IndexArray:
+    def marker_rows(names: list[str | None]) -> IndexArray:
         return np.array(
             [len(markers) if name is None else markers[name] for name in names], dtype=np.intp
         )
 
     return ClosureLayout(
-        row([item.first for item in points]),
-        row([item.second for item in points]),
-        row([item.frame for item in points]),
-        row([item.first for item in orientations]),
-        row([item.second for item in orientations]),
+        marker_rows([item.first for item in points]),
+        marker_rows([item.second for item in points]),
+        marker_rows([item.frame for item in points]),
+        marker_rows([item.first for item in orientations]),
+        marker_rows([item.second for item in orientations]),
         np.array(rows, dtype=np.intp),
         weights.reshape(len(sums), len(mechanism.coordinates)),
         np.array([item.value for item in sums]),
