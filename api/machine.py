@@ -79,11 +79,11 @@ class Noun:
         findings.raise_if_any()
 
     def _in_full(self, findings: Findings) -> TomlTable:
-        """The table with what it leaves to others."""
+        """Return the table with what it leaves to others."""
         return self.table
 
     def __getattr__(self, key: str) -> object:
-        """What a key holds, in SI units, with defaults where it was not given."""
+        """Return what a key holds, in SI units, with defaults where it was not given."""
         if key.startswith("_") or key not in self._keys():
             raise AttributeError(f"a {type(self).__name__} has no {key!r}")
         checked = getattr(self._checked, self.only_key) if self.only_key else self._checked
@@ -102,7 +102,7 @@ class Noun:
         return [*super().__dir__(), *self._keys()]
 
     def __eq__(self, other: object) -> bool:
-        """Whether both say the same, whatever units it is written in."""
+        """Return whether both say the same, whatever units it is written in."""
         if not isinstance(other, Noun) or self.schema is not other.schema:
             return NotImplemented
         return self._checked == other._checked
@@ -189,7 +189,7 @@ class Machine(Noun, schema=complete_scene()):
 
     @classmethod
     def load(cls, choice: SceneChoice) -> Self:
-        """A machine from a scene file; raises SceneError with every problem."""
+        """Load a machine from a scene file; raises SceneError with every problem."""
         made = cls.__new__(cls)
         findings = Findings(str(choice.path))
         table = read_tables(
@@ -219,7 +219,7 @@ class Machine(Noun, schema=complete_scene()):
     def change(
         self, set: Mapping[str, object] | None = None, *, variant: str | None = None
     ) -> "Machine":
-        """The machine with a variant of its own and other values.
+        """Return the machine with a variant of its own and other values.
 
         Args:
             set: Dotted key to value, applied after the variant.
@@ -289,8 +289,8 @@ class Machine(Noun, schema=complete_scene()):
 
     @contextmanager
     def on_disk(self) -> Iterator[SceneChoice]:
-        """The machine as a scene file with variant and settings: its own file where that still says
-        the same, else a temporary one. Not public.
+        """Provide the machine as a scene file with variant and settings: its own file where that still
+        says the same, else a temporary one. Not public.
         """
         if self.choice is not None and self._is_as_written(self.choice):
             yield self.choice
@@ -320,7 +320,7 @@ def write_settings(values: Mapping[str, object]) -> Sequence[str]:
 
 
 def write_setting(key: str, value: object) -> TomlValue:
-    """The value of a dotted key as TOML has it; a number is in SI units.
+    """Return the value of a dotted key as TOML has it; a number is in SI units.
 
     Raises:
         SceneError: It is of a kind that no file can hold.

@@ -86,7 +86,7 @@ type Source = Machine | str | Path  # a machine, or the path of a scene file
 def load(
     path: str | Path, *, variant: str | None = None, set: Mapping[str, object] | None = None
 ) -> Machine:
-    """A machine from a scene file.
+    """Load a machine from a scene file.
 
     Args:
         path: A ``.toml`` file.
@@ -104,8 +104,8 @@ def load(
 
 
 def check(machine: Source) -> tuple[str, ...]:
-    """What is allowed but looks wrong: bodies that move freely, odd numbers, what an analysis on
-    request lacks.
+    """Return what is allowed but looks wrong: bodies that move freely, odd numbers, what an
+    analysis on request lacks.
 
     Raises:
         SceneError: Anything is wrong.
@@ -125,7 +125,7 @@ def check(machine: Source) -> tuple[str, ...]:
 
 
 def plan(machine: Source) -> Plan:
-    """The stages that a machine calls for, each with its reason and an estimate of its cost."""
+    """Return the stages that a machine calls for, each with its reason and an estimate of its cost."""
     scene = _machine(machine, "plan").scene
     planned = plan_scene(scene, survey=True) if scene.accuracy is None else plan_first_round(scene)
     return add_compiling(planned, scene)
@@ -336,7 +336,7 @@ def compare(
         asked = [choice for choice in choices if not choice.cannot]
 
         def solve(choice: VariantChoice) -> VariantSolution | str:
-            """The model of a variant, or why there is none."""
+            """Return the model of a variant, or why there is none."""
             alone = MPI.COMM_SELF
             try:
                 return solve_variant(file.path, choice, pose=pose, comm=alone, store=store) or ""
@@ -407,7 +407,7 @@ def identify(
 
 
 def open(folder: str | Path) -> Results:
-    """The results of a run from its folder, of the same type as those of ``run``.
+    """Open the results of a run from its folder, of the same type as those of ``run``.
 
     Raises:
         OutputError: There are none, or they are damaged or of another version.
@@ -416,12 +416,12 @@ def open(folder: str | Path) -> Results:
 
 
 def _machine(source: Source, function: str) -> Machine:
-    """The machine that a function is given."""
+    """Return the machine that a function is given."""
     return source if isinstance(source, Machine) else load(read_path(source, function, "machine"))
 
 
 def _describe_study(made: Machine, vary: object, watch: object, *, pairwise: bool) -> Study:
-    """A study that is described in Python, checked as one of a scene file is.
+    """Describe a study in Python, checked as one of a scene file is.
 
     Args:
         made: Of what it is one.
@@ -488,8 +488,8 @@ def _claimed(
     names: Iterable[str] = (),
     parts: Iterable[str] = (),
 ) -> Iterator[Path]:
-    """An output folder that no other run writes into, with files and folders in it that will be
-    written; a temporary one where none is wanted.
+    """Claim an output folder that no other run writes into, with files and folders in it that will
+    be written; a temporary one where none is wanted.
     """
     with contextlib.ExitStack() as stack:
         folder = Path() if output is None else read_path(output, function, "output")

@@ -51,7 +51,7 @@ def write_table(model: type[BaseModel], keys: Mapping[str, object]) -> TomlTable
 
 
 def write_at(model: type[BaseModel], key: KeyPath, value: object) -> TomlValue:
-    """The value of one key of a scene as TOML has it.
+    """Return the value of one key of a scene as TOML has it.
 
     Args:
         model: Schema of the scene.
@@ -107,8 +107,8 @@ def _write_quantity(value: float, dimension: Dimension) -> str:
 
 
 def _dimension(hint: object, key: KeyPath) -> Dimension | None:
-    """What a number measures at a key; None where it is a plain number, or where the key alone does
-    not say.
+    """Return what a number measures at a key; None where it is a plain number, or where the key
+    alone does not say.
     """
     forms = [item.form for item in _metadata(hint) if isinstance(item, JsonForm)]
     found = [form["pattern"] for form in forms if form.get("type") == "string"]
@@ -141,7 +141,7 @@ def _field_of(model: type[BaseModel], key: str) -> object:
 
 
 def _below(hint: object, part: str | int) -> object:
-    """The type of an entry of a table or a list; None where it is not known."""
+    """Return the type of an entry of a table or a list; None where it is not known."""
     origin, arguments = get_origin(hint), get_args(hint)
     if origin is Annotated:
         return _below(arguments[0], part)

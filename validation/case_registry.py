@@ -179,7 +179,7 @@ class Case:
 
 
 def on_root(compute: Callable[[], list[ValidationRow]]) -> CaseFunction:
-    """A case that rank 0 computes alone, its rows on every rank."""
+    """Return a case that rank 0 computes alone, its rows on every rank."""
     return lambda comm: make_on_root(comm, compute)
 
 
@@ -699,12 +699,12 @@ CASES: tuple[Case, ...] = (
 
 
 def case_names() -> list[str]:
-    """Names of all cases."""
+    """Return the names of all cases."""
     return [case.name for case in CASES]
 
 
 def group_names() -> list[str]:
-    """Names of all groups, in order."""
+    """Return the names of all groups, in order."""
     return list(dict.fromkeys(case.group for case in CASES))
 
 
@@ -715,8 +715,8 @@ class UnknownCaseError(ValueError):
 
 
 def select_cases(names: Sequence[str]) -> list[Case]:
-    """The cases that names of cases or groups stand for, each once, in registry order; all when no
-    name is given.
+    """Return the cases that names of cases or groups stand for, each once, in registry order; all
+    when no name is given.
 
     A case that takes very long is run only under its own name.
 

@@ -164,8 +164,8 @@ class _Solved:
 
 
 def cover_part(seed: int) -> PartCoverage:
-    """The numbers of a seed, from the store where they are there: a suite that was stopped goes
-    on.
+    """Return the numbers of a seed, from the store where they are there: a suite that was stopped
+    goes on.
     """
     return keep_measured(seed, measure_part, PartCoverage, (Path(__file__),))
 
@@ -176,7 +176,7 @@ def keep_measured[Measured: "DataclassInstance"](
     kind: type[Measured],
     files: Sequence[Path],
 ) -> Measured:
-    """What is measured of the part of a seed, from the store where it is there.
+    """Return what is measured of the part of a seed, from the store where it is there.
 
     Args:
         files: The code of the measurement, beside that of the program.
@@ -241,8 +241,8 @@ class _Judgement:
 
 
 def _solve_reference(part: CoveragePart) -> _Solved:
-    """The true mesh: one that follows errors as often as those that it judges, in larger steps, as
-    long as it is not too large.
+    """Return the true mesh: one that follows errors as often as those that it judges, in larger
+    steps, as long as it is not too large.
     """
     reference = _solve(part, part.reference, TRUE_MODES, PARTNERS)
     for _ in range(part.rounds):
@@ -266,7 +266,7 @@ def _solve(
 
 
 def _correct(part: CoveragePart, judged: _Solved) -> _Solved:
-    """The same part on the same mesh, corrected by its estimate."""
+    """Return the same part on the same mesh, corrected by its estimate."""
     element = correct_mesh(judged.coupled.layout.superelements["part"])
     return _analyse(part, judged.body, judged.mesh, element, WATCHED, judged.places)
 
@@ -321,7 +321,7 @@ def _number_motions(coupled: CoupledMachine, modes: ModalResult, budget: PointBu
 
 
 def _follow_errors(solved: _Solved, step: float) -> MeshSettings:
-    """The sizes that all watched numbers together ask for."""
+    """Return the sizes that all watched numbers together ask for."""
     element = solved.coupled.layout.superelements["part"]
     energies = find_cell_errors(solved.body, solved.mesh, element, solved.motions).sum(axis=1)
     sizes = spread_error(solved.mesh, energies, step, solved.body.mesh.sizes)
@@ -421,7 +421,7 @@ def check_coverage() -> list[ValidationRow]:
 
 
 def check_hex_coverage() -> list[ValidationRow]:
-    """The same on coarse hexahedra between the edges of patches, as searches begin with."""
+    """Check the same on coarse hexahedra between the edges of patches, as searches begin with."""
     return [
         *_judge(HEX_CASE, "fitted on", _cover(HEX_CALIBRATION)),
         *_judge(HEX_CASE, "held out", _cover(HEX_HOLD_OUT)),
@@ -429,8 +429,8 @@ def check_hex_coverage() -> list[ValidationRow]:
 
 
 def check_adapted_coverage() -> list[ValidationRow]:
-    """The same on STEP parts whose meshes follow the errors of the one before; factors are those of
-    even meshes.
+    """Check the same on STEP parts whose meshes follow the errors of the one before; factors are
+    those of even meshes.
     """
     return _judge(ADAPTED_CASE, "held out", _cover(ADAPTED_PARTS))
 
@@ -446,7 +446,7 @@ def cover_new_parts(first: int) -> list[ValidationRow]:
 
 
 def check_coverage_smoke() -> list[ValidationRow]:
-    """The same on a tube and a sheet, in seconds."""
+    """Check a tube and a sheet in the same way, in seconds."""
     return _judge(SMOKE, "two parts", _cover(SMOKE_PARTS))
 
 
@@ -524,7 +524,7 @@ def _judge_meshes(
 
 
 def _known(part: PartCoverage) -> FloatArray:
-    """Which numbers have an estimate, and a truth that is sure enough to judge it."""
+    """Return which numbers have an estimate, and a truth that is sure enough to judge it."""
     return np.asarray(part.unsure <= part.sure * part.estimates)
 
 

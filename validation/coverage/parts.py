@@ -89,7 +89,7 @@ class _Drawn:
 
 
 def draw_part(seed: int, folder: Path) -> CoveragePart:
-    """The part of a seed.
+    """Draw the part of a seed.
 
     Args:
         seed: Kinds take turns by it.
@@ -164,7 +164,7 @@ def _rect(face: str, center: tuple[float, float, float], size: tuple[float, floa
 
 
 def _block(random: Random, file: Path) -> _Drawn:
-    """A block that stands on its foot, sometimes loaded at a patch of its side."""
+    """Return a block that stands on its foot, sometimes loaded at a patch of its side."""
     x, y, z = _range(random, 0.06, 0.15), _range(random, 0.06, 0.2), _range(random, 0.2, 0.6)
     side = (_rect("x+", (x / 2, 0.0, 0.8 * z), (0.5 * y, 0.15 * z)),)
     return _Drawn(
@@ -193,7 +193,7 @@ def _linear_block(random: Random, file: Path) -> _Drawn:
 
 
 def _sheet(random: Random, file: Path) -> _Drawn:
-    """A strip or sheet that is clamped at an end face."""
+    """Return a strip or sheet that is clamped at an end face."""
     x, y = _range(random, 0.2, 0.5), _range(random, 0.08, 0.25)
     thick = x / _range(random, 15.0, 40.0)
     return _Drawn(
@@ -207,7 +207,7 @@ def _sheet(random: Random, file: Path) -> _Drawn:
 
 
 def _plate(random: Random, file: Path) -> _Drawn:
-    """A plate on four feet, loaded in its middle."""
+    """Return a plate on four feet, loaded in its middle."""
     x, y, z = _range(random, 0.3, 0.6), _range(random, 0.2, 0.4), _range(random, 0.012, 0.03)
     foot = _range(random, 0.04, 0.06)
     feet = tuple(
@@ -245,7 +245,7 @@ def _ribbed_plate(random: Random, file: Path) -> _Drawn:
 
 
 def _column(random: Random, file: Path) -> _Drawn:
-    """A hollow column, loaded at its top or at a patch of its front."""
+    """Return a hollow column, loaded at its top or at a patch of its front."""
     x, y, z = _range(random, 0.15, 0.25), _range(random, 0.18, 0.3), _range(random, 0.4, 0.8)
     wall = _range(random, 0.008, 0.018)
     solid = HollowColumn((x, y, z), wall, 1.2 * wall, 0.01, ribs_z=int(random.integers(1, 3)))
@@ -256,7 +256,7 @@ def _column(random: Random, file: Path) -> _Drawn:
 
 
 def _cored_column(random: Random, file: Path) -> _Drawn:
-    """One with round core holes through its ribs and caps."""
+    """Return a column with round core holes through its ribs and caps."""
     x, y, z = _range(random, 0.15, 0.25), _range(random, 0.18, 0.3), _range(random, 0.35, 0.6)
     solid = HollowColumn(
         (x, y, z), 0.014, 0.016, 0.012, ribs_z=1, core_hole=_range(random, 0.05, 0.09)
@@ -278,7 +278,7 @@ def _tube(random: Random, file: Path) -> _Drawn:
 
 
 def _round_step(random: Random, file: Path) -> _Drawn:
-    """A ball, a cone or an elbow from a STEP file."""
+    """Return a ball, a cone or an elbow from a STEP file."""
     radius = _range(random, 0.04, 0.08)
     choice = int(random.integers(3))
     if choice == 0:
@@ -304,7 +304,7 @@ def _round_step(random: Random, file: Path) -> _Drawn:
 
 
 def _milled_step(random: Random, file: Path) -> _Drawn:
-    """A block with a bore and rounded edges from a STEP file."""
+    """Return a block with a bore and rounded edges from a STEP file."""
     x, y, z = _range(random, 0.06, 0.12), _range(random, 0.06, 0.12), _range(random, 0.12, 0.25)
     least = min(x, y)
     write_step(
@@ -321,7 +321,7 @@ def _milled_step(random: Random, file: Path) -> _Drawn:
 
 
 def _product(random: Random, file: Path) -> _Drawn:
-    """A machined bracket, screwed down at its flange and loaded in the bore of its bearing."""
+    """Return a machined bracket, screwed down at its flange and loaded in the bore of its bearing."""
     bore = (Patch("face:12"), Patch("face:22"))
     return _Drawn(
         StepFile(BRACKET),
@@ -355,7 +355,7 @@ KINDS: dict[str, Callable[[Random, Path], _Drawn]] = {
 
 
 def _hex_pads(random: Random, file: Path) -> _Drawn:
-    """A block on its foot or on four pads, loaded at a patch of its side or of its end."""
+    """Return a block on its foot or on four pads, loaded at a patch of its side or of its end."""
     drawn = _block(random, file)
     if not isinstance(drawn.solid, Box):
         raise TypeError("a block is a box")
@@ -392,13 +392,13 @@ HEX_KINDS: dict[str, Callable[[Random, Path], _Drawn]] = {
 
 
 def _adapted(drawn: _Drawn) -> _Drawn:
-    """A coarse even mesh, and two that follow its errors."""
+    """Return a coarse even mesh, and two that follow its errors."""
     coarse = (ADAPTED_SHARE * drawn.shares[0],)
     return dataclasses.replace(drawn, shares=coarse, across=drawn.across[:1], rounds=2)
 
 
 def _angle_step(random: Random, file: Path) -> _Drawn:
-    """An angle with a sharp inner edge and a bore, from a STEP file."""
+    """Return an angle with a sharp inner edge and a bore, from a STEP file."""
     x, y, z = _range(random, 0.08, 0.16), _range(random, 0.05, 0.12), _range(random, 0.1, 0.2)
     thick = _range(random, 0.012, 0.025)
     write_step(

@@ -141,7 +141,7 @@ def _mesh(part: CoveragePart, settings: MeshSettings) -> ComponentMesh:
 def _solve(
     part: CoveragePart, settings: MeshSettings, mesh: ComponentMesh, probes: Sequence[Probe]
 ) -> dict[str, _Seen]:
-    """What probes see on a mesh; those outside it, near curved faces, are left out."""
+    """Return what probes see on a mesh; those outside it, near curved faces, are left out."""
     body = dataclasses.replace(part.machine.components["part"], mesh=settings)
     own = {probe.name: probe for probe in probes if _holds(mesh, body.material, probe)}
     loads = {BODY_LOAD.name: BODY_LOAD}
@@ -219,12 +219,12 @@ def check_probes() -> list[ValidationRow]:
 
 
 def check_probes_smoke() -> list[ValidationRow]:
-    """The same on one part, in seconds."""
+    """Check one part in the same way, in seconds."""
     return _judge(SMOKE, "one part", SMOKE_PARTS)
 
 
 def cover_probes(seed: int) -> ProbeCoverage:
-    """The numbers of a seed, from the store where they are there."""
+    """Return the numbers of a seed, from the store where they are there."""
     return keep_measured(seed, measure_probes, ProbeCoverage, (Path(__file__),))
 
 

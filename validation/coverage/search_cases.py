@@ -187,17 +187,17 @@ class SearchedPart:
 
 
 def check_search() -> list[ValidationRow]:
-    """Whether what searches call met is met on the twelve parts, and ± covers their numbers."""
+    """Check whether what searches call met is met on the twelve parts, and ± covers their numbers."""
     return judge_searches(CASE, [_recall(part) for part in PARTS])
 
 
 def check_fresh_search() -> list[ValidationRow]:
-    """The same on the eight fresh parts."""
+    """Check the eight fresh parts in the same way."""
     return judge_searches(FRESH, [_recall(part) for part in FRESH_PARTS])
 
 
 def check_search_smoke() -> list[ValidationRow]:
-    """The same on two of them."""
+    """Check two of them in the same way."""
     return judge_searches(SMOKE, [_recall(part) for part in SMOKE_PARTS])
 
 
@@ -259,7 +259,7 @@ def _by_part(parts: Sequence[SearchedPart]) -> str:
 
 
 def _recall(part: SlenderPart) -> SearchedPart:
-    """A part from the store where it is there: a suite that was stopped goes on."""
+    """Return a part from the store where it is there: a suite that was stopped goes on."""
     layers = headstock.geometry, headstock.meshing, headstock.solvers, headstock.reduction
     words = [repr(part), Path(__file__).read_text(), *map(code_fingerprint, layers)]
     true_key = hashlib.sha256("\0".join(words).encode()).hexdigest()
@@ -281,7 +281,7 @@ def _keep[T: SlenderTruth | SearchedPart](key: str, kind: type[T], measure: Call
 
 
 def make_scene(part: SlenderPart, folder: Path) -> Scene:
-    """A part alone, whose frequencies are asked for.
+    """Return a part alone, whose frequencies are asked for.
 
     Args:
         folder: For its STEP file, where it has one.
@@ -308,7 +308,7 @@ def make_scene(part: SlenderPart, folder: Path) -> Scene:
 
 
 def find_truth(part: SlenderPart) -> SlenderTruth:
-    """The frequencies of a part from two swept grids."""
+    """Return the frequencies of a part from two swept grids."""
     coarse, fine = (
         _grid_frequencies(part, tuple(math.ceil(factor * count) for count in part.grid))
         for factor in (1.0, FINER)
@@ -396,7 +396,7 @@ def _find_walls(
 def sweep_grid(
     counts: Sequence[int], place: Callable[[FloatArray], FloatArray], closed: bool
 ) -> ComponentMesh:
-    """A grid of hexahedra with 27 nodes on an exact shape.
+    """Build a grid of hexahedra with 27 nodes on an exact shape.
 
     Args:
         counts: Hexahedra along each of the three coordinates.
@@ -419,7 +419,7 @@ def sweep_grid(
 
 
 def search_part(part: SlenderPart, scene: Scene, truth: SlenderTruth) -> SearchedPart:
-    """How far a search for an accuracy is off."""
+    """Return how far a search for an accuracy is off."""
     goal = dataclasses.replace(scene, accuracy=AccuracyGoal(ASKED))
     try:
         results = _run(goal)
@@ -452,7 +452,7 @@ def _elastic(results: Results) -> FloatArray:
 
 
 def _run(scene: Scene) -> Results:
-    """All stages with an empty store."""
+    """Run all stages with an empty store."""
     with tempfile.TemporaryDirectory(prefix="headstock-search-") as place:
         return run_scene(
             scene, Path(place) / "out", comm=MPI.COMM_SELF, store=Store(Path(place) / "store")

@@ -93,7 +93,7 @@ LARGEST_FACTOR = 3.0
 
 
 def check_beam_accuracy(comm: MPI.Comm) -> list[ValidationRow]:
-    """The column of Kono et al. with 3 %, 1 % and 0.1 % asked for, its fixed beam with 1 %."""
+    """Check the column of Kono et al. with 3 %, 1 % and 0.1 % asked for, its fixed beam with 1 %."""
     return [
         *_check_accuracy("cantilever", (0.03, 0.01, 0.001), comm),
         *_check_accuracy("fixed beam", (0.01,), comm),
@@ -101,7 +101,7 @@ def check_beam_accuracy(comm: MPI.Comm) -> list[ValidationRow]:
 
 
 def check_machine_accuracy(comm: MPI.Comm) -> list[ValidationRow]:
-    """The three-axis machine and two STEP parts with 1 % asked for."""
+    """Check the three-axis machine and two STEP parts with 1 % asked for."""
     return [
         row
         for name in ("three-axis machine", "STEP column", "STEP bracket")

@@ -65,12 +65,12 @@ def check_axes_estimates() -> list[ValidationRow]:
 
 
 def check_axes_smoke() -> list[ValidationRow]:
-    """The same of one machine."""
+    """Check one machine in the same way."""
     return _judge_machines(SMOKE, [SMOKE_SEED])
 
 
 def compare_new_axes(first: int) -> list[ValidationRow]:
-    """The same of machines that nothing was chosen on or judged with before.
+    """Check the same of machines that nothing was chosen on or judged with before.
 
     Args:
         first: Seed of the first of them, ``FRESH`` at least.
@@ -145,7 +145,7 @@ def pair_numbers(
 
 
 def refine_scene(scene: Scene, across: int = FINE_ACROSS) -> Scene:
-    """A machine with fine meshes, corrected, and more modes."""
+    """Refine a machine: fine meshes, corrected, and more modes."""
     fine = dict(scene.machine.components)
     for name, part in fine.items():
         size = part.mesh.size
@@ -181,7 +181,7 @@ def _list_path(answer: PathResult) -> tuple[FloatArray, FloatArray]:
 
 
 def _list_probes(answers: list[PathResult]) -> tuple[FloatArray, FloatArray]:
-    """Return largest equivalent stresses and displacements ``(n,)`` at probes, and their ±."""
+    """Return the largest equivalent stresses and displacements ``(n,)`` at probes, and their ±."""
     return list_sizes(
         number
         for answer in answers
@@ -202,7 +202,7 @@ def list_sizes(numbers: Iterable[Number]) -> tuple[FloatArray, FloatArray]:
 
 
 def judge_numbers(case: str, what: str, machines: list[JudgedNumbers]) -> list[ValidationRow]:
-    """Whether their ± covers the true errors, and how large it is beside them."""
+    """Check whether their ± covers the true errors, and how large it is compared with them."""
     values, errors, truth, doubt = (
         np.concatenate([np.abs(getattr(machine, field)) for machine in machines])
         for field in ("values", "errors", "truth", "doubt")

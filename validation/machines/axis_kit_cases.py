@@ -46,8 +46,8 @@ KitModels = Mapping[tuple[str, KitFidelity], KitModel]
 
 
 def check_axis_kit(comm: MPI.Comm) -> list[ValidationRow]:
-    """Everything the paper prints of its machine, for five variants at two fidelities with one set
-    of parameters.
+    """Check everything the paper prints of its machine, for five variants at two fidelities with
+    one set of parameters.
     """
     workshop = KitWorkshop(comm)
     models = {
@@ -74,8 +74,8 @@ def match_table_3(variant: str, model: KitModel) -> tuple[int, ...]:
 
 
 def judge_table_3(models: Mapping[str, KitModel]) -> list[ValidationRow]:
-    """The 22 frequencies of the paper's own rigid and segmented models, and the modes below 300 Hz
-    that it does not list.
+    """Compare the 22 frequencies of the paper's own rigid and segmented models, and the modes below
+    300 Hz that it does not list.
     """
     rows: list[ValidationRow] = []
     for variant, model in models.items():
@@ -153,8 +153,8 @@ def pair_fidelities(coarse: KitModel, fine: KitModel) -> tuple[ModePair, ...]:
 
 
 def show_shapes(model: KitModel) -> list[ValidationRow]:
-    """The measured modes beside those of YCE that the paper pairs with them: how far off, and which
-    described motions they make.
+    """Show the measured modes beside those of YCE that the paper pairs with them: how far off, and
+    which described motions they make.
     """
     rows: list[ValidationRow] = []
     met = match_table_3("YCE", model)
@@ -193,7 +193,7 @@ def find_missing_motions(mode: MeasuredMode, motions: Mapping[str, FloatArray]) 
 
 
 def compliance_name(variant: str, fidelity: str, axis: str) -> str:
-    """What the table calls a compliance.
+    """Return what the table calls a compliance.
 
     Args:
         axis: Direction of the force, ``x``, ``y`` or ``z``.
@@ -226,7 +226,7 @@ def judge_compliances(models: KitModels) -> list[ValidationRow]:
 
 
 def show_statements(models: KitModels) -> list[ValidationRow]:
-    """What the paper says of figures 17 and 18: confirmed or not."""
+    """Show what the paper says of figures 17 and 18: confirmed or not."""
     deviations = {
         (fidelity, axis): np.array([abs(UM_PER_KN * models[v, fidelity].compliance["xyz".index(axis)]) for v in VARIANTS])
         / MEASURED_COMPLIANCE[axis] - 1.0
@@ -276,7 +276,7 @@ def show_statements(models: KitModels) -> list[ValidationRow]:
 
 
 def judge_similar_modes(models: KitModels) -> ValidationRow:
-    """What section 4.2 says of the four variants besides YCE: frequencies and shapes by both
+    """Check what section 4.2 says of the four variants besides YCE: frequencies and shapes by both
     fidelities are similar.
 
     Modes below 300 Hz, paired by shape; R and BE have no elastic body and agree of themselves.

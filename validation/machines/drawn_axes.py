@@ -202,9 +202,9 @@ steps_per_turn = 120
 
 
 def draw_axes(seed: int) -> str:
-    """A scene with a volumetric map and a path, with motors that follow their set points and, as the
-    variant ``controlled``, with drives under control, and as the variant ``milling`` with a contour
-    that is milled, as TOML.
+    """Return a scene with a volumetric map and a path, with motors that follow their set points
+    and, as the variant ``controlled``, with drives under control, and as the variant ``milling``
+    with a contour that is milled, as TOML.
 
     Args:
         seed: The same seed draws the same machine.

@@ -60,7 +60,7 @@ class _Body:
         size: tuple[float, float],
         coupling: str,
     ) -> None:
-        """An interface on a horizontal face, at a place in the machine [m]."""
+        """Add an interface on a horizontal face, at a place in the machine [m]."""
         own = [center[axis] - self.place[axis] for axis in range(2)]
         self.interfaces.append(
             f'{name} = {{ face = "{face}", coupling = "{coupling}", rect = {{ center = [{_mm(own[0])}, {_mm(own[1])}],'
@@ -85,7 +85,7 @@ class _Body:
 
 
 def draw_machine(seed: int) -> str:
-    """A scene with analyses, as TOML.
+    """Return a scene with analyses, as TOML.
 
     Args:
         seed: The same seed draws the same machine.
@@ -129,7 +129,7 @@ class _Drawn:
         return str(self.random.choice(["rigid", "average"]))
 
     def add(self, shape: str, at: tuple[float, float], height: float) -> _Body:
-        """A body of a shape that stands at a height [m]."""
+        """Add a body of a shape that stands at a height [m]."""
         sides = _sides(shape, self.random)
         model = str(self.random.choice(MODELS, p=MODEL_SHARES))
         material = str(self.random.choice(["steel", "iron"]))
@@ -139,7 +139,9 @@ class _Drawn:
         return body
 
     def stack(self, below: _Body) -> _Body:
-        """A body on top of another, bolted over an area or on four pads of two parallel guides."""
+        """Add a body on top of another, bolted over an area or on four pads of two parallel
+        guides.
+        """
         shape = str(self.random.choice(SHAPES))
         body = self.add(shape, below.place[:2], below.top)
         # shifted as far as the smaller one stays on the larger one, whose middle is that of the contact
@@ -207,7 +209,7 @@ class _Drawn:
 
 
 def _spring(name: str, first: str, second: str, stiffness: float, *, turns: bool = True) -> str:
-    """A joint of springs [N/um] in every direction."""
+    """Return a joint of springs [N/um] in every direction."""
     table = dict.fromkeys("xyz", f"{stiffness:.4g} N/um")
     if turns:
         table |= {f"r{axis}": f"{0.02 * stiffness:.4g} N m/urad" for axis in "xyz"}

@@ -80,7 +80,8 @@ class TwoMasses:
 def make_drive(
     masses: TwoMasses, control: AxisControl, friction: GuideFriction | None = None
 ) -> tuple[SecondOrderSystem, DriveTrain]:
-    """The system with its motor free, and the drive ``X``; the load is the port ``("load", "x")``.
+    """Return the system with its motor free, and the drive ``X``; the load is the port ``("load",
+    "x")``.
 
     Args:
         masses: Motor, load and what is between them.
@@ -141,8 +142,8 @@ def closed_loop_poles(masses: TwoMasses, control: AxisControl) -> ComplexArray:
 
 
 def delayed_pole(masses: TwoMasses, control: AxisControl, start: complex) -> complex:
-    """The exact pole with dead time next to a start, by Newton's method on the quasi-polynomial
-    [rad/s].
+    """Return the exact pole with dead time next to a start, by Newton's method on the
+    quasi-polynomial [rad/s].
 
     Args:
         masses: Motor, load and what is between them.
@@ -202,7 +203,7 @@ STICKING = TwoMasses(motor=1e5, load=10.0, stiffness=1e5, damping=0.0)
 
 
 def check_two_masses(comm: MPI.Comm) -> list[ValidationRow]:
-    """Natural frequencies, closed-loop poles, lag and step response of a motor that drives a
+    """Check natural frequencies, closed-loop poles, lag and step response of a motor that drives a
     load.
     """
     system, train = make_drive(MASSES, CONTROL)
@@ -251,8 +252,8 @@ def check_two_masses(comm: MPI.Comm) -> list[ValidationRow]:
 
 
 def check_sampled_control(comm: MPI.Comm) -> list[ValidationRow]:
-    """A controller that samples, computes for a cycle and holds its force, as difference equations,
-    beside its dead time.
+    """Check a controller that samples, computes for a cycle and holds its force, as difference
+    equations, beside its dead time.
     """
     late = AxisControl(40.0, 2e4, 0.02, dead_time=1.5 * CYCLE)
     system, train = make_drive(MASSES, late)
@@ -269,8 +270,8 @@ def check_sampled_control(comm: MPI.Comm) -> list[ValidationRow]:
 
 
 def check_friction(comm: MPI.Comm) -> list[ValidationRow]:
-    """What dry friction does to a P controller, and a load that sticks and slips; with the balance
-    of energy.
+    """Check what dry friction does to a P controller, and a load that sticks and slips; with the
+    balance of energy.
     """
     offset, energy = _settled_offset()
     amplitude, period, balance = _stick_and_slip()
@@ -339,8 +340,8 @@ def sampled_poles(control: AxisControl, cycle: float) -> ComplexArray:
 
 
 def _judge_poles(name: str, control: AxisControl) -> ValidationRow:
-    """The largest distance of a pole from its closed form, over its size; real poles beyond a dead
-    time's reach are left out.
+    """Return the largest distance of a pole from its closed form, over its size; real poles beyond
+    a dead time's reach are left out.
     """
     system, train = make_drive(MASSES, control)
     found = find_loop_poles(close_loops(system, [train])).poles
@@ -405,7 +406,7 @@ def _stick_and_slip() -> tuple[float, float, float]:
 
 
 def _pull(loop: ClosedLoop, speed: float, times: FloatArray) -> DrivenMotion:
-    """A constant speed after a ramp of 0.1 s."""
+    """Return a constant speed after a ramp of 0.1 s."""
     ramp = 0.1
 
     def given(instants: FloatArray) -> FloatArray:

@@ -88,7 +88,7 @@ class Specimen:
 
 
 def unreduced(specimen: Specimen) -> MonolithicMachine:
-    """The machine with every node of its meshes."""
+    """Return the machine with every node of its meshes."""
     machine, pose, meshes = specimen.machine, specimen.pose, specimen.meshes
     if not any(joint.length for joint in machine.joints.values()):
         return monolithic_machine(machine, meshes, pose)
@@ -98,8 +98,8 @@ def unreduced(specimen: Specimen) -> MonolithicMachine:
 
 
 def keep_fewer(element: Superelement, count: int) -> Superelement:
-    """The superelement as it would have been with fewer modes, and the moments of those it leaves
-    out then.
+    """Return the superelement as it would have been with fewer modes, and the moments of those it
+    leaves out then.
 
     Unlike ``trim_superelement`` it cuts through clusters of close frequencies: the estimates must
     hold for such a basis too.
@@ -132,7 +132,7 @@ def keep_fewer(element: Superelement, count: int) -> Superelement:
 
 
 def clamped_beam() -> Specimen:
-    """The column of Kono et al. on a stiff clamp, rigid faces."""
+    """Return the column of Kono et al. on a stiff clamp, rigid faces."""
     interfaces = {
         name: face_interface(name, face, "rigid") for name, face in (("foot", "z-"), ("tip", "z+"))
     }
@@ -143,7 +143,7 @@ def clamped_beam() -> Specimen:
 
 
 def patched_column() -> Specimen:
-    """A hollow column with round and square averaging patches on two sides, free at its top."""
+    """Return a hollow column with round and square averaging patches on two sides, free at its top."""
     size = (0.20, 0.24, 0.70)
     interfaces = {
         "foot": Interface("foot", (Patch("z-"),), "average"),
@@ -166,7 +166,7 @@ def patched_column() -> Specimen:
 
 
 def ribbed_plate() -> Specimen:
-    """A ribbed plate on four rigid feet, seen at a disk in its middle."""
+    """Return a ribbed plate on four rigid feet, seen at a disk in its middle."""
     corners = {
         "foot_1": (0.24, 0.16),
         "foot_2": (-0.24, 0.16),
@@ -216,8 +216,8 @@ def free_pair() -> Specimen:
 
 
 def cast_column() -> Specimen:
-    """The shipped column from a STEP file alone, fixed at its foot by a support; averaging patches
-    for rails and screw.
+    """Return the shipped column from a STEP file alone, fixed at its foot by a support; averaging
+    patches for rails and screw.
     """
     part = load_scene(MACHINES / "step_column.toml").machine.components["column"]
     patches = {
@@ -234,12 +234,12 @@ def cast_column() -> Specimen:
 
 
 def guideway() -> Specimen:
-    """The shipped table on rails, far from the bearing."""
+    """Return the shipped table on rails, far from the bearing."""
     return _shipped("guideway", "guideway.toml", "far")
 
 
 def three_axis() -> Specimen:
-    """The shipped three-axis machine with three elastic components."""
+    """Return the shipped three-axis machine with three elastic components."""
     return _shipped("three-axis machine", "three_axis.toml", None)
 
 
@@ -333,7 +333,9 @@ def check_frequency_estimates() -> list[ValidationRow]:
 
 
 def check_step_estimates() -> list[ValidationRow]:
-    """The same for a column from a STEP file with 195 000 dofs, against modes of the whole mesh."""
+    """Check the same for a column from a STEP file with 195 000 dofs, against modes of the whole
+    mesh.
+    """
     rows: list[ValidationRow] = []
     specimen = cast_column()
     part, mesh, supports = (
@@ -381,7 +383,7 @@ def reduce_specimen(specimen: Specimen, count: int) -> dict[str, Superelement]:
 
 
 def join_pairs(parts: list[ErrorPairs]) -> ErrorPairs:
-    """All of them together."""
+    """Join pairs of errors."""
     return ErrorPairs(
         np.concatenate([part.true for part in parts]),
         np.concatenate([part.estimated for part in parts]),
@@ -421,7 +423,8 @@ def judge_pairs(case: str, what: str, pairs: ErrorPairs) -> list[ValidationRow]:
 
 
 def report_coverage(case: str, name: str, pairs: ErrorPairs) -> ValidationRow:
-    """A row for the share of true errors that their estimate covers, and how much too large it is.
+    """Return a row for the share of true errors that their estimate covers, and how much too large
+    it is.
 
     Args:
         name: What was estimated, and of which part.

@@ -80,7 +80,7 @@ def check_flexible_interfaces() -> list[ValidationRow]:
 
 
 def check_flexible_smoke() -> list[ValidationRow]:
-    """The same on a beam."""
+    """Check a beam in the same way."""
     return _judge(SMOKE, SMOKE_BEAM, "weak", (0, 12, 30), modes=SMOKE_MODES)
 
 

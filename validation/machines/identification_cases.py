@@ -67,7 +67,7 @@ prior_sigma = 0.002
 
 
 def write_parameters(names: Mapping[str, float] | None = None) -> str:
-    """The eight stiffnesses as parameters of a target file, or those named."""
+    """Write the eight stiffnesses as parameters of a target file, or those named."""
     chosen = STIFFNESSES if names is None else {name: STIFFNESSES[name] for name in names}
     return "".join(
         f'[parameters.{name}]\nkeys = ["{key}"]\nbounds = ["{true / 10:g} {unit}", "{true * 10:g} {unit}"]\n'
@@ -81,7 +81,9 @@ def write_frequencies(values_hz: FloatArray) -> str:
 
 
 def prepare_text(folder: Path, targets: str) -> FitProblem:
-    """The machine and the text of a target file, written into a folder and ready to be computed."""
+    """Prepare the machine and the text of a target file, written into a folder and ready to be
+    computed.
+    """
     scene, path = folder / "machine.toml", folder / "targets.toml"
     scene.write_text(SCENE)
     path.write_text(targets)
@@ -89,7 +91,7 @@ def prepare_text(folder: Path, targets: str) -> FitProblem:
 
 
 def solve_truth(problem: FitProblem, truth: Mapping[str, float]) -> FitPoint:
-    """The machine with true values, SI, by parameter."""
+    """Solve the machine with true values, SI, by parameter."""
     return evaluate(
         problem, problem.coordinates([truth[parameter.name] for parameter in problem.parameters])
     )
@@ -104,7 +106,7 @@ def true_values() -> dict[str, float]:
 
 
 def solve_measured(folder: Path) -> FitPoint:
-    """The machine with its true stiffnesses in every case that is measured."""
+    """Solve the machine with its true stiffnesses in every case that is measured."""
     blank = write_cases(
         [np.asarray(np.arange(10.0, 10.0 + FREQUENCIES))] * len(MEASURED),
         [np.full(3, 1e-9)] * len(MEASURED),
@@ -199,8 +201,8 @@ def judge_seeds(folder: Path, seeds: Sequence[int]) -> list[ValidationRow]:
 
 
 def fit_seeds(folder: Path, seeds: Sequence[int]) -> list[Identification]:
-    """The eight stiffnesses fitted to data with the noise of each seed; components are reduced
-    once.
+    """Fit the eight stiffnesses to data with the noise of each seed; components are
+    reduced once.
     """
     truth = solve_measured(folder)
     problem = prepare_text(folder, measure(truth, 0, NOISE) + write_parameters())
@@ -263,7 +265,7 @@ def judge_blindness(folder: Path) -> list[ValidationRow]:
 
 
 def _with_data(folder: Path, problem: FitProblem, cases: str) -> FitProblem:
-    """The same problem with other data."""
+    """Return the same problem with other data."""
     path = folder / "targets.toml"
     path.write_text(cases + write_parameters())
     task = load_targets(path, folder / "machine.toml").task

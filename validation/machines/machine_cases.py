@@ -149,7 +149,8 @@ def answer_reduced(machine: Machine, parts: dict[str, Superelement], place: floa
 
 
 def answer_same_mesh(machine: Machine, mesh: ComponentMesh, place: float) -> Answer:
-    """The same of the unreduced model on the mesh that was reduced, its carriages weighted alike.
+    """Answer the same from the unreduced model on the mesh that was reduced, its carriages weighted
+    alike.
 
     Args:
         machine: With an axis X along the rails.
@@ -162,7 +163,7 @@ def answer_same_mesh(machine: Machine, mesh: ComponentMesh, place: float) -> Ans
 
 
 def answer_fresh_mesh(machine: Machine, place: float) -> Answer:
-    """The same on a mesh of its own, with an evenly averaging patch imprinted under every
+    """Answer the same on a mesh of its own, with an evenly averaging patch imprinted under every
     carriage.
     """
     pose = Pose("p", {"X": place})
@@ -182,8 +183,8 @@ def relative_errors(found: Answer, expected: Answer) -> FloatArray:
 
 
 def find_ripple(machine: Machine, parts: dict[str, Superelement], samples: int = 41) -> float:
-    """Largest relative departure of a frequency from a quartic in the position, over two spline
-    intervals around the middle [-].
+    """Return the largest relative departure of a frequency from a quartic in the position, over two
+    spline intervals around the middle [-].
 
     Args:
         machine: With an axis X along the rails.

@@ -101,22 +101,22 @@ class ChosenScene:
 
 
 def check_model_choice() -> list[ValidationRow]:
-    """Whether the errors of the machines are within what was asked, and what that costs."""
+    """Check whether the errors of the machines are within what was asked, and what that costs."""
     return _judge(CASE, "machine", [_recall(seed, load_drawn) for seed in MACHINES])
 
 
 def check_model_choice_smoke() -> list[ValidationRow]:
-    """The same on one machine of three bodies."""
+    """Check one machine of three bodies in the same way."""
     return _judge(SMOKE, "machine", [_recall(seed, load_drawn) for seed in SMOKE_MACHINES])
 
 
 def check_part_choice() -> list[ValidationRow]:
-    """The same on parts alone, whose only lever is the mesh."""
+    """Check parts alone in the same way, whose only lever is the mesh."""
     return _judge(PARTS_CASE, "part", [_recall(seed, load_part) for seed in PARTS])
 
 
 def _recall(seed: int, load: Callable[[int, Path], Scene]) -> ChosenScene:
-    """A machine or part from the store where it is there: what was stopped goes on."""
+    """Return a machine or part from the store where it is there: what was stopped goes on."""
     with tempfile.TemporaryDirectory(prefix="headstock-choice-") as name:
         folder = Path(name)
         scene = load(seed, folder)
@@ -147,7 +147,7 @@ def _keep[T: ScenesBeside | ChosenScene](key: str, kind: type[T], measure: Calla
 
 
 def load_drawn(seed: int, folder: Path) -> Scene:
-    """The machine of a seed, of which frequencies and compliances are asked for."""
+    """Return the machine of a seed, of which frequencies and compliances are asked for."""
     path = folder / "machine.toml"
     path.write_text(draw_machine(seed))
     scene = load_scene(path)
@@ -156,7 +156,7 @@ def load_drawn(seed: int, folder: Path) -> Scene:
 
 
 def load_part(seed: int, folder: Path) -> Scene:
-    """The part of a seed of `coverage`, held at its foot, of which six frequencies and the
+    """Return the part of a seed of `coverage`, held at its foot, of which six frequencies and the
     compliances of its tip are asked for.
     """
     machine = draw_part(seed, folder).machine
@@ -184,7 +184,7 @@ def _say_model(part: Component) -> tuple[str, int, MeshSettings, ReductionSettin
 
 
 def measure_beside(scene: Scene, asked: float, folder: Path) -> ScenesBeside:
-    """What is true of a machine, and what somebody would try.
+    """Return what is true of a machine, and what somebody would try.
 
     Args:
         asked: Relative error that is to be judged.
@@ -267,7 +267,7 @@ def _mesh_by_rule(scene: Scene, accuracy: float, *, correct: bool) -> dict[str, 
 
 
 def _run(scene: Scene, folder: Path) -> Results:
-    """All stages with an empty store."""
+    """Run all stages with an empty store."""
     with tempfile.TemporaryDirectory(dir=folder) as place:
         return run_scene(
             scene, Path(place) / "out", comm=MPI.COMM_SELF, store=Store(Path(place) / "store")

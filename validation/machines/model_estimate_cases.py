@@ -80,7 +80,7 @@ class MachineNumbers:
 
 
 def compare_machine(seed: int) -> MachineNumbers:
-    """The numbers of a seed, from the store where they are there: what was stopped goes on."""
+    """Return the numbers of a seed, from the store where they are there: what was stopped goes on."""
     store = Store(default_store_root())
     layers = (
         headstock.geometry,
@@ -130,7 +130,7 @@ def measure_machine(seed: int, scene: Scene, store: Store) -> MachineNumbers:
 
 
 def _solve(scene: Scene, store: Store) -> RunState:
-    """All stages of a scene but that which writes."""
+    """Run all stages of a scene but that which writes."""
     state = start_run(scene, MPI.COMM_SELF, store)
     make_superelements(state)
     for stage in state.plan.stages[:-1]:
@@ -172,7 +172,7 @@ def _watch(machine: CoupledPose, places: dict[str, BodyPlaces], count: int) -> W
 
 
 def _expected_error(state: RunState, error: Estimate) -> float:
-    """What the estimate says without what covers its doubt."""
+    """Return what the estimate says without what covers its doubt."""
     meshes = sum(
         size / state.reduced[name].superelement.errors.mesh_safety
         for name, size in error.parts.get(DISCRETISATION, {}).items()
@@ -238,7 +238,7 @@ def compare_new_machines(first: int) -> list[ValidationRow]:
 
 
 def check_model_estimates_smoke() -> list[ValidationRow]:
-    """The same on one machine of three bodies."""
+    """Check one machine of three bodies in the same way."""
     return _judge(SMOKE, "one machine", [compare_machine(seed) for seed in SMOKE_MACHINES])
 
 
@@ -299,7 +299,7 @@ def _judge(case: str, what: str, machines: Sequence[MachineNumbers]) -> list[Val
 
 
 def _known(machine: MachineNumbers) -> FloatArray:
-    """Which numbers have an estimate, and a truth that is sure enough to judge it."""
+    """Return which numbers have an estimate, and a truth that is sure enough to judge it."""
     return np.asarray(
         (machine.unsure <= SURE * machine.estimates) & np.isfinite(machine.errors), dtype=bool
     )

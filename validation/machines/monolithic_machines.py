@@ -128,8 +128,8 @@ def monolithic_compliance(model: MonolithicMachine, point: str) -> FloatArray:
 
 
 def monolithic_frequencies(model: MonolithicMachine, count: int, *, shift_hz: float) -> FloatArray:
-    """The lowest natural frequencies [Hz] ``(count,)``, found around a shift below them that hits
-    none.
+    """Return the lowest natural frequencies [Hz] ``(count,)``, found around a shift below them that
+    hits none.
 
     Args:
         model: The whole machine, without supports.
@@ -302,8 +302,8 @@ def _rigid_patch_basis(
 
 
 def fix_carriages(machine: Machine, pose: Pose) -> Machine:
-    """Every carriage on an evenly averaging patch of its own under it, and every screw with the
-    stiffness it has in the pose.
+    """Put every carriage on an evenly averaging patch of its own under it, and every screw with
+    the stiffness it has in the pose.
     """
     carriages = {carriage.joint: carriage for carriage in place_carriages(machine, pose)}
     components = dict(machine.components)
@@ -355,7 +355,7 @@ def view_carriages(
 
 
 def _patch_under(machine: Machine, carriage: Carriage) -> Interface:
-    """The rail's strip cut to the carriage's length: a rect on the same face."""
+    """Return the rail's strip cut to the carriage's length: a rect on the same face."""
     interface = machine.components[str(carriage.rail.component)].interfaces[
         str(carriage.rail.interface)
     ]

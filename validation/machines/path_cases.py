@@ -96,7 +96,7 @@ class AbsoluteMachine:
     def between(
         self, name: Literal["stiffnesses", "pulls", "rows", "drift"], position: float
     ) -> FloatArray:
-        """A table at a position [m], linear between the places."""
+        """Return a table at a position [m], linear between the places."""
         values: FloatArray = getattr(self, name)
         number = int(np.clip(np.searchsorted(self.places, position) - 1, 0, len(self.places) - 2))
         low, high = self.places[number : number + 2]
@@ -198,7 +198,7 @@ def _integrate_absolutely(
 def _deviate(
     machine: AbsoluteMachine, move: SetPoint, times: FloatArray, displacements: FloatArray
 ) -> FloatArray:
-    """What the outputs see of absolute displacements ``(n, m)``, less the travel itself."""
+    """Return what the outputs see of absolute displacements ``(n, m)``, less the travel itself."""
     places = [_stand(move, float(time)) for time in times]
     return np.array(
         [
@@ -248,7 +248,7 @@ def check_path_methods() -> list[ValidationRow]:
 
 
 def run_path(variant: str) -> PathResult:
-    """The path analysis of the shipped scene in a variant."""
+    """Run the path analysis of the shipped scene in a variant."""
     scene = keep_analyses(load_scene(SCENE, variant=variant), ["path"])
     with tempfile.TemporaryDirectory() as folder:
         results = run_scene(

@@ -40,7 +40,7 @@ CLEAR = 1e-3  # true errors above which a ratio means something
 
 
 def check_peaks() -> list[ValidationRow]:
-    """The three-axis machine and two drawn ones."""
+    """Check the three-axis machine and two drawn ones."""
     drawn = {f"machine {seed}": functools.partial(load_drawn, seed) for seed in SEEDS}
     loads: dict[str, Load] = {"three-axis machine": load_three_axis, **drawn}
     return [
@@ -55,12 +55,12 @@ def check_peaks_smoke() -> list[ValidationRow]:
 
 
 def load_three_axis(_folder: Path) -> Scene:
-    """The machine of the reference study with a response at its tool."""
+    """Return the machine of the reference study with a response at its tool."""
     return load_scene(SCENE, variant="frf")
 
 
 def load_drawn(seed: int, folder: Path) -> Scene:
-    """The machine of a seed, all bodies of which are finite elements."""
+    """Return the machine of a seed, all bodies of which are finite elements."""
     path = folder / "machine.toml"
     path.write_text(draw_machine(seed))
     scene = load_scene(path)

@@ -51,7 +51,7 @@ class Bar:
         return _triple([high - low for low, high in zip(self.low, self.high, strict=True)])
 
     def clip(self, points: tuple[float, ...], axis: int) -> tuple[float, ...]:
-        """Those of rising coordinates along an axis that lie within the box."""
+        """Return those of rising coordinates along an axis that lie within the box."""
         low, high = self.low[axis] - ON_PLANE, self.high[axis] + ON_PLANE
         return tuple(value for value in points if low < value < high)
 
@@ -77,14 +77,14 @@ class SplitBody:
     round: bool = False
 
     def find_patch(self, number: int) -> Bar:
-        """The rectangle in which a part meets the next one, as a box without thickness."""
+        """Return the rectangle in which a part meets the next one, as a box without thickness."""
         one, next_one = self.bars[number], self.bars[number + 1]
         low = [max(pair) for pair in zip(one.low, next_one.low, strict=True)]
         high = [min(pair) for pair in zip(one.high, next_one.high, strict=True)]
         return Bar(_triple(low), _triple(high))
 
     def bend(self, lattice: FloatArray) -> FloatArray:
-        """Where points ``(..., 3)`` of the boxes lie in the body: a square becomes a disk."""
+        """Return where points ``(..., 3)`` of the boxes lie in the body: a square becomes a disk."""
         if not self.round:
             return lattice
         first, second = in_plane_axes(self.axis)
@@ -111,7 +111,7 @@ def cut_box(
     finer: tuple[int, ...] = (),
     round_section: bool = False,
 ) -> SplitBody:
-    """A box of equal elements cut into equal parts across an axis.
+    """Cut a box of equal elements into equal parts across an axis.
 
     Args:
         size: Edge lengths [m].
@@ -146,7 +146,7 @@ def find_whole_frequencies(body: SplitBody, count: int) -> FloatArray:
 
 
 def join_parts(body: SplitBody, form: Form, flexible: int, modes: int) -> CoupledMachine:
-    """The body of parts with rigid joints between their interfaces.
+    """Join parts to a body with rigid joints between their interfaces.
 
     Args:
         flexible: Most shapes of each; with 0 they move as rigid bodies or in the mean.
@@ -167,7 +167,9 @@ def join_parts(body: SplitBody, form: Form, flexible: int, modes: int) -> Couple
 
 
 def find_joined_frequencies(coupled: CoupledMachine, count: int) -> FloatArray:
-    """The first elastic natural frequencies [Hz] ``(count,)``; infinite where there are fewer."""
+    """Return the first elastic natural frequencies [Hz] ``(count,)``; infinite where there are
+    fewer.
+    """
     found = solve_modal(coupled.system, count=RIGID_MOTIONS + count).frequencies_hz
     return np.asarray(
         np.pad(found, (0, RIGID_MOTIONS + count), constant_values=np.inf)[RIGID_MOTIONS:][:count]
@@ -175,7 +177,7 @@ def find_joined_frequencies(coupled: CoupledMachine, count: int) -> FloatArray:
 
 
 def count_shapes(coupled: CoupledMachine) -> int:
-    """The most shapes that an interface of a machine keeps."""
+    """Return the most shapes that an interface of a machine keeps."""
     maps = [
         entry
         for part in coupled.layout.superelements.values()

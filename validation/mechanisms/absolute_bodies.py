@@ -20,7 +20,7 @@ Local = Callable[[float], tuple[FloatArray, FloatArray, FloatArray]]
 
 
 def fixed_local(vector: Sequence[float]) -> Local:
-    """A vector that does not move in its body."""
+    """Return a vector that does not move in its body."""
     value = np.array(vector, dtype=float)
     return lambda time: (value, np.zeros(3), np.zeros(3))
 

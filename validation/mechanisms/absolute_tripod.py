@@ -94,7 +94,7 @@ class _Builder:
     drive: DriveLaw
 
     def point(self, body: int, place: tuple[float, float, float]) -> Vector:
-        """A point of a body, given in its own frame."""
+        """Return a point of a body, given in its own frame."""
         return Vector(body, fixed_local(tuple(np.array(place) - self.centers[body])))
 
     def leg_joints(self) -> list[DotProduct]:
@@ -219,5 +219,5 @@ class _Builder:
 
 
 def vector(body: int | None, local: tuple[float, float, float]) -> Vector:
-    """A direction fixed in a body or in space."""
+    """Return a direction fixed in a body or in space."""
     return Vector(body, fixed_local(local))

@@ -34,7 +34,7 @@ LEG_STEPS = 8192
 
 
 def contour_request(material: str, model: str = "linear") -> ContouringRequest:
-    """The contour of the shipped scene in another material or by another model."""
+    """Return the contour of the shipped scene in another material or by another model."""
     request = load_scene(SCENE, variant="lumped").analyses.get(ContouringRequest)
     if request is None:
         raise ValueError(f"{SCENE} has no contour")
@@ -45,8 +45,8 @@ def contour_request(material: str, model: str = "linear") -> ContouringRequest:
 
 
 def check_contouring(comm: MPI.Comm) -> list[ValidationRow]:
-    """The whole contour, linear along the path, for two sets of coefficients; the orientation of x
-    is assumed, so both are reported.
+    """Check the whole contour, linear along the path, for two sets of coefficients; the orientation
+    of x is assumed, so both are reported.
     """
     case, tripteor = "tripteor-contouring", load_tripteor()
     rows: list[ValidationRow] = []
@@ -99,8 +99,8 @@ def check_contouring(comm: MPI.Comm) -> list[ValidationRow]:
 
 
 def check_nonlinear_contour(comm: MPI.Comm) -> list[ValidationRow]:
-    """The start of the contour by the full equations, beside the linear model, and what the whole
-    would cost.
+    """Check the start of the contour by the full equations, beside the linear model, and what the
+    whole would cost.
     """
     case, tripteor = "tripteor-contouring-nonlinear", load_tripteor()
     linear = run_lumped_contour(
@@ -134,8 +134,8 @@ def check_nonlinear_contour(comm: MPI.Comm) -> list[ValidationRow]:
 
 
 def check_whole_nonlinear_contour(comm: MPI.Comm) -> list[ValidationRow]:
-    """The whole contour by the full equations: gap on each face, no filter, cost, and how far the
-    linear model is off.
+    """Check the whole contour by the full equations: gap on each face, no filter, cost, and how far
+    the linear model is off.
     """
     case, material, tripteor = "tripteor-contour-whole", "al7075-t6", load_tripteor()
     linear = run_lumped_contour(tripteor.scene, tripteor.model, contour_request(material))
@@ -237,7 +237,9 @@ def _step_row(case: str, tripteor: Tripteor, model: str, until: float) -> Valida
 
 
 def _leg_rows(case: str, material: str, tripteor: Tripteor, run: ContourRun) -> list[ValidationRow]:
-    """How much the force of leg 1's drive, and so its motor's torque, varies on faces 1 and 3."""
+    """Return how much the force of leg 1's drive, and so its motor's torque, varies on faces 1 and
+    3.
+    """
     spans = []
     for face in (1, 3):
         places = np.flatnonzero(face_instants(run, face - 1))
@@ -314,7 +316,7 @@ def check_contour_stability(comm: MPI.Comm) -> list[ValidationRow]:
 
 
 def _damping_rows(case: str) -> list[ValidationRow]:
-    """The window of damping in which face 3 chatters at 10 mm and face 1 does not."""
+    """Return the window of damping in which face 3 chatters at 10 mm and face 1 does not."""
     tripteor, rows = load_tripteor(), []
     for material in ("al7075-t6", "al7075-t6-dry"):
         request = contour_request(material)

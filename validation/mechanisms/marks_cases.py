@@ -27,7 +27,7 @@ AT_CORNERS = "both from a corner"
 
 
 def vary_contour() -> Iterator[tuple[str, ContouringRequest]]:
-    """The paper's block, and what is changed of it: a name and a contour each."""
+    """Return the paper's block, and what is changed of it: a name and a contour each."""
     straight = contour_request("al7075-t6")
     yield "straight into face 1", straight
     corners = dataclasses.replace(straight, contour=enter_from_corners(straight))
@@ -48,8 +48,8 @@ def vary_contour() -> Iterator[tuple[str, ContouringRequest]]:
 
 
 def enter_from_corners(request: ContouringRequest) -> PolylineContour:
-    """A line around the block that begins on its last face, so that each of the others is entered from
-    a corner.
+    """Return a line around the block that begins on its last face, so that each of the others is
+    entered from a corner.
 
     Raises:
         ValueError: The contour is no block.

@@ -96,8 +96,8 @@ def check_mechanism_derivatives(comm: MPI.Comm) -> list[ValidationRow]:
 
 
 def check_inverse_kinematics(comm: MPI.Comm) -> list[ValidationRow]:
-    """The published 16 assemblies of an Exechon, three lengths each, as sets: the printed columns
-    are permuted row by row.
+    """Check the published 16 assemblies of an Exechon, three lengths each, as sets: the printed
+    columns are permuted row by row.
     """
     case, reference = "exechon-inverse-kinematics", reference_case("exechon-inverse-kinematics")
     rows = []
@@ -153,7 +153,7 @@ def check_mirror_symmetry(comm: MPI.Comm) -> list[ValidationRow]:
 
 
 def check_limits(comm: MPI.Comm) -> list[ValidationRow]:
-    """The nonlinear equations at rest under a small force, and their frequencies by finite
+    """Check the nonlinear equations at rest under a small force, and their frequencies by finite
     differences, against the linear model.
     """
     case, tripteor = "linear-limits", load_tripteor()
@@ -256,7 +256,7 @@ def _compare_instant(
 
 
 def absolute_tripteor(tripteor: Tripteor, drive: DriveLaw) -> AbsoluteSystem:
-    """The machine in absolute coordinates."""
+    """Return the machine in absolute coordinates."""
     springs = tripteor.model.springs
     legs = LegStiffness(
         1.0 / float(springs.constant[0]), float(springs.constant[1]), float(springs.per_length[1])
@@ -268,7 +268,7 @@ def absolute_tripteor(tripteor: Tripteor, drive: DriveLaw) -> AbsoluteSystem:
 
 
 def absolute_state(tripteor: Tripteor, coordinates: FloatArray, rates: FloatArray) -> AbsoluteState:
-    """A state of motion of the lumped mechanism in absolute coordinates, body by body.
+    """Return a state of motion of the lumped mechanism in absolute coordinates, body by body.
 
     Args:
         tripteor: The lumped mechanism with ``n`` coordinates.

@@ -149,7 +149,7 @@ def check_constraint_drift(comm: MPI.Comm, count: int = 10_000) -> list[Validati
 
 
 def check_million_steps(comm: MPI.Comm) -> list[ValidationRow]:
-    """The same over a million steps, 48 s of motion."""
+    """Repeat it over a million steps, 48 s of motion."""
     return check_constraint_drift(comm, 1_000_000)
 
 
@@ -180,7 +180,7 @@ def check_common_path(comm: MPI.Comm) -> list[ValidationRow]:
 
 
 def _moving(*, damped: bool = False) -> tuple[PartitionedMotion, tuple[FloatArray, FloatArray]]:
-    """The machine on oscillating drives under a turning force, and a start off equilibrium."""
+    """Return the machine on oscillating drives under a turning force, and a start off equilibrium."""
     tripteor = load_tripteor()
     coordinates = tripteor.poses[POSE]
     model = (
@@ -329,7 +329,7 @@ class Passage:
 
 
 def planar_machine(stiffness: float) -> CompliantMechanism:
-    """A heavy platform on three springs, singular where it is not turned."""
+    """Return a heavy platform on three springs, singular where it is not turned."""
     springs = LumpedSprings(
         np.full(3, 1.0 / stiffness),
         np.zeros(3),
@@ -341,7 +341,7 @@ def planar_machine(stiffness: float) -> CompliantMechanism:
 
 
 def planar_mechanism() -> Mechanism:
-    """The 3-RPR of the case."""
+    """Return the 3-RPR of the case."""
     return planar_3rpr(BASE, PLATFORM)
 
 
@@ -367,7 +367,7 @@ def check_singular_passage(comm: MPI.Comm, span: float = 20.0) -> list[Validatio
 
 
 def swing_through(span: float) -> Passage:
-    """The full equations with multipliers, generalised-α without numerical damping."""
+    """Integrate the full equations with multipliers, generalised-α without numerical damping."""
     model, mechanism = planar_machine(SOFT), planar_mechanism()
     lengths = np.full(3, leg_length(WELL))
     problem = ConstrainedMotion(

@@ -94,7 +94,7 @@ def _limit_rows(
 
 
 def one_mode() -> TipDynamics:
-    """The single mode of the published case."""
+    """Return the single mode of the published case."""
     omega = 2.0 * np.pi * HZ
     mass, damping, stiffness = (
         MASS * np.eye(1),
@@ -179,8 +179,8 @@ def _mathieu_rows() -> list[ValidationRow]:
 
 
 def _milling_rows(steps: int) -> list[ValidationRow]:
-    """Largest multiplier by semi-discretisation and from the growth of a marched motion, both with
-    so many steps per tooth.
+    """Return the largest multiplier by semi-discretisation and from the growth of an integrated motion,
+    both with so many steps per tooth.
     """
     case, rows, allowed = "stability-published-milling", [], 5e-4 * (MARCHED_STEPS / steps) ** 2
     for rpm, depth in SLOTTING:

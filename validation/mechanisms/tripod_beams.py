@@ -70,7 +70,7 @@ def solve_tripod(
     frame_stiffness: FloatArray,
     count: int,
 ) -> FloatArray:
-    """Lowest natural frequencies ``(count,)`` [Hz].
+    """Return the lowest natural frequencies ``(count,)`` [Hz].
 
     Args:
         platform: Rigid bodies that move as one.
@@ -213,8 +213,8 @@ def _rotary_mass(h: float, p: float) -> FloatArray:
 
 
 def _base_rows(leg: ElasticLeg, sleeve: slice, size: int, frame_center: FloatArray) -> FloatArray:
-    """The sleeve's middle stays at the base joint of the frame; on a cross it does not turn about
-    the normal of both axes.
+    """Return rows: the sleeve's middle stays at the base joint of the frame; on a cross it does not turn
+    about the normal of both axes.
     """
     rows = np.zeros((3, size))
     rows[:, sleeve], rows[:, FRAME] = np.eye(3, 6), -rigid_transfer(frame_center, leg.base)[:3]
@@ -232,8 +232,8 @@ def _base_rows(leg: ElasticLeg, sleeve: slice, size: int, frame_center: FloatArr
 def _slide_rows(
     leg: ElasticLeg, grid: FloatArray, size: int, *, sleeve: slice, nodes: slice
 ) -> FloatArray:
-    """The sleeve moves as the leg does in the mean over its length, and turns as the straight line
-    that fits the leg best.
+    """Return rows: the sleeve moves as the leg does in the mean over its length, and turns as the
+    straight line that fits the leg best.
     """
     inside = np.flatnonzero((grid >= _hold(leg)[0] - 1e-12) & (grid <= _hold(leg)[1] + 1e-12))
     arms = grid[inside] - grid[inside].mean()

@@ -145,8 +145,8 @@ def check_leg_methods(comm: MPI.Comm) -> list[ValidationRow]:
 
 
 def check_compliances(comm: MPI.Comm) -> list[ValidationRow]:
-    """One compliance after the other beside elastic legs, each fitted to all twelve frequencies:
-    which could be the missing one.
+    """Check one compliance after the other beside elastic legs, each fitted to all twelve
+    frequencies: which could be the missing one.
     """
     case, rows = "tripteor-compliances", []
     with COMPLIANCES.open("rb") as file:
@@ -282,7 +282,7 @@ def check_lumped_modes(comm: MPI.Comm) -> list[ValidationRow]:
 
 
 def check_paper_statements(comm: MPI.Comm) -> list[ValidationRow]:
-    """What the paper says of its model, and of the machine, asked of ours."""
+    """Check what the paper says of its model, and of the machine, asked of ours."""
     case, tripteor, measured = (
         "tripteor-claims",
         load_tripteor(),

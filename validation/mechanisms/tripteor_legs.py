@@ -38,13 +38,15 @@ class LeggedTripteor:
     superelements: dict[str, Superelement]
 
     def couple(self, pose: str) -> CoupledMachine:
-        """The machine in one of the scene's poses."""
+        """Couple the machine in one of the scene's poses."""
         return couple(self.superelements, self.scene.machine, self.scene.poses[pose])
 
 
 @functools.cache
 def load_legs(variant: str, overrides: tuple[str, ...] = ()) -> LeggedTripteor:
-    """A variant with its components reduced; of equal ones that are meshed one stands for all."""
+    """Load a variant and reduce its components; of equal ones that are meshed one stands for
+    all.
+    """
     scene = load_scene(SCENE, variant=variant, overrides=overrides)
     reduced: dict[str, Superelement] = {}
     meshed: list[tuple[Component, Superelement]] = []
@@ -70,7 +72,8 @@ def load_legs(variant: str, overrides: tuple[str, ...] = ()) -> LeggedTripteor:
 
 
 def solve_beams(tripteor: LeggedTripteor, pose: str, count: int) -> FloatArray:
-    """Lowest frequencies ``(count,)`` [Hz] of the same machine by beam elements (``tripod_beams``).
+    """Return the lowest frequencies ``(count,)`` [Hz] of the same machine by beam elements
+    (``tripod_beams``).
 
     Args:
         tripteor: The machine with segmented legs.

@@ -43,7 +43,7 @@ class Tripteor:
 
 
 def load_tripteor(overrides: Sequence[str] = ()) -> Tripteor:
-    """The machine as shipped, with gravity."""
+    """Load the machine as shipped, with gravity."""
     scene = load_scene(SCENE, variant="lumped", overrides=overrides)
     if scene.mechanism is None:
         raise ValueError(f"{SCENE} has no mechanism")
@@ -71,8 +71,8 @@ def plane_states(tripteor: Tripteor, count: int) -> FloatArray:
 
 
 def oscillating_drive(start: FloatArray) -> DriveLaw:
-    """Every driven coordinate on a sine of its own, tens of millimetres and several hertz: nothing
-    in the equations stays small.
+    """Return every driven coordinate on a sine of its own, tens of millimetres and several hertz:
+    nothing in the equations stays small.
     """
     amplitude, omega, phase = (
         np.array([0.05, 0.04, -0.06, 0.3, 0.2]),
@@ -92,6 +92,6 @@ def oscillating_drive(start: FloatArray) -> DriveLaw:
 
 
 def steady_force(time: float) -> FloatArray:
-    """A force on the tool that comes on smoothly and turns [N]."""
+    """Return a force on the tool that comes on smoothly and turns [N]."""
     grown = 1.0 - np.exp(-50.0 * time)
     return np.asarray(500.0 * grown * np.array([np.cos(90.0 * time), np.sin(70.0 * time), -0.5]))

@@ -76,7 +76,7 @@ Theory = tuple[str, int, float, str]
 
 
 def beam_mode_kinds(points: FloatArray, shapes: FloatArray, axis: int) -> list[str]:
-    """The dominating motion of the cross-sections in each mode.
+    """Return the dominating motion of the cross-sections in each mode.
 
     Sections are slices of the mesh; the rigid motion that fits a slice best tells its displacement
     and twist, which is made comparable by the radius of gyration of the section.
@@ -249,8 +249,8 @@ def check_fixed_beam_statics(comm: MPI.Comm) -> list[ValidationRow]:
 
 
 def _indentation(row: ValidationRow) -> ValidationRow:
-    """A row of a mean over the loaded patch, whose local indentation converges slowly, with its
-    wider tolerance.
+    """Return a row of a mean over the loaded patch, whose local indentation converges slowly, with
+    its wider tolerance.
     """
     if "patch average" not in row.quantity:
         return row
@@ -335,7 +335,7 @@ def _observed_orders(case: str, kind: str, found: FloatArray) -> list[Validation
 def _theory_rows(
     case: str, reference: ReferenceCase, finest: FloatArray, theories: Sequence[Theory]
 ) -> list[ValidationRow]:
-    """What theories say, against the finest 3D value: shown, never gated."""
+    """Show what theories say, against the finest 3D value: shown, never gated."""
     names = list(reference.values)
     return [
         judge(

@@ -72,7 +72,7 @@ class SprungBlock:
 
 
 def block_frequencies(block: SprungBlock) -> FloatArray:
-    """The six natural frequencies ``(6,)`` [Hz] of a block on four corner springs, rising.
+    """Return the six natural frequencies ``(6,)`` [Hz] of a block on four corner springs, rising.
 
     Heave and yaw stand alone; swaying along x couples with rocking about y, swaying along y with
     rocking about x.
@@ -187,7 +187,7 @@ def check_rod_theory(comm: MPI.Comm) -> list[ValidationRow]:
 
 
 def check_block_theory(comm: MPI.Comm) -> list[ValidationRow]:
-    """The block on four air springs in closed form."""
+    """Check the block on four air springs in closed form."""
     return judge_all("block-theory", reference_case("block"), block_frequencies(BLOCK))
 
 
@@ -201,7 +201,7 @@ def mesh_settings(kind: CellKind, size: float) -> MeshSettings:
 
 
 def column(mesh: MeshSettings, interfaces: dict[str, Interface] | None = None) -> Component:
-    """The column of Kono et al., standing on its foot."""
+    """Return the column of Kono et al., standing on its foot."""
     return Component(
         "column",
         Box(COLUMN_SIZE),
@@ -221,7 +221,7 @@ def clamp(component: str, *faces: str) -> tuple[Support, ...]:
 
 
 def face_interface(name: str, face: str, coupling: str) -> Interface:
-    """A whole face as an interface.
+    """Return a whole face as an interface.
 
     Args:
         face: Face of a box, such as ``z+``.
@@ -231,8 +231,8 @@ def face_interface(name: str, face: str, coupling: str) -> Interface:
 
 
 def fixed_beam(mesh: MeshSettings, height: float | None = None) -> Component:
-    """The seed's fixed beam, lying along y; with a loaded patch at a height above mid-height [m],
-    and one behind it.
+    """Return the seed's fixed beam, lying along y; with a loaded patch at a height above mid-height
+    [m], and one behind it.
 
     The patches are squares of 10 mm on the two faces normal to x.
     """

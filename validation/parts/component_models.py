@@ -54,7 +54,7 @@ class FullModel:
     means: FloatArray
 
     def owned(self, field: FloatArray) -> FloatArray:
-        """The rows that this rank owns ``(3 n_owned, k)`` of a field on all mesh points
+        """Return the rows that this rank owns ``(3 n_owned, k)`` of a field on all mesh points
         ``(n_points, 3, k)``.
         """
         return np.asarray(
@@ -67,7 +67,9 @@ class FullModel:
         return self.fixed[self.operators.nodes].ravel()
 
     def everywhere(self, vectors: FloatArray) -> FloatArray:
-        """The field on all mesh points ``(n_points, 3, k)`` of owned rows ``(3 n_owned, k)``."""
+        """Return the field on all mesh points ``(n_points, 3, k)`` of owned rows ``(3 n_owned,
+        k)``.
+        """
         field = np.zeros((len(self.mesh.points), 3, vectors.shape[1]))
         field[self.operators.nodes] = vectors.reshape(-1, 3, vectors.shape[1])
         return sum_over_ranks(self.operators.comm, field)
@@ -129,8 +131,8 @@ def full_modes(
     eigensolver: Eigensolver = DEFAULT_EIGENSOLVER,
     method: SolverMethod = "direct",
 ) -> FullModes:
-    """The lowest elastic modes of a component: those that are mass-orthogonal to the rigid motions
-    that nothing holds.
+    """Return the lowest elastic modes of a component: those that are mass-orthogonal to the rigid
+    motions that nothing holds.
 
     Args:
         model: Operators and what holds it.
@@ -157,8 +159,8 @@ def full_modes(
 
 
 def free_motions(model: FullModel) -> FloatArray:
-    """The rigid motions that neither fixed dofs nor means prevent, on this rank's rows ``(3 n_owned,
-    m)``.
+    """Return the rigid motions that neither fixed dofs nor means prevent, on this rank's rows ``(3
+    n_owned, m)``.
     """
     motions = rigid_motions(model.operators)
     fixed, means = model.owned_fixed, model.owned(model.means)
@@ -202,7 +204,7 @@ def shared_mesh(
     *,
     comm: MPI.Comm,
 ) -> ComponentMesh:
-    """The mesh of a component on every rank, made by rank 0.
+    """Share the mesh of a component, made by rank 0, with every rank.
 
     Args:
         comm: Ranks that get the mesh; collective.
@@ -289,8 +291,8 @@ def rigid_face_matrices(
 
 
 def all_frequencies(matrices: ConstrainedMatrices) -> FloatArray:
-    """Every natural frequency [Hz] by dense algebra; rigid motions come out as what rounding makes
-    of zero.
+    """Return every natural frequency [Hz] by dense algebra; rigid motions come out as what rounding
+    makes of zero.
     """
     values = scipy.linalg.eigh(
         matrices.stiffness.toarray(), matrices.mass.toarray(), eigvals_only=True
@@ -299,7 +301,7 @@ def all_frequencies(matrices: ConstrainedMatrices) -> FloatArray:
 
 
 def lowest_frequencies(matrices: ConstrainedMatrices, count: int) -> FloatArray:
-    """The lowest natural frequencies [Hz] ``(count,)``, rigid ones among them, by shift and
+    """Return the lowest natural frequencies [Hz] ``(count,)``, rigid ones among them, by shift and
     invert.
     """
     eigenvalues, _ = lowest_symmetric_pairs(matrices.stiffness, matrices.mass, count, shift=_SHIFT)

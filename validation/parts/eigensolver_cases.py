@@ -54,8 +54,8 @@ PARTS = (
 
 
 def check_eigensolvers(comm: MPI.Comm) -> list[ValidationRow]:
-    """The lowest twelve frequencies by each eigensolver against those of dense matrices, one for
-    one, so that a lost repeated mode shows.
+    """Check the lowest twelve frequencies by each eigensolver against those of dense matrices, one
+    for one, so that a lost repeated mode shows.
     """
     rows = []
     for part in PARTS:

@@ -16,7 +16,7 @@ QUADRATIC_MASS = np.array([[4.0, 2.0, -1.0], [2.0, 16.0, 2.0], [-1.0, 2.0, 4.0]]
 def rod_system(
     beam: PrismaticBeam, elements: int, *, clamped: bool = True, end_dashpot: float = 0.0
 ) -> SecondOrderSystem:
-    """A rod along x, loaded and seen at its right end, the port ``("tip", "x")``.
+    """Return a rod along x, loaded and seen at its right end, the port ``("tip", "x")``.
 
     Args:
         beam: Its length, section and material.
@@ -40,8 +40,8 @@ def rod_system(
 
 
 def spectral_rod(beam: PrismaticBeam, elements: int, order: int) -> SecondOrderSystem:
-    """A clamped rod of elements of high order with nodes and integration at Gauss-Lobatto-Legendre
-    points: diagonal mass.
+    """Return a clamped rod of elements of high order with nodes and integration at
+    Gauss-Lobatto-Legendre points: diagonal mass.
 
     About two of three modes have their frequency to many digits; of quadratic elements it is one of
     ten.
@@ -87,7 +87,8 @@ def _lagrange_slopes(nodes: FloatArray) -> FloatArray:
 
 
 def cantilever_system(beam: PrismaticBeam, elements: int) -> SecondOrderSystem:
-    """An Euler-Bernoulli cantilever, loaded and seen across its tip, the port ``("tip", "x")``.
+    """Return an Euler-Bernoulli cantilever, loaded and seen across its tip, the port ``("tip",
+    "x")``.
 
     Source: Przemieniecki (1968), sections 5.6 and 11.3 (cubic shapes, consistent mass).
     """

@@ -90,8 +90,8 @@ def check_displacement_orders(comm: MPI.Comm) -> list[ValidationRow]:
 def rod_frequencies(
     kind: CellKind, elements: int, comm: MPI.Comm, *, sideways: Literal["free", "fixed"]
 ) -> FloatArray:
-    """The first three axial frequencies ``(3,)`` [Hz] of the rod, distinguished from bending and torsion by
-    their shapes.
+    """Return the first three axial frequencies ``(3,)`` [Hz] of the rod, distinguished from bending
+    and torsion by their shapes.
 
     Args:
         elements: Along the rod; one across.

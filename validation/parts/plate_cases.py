@@ -93,8 +93,8 @@ def check_thin_plates(comm: MPI.Comm) -> list[ValidationRow]:
 
 
 def _check_pads(comm: MPI.Comm) -> list[ValidationRow]:
-    """A sheet on four pads, as bolts hold it, for which there is no closed form: hexes against
-    finer ones.
+    """Return a sheet on four pads, as bolts hold it, for which there is no closed form: hexes
+    against finer ones.
     """
     rows: list[ValidationRow] = []
     for coupling in COUPLINGS:
@@ -120,7 +120,7 @@ def _check_pads(comm: MPI.Comm) -> list[ValidationRow]:
 
 
 def _sheet_on_pads(coupling: Literal["rigid", "average"], settings: MeshSettings) -> Component:
-    """A sheet of 400 x 300 x 2 mm, 30 mm square pads below its corners."""
+    """Return a sheet of 400 x 300 x 2 mm, 30 mm square pads below its corners."""
     centers = [(x, y, 0.0) for x in (-0.17, 0.17) for y in (-0.12, 0.12)]
     pads = [Patch("z-", shape="rect", center=center, size=(0.03, 0.03)) for center in centers]
     interfaces = {f"pad_{i}": Interface(f"pad_{i}", (pad,), coupling) for i, pad in enumerate(pads)}
@@ -128,7 +128,7 @@ def _sheet_on_pads(coupling: Literal["rigid", "average"], settings: MeshSettings
 
 
 def plate_frequencies(factors: FloatArray, thickness: float) -> FloatArray:
-    """Natural frequencies [Hz] of a thin square plate from ``omega a^2 sqrt(rho h / D)``.
+    """Return the natural frequencies [Hz] of a thin square plate from ``omega a^2 sqrt(rho h / D)``.
 
     Source: Leissa (1973).
     """

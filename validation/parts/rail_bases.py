@@ -54,7 +54,7 @@ def check_rail_bases() -> list[ValidationRow]:
 
 
 def _finest_rail() -> tuple[Rail, FloatArray]:
-    """A rail of 30 mm along a steel bar on a fixed sole, and the compliance of its control
+    """Return a rail of 30 mm along a steel bar on a fixed sole, and the compliance of its control
     values.
     """
     mesh = lattice_mesh(straight_lattice((FINE, 8, 4), (SPAN, 0.12, 0.06)), "hex27", straight=True)
@@ -86,8 +86,8 @@ def _finest_rail() -> tuple[Rail, FloatArray]:
 
 
 def _coarse_rail(rail: Rail, control_points: int) -> Rail:
-    """The rail fitted with fewer control points: fits of fits are fits, as coarse splines with nested
-    knots are fine ones too.
+    """Return the rail fitted with fewer control points: fits of fits are fits, as coarse splines
+    with nested knots are fine ones too.
     """
     knots = place_knots(rail.low, rail.high, control_points)
     points, weights = _quadrature(rail)
@@ -109,7 +109,7 @@ def _ride(rail: Rail) -> Rows:
 
 
 def _ride_polynomials(rail: Rail, count: int) -> Rows:
-    """The even mean and slope of the polynomial of so many terms that fits the rail's motion
+    """Return the even mean and slope of the polynomial of so many terms that fits the rail's motion
     best.
     """
     points, weights = _quadrature(rail)

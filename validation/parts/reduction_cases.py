@@ -92,7 +92,9 @@ def check_all_modes(comm: MPI.Comm) -> list[ValidationRow]:
 
 
 def check_static_exactness(comm: MPI.Comm) -> list[ValidationRow]:
-    """The response to interface loads is that of the whole model, whatever the number of modes."""
+    """Check that the response to interface loads is that of the whole model, whatever the number of
+    modes.
+    """
     case = "static-exactness"
     component, mesh = _column("rigid", FINE, comm)
     rows = []
@@ -120,7 +122,7 @@ def check_static_exactness(comm: MPI.Comm) -> list[ValidationRow]:
 
 
 def check_mode_truncation(comm: MPI.Comm) -> list[ValidationRow]:
-    """The first ten elastic frequencies of the free column with rigid faces, by how far up
+    """Check the first ten elastic frequencies of the free column with rigid faces, by how far up
     fixed-interface modes are kept.
     """
     case = "mode-truncation"
@@ -214,7 +216,9 @@ def check_rigid_body_content(comm: MPI.Comm) -> list[ValidationRow]:
 
 
 def check_mean_truncation(comm: MPI.Comm) -> list[ValidationRow]:
-    """The free column with averaging interfaces, which stiffen nothing, against its whole model."""
+    """Check the free column with averaging interfaces, which stiffen nothing, against its whole
+    model.
+    """
     component, mesh = _column("average", FINE, comm)
     element = _reduce(component, mesh, MOST_MODES // 2, comm)
     found = _frequencies(element.stiffness, element.mass)[RIGID : RIGID + WATCHED]

@@ -122,8 +122,8 @@ def check_column_response(comm: MPI.Comm) -> list[ValidationRow]:
 def column_models(
     comm: MPI.Comm, size: float = COLUMN_MESH
 ) -> tuple[SecondOrderSystem, ConstrainedMatrices]:
-    """The column of Kono et al. clamped at its foot with one loss factor, reduced for responses up to
-    ``TO_HZ``, and whole.
+    """Return the column of Kono et al. clamped at its foot with one loss factor, reduced for
+    responses up to ``TO_HZ``, and whole.
     """
     interfaces = {
         name: face_interface(name, face, "rigid") for name, face in (("foot", "z-"), ("tip", "z+"))

@@ -200,7 +200,7 @@ def tetrahedral_cells(shape: Sequence[int]) -> IntArray:
 
 
 def lattice_mesh(lattice: FloatArray, kind: CellKind, *, straight: bool) -> ComponentMesh:
-    """The mesh of a lattice, without patches; first-order kinds use its even points only.
+    """Return the mesh of a lattice, without patches; first-order kinds use its even points only.
 
     Args:
         lattice: ``(2 n_u + 1, 2 n_v + 1, 2 n_w + 1, 3)`` element nodes [m].

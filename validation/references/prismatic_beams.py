@@ -63,15 +63,15 @@ class PrismaticBeam:
 
 
 def turn_section(beam: PrismaticBeam) -> PrismaticBeam:
-    """The same beam bending in the direction of its width."""
+    """Return the same beam bending in the direction of its width."""
     return PrismaticBeam(beam.length, beam.depth, beam.width, beam.material)
 
 
 def bracket_roots(
     function: Callable[[float], float], count: int, *, start: float, step: float
 ) -> list[float]:
-    """The first roots of a function above a start, by walking until its sign changes and closing in
-    by Brent's method.
+    """Return the first roots of a function above a start, by walking until its sign changes and
+    closing in by Brent's method.
 
     Args:
         function: Continuous, with simple roots further apart than ``step``.

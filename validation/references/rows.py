@@ -66,13 +66,13 @@ SHOWN_ONLY = "shown only"
 
 
 def verdict(confirmed: bool) -> str:
-    """What became of a statement of a paper."""
+    """Return what became of a statement of a paper."""
     return "confirmed" if confirmed else "not confirmed"
 
 
 def judge(case: str, quantity: str, value: float, target: Target, note: str = "") -> ValidationRow:
-    """A row that passes when the value lies within the target's tolerance; a value that is not
-    finite never passes.
+    """Return a row that passes when the value lies within the target's tolerance; a value that is
+    not finite never passes.
 
     Args:
         quantity: What the value is, in words.
@@ -89,7 +89,7 @@ def judge(case: str, quantity: str, value: float, target: Target, note: str = ""
 
 
 def judge_order(case: str, quantity: str, value: float, expected: float) -> ValidationRow:
-    """A row for an order of convergence, which passes within 0.2 of what theory promises.
+    """Return a row for an order of convergence, which passes within 0.2 of what theory promises.
 
     Args:
         quantity: What the value is, in words.
@@ -104,7 +104,7 @@ def judge_order(case: str, quantity: str, value: float, expected: float) -> Vali
 def judge_bound(
     case: str, quantity: str, value: float, bound: float, note: str = ""
 ) -> ValidationRow:
-    """A row for a number that should be zero and may be as large as a bound.
+    """Return a row for a number that should be zero and may be as large as a bound.
 
     Args:
         quantity: What the value is, in words.
@@ -115,7 +115,7 @@ def judge_bound(
 
 
 def show(case: str, quantity: str, value: float, unit: str, note: str = "") -> ValidationRow:
-    """A row that is printed for the reader and cannot fail unless it is not finite.
+    """Return a row that is printed for the reader and cannot fail unless it is not finite.
 
     Args:
         quantity: What the value is, in words.
@@ -131,7 +131,7 @@ def judge_all(
     tolerance: float | None = None,
     notes: Sequence[str] = (),
 ) -> list[ValidationRow]:
-    """One row for each value of a reference case, in its order.
+    """Return one row for each value of a reference case, in its order.
 
     Args:
         reference: What the values are compared with.
@@ -154,19 +154,19 @@ def judge_all(
 
 
 def named_after(kind: str, rows: Iterable[ValidationRow]) -> list[ValidationRow]:
-    """The rows with a word before each quantity, such as the kind of element."""
+    """Return the rows with a word before each quantity, such as the kind of element."""
     return [dataclasses.replace(row, quantity=f"{kind} {row.quantity}") for row in rows]
 
 
 def failed_computation(case: str, reason: str) -> ValidationRow:
-    """The row of a case that ended with an error in place of numbers."""
+    """Return the row of a case that ended with an error in place of numbers."""
     return ValidationRow(
         case, "computation", math.nan, math.nan, "-", math.nan, math.nan, "failure", False, reason
     )
 
 
 def rows_as_json(rows: Sequence[ValidationRow]) -> str:
-    """A JSON list with one object per row; numbers that do not exist are ``null``."""
+    """Return a JSON list with one object per row; numbers that do not exist are ``null``."""
     entries = [
         {key: _plain(value) for key, value in dataclasses.asdict(row).items()} for row in rows
     ]

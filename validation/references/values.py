@@ -34,7 +34,7 @@ class ReferenceCase:
 
 
 def reference_case(name: str) -> ReferenceCase:
-    """The reference case of a name.
+    """Return the reference case of a name.
 
     Raises:
         KeyError: There is no such case.
@@ -44,7 +44,7 @@ def reference_case(name: str) -> ReferenceCase:
 
 @functools.cache
 def reference_cases() -> dict[str, ReferenceCase]:
-    """Every reference case by name."""
+    """Return every reference case by name."""
     with TABLE.open("rb") as stream:
         table = tomllib.load(stream)
     return {name: ReferenceCase(name=name, **entry) for name, entry in table.items()}

@@ -62,7 +62,7 @@ class BrickModel:
 def brick_model(
     sides: tuple[float, float, float], counts: tuple[int, int, int], material: Material
 ) -> BrickModel:
-    """A box from ``(-x/2, -y/2, -z/2)``, cut into bricks.
+    """Return a box from ``(-x/2, -y/2, -z/2)``, cut into bricks.
 
     Args:
         sides: Of the box [m].
@@ -134,7 +134,8 @@ def solve_fixed(model: BrickModel, fixed: IntArray, loads: FloatArray) -> FloatA
 
 
 def fixed_modes(model: BrickModel, fixed: IntArray, count: int) -> tuple[FloatArray, FloatArray]:
-    """The lowest natural modes with all dofs of some nodes fixed; fewer where there are few dofs.
+    """Return the lowest natural modes with all dofs of some nodes fixed; fewer where there are few
+    dofs.
 
     Args:
         model: Of ``n`` nodes.

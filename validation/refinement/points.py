@@ -69,7 +69,7 @@ class RefinementPoint:
 
 
 def measure_beam(reference: str, scene: Scene, results: Results) -> Measured:
-    """What a scene's results say about a beam, for the record of a study's point.
+    """Return what a scene's results say about a beam, for the record of a study's point.
 
     Args:
         results: What its run found.
@@ -101,8 +101,8 @@ def measure_beam(reference: str, scene: Scene, results: Results) -> Measured:
 
 
 def collect_points(beam: ReferenceBeam, records: Sequence[StudyRecord]) -> list[RefinementPoint]:
-    """The models of a series from a study's records; a point with static and modal results is two
-    models, a failed one is none.
+    """Return the models of a series from a study's records; a point with static and modal results
+    is two models, a failed one is none.
     """
     found: list[RefinementPoint] = []
     for record in records:
@@ -137,7 +137,7 @@ def _nodes(cells: str, order: int) -> int:
 
 
 def _check_beam(beam: ReferenceBeam, scene: Scene) -> Component:
-    """The one component of a scene, which must be the beam."""
+    """Find the one component of a scene, which must be the beam."""
     components = list(scene.machine.components.values())
     solid = components[0].solid
     right = (
@@ -158,7 +158,7 @@ def _check_beam(beam: ReferenceBeam, scene: Scene) -> Component:
 
 
 def _cantilever_statics(scene: Scene, results: Results) -> dict[str, float]:
-    """The six loads at the first point of the scene."""
+    """Read the six loads at the first point of the scene."""
     points = next(iter(results.static.values()))
     return cantilever_displacements(points[next(iter(scene.machine.points))].compliance)
 
@@ -262,7 +262,7 @@ class Deviation:
 def pick_series(
     beam: ReferenceBeam, points: Sequence[RefinementPoint], group: Group, *kinds: ModelKind
 ) -> RefinementSeries:
-    """The models of some kinds, by rising nDOF.
+    """Return the models of some kinds, by rising nDOF.
 
     Args:
         beam: What they are models of.
@@ -281,7 +281,7 @@ def deviations(
     above: float = 0.0,
     against: Against = "analytic",
 ) -> list[Deviation]:
-    """Every deviation of some quantities in models of at least so many dofs.
+    """Return every deviation of some quantities in models of at least so many dofs.
 
     Args:
         series: Models by rising nDOF.
@@ -304,7 +304,7 @@ def deviations(
 
 
 def reference_value(beam: ReferenceBeam, quantity: str, against: Against) -> float:
-    """The value that a quantity of a beam is compared with, in the unit of the quantity.
+    """Return the value that a quantity of a beam is compared with, in the unit of the quantity.
 
     Args:
         against: Reference: the paper's analytic value, Timoshenko's, or that of converged 3D
@@ -315,7 +315,7 @@ def reference_value(beam: ReferenceBeam, quantity: str, against: Against) -> flo
 
 
 def worst_of(found: Sequence[Deviation]) -> Deviation:
-    """The largest deviation, whatever its sign."""
+    """Return the largest deviation, whatever its sign."""
     return max(found, key=lambda deviation: abs(deviation.value))
 
 
@@ -326,7 +326,8 @@ def worst_by_ndof(
     above: float = 0.0,
     against: Against = "analytic",
 ) -> dict[int, Deviation]:
-    """The largest deviation at each nDOF, by rising nDOF; models of equal nDOF count together.
+    """Return the largest deviation at each nDOF, by rising nDOF; models of equal nDOF count
+    together.
 
     Args:
         series: Models by rising nDOF.
@@ -364,7 +365,7 @@ def ndof_within(
 
 
 def nearest_rung(series: RefinementSeries, ndof: int, quantity: str) -> RefinementPoint | None:
-    """The model with this quantity whose nDOF comes nearest, by ratio.
+    """Return the model with this quantity whose nDOF comes nearest, by ratio.
 
     Args:
         series: Models by rising nDOF.

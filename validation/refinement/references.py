@@ -131,8 +131,8 @@ def cantilever_references() -> dict[str, BeamReference]:
 
 
 def fixed_beam_references() -> dict[str, BeamReference]:
-    """A force at and above the middle of the front face, and three modes, of the beam clamped at
-    both ends.
+    """Return a force at and above the middle of the front face, and three modes, of the beam
+    clamped at both ends.
     """
     flat = FIXED_BEAM
     bending, sheared = fixed_beam_deflection(flat, FORCE), fixed_beam_shear_deflection(flat, FORCE)
@@ -175,7 +175,7 @@ def fixed_beam_references() -> dict[str, BeamReference]:
 
 
 def reference_beam(name: str) -> ReferenceBeam:
-    """The beam of a name.
+    """Return the beam of a name.
 
     Raises:
         KeyError: There is none.

@@ -79,8 +79,8 @@ class Statement:
     quantities: Sequence[str]
 
     def below(self, limit: float, *, above: float = 0.0, note: str = "") -> JudgedStatement | None:
-        """Every deviation from the analytic value is smaller than a limit from some nDOF on; a
-        missing mode counts against it.
+        """Check that every deviation from the analytic value is smaller than a limit from some nDOF on;
+        a missing mode counts against it.
 
         Args:
             limit: Relative deviation [-].
@@ -149,7 +149,7 @@ class Statement:
         return self._decide(abs(worst[0].value) > limit, str(worst[0]), worst[0].value, note)
 
     def between(self, low: float, high: float) -> JudgedStatement | None:
-        """The largest deviation of every model lies between two limits [-]."""
+        """Check that the largest deviation of every model lies between two limits [-]."""
         worst = list(worst_by_ndof(self.series, self.quantities).values())
         if not worst:
             return None
@@ -231,7 +231,7 @@ class Statement:
         )
 
     def coarsest_lacks(self) -> JudgedStatement | None:
-        """The smallest model has not a certain mode."""
+        """Check that the smallest model lacks a certain mode."""
         if not self.series.points:
             return None
         (name,), smallest = self.quantities, self.series.points[0]
@@ -247,7 +247,9 @@ class Statement:
         return self._decide(False, f"{found}, MAC {smallest.macs[name]:.2f}", found.value)
 
     def softer_than(self, stiffer: RefinementSeries) -> JudgedStatement | None:
-        """The smallest of these models gives larger displacements than the smallest of others."""
+        """Check that the smallest of these models gives larger displacements than the smallest of
+        others.
+        """
         if not (self.series.points and stiffer.points):
             return None
         own, other = self.series.points[0], stiffer.points[0]
@@ -323,7 +325,7 @@ class Statement:
         )
 
     def reaches(self, limit: float, *, against: Against) -> JudgedStatement | None:
-        """The largest model lies within a limit [-] of a reference, in every quantity."""
+        """Check that the largest model lies within a limit [-] of a reference, in every quantity."""
         if not self.series.points:
             return None
         finest = list(worst_by_ndof(self.series, self.quantities, against=against).values())[-1]
@@ -387,16 +389,16 @@ def _name_missing(point: RefinementPoint) -> str:
 def judge_statements(
     beam: ReferenceBeam, points: Sequence[RefinementPoint]
 ) -> list[JudgedStatement]:
-    """Every statement about a beam that its series has models to decide by, in the order of the
-    paper's figures.
+    """Check every statement about a beam that its series has models to decide by, in the order of
+    the paper's figures.
     """
     judge = _judge_cantilever if beam.name == "kono-cantilever" else _judge_fixed_beam
     return _decided(judge(beam, points))
 
 
 def judge_own(beam: ReferenceBeam, points: Sequence[RefinementPoint]) -> list[JudgedStatement]:
-    """What the paper does not say: second-order elements reach converged 3D elasticity, segments
-    reach beam theory with shear.
+    """Check what the paper does not say: second-order elements reach converged 3D elasticity,
+    segments reach beam theory with shear.
     """
     found: list[JudgedStatement | None] = []
     groups: tuple[Group, ...] = ("static", "modal")

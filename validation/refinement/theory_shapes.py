@@ -113,8 +113,8 @@ def section_motions(
 def find_theory_shapes(
     sections: SectionMotions, shapes: tuple[NamedShape, ...], ends: EndConditions
 ) -> dict[str, PairedMode]:
-    """The mode of the model that each mode of theory goes with: the most alike pair first, then the
-    most alike of what is left.
+    """Return the mode of the model that each mode of theory goes with: the most alike pair first,
+    then the most alike of what is left.
 
     A mode of the model goes with one shape only; shapes that nothing left resembles are missing: a
     model with few sections does not have them. The largest sum of MACs would be wrong here: it
@@ -145,8 +145,8 @@ def find_theory_shapes(
 
 
 def _slice_labels(along: FloatArray) -> IntArray:
-    """Which section each point belongs to: points at the same place where there are few places,
-    else equal slices.
+    """Return which section each point belongs to: points at the same place where there are few
+    places, else equal slices.
     """
     ordered = np.unique(np.round(along / SAME_PLACE)) * SAME_PLACE
     labels = (
@@ -172,7 +172,7 @@ def _theory_motions(sections: SectionMotions, shape: NamedShape, ends: EndCondit
 
 
 def read_shape(name: str, axis: int) -> NamedShape:
-    """The shape a name such as ``X2`` or ``T1`` stands for on a beam along an axis."""
+    """Read the shape that a name such as ``X2`` or ``T1`` stands for on a beam along an axis."""
     letter, number = name[0], int(name[1:])
     if letter == "T":
         return NamedShape(name, axis, "torsion", number)
