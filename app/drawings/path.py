@@ -2,7 +2,7 @@
 leg forces of a contour.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
@@ -164,46 +164,28 @@ def draw_contour(found: ContourSummary, picture: Literal["gap", "drives", "probe
         ),
     }
     names, title, values = pictures[picture]
-    times = series["time_s"]
-    low, high = min(min(row) for row in values), max(max(row) for row in values)
+    times, levels = np.array(series["time_s"]), np.array(values, dtype=float)
+    low, high = float(levels.min()), float(levels.max())
     room = 0.05 * ((high - low) or 1.0)
-    low, high = low - room, high + room
-
-    def across(time: float) -> float:
-        return CONTOUR_LEFT + (CONTOUR_WIDTH - CONTOUR_LEFT - CONTOUR_RIGHT) * (time - times[0]) / (
-            (times[-1] - times[0]) or 1.0
-        )
-
-    def up(value: float) -> float:
-        return TOP + (CONTOUR_HEIGHT - TOP - BOTTOM) * (high - value) / (high - low)
-
-    parts = [_shade_faces(found, across, times[-1])]
-    for value in (low + room, 0.0, high - room):
+    panel = Panel(
+        CONTOUR_LEFT,
+        TOP,
+        CONTOUR_WIDTH - CONTOUR_LEFT - CONTOUR_RIGHT,
+        CONTOUR_HEIGHT - TOP - BOTTOM,
+        (float(times[0]), float(times[-1])),
+        (low - room, high + room),
+    )
+    parts = [_shade_faces(found, panel)]
+    for value in (low, 0.0, high):
         # beside zero there is no place for the number of another end
-        if low <= value <= high and (value == 0.0 or abs(value) > room):
-            parts.append(
-                svg.line(
-                    CONTOUR_LEFT, up(value), CONTOUR_WIDTH - CONTOUR_RIGHT, up(value), opacity=0.25
-                )
-            )
-            parts.append(
-                svg.text(
-                    CONTOUR_LEFT - 5,
-                    up(value) + 4,
-                    round_label(value),
-                    anchor="end",
-                )
-            )
+        if low - room <= value <= high + room and (value == 0.0 or abs(value) > room):
+            y, right = float(panel.level(np.array(value))), CONTOUR_WIDTH - CONTOUR_RIGHT
+            parts.append(svg.line(CONTOUR_LEFT, y, right, y, opacity=0.25))
+            parts.append(svg.text(CONTOUR_LEFT - 5, y + 4, round_label(value), anchor="end"))
     for column, color in enumerate(CONTOUR_COLORS[: len(names)]):
-        points = " ".join(
-            f"{across(time):.1f},{up(row[column]):.1f}"
-            for time, row in zip(times, values, strict=True)
-        )
-        parts.append(
-            Markup('<polyline points="{}" fill="none" stroke="{}" stroke-width="1.3"/>').format(
-                points, color
-            )
-        )
+        points = svg.points(zip(panel.place(times), panel.level(levels[:, column]), strict=True))
+        line = Markup('<polyline points="{}" fill="none" stroke="{}" stroke-width="1.3"/>')
+        parts.append(line.format(points, color))
         parts.append(svg.text(CONTOUR_LEFT + 470 + 80 * column, 13, names[column], color=color))
     parts += [
         svg.text(CONTOUR_LEFT, 13, title),
@@ -222,11 +204,11 @@ def draw_contour(found: ContourSummary, picture: Literal["gap", "drives", "probe
     )
 
 
-def _shade_faces(found: ContourSummary, across: Callable[[float], float], last: float) -> Markup:
+def _shade_faces(found: ContourSummary, panel: Panel) -> Markup:
     parts = []
     for place, face in enumerate(found["faces"]):
         begins, ends = face["times_s"]
-        start, end = across(begins), across(min(ends, last))
+        start, end = panel.place(np.array([begins, min(ends, panel.across[1])]))
         parts.append(
             Markup(
                 '<rect x="{:.1f}" y="{}" width="{:.1f}" height="{}" fill="currentColor" opacity="{}"/>'
@@ -240,7 +222,7 @@ def _shade_faces(found: ContourSummary, across: Callable[[float], float], last: 
         )
         parts.append(
             svg.text(
-                (start + end) / 2,
+                float(start + end) / 2,
                 CONTOUR_HEIGHT - BOTTOM + 13,
                 f"face {face['face']}",
                 anchor="middle",

@@ -116,23 +116,11 @@ def draw_volume(found: VolumetricSummary, identity: str) -> Markup:
         found: Of a point.
         identity: ``id`` in the page.
     """
-    axes = [place for place, axis in enumerate(found["axes"]) if found["units"][axis] == "m"]
-    alongs = [found["lines"][found["axes"][place]]["along"] for place in axes]
-    directions = {along[-1] for along in alongs if along is not None}
-    if len(directions) != len(found["axes"]):
+    travelled = _travel_volume(found)
+    if travelled is None:
         return Markup("")
-    shape = [len(positions) for positions in found["positions"]]
-    grid = np.meshgrid(*(np.array(values) for values in found["positions"]), indexing="ij")
-    nominal = np.zeros((*shape, 3))
-    for place, along in enumerate(alongs):
-        sign = -1.0 if str(along).startswith("-") else 1.0
-        nominal[..., "xyz".index(str(along)[-1])] = sign * grid[place]
-    error = 1e-6 * np.stack(
-        [np.array(found["quantities"][f"total_{symbol}"], dtype=float) for symbol in SYMBOLS[:3]],
-        axis=-1,
-    )
-    # the middle stands where it should: what is constant is zeroed when a tool is measured
-    error = error - error[tuple(size // 2 for size in shape)]
+    nominal, error = travelled
+    shape = nominal.shape[:-1]
     size = float(np.linalg.norm(np.ptp(nominal.reshape(-1, 3), axis=0)))
     largest = float(np.nanmax(np.linalg.norm(error, axis=-1)))
     if not largest > 0.0:
@@ -181,6 +169,30 @@ def draw_volume(found: VolumetricSummary, identity: str) -> Markup:
         label="Bent volume",
         widest=760,
     )
+
+
+def _travel_volume(found: VolumetricSummary) -> tuple[FloatArray, FloatArray] | None:
+    """Return where the tool travels and its error there, ``(..., 3)`` over the grid of positions [m];
+    None where the axes of the map are not linear.
+    """
+    axes = [place for place, axis in enumerate(found["axes"]) if found["units"][axis] == "m"]
+    alongs = [found["lines"][found["axes"][place]]["along"] for place in axes]
+    directions = {along[-1] for along in alongs if along is not None}
+    if len(directions) != len(found["axes"]):
+        return None
+    shape = [len(positions) for positions in found["positions"]]
+    grid = np.meshgrid(*(np.array(values) for values in found["positions"]), indexing="ij")
+    nominal = np.zeros((*shape, 3))
+    for place, along in enumerate(alongs):
+        sign = -1.0 if str(along).startswith("-") else 1.0
+        nominal[..., "xyz".index(str(along)[-1])] = sign * grid[place]
+    error = 1e-6 * np.stack(
+        [np.array(found["quantities"][f"total_{symbol}"], dtype=float) for symbol in SYMBOLS[:3]],
+        axis=-1,
+    )
+    # the middle stands where it should: what is constant is zeroed when a tool is measured
+    error = error - error[tuple(size // 2 for size in shape)]
+    return nominal, error
 
 
 def _draw_grid(points: FloatArray, color: str, width: float, opacity: float) -> Markup:

@@ -110,19 +110,14 @@ def render_report(
         "save": functools.partial(_offer_table, tables),
         "encode": lambda name: _encode_table(tables[name]),
     }
-    sections = [section for view in find_views(run) if (section := view.section(run))]
+    sections = _write_sections(run, names)
     return (
         report_environment()
         .get_template(TEMPLATE)
         .render(
             names,
             keys=_key_figures(summary),
-            sections=[
-                (section, _render_section(section, names))
-                for section in sections
-                if not section.part_of
-            ],
-            parts=[section for section in sections if section.part_of],
+            sections=sections,
             machine=None if machine is None else Markup(machine.text),
             omissions=_omissions(machine),
             stills={
@@ -136,19 +131,28 @@ def render_report(
             style=Markup(read_asset(STYLE)),
             scripts=[
                 Markup(read_asset(name))
-                for name in (SCRIPT, *dict.fromkeys(section.script for section in sections))
+                for name in (SCRIPT, *dict.fromkeys(section.script for section, _ in sections))
                 if name
             ],
         )
     )
 
 
-def _render_section(section: Section, names: Mapping[str, Any]) -> Markup:
-    """Write what a section has below its lead and its tables."""
-    if not section.template:
-        return Markup()
-    template = report_environment().get_template(section.template)
-    return Markup(template.render(names, **section.names))
+def _write_sections(run: FinishedRun, names: Mapping[str, Any]) -> list[tuple[Section, Markup]]:
+    """Return every section, and what its template writes below its lead and its tables.
+
+    Args:
+        run: What is reported.
+        names: What every template may use.
+    """
+    environment, sections = report_environment(), []
+    for view in find_views(run):
+        if (section := view.section(run)) is not None:
+            text = ""
+            if section.template:
+                text = environment.get_template(section.template).render(names, **section.names)
+            sections.append((section, Markup(text)))
+    return sections
 
 
 def _offer_table(tables: Mapping[str, PlainTable], name: str, identity: str) -> Markup:

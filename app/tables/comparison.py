@@ -119,72 +119,73 @@ def read_compliance(
 
 
 def comparison_csv(summary: ComparisonSummary) -> dict[str, bytes]:
-    """File stem to CSV: modes, compliances, variants and, where there are any, numbers of other
-    analyses, unrounded.
+    """Return CSV by the stem of its file: modes, compliances, variants and, where there are any, numbers
+    of other analyses, unrounded.
     """
+    others = _tabulate_others(summary)
+    tables = (
+        _tabulate_modes(summary),
+        _tabulate_compliances(summary),
+        _tabulate_costs(summary),
+        *([others] if others.rows else []),
+    )
+    return {table.name: encode_csv(table) for table in tables}
+
+
+def _tabulate_modes(summary: ComparisonSummary) -> PlainTable:
+    """Return a row per mode, with what each variant has of it."""
     names = list(summary["variants"])
     labels = ("number in {}", "{} [Hz]", "{} ± [Hz]", "{} deviation", "{} MAC")
-    modes = PlainTable(
-        "modes",
-        ("mode", "origin", *(label.format(name) for name in names for label in labels)),
-        tuple(
-            (
-                row["name"],
-                row["origin"],
-                *(item for name in names for item in _list_cell(row["variants"][name])),
-            )
-            for row in summary["modes"]
-        ),
-    )
-    compliances = PlainTable(
-        "compliances",
+    rows = (
         (
-            "point",
-            "motion in",
-            "force in",
-            *(text for name in names for text in (f"{name} [um/kN]", f"{name} ± [um/kN]")),
-        ),
-        tuple(
-            (
-                point,
-                a,
-                b,
-                *(item for name in names for item in _list_entry(summary, name, point, i, j)),
-            )
-            for point in list_points(summary)
-            for j, b in enumerate(DIRECTIONS)
-            for i, a in enumerate(DIRECTIONS)
-        ),
+            row["name"],
+            row["origin"],
+            *(item for name in names for item in _list_cell(row["variants"][name])),
+        )
+        for row in summary["modes"]
     )
-    costs = PlainTable(
-        "variants",
+    headings = ("mode", "origin", *(label.format(name) for name in names for label in labels))
+    return PlainTable("modes", headings, tuple(rows))
+
+
+def _tabulate_compliances(summary: ComparisonSummary) -> PlainTable:
+    """Return a row per point, direction of motion and of force."""
+    names = list(summary["variants"])
+    rows = (
         (
-            "variant",
-            "dofs",
-            "reduced dofs",
-            "coupled dofs",
-            *(f"{step} [s]" for step in (*STEP_NAMES, "total")),
-            "CPU [s]",
-            "peak memory [MB]",
-            "from store",
-        ),
-        tuple(
-            (
-                name,
-                variant["full_dofs"],
-                variant["reduced_dofs"],
-                variant["coupled_dofs"],
-                *(variant["effort"]["seconds"][step] for step in (*STEP_NAMES, "total")),
-                variant["effort"]["cpu_seconds"]["total"],
-                variant["effort"]["peak_rss_mb"],
-                describe_store(variant["effort"]),
-            )
-            for name, variant in summary["variants"].items()
-        ),
+            *(point, moved, pushed),
+            *(item for name in names for item in _list_entry(summary, name, point, row, column)),
+        )
+        for point in list_points(summary)
+        for column, pushed in enumerate(DIRECTIONS)
+        for row, moved in enumerate(DIRECTIONS)
     )
-    others = _tabulate_others(summary)
-    tables = (modes, compliances, costs, *([others] if others.rows else []))
-    return {table.name: encode_csv(table) for table in tables}
+    values = (text for name in names for text in (f"{name} [um/kN]", f"{name} ± [um/kN]"))
+    return PlainTable("compliances", ("point", "motion in", "force in", *values), tuple(rows))
+
+
+def _tabulate_costs(summary: ComparisonSummary) -> PlainTable:
+    """Return a row per variant: its dofs, times and memory."""
+    steps = (*STEP_NAMES, "total")
+    headings = (
+        *("variant", "dofs", "reduced dofs", "coupled dofs"),
+        *(f"{step} [s]" for step in steps),
+        *("CPU [s]", "peak memory [MB]", "from store"),
+    )
+    rows = (
+        (
+            name,
+            variant["full_dofs"],
+            variant["reduced_dofs"],
+            variant["coupled_dofs"],
+            *(variant["effort"]["seconds"][step] for step in steps),
+            variant["effort"]["cpu_seconds"]["total"],
+            variant["effort"]["peak_rss_mb"],
+            describe_store(variant["effort"]),
+        )
+        for name, variant in summary["variants"].items()
+    )
+    return PlainTable("variants", headings, tuple(rows))
 
 
 def _tabulate_others(summary: ComparisonSummary) -> PlainTable:

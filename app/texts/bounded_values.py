@@ -7,7 +7,7 @@ one is shown as less than that digit. Where no error is known it has three, what
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import ROUND_CEILING, ROUND_HALF_EVEN, Decimal
 
@@ -218,14 +218,35 @@ def show_span(span: Sequence[float] | None) -> str:
 
 
 def largest_shares(modes: FrequencyErrors) -> dict[str, float]:
-    """Largest part [Hz] of each source over the elastic modes of a pose where it is known."""
+    """Return the largest part [Hz] of each source over the elastic modes of a pose where it is known."""
     shares = modes.get("error_share", [])[modes["rigid_count"] :]
+    return largest_parts((1.0, parts) for parts in shares)[0]
+
+
+def largest_parts(
+    numbers: Iterable[tuple[float, Mapping[str, float | None]]],
+) -> tuple[dict[str, float], list[str]]:
+    """Return the largest part of ± by source, relative to its number, and sources without a bound.
+
+    Args:
+        numbers: Each with the parts of its ± by source, in its unit; None where nothing is known. Zero
+            has no relative part.
+    """
     largest: dict[str, float] = {}
-    for share in shares:
-        for source, size in share.items():
-            if size is not None:
-                largest[source] = max(largest.get(source, 0.0), size)
-    return largest
+    unknown: dict[str, None] = {}
+    for number, parts in numbers:
+        for source, size in parts.items():
+            if size is None:
+                unknown[source] = None
+            else:
+                share = size / abs(number) if number else 0.0
+                largest[source] = max(largest.get(source, 0.0), share)
+    return largest, list(unknown)
+
+
+def show_parts(largest: Mapping[str, float]) -> str:
+    """Write largest parts of ± by source."""
+    return ", ".join(f"{source} up to {show_share(share)}" for source, share in largest.items())
 
 
 def shares_begin(modes: FrequencyErrors) -> str:
@@ -317,17 +338,13 @@ def limit_error_words(lobes: Mapping[str, LobesSummary]) -> list[str]:
         if own["lowest"] is None
     ]
     directions = [own for found in lobes.values() for own in found["directions"]]
-    largest: dict[str, float] = {}
-    for own in directions:
-        for source, size in own["lowest_error_share"].items():
-            if own["lowest"] is not None and size is not None:
-                share = size / own["lowest"]["limit_depth_mm"]
-                largest[source] = max(largest.get(source, 0.0), share)
+    largest, _ = largest_parts(
+        (own["lowest"]["limit_depth_mm"], own["lowest_error_share"])
+        for own in directions
+        if own["lowest"] is not None
+    )
     if largest:
-        parts = ", ".join(
-            f"{source} up to {show_share(share)}" for source, share in largest.items()
-        )
-        words.append(f"± of a lowest limit from {parts}")
+        words.append(f"± of a lowest limit from {show_parts(largest)}")
     left_out = dict.fromkeys(words for own in directions for words in own["error_left_out"])
     if left_out:
         what = "not in ±" if largest else "no ± of the lowest limits"
@@ -352,19 +369,14 @@ def show_best_depth(best: BestSpeedSummary) -> str:
 def transient_words(transient: TransientSummary) -> list[str]:
     """What a settling time means, where the errors of peaks come from, and how the energy adds up."""
     words = [f"settled: within {100 * transient['settled_within']:g} % of the way, or of the peak"]
-    largest: dict[str, float | None] = {}
-    for output in transient["outputs"].values():
-        for source, size in output["error_share"].items():
-            before = largest.get(source, 0.0)
-            share = 0.0 if size is None or not output["peak"] else size / abs(output["peak"])
-            largest[source] = None if size is None or before is None else max(before, share)
-    known = {source: share for source, share in largest.items() if share is not None}
+    largest, unknown = largest_parts(
+        (output["peak"], output["error_share"]) for output in transient["outputs"].values()
+    )
+    known = {source: share for source, share in largest.items() if source not in unknown}
     if known:
-        parts = ", ".join(f"{source} up to {show_share(share)}" for source, share in known.items())
-        words.append(f"± of a peak, from {parts}")
-    if len(known) < len(largest):
-        lacking = ", ".join(source for source in largest if source not in known)
-        words.append(f"{NO_BOUND} : nothing is known of {lacking}")
+        words.append(f"± of a peak, from {show_parts(known)}")
+    if unknown:
+        words.append(f"{NO_BOUND} : nothing is known of {', '.join(unknown)}")
     if transient["error_left_out"]:
         words.append(f"not in ±: {'; '.join(transient['error_left_out'])}")
     energy = transient["energy"]

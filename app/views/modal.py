@@ -2,13 +2,14 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Literal
 
 from markupsafe import Markup
 
 from headstock.app.drawings.figures import draw_frequencies, draw_stack
 from headstock.app.drawings.markup import typeset, write_beside, write_data
 from headstock.app.tables.static import merge_families, top_shares
-from headstock.app.tables.table import PlainTable, list_text_columns
+from headstock.app.tables.table import Column, PlainTable
 from headstock.app.texts.bounded_values import (
     bound_size,
     error_words,
@@ -130,44 +131,64 @@ def describe_position(modes: ModesSummary) -> str:
     )
 
 
-def _list_modes(modes: ModesSummary) -> Listing[tuple[str, ...]]:
+def _show_bound(row: ModeRow) -> str:
+    return "" if row.rigid else show_bound(row.hz, row.error_hz, row.known_hz)
+
+
+def _show_parts(row: ModeRow) -> str:
+    top = top_shares(merge_families(row.energy_share), SHARES_SHOWN, SMALLEST_SHOWN)
+    return ", ".join(f"{name} {100 * share:.0f} %" for name, share in top)
+
+
+def _damped_column(heading: str, which: Literal[0, 1]) -> Column[ModeRow]:
+    return Column(
+        lambda row: show_damped(row.damped_hz, row.damped_error_hz, rigid=row.rigid)[which],
+        screen=heading,
+    )
+
+
+def _damping_column(heading: str, which: Literal[0, 1]) -> Column[ModeRow]:
+    return Column(
+        lambda row: show_damping_error(row.damping_ratio, row.damping_error, rigid=row.rigid)[
+            which
+        ],
+        screen=heading,
+    )
+
+
+DAMPED_COLUMNS = (
+    _damped_column(">damped Hz", 0),
+    _damped_column("<± Hz", 1),
+    _damping_column(">damping", 0),
+    _damping_column("<±", 1),
+)
+
+
+def _list_modes(modes: ModesSummary) -> Listing[ModeRow]:
     rows = list_modes(modes)
     damped = any(row.damping_ratio is not None for row in rows)
     known = any(
         row.error_hz is not None or row.known_hz is not None for row in rows if not row.rigid
     )
-    spans = bool(modes.get("interface_spread_hz"))
-    shared = any(len(row.energy_share) > 1 for row in rows)
-    columns = list_text_columns(
-        ">no.",
-        ">undamped Hz" if damped else ">Hz",
-        *(["<± Hz"] if known else []),
-        *([">damped Hz", "<± Hz", ">damping", "<±"] if damped else []),
-        *(["<interfaces Hz"] if spans else []),
-        "mode",
-        *(["strain energy in"] if shared else []),
-    )
-    cells = []
-    for row in rows:
-        top = top_shares(merge_families(row.energy_share), SHARES_SHOWN, SMALLEST_SHOWN)
-        cells.append(
-            (
-                str(row.number),
-                "0" if row.rigid else show_bounded(row.hz, row.error_hz),
-                *(["" if row.rigid else show_bound(row.hz, row.error_hz, row.known_hz)] * known),
-                *(show_damped(row.damped_hz, row.damped_error_hz, rigid=row.rigid) * damped),
-                *(
-                    show_damping_error(row.damping_ratio, row.damping_error, rigid=row.rigid)
-                    * damped
-                ),
-                *([show_span(row.spread_hz)] if spans else []),
-                row.name,
-                ", ".join(f"{name} {100 * share:.0f} %" for name, share in top),
-            )
-        )
+    columns: list[Column[ModeRow]] = [
+        Column(lambda row: str(row.number), screen=">no."),
+        Column(
+            lambda row: "0" if row.rigid else show_bounded(row.hz, row.error_hz),
+            screen=">undamped Hz" if damped else ">Hz",
+        ),
+    ]
+    if known:
+        columns.append(Column(_show_bound, screen="<± Hz"))
+    if damped:
+        columns += DAMPED_COLUMNS
+    if modes.get("interface_spread_hz"):
+        columns.append(Column(lambda row: show_span(row.spread_hz), screen="<interfaces Hz"))
+    columns.append(Column(lambda row: row.name, screen="mode"))
+    if any(len(row.energy_share) > 1 for row in rows):
+        columns.append(Column(_show_parts, screen="strain energy in"))
     positions = describe_position(modes)
     pose = modes["pose_name"] + (f" ({positions})" if positions else "")
-    return Listing(f"Natural modes in pose {pose}", columns, cells)
+    return Listing(f"Natural modes in pose {pose}", columns, rows)
 
 
 def _write_section(_: FinishedRun) -> Section:

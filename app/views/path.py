@@ -13,7 +13,7 @@ from headstock.app.tables.motion_forces import (
 )
 from headstock.app.tables.probes import PROBE_MOTION_PEAKS, list_motion_columns
 from headstock.app.tables.table import Column, PlainTable, show_deviation, tabulate, tabulate_curves
-from headstock.app.texts.bounded_values import NO_BOUND
+from headstock.app.texts.bounded_values import NO_BOUND, largest_parts, show_parts
 from headstock.app.views.view import FinishedRun, Listing, Section, TerminalPart, View
 from headstock.geometry.machine.machine import SCENE_UNITS, show_position
 from headstock.pipeline.answers.path import (
@@ -24,7 +24,6 @@ from headstock.pipeline.answers.path import (
     ZoneSummary,
     deviation_unit,
 )
-from headstock.pipeline.numbers.estimates import show_share
 from headstock.solvers.second_order import name_channel
 
 PART_NAMES = {
@@ -43,6 +42,7 @@ class ZoneRow(NamedTuple):
     zone: str
     found: ZoneSummary
     errors: ZoneSummary
+    parts: Mapping[str, float | None]  # of ± of its peak, by source
 
     def error(self, name: str) -> float | None:
         """How far one of its sizes may be off; None where nobody says, or it is zero."""
@@ -57,7 +57,7 @@ class ZoneRow(NamedTuple):
 def _list_zones(path: PathSummary, output: int | None = None) -> list[ZoneRow]:
     """Every feed, output and ramp of a path analysis; of one output where its number is given."""
     return [
-        ZoneRow(run, shown["dof"], zone, found, shown["errors"][zone])
+        ZoneRow(run, shown["dof"], zone, found, shown["errors"][zone], shown["error_share"][zone])
         for run in path["feeds"]
         for number, shown in enumerate(run["outputs"])
         if output in (None, number)
@@ -183,28 +183,12 @@ CRUISE_COLUMNS: tuple[Column[CruiseRow], ...] = (
 
 def _path_error_words(path: PathSummary) -> list[str]:
     """Where the errors of a path come from, and what is not in them."""
-    largest: dict[str, float] = {}
-    unknown: dict[str, None] = {}
-    for run in path["feeds"]:
-        for output in run["outputs"]:
-            for zone, found in (
-                ("accelerating", output["accelerating"]),
-                ("decelerating", output["decelerating"]),
-            ):
-                unit = deviation_unit((output["dof"][0], output["dof"][1]))[0]
-                peak = abs(found[f"peak_{unit}"] or 0.0)
-                for source, size in output["error_share"][zone].items():
-                    if size is None:
-                        unknown[source] = None
-                        continue
-                    share = size / peak if peak else 0.0
-                    largest[source] = max(largest.get(source, 0.0), share)
+    largest, unknown = largest_parts(
+        (row.size("peak") or 0.0, row.parts) for row in _list_zones(path)
+    )
     words = []
     if largest:
-        parts = ", ".join(
-            f"{source} up to {show_share(share)}" for source, share in largest.items()
-        )
-        words.append(f"± of a peak, from {parts}; in the pose of the middle")
+        words.append(f"± of a peak, from {show_parts(largest)}; in the pose of the middle")
     if unknown:
         words.append(f"{NO_BOUND} : nothing is known of {', '.join(unknown)}")
     if path["error_left_out"]:
