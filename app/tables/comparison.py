@@ -2,12 +2,12 @@
 for CSV files.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Literal
 
 from headstock.app.tables.frf import tabulate_response
-from headstock.app.tables.table import PlainTable, encode_csv
+from headstock.app.tables.table import Cell, PlainTable, encode_csv
 from headstock.app.texts.bounded_values import (
     bound_size,
     error_words,
@@ -172,7 +172,7 @@ def _tabulate_costs(summary: ComparisonSummary) -> PlainTable:
         *(f"{step} [s]" for step in steps),
         *("CPU [s]", "peak memory [MB]", "from store"),
     )
-    rows = (
+    rows: Iterator[tuple[Cell, ...]] = (
         (
             name,
             variant["full_dofs"],
