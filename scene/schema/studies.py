@@ -100,7 +100,8 @@ class StudyTable(StrictTable):
     families: dict[Name, FamilyTable] = {}
     """several groups of points with their own settings, in place of `vary`"""
     watch: Watches | None = None
-    """paths into `summary.json`: `"modal.frequencies_hz[0:6]"`, `"static.tcp.compliance_um_per_kN[0][0]"`, `"seconds"`, `"cpu_seconds"`;
+    """names of numbers: `"frequency(pose=reference,mode=1)"`, `"frequency"`, `"compliance(*point=tcp*)"`;
+    paths into `summary.json`: `"modal.frequencies_hz[0:6]"`, `"static.tcp.compliance_um_per_kN[0][0]"`, `"seconds"`, `"cpu_seconds"`;
     required without `reference`"""
     analyses: Names | None = None
     """which analyses are run; default: all of the scene's"""
