@@ -198,7 +198,8 @@ def study(
         machine: Machine or path of a scene file.
         name: A study of the scene; None for the one that ``vary`` and ``watch`` describe.
         vary: Dotted key (or ``variant``) to its values; numbers are in SI units.
-        watch: What to look at in each point, such as ``modal.frequencies_hz[0]``.
+        watch: What to look at in each point: names of numbers, such as ``frequency(pose=reference,mode=1)``
+            or ``frequency``, and paths, such as ``modal.frequencies_hz[0]``.
         pairwise: The first values go together, then the second ones; else all combinations are
             points.
         output: Folder that keeps finished points; None for none.
