@@ -87,16 +87,19 @@ def select_compared(numbers: Iterable[Number]) -> dict[Key, Number]:
 
 
 def compare_kinds(without: Iterable[Number], present: Iterable[Number]) -> list[Change]:
-    """Return the largest change of each kind of numbers of two runs, in the order of the kinds.
+    """Return the largest change of each kind of numbers of two runs, of lengths and angles apart, in the
+    order of the kinds.
 
     A number that one run lacks is a change of all of it.
     """
     before, after = select_compared(without), select_compared(present)
-    worst: dict[str, Change] = {}
+    worst: dict[tuple[str, str], Change] = {}
     for change in _list_changes(before, after):
-        if change.key.kind not in worst or change.share > worst[change.key.kind].share:
-            worst[change.key.kind] = change
-    return [worst[kind] for kind in KINDS if kind in worst]
+        group = change.key.kind, change.unit
+        if group not in worst or change.share > worst[group].share:
+            worst[group] = change
+    order = [*KINDS]
+    return sorted(worst.values(), key=lambda change: order.index(change.key.kind))
 
 
 def _list_changes(before: Mapping[Key, Number], after: Mapping[Key, Number]) -> Iterator[Change]:
