@@ -23,7 +23,7 @@ from headstock.app.terminal.comparison import print_comparison, print_effort, pr
 from headstock.app.terminal.console import print_remarks, warn_of_unused_accuracy
 from headstock.app.terminal.guard import DONE, FAILED
 from headstock.geometry.parts.components import Fidelity
-from headstock.pipeline.answers.frf import ResponseCurves
+from headstock.pipeline.numbers.folders import NUMBERS_FILE, encode_tables
 from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import write_beside, write_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
@@ -106,7 +106,7 @@ def compare_request(
                 summary["effort"] = {"change": list(request.change), "variants": efforts}
             if origin is not None:
                 summary["provenance"] = origin.summarise()
-            remarks = _publish(summary, comparison.lines, folder, request.json_file)
+            remarks = _publish(summary, comparison, folder, request.json_file)
             print_comparison(summary)
             print_effort(summary)
             print_remarks(remarks)
@@ -297,7 +297,7 @@ def _change(
 
 def _publish(
     summary: ComparisonSummary,
-    lines: dict[str, ResponseCurves],
+    comparison: Comparison,
     folder: Path,
     json_file: Path | None,
 ) -> list[str]:
@@ -305,12 +305,14 @@ def _publish(
 
     Args:
         summary: What is compared.
-        lines: Variant to its frequency response, if there is one.
+        comparison: With numbers and lines.
         folder: For the files.
         json_file: A copy of the summary, if one is wanted.
     """
+    lines = comparison.lines
     figures = draw_comparison(summary, lines)
     tables = {f"{name}.csv": table for name, table in comparison_csv(summary).items()}
+    tables[NUMBERS_FILE] = encode_tables(comparison.numbers)
     if lines:
         tables["responses.csv"] = encode_csv(tabulate_lines(lines))
     remarks = write_beside(

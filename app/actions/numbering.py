@@ -1,13 +1,15 @@
 """``headstock numbers``: every number of a run with its name, unit and ±."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import cast
 
-from headstock.app.tables.table import PlainTable, encode_csv
+from headstock.app.tables.table import Cell, PlainTable, encode_csv
 from headstock.app.terminal.console import add_row, counted, make_console, make_table, print_table
 from headstock.app.texts.bounded_values import show_bound, show_bounded
 from headstock.pipeline.numbers.estimates import Estimate
-from headstock.pipeline.numbers.folders import read_numbers
-from headstock.pipeline.numbers.numbers import Numbers
+from headstock.pipeline.numbers.folders import read_tables
+from headstock.pipeline.numbers.numbers import NumberNameError, Numbers
 from headstock.pipeline.storage.json_texts import dump_json
 from headstock.pipeline.storage.outputs import check_output, write_output
 
@@ -15,7 +17,7 @@ from headstock.pipeline.storage.outputs import check_output, write_output
 def list_numbers(
     folder: Path, pattern: str | None, csv_file: Path | None, json_file: Path | None
 ) -> int:
-    """Print the numbers of a run, and write them in SI units where files are named.
+    """Print the numbers of a run, or of every point or variant, and write them in SI units where files are named.
 
     Args:
         folder: Of results.
@@ -30,20 +32,57 @@ def list_numbers(
     for path in (csv_file, json_file):
         if path is not None:
             check_output(path)
-    every = read_numbers(folder)
-    numbers = every if pattern is None else every.select(pattern)
+    tables = select_numbers(read_tables(folder), pattern)
     if csv_file is not None:
-        columns = numbers.tabulate()
-        rows = tuple(zip(*columns.values(), strict=True))
-        write_output(csv_file, encode_csv(PlainTable("numbers", tuple(columns), rows)))
+        write_output(csv_file, encode_csv(_tabulate(tables)))
     if json_file is not None:
-        listed = [number.summarise() for number in numbers.values()]
+        listed = [
+            ({"of": label} if label else {}) | number.summarise()
+            for label, numbers in tables.items()
+            for number in numbers.values()
+        ]
         write_output(json_file, dump_json(listed).encode())
-    _print_numbers(numbers)
+    for label, numbers in tables.items():
+        _print_numbers(numbers, label)
     return 0
 
 
-def _print_numbers(numbers: Numbers) -> None:
+def select_numbers(tables: Mapping[str, Numbers], pattern: str | None) -> dict[str, Numbers]:
+    """Return the numbers whose names fit a pattern, of the tables that have any.
+
+    Raises:
+        NumberNameError: No table has one.
+    """
+    if pattern is None:
+        return dict(tables)
+    found: dict[str, Numbers] = {}
+    failure: NumberNameError | None = None
+    for label, numbers in tables.items():
+        try:
+            found[label] = numbers.select(pattern)
+        except NumberNameError as error:
+            failure = error
+    if not found and failure is not None:
+        raise failure
+    return found
+
+
+def _tabulate(tables: Mapping[str, Numbers]) -> PlainTable:
+    """Return the numbers of all tables below each other; the first column names the table of several."""
+    columns: dict[str, list[object]] = {}
+    rows = 0
+    for label, numbers in tables.items():
+        own: dict[str, list[object]] = {"of": [label] * len(numbers)} if any(tables) else {}
+        own |= numbers.tabulate()
+        for head in dict.fromkeys((*columns, *own)):
+            known = columns.setdefault(head, [None] * rows)
+            known += own.get(head, [None] * len(numbers))
+        rows += len(numbers)
+    cells = tuple(zip(*columns.values(), strict=True))
+    return PlainTable("numbers", tuple(columns), cast(tuple[tuple[Cell, ...], ...], cells))
+
+
+def _print_numbers(numbers: Numbers, label: str) -> None:
     console, table = make_console(), make_table("<name", ">value", ">±", "<unit")
     left_out: dict[str, None] = {}
     for key, number in numbers.items():
@@ -56,6 +95,7 @@ def _print_numbers(numbers: Numbers) -> None:
         )
         bound = show_bound(value, total, known) if error.shares else ""
         add_row(table, str(key), show_bounded(value, total), bound, "" if unit == "1" else unit)
-    print_table(console, counted(len(numbers), "number"), table)
+    title = f"{label}: " if label else ""
+    print_table(console, f"{title}{counted(len(numbers), 'number')}", table)
     for words in left_out:
         console.print(f"  not in ±: {words}", markup=False, soft_wrap=True)

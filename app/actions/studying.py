@@ -27,6 +27,7 @@ from headstock.app.terminal.study import (
     print_study,
     study_csv,
 )
+from headstock.pipeline.numbers.folders import NUMBERS_FILE, encode_tables
 from headstock.pipeline.numbers.numbers import Numbers
 from headstock.pipeline.storage.content_keys import code_fingerprint
 from headstock.pipeline.storage.json_texts import dump_summary
@@ -158,6 +159,8 @@ def _publish(
     figure = draw_study(table)
     if figure is not None:
         extra["study.png"] = figure
+    points = {f"point {number}": each for number, each in enumerate(table.numbers, 1)}
+    extra[NUMBERS_FILE] = encode_tables(points)
     remarks = write_beside(folder, extra)
     write_output(folder / TABLE_FILE, study_csv(table))
     if origin is not None:

@@ -27,6 +27,7 @@ from headstock.app.terminal.console import (
 from headstock.app.terminal.guard import DONE, FAILED
 from headstock.app.terminal.summary import print_stage
 from headstock.app.terminal.sweep import print_sweep, print_sweep_header
+from headstock.pipeline.numbers.folders import NUMBERS_FILE, encode_tables
 from headstock.pipeline.results.files import REPORT_FILE
 from headstock.pipeline.storage.json_texts import dump_json, dump_summary
 from headstock.pipeline.storage.outputs import (
@@ -137,7 +138,9 @@ def sweep_request(request: SweepRequest, comm: MPI.Comm, origin: Provenance | No
         return compute_part(job, request.key, comm)
     with (
         claim_output(
-            job.folder, (SWEEP_FILE, SUMMARY, CSV_FILE, ORIGIN_FILE, REPORT_FILE), (FOLDER,)
+            job.folder,
+            (SWEEP_FILE, SUMMARY, CSV_FILE, NUMBERS_FILE, ORIGIN_FILE, REPORT_FILE),
+            (FOLDER,),
         )
         if comm.rank == 0
         else contextlib.nullcontext()
@@ -220,6 +223,7 @@ def _write_numbers(
         # apart from the results, which are the same bytes whenever and wherever they are computed
         write_output(folder / ORIGIN_FILE, dump_json(words).encode())
     write_sweep(folder, results)
+    write_output(folder / NUMBERS_FILE, encode_tables({"": results.numbers}))
     write_output(folder / SUMMARY, dump_summary(summary).encode())
     if request.json_file is not None:
         # there alone, without a file of its origin beside it

@@ -181,17 +181,20 @@ def report(
 
 def _complete_numbers(ctx: click.Context, incomplete: str) -> list[str]:
     from headstock.geometry.errors import HeadstockError
-    from headstock.pipeline.numbers.folders import read_numbers
+    from headstock.pipeline.numbers.folders import read_tables
 
     try:
-        names = map(str, read_numbers(Path(ctx.params["folder"])))
+        tables = read_tables(Path(ctx.params["folder"])).values()
+        names = dict.fromkeys(str(key) for numbers in tables for key in numbers)
         return [name for name in names if name.startswith(incomplete)]
     except (HeadstockError, KeyError, TypeError):
         return []
 
 
 def numbers(
-    folder: Annotated[Path, typer.Argument(metavar="RESULTS", help="Folder of results.")],
+    folder: Annotated[
+        Path, typer.Argument(metavar="RESULTS", help="Folder of a run, study, sweep or comparison.")
+    ],
     pattern: Annotated[
         str | None,
         typer.Argument(
@@ -206,7 +209,7 @@ def numbers(
     json: JsonFile = None,
     debug: Debug = False,
 ) -> int:
-    """List every number of a finished run with its name, unit and ±, and what is not in ±."""
+    """List every number of a finished run, study, sweep or comparison with its name, unit and ±, and what is not in ±."""
 
     def action() -> int:
         from headstock.app.actions.numbering import list_numbers

@@ -4,8 +4,9 @@ and what is said where they do not. Neither an answer nor a solver is imported.
 
 import contextlib
 import hashlib
+import io
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Never
 
@@ -19,6 +20,7 @@ from headstock.scene.reading.renamed_names import RESULT_FORMAT
 FORMAT = "headstock results"
 VERSION = 3
 RESULTS_FILE = "results.h5"
+NUMBERS_FILE, TABLES_FORMAT = "numbers.h5", "headstock numbers"
 SUMMARY_FILE = "summary.json"
 # what other commands leave in their folders
 OTHER_RESULTS = {
@@ -66,6 +68,41 @@ def read_plain_summary(folder: Path) -> dict[str, Any]:
             f"{path} has format {found}, and this version reads format {RESULT_FORMAT}; {remedy}"
         )
     return summary
+
+
+def encode_tables(tables: Mapping[str, Numbers]) -> bytes:
+    """Return the content of ``numbers.h5``: tables of several machines.
+
+    Args:
+        tables: Point of a study or variant to its numbers; an empty text for the only one.
+    """
+    image = io.BytesIO()
+    with h5py.File(image, "w", track_order=True) as file:
+        file.attrs["format"], file.attrs["version"] = TABLES_FORMAT, VERSION
+        for number, (label, numbers) in enumerate(tables.items()):
+            group = file.create_group(str(number))
+            group.attrs["label"] = label
+            numbers.write(group)
+    return image.getvalue()
+
+
+def read_tables(folder: Path) -> dict[str, Numbers]:
+    """Return the tables of numbers in a folder, by point or variant; an empty text for the only one.
+
+    Raises:
+        UnusableOutputError: There are none, or they cannot be read.
+    """
+    path = folder / NUMBERS_FILE
+    if not path.is_file():
+        return {"": read_numbers(folder)}
+    with naming_damage(path):
+        require_size(path, RESULTS, RecordError)
+        with h5py.File(path, "r") as file:
+            require_plain(file)
+            if (file.attrs.get("format"), file.attrs.get("version")) != (TABLES_FORMAT, VERSION):
+                raise RecordError("it holds no numbers of this version")
+            groups = [file[str(number)] for number in range(len(file))]
+            return {str(group.attrs["label"]): Numbers.read(group) for group in groups}
 
 
 def read_numbers(folder: Path) -> Numbers:

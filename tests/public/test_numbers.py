@@ -106,3 +106,26 @@ def test_a_folder_of_an_earlier_version_is_refused_with_the_remedy(
     assert main(["numbers", str(old)]) == 2
     said = capsys.readouterr().err
     assert "version 2" in said and "headstock run" in said
+
+
+@pytest.mark.parametrize(
+    ("command", "labels"),
+    [
+        (("sweep", "line"), {""}),
+        (("study", "drive"), {"point 1", "point 2"}),
+        (("compare", "--variants", "stiff"), {"as written", "stiff"}),
+    ],
+    ids=lambda value: value[0] if isinstance(value, tuple) else "",
+)
+def test_studies_sweeps_and_comparisons_have_numbers_too(
+    command: tuple[str, ...], labels: set[str], tmp_path: Path
+) -> None:
+    (tmp_path / "scene.toml").write_text(SCENE)
+    name, *options = command
+    out, listing = tmp_path / "out", tmp_path / "n.json"
+    assert main([name, str(tmp_path / "scene.toml"), *options, "-o", str(out)]) == 0
+    assert main(["numbers", str(out), "frequency(*mode=1)", "--json", str(listing)]) == 0
+    entries = json.loads(listing.read_text())
+    assert {entry.get("of", "") for entry in entries} == labels
+    assert all(entry["value"] > 1.0 and entry["unit"] == "Hz" for entry in entries)
+    assert main(["numbers", str(out), "nothing"]) == 2
