@@ -1,8 +1,9 @@
-"""Dead code by vulture; keys of typed dictionaries are read by their strings, which vulture does
-not see.
+"""Dead code by vulture; keys of typed dictionaries are read by their strings, and what is loaded late
+is named in a text ``module:name``, which vulture does not see.
 """
 
 import ast
+import re
 import tomllib
 from pathlib import Path
 
@@ -38,13 +39,25 @@ def typed_keys(folders: list[str]) -> set[str]:
     return {target.id for target in fields if isinstance(target, ast.Name)}
 
 
+def named_in_texts(folders: list[str]) -> set[str]:
+    """Names in texts such as ``module:name``."""
+    return {
+        match.group(1)
+        for folder in folders
+        for path in (ROOT / folder).rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+        if (match := re.fullmatch(r"[\w.]+:(\w+)", node.value))
+    }
+
+
 settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["vulture"]
 # vulture compares every name with every pattern; the keys are so many that they are looked up here
 vulture = Vulture(
     ignore_names=settings["ignore_names"], ignore_decorators=settings["ignore_decorators"]
 )
 vulture.scavenge([str(ROOT / path) for path in settings["paths"]])
-keys = typed_keys(settings["paths"])
+keys = typed_keys(settings["paths"]) | named_in_texts(settings["paths"])
 found = [
     item for item in vulture.get_unused_code(settings["min_confidence"]) if item.name not in keys
 ]

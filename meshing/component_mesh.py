@@ -17,7 +17,7 @@ POOR_QUALITY = 0.05
 
 @dataclass(frozen=True, eq=False)
 class MeshQuality:
-    """What a mesh is worth.
+    """Quality of a mesh.
 
     Attributes:
         minimum_scaled_jacobian: Smallest scaled Jacobian over all elements (1 ideal, <= 0
@@ -151,7 +151,7 @@ class ComponentMesh:
             patch group: one group per interface name, ``support:NAME`` per support and
             ``load:NAME`` per load.
         quality: Checks made when the mesh was made.
-        gaps: What it cuts short of curved faces; None where no CAD shape tells, as of mesh files.
+        gaps: What it cuts short of curved faces; None without a CAD shape, as of mesh files.
         missing: Small features that it lacks; None for none.
     """
 

@@ -32,8 +32,8 @@ class Node:
 
 
 def find_node(comm: MPI.Comm) -> Node:
-    """Find the node of this rank; collective. Ranks that share memory are on one node: names tell
-    no two containers apart, nor two nodes of a trial.
+    """Find the node of this rank; collective. Ranks that share memory are on one node: names
+    distinguish neither two containers nor two nodes of a trial.
     """
     together = comm.Split_type(MPI.COMM_TYPE_SHARED)
     node = Node(together.allreduce(comm.rank, op=MPI.MIN), together.size)

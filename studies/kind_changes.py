@@ -54,6 +54,12 @@ class Change:
         """Plural of the kind in plain words."""
         return self.key.group.label
 
+    @property
+    def place(self) -> str:
+        """Which number of the kind, in plain words: ``frequency 3 in pose left``, ``face 1, mean, x``."""
+        key = self.key
+        return key.describe(several_poses=True) if key.group.words else key.describe_place()
+
     def summarise(self) -> ChangeSummary:
         """Return it as it stands in JSON."""
         unit, factor = self.key.group.show_unit(self.unit)

@@ -106,7 +106,7 @@ def _describe(change: Change) -> str:
         "none" if value is None else f"{value:.5g}"
         for value in (shown["without"], shown["present"])
     )
-    return f"{before} → {after} {shown['unit']} ({change.key.describe(several_poses=True)})"
+    return f"{before} → {after} {shown['unit']} ({change.place})"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -63,4 +63,4 @@ def _describe(change: Change) -> str:
     written, tried = (
         f"{value:.5g}" for value in (shown["present"], shown["without"]) if value is not None
     )
-    return f"{written} → {tried} {shown['unit']} ({change.key.describe(several_poses=True)})"
+    return f"{written} → {tried} {shown['unit']} ({change.place})"

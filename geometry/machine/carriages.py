@@ -1,5 +1,5 @@
-"""Where rails begin and end and where carriages stand on them in a pose, as far as solids tell
-without a mesh.
+"""Where rails begin and end and where carriages stand on them in a pose, as far as solids determine
+it without a mesh.
 """
 
 import math

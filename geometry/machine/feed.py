@@ -11,7 +11,7 @@ from headstock.geometry.machine.machine import Machine, Point, Pose, place_compo
 
 STANDSTILL = 1e-9  # of the longest step between two poses
 NO_FEED: FloatArray = np.full(3, np.nan)
-CORNER = np.radians(40.0)  # a way that turns more than that in a pose has a corner there
+CORNER = np.radians(40.0)  # a path that turns by more than that in a pose has a corner there
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,9 +21,9 @@ class Feed:
     Attributes:
         directions: ``(n, 3)`` unit vectors of the motion against the work, machine frame; NaN where
             the machine cannot take the pose, and everywhere if the tool never moves.
-        corners: Poses in which the way turns; the direction is that of the move that ends there.
+        corners: Poses in which the path turns; the direction is that of the move that ends there.
         standing: Poses from or to which the tool does not move against the work; the direction is
-            that of the way through its place.
+            that of the path through its place.
     """
 
     directions: FloatArray
@@ -35,7 +35,7 @@ def find_feed(machine: Machine, point: Point, tip: FloatArray, poses: Sequence[P
     """Find the tangents of the path of a tool through its work.
 
     Central differences, exact for parabolas whatever the distances of the poses; one-sided where
-    the way begins and ends, unless it is closed without a corner there. Poses that the machine
+    the path begins and ends, unless it is closed without a corner there. Poses that the machine
     cannot take are passed over.
 
     Args:
@@ -92,7 +92,8 @@ def _tangents(way: FloatArray) -> tuple[FloatArray, BoolArray]:
     middle = _between(units[:-1], units[1:], lengths[:-1], lengths[1:])
     middle = np.where(corners[1:-1, None], units[:-1], middle)
     ends = [units[0], units[-1]]
-    if _is_closed(way) and not _turns(units[-1], units[0]):
+    gap, reach = np.linalg.norm(way[-1] - way[0]), np.ptp(way, axis=0).max()
+    if gap <= STANDSTILL * reach and not _turns(units[-1], units[0]):
         ends = [_between(units[-1], units[0], lengths[-1], lengths[0])] * 2
     elif len(way) > 2:
         if not corners[1]:
@@ -101,12 +102,6 @@ def _tangents(way: FloatArray) -> tuple[FloatArray, BoolArray]:
             ends[1] = (2.0 * lengths[-1] + lengths[-2]) * units[-1] - lengths[-1] * units[-2]
     tangents = np.vstack([ends[0], middle, ends[1]])
     return np.asarray(tangents / np.linalg.norm(tangents, axis=1, keepdims=True)), corners
-
-
-def _is_closed(way: FloatArray) -> bool:
-    """Return whether a path ends where it begins."""
-    gap, reach = np.linalg.norm(way[-1] - way[0]), np.ptp(way, axis=0).max()
-    return bool(gap <= STANDSTILL * reach)
 
 
 def _turns(before: FloatArray, after: FloatArray) -> BoolArray:

@@ -327,7 +327,7 @@ class MachinePath:
 
     @property
     def length(self) -> float:
-        """Length of the way in the space of the linear axes [m], or of the rotary ones where no
+        """Length of the path in the space of the linear axes [m], or of the rotary ones where no
         linear axis moves [rad].
 
         Source: Kramer, Proctor and Messina (2000), The NIST RS274/NGC interpreter, section 2.1.2.5,
@@ -357,7 +357,7 @@ def travel_directions(machine: Machine, path: MachinePath) -> dict[str, FloatArr
     along the path.
 
     Raises:
-        ValueError: A component turns on the way, or an end lies outside an axis' limits.
+        ValueError: A component turns along the path, or an end lies outside an axis' limits.
     """
     before, after = place_components(machine, path.start), place_components(machine, path.end)
     velocities = {}

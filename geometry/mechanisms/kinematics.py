@@ -96,7 +96,11 @@ class Bias:
 @lru_cache(maxsize=64)
 def chain_layout(mechanism: Mechanism) -> ChainLayout:
     """Return the chains of a mechanism as arrays."""
-    count, depth = len(mechanism.chains), max(_motion_count(chain) for chain in mechanism.chains)
+    count = len(mechanism.chains)
+    depth = max(
+        sum(isinstance(item, Step) and item.coordinate is not None for item in chain)
+        for chain in mechanism.chains
+    )
     tensors = np.zeros((4, count, depth, 4, 4))
     tensors[0] = np.eye(4)
     source = np.full((count, depth), len(mechanism.coordinates), dtype=np.intp)
@@ -114,7 +118,8 @@ def chain_layout(mechanism: Mechanism) -> ChainLayout:
                 continue
             motion = _motion_tensors(item)
             if item.coordinate is None:
-                fixed = fixed @ _motion_matrix(motion, item.amount)
+                parts = [1.0, np.cos(item.amount), np.sin(item.amount), item.amount]
+                fixed = fixed @ np.einsum("i,ijk->jk", parts, motion)
                 continue
             tensors[:, row, level] = fixed @ motion
             source[row, level], amount[row, level] = mechanism.index(item.coordinate), item.amount
@@ -243,10 +248,6 @@ def _running_sum(terms: FloatArray) -> FloatArray:
     return total
 
 
-def _motion_count(chain: tuple[Step | Marker, ...]) -> int:
-    return sum(isinstance(item, Step) and item.coordinate is not None for item in chain)
-
-
 def _motion_tensors(step: Step) -> FloatArray:
     """Return ``(4, 4, 4)``: constant, cosine, sine and linear part of an elementary motion."""
     axis = np.eye(3)[AXES.index(step.axis)]
@@ -257,7 +258,3 @@ def _motion_tensors(step: Step) -> FloatArray:
     along = np.diag([*axis, 1.0])
     parts[0], parts[1], parts[2, :3, :3] = along, np.eye(4) - along, skew(axis)
     return parts
-
-
-def _motion_matrix(parts: FloatArray, value: float) -> FloatArray:
-    return np.asarray(np.einsum("i,ijk->jk", [1.0, np.cos(value), np.sin(value), value], parts))

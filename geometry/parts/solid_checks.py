@@ -72,7 +72,7 @@ def _column_faults(column: HollowColumn) -> list[str]:
     faults = [
         f"walls and ribs fill the whole {axis} side"
         for axis, spans in zip("xyz", cells, strict=True)
-        if not _is_clear(spans)
+        if not all(high > low for low, high in spans)
     ]
     if column.core_hole > 0.0 and not faults:
         narrowest = min(
@@ -85,7 +85,3 @@ def _column_faults(column: HollowColumn) -> list[str]:
                 f"the core hole of {1e3 * column.core_hole:.6g} mm must be smaller than the narrowest cell, {1e3 * narrowest:.6g} mm"
             )
     return faults
-
-
-def _is_clear(spans: list[tuple[float, float]]) -> bool:
-    return all(high > low for low, high in spans)

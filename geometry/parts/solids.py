@@ -110,7 +110,7 @@ class PointMass:
     Attributes:
         mass: [kg].
         inertia: About the component's x, y and z axes, which are principal ones [kg m^2]; a body
-            without any does not feel rotations.
+            without any does not resist rotations.
     """
 
     mass: float

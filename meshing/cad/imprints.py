@@ -62,7 +62,7 @@ class Imprints:
 
     Attributes:
         sizes: Element size on each face that was imprinted.
-        remarks: What to tell the user.
+        remarks: Messages for the user.
     """
 
     faces: dict[str, list[int]]

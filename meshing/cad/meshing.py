@@ -100,7 +100,9 @@ def mesh_shape(job: MeshJob) -> MeshData:
         properties = _measure(volume, faces)
         rims = _find_rims(job, imprints)
         plan, count = _plan_sizes(job, volume, faces, size)
-        growth = _choose_growth(job, imprints, size)
+        # elements grow from patches narrower than they are, unless a growth is requested
+        narrow = any(at_rim < NARROW_PATCH * size for at_rim in imprints.sizes.values())
+        growth = NARROW_GROWTH if job.growth is None and narrow else job.growth
         graded = 0 if growth is None else count_graded_cells(rims, growth=growth, size=size)
         if job.growth is None and graded > PATCH_CELLS:
             raise MeshError(_name_dense_patch(job, graded))
@@ -326,12 +328,6 @@ def _box(dimension: int, tags: list[int]) -> FloatArray:
     return np.stack([ends[:, :3].min(axis=0), ends[:, 3:].max(axis=0)])
 
 
-def _choose_growth(job: MeshJob, imprints: Imprints, size: float) -> float | None:
-    """Return the growth as requested; a default around patches narrow compared with the elements."""
-    narrow = any(at_rim < NARROW_PATCH * size for at_rim in imprints.sizes.values())
-    return NARROW_GROWTH if job.growth is None and narrow else job.growth
-
-
 def _name_dense_patch(job: MeshJob, count: int) -> str:
     widths = {
         name: min(size for patch in patches for size in patch.size)
@@ -349,7 +345,7 @@ def _set_sizes(
     plan: SizePlan | None,
     rims: dict[int, float],
 ) -> list[int]:
-    """Tell gmsh the element sizes; return the tags of the fields that hold them."""
+    """Set the element sizes in gmsh; return the tags of the fields that hold them."""
     gmsh.option.setNumber("Mesh.MeshSizeMax", size)
     fields = [] if plan is None else add_size_fields(plan)
     if growth is not None:

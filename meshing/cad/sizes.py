@@ -153,8 +153,8 @@ def count_curved_cells(plan: SizePlan) -> int:
 
 
 def add_size_fields(plan: SizePlan) -> list[int]:
-    """Tell gmsh the sizes and return the tags of its fields; what is not finer than elsewhere needs
-    no telling.
+    """Set the sizes in gmsh and return the tags of its fields; what is not finer than elsewhere
+    needs no telling.
     """
     rims = plan.curved.rims[:, 0].astype(np.int64)
     faces = _size_classes(plan.curved.tags, plan.faces, plan.elsewhere)
@@ -164,7 +164,7 @@ def add_size_fields(plan: SizePlan) -> list[int]:
 
 
 def add_sizes_view(sizes: SizeField) -> int:
-    """Tell gmsh element sizes from place to place, and return the tag of the field; beyond the
+    """Set element sizes in gmsh from place to place, and return the tag of the field; beyond the
     tetrahedra those of the closest corner hold.
     """
     corners = sizes.points[sizes.tets].transpose(0, 2, 1).reshape(-1, 12)
@@ -222,7 +222,7 @@ def _rim_sizes(face: int, order: int) -> list[tuple[float, float]]:
 
 
 def add_grading_fields(rims: Mapping[int, float], *, growth: float, size: float) -> list[int]:
-    """Tell gmsh to let elements grow from curves, and return the tags of its fields.
+    """Let elements in gmsh grow from curves, and return the tags of its fields.
 
     Where stresses are singular, as at the rim of a rigid patch, the error of an element of size ``h
     = growth * distance`` is the same at any distance, so that the number of elements grows with the

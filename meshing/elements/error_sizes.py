@@ -22,7 +22,8 @@ SMOOTH_RATE, SINGULAR_RATE = 4.0, 1.5
 SHARP_COSINE = float(np.cos(np.radians(50.0)))  # of facets that meet at an inner edge
 FINEST_STEP = 0.2  # from one mesh to the next an estimate can be trusted for this much
 # times as many cells: as a new mesh is computed from the start, few more cost little; what a coarse
-# mesh misses is known so roughly that the next had better tell what is needed than be far too fine
+# mesh misses is known so roughly that the next should show what is needed rather than be far too
+# fine
 LEAST_TIMES, MOST_TIMES = 1.25, 4.0
 HALVINGS = 60
 NEIGHBOURS = 4

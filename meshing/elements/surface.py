@@ -14,7 +14,7 @@ from headstock.meshing.elements.quality import PLACES, facet_tables, scaled_jaco
 from headstock.meshing.elements.topology import FACETS, cell_family, corner_count, local_facets
 
 FARTHEST = 0.5  # of a facet's size: what lies farther off is another part of the face
-TRUSTED = 0.25  # of the volume that the mesh misses, which the gaps must tell to
+TRUSTED = 0.25  # of the volume that the mesh misses, which the gaps must explain
 # cosine between the wall's normal and that of a point on its face; of points at its rim it is 0.7
 FACING = 0.5
 

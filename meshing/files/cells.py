@@ -150,7 +150,7 @@ def _choose_solid(path: Path, raw: RawMesh, solid: str | None) -> NDArray[np.boo
 
 
 def _material_numbers(raw: RawMesh) -> IntArray:
-    """Return the number of the material of each cell, -1 where the file tells none."""
+    """Return the number of the material of each cell, -1 where the file names none."""
     keys = {
         key: number for number, key in enumerate(dict.fromkeys(one.key for one in raw.sections))
     }

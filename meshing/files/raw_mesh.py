@@ -53,7 +53,7 @@ class Section:
         cells: ``(n,)`` counted over all blocks.
         material: Name of the material and its values, as a message shows them; empty where the file tells
             none.
-        key: Equal for equal materials; None where the file tells none.
+        key: Equal for equal materials; None where the file names none.
     """
 
     name: str

@@ -314,7 +314,7 @@ def _set_limits(memory_bytes: int, cpu_seconds: int) -> None:
         (resource.RLIMIT_CORE, 0, 0),
         (resource.RLIMIT_AS, memory_bytes, memory_bytes),
         (resource.RLIMIT_FSIZE, memory_bytes, memory_bytes),
-        # the soft limit ends the process by SIGXCPU, which tells it from a kill for lack of memory
+        # the soft limit ends the process by SIGXCPU, distinct from a kill for lack of memory
         (resource.RLIMIT_CPU, cpu_seconds, cpu_seconds + GRACE_SECONDS),
     ):
         resource.setrlimit(kind, (_at_most(kind, wanted), _below_hard(kind, hard)))

@@ -367,7 +367,7 @@ def _shared_rows(
 def _independent_rows(rows: FloatArray) -> FloatArray:
     if not len(rows):
         return rows
-    # rotations weigh by the arms in the rows themselves; scale columns so that rank is judged
+    # rotations weigh by the arms in the rows themselves; scale columns so that rank is measured
     # without units
     scale = np.linalg.norm(rows, axis=0)
     scale = np.where(scale > 0.0, scale, 1.0)

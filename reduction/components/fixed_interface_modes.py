@@ -88,7 +88,8 @@ def find_fixed_interface_modes(
         pairs = _dense_modes(solver, target)
     else:
         width = _block_width(target) if solver.multigrid is None else block_width(target)
-        start = _start_block(solver, width)
+        table = draw_numbers(solver.operators.nodes, 3 * width, seed=START_SEED)
+        start = np.where(solver.fixed[:, None], 0.0, table.reshape(-1, width))
         pairs = lowest_modes(solver, start, target, eigensolver=eigensolver)
     cutoff = float(np.sqrt(pairs.next_value) / (2.0 * np.pi))
     if not pairs.complete:
@@ -129,12 +130,6 @@ def _block_width(target: ModeTarget) -> int:
     # OpenBLAS's kernels take columns by eight: a block of 8 costs less than one of 6, and one of 16
     # hardly more than one of 12. Wider blocks need more solves, which cost less each
     return 8 if (target.count or 30) <= MANY_MODES else 16
-
-
-def _start_block(solver: ConstrainedSolver, width: int) -> FloatArray:
-    """Return the same pseudo-random block for any number of ranks."""
-    table = draw_numbers(solver.operators.nodes, 3 * width, seed=START_SEED)
-    return np.where(solver.fixed[:, None], 0.0, table.reshape(-1, width))
 
 
 def draw_numbers(nodes: IntArray, count: int, *, seed: int) -> FloatArray:

@@ -43,7 +43,7 @@ from headstock.solvers.errors import ModelError
 LEAST_DEGREE, DEGREES_PER_OCTAVE, MOST_DEGREE = 3, 1.75, 12
 SECTION_DEGREE = 3  # of a round section
 DEGREES_BEYOND_RAIL = 6
-FACE_DEPENDENCE = 0.1  # of what polynomials can tell apart on a rigid patch, at most
+FACE_DEPENDENCE = 0.1  # of what polynomials can distinguish on a rigid patch, at most
 ROW_DEPENDENCE = 1e-3
 BODY_NODE = "body"
 BREAKS = 3  # of area integrals along the bar
@@ -113,7 +113,7 @@ def reduce_polynomial(
 
     Stiffness and mass are integrated in closed form. Means over averaging interfaces and rails are
     those of finite elements; on a rigid interface the motion is rigid as far as polynomials of
-    these degrees can tell. Frequencies come from above, and far above where patches are small
+    these degrees can show. Frequencies come from above, and far above where patches are small
     beside the body.
 
     Args:
@@ -135,7 +135,7 @@ def reduce_polynomial(
     )
     across, along = choose_degrees(component, bar)
     fine = _make_space(component, bar, across, along)
-    # a round section of two degrees lacks what shear needs, and would tell of that alone
+    # a round section of two degrees lacks what shear needs, and would show that alone
     less = 0 if isinstance(component.solid, Tube) else 1
     coarse = _make_space(component, bar, [degree - less for degree in across], along - 1)
     areas = {
@@ -308,7 +308,9 @@ def _prescribe(
     for name, dof_rows in maps.items():
         first = 6 * dof_rows.node
         if name == BODY_NODE:
-            add(_mean_motion(space, dof_rows.frame), first, np.eye(6))
+            # the rigid motion that fits the whole body best
+            rigid = space.rigid_motion(dof_rows.frame.origin)
+            add(np.linalg.solve(rigid.T @ rigid, rigid.T), first, np.eye(6))
         elif component.interfaces[name].coupling == "rigid":
             add(*_follow_rigidly(space, areas[name], first))
         else:
@@ -333,8 +335,8 @@ def _prescribe(
 def _follow_rigidly(
     space: PolynomialSpace, area: MeshPatch, first: int
 ) -> tuple[FloatArray, int, FloatArray]:
-    """Return the rows ``(3 m, 3 n)`` of what polynomials can tell apart on a patch, where its first
-    dof is, and what a rigid motion makes of them ``(3 m, 6)``.
+    """Return the rows ``(3 m, 3 n)`` of what polynomials can distinguish on a patch, where its
+    first dof is, and what a rigid motion makes of them ``(3 m, 6)``.
     """
     weights = np.sqrt(area.weights.diagonal())
     left, sizes, right = np.linalg.svd(
@@ -345,12 +347,6 @@ def _follow_rigidly(
     rigid = area.rigid_displacements().reshape(len(weights), 3, 6)
     target = np.einsum("km,kiq->miq", left[:, kept] * weights[:, None], rigid)
     return rows, first, (target / sizes[kept, None, None]).reshape(len(rows), 6)
-
-
-def _mean_motion(space: PolynomialSpace, frame: Frame) -> FloatArray:
-    """Return the rows ``(6, 3 n)``: the rigid motion that fits the whole body best."""
-    rigid = space.rigid_motion(frame.origin)
-    return np.asarray(np.linalg.solve(rigid.T @ rigid, rigid.T))
 
 
 def _rigid_dofs(

@@ -24,8 +24,8 @@ from headstock.reduction.rails import (
 )
 from headstock.solvers.errors import ModelError
 
-# of the fit, dofs scaled alike: 20 to 60 on any mesh that tells the control points apart, 1e6 where
-# it just fails to
+# of the fit, dofs scaled alike: 20 to 60 on any mesh that distinguishes the control points, 1e6
+# where it just fails to
 CONDITION_LIMIT = 1e3
 SURE_LIMIT = 100.0  # of a mesh that is recommended: it is cut a little otherwise than even rows
 THIN = 1e-12
@@ -195,7 +195,7 @@ def line_condition(lines: Sequence[FloatArray], control_points: int, order: int)
 
 @functools.cache
 def longest_elements(pieces: Spans, control_points: int, order: int) -> float | None:
-    """Return the longest elements that tell the control points of a rail apart for sure [m]; None
+    """Return the longest elements that surely distinguish the control points of a rail [m]; None
     where no mesh does, because the rail has gaps.
 
     Args:
@@ -216,7 +216,7 @@ def longest_elements(pieces: Spans, control_points: int, order: int) -> float | 
 def describe_coarse_rail(
     interface: Interface, pieces: Spans, *, order: int, own_mesh: bool = True
 ) -> str:
-    """Return why a mesh does not tell the control points of a rail apart, and what to write.
+    """Return why a mesh does not distinguish the control points of a rail, and what to write.
 
     Args:
         pieces: Where it is along its axis [m].

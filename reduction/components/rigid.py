@@ -74,8 +74,8 @@ def reduce_rigid(
 
 
 def _unfelt_rotations(component: Component, inertia: FloatArray) -> FloatArray:
-    """Return the rows ``(m, 6)`` of the rotations that a point mass without inertia does not feel:
-    fixed unless a joint acts on them.
+    """Return the rows ``(m, 6)`` of the rotations that a point mass without inertia does not
+    resist: fixed unless a joint acts on them.
     """
     if not isinstance(component.solid, PointMass):
         return np.zeros((0, 6))

@@ -16,7 +16,6 @@ from headstock.geometry.parts.prismatic_bars import PrismaticBar, patch_span
 from headstock.geometry.parts.solids import Tube
 from headstock.reduction.components.segment_chain import (
     SegmentChain,
-    Span,
     lay_out_chain,
     node_at,
     section_motion,
@@ -69,7 +68,8 @@ def attach_interfaces(
     firm = {
         name
         for name, item in fixed.items()
-        if item.coupling == "rigid" or _is_one_section(spans[name])
+        if item.coupling == "rigid"
+        or all(low == high and (low, high) == spans[name][0] for low, high in spans[name])
     }
     rigid_spans = [span for name in spans if name in firm for span in spans[name]]
     chain = lay_out_chain(bar, component.material, component.segments.count, rigid_spans)
@@ -89,7 +89,8 @@ def attach_interfaces(
             )
             node = nodes[0]
             ties += [(other, node) for other in nodes[1:]]
-            names[node] = names[node] or _section_name(bar, spans[name]) or name
+            ends = {(bar.low, bar.low): "low_end", (bar.high, bar.high): "high_end"}
+            names[node] = names[node] or ends.get(spans[name][0], name)
         else:
             means.append(interface)
             frames.append(frame)
@@ -153,15 +154,6 @@ def traction_load(
     return np.asarray(np.einsum("k,kin->ni", samples.areas, motion))
 
 
-def _is_one_section(spans: Sequence[Span]) -> bool:
-    return all(span == spans[0] and span[0] == span[1] for span in spans)
-
-
-def _section_name(bar: PrismaticBar, spans: Sequence[Span]) -> str:
-    ends = {(bar.low, bar.low): "low_end", (bar.high, bar.high): "high_end"}
-    return ends.get(spans[0], "")
-
-
 def _tie_rows(chain: SegmentChain, *, segment: int, node: int) -> FloatArray:
     """Return the rows ``(6, 6 n)``: one node less another carried to it."""
     rows = np.zeros((6, 6 * len(chain.places)))
@@ -182,8 +174,8 @@ def _mean_rows(
     rigid = rigid_map(samples.points, frame.origin)
     weighted = rigid * np.repeat(samples.areas, 3)[:, None]
     # least squares over the surface: q = (R^T W R)^-1 R^T W u with u the bar's motion. Rotations
-    # are scaled by the radius of gyration so that the pseudo-inverse judges rank in one unit: a
-    # line cannot tell its rotation about itself
+    # are scaled by the radius of gyration so that the pseudo-inverse measures rank in one unit: a
+    # line cannot determine its rotation about itself
     radius = float(
         np.sqrt(
             samples.areas @ ((samples.points - frame.origin) ** 2).sum(axis=1) / samples.areas.sum()

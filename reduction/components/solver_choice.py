@@ -18,7 +18,7 @@ SHARE_AT_MILLION, SHARE_EXPONENT = 0.81, 0.09
 
 @dataclass(frozen=True)
 class SolverChoice:
-    """Which way a component's stiffness is solved with.
+    """Method by which a component's stiffness is solved.
 
     Attributes:
         reason: Why, in plain words.

@@ -59,18 +59,14 @@ def place_layer(joint: Joint, layer: ContactLayer, layout: DofLayout, frame: Fra
     rows = select_shapes(layout, one, more)
     if one is not other:
         rows -= shape_moments(joint, layout, one, other) @ select_shapes(layout, other, fewer)
-    across = _normal_shares(more, points, weights)
+    # mean square of each shape across the patch: one or zero
+    fields = shape_fields(more, points).reshape(len(points), 3, -1)
+    across = np.round(weights @ fields[:, more.normal] ** 2)
     return PlacedLayer(
         _rigid_stiffness(layer, layout, one, more, frame),
         rows,
         area * (layer.normal * across + layer.shear * (1.0 - across)),
     )
-
-
-def _normal_shares(shapes: PatchShapes, points: FloatArray, weights: FloatArray) -> FloatArray:
-    """Return the mean square ``(count,)`` of each shape across the patch: one or zero."""
-    fields = shape_fields(shapes, points).reshape(len(points), 3, -1)
-    return np.asarray(np.round(weights @ fields[:, shapes.normal] ** 2))
 
 
 def _rigid_stiffness(

@@ -208,7 +208,8 @@ def couple(
             elimination,
             reduced,
             grading,
-            _loss_factors(machine, superelements),
+            {name: machine.components[name].material.loss_factor for name in superelements}
+            | {name: joint.loss_factor for name, joint in machine.joints.items()},
         ),
     )
     if machine.gravity_stiffening:
@@ -250,12 +251,6 @@ def couple(
     )
 
 
-def _loss_factors(machine: Machine, superelements: Mapping[str, Superelement]) -> dict[str, float]:
-    """Return the loss factor of every component and joint."""
-    parts = {name: machine.components[name].material.loss_factor for name in superelements}
-    return parts | {name: joint.loss_factor for name, joint in machine.joints.items()}
-
-
 def _rayleigh_dampings(
     machine: Machine, superelements: Mapping[str, Superelement]
 ) -> dict[str, RayleighDamping]:
@@ -279,9 +274,9 @@ def _constraint_rows(
     """Return the rows ``(m, n_all)`` that must vanish, and where each comes from. Shared interfaces
     first: joints count as redundant.
 
-    A dof of an interface that its component does not feel (the rotation of a line about itself, of a
-    point mass about any axis) is fixed only if no joint acts on it: otherwise it follows what it is
-    joined to.
+    A dof of an interface that its component does not resist (the rotation of a line about itself,
+    of a point mass about any axis) is fixed only if no joint acts on it: otherwise it follows what
+    it is joined to.
     """
     rows: list[FloatArray] = [np.zeros((0, layout.size))]
     sources: list[str] = []

@@ -71,7 +71,9 @@ def eliminate_constraints(
     """
     rows = [_normalised(block * scale) for block in (constraints, *groups)]
     memo = memo or CouplingMemo()
-    sets = _find_sets(rows, memo)
+    pattern = np.vstack([block != 0.0 for block in rows])
+    ends = np.cumsum([len(block) for block in rows])[:-1]
+    sets = memo.recall("sets of dofs", (pattern, ends), functools.partial(_tie_dofs, pattern, ends))
     touched = np.concatenate([np.zeros(0, dtype=np.int64), *(one.dofs for one in sets)])
     untouched = np.setdiff1d(np.arange(len(scale)), touched)
     splits = [_split_set(rows, one, memo) for one in sets]
@@ -119,15 +121,6 @@ class _Split:
 
     blocks: tuple[FloatArray, ...]
     redundant: IntArray
-
-
-def _find_sets(rows: Sequence[FloatArray], memo: CouplingMemo) -> list[_Set]:
-    """Find the sets of dofs that rows tie together: a machine of many bodies falls into one for
-    each face at which bodies meet.
-    """
-    pattern = np.vstack([block != 0.0 for block in rows])
-    ends = np.cumsum([len(block) for block in rows])[:-1]
-    return memo.recall("sets of dofs", (pattern, ends), functools.partial(_tie_dofs, pattern, ends))
 
 
 def _tie_dofs(pattern: BoolArray, ends: IntArray) -> list[_Set]:

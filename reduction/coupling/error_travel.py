@@ -1,5 +1,5 @@
-"""Errors of guides while a machine travels along a way: offsets of joints over it, and the loads that
-they make.
+"""Errors of guides while a machine travels along a path: offsets of joints over it, and the loads
+that they make.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -29,20 +29,20 @@ from headstock.solvers.errors import ModelError
 from headstock.solvers.paths.set_points import PathMotion
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 
-PROBED = 401  # places of the way at which offsets are looked for
+PROBED = 401  # places of the path at which offsets are looked for
 RATE = f"{GUIDE_ERRORS} rate"
 ACCELERATION = f"{GUIDE_ERRORS} acceleration"
 
 
 @dataclass(frozen=True, eq=False)
 class ErrorTravel:
-    """Offsets of joints along a way.
+    """Offsets of joints along a path.
 
     Attributes:
-        nodes: ``(k,)`` places of the way, rising: shares of a path, or times [s].
+        nodes: ``(k,)`` places of the path, rising: shares of a path, or times [s].
         places: Where errors are read there; between two nodes linearly, else on cubic splines.
-        directions: Joint and its dof 0..5 that have an offset on the way.
-        shortest: Shortest way over which a wave repeats, in the unit of the nodes; infinite
+        directions: Joint and its dof 0..5 that have an offset along the path.
+        shortest: Shortest length over which a harmonic repeats, in the unit of the nodes; infinite
             without waves.
     """
 
@@ -127,7 +127,7 @@ def plan_travel(
     """Return the offsets along a path; None where no joint has any.
 
     Args:
-        nodes: ``(k,)`` places of the way, rising.
+        nodes: ``(k,)`` places of the path, rising.
 
     Raises:
         ModelError: A place lies outside a table.
@@ -290,7 +290,7 @@ def _modal_rates(
 
 
 def check_offsets(coupled: CoupledMachine, travel: ErrorTravel) -> None:
-    """Refuse errors of fixed joints that contradict each other somewhere on a way.
+    """Refuse errors of fixed joints that contradict each other somewhere along a path.
 
     Raises:
         ModelError: They do; names the joints.
@@ -319,11 +319,11 @@ def follow_offsets(
     ends: tuple[float, float],
     step: float,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return offsets, their rates and their accelerations ``(n, k)`` over a motion along a way.
+    """Return offsets, their rates and their accelerations ``(n, k)`` over a motion along a path.
 
     Args:
         sample: Offsets ``(m, k)`` at places ``(m,)``.
-        motion: Along the way; beyond its ends the outermost offsets hold.
+        motion: Along the path; beyond its ends the outermost offsets hold.
         step: Between places from which derivatives are differenced.
     """
     here = np.clip(motion.positions, *ends)
@@ -343,8 +343,8 @@ def differentiate(
 
     Args:
         sample: Values ``(m, k)`` at places ``(m,)``.
-        places: ``(n,)`` of the way.
-        ends: Of the way; nothing is sampled beyond.
+        places: ``(n,)`` of the path.
+        ends: Of the path; nothing is sampled beyond.
         step: Between two of the five.
     """
     step = min(step, 0.25 * (ends[1] - ends[0]))

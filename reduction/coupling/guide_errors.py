@@ -306,7 +306,7 @@ def follow_fixed(constraints: FloatArray, wanted: FloatArray, layout: DofLayout)
     """
     scale = scale_dofs(layout)
     scaled = np.linalg.lstsq(constraints * scale, wanted)[0]
-    # no spline along a way could follow roundoff
+    # no spline along a path could follow roundoff
     scaled[np.abs(scaled) < ROUNDOFF * np.abs(scaled).max(axis=0, initial=0.0)] = 0.0
     return np.asarray(scale[:, None] * scaled)
 
@@ -358,9 +358,9 @@ def _rail_side(joint: Joint, layout: DofLayout) -> JointEnd:
 
 def _rail_sign(joint: Joint, frame: Frame, layout: DofLayout) -> float:
     """Return the sign of an offset, second end relative to first along the joint's axis, per error:
-    the way that the position of the carriage or the nut is counted. That of a nut on a shaft is its
-    distance from the bearing; where the shaft ends elsewhere, at what it carries, a longer one
-    moves that on.
+    the direction in which the position of the carriage or the nut is counted. That of a nut on a
+    shaft is its distance from the bearing; where the shaft ends elsewhere, at what it carries, a
+    longer one moves that on.
     """
     if joint.screw is not None:
         bearing = joint.screw.floating_end or joint.ends[1]

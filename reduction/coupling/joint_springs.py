@@ -58,7 +58,7 @@ def place_screw(joint: Joint, shaft: ScrewShaft, distance: float) -> ScrewSpring
     bearings in parallel.
 
     With the motor locked, an axial force F on the nut twists the shaft by F p a / (G J), p = lead /
-    (2 pi), a the distance, which gives way by p times that; and the nut may turn about the shaft as
+    (2 pi), a the distance, which deforms by p times that; and the nut may turn about the shaft as
     it moves along the thread. The compliance along the thread is
 
         1 / k_nut + 1 / (k_near + k_far) + p^2 (a / (G J) + 1 / k_coupling)
@@ -243,16 +243,13 @@ def principal_springs(spring: PlacedJoint, length: float) -> tuple[SpringDirecti
             main = int(np.argmax(np.abs(vector)))
             # delta^T k delta = sum level (vector . delta / scale)^2
             direction = vector * (scale[main] / scale)
+            name = (
+                DOF_NAMES[main] if main < DOFS_OF_A_BODY else f"shape {main - DOFS_OF_A_BODY + 1}"
+            )
             result.append(
-                SpringDirection(
-                    spring.name, _name_row(main), direction, level / scale[main] ** 2, level
-                )
+                SpringDirection(spring.name, name, direction, level / scale[main] ** 2, level)
             )
     return tuple(result)
-
-
-def _name_row(row: int) -> str:
-    return DOF_NAMES[row] if row < DOFS_OF_A_BODY else f"shape {row - DOFS_OF_A_BODY + 1}"
 
 
 def express_in_free_coordinates(spring: PlacedJoint, elimination: Elimination) -> PlacedJoint:
@@ -414,7 +411,8 @@ def grade_springs(
         part
         for spring in springs
         for part in principal_springs(spring, length)
-        if _acts(spring, part)
+        # a spring across a single rigid body is stretched by no motion
+        if np.any(part.direction @ spring.rows)
     ]
     parts.sort(key=lambda part: -abs(part.level))
     if not parts:
@@ -478,13 +476,6 @@ def _stiff_deformations(
 def _turned_deformations(element: Superelement, placement: Frame) -> FloatArray:
     """Return the rows ``(n - 6, n)`` of a component in machine axes."""
     return np.asarray(free_deformations(element) @ turn_dofs(element, placement))
-
-
-def _acts(spring: PlacedJoint, part: SpringDirection) -> bool:
-    """Return whether a spring is stretched by any motion at all; one across a single rigid body is
-    not.
-    """
-    return bool(np.any(part.direction @ spring.rows))
 
 
 def _ratio_warnings(parts: Sequence[SpringDirection], most_compliant: SpringDirection) -> list[str]:

@@ -36,7 +36,7 @@ class ComponentMatrices:
         dampings: ``(n_c, n_c)`` of those that have any.
         rigid: ``(n_c, 6)`` dofs per rigid motion about the origin of its frame.
         constraints: ``(m, n_c)`` rows that must vanish.
-        free_rotations: ``(k, n_c)`` rows that fix what the component does not feel.
+        free_rotations: ``(k, n_c)`` rows that fix what the component does not resist.
     """
 
     stiffnesses: dict[str, FloatArray]

@@ -47,7 +47,7 @@ class FormResponse:
     """The response of a machine whose joints have deformation shapes in one form.
 
     Attributes:
-        receptance: ``(n_freq, n_outputs, n_inputs)`` at the lines that are judged.
+        receptance: ``(n_freq, n_outputs, n_inputs)`` at the lines that are evaluated.
         peaks_hz: ``(m,)`` natural frequencies, rising from the lowest one on [Hz].
         tops: ``(m, n_outputs, n_inputs)`` receptance there.
     """
@@ -67,7 +67,7 @@ def bound_response_changes(
     its two places: the lines between them may carry its top.
 
     Args:
-        plain: ``(n_freq, n_outputs, n_inputs)`` what is judged.
+        plain: ``(n_freq, n_outputs, n_inputs)`` the response that is evaluated.
         frequencies_hz: ``(n_freq,)``.
         forms: Of the same machine with shapes.
     """

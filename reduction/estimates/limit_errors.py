@@ -64,7 +64,10 @@ def find_border_changes(
     if space.sources.meshed:
         changes = [find(change, limited).distance(plain) for change in (space.finer, *space.faces)]
         reach = 2.0 * np.pi * min(part.reach_hz for part in space.sources.meshed.values())
-        mesh = _where(chatter < reach, changes[0])
+        reached, change = chatter < reach, changes[0]
+        mesh = Border(
+            np.where(reached, change.depth, np.nan), np.where(reached, change.chatter, np.nan)
+        )
         if changes[1:]:
             faces = Border(
                 np.maximum(
@@ -98,7 +101,3 @@ def _add_modes(
         bounds.depth[some] = (np.maximum(first.depth, second.depth) + apart.depth)[some]
         bounds.chatter[some] = (np.maximum(first.chatter, second.chatter) + apart.chatter)[some]
     return bounds
-
-
-def _where(known: BoolArray, border: Border) -> Border:
-    return Border(np.where(known, border.depth, np.nan), np.where(known, border.chatter, np.nan))

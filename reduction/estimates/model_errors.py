@@ -13,7 +13,7 @@ from headstock.reduction.motions.body_fields import BodyPlaces, machine_field
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
 from headstock.solvers.pairing.mode_pairing import ModeSet, pair_modes
 
-# more modes than are judged: partners lie further up, or come from there
+# more modes than are compared: partners lie further up, or come from there
 BEYOND, FURTHER = 2, 6
 
 
@@ -72,7 +72,7 @@ def compare_modes(plain: WatchedModes, better: WatchedModes, *, count: int) -> M
 
     Args:
         better: Of the same with better models of some bodies.
-        count: How many modes of the machine are judged, rigid-body modes included.
+        count: How many modes of the machine are compared, rigid-body modes included.
 
     Source: Allemang and Brown (1982) for MAC; Bjoerck and Golub (1973) for angles between spaces.
     """

@@ -24,14 +24,14 @@ RESTING = (
 )
 CHUNK = 256  # frequencies at a time
 PASSING = 3  # peaks that may pass over a line
-PASSING_MARGIN = 1.25  # the way of a peak is tried in one place only
+PASSING_MARGIN = 1.25  # the shift of a peak is tried in one place only
 # A change of a few percent grows evenly on the way to finer meshes, so that it is largest at the
 # end. A larger one may be largest before, where a peak comes near a line or an antiresonance lies
-# on it: shares of the way that are tried then
+# on it: shares of the change that are tried then
 EVEN = 0.05
 ON_THE_WAY = (0.25, 0.5, 0.75)
 STEP = 1e-3  # of omega^2, to both sides, for a slope
-# Under control nobody knows at which share of the way a peak passes over a line
+# Under control nobody knows at which share of the change a peak passes over a line
 CLOSELY = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 
 
@@ -563,7 +563,7 @@ def _largest_passing(
 
     The truth may lie anywhere between no change and the whole. While the change grows modes move
     from here to there, and those that pass over a line are on it at some share of the change, which
-    is taken to grow evenly along the way.
+    is taken to grow evenly with that share.
     """
     largest = np.zeros(plain.shape)
     low, high = np.minimum(move.before, move.after), np.maximum(move.before, move.after)

@@ -161,7 +161,7 @@ class FreeMotion:
 
 def find_free_motions(coupled: CoupledMachine) -> tuple[FreeMotion, ...]:
     """Find the independent motions that meet no stiffness, each as simple as can be: one body
-    leads, the others of the set do not.
+    moves, the others of the set do not.
     """
     null = find_null_space(coupled.system.stiffness)
     if null.dimension == 0:

@@ -33,7 +33,7 @@ class PointBudget:
             NaN where the load does work on a free motion of the machine, or the motion is part of
             one.
         shares: For x, y and z the share of each component and joint in that direction's compliance;
-            each sums to 1. Empty for a direction in which nothing gives way.
+            each sums to 1. Empty for a direction in which nothing deforms.
         displacements: ``(n, 6)`` responses to the unit loads; zero where there is none.
         free: The machine has free motions that loads at the point do work on.
     """
@@ -233,7 +233,7 @@ def find_weakest_link(
         budget: The point's budget where it is already known.
 
     Returns:
-        None where nothing gives way in that direction, or one part alone.
+        None where nothing deforms in that direction, or one part alone.
     """
     budget = budget or point_budget(coupled, point)
     shares = {name: share for name, share in budget.shares[direction].items() if name != WEIGHT}

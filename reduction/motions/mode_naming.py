@@ -80,7 +80,7 @@ def is_ball(moments: FloatArray, places: FloatArray) -> bool:
 
 
 def _is_even(places: FloatArray, directions: FloatArray) -> bool:
-    """Return whether points reach equally far in directions; too few of them tell nothing."""
+    """Return whether points reach equally far in directions; too few of them show nothing."""
     reach = (
         (places @ directions.T).max(axis=0)
         if len(places) >= FEWEST_POINTS

@@ -39,7 +39,7 @@ from headstock.solvers.watched_outputs import Watch
 STEPS_PER_WAVE = 48
 PLACES_PER_WAVE = 100  # for derivatives
 MOST_STEP = 1e-3  # between these places, as a share of the path
-NODES = 7  # poses of the way between which static responses are interpolated
+NODES = 7  # poses of the path between which static responses are interpolated
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class PathErrors:
     Attributes:
         outputs: Where its deviation is wanted.
         travel: Offsets of joints along it.
-        places: Shares ``(m,)`` of the way; the middle alone where the pose is frozen.
+        places: Shares ``(m,)`` of the path; the middle alone where the pose is frozen.
         gains: Static response ``(m, n_outputs, k)`` per unit offset there.
     """
 
@@ -106,7 +106,7 @@ def find_path_errors(
         nodes: Poses between which the static response is interpolated; one keeps the middle one.
 
     Raises:
-        ModelError: Errors of rigid guides contradict each other, or a profile ends on the way.
+        ModelError: Errors of rigid guides contradict each other, or a profile ends along the path.
     """
     if not has_errors(machine):
         return None

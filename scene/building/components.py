@@ -92,6 +92,9 @@ OWN_MESH_KEYS = (
 )
 OTHER_SIZES = ("size", "growth", "rim_size")
 
+# whether it is broken, the key below mesh, and what to say
+type MeshRule = tuple[bool, str, str]
+
 
 def build_material(name: str, table: MaterialTable) -> Material:
     """The material a table stands for."""
@@ -557,40 +560,74 @@ def find_mesh_faults(table: ComponentTable, solid: Solid) -> Iterator[tuple[KeyP
         for key in OTHER_SIZES:
             if key in mesh.model_fields_set:
                 yield ("mesh", key), f"sizes gives them all; remove {key}, or sizes"
-        if mesh.cells == "hex":
-            yield ("mesh", "cells"), 'only tets take sizes from a file; write cells = "tet"'
-    if mesh.cells == "hex" and table.solid.box is None:
-        yield (
-            ("mesh", "cells"),
-            f'hexes are made of boxes only, not of a {table.solid.kind}; write cells = "tet"',
-        )
-    if mesh.cells == "hex" and mesh.growth is not None:
-        yield ("mesh", "growth"), 'only tets grow from rims; write cells = "tet", or remove growth'
-    if mesh.rim_size is not None and mesh.growth is None:
-        yield (
-            ("mesh", "rim_size"),
-            "has no effect without growth; write growth = 0.3 too",
-        )
-    if mesh.rim_size is not None and mesh.size is not None and mesh.rim_size >= mesh.size:
-        yield (
-            ("mesh", "rim_size"),
-            "is not smaller than size; write a smaller one, or remove rim_size and growth",
-        )
-    if mesh.smallest is not None and (isinstance(solid, Box) or mesh.cells == "hex"):
-        yield ("mesh", "smallest"), "a box has no curved faces and no short edges; remove smallest"
-    if mesh.smallest is not None and mesh.size is not None and mesh.smallest > mesh.size:
-        yield ("mesh", "smallest"), "is larger than size; write a smaller one, or remove it"
-    if mesh.leave_out is not None and not isinstance(solid, StepFile):
-        yield (
-            ("mesh", "leave_out"),
-            "removes fillets and holes of STEP parts only; remove leave_out",
-        )
-    if mesh.details is not None and not isinstance(solid, StepFile):
-        yield (
-            ("mesh", "details"),
-            "closes holes, recesses and pads of STEP parts only; remove details",
-        )
+    for applies, key, fault in (
+        *_rule_cells(mesh, table.solid.kind),
+        *_rule_sizes(mesh, solid),
+        *_rule_step_parts(mesh, solid),
+    ):
+        if applies:
+            yield ("mesh", key), fault
     yield from _find_rimless(table)
+
+
+def _rule_cells(mesh: MeshTable, kind: str) -> Iterator[MeshRule]:
+    """Rules of hexes, which fill boxes with elements of one size."""
+    hexes = mesh.cells == "hex"
+    yield (
+        hexes and mesh.sizes is not None,
+        "cells",
+        'only tets take sizes from a file; write cells = "tet"',
+    )
+    yield (
+        hexes and kind != "box",
+        "cells",
+        f'hexes are made of boxes only, not of a {kind}; write cells = "tet"',
+    )
+    yield (
+        hexes and mesh.growth is not None,
+        "growth",
+        'only tets grow from rims; write cells = "tet", or remove growth',
+    )
+
+
+def _rule_sizes(mesh: MeshTable, solid: Solid) -> Iterator[MeshRule]:
+    """Rules of the sizes at rims and at curved faces beside that of the part."""
+    rim, smallest, size = mesh.rim_size, mesh.smallest, mesh.size
+    yield (
+        rim is not None and mesh.growth is None,
+        "rim_size",
+        "has no effect without growth; write growth = 0.3 too",
+    )
+    yield (
+        rim is not None and size is not None and rim >= size,
+        "rim_size",
+        "is not smaller than size; write a smaller one, or remove rim_size and growth",
+    )
+    yield (
+        smallest is not None and (isinstance(solid, Box) or mesh.cells == "hex"),
+        "smallest",
+        "a box has no curved faces and no short edges; remove smallest",
+    )
+    yield (
+        smallest is not None and size is not None and smallest > size,
+        "smallest",
+        "is larger than size; write a smaller one, or remove it",
+    )
+
+
+def _rule_step_parts(mesh: MeshTable, solid: Solid) -> Iterator[MeshRule]:
+    """Rules of what is left out of STEP parts."""
+    other = not isinstance(solid, StepFile)
+    yield (
+        other and mesh.leave_out is not None,
+        "leave_out",
+        "removes fillets and holes of STEP parts only; remove leave_out",
+    )
+    yield (
+        other and mesh.details is not None,
+        "details",
+        "closes holes, recesses and pads of STEP parts only; remove details",
+    )
 
 
 def find_dense_patch(table: ComponentTable, patch: Patch, solid: Solid) -> str:

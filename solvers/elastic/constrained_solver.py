@@ -250,7 +250,7 @@ class ConstrainedSolver:
 
     def _soft_roundoff(self) -> float:
         """Return the rounding of K as a share of the strain energy of a shape in which what is
-        factorised gives way: its soft modes dominate it.
+        factorised deforms: its soft modes dominate it.
         """
         # forces that grow with the square of the distance bend a part, even a free one
         motions = rigid_motions(self.operators)

@@ -54,8 +54,8 @@ class ElasticOperators:
         stiffness_scale: Largest entry of the stiffness over all ranks [N/m].
         row_sizes: ``(3 n_owned,)`` sums of the absolute values in each row of the stiffness [N/m].
         translation_noise: ``(n_owned, 3, 3)`` sums of each row of stiffness blocks [N/m]. A uniform
-            translation causes no force, so these are what rounding left; a thin sheet would feel
-            them like springs to the ground.
+            translation causes no force, so these are what rounding left; a thin sheet would respond
+            to them like springs to the ground.
     """
 
     comm: MPI.Comm

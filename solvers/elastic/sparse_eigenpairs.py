@@ -42,8 +42,10 @@ def solve_symmetric(matrix: scipy.sparse.spmatrix, loads: FloatArray) -> FloatAr
     for thing in (pc, whole):
         thing.destroy()
     sizes = np.abs(loads) + abs(matrix) @ np.abs(solution)
+    # rows below rounding of the largest count with that
+    sizes = np.maximum(sizes, np.finfo(float).eps * sizes.max(axis=0, initial=1e-300))
     _require_small(
-        np.abs(loads - matrix @ solution) / _row_sums(sizes),
+        np.abs(loads - matrix @ solution) / sizes,
         f"a static solution with {len(loads)} dofs",
     )
     return solution
@@ -160,13 +162,6 @@ def _require_small(missed: FloatArray, what: str) -> None:
             f"{what} keeps a residual of {largest:.2g}, limit {RESIDUAL_LIMIT:g}: its "
             "stiffness is too badly conditioned"
         )
-
-
-def _row_sums(sizes: FloatArray) -> FloatArray:
-    """Return the sizes by which residuals are divided; rows below rounding of the largest count
-    with that.
-    """
-    return np.asarray(np.maximum(sizes, np.finfo(float).eps * sizes.max(axis=0, initial=1e-300)))
 
 
 def _row_weights(matrix: scipy.sparse.spmatrix) -> FloatArray:

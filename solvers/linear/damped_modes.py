@@ -23,7 +23,7 @@ FAR_ABOVE = (
     1e6  # of the lowest frequency: what dofs without mass are given where damping acts on them
 )
 MASSLESS_DAMPING = (
-    1e-9  # share of the damping that dofs without mass, or rigid motions, may feel: roundoff
+    1e-9  # share of the damping that dofs without mass, or rigid motions, may have: roundoff
 )
 
 
@@ -96,7 +96,9 @@ def solve_damped(
     damping = 0.5 * (damping + damping.T) if is_symmetric(damping) else damping
     # a rigid motion that no damper resists is at rest exactly: solved for, roundoff would let it
     # grow
-    rest = modes.rigid_count if _is_undamped(damping, modes.rigid_count) else 0
+    resisted = np.abs(damping[: modes.rigid_count]).max(initial=0.0)
+    largest = np.abs(damping).max(initial=0.0)
+    rest = modes.rigid_count if resisted <= MASSLESS_DAMPING * largest else 0
     poles, shapes = _elastic_poles(
         eigenvalues[rest:], damping[rest:, rest:], None if lowest is None else max(1, lowest - rest)
     )
@@ -113,13 +115,6 @@ def _between_modes(damping: FloatArray, shapes: FloatArray) -> FloatArray:
     damped = np.flatnonzero(damping.any(axis=0) | damping.any(axis=1))
     moved = shapes[damped]
     return np.asarray(moved.T @ damping[np.ix_(damped, damped)] @ moved)
-
-
-def _is_undamped(damping: FloatArray, rigid_count: int) -> bool:
-    return bool(
-        np.abs(damping[:rigid_count]).max(initial=0.0)
-        <= MASSLESS_DAMPING * np.abs(damping).max(initial=0.0)
-    )
 
 
 def _elastic_poles(
@@ -164,7 +159,11 @@ def add_little_mass(system: SecondOrderSystem, modes: ModalResult) -> SecondOrde
 def _solve_unsymmetric(system: SecondOrderSystem) -> DampedModes:
     """Return the complex modes from ``M^-1 K`` and ``M^-1 C`` as they are."""
     count = len(system.mass)
-    inverse = _invert_mass(system.mass)
+    if not np.linalg.cond(system.mass) < MASSLESS_CONDITION:
+        raise ModelError(
+            "a dof has no mass, so damped modes of an unsymmetric system cannot be computed; give every body a mass"
+        )
+    inverse = np.linalg.inv(system.mass)
     damping = np.zeros((count, count)) if system.damping is None else inverse @ system.damping
     stiffness = inverse @ system.stiffness
     scale = max(
@@ -179,14 +178,6 @@ def _solve_unsymmetric(system: SecondOrderSystem) -> DampedModes:
     factor = np.linalg.cholesky(0.5 * (system.mass + system.mass.T)).T
     sized = _sort_poles(poles, factor @ vectors[:count], np.linalg.inv(factor))
     return dataclasses.replace(sized, shares=np.zeros((len(sized.poles), 0)))
-
-
-def _invert_mass(mass: FloatArray) -> FloatArray:
-    if not np.linalg.cond(mass) < MASSLESS_CONDITION:
-        raise ModelError(
-            "a dof has no mass, so damped modes of an unsymmetric system cannot be computed; give every body a mass"
-        )
-    return np.asarray(np.linalg.inv(mass))
 
 
 def pair_with_undamped(damped: DampedModes, count: int) -> tuple[tuple[int | None, ...], ...]:

@@ -5,7 +5,6 @@ and a small solve per frequency.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dpstrf, dsyevd
 
 from headstock.geometry.frames import FloatArray
@@ -255,7 +254,8 @@ def _split(
         if info != 0:
             continue
         common = float(np.median(levels))
-        apart = _deviating(levels, common)
+        roundoff = ROUNDOFF * len(levels) * np.abs(levels).max(initial=0.0)
+        apart = np.flatnonzero(np.abs(levels - common) > roundoff)
         dampers = CoupledDampers(
             common * scale**2, scale[:, None] * vectors[:, apart], levels[apart] - common
         )
@@ -265,9 +265,3 @@ def _split(
         ):
             return dampers
     return None
-
-
-def _deviating(levels: FloatArray, common: float) -> NDArray[np.int64]:
-    return np.flatnonzero(
-        np.abs(levels - common) > ROUNDOFF * len(levels) * np.abs(levels).max(initial=0.0)
-    )

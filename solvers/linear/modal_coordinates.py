@@ -169,7 +169,7 @@ def reduce_to_modes(
 
     Args:
         system: Symmetric, with collocated channels.
-        channels: Where it is pushed and seen.
+        channels: Where loads act and motion is observed.
         up_to_hz: Modes up to here are kept.
         modes: All undamped modes, where they are already known.
 

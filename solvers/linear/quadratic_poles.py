@@ -250,7 +250,7 @@ def _correct(
     """Return what outer motions lack ``(k, p)``, and errors of poles ``(p,)`` [rad/s] by that."""
     residuals, slopes = pencil.apply(poles, shapes)
     residuals = residuals[len(shapes) - len(outer.scale) :]
-    # Jacobi's sweeps are worth no more than single precision, which takes half the time
+    # Jacobi's sweeps need no more than single precision, which takes half the time
     scale, heavy = outer.scale.astype(np.float32)[:, None], outer.heavy.astype(np.float32)
     ratios = (poles / pencil.radius).astype(np.complex64)
     diagonal = 1.0 + pencil.radius**2 * (ratios**2 - 1.0) * scale**2

@@ -74,7 +74,8 @@ def find_null_space(matrix: FloatArray, *, what: str = "stiffness") -> NullSpace
     diagonal = np.array(matrix.diagonal())
     dead = DEAD_MASS if what == "mass" else DEAD_DIAGONAL
     live = diagonal > dead * np.abs(diagonal).max(initial=0.0)
-    _require_no_negative(diagonal, what)
+    if diagonal.min(initial=0.0) < -INDEFINITE_LIMIT * np.abs(diagonal).max(initial=0.0):
+        raise _indefinite(what, int(np.argmin(diagonal)))
     scale = np.where(live, 1.0 / np.sqrt(np.where(live, diagonal, 1.0)), 0.0)
     scaled = matrix * scale * scale[:, None]
     factor, pivots, rank, _ = dpstrf(scaled, tol=PIVOT_FACTOR * size * EPS, lower=1)
@@ -82,7 +83,8 @@ def find_null_space(matrix: FloatArray, *, what: str = "stiffness") -> NullSpace
     kept, rest = order[:rank], order[rank:]
     lower = np.tril(factor)[:, :rank]
     schur = scaled[np.ix_(rest, rest)] - lower[rank:] @ lower[rank:].T
-    _require_semidefinite(schur, what)
+    if len(schur) and eigvalsh(schur, check_finite=False)[0] < -INDEFINITE_LIMIT:
+        raise _indefinite(what, None)
     unscale = np.where(live, scale, 1.0)
     vectors = np.zeros((size, size - rank))
     if len(rest):
@@ -93,17 +95,6 @@ def find_null_space(matrix: FloatArray, *, what: str = "stiffness") -> NullSpace
             )
             vectors[kept] = -unscale[kept, None] * solved / unscale[rest]
     return NullSpace(vectors, np.asarray(rest), np.asarray(kept))
-
-
-def _require_no_negative(diagonal: FloatArray, what: str) -> None:
-    largest = np.abs(diagonal).max(initial=0.0)
-    if diagonal.min(initial=0.0) < -INDEFINITE_LIMIT * largest:
-        raise _indefinite(what, int(np.argmin(diagonal)))
-
-
-def _require_semidefinite(schur: FloatArray, what: str) -> None:
-    if len(schur) and eigvalsh(schur, check_finite=False)[0] < -INDEFINITE_LIMIT:
-        raise _indefinite(what, None)
 
 
 def _indefinite(what: str, dof: int | None) -> ModelError:

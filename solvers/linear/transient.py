@@ -26,7 +26,7 @@ from headstock.solvers.linear.time_response import make_propagator, sine_gains
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 
 UNBALANCED = 1e-8  # of a load, what is left of it where it moves the system as a whole
-SAME_STEP = 9  # decimals of a step's length that tell one from another
+SAME_STEP = 9  # decimals of a step's length that distinguish steps
 CHANGE = 1e-6  # of the largest value: a smaller change of the rest position is none
 
 
@@ -284,8 +284,8 @@ def find_figures(
         response: Of ``k`` outputs.
         start: ``(k,)`` displacements before everything.
         final: ``(k,)`` where they come to rest; None where they do not.
-        near: Share of the way, or of the peak where start and end are the same place, within which
-            a displacement has settled.
+        near: Share of the change, or of the peak where start and end are the same place, within
+            which a displacement has settled.
     """
     return tuple(_figures_of(response, column, start, final, near) for column in range(len(start)))
 

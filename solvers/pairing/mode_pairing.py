@@ -113,7 +113,7 @@ def match_frequencies(
     sigmas: FloatArray | float = 1.0,
     costs: FloatArray | float = 0.0,
 ) -> tuple[int, ...]:
-    """Return which mode meets each wanted frequency, where shapes alone do not tell: the smallest
+    """Return which mode meets each wanted frequency, where shapes alone do not decide: the smallest
     sum of squared distances and costs.
 
     Args:

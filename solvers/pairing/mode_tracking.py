@@ -81,7 +81,9 @@ class TrackedModes:
 
 @dataclass(eq=False)
 class _Node:
-    """A pose on the way: reference shapes ``(d, m)``, the label and the correlation of each."""
+    """A pose along the tracking: reference shapes ``(d, m)``, the label and the correlation of
+    each.
+    """
 
     field: FloatArray
     labels: IntArray

@@ -18,7 +18,7 @@ from headstock.solvers.second_order import ComplexArray
 COUNTED = 10.0**-0.5
 # half-power half-widths around a resonance in which its peak is sought
 WINDOW = np.linspace(-2.0, 2.0, 17)
-NEAR = 0.05  # half-widths: distance of the lines that tell a peak in the end
+NEAR = 0.05  # half-widths: distance of the lines that locate a peak in the end
 OVERDAMPED = 0.3  # damping ratio from which a resonance is no peak
 APART = 0.5  # half-widths: maxima that are nearer are one peak
 RESTING_SHARE = 0.5  # of the lowest resonance: below, a response is that of statics

@@ -1,3 +1,3 @@
-"""Stresses recovered from those of finite elements, and the errors that they tell of. Needs a mesh
+"""Stresses recovered from those of finite elements, and the errors that they show. Needs a mesh
 and displacements only, no operators.
 """

@@ -243,7 +243,8 @@ def estimate_mesh_errors(
     for _, rows in _stress_changes(
         mesh, material, displacement, taken, smooth, weights=weights, counted=counted
     ):
-        energy += _products(rows, count)
+        flat = rows.reshape(-1, count)
+        energy += flat.T @ flat
     return MeshErrors(
         0.5 * (energy + energy.T),
         _shape_change(mesh, material, displacement, smooth),
@@ -465,11 +466,6 @@ def _change_rule(
     )
     # as many rows as there are nodes hold the same squares
     return np.asarray(np.linalg.qr(rule, mode="r")[: shapes.shape[1]], dtype=np.float32)
-
-
-def _products(values: StressArray, count: int) -> FloatArray:
-    rows = values.reshape(-1, count)
-    return np.asarray(rows.T @ rows, dtype=float)
 
 
 def _blocks(cells: IntArray, values_per_cell: int) -> Iterator[IntArray]:

@@ -300,7 +300,7 @@ def _orthonormal_terms(normal: FloatArray) -> FloatArray:
     so that no digits are lost in the fit.
 
     They are made of the monomials in the order of their degree. One that the samples of a patch
-    cannot tell from those before it is left out, as the square across a row of bricks.
+    cannot distinguish from those before it is left out, as the square across a row of bricks.
 
     Args:
         normal: ``(n_v, n, n)`` products of the monomials over the samples.

@@ -77,16 +77,21 @@ def test_a_finished_study_reads_its_numbers_again(scene: Path, tmp_path: Path) -
         ("frequency(pose=refrence,mode=1)", "did you mean 'reference'"),
     ],
 )
+@pytest.mark.parametrize(("command", "study"), [("check", []), ("study", ["heights"])])
 def test_a_name_that_no_number_can_have_is_refused_with_its_line(
-    scene: Path, capsys: pytest.CaptureFixture[str], name: str, words: str
+    scene: Path,
+    capsys: pytest.CaptureFixture[str],
+    name: str,
+    words: str,
+    command: str,
+    study: list[str],
 ) -> None:
     scene.write_text(SCENE.replace("compliance(*point=tcp,direction=x)", name))
     line = SCENE.splitlines().index("[studies.heights]") + 3
-    for command in (["check", str(scene)], ["study", str(scene), "heights"]):
-        assert main(command) == 2
-        told = capsys.readouterr().err
-        assert words in told and "studies.heights.watch[1]" in told
-        assert f"scene.toml:{line}" in told
+    assert main([command, str(scene), *study]) == 2
+    told = capsys.readouterr().err
+    assert words in told and "studies.heights.watch[1]" in told
+    assert f"scene.toml:{line}" in told
 
 
 def test_a_pattern_without_a_number_lists_those_there_are(

@@ -46,6 +46,7 @@ def test_a_frequency_is_compared_with_itself_and_a_vector_with_its_largest_compo
         51.5,
     )
     assert change.share == approx(1.5 / 51.5)
+    assert change.place == "frequency 2 in pose p" and gap(0.1, 1.0, 1.1).place == "face 1, x, mean"
     (vector,) = compare_kinds(compliances(1e-8, 1e-15), compliances(1.1e-8, 2e-15))
     assert vector.share == approx(1.0 / 11.0) and vector.without == 1e-8
     assert vector.summarise() == {
