@@ -144,7 +144,7 @@ def control_point_motion(point: FloatArray, axis: int, origin: FloatArray) -> Fl
     return rigid_transfer(origin, point)[[0, 1, 2, 3 + axis]]
 
 
-def carriage_rows(rail: Rail, place: float, length: float) -> FloatArray:
+def carriage_rows(rail: Rail, position: float, length: float) -> FloatArray:
     """Return the motion ``(6, n)`` of a carriage per superelement dof, component axes, at the
     centre line beside the carriage's middle.
 
@@ -154,15 +154,15 @@ def carriage_rows(rail: Rail, place: float, length: float) -> FloatArray:
     it is three times continuously differentiable in the place.
 
     Args:
-        place: Middle of the carriage along the rail's axis, component frame [m].
+        position: Middle of the carriage along the rail's axis, component frame [m].
         length: Length of the carriage [m].
 
     Raises:
         ModelError: The carriage is longer than the rail, hangs over one of its ends, or is too
             short for the control points.
     """
-    place = _check_place(rail, place, length)
-    points, mean, slope = _weigh_carriage(rail.knots, place, length, rail.blur)
+    position = _check_position(rail, position, length)
+    points, mean, slope = _weigh_carriage(rail.knots, position, length, rail.blur)
     degree = _degree(rail.knots)
     splines = scipy.interpolate.BSpline(rail.knots, np.eye(len(rail.knots) - degree - 1), degree)(
         points
@@ -176,7 +176,7 @@ def carriage_rows(rail: Rail, place: float, length: float) -> FloatArray:
 
 
 def _weigh_carriage(
-    knots: FloatArray, place: float, length: float, blur: float
+    knots: FloatArray, position: float, length: float, blur: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the points ``(q,)`` along the rail [m], and per value there its part in the mean
     ``(q,)`` [-] and in the slope ``(q,)`` [1/m].
@@ -192,7 +192,7 @@ def _weigh_carriage(
         0.5 * math.sqrt(length**2 - blur**2),
         0.5 * math.sqrt(length**2 - 5.0 / 3.0 * blur**2),
     )
-    edges = place + np.array(
+    edges = position + np.array(
         [
             sign * half + side
             for sign in (-1, 1)
@@ -206,9 +206,9 @@ def _weigh_carriage(
     points = np.asarray((middle[:, None] + half[:, None] * _GAUSS_NODES).ravel())
     parts = (half[:, None] * _GAUSS_WEIGHTS).ravel()
     mean, slope = (
-        _blurred_weights(points - place, flat, tilted, blur)
+        _blurred_weights(points - position, flat, tilted, blur)
         if blur
-        else (1.0 / length, (points - place) * 12.0 / length**3)
+        else (1.0 / length, (points - position) * 12.0 / length**3)
     )
     return points, np.asarray(parts * mean, dtype=float), np.asarray(parts * slope, dtype=float)
 
@@ -227,7 +227,7 @@ def _blurred_weights(
     return np.asarray(mean), np.asarray(slope)
 
 
-def _check_place(rail: Rail, place: float, length: float) -> float:
+def _check_position(rail: Rail, position: float, length: float) -> float:
     slack = OVERHANG_TOLERANCE * (rail.high - rail.low)
     if not 0.0 < length <= rail.high - rail.low + slack:
         raise ModelError(
@@ -240,13 +240,13 @@ def _check_place(rail: Rail, place: float, length: float) -> float:
             f"{len(rail.control) // CONTROL_POINT_DOFS} control points are too few for a carriage of {show_position(length)} on a rail of "
             f"{show_position(rail.high - rail.low)}: the compliance would ripple from one to the next; take at least {least}"
         )
-    over = max(rail.low - (place - 0.5 * length), place + 0.5 * length - rail.high)
+    over = max(rail.low - (position - 0.5 * length), position + 0.5 * length - rail.high)
     if over > slack:
         raise ModelError(
-            f"a carriage of {show_position(length)} at {show_position(place)} hangs {show_position(over)} over the end of its rail, which runs from "
+            f"a carriage of {show_position(length)} at {show_position(position)} hangs {show_position(over)} over the end of its rail, which runs from "
             f"{show_position(rail.low)} to {show_position(rail.high)}; move the axis by that much, or make the rail longer"
         )
-    return float(np.clip(place, rail.low + 0.5 * length, rail.high - 0.5 * length))
+    return float(np.clip(position, rail.low + 0.5 * length, rail.high - 0.5 * length))
 
 
 def _degree(knots: FloatArray) -> int:

@@ -252,7 +252,7 @@ class Superelement:
     errors: ErrorEstimates = field(default_factory=ErrorEstimates)
     probes: dict[str, ProbeRows] = field(default_factory=dict)
 
-    def place_of(self, interface: str) -> FloatArray:
+    def interface_position(self, interface: str) -> FloatArray:
         """Return ``(3,)`` where an interface is, of a rail its middle, in the component frame
         [m].
         """

@@ -218,9 +218,9 @@ class _Counter:
         """Note that this rank has nothing left to do."""
         self._add(ranks=-1)
 
-    def end(self, place: int) -> None:
+    def end(self, job: int) -> None:
         """Free the memory of a job that has ended."""
-        self._add(memory_mb=-self._needs_mb[place])
+        self._add(memory_mb=-self._needs_mb[job])
 
     def stop(self) -> None:
         """Begin no further job."""

@@ -79,23 +79,23 @@ def find_feed(machine: Machine, point: Point, tip: FloatArray, poses: Sequence[P
     )
 
 
-def _tangents(way: FloatArray) -> tuple[FloatArray, BoolArray]:
+def _tangents(points: FloatArray) -> tuple[FloatArray, BoolArray]:
     """Return the unit tangents ``(m, 3)`` in the points ``(m, 3)`` of a path, no two neighbours
     alike, and which points are corners ``(m,)``.
     """
-    steps = np.diff(way, axis=0)
+    steps = np.diff(points, axis=0)
     lengths = np.linalg.norm(steps, axis=1)[:, None]
     units = steps / lengths
-    corners = np.zeros(len(way), dtype=bool)
+    corners = np.zeros(len(points), dtype=bool)
     corners[1:-1] = _turns(units[:-1], units[1:])
     # the parabola through three points, where none of them is a corner
     middle = _between(units[:-1], units[1:], lengths[:-1], lengths[1:])
     middle = np.where(corners[1:-1, None], units[:-1], middle)
     ends = [units[0], units[-1]]
-    gap, reach = np.linalg.norm(way[-1] - way[0]), np.ptp(way, axis=0).max()
+    gap, reach = np.linalg.norm(points[-1] - points[0]), np.ptp(points, axis=0).max()
     if gap <= STANDSTILL * reach and not _turns(units[-1], units[0]):
         ends = [_between(units[-1], units[0], lengths[-1], lengths[0])] * 2
-    elif len(way) > 2:
+    elif len(points) > 2:
         if not corners[1]:
             ends[0] = (2.0 * lengths[0] + lengths[1]) * units[0] - lengths[0] * units[1]
         if not corners[-2]:

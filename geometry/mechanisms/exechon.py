@@ -332,16 +332,16 @@ def _wrist_center(
     ) @ machine.mounting.rotation
 
 
-def _require_reach(machine: MountedExechon, center: FloatArray, place: str) -> None:
+def _require_reach(machine: MountedExechon, center: FloatArray, tool_point: str) -> None:
     aside, distance = abs(machine.dimensions.wrist[0]), float(np.hypot(center[0], center[2]))
     if distance < aside:
         raise UnreachablePoseError(
-            f"{place}: the wrist centre would be {1e3 * distance:.4g} mm from the common axis of legs 1 and 2, and comes no closer than"
+            f"{tool_point}: the wrist centre would be {1e3 * distance:.4g} mm from the common axis of legs 1 and 2, and comes no closer than"
             f" {1e3 * aside:.4g} mm"
         )
     if distance - aside <= SINGULAR:
         raise SingularPoseError(
-            f"{place}: the wrist centre is on the common axis of legs 1 and 2, whose plane may turn freely"
+            f"{tool_point}: the wrist centre is on the common axis of legs 1 and 2, whose plane may turn freely"
         )
 
 

@@ -155,8 +155,8 @@ def _sides(parts: Sequence[CadFace]) -> FloatArray:
     return np.asarray(high - np.min([part.low for part in parts], axis=0))
 
 
-def _height(foot: _Flat, place: FloatArray) -> float:
-    return abs(float((place - foot.center) @ foot.normal))
+def _height(foot: _Flat, point: FloatArray) -> float:
+    return abs(float((point - foot.center) @ foot.normal))
 
 
 def _opens_into(foot: _Flat, hole: Hole, extent: float) -> bool:
@@ -200,8 +200,8 @@ def _describe(parts: tuple[CadFace, ...]) -> str:
     return f"{kind}, {1e4 * whole.area:.4g} cm^2: {sides} mm at {_in_mm(whole.center)} mm"
 
 
-def _in_mm(place: Sequence[float] | FloatArray) -> str:
-    return f"({', '.join(f'{round(1e3 * float(value), 1) + 0.0:g}' for value in place)})"
+def _in_mm(point: Sequence[float] | FloatArray) -> str:
+    return f"({', '.join(f'{round(1e3 * float(value), 1) + 0.0:g}' for value in point)})"
 
 
 def _hole_patterns(holes: Sequence[Hole], extent: float) -> list[list[Hole]]:

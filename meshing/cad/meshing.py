@@ -565,7 +565,7 @@ def _collect(
 
 
 def _curved_facets(
-    faces: list[int], place: IntArray, points: FloatArray, order: int
+    faces: list[int], row_of: IntArray, points: FloatArray, order: int
 ) -> CurvedFacets:
     """Return the facets on faces that are not plane, and where these lie; of free-form faces, which
     take long, no more than a sample.
@@ -573,7 +573,7 @@ def _curved_facets(
     per_facet = 3 if order == 1 else 6
     kinds = {face: gmsh.model.getType(2, face) for face in faces}
     face_facets = {
-        face: place[gmsh.model.mesh.getElementsByType(TRIANGLE[order], face)[1]].reshape(
+        face: row_of[gmsh.model.mesh.getElementsByType(TRIANGLE[order], face)[1]].reshape(
             -1, per_facet
         )
         for face, kind in kinds.items()
@@ -597,10 +597,10 @@ def _curved_facets(
     return CurvedFacets(np.concatenate(nodes), np.concatenate(nearest), np.concatenate(shares))
 
 
-def _face_corners(place: IntArray, faces: list[int], order: int) -> IntArray:
+def _face_corners(row_of: IntArray, faces: list[int], order: int) -> IntArray:
     per_facet = 3 if order == 1 else 6
     parts: list[Any] = []
     for tag in faces:
         _, nodes = gmsh.model.mesh.getElementsByType(TRIANGLE[order], tag)
-        parts.append(place[nodes].reshape(-1, per_facet)[:, :3])
+        parts.append(row_of[nodes].reshape(-1, per_facet)[:, :3])
     return np.concatenate(parts)

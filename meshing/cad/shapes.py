@@ -203,8 +203,8 @@ def _choose_solid(wanted: int | str | None, volumes: list[int], file: str) -> in
     return matches[0]
 
 
-def _one_volume(found: DimTags) -> int:
-    volumes = [tag for dim, tag in found if dim == 3]
+def _one_volume(shapes: DimTags) -> int:
+    volumes = [tag for dim, tag in shapes if dim == 3]
     if len(volumes) != 1:
         raise MeshError(
             f"the solid falls into {len(volumes)} parts; check wall, rib and hole sizes"

@@ -116,7 +116,7 @@ class _Assembly:
         return one, text
 
     def _members(
-        self, one: Instance, name: str, kind: str, seen: tuple[str, ...] = ()
+        self, one: Instance, name: str, kind: str, visited: tuple[str, ...] = ()
     ) -> Iterator[tuple[Instance, int]]:
         """Yield the instance and number of each member of a set; kind is ``node`` or ``element``.
 
@@ -126,7 +126,7 @@ class _Assembly:
         sets = one.scope.node_sets if kind == "node" else one.scope.element_sets
         if name not in sets:
             raise MeshError(f"{self.path.name}: there is no {kind} set {name!r}")
-        if name in seen:
+        if name in visited:
             raise MeshError(f"{self.path.name}: {kind} set {name!r} holds itself")
         for members in sets[name]:
             owner = self.by_name.get(members.instance) if members.instance else one
@@ -139,7 +139,7 @@ class _Assembly:
                     if rest.isdigit():
                         yield target, int(rest)
                     else:
-                        yield from self._members(target, rest, kind, (*seen, name))
+                        yield from self._members(target, rest, kind, (*visited, name))
                 elif isinstance(item, range):
                     yield from ((owner, number) for number in item if number in numbers)
                 else:

@@ -564,9 +564,9 @@ def format_bulk_data(points: FloatArray, cells: IntArray, sets: Mapping[str, Int
     return "\n".join([*lines, "ENDDATA", ""])
 
 
-def _card_lines(words: Sequence[str | int | np.int64]) -> list[str]:
+def _card_lines(fields: Sequence[str | int | np.int64]) -> list[str]:
     """Return a card in fields of 8 columns, eight behind the name or the sign of continuation."""
-    name, rest = words[0], words[1:]
+    name, rest = fields[0], fields[1:]
     return [
         "".join(f"{word:<8}" for word in ["+" if start else name, *rest[start : start + 8]])
         for start in range(0, len(rest), 8)

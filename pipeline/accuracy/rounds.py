@@ -37,7 +37,7 @@ from headstock.pipeline.numbers.estimates import DISCRETISATION, LEFT_OUT, show_
 from headstock.pipeline.stages.components import load_or_make_mesh
 from headstock.pipeline.stages.run_state import RunState
 from headstock.scene.scene import AccuracyGoal, Scene
-from headstock.solvers.recovery.discretisation_error import find_seen_step
+from headstock.solvers.recovery.discretisation_error import find_resolved_step
 
 # Share of the accuracy that the next round aims at: one that misses by little costs another one.
 # Errors of coarse meshes fall less than their sizes ask for: a round ended beyond its aim by about
@@ -173,7 +173,7 @@ def _find_seen_steps(
     found = {}
     for name in names:
         if is_chosen(parts[name]) and follows_errors(parts[name]):
-            step = find_seen_step(load_or_make_mesh(state, state.plan.components[name])[0])
+            step = find_resolved_step(load_or_make_mesh(state, state.plan.components[name])[0])
             if step < 1.0:
                 found[name] = step
     return found

@@ -124,7 +124,7 @@ def find_feed(
     home = machine.components[tool.component].placement if tool.component else still
     local: FloatArray = np.asarray(named.offset)
     if held.component and held.interface:
-        local = superelements[held.component].place_of(held.interface) + local
+        local = superelements[held.component].interface_position(held.interface) + local
 
     def at(position: float) -> tuple[FloatArray, FloatArray]:
         around = [place(position + step * side) for side in range(-2, 3)]

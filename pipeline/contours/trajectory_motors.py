@@ -478,7 +478,10 @@ def _leg_motors(
             total = np.zeros((len(times), 6, count))
             for end, sign, offset in ends:
                 if end.component in bodies and end.interface is not None:
-                    local = parts.superelements[end.component].place_of(end.interface) + offset
+                    local = (
+                        parts.superelements[end.component].interface_position(end.interface)
+                        + offset
+                    )
                     total += sign * np.concatenate(travel(end.component, local), axis=1)
             return np.asarray(total[:, dof])
 

@@ -94,7 +94,7 @@ class PlacedMechanism:
         return np.asarray(motion.T @ (rotate_dofs(placement.rotation) @ wrench))
 
     def _local(self, end: JointEnd, offset: Sequence[float]) -> FloatArray:
-        place = self.superelements[end.component or ""].place_of(end.interface or "")
+        place = self.superelements[end.component or ""].interface_position(end.interface or "")
         return np.asarray(place + np.asarray(offset))
 
 

@@ -219,7 +219,7 @@ def _merge_interfaces(
             shapes = lay_out_shapes(component, node, first)
             first += shapes.count
             nodes[number] = dataclasses.replace(node, shapes=shapes)
-            _check_told_apart(component.name, nodes[number])
+            _require_distinct_shapes(component.name, nodes[number])
     return nodes, {
         name: dataclasses.replace(entry, shapes=nodes[hosts[name]].shapes)
         for name, entry in interface_maps.items()
@@ -270,7 +270,7 @@ def lay_out_shapes(component: Component, node: BoundaryNode, first: int) -> Patc
     )
 
 
-def _check_told_apart(component: str, node: BoundaryNode) -> None:
+def _require_distinct_shapes(component: str, node: BoundaryNode) -> None:
     fields = node.fields()
     gram = fields.T @ node.weighted_fields()
     scale = 1.0 / np.sqrt(np.maximum(gram.diagonal(), np.finfo(float).tiny))

@@ -31,7 +31,7 @@ from headstock.reduction.components.constraint_modes import (
     find_dofs,
 )
 from headstock.reduction.components.elastic_checks import (
-    judge_element_order,
+    remark_on_element_order,
     without_rigid_stiffness,
 )
 from headstock.reduction.components.fixed_interface_modes import (
@@ -61,10 +61,10 @@ from headstock.solvers.errors import AccuracyError, ConvergenceError, ModelError
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import RowBlocks, SharedFailure, order_rows
 from headstock.solvers.recovery.discretisation_error import (
+    detects_errors,
     estimate_cell_errors,
     locate_truth,
     mesh_safety,
-    sees_errors,
 )
 from headstock.solvers.recovery.free_sides import find_free_sides
 
@@ -174,7 +174,7 @@ def reduce_operators(
         ModelError, ConvergenceError, AccuracyError: As ``reduce_elastic``.
     """
     comm = operators.comm
-    remarks = make_of_mesh(comm, mesh, functools.partial(judge_element_order, component))
+    remarks = make_of_mesh(comm, mesh, functools.partial(remark_on_element_order, component))
     basis = make_of_mesh(comm, mesh, lambda whole: build_boundary_basis(component, whole, supports))
     means = MeanConstraints(basis, operators)
     component_probes = [probe for probe in probes if probe.component == component.name]
@@ -201,7 +201,7 @@ def reduce_operators(
     size = len(result.stiffness)
     if request.recovery:
         fields = _order_fields(operators, np.hstack([psi, modes.shapes, particular, watched.moved]))
-        has_errors = request.errors and make_of_mesh(comm, mesh, sees_errors)
+        has_errors = request.errors and make_of_mesh(comm, mesh, detects_errors)
         if request.errors:
             errors, extra = _estimate_errors(
                 component, mesh, operators, result, fields if has_errors else None

@@ -85,7 +85,7 @@ def _free_combinations(points: FloatArray, held: HeldPoints, length: float) -> F
     )
 
 
-def judge_element_order(component: Component, mesh: ComponentMesh) -> tuple[str, ...]:
+def remark_on_element_order(component: Component, mesh: ComponentMesh) -> tuple[str, ...]:
     """Return remarks on the order of a mesh's elements; nothing of second-order ones.
 
     Raises:

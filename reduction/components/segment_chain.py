@@ -170,11 +170,11 @@ def join_spans(spans: Sequence[Span], slack: float) -> list[Span]:
     return joined
 
 
-def node_at(chain: SegmentChain, place: float) -> SegmentNode:
+def node_at(chain: SegmentChain, position: float) -> SegmentNode:
     """Return the node nearest to a place along the bar."""
     return min(
         chain.nodes_along,
-        key=lambda segment_node: max(segment_node.low - place, place - segment_node.high),
+        key=lambda segment_node: max(segment_node.low - position, position - segment_node.high),
     )
 
 
@@ -198,30 +198,32 @@ def chain_stiffness(chain: SegmentChain) -> FloatArray:
     return stiffness
 
 
-def section_motion(chain: SegmentChain, place: float) -> FloatArray:
+def section_motion(chain: SegmentChain, position: float) -> FloatArray:
     """Return the motion ``(6, 6 n)`` of the section at a place along the bar, at its centre, per
     unit node dof.
 
     Between nodes it is that of the beam loaded at its ends, before the first and after the last
     one it is rigid.
     """
-    here = _axis_point(chain, place)
+    here = _axis_point(chain, position)
     motion = np.zeros((6, 6 * len(chain.places)))
-    nearest = node_at(chain, place)
+    nearest = node_at(chain, position)
     if (
-        nearest.low <= place <= nearest.high
-        or place < chain.nodes_along[0].low
-        or place > chain.nodes_along[-1].high
+        nearest.low <= position <= nearest.high
+        or position < chain.nodes_along[0].low
+        or position > chain.nodes_along[-1].high
     ):
         motion[:, _dofs(nearest.node)] = rigid_transfer(chain.places[nearest.node], here)
         return motion
-    second = next(i for i, segment_node in enumerate(chain.nodes_along) if segment_node.low > place)
+    second = next(
+        i for i, segment_node in enumerate(chain.nodes_along) if segment_node.low > position
+    )
     before, after = chain.nodes_along[second - 1], chain.nodes_along[second]
     start, stop = _axis_point(chain, before.high), _axis_point(chain, after.low)
     # the end force at `stop`, carried to here, bends what lies between `start` and here
     end_force = _spring_stiffness(chain.bar, chain.material, start, stop)[6:]
     deflection = (
-        _end_flexibility(chain.bar, chain.material, place - before.high)
+        _end_flexibility(chain.bar, chain.material, position - before.high)
         @ rigid_transfer(here, stop).T
         @ end_force
     )
@@ -235,9 +237,9 @@ def section_motion(chain: SegmentChain, place: float) -> FloatArray:
     return motion
 
 
-def _axis_point(chain: SegmentChain, place: float) -> FloatArray:
+def _axis_point(chain: SegmentChain, position: float) -> FloatArray:
     point = np.array(chain.bar.center)
-    point[chain.bar.axis] = place
+    point[chain.bar.axis] = position
     return point
 
 

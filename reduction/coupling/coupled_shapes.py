@@ -154,7 +154,7 @@ def shape_moments(joint: Joint, layout: DofLayout, one: JointEnd, other: JointEn
 
 
 def _cover_each_other(
-    own: PatchShapes, far: PatchShapes, carry: Callable[[FloatArray], FloatArray]
+    near: PatchShapes, far: PatchShapes, carry: Callable[[FloatArray], FloatArray]
 ) -> bool:
     """Return whether two areas in parallel planes are one.
 
@@ -162,13 +162,13 @@ def _cover_each_other(
         carry: Points of the one ``(k, 3)`` in the frame of the other.
     """
     axes = list(in_plane_axes(far.normal))
-    if own.hole is None or far.hole is None:
-        corners = np.array([own.center] * len(CORNERS))
-        corners[:, list(in_plane_axes(own.normal))] += own.half_lengths * CORNERS
+    if near.hole is None or far.hole is None:
+        corners = np.array([near.center] * len(CORNERS))
+        corners[:, list(in_plane_axes(near.normal))] += near.half_lengths * CORNERS
         places = (carry(corners) - far.center)[:, axes] / far.half_lengths
-        return own.hole == far.hole and bool(np.abs(np.abs(places) - 1.0).max() <= MATCH)
-    (center,) = (carry(own.center[None]) - far.center)[:, axes]
-    sizes = (own.half_lengths - far.half_lengths, np.array([own.hole - far.hole]))
+        return near.hole == far.hole and bool(np.abs(np.abs(places) - 1.0).max() <= MATCH)
+    (center,) = (carry(near.center[None]) - far.center)[:, axes]
+    sizes = (near.half_lengths - far.half_lengths, np.array([near.hole - far.hole]))
     offset = max(np.abs(center).max(), np.abs(sizes[0]).max()) / far.half_lengths[0]
     return bool(max(offset, np.abs(sizes[1]).max()) <= MATCH)
 

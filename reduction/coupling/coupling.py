@@ -301,15 +301,17 @@ def _constraint_rows(
     return np.vstack([*rows, shapes.rows]), tuple(sources)
 
 
-def _find_unseen(seen: FloatArray) -> FloatArray:
+def _find_unseen(rotations: FloatArray) -> FloatArray:
     """Find the orthonormal combinations ``(m, k)`` of free rotations that no joint acts on.
 
     Args:
-        seen: ``(joint rows, k)`` what each row that acts sees of each free rotation.
+        rotations: ``(joint rows, k)`` what each row that acts sees of each free rotation.
     """
-    count = seen.shape[1]
-    sizes = np.abs(seen).max(axis=1, initial=0.0)
-    acting = seen[sizes > FREE_ROTATION_TOLERANCE] / sizes[sizes > FREE_ROTATION_TOLERANCE, None]
+    count = rotations.shape[1]
+    sizes = np.abs(rotations).max(axis=1, initial=0.0)
+    acting = (
+        rotations[sizes > FREE_ROTATION_TOLERANCE] / sizes[sizes > FREE_ROTATION_TOLERANCE, None]
+    )
     # those that nothing touches stay as they are
     touched = np.flatnonzero(np.any(acting != 0.0, axis=0))
     unseen = np.delete(np.eye(count), touched, axis=0)

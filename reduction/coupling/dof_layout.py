@@ -212,7 +212,7 @@ def locate_interface(
     """
     component, interface = _named_end(layout, end)
     superelement, placement = layout.superelements[component], layout.placements[component]
-    local = superelement.place_of(interface) + np.asarray(offset)
+    local = superelement.interface_position(interface) + np.asarray(offset)
     return np.asarray(placement.origin + placement.rotation @ local)
 
 

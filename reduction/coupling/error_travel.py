@@ -67,22 +67,22 @@ class ErrorTravel:
         """The same for their accelerations, which act where an offset is a motion."""
         return tuple((ACCELERATION, f"{joint} {DOF_NAMES[dof]}") for joint, dof in self.directions)
 
-    def sample(self, way: FloatArray) -> FloatArray:
+    def sample(self, positions: FloatArray) -> FloatArray:
         """Return the offsets ``(n, k)`` at places ``(n,)`` of the path [m, rad].
 
         Raises:
             ModelError: A place lies outside the table of a profile.
         """
-        totals = _add_up(self.machine, _read_places(self.nodes, self.places, way))
+        totals = _add_up(self.machine, _read_places(self.nodes, self.places, positions))
         return np.column_stack([totals[joint][:, dof] for joint, dof in self.directions])
 
 
-def _read_places(nodes: FloatArray, places: ErrorPlaces, way: FloatArray) -> ErrorPlaces:
+def _read_places(nodes: FloatArray, places: ErrorPlaces, positions: FloatArray) -> ErrorPlaces:
     """Return where errors are read between the nodes of a path."""
     degree = min(3, len(nodes) - 1)
     return places.map(
         lambda values: np.asarray(
-            scipy.interpolate.make_interp_spline(nodes, values, k=degree)(way)
+            scipy.interpolate.make_interp_spline(nodes, values, k=degree)(positions)
         )
     )
 
@@ -186,7 +186,7 @@ def _stack_places(places: Sequence[ErrorPlaces]) -> ErrorPlaces:
     )
 
 
-def _find_shortest(machine: Machine, way: FloatArray, places: ErrorPlaces) -> float:
+def _find_shortest(machine: Machine, positions: FloatArray, places: ErrorPlaces) -> float:
     """Find the shortest length over which a harmonic repeats: reading it slower than the path goes
     stretches it.
     """
@@ -201,7 +201,7 @@ def _find_shortest(machine: Machine, way: FloatArray, places: ErrorPlaces) -> fl
         if motions is not None:
             sources.append((read, [*motions.motions.values()]))
     for read, profiles in sources:
-        speed = float(np.abs(np.gradient(read, way)).max())
+        speed = float(np.abs(np.gradient(read, positions)).max())
         if speed > 0.0:
             lengths += [wave.period / speed for profile in profiles for wave in profile.waves]
     return float(min(lengths))

@@ -145,7 +145,7 @@ def component_factors(
     }
 
 
-def _combine(rows: ProbeRows, factors: Mapping[str, float], seen: FloatArray) -> ProbeLoad:
+def _combine(rows: ProbeRows, factors: Mapping[str, float], to_machine: FloatArray) -> ProbeLoad:
     """Return what is seen of unit loads that act together, machine axes."""
     values: FloatArray = np.zeros(9)
     smoothing: FloatArray = np.zeros(() if rows.smoothing is None else rows.smoothing.shape[:2])
@@ -158,9 +158,9 @@ def _combine(rows: ProbeRows, factors: Mapping[str, float], seen: FloatArray) ->
             smoothing = smoothing + factor * load.smoothing
             missing = missing + factor * load.missing
     return ProbeLoad(
-        seen @ values,
-        smoothing @ seen[3:, 3:].T if has_errors else None,
-        seen @ missing if has_errors else None,
+        to_machine @ values,
+        smoothing @ to_machine[3:, 3:].T if has_errors else None,
+        to_machine @ missing if has_errors else None,
     )
 
 

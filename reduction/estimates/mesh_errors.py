@@ -78,9 +78,9 @@ class MeshedPart:
         """
         return self.without_rigid(self.rows @ motions)
 
-    def without_rigid[Motions: (FloatArray, ComplexArray)](self, own: Motions) -> Motions:
+    def without_rigid[Motions: (FloatArray, ComplexArray)](self, motions: Motions) -> Motions:
         """Return the motions of its dofs, ``(n_c,)`` or ``(n_c, m)``, without their rigid part."""
-        return own if self.rigid is None else own - self.rigid @ (self.rigid.T @ own)
+        return motions if self.rigid is None else motions - self.rigid @ (self.rigid.T @ motions)
 
     @property
     def shape(self) -> PartChange | None:

@@ -62,7 +62,7 @@ def watch_modes(
     )
 
 
-def compare_modes(plain: WatchedModes, better: WatchedModes, *, count: int) -> ModeChanges:
+def compare_modes(plain: WatchedModes, refined: WatchedModes, *, count: int) -> ModeChanges:
     """Return what better bodies change of the first modes of a machine.
 
     Modes are one where their motions at places that stand for the mass of every body are, whatever
@@ -71,16 +71,16 @@ def compare_modes(plain: WatchedModes, better: WatchedModes, *, count: int) -> M
     from far above. Both machines are small, so both are solved.
 
     Args:
-        better: Of the same with better models of some bodies.
+        refined: Of the same with better models of some bodies.
         count: How many modes of the machine are compared, rigid-body modes included.
 
     Source: Allemang and Brown (1982) for MAC; Bjoerck and Golub (1973) for angles between spaces.
     """
-    own_hz, better_hz = plain.shapes.frequencies_hz, better.shapes.frequencies_hz
+    own_hz, better_hz = plain.shapes.frequencies_hz, refined.shapes.frequencies_hz
     rigid = plain.shapes.rigid_count
     changes = np.where(np.arange(count) < rigid, 0.0, np.nan)
     partners = [-1] * count
-    pairs = pair_modes(plain.shapes, better.shapes)
+    pairs = pair_modes(plain.shapes, refined.shapes)
     for pair in pairs:
         if pair.first < count:
             partners[pair.first] = pair.second
@@ -91,7 +91,7 @@ def compare_modes(plain: WatchedModes, better: WatchedModes, *, count: int) -> M
     paired = {pair.second for pair in pairs}
     missing = tuple(
         index
-        for index in range(better.shapes.rigid_count, len(better_hz))
+        for index in range(refined.shapes.rigid_count, len(better_hz))
         if better_hz[index] < highest and index not in paired
     )
     return ModeChanges(changes, tuple(partners), missing)

@@ -175,16 +175,16 @@ def weight_energy(coupled: CoupledMachine, first: FloatArray, second: FloatArray
     return np.asarray(np.einsum("im,im->m", coupled.basis @ first, moved))
 
 
-def _deformation(coupled: CoupledMachine, name: str, own: FloatArray) -> FloatArray:
+def _deformation(coupled: CoupledMachine, name: str, motion: FloatArray) -> FloatArray:
     """Return a component's dofs less the rigid motion of its first node: strains nothing, and would
     only cost digits.
     """
     superelement = coupled.layout.superelements[name]
     if superelement.supported or not superelement.frames:
-        return own
+        return motion
     placement = coupled.placements[name]
     first = placement.origin + placement.rotation @ superelement.frames[0].origin
-    return np.asarray(own - rigid_dofs(coupled, name, first) @ own[:6])
+    return np.asarray(motion - rigid_dofs(coupled, name, first) @ motion[:6])
 
 
 def kinetic_energies(coupled: CoupledMachine, shape: FloatArray) -> dict[str, float]:

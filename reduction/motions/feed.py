@@ -18,6 +18,6 @@ def trace_feed(
     end = point.tool
     tip: FloatArray = np.zeros(3)
     if end.component is not None and end.interface is not None:
-        tip = superelements[end.component].place_of(end.interface)
+        tip = superelements[end.component].interface_position(end.interface)
         tip = tip + np.asarray(point.offset)
     return find_feed(machine, point, tip, poses)

@@ -276,7 +276,7 @@ def _deformations(coupled: CoupledMachine, motions: Sequence[BodyMotion]) -> lis
     """Return ``column_left + column_right bend X``: components that deform alike together."""
     alike: dict[tuple[str, str], list[str]] = {}
     for motion in motions:
-        alike.setdefault(_deformation_words(coupled, motion), []).append(motion.component)
+        alike.setdefault(_describe_deformation(coupled, motion), []).append(motion.component)
     return [
         " ".join(
             [join_names(names), verb if len(names) > 1 else _third_person(verb), direction]
@@ -289,7 +289,7 @@ def _third_person(verb: str) -> str:
     return f"{verb}es" if verb.endswith("ch") else f"{verb}s"
 
 
-def _deformation_words(coupled: CoupledMachine, motion: BodyMotion) -> tuple[str, str]:
+def _describe_deformation(coupled: CoupledMachine, motion: BodyMotion) -> tuple[str, str]:
     """Return how a component deforms: ``bend X`` or, about and along the long axis of a slender
     one, ``twist C``, ``stretch Z``.
     """

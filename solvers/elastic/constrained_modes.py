@@ -106,11 +106,11 @@ class _ConstrainedInverse:
     def __init__(self, solver: ConstrainedSolver, rows: IntArray) -> None:
         self._solver, self._rows = solver, rows
 
-    def apply(self, _: PETSc.PC, given: PETSc.Vec, found: PETSc.Vec) -> None:
-        found.setArray(self._displacements(given.getArray(readonly=True)[:, None])[:, 0])
+    def apply(self, _: PETSc.PC, given: PETSc.Vec, solution: PETSc.Vec) -> None:
+        solution.setArray(self._displacements(given.getArray(readonly=True)[:, None])[:, 0])
 
-    def matApply(self, _: PETSc.PC, given: PETSc.Mat, found: PETSc.Mat) -> None:  # noqa: N802
-        found.getDenseArray()[:] = self._displacements(given.getDenseArray(readonly=True))
+    def matApply(self, _: PETSc.PC, given: PETSc.Mat, solution: PETSc.Mat) -> None:  # noqa: N802
+        solution.getDenseArray()[:] = self._displacements(given.getDenseArray(readonly=True))
 
     def _displacements(self, forces: FloatArray) -> FloatArray:
         full = np.zeros((self._solver.operators.owned_dofs, forces.shape[1]))

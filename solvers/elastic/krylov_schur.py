@@ -70,7 +70,7 @@ def krylov_schur_pairs(problem: EigenProblem, start: FloatArray, target: ModeTar
     )
 
 
-class _Found(NamedTuple):
+class _Converged(NamedTuple):
     """Values of the inverse ``(m,)``, falling, vectors ``(n, m)``, relative residual bounds ``(m,)``
     and how many solves they took.
     """
@@ -81,7 +81,7 @@ class _Found(NamedTuple):
     solves: int
 
 
-def _search(problem: EigenProblem, start: FloatArray, asked: int) -> _Found:
+def _search(problem: EigenProblem, start: FloatArray, asked: int) -> _Converged:
     """Return the lowest pairs that converge, at least as many as asked for where all is well."""
     stiffness, mass = problem.inverse.getOperators()[0], problem.mass
     search = SLEPc.EPS().create(mass.getComm())
@@ -116,13 +116,13 @@ def _search(problem: EigenProblem, start: FloatArray, asked: int) -> _Found:
     finally:
         search.destroy()
         first.destroy()
-    return _Found(values, vectors, bounds, counted.solves)
+    return _Converged(values, vectors, bounds, counted.solves)
 
 
 class _CountedInverse:
     def __init__(self, inverse: PETSc.KSP) -> None:
         self._inverse, self.solves = inverse, 0
 
-    def apply(self, _: PETSc.PC, given: PETSc.Vec, found: PETSc.Vec) -> None:
-        self._inverse.solve(given, found)
+    def apply(self, _: PETSc.PC, given: PETSc.Vec, solution: PETSc.Vec) -> None:
+        self._inverse.solve(given, solution)
         self.solves += 1

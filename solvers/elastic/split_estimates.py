@@ -98,10 +98,10 @@ def estimate_split_errors(
     )
 
 
-def _sum_change(comm: MPI.Comm, own: ShapeChange | None) -> ShapeChange | None:
-    if own is None:
+def _sum_change(comm: MPI.Comm, change: ShapeChange | None) -> ShapeChange | None:
+    if change is None:
         return None
-    return ShapeChange(sum_over_ranks(comm, own.stiffness), sum_over_ranks(comm, own.mass))
+    return ShapeChange(sum_over_ranks(comm, change.stiffness), sum_over_ranks(comm, change.mass))
 
 
 def _deal_pieces(mesh: ComponentMesh, operators: ElasticOperators, weights: FloatArray) -> _Piece:

@@ -114,18 +114,18 @@ class _Element:
         self.nodes = np.asarray(self._element.points)
         self.simplex = shape == "tetrahedron"
 
-    def tabulate(self, place: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def tabulate(self, reference: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the values ``(n,)`` and gradients ``(n, 3)`` at a reference place."""
-        table = self._element.tabulate(1, place[None, :])[:, 0, :, 0]
+        table = self._element.tabulate(1, reference[None, :])[:, 0, :, 0]
         return table[0], table[1:].T
 
-    def contains(self, place: FloatArray) -> bool:
+    def contains(self, reference: FloatArray) -> bool:
         """Return whether a reference place lies in the reference cell."""
-        low = bool((place >= -INSIDE_TOLERANCE).all())
+        low = bool((reference >= -INSIDE_TOLERANCE).all())
         return low and bool(
-            place.sum() <= 1.0 + INSIDE_TOLERANCE
+            reference.sum() <= 1.0 + INSIDE_TOLERANCE
             if self.simplex
-            else (place <= 1.0 + INSIDE_TOLERANCE).all()
+            else (reference <= 1.0 + INSIDE_TOLERANCE).all()
         )
 
 

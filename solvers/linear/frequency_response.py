@@ -354,7 +354,7 @@ def find_stability_figures(
     = -1 / (2 K_s Re G).
     """
     return tuple(
-        _judge(
+        _find_figures(
             model,
             response,
             channel,
@@ -366,7 +366,7 @@ def find_stability_figures(
     )
 
 
-def _judge(
+def _find_figures(
     model: FrfModel, response: FrequencyResponse, channel: Channel, row: int, column: int
 ) -> StabilityFigures:
     values = response.receptance[:, row, column]

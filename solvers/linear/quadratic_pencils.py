@@ -72,7 +72,7 @@ class ProjectedPencil:
         return np.vstack([coordinates[:lower], real_product(self.columns, coordinates[lower:])])
 
     def solve(
-        self, poles: ComplexArray, forces: ComplexArray, own: NDArray[np.int64]
+        self, poles: ComplexArray, forces: ComplexArray, skipped: NDArray[np.int64]
     ) -> ComplexArray:
         """Return ``Q(s)^-1`` on the space times forces ``(m, p)``, each without its own pole.
 
@@ -81,7 +81,7 @@ class ProjectedPencil:
         lower = len(forces) - len(self.columns)
         projected = np.vstack([forces[:lower], real_product(self.columns.T, forces[lower:])])
         weights = self.slopes[:, None] * (poles - self.poles[:, None])
-        weights[own, np.arange(len(own))] = np.inf
+        weights[skipped, np.arange(len(skipped))] = np.inf
         return self.expand(self.coordinates @ ((self.coordinates.T @ projected) / weights))
 
     def gaps(self, picked: NDArray[np.int64]) -> FloatArray:

@@ -218,12 +218,12 @@ def see_modes(
 
 
 def _blank_singular(
-    values: ComplexArray, singular: NDArray[np.bool_], seen: NDArray[np.bool_]
+    values: ComplexArray, singular: NDArray[np.bool_], observed: NDArray[np.bool_]
 ) -> ComplexArray:
     """Put NaN in place of what a singular mode ``(n_freq, m)`` that takes part
     ``(m, n_outputs, n_inputs)`` has spoilt.
     """
-    lost = np.tensordot(singular.astype(float), seen.astype(float), axes=1) > 0.0
+    lost = np.tensordot(singular.astype(float), observed.astype(float), axes=1) > 0.0
     return np.where(lost, np.nan, values)
 
 

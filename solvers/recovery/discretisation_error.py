@@ -127,7 +127,7 @@ def locate_truth(mesh: ComponentMesh, safety: float) -> tuple[float, float]:
     return centre, spread * more if more <= LITTLE_MORE else safety - centre
 
 
-def sees_errors(mesh: ComponentMesh) -> bool:
+def detects_errors(mesh: ComponentMesh) -> bool:
     """Return whether recovery can detect errors: not in a bar with a single thick hexahedron
     across, which has no neighbours to learn from.
 
@@ -145,7 +145,7 @@ def sees_errors(mesh: ComponentMesh) -> bool:
     return not _fill_most(spans, thick)
 
 
-def find_seen_step(mesh: ComponentMesh) -> float:
+def find_resolved_step(mesh: ComponentMesh) -> float:
     """Find the size of the elements over the present one with which recovery sees what they miss; 1
     where it does already.
 

@@ -333,16 +333,16 @@ def _monomials(places: FloatArray, powers: IntArray) -> FloatArray:
     return result
 
 
-def _gather_patches(own: IntArray, count: int, enough: FloatArray) -> _Lists:
+def _gather_patches(corner_of: IntArray, count: int, enough: FloatArray) -> _Lists:
     """Return the cells around each corner.
 
     Args:
-        own: ``(n_cells, corners per cell)`` number of each corner.
+        corner_of: ``(n_cells, corners per cell)`` number of each corner.
         enough: ``(n_v,)`` least number of cells, where three more rings bring them.
     """
-    starts = np.arange(0, own.size + 1, own.shape[1])
+    starts = np.arange(0, corner_of.size + 1, corner_of.shape[1])
     corners_of = scipy.sparse.csr_matrix(
-        (np.ones(own.size), own.ravel(), starts), shape=(len(own), count)
+        (np.ones(corner_of.size), corner_of.ravel(), starts), shape=(len(corner_of), count)
     )
     touch = corners_of.T.tocsr()
     patches = touch
@@ -361,11 +361,11 @@ def _gather_patches(own: IntArray, count: int, enough: FloatArray) -> _Lists:
     return _Lists(patches.indptr.astype(np.int64), patches.indices.astype(np.int64))
 
 
-def _gather_points(mesh: ComponentMesh, own: IntArray, count: int) -> _Lists:
+def _gather_points(mesh: ComponentMesh, corner_of: IntArray, count: int) -> _Lists:
     """Return the points of the mesh that lie between each corner and others."""
     linear: CellKind = "tet4" if cell_family(mesh.kind) == "tet" else "hex8"
     node, corner = np.nonzero(shape_functions(linear, reference_nodes(mesh.kind)) > 1e-9)
-    keys = np.unique(own[:, corner].astype(np.int64) * len(mesh.points) + mesh.cells[:, node])
+    keys = np.unique(corner_of[:, corner].astype(np.int64) * len(mesh.points) + mesh.cells[:, node])
     owners = keys // len(mesh.points)
     return _Lists(np.searchsorted(owners, np.arange(count + 1)), keys - owners * len(mesh.points))
 

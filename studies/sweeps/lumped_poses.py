@@ -166,7 +166,7 @@ def _point_motion(shared: LumpedPoses, motions: SmallMotions, point: Point) -> F
     """
     name, interface = point.tool.component or "", point.tool.interface or ""
     marker, own = shared.mechanism.carries[name], shared.own[name]
-    tip = shared.superelements[name].place_of(interface) + np.asarray(point.offset)
+    tip = shared.superelements[name].interface_position(interface) + np.asarray(point.offset)
     local = own.origin + own.rotation @ tip
     place = shared.model.mechanism.markers.index(marker)
     arm = motions.kinematics.placement.rotations[:, place] @ local

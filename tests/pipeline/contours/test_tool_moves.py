@@ -284,7 +284,7 @@ def test_interfaces_leave_a_line_as_the_rigid_body_does_that_they_are_on(
         placed = model_at(request.path.pose_at(position)).placements
         tip, joint = (
             placed[name].origin
-            + placed[name].rotation @ state.parts.superelements[name].place_of(interface)
+            + placed[name].rotation @ state.parts.superelements[name].interface_position(interface)
             for name, interface in (("spindle", "tip"), ("platform", "joint_3"))
         )
         arms.append(joint - tip)

@@ -37,8 +37,8 @@ from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.recovery.discretisation_error import (
     SAFETY,
     SINGLE_SAFETY,
+    detects_errors,
     mesh_safety,
-    sees_errors,
 )
 
 OUTER, INNER, LENGTH = 0.1, 0.06, 0.2
@@ -126,10 +126,10 @@ def test_a_bar_of_single_thick_elements_says_that_nothing_is_known() -> None:
         make_box(counts, size, {"foot": "z-", "tip": "z+"}, kind="hex27")
         for counts in ((1, 1, 5), (2, 2, 10))
     )
-    assert not sees_errors(single)
-    assert sees_errors(double)
+    assert not detects_errors(single)
+    assert detects_errors(double)
     sheet = make_box((4, 6, 1), (0.3, 0.4, 0.01), {}, kind="hex27")
-    assert sees_errors(sheet)
+    assert detects_errors(sheet)
     # who fills a wall alone needs more to cover what it does not see
     factors = [
         mesh_safety(mesh, extract_surface(mesh.cells, mesh.kind)) for mesh in (double, sheet)

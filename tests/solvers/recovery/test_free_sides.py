@@ -8,7 +8,7 @@ from common import make_box, make_component
 from headstock.meshing.elements.surface import extract_surface
 from headstock.solvers.recovery.discretisation_error import (
     estimate_mesh_errors,
-    find_seen_step,
+    find_resolved_step,
 )
 from headstock.solvers.recovery.free_sides import find_free_sides
 
@@ -47,8 +47,8 @@ def test_sides_are_asked_where_single_tets_fill_a_bar_and_not_in_blocks_and_shee
 
 def test_walls_of_single_tets_wider_than_thick_show_their_errors_on_smaller_ones_only() -> None:
     wall = make_box((8, 8, 1), (0.12, 0.12, 0.01), kind="tet10")
-    assert 0.45 < find_seen_step(wall) < 0.7
+    assert 0.45 < find_resolved_step(wall) < 0.7
     bar = make_box((1, 1, 10), (SIDE, SIDE, LENGTH), kind="tet10")
     block = make_box((4, 4, 4), (0.1, 0.1, 0.1), kind="tet10")
     sheet = make_box((6, 6, 1), (0.3, 0.3, 0.01), kind="tet10")
-    assert [find_seen_step(mesh) for mesh in (bar, block, sheet)] == [1.0, 1.0, 1.0]
+    assert [find_resolved_step(mesh) for mesh in (bar, block, sheet)] == [1.0, 1.0, 1.0]
