@@ -139,78 +139,89 @@ def response_sections(
     ]
 
 
+def _show_largest(entry: EntrySummary, own: EntrySummary | None, factor: float) -> ModelCell | None:
+    size, hz = entry["peak"], entry["peak_hz"]
+    if size is None or hz is None:
+        return None
+    change = show_change(size, own["peak"] if own else None)
+    return ModelCell(
+        f"{show_digits(factor * size, 4)}",
+        "\n".join(filter(None, (f"at {show_digits(hz, 4)} Hz", change))),
+    )
+
+
+def _show_real(entry: EntrySummary, own: EntrySummary | None, factor: float) -> ModelCell | None:
+    value, hz, error = (
+        entry["most_negative_real"],
+        entry["most_negative_real_hz"],
+        entry["most_negative_real_error"],
+    )
+    if value is None or hz is None:
+        return None
+    size = None if error is None else factor * error
+    change = show_change(value, own["most_negative_real"] if own else None)
+    return ModelCell(
+        f"{show_bounded(factor * value, size)} {show_bound(factor * value, size)}",
+        "\n".join(filter(None, (f"at {show_digits(hz, 4)} Hz", change))),
+    )
+
+
+def _show_peaks(entry: EntrySummary, _: EntrySummary | None, factor: float) -> ModelCell | None:
+    highest = sorted(entry["peaks"], key=lambda peak: -peak["size"])[:PEAKS_SHOWN]
+    texts = [
+        f"{show_digits(peak['frequency_hz'], 4)} Hz: {show_digits(factor * peak['size'], 3)}"
+        for peak in highest
+    ]
+    return ModelCell("\n".join(texts)) if texts else None
+
+
+def _show_difference(
+    entry: EntrySummary, _: EntrySummary | None, factor: float
+) -> ModelCell | None:
+    far = entry["difference"]
+    if far is None:
+        return None
+    share = f"{100.0 * far['share_of_peak']:.0f} % of its peak"
+    return ModelCell(
+        show_digits(factor * far["size"], 3), f"at {show_digits(far['at_hz'], 4)} Hz\n{share}"
+    )
+
+
+def _show_agreement(entry: EntrySummary, _: EntrySummary | None, __: float) -> ModelCell | None:
+    far = entry["difference"]
+    if far is None:
+        return None
+    to = far["agrees_to_hz"]
+    return ModelCell("nowhere" if to is None else f"{show_digits(to, 3)} Hz")
+
+
+# heads with the reference, and what makes a cell from an entry, that of the reference and a factor of
+# units
+RESPONSE_ROWS: tuple[
+    tuple[str, Callable[[EntrySummary, EntrySummary | None, float], ModelCell | None]], ...
+] = (
+    ("largest dynamic compliance", _show_largest),
+    ("most negative real part", _show_real),
+    ("largest peaks", _show_peaks),
+    ("largest difference from {}", _show_difference),
+    ("within 10 % of {} up to", _show_agreement),
+)
+
+
 def _response_section(
     output: Channel, given: Channel, found: Mapping[str, EntrySummary], reference: str
 ) -> ModelSection:
     unit, factor = response_unit("receptance", output, given)
-    own = found.get(reference)
-
-    def largest(entry: EntrySummary) -> ModelCell | None:
-        size, hz = entry["peak"], entry["peak_hz"]
-        if size is None or hz is None:
-            return None
-        change = show_change(size, own["peak"] if own else None)
-        return ModelCell(
-            f"{show_digits(factor * size, 4)}",
-            "\n".join(filter(None, (f"at {show_digits(hz, 4)} Hz", change))),
-        )
-
-    def real(entry: EntrySummary) -> ModelCell | None:
-        value, hz, error = (
-            entry["most_negative_real"],
-            entry["most_negative_real_hz"],
-            entry["most_negative_real_error"],
-        )
-        if value is None or hz is None:
-            return None
-        size = None if error is None else factor * error
-        change = show_change(value, own["most_negative_real"] if own else None)
-        return ModelCell(
-            f"{show_bounded(factor * value, size)} {show_bound(factor * value, size)}",
-            "\n".join(filter(None, (f"at {show_digits(hz, 4)} Hz", change))),
-        )
-
-    def peaks(entry: EntrySummary) -> ModelCell | None:
-        highest = sorted(entry["peaks"], key=lambda peak: -peak["size"])[:PEAKS_SHOWN]
-        texts = [
-            f"{show_digits(peak['frequency_hz'], 4)} Hz: {show_digits(factor * peak['size'], 3)}"
-            for peak in highest
-        ]
-        return ModelCell("\n".join(texts)) if texts else None
-
-    def difference(entry: EntrySummary) -> ModelCell | None:
-        far = entry["difference"]
-        if far is None:
-            return None
-        share = f"{100.0 * far['share_of_peak']:.0f} % of its peak"
-        return ModelCell(
-            show_digits(factor * far["size"], 3), f"at {show_digits(far['at_hz'], 4)} Hz\n{share}"
-        )
-
-    def agreement(entry: EntrySummary) -> ModelCell | None:
-        far = entry["difference"]
-        if far is None:
-            return None
-        to = far["agrees_to_hz"]
-        return ModelCell("nowhere" if to is None else f"{show_digits(to, 3)} Hz")
-
-    def row(head: str, make: Callable[[EntrySummary], ModelCell | None]) -> ModelRow:
+    own, rows = found.get(reference), []
+    for head, show in RESPONSE_ROWS:
         cells = {
-            name: ModelCell(CANNOT) if entry["reason"] else make(entry)
+            name: ModelCell(CANNOT) if entry["reason"] else show(entry, own, factor)
             for name, entry in found.items()
         }
-        return ModelRow(head, {name: cell for name, cell in cells.items() if cell is not None})
-
-    rows = (
-        row("largest dynamic compliance", largest),
-        row("most negative real part", real),
-        row("largest peaks", peaks),
-        row(f"largest difference from {reference}", difference),
-        row(f"within 10 % of {reference} up to", agreement),
-    )
-    return ModelSection(
-        f"Response {name_entry(output, given)} [{unit}]", tuple(each for each in rows if each.cells)
-    )
+        shown = {name: cell for name, cell in cells.items() if cell is not None}
+        if shown:
+            rows.append(ModelRow(head.format(reference), shown))
+    return ModelSection(f"Response {name_entry(output, given)} [{unit}]", tuple(rows))
 
 
 def other_sections(summary: ComparisonSummary) -> list[ModelSection]:
