@@ -22,7 +22,7 @@ class FrictionLoop:
     are those done on the deviations.
 
     Attributes:
-        loop: Closed, with the loads that are given and then those of friction as inputs.
+        loop: Closed, with the loads that are given and those of friction among its inputs.
         law: Of the guides that evaluate_friction.
         slides: V ``(k, n)``: velocity in these guides.
         drag: G ``(n, k)``.
