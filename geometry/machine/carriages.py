@@ -100,7 +100,7 @@ class Carriage:
         )
 
 
-def rail_end(machine: Machine, joint: Joint) -> JointEnd | None:
+def _rail_end(machine: Machine, joint: Joint) -> JointEnd | None:
     """Return the end of a joint that is a rail; None where there is none, or its component is not
     described by the machine.
     """
@@ -122,7 +122,7 @@ def place_carriages(machine: Machine, pose: Pose) -> tuple[Carriage, ...]:
     Raises:
         ValueError: The pose names an unknown axis or leaves its limits.
     """
-    ends = {name: rail_end(machine, joint) for name, joint in machine.joints.items()}
+    ends = {name: _rail_end(machine, joint) for name, joint in machine.joints.items()}
     riding = [(machine.joints[name], rail) for name, rail in ends.items() if rail is not None]
     # poses of a mechanism name no axes
     placements = place_components(machine, pose) if riding else {}

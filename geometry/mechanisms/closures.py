@@ -97,7 +97,7 @@ class ClosureLayout:
 
 
 @lru_cache(maxsize=64)
-def closure_layout(mechanism: Mechanism) -> ClosureLayout:
+def _closure_layout(mechanism: Mechanism) -> ClosureLayout:
     """Return the closures of a mechanism as arrays."""
     markers = {name: row for row, name in enumerate(mechanism.markers)}
     points = [item for item in mechanism.closures if isinstance(item, PointConstraint)]
@@ -143,7 +143,7 @@ def closure_residual(
         state: Coordinates ``(..., n)`` [m, rad].
         placement: Of the markers there, where it is known already.
     """
-    layout = closure_layout(mechanism)
+    layout = _closure_layout(mechanism)
     placement = placement or place_markers(mechanism, state)
     axes, gap = _axes_and_gap(layout, placement)
     met = (np.swapaxes(axes, -1, -2) @ gap[..., None])[..., 0]
@@ -159,7 +159,7 @@ def closure_bias(mechanism: Mechanism, placement: Placement, bias: Bias) -> Floa
     Args:
         bias: Accelerations of the markers there with zero joint accelerations.
     """
-    layout = closure_layout(mechanism)
+    layout = _closure_layout(mechanism)
     axes, gap = _axes_and_gap(layout, placement)
     omega, alpha = (
         bias.omega.take(layout.meet_frame, axis=-2),
@@ -294,7 +294,7 @@ def find_mobility(mechanism: Mechanism, state: FloatArray) -> Mobility:
 def _closure_jacobian(
     mechanism: Mechanism, placement: Placement, of_position: FloatArray, of_rotation: FloatArray
 ) -> FloatArray:
-    layout = closure_layout(mechanism)
+    layout = _closure_layout(mechanism)
     axes, gap = _axes_and_gap(layout, placement)
     frame_turn = of_rotation.take(layout.meet_frame, axis=-3)
     opening = of_position.take(layout.meet_first, axis=-3) - of_position.take(

@@ -94,7 +94,7 @@ class Bias:
 
 
 @lru_cache(maxsize=64)
-def chain_layout(mechanism: Mechanism) -> ChainLayout:
+def _chain_layout(mechanism: Mechanism) -> ChainLayout:
     """Return the chains of a mechanism as arrays."""
     count = len(mechanism.chains)
     depth = max(
@@ -158,7 +158,7 @@ def place_markers(mechanism: Mechanism, state: FloatArray) -> Placement:
         mechanism: With ``n`` coordinates.
         state: ``(..., n)`` coordinates, in the mechanism's order.
     """
-    layout = chain_layout(mechanism)
+    layout = _chain_layout(mechanism)
     padded = np.concatenate([state, np.zeros((*state.shape[:-1], 1), state.dtype)], axis=-1)
     value = (padded[..., layout.source] + layout.amount)[..., None, None]
     steps = (

@@ -72,7 +72,7 @@ def closed_form_properties(component: Component) -> SolidProperties | None:
         areas = dict.fromkeys(centers, 1.0)
         return SolidProperties(1.0, np.zeros(3), inertia, areas, centers, patch_boxes=boxes)
     if isinstance(solid, Tube):
-        whole = tube_properties(solid)
+        whole = _tube_properties(solid)
     elif isinstance(solid, Box | Plate) or (
         isinstance(solid, HollowColumn) and solid.core_hole == 0.0
     ):
@@ -135,7 +135,7 @@ def _join_boxes(boxes: list[FloatArray]) -> FloatArray:
 def solid_volume(solid: PlanarSolid | Tube) -> float:
     """Return the volume of a parametric solid [m^3]; core holes are not taken off."""
     if isinstance(solid, Tube):
-        return tube_properties(solid).volume
+        return _tube_properties(solid).volume
     return sum(
         sign * math.prod(float(top - bottom) for bottom, top in zip(low, high, strict=True))
         for sign, low, high in planar_boxes(solid)
@@ -158,7 +158,7 @@ def box_sum_properties(boxes: list[SignedBox]) -> VolumeMoments:
     return VolumeMoments(volume, center, np.trace(moments) * np.eye(3) - moments)
 
 
-def tube_properties(tube: Tube) -> VolumeMoments:
+def _tube_properties(tube: Tube) -> VolumeMoments:
     """Return the properties of a hollow cylinder."""
     outer, inner, length = tube.outer_diameter / 2, tube.inner_diameter / 2, tube.length
     volume = np.pi * (outer**2 - inner**2) * length

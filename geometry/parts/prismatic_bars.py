@@ -124,11 +124,11 @@ def _rectangular_bar(size: tuple[float, float, float], along: str | None) -> Pri
         center=center,
         area=p * q,
         second_moments=(q * p**3 / 12.0, p * q**3 / 12.0),
-        torsion_constant=rectangle_torsion_constant(p, q),
+        torsion_constant=_rectangle_torsion_constant(p, q),
     )
 
 
-def rectangle_torsion_constant(side: float, other_side: float) -> float:
+def _rectangle_torsion_constant(side: float, other_side: float) -> float:
     """Return the torsion constant [m^4] of a rectangle [m].
 
     Source: Saint-Venant (1855); Timoshenko and Goodier (1970), section 109, equation 160.

@@ -60,7 +60,7 @@ def cut_curved_face(face: int, patch: Patch, extent: float, unit: float) -> list
     if not faces:
         return []
     cut = sum(float(occ.getMass(2, tag)) for tag in faces)
-    asked = measure_under(face, laid)
+    asked = _measure_under(face, laid)
     if abs(cut - asked) > AREA_TOLERANCE * asked:
         raise PartFileError(
             _refuse(
@@ -198,7 +198,7 @@ def _choose_pieces(pieces: list[int], laid: CurvedPatch) -> list[int]:
     return [tag for tag in pieces if facing[tag] or tag in joined]
 
 
-def measure_under(face: int, laid: CurvedPatch) -> float:
+def _measure_under(face: int, laid: CurvedPatch) -> float:
     """Return the area of a face under a patch's outline, without the kernel's Boolean operations:
     cells of its parameters are halved along the outline and along the face's own rim.
     """

@@ -88,7 +88,7 @@ def imprint_patches(shape: OpenShape, groups: dict[str, list[Patch]]) -> Imprint
         inputs[name] = []
         for patch in patches:
             try:
-                faces = choose_faces(shape, patch.face)
+                faces = _choose_faces(shape, patch.face)
                 if patch.shape != "whole":
                     pieces = _cut_pieces(shape, faces, patch)
                     struck |= set(pieces.values())
@@ -127,7 +127,7 @@ def _refine(faces: list[int], size: float) -> None:
             gmsh.model.mesh.setSize([corner], size)
 
 
-def choose_faces(shape: OpenShape, face: str) -> list[int]:
+def _choose_faces(shape: OpenShape, face: str) -> list[int]:
     """Return the tags of the faces a name selects.
 
     Raises:
@@ -150,12 +150,12 @@ def choose_faces(shape: OpenShape, face: str) -> list[int]:
         faces = []
     if not faces:
         raise PartFileError(
-            f"face {face!r} selects nothing; available: {', '.join(available_faces(shape))}"
+            f"face {face!r} selects nothing; available: {', '.join(_available_faces(shape))}"
         )
     return faces
 
 
-def available_faces(shape: OpenShape) -> list[str]:
+def _available_faces(shape: OpenShape) -> list[str]:
     """Return the names of the faces that a patch may lie on."""
     names = [name for name in FACE_DIRECTIONS if _end_faces(shape, name)]
     if isinstance(shape.solid, Tube):
@@ -163,7 +163,7 @@ def available_faces(shape: OpenShape) -> list[str]:
     return [*names, f"face:1 .. face:{len(shape.faces)}"]
 
 
-def plane_normal(face: int) -> FloatArray | None:
+def _plane_normal(face: int) -> FloatArray | None:
     """Return the unit normal ``(3,)`` of a plane face, in either direction; None for a curved
     one.
     """
@@ -180,7 +180,7 @@ def _end_faces(shape: OpenShape, name: str) -> list[int]:
     for tag in set(shape.faces) & {
         face for _, face in gmsh.model.getEntities(2)
     }:  # narrow ones may be left out
-        normal = plane_normal(tag)
+        normal = _plane_normal(tag)
         if normal is not None and abs(normal[axis]) > 1.0 - NORMAL_TOLERANCE:
             places[tag] = float(gmsh.model.occ.getCenterOfMass(2, tag)[axis])
     if not places:
@@ -203,7 +203,7 @@ def _cut_pieces(shape: OpenShape, faces: list[int], patch: Patch) -> dict[int, i
     sources: dict[int, int] = {}
     tool: int | None = None
     for face in faces:
-        normal = plane_normal(face)
+        normal = _plane_normal(face)
         if normal is None:
             pieces = cut_curved_face(face, patch, shape.extent, shape.unit)
         else:  # several plane faces that one name selects lie in one plane
@@ -228,7 +228,7 @@ def _find_overhang(faces: list[int], pieces: dict[int, int], patch: Patch) -> li
     """Find what a disk or a rect on a plane face loses where it reaches beyond the face; holes that
     lie within it are meant.
     """
-    normal = plane_normal(faces[0])
+    normal = _plane_normal(faces[0])
     if len(faces) > 1 or normal is None or patch.shape not in ("disk", "rect"):
         return []
     asked = np.pi * patch.size[0] ** 2 / 4 if patch.shape == "disk" else np.prod(patch.size)

@@ -27,7 +27,7 @@ class Sliver:
     length: float
 
 
-def find_slivers(faces: Sequence[int], size: float) -> list[Sliver]:
+def _find_slivers(faces: Sequence[int], size: float) -> list[Sliver]:
     """Find the faces of the open gmsh model that are narrower than a thousandth of the elements
     that must lie along them.
     """
@@ -117,7 +117,7 @@ def refuse_slivers(
         MeshError: Names the faces, their width and their length.
     """
     numbers = [number for number, face in enumerate(faces, 1) if face in left]
-    narrow = find_slivers([faces[number - 1] for number in numbers], size)
+    narrow = _find_slivers([faces[number - 1] for number in numbers], size)
     slivers = sorted(
         (Sliver(numbers[each.number - 1], each.width, each.length) for each in narrow),
         key=lambda each: each.width,

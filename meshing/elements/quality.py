@@ -69,7 +69,7 @@ def integrate_mesh(points: FloatArray, cells: IntArray, kind: CellKind) -> Volum
     volume, first, second = 0.0, np.zeros(3), np.zeros((3, 3))
     for start in range(0, len(cells), CHUNK):
         part = cells[start : start + CHUNK]
-        measure = jacobian_determinants(points, part, kind, nodes) * weights
+        measure = _jacobian_determinants(points, part, kind, nodes) * weights
         places = np.einsum("qn,cni->cqi", values, points[part] - origin)
         volume += float(measure.sum())
         first += np.einsum("cq,cqi->i", measure, places)
@@ -90,7 +90,7 @@ def mesh_volume(points: FloatArray, cells: IntArray, kind: CellKind) -> float:
     return float(
         sum(
             (
-                jacobian_determinants(points, cells[start : start + CHUNK], kind, nodes) @ weights
+                _jacobian_determinants(points, cells[start : start + CHUNK], kind, nodes) @ weights
             ).sum()
             for start in range(0, len(cells), CHUNK)
         )
@@ -120,7 +120,7 @@ def facet_moments(points: FloatArray, facets: IntArray) -> tuple[FloatArray, Flo
     return areas, nodes.mean(axis=1) + offsets
 
 
-def jacobian_determinants(
+def _jacobian_determinants(
     points: FloatArray, cells: IntArray, kind: CellKind, samples: FloatArray
 ) -> FloatArray:
     """Return the Jacobian determinant of every cell ``(n_cells, n_samples)`` at reference points
@@ -190,11 +190,11 @@ def _smallest_tet_determinant(points: FloatArray, cells: IntArray, kind: CellKin
     Where the bound is positive the smallest sampled value is returned; the doubtful rest is sampled
     on a fine lattice.
     """
-    samples = jacobian_determinants(points, cells, kind, _tet_lattice(3))
+    samples = _jacobian_determinants(points, cells, kind, _tet_lattice(3))
     smallest = samples.min(axis=1)
     doubtful = ((samples @ _bernstein_transform().T).min(axis=1) <= 0.0) & (smallest > 0.0)
     if doubtful.any():
-        fine = jacobian_determinants(points, cells[doubtful], kind, _tet_lattice(DOUBTFUL_LATTICE))
+        fine = _jacobian_determinants(points, cells[doubtful], kind, _tet_lattice(DOUBTFUL_LATTICE))
         smallest[doubtful] = np.minimum(smallest[doubtful], fine.min(axis=1))
     return np.asarray(smallest)
 

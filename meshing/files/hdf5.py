@@ -81,7 +81,7 @@ class GuardedXdmf(XdmfReader):  # type: ignore[misc]
         if name.strip() not in self.files:
             raise MeshError(f"{self.filename.name} reads {text!r}, which is no HDF5 file beside it")
         with h5py.File(self.files[name.strip()], "r") as file:
-            array = read_plain(file, array_path.strip())
+            array = _read_plain(file, array_path.strip())
         stated = [int(size) for size in (item.get("Dimensions") or "").split()]
         if math.prod(stated) != array.size:
             raise MeshError(
@@ -90,7 +90,7 @@ class GuardedXdmf(XdmfReader):  # type: ignore[misc]
         return array.reshape(stated)
 
 
-def read_plain(group: h5py.Group, place: str) -> AnyArray:
+def _read_plain(group: h5py.Group, place: str) -> AnyArray:
     """Return an array of an HDF5 file whose numbers lie in the file itself.
 
     Raises:
@@ -111,7 +111,7 @@ def read_plain(group: h5py.Group, place: str) -> AnyArray:
     return np.asarray(group[()])
 
 
-def read_xdmf(path: Path, beside: Sequence[Path]) -> RawMesh:
+def _read_xdmf(path: Path, beside: Sequence[Path]) -> RawMesh:
     """Read an ``.xdmf`` file; integer values of surface elements become named sets.
 
     Elements may stand beside the solid cells in one grid, or in grids of their own, as dolfinx
@@ -304,7 +304,7 @@ def _renumber(places: IntArray, nodes: IntArray) -> IntArray:
     return places[nodes]
 
 
-def read_med(path: Path) -> RawMesh:
+def _read_med(path: Path) -> RawMesh:
     """Read a ``.med`` file; groups of surface elements and of nodes become named sets.
 
     Raises:
@@ -321,7 +321,7 @@ def read_med(path: Path) -> RawMesh:
         (name,) = meshes
         mesh = meshes[name]
         step = mesh if "NOE" in mesh else mesh[sorted(mesh)[0]]
-        flat = read_plain(step, "NOE/COO")
+        flat = _read_plain(step, "NOE/COO")
         if int(mesh.attrs["ESP"]) != 3 or len(flat) % 3:
             raise MeshError(f"{path.name}: its coordinates are not three per node")
         raw = RawMesh(flat.reshape(3, -1).T.astype(float))
@@ -331,7 +331,7 @@ def read_med(path: Path) -> RawMesh:
             for kind in (NODE_FAMILIES, CELL_FAMILIES)
         }
         if "FAM" in step["NOE"]:
-            tags = read_plain(step, "NOE/FAM")
+            tags = _read_plain(step, "NOE/FAM")
             for number, names in groups[NODE_FAMILIES].items():
                 for group in names:
                     raw.add_nodes(group, np.flatnonzero(tags == number))
@@ -342,11 +342,11 @@ def read_med(path: Path) -> RawMesh:
                 if code in MED_OTHERS:
                     continue  # points, lines, polygons
                 raise MeshError(f"{path.name}: cells of the type {code!r} are not read")
-            nodes = read_plain(cells, "NOD").reshape(_node_count(kind), -1).T.astype(np.int64) - 1
+            nodes = _read_plain(cells, "NOD").reshape(_node_count(kind), -1).T.astype(np.int64) - 1
             numbers = raw.add_cells(kind, nodes)
             if "FAM" not in cells:
                 continue
-            tags = read_plain(cells, "FAM")
+            tags = _read_plain(cells, "FAM")
             for number, names in groups[CELL_FAMILIES].items():
                 for group in names:
                     if is_solid(kind):
@@ -363,7 +363,7 @@ def _med_groups(families: h5py.Group) -> dict[int, list[str]]:
     groups: dict[int, list[str]] = {}
     for family in families.values():
         if "GRO" in family:
-            rows = read_plain(family, "GRO/NOM").astype(np.uint8).reshape(-1, MED_NAME_BYTES)
+            rows = _read_plain(family, "GRO/NOM").astype(np.uint8).reshape(-1, MED_NAME_BYTES)
             groups[int(family.attrs["NUM"])] = [
                 row.tobytes().partition(b"\0")[0].decode("utf-8", errors="replace").strip()
                 for row in rows
@@ -377,8 +377,8 @@ def perform_job(job: MeshJob) -> MeshData:
     if not isinstance(solid, MeshFile):
         raise MeshError(f"a {type(solid).__name__} is no mesh file")
     if solid.path.suffix.lower() == ".med":
-        return guard_reader(solid.path, read_med, solid.solid)
-    return guard_reader(solid.path, lambda path: read_xdmf(path, solid.beside), solid.solid)
+        return guard_reader(solid.path, _read_med, solid.solid)
+    return guard_reader(solid.path, lambda path: _read_xdmf(path, solid.beside), solid.solid)
 
 
 if __name__ == "__main__":

@@ -43,7 +43,7 @@ def select_facets(data: MeshData, surface: MeshSurface, patch: Patch) -> IntArra
             data, surface, _named_facets(data, surface, patch.face.removeprefix("set:")), patch
         )
     if patch.face in FACE_DIRECTIONS:
-        return _imprinted(data, surface, end_facets(data.points, surface, patch.face), patch)
+        return _imprinted(data, surface, _end_facets(data.points, surface, patch.face), patch)
     if patch.face.startswith("face:"):
         owners = split_surface(data.points, surface)
         chosen = np.flatnonzero(owners == int(patch.face.removeprefix("face:")))
@@ -65,7 +65,7 @@ def set_nodes(data: MeshData, patch: Patch) -> IntArray:
     )
 
 
-def end_facets(points: FloatArray, surface: MeshSurface, face: str) -> IntArray:
+def _end_facets(points: FloatArray, surface: MeshSurface, face: str) -> IntArray:
     """Return the facets that lie in the plane at one end of the bounding box and face outward.
 
     Args:
@@ -82,7 +82,7 @@ def end_facets(points: FloatArray, surface: MeshSurface, face: str) -> IntArray:
 
 def available_names(data: MeshData, surface: MeshSurface) -> str:
     """Return the names a patch of this mesh may use."""
-    names = [face for face in FACE_DIRECTIONS if len(end_facets(data.points, surface, face))]
+    names = [face for face in FACE_DIRECTIONS if len(_end_facets(data.points, surface, face))]
     return (
         ", ".join([*names, *(f"set:{name}" for name in [*data.facets, *data.node_sets])]) or "none"
     )

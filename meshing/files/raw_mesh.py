@@ -150,11 +150,11 @@ class RawMesh:
         """
         corners = MESHIO_FACETS.get(kind.rstrip("0123456789"))
         if corners is not None and len(nodes):
-            self.facets.setdefault(clean_name(name), []).append(nodes[:, :corners])
+            self.facets.setdefault(_clean_name(name), []).append(nodes[:, :corners])
 
     def add_nodes(self, name: str, nodes: IntArray) -> None:
         """Add nodes to a named set."""
-        self.node_sets.setdefault(clean_name(name), []).append(nodes)
+        self.node_sets.setdefault(_clean_name(name), []).append(nodes)
 
     def add_group(self, name: str, cells: IntArray) -> None:
         """Add solid cells to a named set.
@@ -163,13 +163,13 @@ class RawMesh:
             cells: Counted over all blocks, ``(n,)``.
         """
         if len(cells):
-            self.groups.setdefault(clean_name(name), []).append(cells)
+            self.groups.setdefault(_clean_name(name), []).append(cells)
 
     def add_section(self, name: str, cells: IntArray, material: str, key: Hashable) -> None:
         """Add solid cells to a named set that has one material."""
         if len(cells):
             self.add_group(name, cells)
-            self.sections.append(Section(clean_name(name), cells, material, key))
+            self.sections.append(Section(_clean_name(name), cells, material, key))
 
 
 def is_solid(kind: str) -> bool:
@@ -177,7 +177,7 @@ def is_solid(kind: str) -> bool:
     return kind.rstrip("0123456789") in MESHIO_FAMILIES
 
 
-def clean_name(name: str) -> str:
+def _clean_name(name: str) -> str:
     """Return a name as messages may show it."""
     shown = "".join(letter if letter.isprintable() else "?" for letter in name.strip())
     return shown[:LONGEST_NAME] or "unnamed"

@@ -66,7 +66,7 @@ class SolidCells:
         return SolidCells(self.family, self.nodes[mine], self.index[mine])
 
 
-def all_groups(family: SolidFamily) -> tuple[Group, ...]:
+def _all_groups(family: SolidFamily) -> tuple[Group, ...]:
     """Return the corners whose middle each node behind the corners of `SolidCells` is."""
     return middle_groups(family, MOST_NODES[family]) or ()
 
@@ -90,7 +90,7 @@ def gather_cells(path: Path, points: FloatArray, blocks: Sequence[SolidBlock]) -
         if (block.nodes[:, :first] < 0).any():
             row = int(np.flatnonzero((block.nodes[:, :first] < 0).any(axis=1))[0])
             raise MeshError(f"{path.name}: element {block.numbers[row]} lacks a corner")
-        groups = all_groups(block.family)
+        groups = _all_groups(block.family)
         full = np.full((count, first + len(groups)), -1, dtype=np.int64)
         full[:, :first] = block.nodes[:, :first]
         columns = {frozenset(group): first + i for i, group in enumerate(groups)}
@@ -150,7 +150,7 @@ def mirror_cells(cells: SolidCells, turned: NDArray[np.bool_]) -> SolidCells:
         turned: ``(n,)`` which.
     """
     corners = MIRRORED[cells.family]
-    groups, first = all_groups(cells.family), CORNERS[cells.family]
+    groups, first = _all_groups(cells.family), CORNERS[cells.family]
     columns = {frozenset(group): first + i for i, group in enumerate(groups)}
     order = [
         *corners,
@@ -359,7 +359,7 @@ def _list_diagonals(family: SolidFamily) -> list[tuple[tuple[int, int], Group]]:
     """
     edges = FAMILY_EDGES[family]
     edge_sets = {frozenset(edge) for edge in edges}
-    groups = all_groups(family)[len(edges) :]
+    groups = _all_groups(family)[len(edges) :]
     return [
         (pair, next((group for group in groups if set(pair) <= set(group)), groups[-1]))
         for pair in combinations(range(CORNERS[family]), 2)
@@ -379,5 +379,5 @@ def _group_middles(
     corners = points[cells.nodes[rows][:, list(group)]].sum(axis=1)
     middles = points[cells.nodes[rows][:, around]].sum(axis=1)
     places = -0.25 * corners + (0.5 if len(group) == 4 else 0.25) * middles
-    given = cells.nodes[rows, first + all_groups(cells.family).index(group)]
+    given = cells.nodes[rows, first + _all_groups(cells.family).index(group)]
     return np.where((given >= 0)[:, None], points[np.maximum(given, 0)], places)

@@ -216,7 +216,7 @@ def _merge_interfaces(
     first = 6 * len(nodes) + _rail_dofs(component)
     for number, node in enumerate(nodes):
         if node.flexible:
-            shapes = lay_out_shapes(component, node, first)
+            shapes = _lay_out_shapes(component, node, first)
             first += shapes.count
             nodes[number] = dataclasses.replace(node, shapes=shapes)
             _require_distinct_shapes(component.name, nodes[number])
@@ -231,7 +231,7 @@ def _rail_dofs(component: Component) -> int:
     return CONTROL_POINT_DOFS * sum(rail.control_points for rail in rails)
 
 
-def lay_out_shapes(component: Component, node: BoundaryNode, first: int) -> PatchShapes:
+def _lay_out_shapes(component: Component, node: BoundaryNode, first: int) -> PatchShapes:
     """Return the deformation shapes of a flexible interface over the area of its patch: a
     rectangle, disk or ring as written, or the rectangle around it as the mesh has it.
 

@@ -140,14 +140,14 @@ def _mass_mean(
     return BodyMean(center, rigid, weighted @ np.linalg.inv(gram), values, np.linalg.qr(rest)[0].T)
 
 
-def local_dofs(operators: ElasticOperators) -> IntArray:
+def _local_dofs(operators: ElasticOperators) -> IntArray:
     """Return the mesh dofs ``(3 n_owned,)`` behind the rows this rank owns."""
     return np.asarray((3 * operators.nodes[:, None] + np.arange(3)).ravel())
 
 
 def find_dofs(operators: ElasticOperators, dofs: IntArray) -> BoolArray:
     """Find which rows of this rank ``(3 n_owned,)`` are among some mesh dofs."""
-    return np.isin(local_dofs(operators), dofs)
+    return np.isin(_local_dofs(operators), dofs)
 
 
 def _scatter_turned(held: HeldPoints, operators: ElasticOperators) -> FloatArray:
@@ -291,7 +291,7 @@ def _prescribe_patches(
     """Return the displacement ``(3 n_owned, n_b)`` of the points in rigid patches for unit boundary
     dofs; all others rest.
     """
-    local = local_dofs(solver.operators)
+    local = _local_dofs(solver.operators)
     prescribed = np.zeros((len(local), means.boundary_size))
     for dofs, values, columns in basis.shapes:
         _, given, local_rows = np.intersect1d(dofs, local, assume_unique=True, return_indices=True)

@@ -133,7 +133,7 @@ def reduce_polynomial(
     density = (
         component.material.density if component.mass is None else component.mass / properties.volume
     )
-    across, along = choose_degrees(component, bar)
+    across, along = _choose_degrees(component, bar)
     fine = _make_space(component, bar, across, along)
     # a round section of two degrees lacks what shear needs, and would show that alone
     less = 0 if isinstance(component.solid, Tube) else 1
@@ -207,7 +207,7 @@ def _refusal(component: Component, why: str) -> ModelError:
     )
 
 
-def choose_degrees(component: Component, bar: PrismaticBar) -> tuple[list[int], int]:
+def _choose_degrees(component: Component, bar: PrismaticBar) -> tuple[list[int], int]:
     """Return the degrees along both sides of the section and along the bar: as fine in space along
     long sides as pays, and finer than the control points of rails.
     """

@@ -132,7 +132,7 @@ def lay_out_chain(
     coupled: list[tuple[int, int]] = []
     nodes_along: list[SegmentNode] = []
     inside: set[int] = set()
-    for low, high in join_spans(rigid_spans, CLOSEST * length):
+    for low, high in _join_spans(rigid_spans, CLOSEST * length):
         within = [
             i
             for i in range(count)
@@ -159,7 +159,7 @@ def lay_out_chain(
     )
 
 
-def join_spans(spans: Sequence[Span], slack: float) -> list[Span]:
+def _join_spans(spans: Sequence[Span], slack: float) -> list[Span]:
     """Return the ascending spans apart from each other that cover the same places."""
     joined: list[Span] = []
     for low, high in sorted(spans):

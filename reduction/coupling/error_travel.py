@@ -327,12 +327,12 @@ def follow_offsets(
         step: Between places from which derivatives are differenced.
     """
     here = np.clip(motion.positions, *ends)
-    first, second = differentiate(sample, here, ends, step)
+    first, second = _differentiate(sample, here, ends, step)
     speeds, pulls = motion.speeds[:, None], motion.accelerations[:, None]
     return sample(here), first * speeds, second * speeds**2 + first * pulls
 
 
-def differentiate(
+def _differentiate(
     sample: Callable[[FloatArray], FloatArray],
     places: FloatArray,
     ends: tuple[float, float],

@@ -53,7 +53,7 @@ class ScrewSpring:
     far_share: float
 
 
-def place_screw(joint: Joint, shaft: ScrewShaft, distance: float) -> ScrewSpring:
+def _place_screw(joint: Joint, shaft: ScrewShaft, distance: float) -> ScrewSpring:
     """Place nut, shaft, bearings and coupling in series; both sides of a shaft with two fixed
     bearings in parallel.
 
@@ -207,7 +207,7 @@ def _place_shaft(
     axis = spring.frame.rotation[:, 0]
     bearing = joint.ends[1] if shaft.floating_end is None else shaft.floating_end
     distance = float(abs((spring.frame.origin - locate_interface(layout, bearing)) @ axis))
-    placed = place_screw(joint, shaft, distance)
+    placed = _place_screw(joint, shaft, distance)
     rows = spring.rows
     if shaft.second_end is not None:
         near, far = (
@@ -219,7 +219,7 @@ def _place_shaft(
     return dataclasses.replace(spring, rows=rows, stiffness=placed.stiffness)
 
 
-def principal_springs(spring: PlacedJoint, length: float) -> tuple[SpringDirection, ...]:
+def _principal_springs(spring: PlacedJoint, length: float) -> tuple[SpringDirection, ...]:
     """Return the independent springs that together make up a joint's stiffness; directions without
     stiffness are left out.
 
@@ -410,7 +410,7 @@ def grade_springs(
     parts = [
         part
         for spring in springs
-        for part in principal_springs(spring, length)
+        for part in _principal_springs(spring, length)
         # a spring across a single rigid body is stretched by no motion
         if np.any(part.direction @ spring.rows)
     ]

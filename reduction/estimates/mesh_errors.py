@@ -132,7 +132,7 @@ def _scale_change(stiffness: FloatArray | None, mass: FloatArray | None) -> Part
     return PartChange(SHAPE_SAFETY * stiffness, SHAPE_SAFETY * mass)
 
 
-def missing_energies(coupled: CoupledMachine, motions: FloatArray) -> dict[str, FloatArray]:
+def _missing_energies(coupled: CoupledMachine, motions: FloatArray) -> dict[str, FloatArray]:
     """Return the energy products of the discretisation errors of each meshed component under
     motions of the machine.
 
@@ -161,7 +161,7 @@ def frequency_mesh_errors(coupled: CoupledMachine, modes: ModalResult) -> dict[s
     squares = np.where(elastic, (2.0 * np.pi * modes.frequencies_hz) ** 2, np.inf)
     shares = {
         name: np.diag(energy) / squares
-        for name, energy in missing_energies(coupled, modes.shapes).items()
+        for name, energy in _missing_energies(coupled, modes.shapes).items()
     }
     total = np.sum([np.zeros(len(squares)), *shares.values()], axis=0)
     # exact for the sum, however large: an error of the square beyond the square itself takes the
@@ -307,7 +307,7 @@ def compliance_mesh_errors(
     unknown = silent_energies(coupled, displacements) > SILENT_SHARE * soft
     blank = np.where(unknown[:, None] | unknown, np.nan, 0.0)
     return {
-        name: energy + blank for name, energy in missing_energies(coupled, displacements).items()
+        name: energy + blank for name, energy in _missing_energies(coupled, displacements).items()
     }
 
 

@@ -187,7 +187,7 @@ def _deformation(coupled: CoupledMachine, name: str, motion: FloatArray) -> Floa
     return np.asarray(motion - rigid_dofs(coupled, name, first) @ motion[:6])
 
 
-def kinetic_energies(coupled: CoupledMachine, shape: FloatArray) -> dict[str, float]:
+def _kinetic_energies(coupled: CoupledMachine, shape: FloatArray) -> dict[str, float]:
     """Return ``q^T M q / 2`` of each component for a shape ``(n,)``: its kinetic energy at unit
     angular frequency.
     """
@@ -215,7 +215,7 @@ def energy_shares(
         terms = 0.5 * float(np.abs(shape) @ absolute_product(coupled.system.stiffness, shape))
         strained = sum(energies.values()) > len(shape) * np.finfo(float).eps * terms
         strain.append(_normalised(energies) if strained else {})
-        kinetic.append(_normalised(kinetic_energies(coupled, shape)))
+        kinetic.append(_normalised(_kinetic_energies(coupled, shape)))
     return tuple(strain), tuple(kinetic)
 
 

@@ -136,10 +136,10 @@ def _static_gain(
     motions = find_offset_motions(coupled, travel, coupled.system)
     moved = solve_machine_static(coupled, motions.loads).displacements
     rows = np.array([coupled.system.outputs[channel] for channel in outputs])
-    return np.asarray(rows @ moved + move_outputs(coupled, travel.machine, motions, outputs))
+    return np.asarray(rows @ moved + _move_outputs(coupled, travel.machine, motions, outputs))
 
 
-def move_outputs(
+def _move_outputs(
     coupled: CoupledMachine, machine: Machine, motions: OffsetMotions, outputs: Sequence[Channel]
 ) -> FloatArray:
     """Return what fixed directions move of outputs at zero free coordinates ``(n_outputs, k)``.
@@ -173,7 +173,7 @@ def pass_offsets(
         probes: Names of probes to what they see.
     """
     machine, still = travel.machine, np.zeros(motions.moved.shape[1])
-    moved = move_outputs(coupled, machine, motions, outputs)
+    moved = _move_outputs(coupled, machine, motions, outputs)
     rows = [np.concatenate([row, still]) for row in moved]
     channels = [*outputs]
     for joint in joints:

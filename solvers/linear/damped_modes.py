@@ -220,7 +220,7 @@ def damping_of_undamped(
             and damped.poles[first].real * damped.poles[second].real > 0.0
         ):
             ratios.append(
-                overdamped_ratio(float(damped.poles[first].real), float(damped.poles[second].real))
+                _overdamped_ratio(float(damped.poles[first].real), float(damped.poles[second].real))
             )
             frequencies.append(0.0)
         else:
@@ -229,7 +229,7 @@ def damping_of_undamped(
     return tuple(ratios), tuple(frequencies)
 
 
-def overdamped_ratio(first: float, second: float) -> float:
+def _overdamped_ratio(first: float, second: float) -> float:
     """Return the damping ratio of a mode from its two real poles [rad/s] of one sign."""
     return -0.5 * (first + second) / math.sqrt(first * second)
 

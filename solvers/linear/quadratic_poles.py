@@ -176,7 +176,7 @@ def find_lowest_poles(
     if circle is None:
         return None
     mostly_wanted = (np.abs(circle.beyond_shapes[:wanted]) ** 2).sum(axis=0) > 0.5
-    polished = polish_poles(
+    polished = _polish_poles(
         eigenvalues, viscous, circle.beyond[mostly_wanted], circle.beyond_shapes[:, mostly_wanted]
     )
     if polished is None:
@@ -187,7 +187,7 @@ def find_lowest_poles(
     )
 
 
-def polish_poles(
+def _polish_poles(
     eigenvalues: FloatArray, viscous: FloatArray, poles: ComplexArray, shapes: ComplexArray
 ) -> tuple[ComplexArray, ComplexArray] | None:
     """Return the poles from where they are nearly right, each on its own; None where one does not

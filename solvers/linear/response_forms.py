@@ -190,7 +190,7 @@ def sum_over_modes(coordinates: ModalCoordinates) -> ModalSum:
         viscous=_diagonal(coordinates.viscous, size)[flexible],
         hysteretic=_diagonal(coordinates.hysteretic, size)[flexible],
         residues=np.einsum("ok,ki->koi", rows, loads),
-        seen=see_modes(rows, loads),
+        seen=_see_modes(rows, loads),
         rest=rest_terms(coordinates),
     )
 
@@ -206,7 +206,7 @@ def rest_terms(coordinates: ModalCoordinates) -> RestTerms:
     )
 
 
-def see_modes(
+def _see_modes(
     rows: ComplexArray | FloatArray, loads: ComplexArray | FloatArray
 ) -> NDArray[np.bool_]:
     """Return whether a mode takes part in each entry ``(m, n_outputs, n_inputs)``, from
@@ -297,7 +297,7 @@ def sum_over_poles(coordinates: ModalCoordinates) -> PoleSum:
         values, vectors = _eigenpairs(softness / np.outer(omega, omega))
         left, right = rows @ vectors, _solve(vectors, loads)
         return PoleSum(
-            values, _products(left, right), see_modes(left, right), rest_terms(coordinates), False
+            values, _products(left, right), _see_modes(left, right), rest_terms(coordinates), False
         )
     loss = softness / omega @ (coordinates.viscous[flexible, flexible] / omega)
     # state (W p, p') with W = diag(omega): A = [[0, W], [-W (softness)^-1, -C]]; its inverse needs
@@ -308,7 +308,7 @@ def sum_over_poles(coordinates: ModalCoordinates) -> PoleSum:
     right = _solve(vectors, np.vstack([np.zeros_like(loads), loads]))
     # 1 / (i omega - 1 / mu) = -mu / (1 - i omega mu)
     return PoleSum(
-        values, _products(left, -right), see_modes(left, right), rest_terms(coordinates), True
+        values, _products(left, -right), _see_modes(left, right), rest_terms(coordinates), True
     )
 
 

@@ -153,12 +153,12 @@ def _solve_symmetric(system: SecondOrderSystem, loads: FloatArray) -> FloatArray
     if not len(diagonal):
         return np.zeros_like(loads)
     if diagonal.min() <= DEAD_DIAGONAL * diagonal.max():
-        raise_if_mechanism(stiffness, system.labels)
+        _raise_if_mechanism(stiffness, system.labels)
     sparse = find_sparse(stiffness)
     thin = None if sparse is None else factorise_sparse(sparse)
     if thin is not None and not thin.negative:
         if thin.reciprocal_condition() < _least_condition(len(diagonal)):
-            raise_if_mechanism(stiffness, system.labels)
+            _raise_if_mechanism(stiffness, system.labels)
         return thin.solve(loads)
     scale = 1.0 / np.sqrt(diagonal)
     scaled = stiffness * scale * scale[:, None]
@@ -168,7 +168,7 @@ def _solve_symmetric(system: SecondOrderSystem, loads: FloatArray) -> FloatArray
         reciprocal, _ = dpocon(factor, np.abs(scaled).sum(axis=0).max(), uplo="L")
         suspect = reciprocal < _least_condition(len(scale))
     if suspect:
-        raise_if_mechanism(stiffness, system.labels)
+        _raise_if_mechanism(stiffness, system.labels)
     if info != 0:
         raise ModelError(
             "the stiffness matrix is not positive definite; look for joint stiffnesses that differ by more than 14 decades"
@@ -185,7 +185,7 @@ def _least_condition(size: int) -> float:
     return PIVOT_FACTOR * size * EPS * size
 
 
-def raise_if_mechanism(stiffness: FloatArray, labels: Sequence[str]) -> None:
+def _raise_if_mechanism(stiffness: FloatArray, labels: Sequence[str]) -> None:
     """Refuse a stiffness matrix that leaves motions free.
 
     Raises:

@@ -214,7 +214,7 @@ def soften_system(
     return dataclasses.replace(system, stiffness=stiffness, damping=damping, hysteretic=hysteretic)
 
 
-def find_equilibrium(space: StateSpace, loads: FloatArray) -> FloatArray | None:
+def _find_equilibrium(space: StateSpace, loads: FloatArray) -> FloatArray | None:
     """Find the state ``(s,)`` at rest under constant loads ``(n_inputs,)``; None where they are not
     in balance, so that there is none.
     """
@@ -345,7 +345,7 @@ def rest_positions(
         ModelError: What acts beforehand is not in balance.
     """
     before = np.array([load.before for load in loads])
-    state = find_equilibrium(space, before)
+    state = _find_equilibrium(space, before)
     if state is None:
         raise ModelError(
             "a load that is released acts on a motion that nothing holds, so nothing was at rest under it"
@@ -354,7 +354,7 @@ def rest_positions(
     if not all(load.is_constant_at(duration) for load in loads):
         return start, None, state
     held = np.array([_value_at(load, duration) for load in loads])
-    rest = find_equilibrium(space, held)
+    rest = _find_equilibrium(space, held)
     final = None if rest is None else space.c @ rest + space.d @ held
     return start, final, state
 
