@@ -1,5 +1,6 @@
-"""Deformation shapes of a flat patch, beside the six rigid motions and orthogonal to them: products
-of Legendre polynomials over a rectangle, polynomials of radius and angle over a disk or a ring.
+"""Deformation shapes of a flat patch, in addition to the six rigid motions and orthogonal to them:
+products of Legendre polynomials over a rectangle, polynomials of radius and angle over a disk or a
+ring.
 """
 
 from dataclasses import dataclass

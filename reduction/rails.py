@@ -146,7 +146,7 @@ def control_point_motion(point: FloatArray, axis: int, origin: FloatArray) -> Fl
 
 def carriage_rows(rail: Rail, position: float, length: float) -> FloatArray:
     """Return the motion ``(6, n)`` of a carriage per superelement dof, component axes, at the
-    centre line beside the carriage's middle.
+    centre line nearest to the carriage's middle.
 
     Translations and the rotation about the rail are the means of the rail's motion over the
     carriage, weighed evenly; pitch and yaw are the slopes of the straight line that fits the

@@ -133,7 +133,8 @@ def _check_rigid_stiffness(
 ) -> None:
     motions = rigid_motions(superelement, superelement.center_of_mass) / scale[:, None]
     boundary = superelement.boundary_size
-    # one interface has no stiffness but rounding, which is small beside that of the lowest mode
+    # one interface has no stiffness but rounding, which is small compared with that of the lowest
+    # mode
     scale_of_modes = stiffness.diagonal()[boundary:].min(initial=np.inf)
     size = max(
         float(np.linalg.norm(stiffness[:, :boundary])),

@@ -14,7 +14,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.solvers.mpi import MPI
 
 SHARE_TAG, ROWS_TAG = 4711, 4713
-COLUMNS = 48  # sent at a time: what sending takes beside the values
+COLUMNS = 48  # sent at a time: what sending takes besides the values
 POLL_SECONDS = 0.002
 
 

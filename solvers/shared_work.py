@@ -62,7 +62,7 @@ def share_work[T](
             second argument between its steps, which gives BLAS the cores of ranks that have nothing
             left to do.
         folder: For a file that all ranks reach, where they are on several nodes.
-        memory_mb: Of this rank's node: a job that does not fit beside those at work waits.
+        memory_mb: Of this rank's node: a job that does not fit with those at work waits.
         idle_mb: What a rank holds without a job; counted for all ranks of the node, and in each job.
         observer: Called on rank 0 with the number of each job that has ended and its result.
 

@@ -102,8 +102,8 @@ class Joint:
             with the axis position.
         loss_factor: Structural damping eta: the complex stiffness is ``(1 + i eta)`` times the
             stiffness [-].
-        layer: Stiffness per area over the patches of both ends, beside ``stiffness``; None without.
-        errors: Of the rail or the screw it slides along; None without.
+        layer: Stiffness per area over the patches of both ends, in addition to ``stiffness``; None
+        without. errors: Of the rail or the screw it slides along; None without.
         soft: It is meant to deflect visibly under the weight that it carries.
     """
 
@@ -158,7 +158,7 @@ def connected_groups(names: Iterable[str], edges: Iterable[tuple[str, str]]) -> 
 
     Args:
         names: All there are, in the order in which groups and their members are listed; names of
-            edges beside them come last.
+            their other edges come last.
     """
     group_of = {name: [name] for name in names}
     for edge in edges:

@@ -12,8 +12,8 @@ from headstock.meshing.component_mesh import ComponentMesh
 from headstock.meshing.elements.surface import corner_normals, extract_surface, match_facets
 from headstock.meshing.elements.topology import EDGES
 
-# of tetrahedra that gmsh makes for a size, in the mean: 1.1 where sizes change slowly, up to 1.4 beside
-# small patches
+# of tetrahedra that gmsh makes for a size, in the mean: 1.1 where sizes change slowly, up to 1.4
+# next to small patches
 EDGE_OVER_SIZE = 1.2
 # Powers of the element size with which squared errors of second-order tetrahedra fall: 4 where
 # stresses are smooth, 1.1 at an inner edge of 270 degrees, 1 to 1.4 at rims of what is held

@@ -315,7 +315,7 @@ def _estimate_errors(
 
 def _strained_motions(element: Superelement) -> FloatArray:
     """Return the projector ``(n, n)`` to motions of the dofs without rigid ones, which miss no
-    energy: what rounding leaves of it would look large beside that of a soft mount.
+    energy: what rounding leaves of it would look large compared with that of a soft mount.
     """
     strained = np.eye(len(element.stiffness))
     if not element.supported:

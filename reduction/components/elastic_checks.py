@@ -58,8 +58,8 @@ def without_rigid_stiffness(
     elastic = np.eye(boundary) - motions @ motions.T
     # projecting leaves rounding of rounding where nothing is to be left at all
     projected = elastic @ scaled @ elastic if motions.shape[1] < boundary else np.zeros_like(scaled)
-    # nor does a dof that only free motions move, beside a support: of its diagonal entry the square
-    # of rounding is left
+    # nor does a dof that only free motions move, next to a support: of its diagonal entry the
+    # square of rounding is left
     dead = projected.diagonal() <= (boundary * np.finfo(float).eps) ** 2 * np.abs(projected).max(
         initial=0.0
     )

@@ -31,7 +31,7 @@ ROUNDOFF_LIMIT = 0.3
 MANY_MODES = 40
 START_SEED, SIGN_SEED = 20101, 7
 SPLIT_MIX = np.array([0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB], dtype=np.uint64)
-COLUMNS = 48  # at a time: what products take beside the solution
+COLUMNS = 48  # at a time: what products take besides the solution
 
 
 @dataclass(frozen=True, eq=False)

@@ -224,7 +224,7 @@ def read_smoothing(
     """Return what recovery changes in the stresses of displacement fields ``(s, 6, k)`` at each
     probe and at the nodes of its cells, which count as one together.
 
-    The change at the probe alone is sometimes small by chance: that of its cells stands beside it.
+    The change at the probe alone is sometimes small by chance: that of its cells is kept with it.
 
     Args:
         fields: ``(3 n_points, k)`` displacement of the mesh points [m].

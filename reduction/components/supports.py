@@ -145,7 +145,7 @@ def _split_axes(fixed: BoolArray, vectors: FloatArray) -> FloatArray:
         free = np.where(fixed, 0.0, vectors)
         _, sizes, rows = np.linalg.svd(free, full_matrices=False)
         rows = rows[sizes > ALIGNED]
-        # an axis lies in the span of the rows where nothing of it is left beside them
+        # an axis lies in the span of the rows where nothing of it is left besides them
         remainders = np.linalg.norm(np.eye(3) - rows.T @ rows, axis=0)
         along = (remainders <= ALIGNED) & ~fixed
         if not along.any():

@@ -131,7 +131,7 @@ def couple(
     Fixed joint dofs and superelement constraints are eliminated by an orthonormal null space; joint
     stiffness acts between the two ends carried to the joint point by rigid levers. Where springs
     differ by more than 1e4 the stiff relative motions become coordinates of their own, so that no
-    digit of a soft mount is lost beside a stiff bolt; no stiffness is changed.
+    digit of a soft mount is lost next to a stiff bolt; no stiffness is changed.
 
     Args:
         machine: Its joints, points, axes, loads and placements.

@@ -233,7 +233,7 @@ def motion_rows(
     Args:
         end: An interface, a rail or ground.
         point: ``(3,)`` in the machine frame [m].
-        length: On a rail, of the carriage beside the point [m]; None for the mean motion of the
+        length: On a rail, of the carriage at the point [m]; None for the mean motion of the
             whole rail.
 
     Raises:

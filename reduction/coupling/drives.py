@@ -172,7 +172,7 @@ def make_rigid_train(
         slide: ``(n,)`` motion that it drives, free in the system.
         scale: ``(n,)`` what its linear scale reads.
         stator: ``(n,)`` turn of the motor's housing as travel.
-        moved_mass: What the motor accelerates beside itself and its screw [kg].
+        moved_mass: What the motor accelerates apart from itself and its screw [kg].
         beta: Viscous damping over stiffness of its coupling [s].
     """
     pitch = drive.lead / (2.0 * math.pi)

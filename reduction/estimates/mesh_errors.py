@@ -73,8 +73,8 @@ class MeshedPart:
 
     def strain[Motions: (FloatArray, ComplexArray)](self, motions: Motions) -> Motions:
         """Return its dofs ``(n_c, m)`` under motions of the machine ``(n, m)``, without its rigid
-        motions: these miss no energy, but what rounding leaves of it would look large beside a soft
-        mount.
+        motions: these miss no energy, but what rounding leaves of it would look large compared with
+        a soft mount.
         """
         return self.without_rigid(self.rows @ motions)
 

@@ -27,7 +27,7 @@ class WatchedModes:
 
 @dataclass(frozen=True, eq=False)
 class ModeChanges:
-    """The modes of a machine beside those of the same machine with better bodies.
+    """The modes of a machine compared with those of the same machine with refined bodies.
 
     Attributes:
         changes_hz: ``(m,)`` frequency with better bodies less that without [Hz]; NaN for a mode that
@@ -63,7 +63,7 @@ def watch_modes(
 
 
 def compare_modes(plain: WatchedModes, refined: WatchedModes, *, count: int) -> ModeChanges:
-    """Return what better bodies change of the first modes of a machine.
+    """Return what refined bodies change of the first modes of a machine.
 
     Modes are one where their motions at places that stand for the mass of every body are, whatever
     their order; close ones are compared by the space they span (see ``pair_modes``). First-order

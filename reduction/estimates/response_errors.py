@@ -125,7 +125,8 @@ class ResponseSpace:
         squares = np.zeros(0) if squares is None else squares
         self._rigid = int(np.count_nonzero(squares == 0.0))
         self._stiffness = space.T @ system.stiffness @ space
-        # what rounding leaves beside the squares of modes would look like a spring, soft or negative
+        # what rounding leaves compared with the squares of modes would look like a spring, soft or
+        # negative
         modal = np.arange(len(squares))
         self._stiffness[modal] = self._stiffness[:, modal] = 0.0
         self._stiffness[modal, modal] = squares

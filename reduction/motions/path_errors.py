@@ -1,5 +1,5 @@
-"""Errors of guides along a path: what they move while the axes travel, beside what acceleration
-does.
+"""Errors of guides along a path: what they move while the axes travel, in addition to what
+acceleration does.
 
 The response is that of the machine in the middle of the path; its static part is that of the pose
 at hand, from poses along the way.

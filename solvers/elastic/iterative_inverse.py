@@ -17,8 +17,8 @@ MOST_STEPS = 300
 
 
 class IterativeInverse:
-    """``K^-1`` between the dofs that are not fixed, by iteration; beside ``Factorization`` for parts
-    whose factors do not fit.
+    """``K^-1`` between the dofs that are not fixed, by iteration; an alternative to
+    ``Factorization`` for parts whose factors do not fit.
 
     Rigid motions that the fixed dofs leave free carry no load: loads are taken less their part along
     them, and displacements hold none of them. Collective.

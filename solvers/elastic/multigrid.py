@@ -13,7 +13,7 @@ from headstock.solvers.elastic.libraries import PETSc
 from headstock.solvers.errors import AccuracyError
 from headstock.solvers.ranks import sum_over_ranks
 
-COLUMNS = 8  # at a time: what a cycle takes beside the solution
+COLUMNS = 8  # at a time: what a cycle takes besides the solution
 SMOOTHING_STEPS = 2
 POWER_STEPS = 12
 # part of the spectrum that smoothing has to damp, and what twelve power steps may fall short of the

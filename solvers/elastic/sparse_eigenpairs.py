@@ -37,7 +37,7 @@ def solve_symmetric(matrix: scipy.sparse.spmatrix, loads: FloatArray) -> FloatAr
     whole = _to_petsc(matrix)
     pc = _factorise(whole)
     solution = _apply(pc, loads)
-    # refined once, residuals are small beside each row of its own, a constraint's among them
+    # refined once, residuals are small compared with each row of its own, a constraint's among them
     solution += _apply(pc, loads - matrix @ solution)
     for thing in (pc, whole):
         thing.destroy()

@@ -29,7 +29,7 @@ DIAGONAL_LIMIT = (
 )
 ROUNDOFF = 1e-13  # and those below this share of the largest entry
 SEEN_LIMIT = 1e-10  # a channel or a damper moves in a rigid-body motion by more than this share
-# damping over stiffness of dofs without mass beside the largest of a mode: below, it is roundoff of
+# damping over stiffness of dofs without mass over the largest of a mode: below, it is roundoff of
 # modal damping where some dofs have next to no mass
 SETTLED = 1e-5
 

@@ -53,7 +53,7 @@ class ModalPairs:
 
 @dataclass(frozen=True, eq=False)
 class Feedthrough:
-    """What outputs have of inputs at once, whatever moves.
+    """Direct feedthrough of inputs to outputs, whatever moves.
 
     Attributes:
         outputs: ``p`` of them.
@@ -115,7 +115,7 @@ class StateSpace:
         )
 
     def pass_on(self, direct: "Feedthrough | None") -> "StateSpace":
-        """Return the system with what else some outputs have of some inputs at once."""
+        """Return the system with further direct feedthrough of some inputs to some outputs."""
         if direct is None:
             return self
         d, rows = self.d.copy(), self.rows.of(direct.outputs)
@@ -127,7 +127,7 @@ class StateSpace:
     def watch(self, outputs: Watch) -> WatchedOutputs:
         """Return some of the outputs, with rates and accelerations of others added.
 
-        Those others are displacements: what inputs do to them at once has no rate here.
+        Those others are displacements: what inputs do to them directly has no rate here.
         """
         rows = self.rows.of(outputs.channels)
         states, inputs = self.c[rows], self.d[rows]

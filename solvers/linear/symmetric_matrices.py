@@ -54,7 +54,7 @@ def find_null_space(matrix: FloatArray, *, what: str = "stiffness") -> NullSpace
     diagonal pivoting.
 
     Each pivot is weighed against its *own* diagonal entry, which is what its roundoff is
-    proportional to, so the decision does not depend on units and a soft spring beside a stiff one
+    proportional to, so the decision does not depend on units and a soft spring next to a stiff one
     is not taken for none.
 
     Args:

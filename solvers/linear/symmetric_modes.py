@@ -59,9 +59,9 @@ def solve_symmetric_modes(
 
     Few modes of a large sparse pencil are sought by Lanczos (``lowest_sparse_modes``). Else the
     pencil is solved as ``M x = mu K x``, mu = 1/omega^2: a Cholesky factorisation of K keeps small
-    stiffnesses beside large ones (K is graded, not ill-conditioned), and the largest mu, the lowest
-    modes, come out to machine precision. Where that does not do (rigid-body modes, massless dofs, a
-    wide spread) the careful path takes over.
+    stiffnesses next to large ones (K is graded, not ill-conditioned), and the largest mu, the
+    lowest modes, come out to machine precision. Where that does not do (rigid-body modes, massless
+    dofs, a wide spread) the careful path takes over.
 
     Args:
         stiffness: ``(n, n)``.

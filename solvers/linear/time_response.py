@@ -134,8 +134,8 @@ def solve_stepped_response(space: StateSpace, times: FloatArray, loads: FloatArr
 
 
 def add_direct(outputs: FloatArray, loads: FloatArray, direct: FloatArray) -> None:
-    """Add what loads ``(n, m)`` do at once to outputs ``(n, k)``, some steps after the other: no second
-    array as large.
+    """Add what loads ``(n, m)`` do to outputs directly ``(n, k)``, some steps after the other: no
+    second array as large.
     """
     for start in range(0, len(loads), CHUNK):
         part = slice(start, start + CHUNK)

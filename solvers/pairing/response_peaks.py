@@ -1,4 +1,4 @@
-"""Peaks of a frequency response: which entries have one beside which natural mode, how high, and the
+"""Peaks of a frequency response: which entries have one near which natural mode, how high, and the
 same peaks of another model of the same machine.
 """
 
@@ -29,7 +29,7 @@ class ResponsePeak:
     """A peak of an entry of a response.
 
     Attributes:
-        mode: Index of the natural mode beside it, rigid-body modes counted.
+        mode: Index of the natural mode nearest to it, rigid-body modes counted.
         hz: Where it is [Hz].
         height: Size of the receptance there [m/N, ...].
     """

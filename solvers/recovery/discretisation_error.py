@@ -49,9 +49,9 @@ SAFETY: dict[tuple[Family, int], float] = {
     ("hex", 2): 1.4,
 }
 SINGLE_SAFETY = 1.8
-# Where the truth lies beside an estimate: around this share of it, and 95 numbers in 100 so much of it
-# on either side, fitted on parts of the same suites. Where a little more covers the truth, it lies
-# further off in proportion; where much more does, it may lie anywhere below that.
+# Where the truth lies relative to an estimate: around this share of it, and 95 numbers in 100 so
+# much of it on either side, fitted on parts of the same suites. Where a little more covers the
+# truth, it lies further off in proportion; where much more does, it may lie anywhere below that.
 TRUTH: dict[tuple[Family, int], tuple[float, float]] = {
     ("tet", 1): (0.85, 0.35),
     ("tet", 2): (1.0, 0.4),
@@ -132,8 +132,8 @@ def detects_errors(mesh: ComponentMesh) -> bool:
     across, which has no neighbours to learn from.
 
     A polynomial through the samples of a row of cells is that of the cells themselves across the
-    row: the warping of a twisted bar goes unseen. A wall that is flat beside its cells has little
-    of it.
+    row: the warping of a twisted bar goes unseen. A wall that is thin compared with its cells has
+    little of it.
     """
     if cell_family(mesh.kind) == "tet":
         return True

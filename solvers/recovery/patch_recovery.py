@@ -310,7 +310,7 @@ def _orthonormal_terms(normal: FloatArray) -> FloatArray:
     first = np.einsum("iiv->iv", rest).copy()
     terms = np.zeros(rest.shape)
     np.einsum("iiv->iv", terms)[:] = 1.0
-    # Cholesky's factor, many at once, and its inverse beside it
+    # Cholesky's factor, many at once, and its inverse with it
     for step in range(count):
         square = rest[step, step]
         new = square > DEPENDENT * first[step]
