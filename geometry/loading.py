@@ -35,7 +35,7 @@ class LibraryError(HeadstockError):
 
 @dataclass(frozen=True)
 class _Start:
-    """How a library is loaded.
+    """Way of loading a library.
 
     Attributes:
         modules: Imported in this order; the last is the library.

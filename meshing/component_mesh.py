@@ -70,7 +70,7 @@ class CurvedFacets:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceGaps:
-    """What lies between the facets of a mesh and the curved faces of its part.
+    """Volumes between the facets of a mesh and the curved faces of its part.
 
     Attributes:
         facets: ``(n, nodes per facet)`` facets on curved faces.
@@ -105,7 +105,7 @@ class LeftOut:
 
 @dataclass(frozen=True, eq=False)
 class MissingVolumes:
-    """Where a mesh lacks small features of its part.
+    """Small features of its part that a mesh lacks.
 
     Attributes:
         cells: ``(n,)`` in which they lie.

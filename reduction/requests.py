@@ -31,7 +31,7 @@ GRAVITY = "gravity"  # loads of this name are unit accelerations that no load of
 
 @dataclass(frozen=True)
 class ReductionRequest:
-    """What a reduction has to deliver.
+    """Results that a reduction has to deliver.
 
     Attributes:
         modes: Fixed-interface modes to keep; None for a static reduction without mass.
@@ -48,7 +48,7 @@ class ReductionRequest:
 
 @dataclass(frozen=True)
 class ReductionExtent:
-    """How much a superelement with recovery and error estimate holds.
+    """Content that a superelement with recovery and error estimate holds.
 
     Attributes:
         modes: Number of fixed-interface modes; None for a static reduction.

@@ -65,7 +65,7 @@ def lowest_participating(first: FloatArray, second: FloatArray) -> float:
 
 @dataclass(frozen=True, eq=False)
 class InterfaceMap:
-    """Where a fixed interface sits on a superelement.
+    """Node and frame of a fixed interface of a superelement.
 
     Attributes:
         node: Index of the 6-dof boundary node that carries the interface rigidly.
@@ -96,8 +96,8 @@ class StaticLoad:
 
 @dataclass(frozen=True, eq=False)
 class ProbeLoad:
-    """What a static load does at a probe with boundary and modal dofs fixed: what the reduced dofs
-    cannot show.
+    """Response to a static load at a probe with boundary and modal dofs fixed: what the reduced
+    dofs cannot show.
 
     Attributes:
         values: ``(9,)`` displacement and stress.
@@ -113,7 +113,7 @@ class ProbeLoad:
 
 @dataclass(frozen=True, eq=False)
 class ProbeRows:
-    """What is seen at a probe in a superelement: displacement x y z [m] and stress xx yy zz xy xz yz
+    """Outputs of a probe in a superelement: displacement x y z [m] and stress xx yy zz xy xz yz
     [Pa], component axes.
 
     Attributes:
@@ -142,7 +142,7 @@ class ProbeRows:
 
 @dataclass(frozen=True, eq=False)
 class Recovery:
-    """How every mesh point moves with the dofs.
+    """Motion of every mesh point with the dofs.
 
     Attributes:
         basis: ``(3 n_points, n)`` displacement of every mesh point per unit dof.
@@ -155,7 +155,7 @@ class Recovery:
 
 @dataclass(frozen=True, eq=False)
 class ErrorEstimates:
-    """What is known of the errors of a superelement's matrices; None where nobody knows.
+    """Estimated errors of a superelement's matrices; None where nobody knows.
 
     Attributes:
         truncation: What the fixed-interface modes left out would add; None without mass, for

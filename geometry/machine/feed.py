@@ -16,7 +16,7 @@ CORNER = np.radians(40.0)  # a path that turns by more than that in a pose has a
 
 @dataclass(frozen=True, eq=False)
 class Feed:
-    """Where a tool is fed to in each of ``n`` poses.
+    """Direction in which a tool is fed in each of ``n`` poses.
 
     Attributes:
         directions: ``(n, 3)`` unit vectors of the motion against the work, machine frame; NaN where

@@ -138,7 +138,7 @@ def _integrate_wave(wave: Wave, places: FloatArray) -> ProfileIntegrals:
 
 
 class AveragedProfile(NamedTuple):
-    """What a carriage sees of a profile at places ``(n,)``: its mean and the slope of the line that
+    """Profile averaged over a carriage at places ``(n,)``: its mean and the slope of the line that
     fits it best.
     """
 

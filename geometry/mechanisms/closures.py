@@ -259,7 +259,7 @@ def _is_closed(placement: Placement, residual: FloatArray) -> BoolArray:
 
 @dataclass(frozen=True, eq=False)
 class Mobility:
-    """How a mechanism can move in a pose.
+    """Free and fixed motions of a mechanism in a pose.
 
     Attributes:
         freedom: Motions that the closures leave, compliant coordinates fixed.

@@ -60,7 +60,7 @@ class ChainLayout:
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Where a mechanism is in a state.
+    """Frames of a mechanism in a state.
 
     Attributes:
         frames: ``(..., C, D + 1, 4, 4)`` frame after each motion.

@@ -137,8 +137,8 @@ class Interface:
 
 @dataclass(frozen=True)
 class MeshSettings:
-    """How a component is meshed: target element size [m] (None: from the solid), order 1 or 2, cell
-    shape.
+    """Settings of a component's mesh: target element size [m] (None: from the solid), order 1 or 2,
+    cell shape.
 
     ``across_patches`` is the least number of elements across a patch that is imprinted on a face.
     ``allow_locking`` accepts elements of order 1 where they lock so much that they are refused otherwise.
@@ -172,7 +172,7 @@ LinearSolver = Literal["auto", "direct", "iterative"]
 
 @dataclass(frozen=True)
 class ReductionSettings:
-    """Which fixed-interface modes are kept: up to a frequency [Hz], a count, or with both whichever
+    """Fixed-interface modes that are kept: up to a frequency [Hz], a count, or with both whichever
     are fewer.
 
     With neither the planner decides. With ``verify`` a second factorisation counts the modes

@@ -38,7 +38,7 @@ class VolumeMoments(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SolidProperties:
-    """What a rigid body needs to know of a solid, in the component frame and for unit density.
+    """Mass properties of a solid for a rigid body, in the component frame and for unit density.
 
     Attributes:
         volume: [m^3].

@@ -58,7 +58,7 @@ class OpenShape:
 
 @dataclass(frozen=True)
 class Imprints:
-    """Where patches ended up.
+    """Faces on which patches ended up.
 
     Attributes:
         sizes: Element size on each face that was imprinted.

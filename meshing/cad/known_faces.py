@@ -51,7 +51,7 @@ class PlainShape:
 
 @dataclass(frozen=True, eq=False)
 class Face:
-    """What a face is known by when its tag has changed."""
+    """Features by which a face is recognised when its tag has changed."""
 
     kind: str
     radius: float

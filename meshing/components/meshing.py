@@ -173,7 +173,7 @@ def _box_of(points: FloatArray) -> FloatArray:
 
 @dataclasses.dataclass(frozen=True)
 class MeshEstimate:
-    """What a mesh will be like, roughly.
+    """Rough estimate of a mesh.
 
     Attributes:
         nodes: Number of nodes; 0 where it follows from the cells alone.

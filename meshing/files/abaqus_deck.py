@@ -104,7 +104,7 @@ class Elements:
 
 @dataclass
 class Scope:
-    """What a part, an instance or the deck itself defines, by its own numbers.
+    """Definitions of a part, an instance or the deck itself, by its own numbers.
 
     Attributes:
         numbers: Nodes by element number, of solids and surface elements.
@@ -151,7 +151,7 @@ class Instance:
 
 @dataclass
 class Deck:
-    """What a deck holds.
+    """Contents of a deck.
 
     Attributes:
         root: What stands outside of parts and instances.

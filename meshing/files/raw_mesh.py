@@ -64,7 +64,7 @@ class Section:
 
 @dataclass
 class RawMesh:
-    """What a file holds, in its own node order and orientation.
+    """Contents of a file, in its own node order and orientation.
 
     Attributes:
         points: ``(n, 3)``.

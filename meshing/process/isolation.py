@@ -61,7 +61,7 @@ CAPABILITY_VERSION_3 = 0x20080522
 
 @dataclass(frozen=True)
 class WorkerLimits:
-    """What a worker process may use.
+    """Limits of a worker process.
 
     Attributes:
         memory_bytes: Of address space, and of each file it writes.
@@ -84,7 +84,7 @@ class WorkerLimits:
 
 @dataclass(frozen=True)
 class WorkerEnd:
-    """How a worker process ended.
+    """End of a worker process.
 
     Attributes:
         code: Exit code; minus the number of the signal that ended it.

@@ -31,7 +31,7 @@ _DECODER = json.JSONDecoder(
 
 @dataclass(frozen=True)
 class MeshJob:
-    """What the worker process is to do; lengths in the job's own unit.
+    """Job of the worker process; lengths in the job's own unit.
 
     Attributes:
         task: ``mesh`` (mesh a CAD shape), ``describe`` (only its properties), ``estimate`` (also
@@ -75,7 +75,7 @@ class MeshJob:
 
 @dataclass(frozen=True, eq=False)
 class MeshData:
-    """What the worker process found; lengths in the job's own unit.
+    """Result of the worker process; lengths in the job's own unit.
 
     Attributes:
         points: ``(n, 3)``; empty when only described.

@@ -54,8 +54,8 @@ ROUNDING = 1e-11  # what functions of thin sections leave, orthonormal to that
 
 @dataclass(frozen=True, eq=False)
 class _Boundary:
-    """What is prescribed of the polynomials: ``rows (m, 3 n)`` of their dofs take the values ``values
-    (m, n_b)`` per unit of the boundary dofs; ``rows`` are orthonormal.
+    """Values prescribed for the polynomials: ``rows (m, 3 n)`` of their dofs take the values
+    ``values (m, n_b)`` per unit of the boundary dofs; ``rows`` are orthonormal.
 
     ``constraints (k, n_b)`` are combinations of boundary dofs that must vanish.
     """
@@ -310,7 +310,7 @@ def _prescribe(
         if name == BODY_NODE:
             # the rigid motion that fits the whole body best
             rigid = space.rigid_motion(dof_rows.frame.origin)
-            add(np.linalg.solve(rigid.T @ rigid, rigid.T), first, np.eye(6))
+            add(np.asarray(np.linalg.solve(rigid.T @ rigid, rigid.T)), first, np.eye(6))
         elif component.interfaces[name].coupling == "rigid":
             add(*_follow_rigidly(space, areas[name], first))
         else:

@@ -42,7 +42,7 @@ INWARD = 0.1  # of a facet's size: how far one must rise above its neighbour at 
 
 @dataclass(frozen=True)
 class ProbePlace:
-    """Where a probe is in a mesh.
+    """Position of a probe in a mesh.
 
     Attributes:
         rows: What is seen there.
@@ -159,7 +159,7 @@ def _reentrant_nodes(mesh: ComponentMesh, surface: MeshSurface, normals: FloatAr
 
 @dataclass(frozen=True, eq=False)
 class WatchedDofs:
-    """What probes see of reduced dofs and loads, nine rows for each probe, one after the other.
+    """Outputs of probes for reduced dofs and loads, nine rows for each probe, one after the other.
 
     Attributes:
         values: ``(9 p, n)`` per reduced dof.

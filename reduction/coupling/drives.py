@@ -248,8 +248,8 @@ def find_moved_mass(system: SecondOrderSystem, slides: FloatArray) -> FloatArray
 
 @dataclass(frozen=True, eq=False)
 class _Slide:
-    """What a drive moves across its joint, in the stacked dofs of the components or the machine's own
-    coordinates.
+    """Motion of a drive across its joint, in the stacked dofs of the components or the machine's
+    own coordinates.
 
     Attributes:
         row: Dof of the joint along the travel.

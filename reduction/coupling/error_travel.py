@@ -98,7 +98,7 @@ def _add_up(machine: Machine, places: ErrorPlaces) -> dict[str, FloatArray]:
 
 @dataclass(frozen=True, eq=False)
 class OffsetMotions:
-    """What unit offsets of ``k`` directions of joints do to a machine in a pose.
+    """Effect of unit offsets of ``k`` directions of joints on a machine in a pose.
 
     Attributes:
         moved: ``(n_all, k)`` motion of the stacked dofs that fixed directions make, at zero free

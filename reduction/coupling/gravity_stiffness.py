@@ -47,7 +47,7 @@ class _Body:
 
 @dataclass(frozen=True, eq=False)
 class _Contact:
-    """What two bodies do to each other at a point.
+    """Force and moment between two bodies at a point.
 
     Attributes:
         point: ``(3,)`` [m].

@@ -33,7 +33,7 @@ HELD = 1e-9  # of the largest row of a joint: what moves no more is held
 
 @dataclass(frozen=True, eq=False)
 class ErrorPlaces:
-    """Where the errors of a machine are read in ``n`` poses.
+    """Places at which the errors of a machine are read in ``n`` poses.
 
     Attributes:
         rails: Joint with errors of its own to the places ``(n,)`` of its carriage along the rail
@@ -61,7 +61,7 @@ class ErrorPlaces:
 
 @dataclass(frozen=True, eq=False)
 class ErrorLoads:
-    """What the errors of each source do in a pose; all of them add up.
+    """Loads and motions by the errors of each source in a pose; all of them add up.
 
     Attributes:
         loads: Source, a joint or an axis, to its load ``(n,)`` in free coordinates.
@@ -84,7 +84,7 @@ class ErrorLoads:
 
 @dataclass(frozen=True, eq=False)
 class FixedRows:
-    """What a machine eliminated in a pose, to give fixed directions of joints another value.
+    """Rows that a machine eliminated in a pose, to give fixed directions of joints another value.
 
     Attributes:
         springs: Every joint with rows ``(6 + m, n_all)`` of the stacked dofs.

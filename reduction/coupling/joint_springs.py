@@ -42,7 +42,7 @@ STIFF_COMPONENT_RATIO = 3e6
 
 @dataclass(frozen=True, eq=False)
 class ScrewSpring:
-    """What a ball screw is at one place of its nut.
+    """Spring of a ball screw at one place of its nut.
 
     Attributes:
         stiffness: ``(6, 6)`` between nut and bearings in joint axes, x along the screw.
@@ -362,7 +362,7 @@ def leading_end(joint: Joint, layout: DofLayout) -> JointEnd:
 
 @dataclass(frozen=True, eq=False)
 class SpringGrading:
-    """How the springs of a machine differ.
+    """Groups of the springs of a machine by stiffness.
 
     Attributes:
         groups: Stiff springs, the stiffest group first; empty where all springs are alike.

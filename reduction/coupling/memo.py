@@ -13,7 +13,7 @@ import numpy as np
 
 @dataclass(eq=False)
 class CouplingMemo:
-    """What was made last under each name, with what it was made of.
+    """Values made last under each name, with what they were made of.
 
     Attributes:
         channels: Names of the points and interfaces that are loaded and observed; None for all.

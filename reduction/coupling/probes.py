@@ -20,7 +20,7 @@ from headstock.solvers.stresses import turn_stress
 
 @dataclass(frozen=True, eq=False)
 class PlacedProbe:
-    """What a probe sees of a machine with ``n`` free coordinates, machine axes.
+    """Outputs of a probe of a machine with ``n`` free coordinates, machine axes.
 
     Attributes:
         values: ``(9, n)`` displacement x y z [m] and stress xx yy zz xy xz yz [Pa].

@@ -62,7 +62,7 @@ class StackedPieces:
 
 @dataclass(frozen=True)
 class Selection:
-    """Which parts are wanted: components, joints and observers by name."""
+    """Parts that are wanted: components, joints and observers by name."""
 
     components: tuple[str, ...]
     joints: tuple[str, ...]
@@ -258,7 +258,7 @@ class CoupledSlopes:
 
 @dataclass(frozen=True, eq=False)
 class ModeSlopes:
-    """What one parameter does to modes.
+    """Slopes of modes by one parameter.
 
     Attributes:
         forces: ``(n, m)`` ``(dK - omega^2 dM) phi`` in free coordinates.

@@ -29,7 +29,7 @@ SAFETY = 1.2  # and to that of any other
 
 @dataclass(frozen=True, eq=False)
 class DampingErrors:
-    """How far damped modes may be off, in the order of the undamped modes they belong to.
+    """Errors of damped modes, in the order of the undamped modes they belong to.
 
     Attributes:
         frequencies_hz: Of each damped frequency [Hz], zero where the mode is overdamped; None where
@@ -87,7 +87,7 @@ def estimate_damping_errors(
 
 
 class _StiffnessChanges:
-    """What the sources of error change of a machine's dynamic stiffness at a pole."""
+    """Changes of a machine's dynamic stiffness by the sources of error at a pole."""
 
     def __init__(self, coupled: CoupledMachine) -> None:
         self._coupled = coupled

@@ -21,7 +21,7 @@ from headstock.reduction.motions.tool_deviation import FORCES, ToolDeviation
 
 @dataclass(frozen=True, eq=False)
 class DeviationChanges:
-    """What a deviation ``(6,)`` of a tool changes by [m, rad], by component; NaN where nobody knows.
+    """Changes of a deviation ``(6,)`` of a tool [m, rad], by component; NaN where nobody knows.
 
     Attributes:
         meshes: With finer meshes, times the factor that covers 95 % of true errors.

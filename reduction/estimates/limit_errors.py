@@ -15,7 +15,7 @@ GROUPS = 0.1  # logarithm of the frequency of chatter within which modes left ou
 
 @dataclass(frozen=True, eq=False)
 class Border:
-    """Where a machine chatters, over the speeds, or how far two are apart.
+    """Limit of chatter of a machine over the speeds, or the distance between two.
 
     Attributes:
         depth: ``(n,)`` limits, or their distance, over those of the machine as it is.

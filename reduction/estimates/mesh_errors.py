@@ -30,7 +30,7 @@ FORCE_DOUBT, MOMENT_DOUBT = 0.04, 0.12
 
 @dataclass(frozen=True, eq=False)
 class PartChange:
-    """What the matrices of a component change by where its mesh is not its part.
+    """Changes of the matrices of a component where its mesh is not its part.
 
     Attributes:
         stiffness: ``(n_c, n_c)``.

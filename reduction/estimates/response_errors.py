@@ -37,7 +37,8 @@ CLOSELY = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 
 @dataclass(frozen=True, eq=False)
 class ErrorSources:
-    """What makes the response of a machine differ from that of finer meshes with every mode kept.
+    """Sources of the difference between the response of a machine and that of finer meshes with
+    every mode kept.
 
     Attributes:
         truncated: Components that leave modes out.
@@ -54,8 +55,8 @@ class ErrorSources:
 
 @dataclass(frozen=True, eq=False)
 class SystemChange:
-    """What is added to the stiffness ``(m, m)``, structural damping with it, to the mass ``(m, m)``
-    and to the viscous damping ``(m, m)`` of a system; None for none of that.
+    """Matrices added to the stiffness ``(m, m)``, structural damping with it, to the mass
+    ``(m, m)`` and to the viscous damping ``(m, m)`` of a system; None for none of that.
     """
 
     stiffness: ComplexArray
@@ -65,7 +66,7 @@ class SystemChange:
 
 @dataclass(frozen=True, eq=False)
 class MeshChanges:
-    """What the mesh of one component changes: by being finer, by its true curved faces, and by the
+    """Changes by the mesh of one component: by being finer, by its true curved faces, and by the
     small features that it lacks; None where nothing is known of those, or there are none.
     """
 
@@ -422,7 +423,7 @@ def _trial_space(
 
 @dataclass(frozen=True, eq=False)
 class ResponseErrors:
-    """What the modes left out and finer meshes change of a receptance, each on its own.
+    """Changes of a receptance by the modes left out and by finer meshes, each on its own.
 
     Attributes:
         least: ``(n_freq, n_outputs, n_inputs)`` change by the least that the modes left out can

@@ -27,7 +27,7 @@ SOURCES = (GEOMETRY, GRAVITY, FORCES)
 
 @dataclass(frozen=True, eq=False)
 class SourceResponse:
-    """What a source of deviation does to the machine.
+    """Response of the machine to a source of deviation.
 
     Attributes:
         moved: ``(n,)`` free coordinates.

@@ -281,7 +281,7 @@ class ConstrainedSolver:
 
 @dataclass(frozen=True, eq=False)
 class _Saddle:
-    """What constraints and rigid motions make of a solve without them.
+    """Correction of an unconstrained solve by constraints and rigid motions.
 
     Attributes:
         lifted: ``(3 n_owned, n_c)`` displacements under unit forces along the constraints.

@@ -20,7 +20,7 @@ MOST_VECTORS = 1000  # of a search up to a frequency
 
 @dataclass(frozen=True)
 class ModeTarget:
-    """Which modes are wanted: the lowest ``count``, all up to ``up_to_hz``, or with both whichever
+    """Modes that are wanted: the lowest ``count``, all up to ``up_to_hz``, or with both whichever
     are fewer.
 
     A cluster at the end is completed unless it has no end.
@@ -41,7 +41,7 @@ class ModeTarget:
 
 @dataclass(frozen=True, eq=False)
 class EigenPairs:
-    """What a search found.
+    """Result of a search.
 
     Attributes:
         values: ``(m,)`` eigenvalues [rad^2/s^2].

@@ -155,7 +155,7 @@ class ElasticOperators:
 
 @dataclass(frozen=True)
 class _MeshFacts:
-    """What every rank knows of a mesh that rank 0 alone holds."""
+    """Facts that every rank knows of a mesh that rank 0 alone holds."""
 
     kind: CellKind
     straight: bool

@@ -28,7 +28,7 @@ CELLS_TAG = 4714
 
 @dataclass(frozen=True, eq=False)
 class _Piece:
-    """What a rank needs of a mesh.
+    """Part of a mesh that a rank needs.
 
     Attributes:
         mesh: Its own cells first, then those around them.

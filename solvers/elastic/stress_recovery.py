@@ -23,7 +23,7 @@ CANDIDATE_CELLS = 40
 
 @dataclass(frozen=True, eq=False)
 class PointRows:
-    """What is seen at a point of a mesh: displacement x y z and stress xx yy zz xy xz yz, from the
+    """Outputs at a point of a mesh: displacement x y z and stress xx yy zz xy xz yz, from the
     displacements of some mesh points.
 
     Attributes:

@@ -31,7 +31,7 @@ MANY = 2 * SMOOTH_NODES  # frequencies and modes from which a polynomial is fast
 
 
 class ResponseForm(Protocol):
-    """What answers with a response at any frequency."""
+    """A form that evaluates a response at any frequency."""
 
     def evaluate(self, omega: FloatArray) -> ComplexArray:
         """Return the receptance ``(n_freq, n_outputs, n_inputs)`` at positive angular
@@ -44,7 +44,7 @@ class ResponseForm(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class RestTerms:
-    """What the elastic modes lack.
+    """Terms that the elastic modes lack.
 
     Attributes:
         rigid: ``(n_outputs, n_inputs)`` acceleration of the rigid-body motion per unit load.

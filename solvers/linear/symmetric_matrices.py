@@ -31,7 +31,7 @@ LEAST_SHARE, LEAST_SHOWN = 1e-6, 1e-4
 
 @dataclass(frozen=True, eq=False)
 class NullSpace:
-    """What a symmetric positive semidefinite matrix does not see.
+    """Null space of a symmetric positive semidefinite matrix.
 
     Attributes:
         vectors: ``(n, r)`` basis of the null space with the unit matrix on the rows ``pinned``.

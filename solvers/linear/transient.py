@@ -88,7 +88,7 @@ class Response:
 
 @dataclass(frozen=True)
 class TransientFigures:
-    """What a displacement over time comes to.
+    """Figures of a displacement over time.
 
     Attributes:
         peak: Displacement of the largest size.

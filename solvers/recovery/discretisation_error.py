@@ -73,7 +73,7 @@ UNSEEN_SHARE = 0.5  # of the volume
 
 @dataclass(frozen=True, eq=False)
 class ShapeChange:
-    """What stiffness and mass of displacement fields change by where the curved faces of the part
+    """Changes of stiffness and mass of displacement fields where the curved faces of the part
     lie and not the mesh's facets.
 
     Attributes:
@@ -87,7 +87,7 @@ class ShapeChange:
 
 @dataclass(frozen=True, eq=False)
 class MeshErrors:
-    """What a mesh makes of displacement fields.
+    """Errors that a mesh makes in displacement fields.
 
     Attributes:
         missing_energy: ``(k, k)`` energy products of their discretisation errors [J for fields in

@@ -37,7 +37,7 @@ STOUT_WALL = 1.1
 
 @dataclass(frozen=True, eq=False)
 class FreeSides:
-    """Where single tetrahedra fill a part, and its sides there.
+    """Corners at which single tetrahedra fill a part, and its sides there.
 
     Attributes:
         alone: ``(n_points,)`` mesh points that are corners of such cells only.

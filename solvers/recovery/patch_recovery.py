@@ -50,7 +50,7 @@ BLOCK_PATCHES = 500
 
 @dataclass(frozen=True, eq=False)
 class StressOperators:
-    """What turns displacements at the nodes of some cells into stresses.
+    """Operators from displacements at the nodes of some cells to stresses.
 
     Attributes:
         table: ``(n_cells, 6 n_places, 3 n_nodes)``; all x of a cell's nodes first, then y, then z.
@@ -146,7 +146,7 @@ class _Lists:
 
 @dataclass(frozen=True, eq=False)
 class CornerPatches:
-    """Which cells the polynomial around each corner point is fitted to.
+    """Cells to which the polynomial around each corner point is fitted.
 
     Attributes:
         corners: ``(n_v,)`` mesh points that are corners of cells.
