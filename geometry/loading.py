@@ -35,7 +35,7 @@ class LibraryError(HeadstockError):
 
 @dataclass(frozen=True)
 class _Start:
-    """Way of loading a library.
+    """Steps that load a library.
 
     Attributes:
         modules: Imported in this order; the last is the library.

@@ -249,19 +249,19 @@ def find_offset_motions(
         loads += free.rows.T @ forces[spring.name]
         passed[spring.name] = free.damping @ stretch
         rates += free.rows.T @ passed[spring.name]
-    pulled = np.zeros_like(loads)
+    inertial = np.zeros_like(loads)
     if wanted.any():
         for name, dofs in layout.offsets.items():
             loads -= basis[dofs].T @ (coupled.matrices.stiffnesses[name] @ moved[dofs])
-            pulled -= basis[dofs].T @ (coupled.matrices.masses[name] @ moved[dofs])
+            inertial -= basis[dofs].T @ (coupled.matrices.masses[name] @ moved[dofs])
             if name in coupled.matrices.dampings:
                 rates -= basis[dofs].T @ (coupled.matrices.dampings[name] @ moved[dofs])
         if coupled.geometric is not None:
             loads -= basis.T @ (coupled.geometric @ moved)
-        rates += _modal_rates(coupled.system, damped, pulled)
+        rates += _modal_rates(coupled.system, damped, inertial)
     if damped.damping is None and damped.hysteretic is None:
         rates = np.zeros_like(rates)
-    return OffsetMotions(moved, loads, rates, pulled, forces, passed)
+    return OffsetMotions(moved, loads, rates, inertial, forces, passed)
 
 
 def move_rows(rows: FloatArray, moved: FloatArray) -> FloatArray:
@@ -275,18 +275,18 @@ def move_rows(rows: FloatArray, moved: FloatArray) -> FloatArray:
 
 
 def _modal_rates(
-    system: SecondOrderSystem, damped: SecondOrderSystem, pulled: FloatArray
+    system: SecondOrderSystem, damped: SecondOrderSystem, inertial: FloatArray
 ) -> FloatArray:
     """Return the loads ``(n, k)`` by modal damping, which resists the motion of what fixed
     directions move as it does any other.
     """
     if damped.damping is None:
-        return np.zeros_like(pulled)
+        return np.zeros_like(inertial)
     physical = np.zeros_like(damped.damping) if system.damping is None else system.damping
     modal = damped.damping - physical
     if not modal.any():
-        return np.zeros_like(pulled)
-    return np.asarray(modal @ np.linalg.lstsq(system.mass, pulled)[0])
+        return np.zeros_like(inertial)
+    return np.asarray(modal @ np.linalg.lstsq(system.mass, inertial)[0])
 
 
 def check_offsets(coupled: CoupledMachine, travel: ErrorTravel) -> None:

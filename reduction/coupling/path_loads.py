@@ -203,8 +203,8 @@ def bound_gyroscopic_shift(
     shifts = np.zeros(posed.motions.shape[1])
     for body, rate in zip(bodies, rates, strict=True):
         momenta, travel = posed.momenta[body.rows], body.travel
-        pulled = travel.T @ momenta
-        rigid = (pulled * np.linalg.lstsq(travel.T @ body.mass @ travel, pulled)[0]).sum(axis=0)
+        inertial = travel.T @ momenta
+        rigid = (inertial * np.linalg.lstsq(travel.T @ body.mass @ travel, inertial)[0]).sum(axis=0)
         whole = (posed.motions[body.rows] * momenta).sum(axis=0)
         deforming = np.maximum(whole - rigid, 0.0)
         shifts += rate * (2.0 * np.sqrt(rigid * deforming) + deforming)

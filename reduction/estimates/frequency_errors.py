@@ -131,14 +131,14 @@ def _trial_space(
     except np.linalg.LinAlgError:
         # dofs without mass or stiffness: the modes alone hold the first order of the error
         return shapes
-    pushed = np.sum(
+    applied = np.sum(
         [part.rows.T @ (part.truncation.first @ (part.rows @ shapes)) for part in parts.values()],
         axis=0,
     )
     space = shapes
     for _ in range(KRYLOV_BLOCKS):
-        moved = new_directions(cho_solve(factor, pushed), space, system.mass)
-        space, pushed = np.hstack([space, moved]), system.mass @ moved
+        moved = new_directions(cho_solve(factor, applied), space, system.mass)
+        space, applied = np.hstack([space, moved]), system.mass @ moved
     return space
 
 

@@ -396,7 +396,7 @@ def _trial_space(
             int(np.searchsorted(modes.frequencies_hz, 1.2 * highest_hz, side="right")),
         ),
     ]
-    pushed = (
+    applied = (
         [
             np.sum(
                 [
@@ -416,7 +416,7 @@ def _trial_space(
     return np.hstack(
         [
             shapes,
-            new_directions(cho_solve(factor, np.hstack([pushes, *pushed])), shapes, system.mass),
+            new_directions(cho_solve(factor, np.hstack([pushes, *applied])), shapes, system.mass),
         ]
     )
 

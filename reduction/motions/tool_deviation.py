@@ -110,15 +110,15 @@ def solve_deviation(coupled: CoupledMachine, machine: Machine, point: str) -> To
         ],
     }
     deforming = {source: np.sum(terms, axis=0) for source, terms in loads.items() if terms}
-    pushed = {} if coupled.errors is None else {GEOMETRY: coupled.loads[GUIDE_ERRORS]}
-    pushed |= deforming
+    applied = {} if coupled.errors is None else {GEOMETRY: coupled.loads[GUIDE_ERRORS]}
+    applied |= deforming
     unit = point_loads(coupled, point)
-    moved = solve_machine_static(coupled, np.column_stack([*pushed.values(), unit])).displacements
-    influence = moved[:, len(pushed) :]
+    moved = solve_machine_static(coupled, np.column_stack([*applied.values(), unit])).displacements
+    influence = moved[:, len(applied) :]
     carried = channel_rows(coupled, machine, point)
     rows = np.array([coupled.system.outputs[point, dof] for dof in DOF_NAMES])
     size = coupled.layout.size
-    offsets: dict[str, FloatArray] = {source: np.zeros(size) for source in pushed}
+    offsets: dict[str, FloatArray] = {source: np.zeros(size) for source in applied}
     if coupled.errors is not None:
         offsets[GEOMETRY] = coupled.errors.offset(size)
     sources: dict[str, FloatArray] = {}
@@ -133,7 +133,7 @@ def solve_deviation(coupled: CoupledMachine, machine: Machine, point: str) -> To
         sources[GEOMETRY] = np.sum(list(parts[GEOMETRY].values()), axis=0)
     responses = {
         source: SourceResponse(moved[:, number], offsets[source])
-        for number, source in enumerate(pushed)
+        for number, source in enumerate(applied)
     }
     for source in deforming:
         motion = responses[source].moved

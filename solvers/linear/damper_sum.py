@@ -103,14 +103,14 @@ class DamperSum:
         weights = 1j * np.hstack([omega[:, None] * self.viscous.strengths, still])
         far = np.where(near, 0.0, 1.0 / np.where(near, 1.0, dynamic))
         plain = _products(far, self.rows.T, self.loads)
-        stretched, pushed = (
+        stretched, coupled = (
             _products(far, factors, self.loads),
             _products(far, self.rows.T, factors),
         )
         # Woodbury: forces of the dampers on the far modes, f = (1 + W F^T g F)^-1 W F^T (...)
         coupling = weights[:, :, None] * _squares(far, factors)
         coupling[:, np.arange(factors.shape[1]), np.arange(factors.shape[1])] += 1.0
-        receptance = plain - pushed @ np.linalg.solve(coupling, weights[:, :, None] * stretched)
+        receptance = plain - coupled @ np.linalg.solve(coupling, weights[:, :, None] * stretched)
         for line in np.flatnonzero(near.any(axis=1)):
             # G is nearly infinite for modes near a line: they stay unknowns, and the far ones are
             # eliminated from their equations
@@ -124,7 +124,7 @@ class DamperSum:
                 dtype=complex,
             )
             loads = self.loads[near_modes] - local @ forces[:, len(near_modes) :]
-            rows = self.rows[:, near_modes] - pushed[line] @ forces[:, : len(near_modes)]
+            rows = self.rows[:, near_modes] - coupled[line] @ forces[:, : len(near_modes)]
             receptance[line] += self._solve_near(matrix + 0j, rows, loads, float(square[line, 0]))
         return receptance
 
@@ -148,11 +148,11 @@ class DamperSum:
                 np.abs(self.rows).max(axis=1, initial=0.0),
                 np.abs(self.loads).max(axis=0, initial=0.0),
             )
-            moved, pushed = (
+            moved, excited = (
                 np.abs(observed[:, resting]) > UNSEEN * reach[:, None],
                 np.abs(given[resting]) > UNSEEN * push,
             )
-            response[(moved.astype(float) @ pushed.astype(float)) > 0.0] = np.nan
+            response[(moved.astype(float) @ excited.astype(float)) > 0.0] = np.nan
         return np.asarray(response)
 
 

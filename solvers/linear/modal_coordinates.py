@@ -270,12 +270,12 @@ def rigid_response(
     where it is more than roundoff.
     """
     first = slice(0, coordinates.rigid_count)
-    moved, pushed = coordinates.outputs[:, first], coordinates.inputs[first]
-    size = np.abs(moved) @ np.abs(pushed)
+    moved, applied = coordinates.outputs[:, first], coordinates.inputs[first]
+    size = np.abs(moved) @ np.abs(applied)
     reach = np.outer(
         np.linalg.norm(coordinates.outputs, axis=1), np.linalg.norm(coordinates.inputs, axis=0)
     )
-    return moved @ pushed, size > SEEN_LIMIT * reach
+    return moved @ applied, size > SEEN_LIMIT * reach
 
 
 def modal_motion(

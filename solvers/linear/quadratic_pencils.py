@@ -138,8 +138,8 @@ def project_pencil(pencil: Pencil, columns: FloatArray) -> ProjectedPencil:
     real = np.abs(poles.imag) <= REAL_POLE * np.abs(poles)
     poles = np.where(real, poles.real + 0.0j, poles)
     coordinates = coordinates / np.linalg.norm(coordinates, axis=0)
-    pushed = 2.0 * poles * coordinates + real_product(damping, coordinates)
-    slopes = np.einsum("np,np->p", coordinates, pushed)
+    resisted = 2.0 * poles * coordinates + real_product(damping, coordinates)
+    slopes = np.einsum("np,np->p", coordinates, resisted)
     tiny = np.finfo(float).tiny
     return ProjectedPencil(
         columns=columns,

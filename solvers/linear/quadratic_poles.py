@@ -214,9 +214,9 @@ def _polish_poles(
             matrix[np.diag_indices(len(matrix))] += pole**2 + eigenvalues
             shape = np.linalg.solve(matrix, 2.0 * pole * shape + viscous @ shape)
             shape /= np.linalg.norm(shape)
-            pushed = viscous @ shape
-            step = (shape @ ((pole**2 + eigenvalues) * shape + pole * pushed)) / (
-                shape @ (2.0 * pole * shape + pushed)
+            resisted = viscous @ shape
+            step = (shape @ ((pole**2 + eigenvalues) * shape + pole * resisted)) / (
+                shape @ (2.0 * pole * shape + resisted)
             )
             poles[index], shapes[:, index] = pole - step, shape
             if abs(step) <= POLISHED * abs(pole):
@@ -296,10 +296,10 @@ def _refine(
             break
         moved = shapes[:, left]
         moved[lower:] += lacking
-        residuals, pushed = pencil.apply(poles[left], moved)
-        steps = np.einsum("mp,mp->p", moved, residuals) / np.einsum("mp,mp->p", moved, pushed)
+        residuals, slopes = pencil.apply(poles[left], moved)
+        steps = np.einsum("mp,mp->p", moved, residuals) / np.einsum("mp,mp->p", moved, slopes)
         poles[left] -= steps
-        moved -= small.solve(poles[left], residuals - steps * pushed, picked[left])
+        moved -= small.solve(poles[left], residuals - steps * slopes, picked[left])
         shapes[:, left] = moved / np.linalg.norm(moved, axis=0)
         left = left[~(np.abs(steps) <= pencil.allowed(poles[left]))]
         lacking, _ = _correct(pencil, outer, poles[left], shapes[:, left])

@@ -213,8 +213,8 @@ def _see_modes(
     ``(n_outputs, m)`` and ``(m, n_inputs)``.
     """
     moved = np.abs(rows) > UNSEEN * np.abs(rows).max(axis=1, keepdims=True, initial=0.0)
-    pushed = np.abs(loads) > UNSEEN * np.abs(loads).max(axis=0, keepdims=True, initial=0.0)
-    return np.asarray(moved.T[:, :, None] & pushed[:, None, :])
+    excited = np.abs(loads) > UNSEEN * np.abs(loads).max(axis=0, keepdims=True, initial=0.0)
+    return np.asarray(moved.T[:, :, None] & excited[:, None, :])
 
 
 def _blank_singular(

@@ -201,16 +201,16 @@ def soften_system(
         loss: Damping that goes with what becomes softer; None where dampers stay as they are.
     """
     moved = slice(modes.rigid_count, modes.rigid_count + len(factors))
-    pushed = system.mass @ modes.shapes[:, moved]
+    momenta = system.mass @ modes.shapes[:, moved]
     squares = (2.0 * np.pi * modes.frequencies_hz[moved]) ** 2
     lost = (1.0 - factors**2) * squares
-    stiffness = system.stiffness - (pushed * lost) @ pushed.T
+    stiffness = system.stiffness - (momenta * lost) @ momenta.T
     damping, hysteretic = system.damping, system.hysteretic
     if loss is not None and damping is not None:
         viscous = loss.viscous * lost + 2.0 * loss.ratios * (1.0 - factors) * np.sqrt(squares)
-        damping = damping - (pushed * viscous) @ pushed.T
+        damping = damping - (momenta * viscous) @ momenta.T
     if loss is not None and hysteretic is not None:
-        hysteretic = hysteretic - (pushed * (loss.structural * lost)) @ pushed.T
+        hysteretic = hysteretic - (momenta * (loss.structural * lost)) @ momenta.T
     return dataclasses.replace(system, stiffness=stiffness, damping=damping, hysteretic=hysteretic)
 
 
