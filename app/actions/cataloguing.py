@@ -98,7 +98,8 @@ sense = "up"
 ```
 
 - **Signs.** The tangential force acts against the motion of the edge, the radial one away from the chip, the axial one as the helix pulls:
-  down where it is positive.
+  down where it is positive. A negative `Krc` or `Kre` is taken and warned of: the radial force draws the edge into the part only where the
+  rake exceeds the angle of friction.
 - **Kienzle.** The force per width is `kc1.1 h^(1 - mc)`, with `h` in millimetres; its tangent at one chip thickness counts. That is the
   mean of a chip at the feed per tooth, which paths and contours know. Lobes take `feed_per_tooth`; without it 0.1 mm ± 50 % is assumed.
 - **Radial and axial forces.** Where a source gives the tangential force alone, the others are assumed ratios of it: {radial}, {axial}.
