@@ -62,8 +62,6 @@ def export_state_space(
         path: File to write, whole or not at all.
         up_to_hz: Modes up to here become states, the others act statically.
         pose: Name of a pose; default: the first.
-        comm: Collective.
-        origin: Written with it.
 
     Returns:
         What was written, in a few words; on every rank.
@@ -157,11 +155,8 @@ def export_superelement(
 
     Args:
         scene: The scene; the same on every rank.
-        component: Name of one of its components.
         path: File to write, whole or not at all.
-        comm: Collective.
         store: Where meshes and superelements are kept; by default the user's.
-        origin: Written with it.
 
     Returns:
         What was written, in a few words; on every rank.

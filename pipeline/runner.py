@@ -78,7 +78,6 @@ def run_scene(
     Args:
         scene: The same on every rank.
         output: Folder for the files, made where it is missing.
-        comm: Collective.
         observer: Called with each stage as it ends, on rank 0.
         store: Where meshes and superelements are kept; by default the user's.
         announce: Called with each stage before it begins, on rank 0.
@@ -247,8 +246,6 @@ class _StageRunner:
         are not reduced yet.
 
         Args:
-            scene: The scene.
-            plan: Its stages.
             reduced: Components of an earlier round that serve again; None where all are to be made.
             mesh_factors: Component to what its estimates of mesh errors are multiplied by.
         """
@@ -313,8 +310,6 @@ def gather_results(
     """Return what a run has found so far.
 
     Args:
-        state: Of the run.
-        records: Of its stages.
         provenance: Where the results come from.
         files: SHA-256 by name of files that are written.
     """
@@ -360,8 +355,6 @@ def gather_facts(state: RunState, name: str, reduced: ReducedComponent) -> Compo
     """Return what became of a component of a run.
 
     Args:
-        state: Of the run, with its plan.
-        name: The component.
         reduced: What it was reduced to, with the quality of its mesh.
     """
     superelement, quality = reduced.superelement, reduced.quality

@@ -35,7 +35,6 @@ class AccuracyGoal:
     """How far any requested number may be off.
 
     Attributes:
-        to: Relative error.
         models: Which bodies become rigid, segmented or elastic as the accuracy allows: those that
             deform in the scene, all, or none.
         interfaces: Which interfaces with six motions at rigid joints may get deformation shapes:
@@ -86,10 +85,8 @@ class SceneMechanism(ToolMechanism):
     """The closed-loop mechanism of a scene.
 
     Attributes:
-        kind: Which mechanism.
         model: ``lumped``: rigid bodies on springs in the legs; ``components``: it only places the
             components it carries.
-        springs: For the lumped model.
         screw_lead: Travel of a leg per turn of its motor [m]; None where it is not known.
         leg_errors: Number of a leg, 0..2, to the error of its length over its length.
     """
@@ -107,22 +104,17 @@ class Scene:
 
     Attributes:
         name: Name in the scene, or the file's.
-        path: Scene file.
-        machine: The machine in SI units.
         poses: By name, at least one: ``reference`` with every axis at zero when the scene names
             none.
         analyses: What is to be computed.
         on_request: What is computed only when it is named.
         deferred: What keeps an analysis on request from running as the scene stands, by its name.
-        effects: Names of the effects that are switched on.
         variants: Names of the variants the scene offers.
-        compare: Which of them are compared.
         raw: Parsed TOML after overrides, in full.
         written: The same as it is written: expressions not calculated, ``places`` in short.
         limits: What a run may cost.
         warnings: What is allowed but looks wrong, each with its place.
         assumptions: Which values are the catalogue's, and how uncertain they are.
-        variant: Variant that was applied.
         studies: What may be varied, by name.
         sweeps: Poses in which the analyses may be repeated, by name.
         mechanism: The closed-loop mechanism that carries components, if any.
@@ -172,9 +164,7 @@ def require_name(scene: Scene, section: str, name: str, known: Iterable[str]) ->
     """Refuse a name that is none of those there are.
 
     Args:
-        scene: As loaded.
         section: Of the scene, that names the things.
-        name: Requested name.
         known: Those that can be.
 
     Raises:

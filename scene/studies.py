@@ -51,8 +51,6 @@ class Study:
     """What is varied in a scene and what is looked at.
 
     Attributes:
-        name: In the scene.
-        families: At least one.
         watch: Paths into a point's summary.
         cold: Every point starts with an empty store, so that seconds are those of the whole
             computation.
@@ -76,7 +74,6 @@ class StudyPoint:
     """One computation of a study.
 
     Attributes:
-        family: Name of its family.
         varied: Dotted key (or ``variant``) to the value it has here.
         settings: Every override, fixed and varied, in the order in which they apply.
         variant: Variant of the scene that applies after the one the study was started with; empty
@@ -164,7 +161,6 @@ class Sweep:
     """Poses in which the analyses are repeated.
 
     Attributes:
-        name: In the scene.
         kind: A grid, whose last axis changes fastest; a list; or a path, whose neighbours follow
             each other.
         axes: Names of the axes that are set; others stand at zero.
@@ -189,7 +185,6 @@ def make_grid(name: str, units: dict[str, str], spans: dict[str, FloatArray]) ->
     """Every combination of the axes' positions.
 
     Args:
-        name: Of the sweep.
         units: ``m`` or ``rad`` of each axis.
         spans: Positions ``(n,)`` of each axis [m, rad]; the last changes fastest.
     """
@@ -204,7 +199,6 @@ def make_list(
     """Poses one by one; axes that a pose does not name stand at zero in it.
 
     Args:
-        name: Of the sweep.
         units: ``m`` or ``rad`` of each axis.
         places: Axis to position [m, rad], one per pose.
         labels: Names of the poses; empty for none.
@@ -231,7 +225,6 @@ def make_path(
     axes that are measured like the step.
 
     Args:
-        name: Of the sweep.
         units: ``m`` or ``rad`` of each axis.
         waypoints: Axis to position [m, rad], one per corner.
         step: Largest distance of poses [m, rad].
@@ -305,7 +298,6 @@ def sweep_neighbours(sweep: Sweep, present: NDArray[np.bool_]) -> list[tuple[int
     """Pairs of poses that lie beside each other, along each axis of a grid or one after the other.
 
     Args:
-        sweep: The poses.
         present: ``(n,)`` which of them count; those before and after one that does not are
             neighbours.
     """

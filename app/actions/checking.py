@@ -26,8 +26,6 @@ def check_scene(
     """Load a scene and say what it holds.
 
     Args:
-        path: Scene file.
-        variant: To apply.
         overrides: ``KEY=VALUE`` of each ``--set``.
         json_file: Where problems and warnings go too.
 

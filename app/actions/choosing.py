@@ -40,7 +40,6 @@ def choose_fidelity(chosen: SceneChoice, fidelity: Fidelity) -> tuple[SceneChoic
 
     Args:
         chosen: Scene, variant and settings; rigid and imported parts stay as they are there.
-        fidelity: Wanted.
 
     Raises:
         SceneError: The scene has problems, or no part can have this fidelity.

@@ -64,7 +64,6 @@ class ClusterRequest:
     """What the command line asked of the cluster.
 
     Attributes:
-        options: For the job script.
         arguments: Words the tasks' command line gets besides: variant, overrides, retry.
         retry: Poses that failed are computed again.
         wait: Whether to wait for the array job and collect.
@@ -82,9 +81,6 @@ def sweep_on_slurm(
     """Submit what is missing of a sweep, or find the array job that is still at it; wait; collect.
 
     Args:
-        job: The sweep, checked.
-        request: Of the user.
-        comm: Of this process alone.
         collect: Makes the files of a sweep whose poses are all computed, and returns the exit code.
 
     Raises:
@@ -239,10 +235,7 @@ def command_on_slurm(words: Sequence[str], options: SlurmOptions, ranks: int, *,
     """Submit a command, or find the job that is still at it; wait for it and show what it printed.
 
     Args:
-        words: Of the command line.
-        options: Of the cluster.
         ranks: Of this process: one alone submits.
-        wait: Whether to wait for the job.
 
     Returns:
         The exit code of the command.

@@ -81,8 +81,6 @@ def compare_request(
     they come from.
 
     Args:
-        request: Of the command line.
-        comm: Of all ranks.
         origin: Where the results come from.
 
     Raises:
@@ -304,9 +302,6 @@ def _publish(
     """Write every file of a comparison; remarks for the user.
 
     Args:
-        summary: What is compared.
-        comparison: With numbers and lines.
-        folder: For the files.
         json_file: A copy of the summary, if one is wanted.
     """
     lines = comparison.lines

@@ -264,10 +264,6 @@ def _write_good_enough(
     """Try together what moves little alone, and write it as a variant.
 
     Args:
-        choice: The scene.
-        scene: As written.
-        trials: Of its effects.
-        findings: Of changes of its model.
         output: File to write; None for one beside the scene.
 
     Raises:

@@ -54,9 +54,7 @@ def export_component_mesh(request: ExportRequest, component: str | None, comm: M
     """Mesh a component, write the mesh and say so.
 
     Args:
-        request: Of the command line.
         component: Its name; None for the only one that has a shape.
-        comm: Of all ranks.
 
     Raises:
         click.UsageError: There is no format with this ending.
@@ -79,10 +77,8 @@ def export_machine(request: ExportRequest, up_to: str, pose: str | None, comm: M
     """Write the state space of the machine and say so.
 
     Args:
-        request: Of the command line.
         up_to: Frequency with its unit up to which modes are kept, such as ``500 Hz``.
         pose: Name of a pose; the first without it.
-        comm: Of all ranks.
 
     Raises:
         click.UsageError: The frequency is none.

@@ -188,8 +188,6 @@ def identify_request(
     never touched.
 
     Args:
-        request: Of the command line.
-        comm: Of all ranks.
         origin: Where the results come from.
 
     Raises:
@@ -236,10 +234,6 @@ def _publish(
     """Write every file of a fit.
 
     Args:
-        request: Of the command line.
-        found: By the fit.
-        summary: Of it.
-        output: Folder for the files.
         origin: Where the results come from.
     """
     if origin is not None:

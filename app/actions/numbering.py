@@ -20,7 +20,6 @@ def list_numbers(
     """Print the numbers of a run, or of every point or variant, and write them in SI units where files are named.
 
     Args:
-        folder: Of results.
         pattern: That names fit; None for all.
         csv_file: None for none.
         json_file: None for none.

@@ -56,8 +56,6 @@ def publish_run(
     the user.
 
     Args:
-        folder: Folder of results.
-        run: What is published.
         figures: Draw pictures of the machine; else the report has none for browsers without WebGL.
         more: Pictures for ``figures`` besides those of the machine.
 
@@ -126,10 +124,6 @@ def is_same_scene(first: ProvenanceSummary, second: ProvenanceSummary) -> bool:
 def publish_again(folder: Path, run: FinishedRun) -> list[str]:
     """Report, tables, modes and pictures anew from the files of a run, with all modes and every
     chart; remarks for the user.
-
-    Args:
-        folder: Folder of results.
-        run: What is published.
 
     Raises:
         UnusableOutputError: The summary is not one that this version writes.

@@ -57,8 +57,6 @@ def run_request(request: RunRequest, comm: MPI.Comm, origin: Provenance | None =
     """Run a scene on all ranks and print what came out; where it comes from is written with it.
 
     Args:
-        request: Of the command line.
-        comm: Of all ranks.
         origin: Where the results come from.
 
     Raises:
@@ -100,8 +98,6 @@ def claim_on_root(
     """Keep other runs out of an output folder while the body runs; collective.
 
     Args:
-        comm: Of all ranks.
-        folder: To write into.
         names: Of files that will be written there whatever is computed.
         parts: Names of the folders in it that may be written into.
 

@@ -108,7 +108,6 @@ def _show_machine(
     """List and draw components, joints, supports and points of a scene in a pose.
 
     Args:
-        scene: The scene.
         pose: Its name; None for the first.
         picture: File to write; None for ``SCENE_machine.png``.
         window: Open a window in place of writing a picture.

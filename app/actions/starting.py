@@ -226,8 +226,6 @@ def write_part_scene(
     """The text of a scene around a part that lies beside it.
 
     Args:
-        part: The file.
-        survey: Its faces.
         scene: Name of the scene's file.
         solid: Which solid of the file; None where it holds one.
         free: Without a support, and coupled nowhere in a way that would stiffen it; else at the first of

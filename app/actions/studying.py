@@ -69,8 +69,6 @@ def study_request(request: StudyRequest, comm: MPI.Comm, origin: Provenance | No
     """Run a study on all ranks, print its table and write its files, with where it comes from.
 
     Args:
-        request: Of the command line.
-        comm: Of all ranks.
         origin: Where the results come from.
 
     Raises:

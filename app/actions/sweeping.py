@@ -73,7 +73,6 @@ def compute_part(job: SweepJob, key: str | None, comm: MPI.Comm) -> int:
     Args:
         job: The sweep, with the part to compute.
         key: Of the sweep that was submitted; None where nobody submitted it.
-        comm: Of all ranks.
 
     Raises:
         SlurmError: What is computed here is not what was submitted.
@@ -120,8 +119,6 @@ def sweep_request(request: SweepRequest, comm: MPI.Comm, origin: Provenance | No
     come from.
 
     Args:
-        request: Of the command line.
-        comm: Of all ranks.
         origin: Where the results come from.
 
     Raises:
@@ -199,7 +196,6 @@ def _draw_together(
     """Pictures of a sweep by name, on rank 0; every rank draws its share; collective.
 
     Args:
-        comm: Of all ranks.
         summary: On rank 0.
         results: On rank 0.
     """

@@ -103,7 +103,6 @@ def validate_cases(
         names: Cases or groups; all where it is empty.
         json_file: Where the rows go too.
         ranks: How many ranks were asked for.
-        comm: Of all ranks.
         output: Folder for figures of cases.
         seed: Where cases that draw what they compare begin; None for what they compare as a rule.
 

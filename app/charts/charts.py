@@ -71,7 +71,6 @@ def draw_charts(summary: RunSummary, colors: dict[str, str]) -> dict[str, bytes]
 
     Args:
         summary: Content of ``summary.json``.
-        colors: Colour of each component.
     """
     found = {}
     for pose, points in static_by_pose(summary).items():
@@ -127,9 +126,7 @@ def add_legend(figure: Figure, handles: Sequence[Artist], labels: Sequence[str])
     a figure as much higher.
 
     Args:
-        figure: With its panels.
         handles: What the labels stand beside.
-        labels: As long as they are.
     """
     if not labels:
         return
@@ -176,8 +173,6 @@ def choose_ticks(low: float, high: float, letters: float = math.inf) -> list[flo
     would be many or touch.
 
     Args:
-        low: End of the axis.
-        high: Its other end.
         letters: As many as it has room for.
     """
     first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))

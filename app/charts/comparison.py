@@ -42,7 +42,6 @@ def draw_comparison(
     """Figure name to a PNG file; no figure for what was not computed.
 
     Args:
-        summary: What is compared.
         lines: Variant to its frequency response, all on the same lines; empty without one.
     """
     figures = {}

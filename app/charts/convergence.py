@@ -30,7 +30,6 @@ def draw_convergence(found: Convergence, need: MeshNeed) -> bytes | None:
 
     Args:
         found: What the meshes say.
-        need: The mesh that is marked.
     """
     lines = [
         (

@@ -132,7 +132,6 @@ def describe_column(column: str, short: str) -> str:
     """A watched path in words with its unit: ``modal.frequencies_hz[0]`` is ``frequency 1 [Hz]``.
 
     Args:
-        column: The path.
         short: Its last names, as many as tell it from the others.
     """
     steps = _STEP.findall(short if "." in short or "[" in short else column.split(".")[-1])
@@ -262,7 +261,6 @@ def draw_costs(points: Sequence[CostPoint], labels: dict[str, str]) -> bytes | N
     """Three panels side by side; None where nothing can be drawn.
 
     Args:
-        points: Of one study.
         labels: Family to how it is called.
     """
     shown = [point for point in points if math.isfinite(point.error)]

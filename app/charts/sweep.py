@@ -35,7 +35,6 @@ def draw_sweep(
     Args:
         summary: As ``summarise_sweep`` gives it.
         limits: Limit depths of cut by the name of the direction of travel.
-        share: Which of the pictures.
     """
     quantities = [
         quantity for quantity in list_quantities(summary) if np.isfinite(quantity.values).any()
@@ -145,7 +144,6 @@ def middle_plane(summary: SweepSummary, values: FloatArray, axes: list[int]) -> 
     Args:
         summary: Of a sweep over a grid.
         values: Over its poses ``(n,)``.
-        axes: Two numbers of axes.
     """
     table = values.reshape(summary["shape"])
     place = tuple(

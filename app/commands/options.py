@@ -183,8 +183,6 @@ def choose_scene(
     """What a command line says of a scene, as one thing.
 
     Args:
-        scene: Scene file.
-        variant: To apply.
         overrides: ``KEY=VALUE`` of each ``--set``.
         analyses: Of each ``--analysis``; all where there is none.
     """
@@ -198,8 +196,6 @@ def trace_command(choice: "SceneChoice", *, ranks: int = 1, with_host: bool) -> 
     can be read, which is said elsewhere.
 
     Args:
-        choice: Of the command line.
-        ranks: MPI ranks.
         with_host: State host and command line.
     """
     from headstock.pipeline.storage.provenance import trace_content

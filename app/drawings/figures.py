@@ -58,7 +58,6 @@ def draw_budget(
 
     Args:
         shares: Part to its share of the compliance, 0 to 1.
-        colors: Component to its colour.
         identity: ``id`` in the page.
         longest: Share whose bar is as wide as the picture.
     """
@@ -229,8 +228,6 @@ def draw_map(
     cannot be taken.
 
     Args:
-        found: The map of a summary.
-        name: Of the quantity.
         layer: Place along the third axis of a volume; colours are those of the whole volume.
         title: Above it, before its range; by default what the quantity is called.
         stem: Of its ``id`` in the page; by default the quantity.

@@ -36,7 +36,6 @@ def draw_lobes(found: DirectionSummary, identity: str, *, confirmed: bool) -> Ma
     known of it.
 
     Args:
-        found: Of the direction.
         identity: ``id`` in the page.
         confirmed: Whether multipliers found the limits.
     """

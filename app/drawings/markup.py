@@ -18,7 +18,6 @@ def show_number(
 
     Args:
         value: None where there is none.
-        digits: Significant ones.
         missing: Shown without a value.
         scale: Size of the numbers beside it, of which it may be the roundoff.
     """
@@ -51,7 +50,6 @@ def draw_rows[Row](
     """A table of the report, of the columns that it has there and that say something.
 
     Args:
-        columns: Of the table.
         rows: As the columns take them.
         identity: ``id`` in the page.
         colors: Name in the first column to the colour of a dot before it.

@@ -20,11 +20,7 @@ Scale = Callable[[float], float]
 
 
 def draw_milled_faces(faces: Sequence[MilledFaceSummary]) -> Markup:
-    """The profiles of faces under each other, micrometres equally long in all of them.
-
-    Args:
-        faces: Of the contour.
-    """
+    """The profiles of faces under each other, micrometres equally long in all of them."""
     half = max(_half_span(face) for face in faces)
     rough = max(float(np.ptp(face["detail"]["height_um"])) for face in faces)
     parts, top = list[Markup](), 0.0

@@ -38,7 +38,6 @@ def draw_path(curves: Sequence[PathCurves], output: int, identity: str) -> Marku
 
     Args:
         curves: One per feed.
-        output: Number of the output.
         identity: ``id`` in the page.
     """
     channel = curves[0].outputs[output]

@@ -12,8 +12,6 @@ def line(x1: float, y1: float, x2: float, y2: float, *, opacity: float) -> Marku
     such.
 
     Args:
-        x1: From where, to the right.
-        y1: From where, downwards.
         x2: Where it ends, to the right.
         y2: Where it ends, downwards.
         opacity: From 0 to 1.
@@ -38,11 +36,7 @@ def text(
 
     Args:
         x: Of its start, middle or end.
-        y: Of its foot.
-        words: What it says.
         anchor: ``start``, ``middle`` or ``end``: which part of it is at ``x``.
-        size: Of the font.
-        color: Of the text.
         opacity: From 0 to 1; opaque without it.
     """
     faint = Markup("") if opacity is None else Markup(' opacity="{}"').format(opacity)
@@ -63,8 +57,6 @@ def area(places: Iterable[tuple[float, float]], fill: str, *, opacity: float = 1
     """A filled area.
 
     Args:
-        places: Of its corners.
-        fill: Colour, or a pattern.
         opacity: From 0 to 1.
     """
     return Markup('<polygon points="{}" fill="{}" opacity="{:g}"/>').format(
@@ -78,14 +70,7 @@ def points(places: Iterable[tuple[float, float]]) -> str:
 
 
 def heading(x: float, y: float, words: str, *, size: float = 11.5) -> Markup:
-    """What a plot shows, above its left end.
-
-    Args:
-        x: Of its start.
-        y: Of its foot.
-        words: What it says.
-        size: Of the font.
-    """
+    """What a plot shows, above its left end."""
     return Markup(
         '<text x="{:.1f}" y="{:.1f}" font-size="{}" font-weight="600" fill="currentColor">{}</text>'
     ).format(x, y, size, words)
@@ -106,9 +91,6 @@ def picture(
     Args:
         parts: What is in it, the lowest first.
         identity: Its ``id`` in the page.
-        kind: Its class.
-        width: In user units.
-        height: In user units.
         label: Said where it cannot be seen.
         widest: On the page [px]; as wide as there is space without it.
     """

@@ -27,7 +27,6 @@ def draw_transient(curves: TransientCurves, identity: str) -> Markup:
     position errors.
 
     Args:
-        curves: Of a pose.
         identity: ``id`` in the page.
     """
     parts, top = [], 0.0

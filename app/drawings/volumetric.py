@@ -29,7 +29,6 @@ def draw_motions(found: VolumetricSummary, identity: str) -> Markup:
     """The six error motions along each axis: translations on the left, rotations on the right.
 
     Args:
-        found: Of a point.
         identity: ``id`` in the page.
     """
     parts, top = [], 0.0
@@ -113,7 +112,6 @@ def draw_volume(found: VolumetricSummary, identity: str) -> Markup:
     ones; empty where the axes of the map are not linear.
 
     Args:
-        found: Of a point.
         identity: ``id`` in the page.
     """
     travelled = _travel_volume(found)

@@ -29,14 +29,7 @@ BALL_SHARE, ARROW_SHARE, CONE_SHARE = 0.007, 0.06, 0.03
 def label_machine(
     title: str, view: MachineView, placed: PoseView, supports: Mapping[str, SupportView]
 ) -> LabelledSurface:
-    """The skins of a machine in a pose with marks and names at joints, supports and points.
-
-    Args:
-        title: Of the picture.
-        view: Skins of the components.
-        placed: Where they are.
-        supports: By name.
-    """
+    """The skins of a machine in a pose with marks and names at joints, supports and points."""
     joined = join_skins_in_pose(view, placed)
     groups: dict[str, list[tuple[str, JointView]]] = {}
     for name, joint in placed.joints.items():

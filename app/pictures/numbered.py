@@ -59,11 +59,8 @@ class LabelledSurface:
         points: ``(n, 3)`` [m].
         triangles: ``(m, 3)`` outward.
         owners: ``(m,)`` numbers from 1.
-        labels: Text of each owner.
-        title: Heading of the picture.
         palette: ``(owners + 1, 3)`` red, green, blue of each owner from 1, 0..1; None for soft
             colours of their own.
-        marks: Of joints and points.
         notes: Texts besides the labels.
         legend: What marks mean, each in its colour.
     """

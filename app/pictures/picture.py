@@ -54,7 +54,6 @@ class Picture:
     """One picture to be drawn.
 
     Attributes:
-        name: Stem of its file.
         points: ``(n, 3)`` in the machine frame [m].
         triangles: ``(m, 3)``.
         edges: ``(k, 2)``.

@@ -130,7 +130,6 @@ def _run(kind: str, source: str, target: int, files: Sequence[int]) -> str | Non
     """Run a child to its end; what went wrong, or None.
 
     Args:
-        kind: What it does.
         source: Folder of results for charts, else number of an open file.
         target: Number of the open file that it writes to.
         files: Numbers of open files that it inherits.

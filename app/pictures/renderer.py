@@ -77,10 +77,7 @@ def compose_picture(
     """Put everything that a picture shows in front of a plotter's camera.
 
     Args:
-        plotter: To be filled.
-        picture: What is seen.
         fineness: Pixels that are drawn for one that is seen, in each direction.
-        opacity: Of bodies.
     """
     for position, strength in LAMPS:
         plotter.add_light(

@@ -67,8 +67,6 @@ def rest_picture(name: str, view: MachineView, pose: PoseView, size: tuple[int, 
     """The machine at rest, coloured by component, with its joints and points.
 
     Args:
-        name: Stem of its file.
-        view: Surface of each component.
         pose: Placements, joints and points in the pose.
         size: Width and height in pixels.
     """
@@ -91,10 +89,7 @@ def mode_picture(
     edges.
 
     Args:
-        name: Stem of its file.
-        view: Surface of each component.
         pose: Placements and mode shapes in the pose.
-        index: Which mode, from zero.
         size: Width and height in pixels.
     """
     joined = join_skins_in_pose(view, pose)

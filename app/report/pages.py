@@ -175,7 +175,6 @@ def render_comparison(summary: ComparisonSummary, figures: Mapping[str, bytes]) 
 
     Args:
         summary: Content of ``compare.json``.
-        figures: Name to PNG.
     """
     return (
         report_environment()

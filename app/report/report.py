@@ -73,7 +73,6 @@ def write_report(
     """Write ``report.html`` into a folder of results.
 
     Args:
-        folder: Folder of results.
         run: What is reported; without poses to draw the report has no machine view.
         stills: Pictures of the machine, for browsers without WebGL and for paper.
         worth: Of effects and models, where that is known.
@@ -142,7 +141,6 @@ def _write_sections(run: FinishedRun, names: Mapping[str, Any]) -> list[tuple[Se
     """Return every section, and what its template writes below its lead and its tables.
 
     Args:
-        run: What is reported.
         names: What every template may use.
     """
     environment, sections = report_environment(), []
@@ -159,8 +157,6 @@ def _offer_table(tables: Mapping[str, PlainTable], name: str, identity: str) -> 
     """Write links to a table as a file, and to the picture of an element.
 
     Args:
-        tables: By name.
-        name: Of the table.
         identity: ``id`` of the element in the page.
     """
     return Markup(

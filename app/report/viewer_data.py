@@ -49,11 +49,8 @@ class Caption:
 
     Attributes:
         shape: ``mode:N`` or ``push:POINT DIRECTION``.
-        lead: Short label.
-        text: What follows it.
         kind: Motion under a force, natural mode, or natural mode in which the machine moves as a
             whole.
-        frequency_hz: Of a mode.
         shares: Component and joint to its share of the strain energy.
     """
 

@@ -108,9 +108,6 @@ def read_compliance(
     point, or moves freely.
 
     Args:
-        summary: Of a comparison.
-        name: Of the variant.
-        point: Where.
         row: Direction of the motion, 0 to 2.
         column: Direction of the force, 0 to 2.
     """

@@ -54,7 +54,6 @@ class ModelRow:
     """An answer of every model that has it.
 
     Attributes:
-        head: What is answered.
         cells: Variant to what it says; those that say nothing are not in it.
     """
 
@@ -87,8 +86,6 @@ def share_rows(summary: ComparisonSummary, point: str, direction: str) -> list[M
     components whose names differ by a number only are one part.
 
     Args:
-        summary: Of a comparison.
-        point: Where.
         direction: ``x``, ``y`` or ``z``.
     """
     budgets = {
@@ -122,7 +119,6 @@ def response_sections(
     """A section per entry of the frequency responses that is more than a trace of symmetry lost.
 
     Args:
-        summary: Of a comparison.
         drive_points: Only entries of a load and the motion at the same place, where there are any.
     """
     entries: dict[tuple[Channel, Channel], dict[str, EntrySummary]] = {}
@@ -227,9 +223,6 @@ def _response_section(
 def other_sections(summary: ComparisonSummary) -> list[ModelSection]:
     """A section per kind of numbers of analyses other than modes, compliances and responses; components
     of a vector share a row.
-
-    Args:
-        summary: Of a comparison.
     """
     sections: dict[tuple[str, str], dict[str, dict[str, list[OtherSummary]]]] = {}
     for name, variant in summary["variants"].items():
@@ -315,11 +308,6 @@ def nearest_mac(
 ) -> float | None:
     """Largest MAC of a mode of the reference with any mode of a model that has not got it; None
     where that was not computed.
-
-    Args:
-        summary: Of a comparison.
-        row: Of the mode.
-        variant: The model.
     """
     own = row["variants"][summary["reference"]]
     if own is None or own["number"] > len(variant["mac"]):

@@ -82,12 +82,7 @@ JOINT_FORCE_COLUMNS: tuple[Column[JointRow], ...] = (
 
 
 def tabulate_joint_forces(name: str, joints: Mapping[str, JointForces]) -> PlainTable:
-    """A row per joint and direction.
-
-    Args:
-        name: Stem of the file.
-        joints: By name.
-    """
+    """A row per joint and direction."""
     return PlainTable(
         name,
         ("joint", "direction", "largest force on the first end", "±", "unit", "at [s]"),

@@ -99,7 +99,6 @@ def top_shares(shares: Mapping[str, float], count: int, least: float) -> list[tu
     """The largest shares, at most so many.
 
     Args:
-        shares: Name to share.
         count: How many there may be.
         least: Share below which one is not named.
     """

@@ -37,8 +37,6 @@ class Quantity:
     """What is mapped.
 
     Attributes:
-        name: For files and ids.
-        title: For readers.
         unit: Empty without one.
         values: ``(n,)``, NaN where there is none.
     """

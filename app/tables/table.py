@@ -34,7 +34,6 @@ class Column[Row]:
         value: Of a row, unrounded; None where there is none.
         file: Heading in CSV files, with the unit.
         screen: Heading on the screen, after ``>`` for numbers.
-        report: Heading in the report.
         digits: Significant ones of a number on the screen and in the report.
         show: Another way to write a number there.
         missing: Written there in place of None; empty for a dash.
@@ -56,8 +55,6 @@ def tabulate[Row](name: str, columns: Sequence[Column[Row]], rows: Iterable[Row]
     """The columns of a table that files have.
 
     Args:
-        name: Stem of the file.
-        columns: Of the table.
         rows: As the columns take them.
     """
     kept = [column for column in columns if column.file]
@@ -79,7 +76,6 @@ def tabulate_curves(name: str, columns: Iterable[tuple[str, FloatArray]]) -> Pla
     """A row per sample of curves.
 
     Args:
-        name: Stem of the file.
         columns: Heading and values ``(n,)`` of each; NaN where there is none.
     """
     headings, values = zip(*columns, strict=True)

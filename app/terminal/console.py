@@ -96,8 +96,6 @@ def counted(number: int, noun: str, plural: str | None = None) -> str:
     """A number of things in words.
 
     Args:
-        number: How many.
-        noun: Of one.
         plural: Of several; the noun with an s without it.
     """
     return f"{number} {noun if number == 1 else plural or noun + 's'}"
@@ -139,8 +137,6 @@ def print_table(console: Console, title: str, table: Table) -> None:
     wider than the console. A pipe has no edge: nothing is left out there.
 
     Args:
-        console: Where to.
-        title: Above the table.
         table: Of :func:`make_table`.
     """
     edge = console.width if console.is_terminal or "COLUMNS" in os.environ else None

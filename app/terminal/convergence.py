@@ -69,7 +69,6 @@ def print_convergence(advice: MeshAdvice, *, folder: Path, files: Sequence[str])
 
     Args:
         advice: What the meshes say.
-        folder: Of the results.
         files: Names of what was written there.
     """
     console, found = make_console(), advice.found

@@ -23,8 +23,6 @@ def print_machine(
     """Components of a scene, and its joints, supports and points in a pose.
 
     Args:
-        scene: The scene.
-        pose: One of its poses.
         view: What of the machine is drawn.
         supports: By name, where they are in the pose.
     """

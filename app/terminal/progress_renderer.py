@@ -24,10 +24,8 @@ def render_bar(label: str, elapsed: float, expected: float, columns: int) -> str
     expected.
 
     Args:
-        label: The stage.
         elapsed: Since it began [s].
         expected: Estimate for all of it [s]; zero for none.
-        columns: Width of the terminal.
     """
     text = f"  {label:<26} "
     if expected > 0.0:
@@ -43,7 +41,6 @@ def render_line(label: str, elapsed: float, expected: float) -> str:
     """One line for a log.
 
     Args:
-        label: The stage.
         elapsed: Since it began [s].
         expected: Estimate for all of it [s]; zero for none.
     """

@@ -32,7 +32,6 @@ def print_refinement(
     Args:
         beam: Whose references they are.
         points: Every model that was run.
-        statements: Of the paper.
         own: That Headstock's own models show.
     """
     console = make_console()

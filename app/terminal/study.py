@@ -218,9 +218,7 @@ def print_study(table: StudyTable, *, seconds: float, folder: Path) -> None:
     and what was measured how.
 
     Args:
-        table: Of the study.
         seconds: That this run took [s].
-        folder: Where its files are.
     """
     console = make_console()
     console.print()

@@ -85,7 +85,6 @@ def print_summary(
     Args:
         summary: Content of ``summary.json``.
         seconds: That the run took [s].
-        folder: Where its files are.
         said: Warnings that were printed before.
     """
     console, run = make_console(), FinishedRun(summary)

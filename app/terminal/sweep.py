@@ -61,10 +61,8 @@ def print_sweep(
 
     Args:
         summary: Content of ``sweep.json``.
-        results: The same as arrays.
         computed: How many poses this call computed.
         seconds: That it took [s].
-        folder: Where its files are.
     """
     console = make_console()
     console.print()

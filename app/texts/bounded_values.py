@@ -105,7 +105,6 @@ def show_compliances(
 
     Args:
         matrix: ``(3, 3)`` compliances, a column per force; None where a free motion leaves it open.
-        column: Direction of the force.
         errors: Direction to how far the compliance along it may be off; those that are missing are
             not known.
     """

@@ -84,7 +84,6 @@ def even_ticks(low: float, high: float, count: int) -> list[float]:
 
     Args:
         low: Where the axis begins.
-        high: Where it ends.
         count: How many steps there may be.
     """
     rough = (high - low) / count

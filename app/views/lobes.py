@@ -99,8 +99,6 @@ def _list_lobes(pose: str, found: LobesSummary, most: int | None = None) -> list
     """Lobes of a pose, direction by direction, rising in speed.
 
     Args:
-        pose: Its name.
-        found: Its lobes.
         most: The widest so many of each direction only.
     """
     rows = []

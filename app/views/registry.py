@@ -39,7 +39,6 @@ def list_tables(run: FinishedRun, *, long: bool = True) -> list[PlainTable]:
     """Return every table of a run.
 
     Args:
-        run: Its summary and curves.
         long: Those with a row per sample, too.
     """
     views = find_views(run)

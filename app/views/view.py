@@ -38,8 +38,6 @@ class Listing[Row]:
     """A table for files, terminal and report, which each take the columns that they have.
 
     Attributes:
-        title: Above it on the terminal.
-        columns: Of the table.
         rows: As the columns take them.
         name: Stem of its file; in the report its ``id`` is this with ``-table``.
     """
@@ -71,7 +69,6 @@ class Section:
 
     Attributes:
         identity: Its ``id`` in the page.
-        title: Its heading.
         link: Its name in the navigation; empty where that is the title.
         lead: First paragraph; empty for none.
         tables: Below the lead, each with its file.

@@ -68,12 +68,7 @@ class MachineFamily:
 
 @dataclass(eq=False)
 class ComparedMachine:
-    """A machine of a family, coupled once in each pose.
-
-    Attributes:
-        family: That it is of.
-        parts: Its superelements.
-    """
+    """A machine of a family, coupled once in each pose."""
 
     family: MachineFamily
     parts: MachineParts
@@ -144,8 +139,6 @@ def follow_numbers(
 
     Args:
         answer: With modes, compliances or a frequency response.
-        base: The machine.
-        changed: The changed one.
         with_errors: Estimate the ± of the changed machine.
 
     Raises:
@@ -248,12 +241,6 @@ def follow_heights(
 ) -> tuple[list[ResponsePeak], list[ResponseLevel]]:
     """Return the peaks and levels of a response in another model of the machine, NaN in height where a
     mode has no partner.
-
-    Args:
-        answer: Of the machine.
-        model: The other model, in the pose.
-        own: Modes of the machine.
-        other: Those of the other model.
     """
     prepared = prepare_response(model)
     modes = [peak.mode for peak in answer.peaks]

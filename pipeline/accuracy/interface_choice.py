@@ -52,10 +52,8 @@ class ShapeChoice:
     """The interfaces of a joint that leaves them to the accuracy.
 
     Attributes:
-        joint: With its interfaces.
         shapes: Most shapes of each; 0 where they stay as they are.
         number: The number of the scene that it puts off most; empty where nothing is known.
-        share: By how much of it.
         reason: Why the share is above what the joint may take; empty where it is not.
         kind: The form of the shapes; None for as written.
         other: By how much the other form puts a number off; None where it was not tried.
@@ -96,7 +94,6 @@ def choose_shapes(
     the mesh, so it is found on that of the first round.
 
     Args:
-        scene: With an accuracy.
         start: The same with the settings and analyses of the first round.
         accuracy: Largest relative error of any number.
         run_round: Runs a scene without writing anything.

@@ -72,7 +72,6 @@ class ShapedMachines:
 
     Attributes:
         forms: Form to the machine's parts, complete on rank 0.
-        joints: That have shapes.
         failures: Joint to the reason why nothing is known of it.
     """
 

@@ -191,9 +191,7 @@ def _replace_errors(
     """Return the ± of numbers: what better bodies change, and the ± of the machine that has them.
 
     Args:
-        base: The numbers.
         move: What all better bodies change.
-        better: The numbers with all of them, with their ±.
         singles: Body to what it alone changes.
     """
     known = {number.key: number.error for number in better if number.error is not None}

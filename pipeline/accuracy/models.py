@@ -64,10 +64,8 @@ class ModelChoice:
     """The bodies of a machine after the choice.
 
     Attributes:
-        components: With the fidelities chosen.
         bodies: What is said of each body.
         worst: The number that is furthest off.
-        error: By how much of it.
         errors: Key of each number to by how much of it that may be off.
     """
 
@@ -91,7 +89,6 @@ def choose_models(
     Args:
         state: Of a round whose numbers are within the accuracy, with finite elements or polynomials
             for the bodies that are ours to choose.
-        ours: Those bodies.
         quantities: Its numbers with the errors that count.
         accuracy: Relative error allowed.
     """

@@ -43,7 +43,6 @@ class Quantity:
 
     Attributes:
         key: Which one, the same in every round.
-        name: In plain words.
         value: [Hz] or [m/N].
         parts: Component and source to their relative part of the error; inf where there is no
             bound.
@@ -124,7 +123,6 @@ def count_safely(quantities: Sequence[Quantity], factors: Factors) -> list[Quant
     """The same with their errors as they are to be counted.
 
     Args:
-        quantities: With errors as estimated.
         factors: Of components of which two rounds tell.
     """
 

@@ -20,7 +20,6 @@ def write_sizes(folder: Path, components: Mapping[str, Component]) -> list[str]:
     """Write the element sizes of meshes that have them from place to place; remarks.
 
     Args:
-        folder: Of results.
         components: By name, with the settings of their meshes.
 
     Raises:

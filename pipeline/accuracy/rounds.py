@@ -110,7 +110,6 @@ def judge_round(
     Args:
         scene: Of the round, with the settings of its components.
         state: What the round computed; rank 0's.
-        goal: The requested accuracy.
         history: What the rounds before have taught.
     """
     parts = scene.machine.components
@@ -275,9 +274,7 @@ def _wanted_ratios(
     a part has no bound, nobody knows how far it must fall: its factor is 0.
 
     Args:
-        quantities: With the errors that count.
         accuracy: Relative error allowed.
-        parts: Components of the round.
         seconds: What the stages of a component cost at its present settings.
     """
     groups = {

@@ -87,8 +87,6 @@ class RunRound(Protocol):
         """What the stages found.
 
         Args:
-            scene: The scene.
-            plan: Its stages.
             reduced: Components of an earlier round that serve again; None where all are to be made.
             mesh_factors: Component to what its estimates of mesh errors are multiplied by.
         """
@@ -103,7 +101,6 @@ class AccuracySearch:
     """How a search for settings ended.
 
     Attributes:
-        scene: With the settings chosen.
         state: Of the last round, complete on rank 0.
         answer: Rounds, settings and errors.
         failure: Why the accuracy was not reached, in plain words; empty when it was.
@@ -190,9 +187,7 @@ class _Refined:
     """Where the rounds of meshes and modes ended.
 
     Attributes:
-        scene: With their last settings.
         state: Of the last round, complete on rank 0; its estimates as they are.
-        rounds: What is told of each.
         quantities: Numbers of the last round, with the errors that count.
         mesh_factors: Component to what the rounds taught that its estimates are worth.
         failure: Why the accuracy was not reached; empty when it was.
@@ -213,10 +208,8 @@ def search_settings(
     models of bodies; collective.
 
     Args:
-        scene: With an accuracy.
         run_round: Runs a scene's plan without writing anything.
         note: Called with each refinement on rank 0.
-        comm: Of the run.
         store: Where settings are that were found before.
 
     Raises:

@@ -117,7 +117,6 @@ def suits_polynomials(component: Component, highest_hz: float) -> bool:
     curved walls take many, held at whole faces and far from ovalizing.
 
     Args:
-        component: Elastic.
         highest_hz: Highest frequency wanted [Hz]; 0 where nobody knows.
     """
     patches = [patch for item in component.interfaces.values() for patch in item.patches]
@@ -139,7 +138,6 @@ def start_component(
     """A component with the cheapest settings that are likely to do.
 
     Args:
-        component: Elastic, or of polynomials.
         accuracy: Relative error allowed.
         modes_to_hz: Up to where fixed-interface modes are kept; None for a count of the planner's.
         rough_for: Accuracy of the machine for which an even grid along the edges of small patches
@@ -292,7 +290,6 @@ def refine_modes(
     """The component with modes up to where their error should be so many times what it is.
 
     Args:
-        component: Elastic.
         ratio: Error wanted over the present one [-]; below one keeps more modes.
         cutoff_hz: Its modes are complete up to here [Hz].
         highest_hz: Highest frequency that is reported of the machine [Hz].
@@ -433,7 +430,6 @@ def grade_mesh(component: Component, size: float, grading: Grading) -> MeshSetti
     """Tets of a size that grow from the rims of patches and of rigid interfaces.
 
     Args:
-        component: Elastic.
         size: Of the elements elsewhere [m].
         grading: How they grow.
     """

@@ -117,7 +117,6 @@ class AccuracyAnswer(Answer):
 
     Attributes:
         requested: Largest relative error allowed.
-        rounds: One and more.
         settings: Component to its mesh and modes in the end, in plain words.
         values: The same as values of the scene by dotted key, which ``load_scene`` takes.
         reason: Why the accuracy was not reached; empty when it was.
@@ -210,9 +209,7 @@ class ModelErrorsAnswer(Answer):
     """What rigid and segmented bodies leave out.
 
     Attributes:
-        bodies: By name.
         changes: What all bodies change together, over the number; None where it has no partner.
-        alone: Body to the same of it alone.
         missing: Modes that the machine of simple bodies lacks, in plain words.
         left_out: Bodies of which nothing is known, with the reason.
     """

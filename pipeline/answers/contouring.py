@@ -132,7 +132,6 @@ class ContourFace:
 
     Attributes:
         number: From 1 in the order of the path.
-        at: Which face, in words.
         times: When the cut starts, and when the next one does or this one ends [s].
         outward: Mean of the gap away from the part [m].
         outward_span: From peak to peak [m].
@@ -186,10 +185,6 @@ class ContourFace:
 
     def summarise(self, drives: Sequence[str], errors: Mapping[Key, Estimate]) -> FaceSummary:
         """Return it as it stands in ``summary.json``, with torques where they are known.
-
-        Args:
-            drives: Names of the drives.
-            errors: ± of numbers.
 
         Raises:
             AccuracyError: A result is not a finite number.
@@ -250,7 +245,6 @@ class FaceStability:
 
     Attributes:
         number: From 1 in the order of the path.
-        at: Which face, in words.
         multiplier: Largest over a tooth period, at the depth of cut.
         limit_depth: Depth of cut at which chatter starts [m].
     """
@@ -287,14 +281,12 @@ class ContourAnswer(Answer):
         cutting: Forces of the cut act.
         regeneration: Teeth meet the waves of those before them.
         coriolis: Velocity terms are in the equations of motion.
-        faces: That were reached.
         least_gravity_deflection: ``(3,)`` under gravity, least on the way [m].
         most_gravity_deflection: ``(3,)`` under gravity, most on the way [m].
         force_mean: ``(3,)`` on the tool, machine frame [N].
         force_peak: ``(3,)`` largest magnitude on the tool [N].
         high_share: Share of the gap's root mean square above twice the highest natural frequency.
         face_times: ``(f + 1,)`` when the straight cuts start, and when the last one ends [s].
-        assumed: In plain words.
         times: ``(k,)`` thinned [s].
         gap: ``(k, 3)`` then [m].
         drives: Names of the ``d`` drives.
@@ -306,8 +298,6 @@ class ContourAnswer(Answer):
         fit: How measured positions were followed; None for the computed path.
         milled: Profiles of the faces that were milled from end to end.
         force_loss: Share of measured forces that is faster than the steps; None without them.
-        sources: Of error that ± has.
-        left_out: What is not in ±.
     """
 
     model: str

@@ -80,8 +80,6 @@ class ClosedLoopPole:
         pole: [rad/s].
         frequency_hz: Of its oscillation [Hz]; zero without any.
         damping_ratio: Negative where it grows.
-        drive: That moves most in it.
-        name: Of the motion.
     """
 
     pole: complex
@@ -108,7 +106,6 @@ class ClosedLoopDrive:
 
     Attributes:
         train: Of motor, screw and table.
-        margins: Of its loop.
         velocity_lag: Behind a set point of constant speed [m].
     """
 
@@ -148,11 +145,8 @@ class ControlAnswer(Answer):
     """Closed loops in a pose.
 
     Attributes:
-        pose: Its name.
         up_to_hz: Poles are listed up to here [Hz].
         speed: Of the set point that axes lag behind [m/s].
-        poles: Those, and all that grow.
-        drives: All of them.
         verdict: Why the loops are unstable, in plain words; empty when they are not.
     """
 

@@ -102,7 +102,6 @@ class DrivePointFigures:
     """What the response at one drive point to a load there says about cutting.
 
     Attributes:
-        channel: Name and direction.
         static: Compliance at 0 Hz [m/N or rad/(N m)]; None for a free body.
         most_negative_real: Most negative real part; None where there is none, or the response is unbounded.
         most_negative_real_hz: Its frequency [Hz].
@@ -135,13 +134,11 @@ class ResponseCurves:
     """What is tabled and drawn of a frequency response.
 
     Attributes:
-        pose: Name of the pose.
         inputs: Where loads act.
         outputs: Where motion is computed.
         frequencies_hz: ``(n,)``.
         receptance: ``(n, n_outputs, n_inputs)`` [m/N, ...]; NaN where there is no value.
         motion: What is tabled and drawn.
-        spacing: Of the frequency axis.
         error_share: Source of error to how far the receptance may be off by it ``(n, n_outputs,
             n_inputs)`` [m/N, ...]; NaN where there is no bound, empty where none was sought.
         probes: Displacement and stress inside components.
@@ -194,7 +191,6 @@ class PoseResponse(Answer):
     Attributes:
         curves: What is tabled and drawn.
         method: ``modal``, ``dampers``, ``poles`` or ``direct``.
-        damped: Any damping is on.
         free_body: Entries without a value at 0 Hz, as ``output / input``.
         singular_hz: Frequencies on the pole of an undamped mode.
         figures: Of every drive point, which is input and output.

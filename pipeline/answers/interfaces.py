@@ -41,7 +41,6 @@ class InterfaceErrorsAnswer(Answer):
     """What the interfaces of rigid joints leave out.
 
     Attributes:
-        joints: By name.
         parts: Joint to its part of how far numbers may be off, over the number.
         lines: Joint to the same of the line of each frequency response that changes most, over the
             largest entry of that line.

@@ -105,7 +105,6 @@ class Lobe:
         waves: Whole waves between two teeth.
         mode: Name of what contributes most to the motion that chatters.
         mode_hz: Its natural frequency; None where it has none of its own.
-        mode_share: Its share of the motion.
         part: Component or joint with most of the mode's strain energy.
     """
 
@@ -124,15 +123,12 @@ class DirectionLobes:
     """Lobes of a direction of travel.
 
     Attributes:
-        name: Of the direction of travel.
-        direction: Machine frame.
         depths: ``(n,)`` limit depth [m]; the deepest that was looked for where there is none, NaN
             where it was not looked for.
         limited: ``(n,)`` whether there is a limit.
         zeroth: ``(n,)`` limits of a single frequency (zeroth order) [m].
         chatter: ``(n,)`` angular frequency of chatter [rad/s]; NaN where there is none.
         owner: ``(n,)`` index into the lobes; -1 for none.
-        lobes: Rising in speed.
         best: Indices of the speeds with the deepest limits between lobes, the deepest first.
         depth_errors: Source of error to ``(n,)`` sizes in the limits [m]; NaN where there is no bound.
         chatter_errors: The same in frequencies of chatter [Hz].
@@ -183,17 +179,13 @@ class PoseLobes(Answer):
     """Stability lobes in a pose.
 
     Attributes:
-        pose: Its name.
-        material: That is cut.
         radial_depth: [m].
         diameter: Of the tool [m].
-        teeth: Of the tool.
         tool: What stands between the machine and the tip, in plain words.
         sense: Of milling, with the side of the part, in plain words.
         up_to_hz: Modes of the machine count at least up to here.
         modes_to_hz: Up to here they do, with those of spindle and tool.
         deepest: Depth up to which a limit was looked for [m].
-        method: In plain words.
         confirmed: Whether limits were found by multipliers; else a single frequency says so.
         speeds: ``(n,)`` [rad/s].
         directions: One per direction of travel.

@@ -23,7 +23,6 @@ class MechanismPose(Answer):
     """A closed-loop mechanism in a pose.
 
     Attributes:
-        pose: Its name.
         coordinates: Of driven and passive joints [m, rad].
         condition_number: How well its drives command the wrist centre.
     """
@@ -54,8 +53,6 @@ def describe_state(mechanism: ToolMechanism, pose: str, state: FloatArray) -> Me
     """Coordinates and condition number of a mechanism in a pose.
 
     Args:
-        mechanism: Of the scene.
-        pose: Its name.
         state: ``(n,)`` closed state in it.
     """
     known = mechanism.mounted.mechanism

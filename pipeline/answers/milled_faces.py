@@ -79,14 +79,12 @@ class MilledFace:
 
     Attributes:
         number: From 1 in the order of the path.
-        at: Which face, in words.
         length: [m].
         evaluated: Where the evaluation length starts and ends [m].
         cut_off: Wavelength between roughness and waviness [m].
         height: Above the lower end of the tool [m].
         per_tooth: Feed per tooth [m].
         cusp: Height of the cusps of a rigid machine [m].
-        parameters: Of the profile.
         marks: Largest deviation of the mean line from the location error before and after the
             evaluation length, where the tool comes out of a corner and goes into one [m].
         by_height: Heights above the lower end of the tool and the location error there [m].

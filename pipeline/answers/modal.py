@@ -43,13 +43,11 @@ class PoseModes(Answer):
     """Natural modes of vibration in one pose.
 
     Attributes:
-        pose: Axis positions.
         frequencies_hz: ``(m,)``, rigid-body modes first.
         rigid_count: How many of them are rigid-body modes.
         damping_ratio: Of each; None without damping.
         damped_hz: Frequency of the damped oscillation [Hz]; zero where it is overdamped, None
             without damping.
-        mode_names: In plain words.
         energy_share: Per mode, share of the strain energy per component or joint.
         kinetic_share: Per mode, share of the kinetic energy per component.
         shapes: ``(n, m)`` mass-normalised, over the dofs of all superelements in the order of

@@ -55,7 +55,6 @@ class DriveHistory:
     """What drives under control did.
 
     Attributes:
-        extremes: By drive.
         torques: ``(n, d)`` of motors at every time [N m].
         position_errors: ``(n, d)`` [m].
     """
@@ -70,9 +69,7 @@ class PathForces:
     """What drives and joints took along a path.
 
     Attributes:
-        drives: Under control.
         joints: Largest force on the first end of each joint, by direction, in joint axes.
-        probes: Displacement and stress at probes.
     """
 
     drives: DriveHistory
@@ -89,8 +86,6 @@ def list_forces(
     """Yield torques, position errors, joint forces and extremes at probes, without ±.
 
     Args:
-        drives: By name.
-        joints: By name and direction.
         probes: By name; with what their own meshes leave out in ±.
         at: Roles of the keys: pose or feed.
     """
@@ -117,7 +112,6 @@ def summarise_drives(
 
     Args:
         drives: What they did.
-        errors: ± of numbers.
         at: Roles of their keys: pose or feed.
     """
 
@@ -145,7 +139,6 @@ def summarise_joints(
     """Return joints by name, and their directions, as they stand in ``summary.json``.
 
     Args:
-        joints: Their forces.
         errors: ± of numbers [N, N m].
         at: Roles of their keys: pose or feed.
     """

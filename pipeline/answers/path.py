@@ -123,8 +123,6 @@ class PathCurves:
     Attributes:
         feed: [m/s, rad/s].
         zones: Beginning and end of both ramps [s].
-        outputs: Where the deviation is.
-        deviation: Sampled, as filtered.
         frozen: ``(n, n_outputs)`` deviation if the pose stayed that of the middle, as filtered.
         positions: ``(n,)`` set point along the path [m, rad].
         accelerations: ``(n,)`` of the set point [m/s^2, rad/s^2].
@@ -228,10 +226,7 @@ class PathResult(Answer):
         length: Of the way [m, rad].
         ramp: How the feed is reached.
         time_constant: [s].
-        sampling_hz: Samples a second.
         lowpass_hz: Of the filter; None without one.
-        filter: Its kind.
-        damped: Any damping is on.
         low_frequency_limit_hz: Modes below count as rigid-body (low-frequency) response.
         low_frequency_modes: How many these are.
         poses: How the poses were followed; None where that of the middle was enough.

@@ -40,7 +40,6 @@ class ProbeTrace:
     """What is tabled and drawn of a probe.
 
     Attributes:
-        name: Of the probe.
         displacement: ``(n, 3)`` at the samples, machine axes [m].
         stress: ``(n, 6)`` xx yy zz xy xz yz [Pa].
     """
@@ -64,8 +63,6 @@ class ProbeMotion:
     """Response at a probe.
 
     Attributes:
-        component: That it is in.
-        trace: At the samples.
         von_mises: The largest equivalent stress [Pa].
         stress: ``(6,)`` then [Pa].
         displacement: The largest size of the displacement [m].

@@ -67,7 +67,6 @@ class ProbeResponse:
     """Response of a component to all static loads together at a probe, in machine axes.
 
     Attributes:
-        component: Its name.
         displacement: ``(3,)`` [m].
         stress: ``(6,)`` xx yy zz xy xz yz [Pa].
         singular: What makes the stress there grow with every finer mesh; empty for nothing.
@@ -81,12 +80,7 @@ class ProbeResponse:
 
 @dataclass(frozen=True, eq=False)
 class ProbeAnswer(Answer):
-    """Responses at all probes in one pose.
-
-    Attributes:
-        pose: Its name.
-        probes: By name.
-    """
+    """Responses at all probes in one pose."""
 
     pose: str
     probes: dict[str, ProbeResponse]
@@ -151,8 +145,6 @@ class ProbeCurves:
     force or moment, or under a whole load of the scene.
 
     Attributes:
-        name: Of the probe.
-        component: That it is in.
         inputs: ``k`` channels at which loads act.
         frequencies_hz: ``(n,)``.
         displacement: ``(n, 3, k)`` [m per unit]; NaN where there is no value.
@@ -233,12 +225,6 @@ def parse_probe_curves(
 ) -> ProbeCurves:
     """Read what ``fill`` wrote.
 
-    Args:
-        name: Of the probe.
-        group: Its own.
-        inputs: Of the response.
-        frequencies_hz: Of the response.
-
     Raises:
         KeyError: A part is missing.
     """
@@ -265,7 +251,6 @@ def probe_units(given: Channel, load: str = "load") -> tuple[str, str, float]:
     load.
 
     Args:
-        given: The input.
         load: Direction of an input that is a load of the scene, as large as it is there.
     """
     if given[1] == load:

@@ -60,12 +60,7 @@ class PointCompliance:
 
 @dataclass(frozen=True, eq=False)
 class StaticAnswer(Answer):
-    """Static compliance in one pose.
-
-    Attributes:
-        pose: Its name.
-        points: By name.
-    """
+    """Static compliance in one pose."""
 
     pose: str
     points: dict[str, PointCompliance]

@@ -97,18 +97,13 @@ class TransientCurves:
     """What is tabled and drawn of a pose.
 
     Attributes:
-        pose: Its name.
-        outputs: Where the motion is.
         times: ``(n,)`` of the samples [s].
         displacements: ``(n, n_outputs)`` [m, rad].
-        loads: Names of the loads.
-        units: Of each load.
         load_values: ``(n, n_loads)`` forces, moments, or factors of static loads; impulses are not
             in them.
         drives: Names of the drives under control.
         torques: ``(n, d)`` of their motors [N m].
         position_errors: ``(n, d)`` set less measured position [m].
-        probes: Displacement and stress at probes.
     """
 
     pose: str
@@ -130,16 +125,12 @@ class TransientAnswer(Answer):
 
     Attributes:
         curves: What is tabled and drawn.
-        figures: Of each output.
         acts_on: What each load acts on, in words.
-        shapes: Shape of each load.
         sizes: Largest value of each load, impulses among them.
         duration: [s].
-        sampling_hz: Samples a second.
         up_to_hz: Modes up to here vibrate.
         modes: How many these are.
         settled: Share of its way within which an output has settled.
-        damped: Any damping is on.
         energy: Its balance; None of a system without modes, and under control where nothing rubs.
         motors: Locked, or under control.
         drives: What each drive under control did at most.

@@ -69,7 +69,6 @@ class VolumetricAnswer(Answer):
     """Position error of the tool against the work over a grid of poses.
 
     Attributes:
-        point: Where.
         axes: Names of the two or three axes of the grid.
         axis_units: Axis to ``m`` or ``rad``.
         positions: Their positions [m, rad].

@@ -32,7 +32,6 @@ class CutMotion:
     """A machine that has cut a contour, in the axes of its motion.
 
     Attributes:
-        history: Its coordinates.
         tip: ``(n, 3)`` motion of the tip of the tool, of all motions that are kept [m].
         force: ``(n, 3)`` on the tip [N].
         carried: ``(n, 3)`` on the machine, where it is not that on the tip: less what accelerates
@@ -101,7 +100,6 @@ def turned_modes(modes: Sequence[ToolMode], rotation: FloatArray) -> tuple[ToolM
     """Modes of a tool in other axes.
 
     Args:
-        modes: In the axes of the machine.
         rotation: ``(3, 3)`` from the other axes to those of the machine.
     """
     return tuple(

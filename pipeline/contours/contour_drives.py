@@ -99,8 +99,6 @@ def controlled_drives(
 
     Args:
         servo: The machine along its trajectory.
-        drives: Its drives.
-        history: Of its motion.
     """
     pushed = servo.forces(history)
     pulled, rates = history.acceleration[:, servo.motors], history.rate[:, servo.motors]

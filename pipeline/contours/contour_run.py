@@ -20,7 +20,6 @@ class ContourDrives:
     """What the drives do on a contour.
 
     Attributes:
-        names: Of the drives.
         forces: Forces ``(k, d)`` at ``(k,)`` steps [N].
         torques: Torques of the motors ``(k, d)`` at ``(k,)`` steps with these forces [N m]; None
             where their screws are not known.
@@ -43,12 +42,8 @@ class ContourRun:
         force: ``(n, 3)`` on the tool, machine frame [N].
         plan: The contour, laid out in time.
         fit: How a spline went through measured positions; None for the computed path.
-        motion: The linear model.
-        history: Its coordinates.
-        drives: What the drives do.
         highest_hz: Highest natural frequency along the trajectory.
         coriolis: Velocity terms are in the equations of motion.
-        assumed: In plain words.
         probes: What each saw beside what it sees of the weight; none of a lumped mechanism.
     """
 

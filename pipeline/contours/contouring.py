@@ -73,7 +73,6 @@ def face_stability(
         tip: The machine at the tip of the tool there.
         request: Contour, tool and cut.
         face: Number of the straight cut, counted from zero.
-        at: Which face it is, in words.
     """
     poles, depth = require_poles(tip), request.cut.axial_depth
     cut, safe = PeriodicCut(poles, request.cut), safe_depth(poles, request.cut)
@@ -85,8 +84,6 @@ def cut_multiplier(tip: TipDynamics, request: ContouringRequest, depth: float) -
     """Largest Floquet multiplier over a tooth period; the cut is stable below one.
 
     Args:
-        tip: The machine at the tip of the tool.
-        request: Tool and cut.
         depth: Axial depth of cut [m].
     """
     return abs(PeriodicCut(require_poles(tip), request.cut).largest(depth, FINER).value)
@@ -103,9 +100,7 @@ def evaluate_contour(
 
     Args:
         request: Path, tool and cut.
-        run: Of the request.
         stability: Of each face, where it was requested.
-        milled: Profiles of its faces.
     """
     some = np.unique(
         np.linspace(0, len(run.times) - 1, min(SERIES_POINTS, len(run.times))).astype(np.intp)
@@ -150,7 +145,6 @@ class _Milled:
     """A contour that was run, without its histories.
 
     Attributes:
-        answer: What is kept of it.
         times: ``(n,)`` steps [s].
         reasons: Why numbers are missing.
         trajectory: The machine along its trajectory; None of a lumped one.

@@ -103,7 +103,6 @@ class ContourTrajectory:
     """What a machine of components is to do along a contour.
 
     Attributes:
-        state: Of the run.
         plan: The contour, laid out in time.
         fit: How a spline went through measured positions; None for the computed path.
         rigid: How the rigid machine follows the path.
@@ -119,22 +118,14 @@ class ContourTrajectory:
 
 @dataclass(frozen=True, eq=False)
 class SampledContour(ContourTrajectory):
-    """A machine along its trajectory: all that a machine that differs little shares with it.
-
-    Attributes:
-        sampled: The machine in poses.
-    """
+    """A machine along its trajectory: all that a machine that differs little shares with it."""
 
     sampled: SampledMotion
 
 
 @dataclass(frozen=True, eq=False)
 class CoupledRun(ContourRun):
-    """A contour that has been run on a machine of components.
-
-    Attributes:
-        trajectory: The machine along its trajectory.
-    """
+    """A contour that has been run on a machine of components."""
 
     trajectory: SampledContour
 
@@ -146,7 +137,6 @@ def _list_breaks(plan: ContourPlan, rounding: float, end: float) -> list[float]:
     than poses may be taken there are no pieces: poses are then as dense as corners are.
 
     Args:
-        plan: Of the contour.
         rounding: Of a corner [s].
         end: Of what is computed [s].
     """
@@ -178,7 +168,6 @@ def run_coupled_contour(
     """Run a contour.
 
     Args:
-        state: With the reduced components.
         request: Path, tool and cut.
         record: Measured forces in place of computed ones; its time starts with the path.
         until: Stop at this time [s].
@@ -268,7 +257,6 @@ class _CoupledContour:
     """A contour that a machine of components is to run.
 
     Attributes:
-        state: Of the run.
         request: Path, tool and cut.
         plan: The contour, laid out in time.
         driven: The rigid machine with its errors, and its motors.
@@ -300,7 +288,6 @@ class _CoupledContour:
         """Return the machine in poses up to a time [s].
 
         Args:
-            end: That time.
             beside: A machine that differs little; None for none.
         """
         driven, request, seen = self.driven, self.request, probe_channels(self.probes)
@@ -333,9 +320,7 @@ class _CoupledContour:
         """Return what motors do that follow their set points, and what is assumed of them.
 
         Args:
-            sampled: The machine in poses.
             times: ``(n,)`` steps [s].
-            cut: What it did.
         """
         trajectory, loads, names = (
             self.driven.trajectory,
@@ -387,7 +372,6 @@ def coupled_face_dynamics(run: CoupledRun, request: ContouringRequest, face: int
     kept.
 
     Args:
-        run: Of the contour.
         request: Contour, tool and cut.
         face: Number of the straight cut, counted from zero.
     """
@@ -510,7 +494,6 @@ def drive_torque(drive: Drive, speed: FloatArray, acceleration: FloatArray) -> F
     that of its screw, and against friction [N m].
 
     Args:
-        drive: Of the axis.
         speed: ``(n,)`` of the axis [m/s].
         acceleration: ``(n,)`` [m/s^2].
     """

@@ -71,8 +71,6 @@ def run_lumped_contour(
     """Run a contour.
 
     Args:
-        mechanism: Of the scene.
-        model: Its bodies and springs.
         request: Path, tool and cut.
         record: Measured forces in place of computed ones; its time starts with the path.
         until: Stop at this time [s].
@@ -229,8 +227,6 @@ def lumped_face_dynamics(
     motions along and away.
 
     Args:
-        mechanism: Of the scene.
-        model: Its bodies and springs.
         request: Contour and damping ratios.
         face: Number of the straight cut, counted from zero.
 

@@ -36,7 +36,6 @@ def mill_faces(
 
     Args:
         request: Tool, cut and cut-off.
-        run: The contour that was run.
     """
     found, reasons = list[MilledFace](), list[str]()
     for number, cut in enumerate(run.plan.cuts, 1):
@@ -137,8 +136,6 @@ def beside_face(request: ContouringRequest, run: ContourRun, cut: StraightCut) -
     its gap.
 
     Args:
-        request: Of the contour.
-        run: Of it.
         cut: The straight cut that leaves the face.
     """
     beyond = BEYOND * 0.5 * request.cut.mill.diameter / cut.feed

@@ -58,9 +58,6 @@ def rotary_trajectory(
     all axes together; its Euler moment ``w x I w v^2`` is as if it were turned faster.
 
     Args:
-        machine: With the axes.
-        superelements: By component.
-        path: Of the axes.
         speed: Along it [m/s, rad/s].
         acceleration: Along it [m/s^2, rad/s^2].
     """
@@ -110,10 +107,6 @@ def find_feed(
     its axis, machine axes, at positions.
 
     Args:
-        machine: With the axes and the point.
-        superelements: By component.
-        path: Of the axes.
-        point: Where the tool is.
         up: ``(3,)`` of its axis with all axes at zero.
     """
     place = _place_along(machine, path)
@@ -169,8 +162,6 @@ def rotary_path_motors(
     are ideal. None without control.
 
     Args:
-        parts: Of the machine.
-        path: Of the axes.
         trajectory: Of its bodies at the same speed and acceleration.
         outputs: Where motion is wanted, points or interfaces.
         speed: Along it [m/s, rad/s].

@@ -106,14 +106,11 @@ class ToolLine:
     """A line that the tool of a mechanism follows, or a path on which axes turn.
 
     Attributes:
-        state: Of the run.
-        request: The moves along it.
         start: ``(3,)`` where the tool of a mechanism begins, machine frame [m].
         along: ``(3,)`` direction of its travel.
         nodes: ``(k,)`` positions between which the rigid motion is interpolated [m, rad].
         bodies: How bodies move at a constant speed and acceleration along it, over positions.
         motors: Motors under control at a speed and an acceleration; None for none.
-        drives: Of these motors.
         errors: Along it; None for none.
         turning: How fast bodies turn at most, per speed along it [1/m, -]; zero where they turn little.
         feed: Travel of the tool against the work per travel along it, and the direction of its axis, at
@@ -474,11 +471,7 @@ def _observe_middle(
     """Return what joints took at most, and what probes saw.
 
     Args:
-        line: With its joints and probes.
-        machine: In the pose of the middle.
-        known: What it did.
         samples: ``(n,)`` instants of a move [s].
-        shown: Which steps are samples.
     """
     driven = drive_bodies(machine, known)
     seen, smoothed = (
@@ -531,9 +524,7 @@ def _split_motion(
     """Take the motion at the outputs apart.
 
     Args:
-        motion: The linear model.
         rows: ``(k, p, c)`` motion at the outputs at its nodes.
-        history: Of its coordinates.
         limit_hz: Modes below do not follow a ramp; zero for none, as of closed loops [Hz].
     """
     held = np.swapaxes(

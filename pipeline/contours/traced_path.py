@@ -25,11 +25,7 @@ from headstock.solvers.milling.tool_path import (
 
 @dataclass(frozen=True, eq=False)
 class Remembered[Found]:
-    """A function of times that computes nothing twice.
-
-    Attributes:
-        find: The function.
-    """
+    """A function of times that computes nothing twice."""
 
     find: Callable[[FloatArray], Found]
     _known: dict[bytes, Found] = field(default_factory=dict)
@@ -60,8 +56,6 @@ def plan_request(
     """The contour of a request, laid out in time; its path as measured where there are traces.
 
     Args:
-        request: Of the contour.
-        names: Of the axes or legs.
         find_tool: Points ``(n, 3)`` of the tool at positions ``(n, k)`` of these, near those of the
             planned path.
 

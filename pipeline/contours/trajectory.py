@@ -88,7 +88,6 @@ class RigidTrajectory:
         travels: Motion ``(n_all, b)`` of the stacked dofs per travel in each of the ``b`` channels of
             the rigid motion, of a machine of components in a pose.
         errors: What errors do, of a machine in a pose.
-        error_channels: Of these errors.
         offsets: Of the errors that motors under control feel at once, channels of the offset and of
             its acceleration.
     """
@@ -191,10 +190,7 @@ def mechanism_trajectory(
     """A mechanism that leads its tool along a path without turning it.
 
     Args:
-        state: Of the run.
         mechanism: Of the scene, lumped or of components.
-        path: Of the tool.
-        pose_at: The pose at a place of the trajectory.
         direction: ``(3,)`` of the tool, machine frame.
     """
     parts, mounted = state.parts, mechanism.mounted
@@ -279,9 +275,6 @@ def machine_along(
     """The machine at a place of the trajectory: damped as the scene says, with every channel.
 
     Args:
-        state: Of the run.
-        trajectory: Of the rigid machine.
-        up_to_hz: Modes kept.
         joins: What gives the machine at a place further outputs.
     """
     model_at, undamped = model_builder(state), False
@@ -350,7 +343,6 @@ def report_gyroscopic_forces(
     are not all there; nothing where bodies do not deform or speeds do not act.
 
     Args:
-        state: Of the run.
         place: Makes the machine in a pose along the trajectory.
         times: ``(n,)`` [s].
         points: The path of the tool then.
@@ -421,11 +413,6 @@ def _stack(model: PoseModel, system: SecondOrderSystem, modes: ModalResult) -> P
 def shared_rows(trajectory: RigidTrajectory, state: RunState, better: RunState) -> NDArray[np.intp]:
     """Rows among the motions of a machine whose components have further modal dofs that are those
     of the machine without these.
-
-    Args:
-        trajectory: That both go.
-        state: Of the run.
-        better: With the further dofs.
     """
     own, other = (
         {name: len(part.labels) for name, part in each.parts.superelements.items()}
@@ -503,8 +490,6 @@ def move_bodies(
     about it as fast as Euler's moment of its turning asks for.
 
     Args:
-        mechanism: That carries the bodies.
-        parts: Of the machine.
         times: ``(n,)`` [s].
         path: Of the tool point then.
         direction: ``(3,)`` of the tool, machine frame.

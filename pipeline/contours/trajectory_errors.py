@@ -53,7 +53,6 @@ class TrajectoryErrors:
         offsets: ``(n, k)`` at places ``(n,)`` of the trajectory, in units.
         rated: ``(r,)`` offsets whose rates act, too.
         pulled: ``(a,)`` offsets whose accelerations act, too.
-        ends: Of the trajectory.
         shortest: Shortest part of the trajectory over which a wave repeats.
     """
 
@@ -73,7 +72,6 @@ class TrajectoryErrors:
         """A trajectory with these errors.
 
         Args:
-            trajectory: Of the rigid machine.
             motion: Along the trajectory at times ``(n,)``.
         """
 
@@ -103,8 +101,6 @@ def find_trajectory_errors(
     """Errors of a machine along a trajectory; None where it has none.
 
     Args:
-        state: Of the run.
-        pose_at: The pose at a place of the trajectory.
         nodes: ``(k,)`` even places between which what errors are read by is interpolated.
 
     Raises:

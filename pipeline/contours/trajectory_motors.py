@@ -94,7 +94,6 @@ class TrajectoryMotors:
     """Motors under control along a trajectory.
 
     Attributes:
-        drives: Their drives.
         at: What they move at times ``(n,)``.
         bodies: Channels of the rigid motion that they move.
         outputs: Where what they move is known.
@@ -163,8 +162,6 @@ def plan_motors(
     """The drives that move a machine along a trajectory; None without control.
 
     Args:
-        state: Of the run.
-        path: Of the tool.
         outputs: Where motion is wanted: of the tool first, its three directions. Of axes there are
             no others.
         amounts: Accelerations ``(n, r)`` of the bodies in the channels of the trajectory at times.
@@ -264,7 +261,6 @@ class DrivenTrajectory:
             sampled: The machine with locked motors.
             times: ``(n,)`` even steps [s].
             loads: That act along the trajectory.
-            friction: At which speeds it acts.
             node_spacing: Time between which matrices are linear [s].
             load_spacing: Time between which loads are linear [s].
         """
@@ -283,7 +279,6 @@ class MovingMachine:
     """A machine as a linear system along its trajectory.
 
     Attributes:
-        driven: The trajectory, and its motors.
         plant: The matrices of the machine at the nodes of the motion.
         motion: Of its modes, motors and controllers.
         servo: The loops of the motors; None where they follow their set points.
@@ -309,7 +304,6 @@ class MovingMachine:
         """Return what the machine did, for observers.
 
         Args:
-            history: Of its coordinates.
             acting: Values ``(m, k)`` of its inputs in a part of the steps.
         """
         return SampledHistory(self.motion, history, self.plant, self.driven.inputs, acting)

@@ -57,9 +57,6 @@ class CuttingPoint:
     """A machine in a pose with what stands between it and the tip.
 
     Attributes:
-        request: What is asked for.
-        system: The machine with its damping.
-        model: Its response at the point.
         assembly: Modes of spindle and tool, or measured.
         omega: ``(f,)`` grid of angular frequencies.
         machine: ``(f, 3, 3)`` its receptance there, machine axes.
@@ -187,11 +184,6 @@ def find_tip(request: LobesRequest, system: SecondOrderSystem, modes: ModalResul
 
     All modes take part that can matter in a cut as deep as limits are looked for, also those above
     ``up_to``; the others move at once with the force, so that they cannot chatter.
-
-    Args:
-        request: What is asked for.
-        system: The machine with its damping.
-        modes: All its undamped modes.
 
     Raises:
         ModelError: It has no coordinates of its own.

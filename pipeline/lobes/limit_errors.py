@@ -39,14 +39,7 @@ def estimate_limits(
     found: tuple[DirectionLobes, ...],
     limits: tuple[Limits, ...],
 ) -> tuple[DirectionLobes, ...]:
-    """Directions of travel with the errors of their limits and frequencies of chatter.
-
-    Args:
-        machine: In the pose.
-        point: Where it cuts.
-        found: Directions of travel.
-        limits: Of each.
-    """
+    """Directions of travel with the errors of their limits and frequencies of chatter."""
     left_out = name_what_is_left_out(machine.parts).left_out if machine.coupled else ()
     if point.poles is None:
         left_out = (*left_out, BY_ONE_FREQUENCY)
@@ -147,11 +140,8 @@ def move_border(
     """Where another machine or material chatters, by the growth it has at the limits of this one.
 
     Args:
-        point: Where it cuts.
         tip: Of the other machine, in the axes of the travel.
-        limits: Of this one.
         some: ``(n,)`` at which speeds, all of which have a limit; NaN at others.
-        coefficients: Of the other material.
     """
     own = point.request.coefficients
     # limits go with the inverse of the coefficients, all else is a small change

@@ -62,8 +62,6 @@ def cuts_at_speeds(
     """Cuts at some of the speeds.
 
     Args:
-        request: What is asked for.
-        tip: In the axes of the travel.
         some: ``(n,)`` at which speeds.
         coefficients: Others than those of the request.
     """
@@ -81,7 +79,6 @@ def find_limits(
     Args:
         point: Where the machine cuts.
         frame: ``(3, 3)`` rows from :func:`travel_frame`.
-        tip: In the axes of the travel.
         diagram: Limits by a single frequency, near which the border is expected.
     """
     request = point.request

@@ -108,7 +108,6 @@ def solve_lobes(
     """Lobes of a machine in a pose with the damping of its scene.
 
     Args:
-        machine: In the pose.
         feed: ``(3,)`` direction of the feed, machine frame; NaN where there is none, and then no
             lobes along it.
         whole: Find the mode behind every lobe, and ± of limits; else the mode of the lowest one only.

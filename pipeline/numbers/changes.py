@@ -53,7 +53,6 @@ def to_errors(
     """Return the part of each number's ± that follows from how far it moves.
 
     Args:
-        base: The numbers.
         moves: Owner of an error to what the machine without it, or with it in another form, changes.
         join: Errors of several owners add up; or forms of one error stand for each other, and the
             largest counts.
@@ -97,7 +96,6 @@ def estimate_changes(
     A number keeps its own ± where something of the change is known.
 
     Args:
-        base: The numbers.
         changed: Owner of an error to the numbers without it.
         unknown: A mesh shows nothing of its error.
         left_out: What is not looked at.

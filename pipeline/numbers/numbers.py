@@ -77,11 +77,7 @@ class Key:
         return ", ".join(texts)
 
     def describe(self, *, several_poses: bool = False) -> str:
-        """Return it in plain words: ``frequency 3``, ``x compliance at tcp``.
-
-        Args:
-            several_poses: Name the pose.
-        """
+        """Return it in plain words: ``frequency 3``, ``x compliance at tcp``."""
         at = dict(self.at)
         pose = f" in pose {at.pop('pose', '')}" if several_poses and "pose" in at else ""
         at.pop("pose", None)
@@ -129,7 +125,6 @@ class Number:
     """A number of a run.
 
     Attributes:
-        key: Which one.
         value: In SI; NaN where it is undetermined.
         unit: SI unit; ``1`` without one.
         error: ±; None where nothing was estimated.
@@ -171,11 +166,9 @@ class Series:
     """Numbers along axes: lines of a response, grids, limits over speeds, curves over time.
 
     Attributes:
-        key: Which ones.
         axes: Name with unit, such as ``frequency [Hz]``, to positions ``(n,)``, in the order of the
             values' axes.
         values: ``(n0, n1, ...)`` in SI; NaN where undetermined.
-        unit: SI unit.
         errors: Source of error to ± of every value; NaN where there is no bound.
     """
 

@@ -58,9 +58,6 @@ def close_path(
     """The closed loop of a scene's drives in a pose of the path.
 
     Args:
-        state: Of the run.
-        request: The path.
-        posed: The machine in the pose.
         low_frequency_limit_hz: Below it poles are rigid-body motion [Hz].
         reach: Modes up to so many times the band are states; None for the usual number.
 

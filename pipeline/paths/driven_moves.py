@@ -45,9 +45,6 @@ def drive_moves(
     """Deviation of every move with the drives of the scene under control.
 
     Args:
-        state: Of the run.
-        request: The path.
-        model: What is asked.
         disturbed: Every move as errors of guides and torque ripple disturb it; None for nothing.
     """
     middle = couple_at(state, request, 0.5 * request.path.length)
@@ -109,8 +106,6 @@ def _read_forces(
     """What drives did on every move, with what joints took and probes saw.
 
     Args:
-        state: Of the run.
-        request: The path.
         found: The moves, which watched the drives.
         shares: Of each drive, what it should read per travel along the path.
         taken: By joints, and seen by probes, on every move.

@@ -56,10 +56,6 @@ def move_freely(
     point.
 
     Args:
-        state: Of the run.
-        request: The path.
-        middle: The machine in the middle of it.
-        model: What is asked.
         disturbed: Every move as errors of guides disturb it; None for nothing.
     """
     machine = state.scene.machine

@@ -70,9 +70,6 @@ def _solve_moves(
     follow their set point.
 
     Args:
-        state: Of the run.
-        request: The path.
-        middle: The machine in the middle of it.
         nodes: Poses between which what errors of guides do at rest is interpolated.
 
     Raises:
@@ -126,10 +123,7 @@ def answer_path(
     """What is said of a path.
 
     Args:
-        state: Of the run.
-        request: The path.
         frequencies_hz: Of the machine in its middle [Hz].
-        damped: Any damping is on.
         solve: Its moves, of a run and of what is asked.
     """
     if not damped:

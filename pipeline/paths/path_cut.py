@@ -32,7 +32,6 @@ def cutting_loads(
     """Forces on the tool ``(n, 3)`` in machine axes, at instants and speeds along the path.
 
     Args:
-        request: The cut.
         travel: ``(3,)`` of the tool against the work per travel along the path.
 
     Raises:
@@ -49,7 +48,6 @@ def orient_cut(
     tool, in machine axes; and how far the tool moves across itself ``(n,)`` per travel along the path.
 
     Args:
-        request: The cut.
         travels: ``(n, 3)`` of the tool against the work per travel along the path.
         ups: ``(n, 3)`` along the tool.
 

@@ -106,15 +106,7 @@ def disturb_freely(
     move: SetPoint,
     middle: PosedModes,
 ) -> PathDeviation:
-    """The same with motors that follow their set point.
-
-    Args:
-        state: Of the run.
-        request: The path.
-        errors: Along it.
-        move: Along it.
-        middle: The machine in the middle.
-    """
+    """The same with motors that follow their set point."""
     posed = couple_at(state, request, 0.5 * request.path.length)
     observers = observe_path(state, posed)
     return respond_to_errors(

@@ -38,8 +38,6 @@ class SolvedMoves:
     """Deviations before any filter, one per feed.
 
     Attributes:
-        found: What holds.
-        kept: In the pose of the middle.
         forces: One per feed; of joints those in the pose of the middle.
         poses: How the poses of the path were followed; None where they were not.
         disturbed: Errors of guides or torque ripple are among what deviates.
@@ -121,13 +119,8 @@ def evaluate_poses(
     """Return what following the poses took, and what it changes.
 
     Args:
-        request: The path.
-        system: The machine along it.
-        table: Its steps.
         found: Moves as the pose changes.
-        kept: In the pose of the middle.
         short: The last of these with the modes that are kept along the path.
-        whole: The same with all.
     """
     truncation, effect = compare_moves(request, found, kept, short=short, whole=whole)
     return FollowedPoses(
@@ -154,11 +147,8 @@ def compare_moves(
     pose does in every move.
 
     Args:
-        request: The path.
         found: Moves as the pose changes.
-        kept: In the pose of the middle.
         short: A move without these modes.
-        whole: The same with them.
     """
 
     def show(deviation: PathDeviation) -> FloatArray:

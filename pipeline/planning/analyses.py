@@ -71,9 +71,7 @@ class PlannedMachine:
     """The machine of a scene as its components are planned.
 
     Attributes:
-        scene: With its analyses.
         components: With the settings that the plan decided on.
-        dofs: Of the coupled machine.
     """
 
     scene: Scene
@@ -90,14 +88,11 @@ class AnalysisRecord:
     """What a run has to know of an analysis.
 
     Attributes:
-        kind: Name of its stage.
-        request: Type of its request.
         solve: Module and function that do its work, ``module:function``.
         answer: Module and class of what it finds, ``module:class``.
         reason: Why the scene calls for it, in plain words.
         seconds: Processor time in a pose at so many dofs [s]; None where nothing can be said.
         stage: The stage of a whole run; None for an analysis of each pose it names.
-        shared: All ranks work on it.
         reach: How high it looks [Hz], and how many times that the modes must reach; None where it
             names no frequency or needs no modes.
         reach_name: What is said to reach that far.

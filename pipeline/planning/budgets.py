@@ -168,7 +168,6 @@ def contour_step_seconds(
     """Processor time of a time step of a contour [s].
 
     Args:
-        cut: What is milled.
         dofs: Of the coupled machine; None of a lumped mechanism.
         nonlinear: The full equations, or friction at the speeds of the motors.
         regenerative: Teeth meet the waves of those before.
@@ -196,12 +195,9 @@ def path_seconds(
     """Processor time of a path of axes [s].
 
     Args:
-        samples: Of each of its moves.
-        dofs: Of the coupled machine.
         friction: Guides of drives under control have friction.
         cut_steps: Of the forces of a cut with friction; none elsewhere.
         follows_pose: It goes through the poses of the way, too.
-        repeats: In the pose of the middle, for its ±.
     """
     start = PATH_START + SECONDS_PER_PATH_DOF * dofs
     # what is to be compared in that pose is computed in it, too
@@ -221,12 +217,9 @@ class ToolMarch:
     frozen one with modes up to twice the frequency.
 
     Attributes:
-        steps: Of all moves.
-        modes: That are kept.
         follows_pose: It goes through the poses of the way, too.
         judged: Modes are left out, which is judged.
         controlled: Its legs are under control.
-        repeats: In the frozen pose, for its ±.
     """
 
     steps: float
@@ -268,12 +261,9 @@ def plan_tool_march(
     """How far a path of a mechanism's tool goes in time.
 
     Args:
-        request: The path.
-        dofs: Of the machine.
         deforms: Bodies deform, so that more modes are there than are kept.
         controlled: Its legs are under control.
         up_to_hz: Modes kept [Hz].
-        repeats: In the frozen pose, for its ±.
     """
     rate = TOOL_STEPS_PER_SWING * up_to_hz
     if request.cut is not None:
@@ -315,7 +305,6 @@ def path_memory_mb(samples: float, outputs: int, *, friction: bool, watched: int
     """Peak memory of a path [MB].
 
     Args:
-        samples: Of its longest move.
         outputs: Where its deviation is wanted.
         friction: Guides of drives under control have friction.
         watched: Forces, displacements and stresses that are watched on the way.
@@ -334,12 +323,7 @@ def count_teeth_in_cut(cut: MillingCut) -> float:
 
 
 def pose_seconds(kind: str, dofs: int) -> float | None:
-    """Processor time of a stage in a pose [s]; None where nothing can be said beforehand.
-
-    Args:
-        kind: Of the stage.
-        dofs: Of the coupled machine.
-    """
+    """Processor time of a stage in a pose [s]; None where nothing can be said beforehand."""
     if kind in SECONDS_OF_DOFS:
         start, slope = SECONDS_OF_DOFS[kind]
         return start + slope * dofs
@@ -347,13 +331,7 @@ def pose_seconds(kind: str, dofs: int) -> float | None:
 
 
 def lobes_seconds(request: LobesRequest, components: Mapping[str, Component], dofs: int) -> float:
-    """Processor time of the lobes in a pose [s].
-
-    Args:
-        request: What is asked for.
-        components: Of the machine.
-        dofs: Of the coupled machine.
-    """
+    """Processor time of the lobes in a pose [s]."""
     rows = np.array([request.rows_at(float(speed)) for speed in request.speeds]) + ROWS_OF_POLES
     each = SECONDS_PER_ROW * rows + SECONDS_PER_CUBIC_ROW * rows**3
     start, slope = SECONDS_OF_DOFS["lobes"]
@@ -385,7 +363,6 @@ def reduced_dofs(component: Component, volume: float | None) -> int:
     """Dofs that a component brings to the machine, roughly.
 
     Args:
-        component: With the modes to keep.
         volume: Of the component [m^3], to guess how many modes lie below a frequency.
     """
     if component.fidelity == "rigid":
@@ -428,8 +405,6 @@ def reduction_seconds(dofs: int, component: Component, volume: float | None = No
     """Processor time of assembly, factorisation and reduction [s].
 
     Args:
-        dofs: Displacement dofs of the mesh.
-        component: With the modes to keep.
         volume: Of the component [m^3], to guess how many modes lie below a frequency.
     """
     reduced = reduced_dofs(component, volume)
@@ -511,8 +486,6 @@ def check_cells(component: Component, cells: int, limit: int | None) -> None:
     """Refuse a mesh with more cells than the scene allows, or than the mesher does.
 
     Args:
-        component: For its name.
-        cells: Estimated number of cells.
         limit: ``limits.elements`` of the scene; None for the mesher's own.
 
     Raises:
@@ -562,7 +535,6 @@ def check_elapsed(seconds: float, limit_s: float | None, stage: Stage) -> None:
     Args:
         seconds: Wall time since the run began [s].
         limit_s: ``limits.time`` of the scene [s]; None for no limit.
-        stage: The stage that is due.
 
     Raises:
         BudgetError: Names the stage that was due, the time and the limit.

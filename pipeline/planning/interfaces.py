@@ -41,7 +41,6 @@ class GluedJoint:
     """A rigid joint between interfaces of two elastic components, each one patch on a face.
 
     Attributes:
-        name: Of the joint.
         ends: ``(component, interface)`` of both sides.
     """
 
@@ -53,12 +52,7 @@ class GluedJoint:
 
 
 def find_glued_joints(machine: Machine, components: Mapping[str, Component]) -> list[GluedJoint]:
-    """The joints of a machine that hold every motion between flat areas of two elastic bodies.
-
-    Args:
-        machine: With its joints.
-        components: As planned.
-    """
+    """The joints of a machine that hold every motion between flat areas of two elastic bodies."""
     found = []
     for joint in machine.joints.values():
         ends = [_glued_end(components, end) for end in joint.ends]
@@ -86,7 +80,6 @@ def find_reach(component: Component, name: str, area: float) -> float:
     known outline the radius of a circle, which is the least it can be.
 
     Args:
-        component: With the interface.
         name: Of the interface, one patch.
         area: Of the interface [m^2].
     """
@@ -99,7 +92,6 @@ def give_shapes(component: Component, shapes: Mapping[str, int], kind: CouplingK
     """The component with deformation shapes at some interfaces, in one form.
 
     Args:
-        component: With the interfaces.
         shapes: Interface to the most shapes it gets; others of the same patches get as many, since
             they share them.
         kind: ``rigid`` for the strong form, ``average`` for the weak one.

@@ -24,12 +24,7 @@ KINDS: dict[tuple[str, int], CellKind] = {
 
 
 def add_compiling(plan: Plan, scene: Scene) -> Plan:
-    """The plan with the kernels that a run would compile in the first stage that needs each.
-
-    Args:
-        plan: Of the scene.
-        scene: With the loads on its components.
-    """
+    """The plan with the kernels that a run would compile in the first stage that needs each."""
     stages: list[Stage] = []
     counted: set[str] = set()
     for stage in plan.stages:
@@ -40,12 +35,7 @@ def add_compiling(plan: Plan, scene: Scene) -> Plan:
 
 
 def add_kernels(stage: Stage, missing: Sequence[str]) -> Stage:
-    """A stage with kernels to compile first, in its reason and its time.
-
-    Args:
-        stage: As planned.
-        missing: Names of the kernels.
-    """
+    """A stage with kernels to compile first, in its reason and its time."""
     if not missing:
         return stage
     seconds = sum(kernel_seconds(name) for name in missing)
@@ -67,8 +57,6 @@ def list_missing(stage: Stage, plan: Plan, scene: Scene) -> list[str]:
 
     Args:
         stage: Any; others than ``reduce`` work with none.
-        plan: It stands in.
-        scene: With the loads on its component.
     """
     if stage.kind != "reduce":
         return []

@@ -37,7 +37,6 @@ def node_memory_bytes(
     Args:
         variables: Of the environment, with what Slurm says of the job.
         own_group: File with the control group of this process.
-        groups: Folder of the control groups.
     """
     limits = [float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))]
     # 0 is all memory of the node
@@ -61,7 +60,6 @@ def memory_on_node(stage: Stage, held: RanksOnNodes, *, split: bool) -> float:
 
     Args:
         stage: With its estimate for one rank.
-        held: Where the ranks are.
         split: Whether all ranks share the stage, or one does it and the others wait.
     """
     waiting = BASE_MB * (held.together - 1)
@@ -81,7 +79,6 @@ def check_memory(
     """Refuse stages that would need more memory than the scene allows, or than a node has.
 
     Args:
-        stages: Of components, and a path.
         limit_bytes: ``limits.memory`` of the scene; None for what the node has.
         held: Where the ranks are; None for one rank on this machine.
         split_dofs: Larger components are split over all ranks.

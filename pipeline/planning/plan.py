@@ -42,7 +42,6 @@ class Plan:
     Attributes:
         stages: In the order in which they run.
         components: By name, with the reduction settings the plan decided on.
-        poses: The poses the stages name.
         with_modes: A dynamic analysis asks for mass and fixed-interface modes.
         gravity: ``(3,)`` acceleration in machine axes [m/s^2] when the effect is named, else None.
         warnings: What the plan itself gives reason to warn of.
@@ -61,7 +60,6 @@ class StageRecord:
     """A stage that took place.
 
     Attributes:
-        stage: As planned.
         seconds: Wall-clock time [s].
         cached: Its result came from the store.
         peak_rss_mb: Peak resident memory while it ran, of rank 0 or of the child process it started

@@ -68,7 +68,6 @@ def plan_scene(
     """The stages a scene calls for, in the order in which they run.
 
     Args:
-        scene: What to plan.
         survey: Mesh the surfaces of imprinted and curved parts to count their dofs, which takes a
             second or a few each; otherwise they are counted by rules of thumb.
         before_survey: Called with the name of each component whose surface is meshed; equal

@@ -69,9 +69,6 @@ def choose_solver(
     """By factors where they fit this machine, or what the scene allows of it.
 
     Args:
-        component: Elastic.
-        scene: It stands in, with its limits.
-        dofs: Displacement dofs.
         extents: Sides of the box around it [m]; None where unknown.
     """
     limit = scene.limits.memory_bytes

@@ -48,12 +48,7 @@ ONCE = (BOTH_AT_ONCE, TRUE_FACES)  # of long analyses
 def list_repeats(
     components: Mapping[str, Component], improvements: Sequence[Improvement]
 ) -> list[tuple[Improvement, tuple[str, ...]]]:
-    """Once per improvement, or component that may have one: it and these components.
-
-    Args:
-        components: Of the machine.
-        improvements: What is looked at.
-    """
+    """Once per improvement, or component that may have one: it and these components."""
     found: list[tuple[Improvement, tuple[str, ...]]] = []
     for each in improvements:
         names = tuple(name for name, part in components.items() if each.concerns(part))

@@ -42,7 +42,6 @@ class _Area:
     """A box around an interface where it stands.
 
     Attributes:
-        frame: Of its component.
         box: ``(2, 3)`` in that frame [m].
         point_mass: Whether it is the place of a mass without a shape.
     """
@@ -84,7 +83,6 @@ def doubt_machine(scene: Scene, *, read: bool = True) -> tuple[str, ...]:
     """Warnings of what looks like a slip; empty where nothing does.
 
     Args:
-        scene: As loaded.
         read: Ask the CAD kernel and mesh files for sizes, where they are not kept; without it only
             parts with a closed form are looked at.
     """
@@ -171,7 +169,6 @@ def _doubt_distance(
     """How far the ends of a joint are apart [m] and what is said of it; None where they meet.
 
     Args:
-        joint: The joint.
         areas: Of its ends, as far as they are known.
         free: ``(3,)`` direction that it slides along, in which ends may lie apart.
     """

@@ -28,7 +28,6 @@ def find_name_fault(pattern: str, scenes: Sequence[Scene]) -> str:
 
     Args:
         pattern: Name of numbers, a kind, or a name with ``*`` and ``?``.
-        scenes: At least one.
     """
     kind, _, at = pattern.partition("(")
     if "*" in kind or "?" in kind:

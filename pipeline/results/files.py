@@ -78,8 +78,6 @@ def add_results(pending: PendingOutputs, folder: Path, results: Results) -> str:
 
     Args:
         pending: Files that appear together.
-        folder: Folder of results.
-        results: All that a run found.
 
     Returns:
         SHA-256 of the file, by which a summary names the file it goes with.
@@ -101,7 +99,6 @@ def publish_summary(pending: PendingOutputs, folder: Path, results: Results) -> 
 
     Args:
         pending: Files that appear together.
-        folder: Folder of results.
         results: All that a run found, with the digest of ``results.h5``.
 
     Raises:
@@ -169,7 +166,6 @@ def mark_units(file: "h5py.File", units: Mapping[str, str]) -> None:
     and indices.
 
     Args:
-        file: Complete.
         units: Pattern of whole paths to unit; the first that fits counts, and what none fits stays
             as it is.
     """
@@ -256,8 +252,6 @@ def read_mesh(
     there, else of ``modes/``.
 
     Args:
-        folder: Of results.
-        component: Name of a component.
         pose: Name of a pose; the first where none is named.
 
     Raises:

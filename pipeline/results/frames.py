@@ -16,7 +16,6 @@ def make_frame(results: "Results", name: str) -> Frame:
     """Return a table of results.
 
     Args:
-        results: Of a run.
         name: ``modes``, ``compliance``, ``frf``, ``components`` or ``stages``.
 
     Raises:

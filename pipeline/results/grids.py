@@ -105,8 +105,6 @@ def surface_grid(
 
     Args:
         view: Surface of each component in its own frame [m], and how it moves in each pose.
-        pose: Which one.
-        component: Which one.
         numbers: Of the modes of the pose, as ``mode_numbers`` makes them; empty without modes.
         below: How many modes lie below the first of them.
     """

@@ -36,7 +36,6 @@ def read_component(path: Path, number: int) -> pyvista.UnstructuredGrid | None:
     """The cells of a component in a ``.vtu`` file of a run; None where it has none there.
 
     Args:
-        path: The file.
         number: Of the component, as the file has it over its points.
     """
     whole = pyvista.read(path)

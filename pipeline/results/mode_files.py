@@ -42,7 +42,6 @@ def write_mode_files(folder: Path, modal: Sequence[ModesSummary], view: MachineV
     of results, and remove those of an earlier run.
 
     Args:
-        folder: Folder of results.
         modal: Modes of each pose, as in ``summary.json``.
         view: Surfaces, and how they move in each pose.
 
@@ -111,8 +110,6 @@ def encode_glb(view: MachineView, pose: PoseView, modes: ModesSummary, index: in
     Args:
         view: Surface of each component in its own frame [m].
         pose: Placements and mode shapes in the pose.
-        modes: Natural modes of the pose.
-        index: Which mode, from zero.
 
     Source: glTF 2.0 specification (Khronos, 2021), binary container.
     """

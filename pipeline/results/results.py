@@ -36,13 +36,10 @@ class ComponentFacts:
 
     Attributes:
         fidelity: ``rigid``, ``elastic`` or ``superelement``.
-        full_dofs: Dofs before reduction.
-        reduced_dofs: Dofs of its superelement.
         mass_kg: Mass [kg].
         cutoff_hz: Its fixed-interface modes are complete up to here; inf for rigid bodies.
         residual: Largest relative residual of its solves.
         quality: Of its mesh; None without one.
-        corrected: By the estimate of its mesh.
     """
 
     fidelity: str
@@ -60,14 +57,10 @@ class Results:
     """Everything a run found.
 
     Attributes:
-        name: Scene name.
-        versions: Of the libraries behind it.
         stages: What ran, in order.
-        components: By name.
         answers: Of the analyses, in the order of their stages.
         joint_springs: Joint name to ``(6, 6)`` stiffness in its joint frame [N/m, N m/rad].
         labels: A name for each row of the mode shapes.
-        warnings: In plain words.
         assumptions: Which values are the catalogue's, and how uncertain they are.
         failures: Analyses that were refused, with the reason; the others were still computed.
         view: What pictures of the machine are drawn from.
@@ -193,7 +186,6 @@ class Results:
         have their surface with shapes. docs/files.md lists the arrays.
 
         Args:
-            component: Name of a component.
             pose: Name of a pose; the first where none is named.
 
         Raises:

@@ -12,10 +12,8 @@ class ShortForm:
     """What is shown of a result.
 
     Attributes:
-        title: What it is.
         facts: What they are about, and a few words each.
         head: Of its table; empty without one.
-        rows: Of its table.
     """
 
     title: str

@@ -51,8 +51,6 @@ class PointView:
     """A named point in a pose.
 
     Attributes:
-        tool: Name of the tool end.
-        work: Name of the work end.
         tool_place: ``(3,)`` in the machine frame [m].
         work_place: ``(3,)``, the same; None where it is ground.
     """
@@ -69,8 +67,6 @@ class PoseView:
 
     Attributes:
         placements: Frame of each component in the machine frame.
-        joints: By name.
-        points: By name.
         shifts: Component to ``(modes, points of its skin, 3)`` mode shapes in machine axes [m /
             sqrt(kg)]; empty without modes.
         pushes: ``"POINT DIRECTION"`` to component to ``(points of its skin, 3)`` displacement under
@@ -90,8 +86,6 @@ class MachineView:
 
     Attributes:
         skins: Surface of each component in its own frame.
-        axes: Direction of each axis.
-        poses: By name.
         materials: Of the components whose surface strains are known: those that were meshed.
     """
 
@@ -106,8 +100,6 @@ def pick_name(what: str, wanted: str | None, known: Iterable[str]) -> str:
 
     Args:
         what: The kind of thing, for the message.
-        wanted: The name.
-        known: All there are.
 
     Raises:
         KeyError: It is not known.
@@ -158,7 +150,6 @@ def place_view(machine: Machine, layout: DofLayout, frames: Mapping[str, Frame])
 
     Args:
         machine: Whose joints and points they are.
-        layout: Its bodies as placed.
         frames: Joint to its frame in the machine frame; joints that are not in it are left out.
     """
     joints = {
@@ -181,8 +172,6 @@ def shift_skins(
     """Displacement ``(modes, n, 3)`` of every skin point in machine axes, single precision.
 
     Args:
-        coupled: The machine in the pose.
-        skins: By component.
         stacked: ``(n_all, modes)`` motions of all superelement dofs.
     """
     found: dict[str, ShiftArray] = {}
@@ -209,7 +198,6 @@ def surface_energy_density(
         points: ``(n, 3)`` [m].
         triangles: ``(m, 3)``.
         shift: ``(n, 3)`` displacement [m], in the axes of the points.
-        material: Of the body.
 
     Returns:
         ``(n,)`` means over the triangles at each point, by area.

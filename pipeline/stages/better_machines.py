@@ -76,9 +76,6 @@ def repeat_without[Found](
     """An analysis once more on the machine without each source of error.
 
     Args:
-        state: Of the run.
-        improvements: What is looked at.
-        solve: The analysis of a machine.
         asked: The scene asks for errors.
     """
     if state.scene.is_lumped:
@@ -104,7 +101,6 @@ def repeat_at_ends[Found](
     coefficients.
 
     Args:
-        coefficients: Of the cut.
         solve: The analysis with other coefficients.
         found: What was repeated before.
     """
@@ -120,12 +116,7 @@ def repeat_at_ends[Found](
 def list_better_machines(
     state: RunState, improvements: Sequence[Improvement]
 ) -> dict[Owner, RunState]:
-    """The run with superelements without each source of error; no entry of one that changes nothing.
-
-    Args:
-        state: Of the run.
-        improvements: What is looked at.
-    """
+    """The run with superelements without each source of error; no entry of one that changes nothing."""
     found = {}
     for own, names in list_repeats(state.parts.plan.components, improvements):
         better = {}

@@ -64,7 +64,6 @@ class StoredRequest:
     Attributes:
         key: Of everything that the superelements of a component depend on but how much they hold.
         reduction: How much is requested.
-        mass: It assembles the mass.
         verify: The number of modes is to be counted.
     """
 

@@ -40,8 +40,6 @@ class DrivenMachine:
     Attributes:
         released: The machine, undamped modes and all; its system as coupled.
         modes: All its undamped modes: the travel of each driven axis is one without frequency.
-        system: With the damping of the scene.
-        trains: Its drives.
     """
 
     released: PoseModel
@@ -90,7 +88,6 @@ def drive_along(model: PoseModel, position: float, warn: Callable[[str], None]) 
     """The machine at a place of a path, with its motors free and its loops stable.
 
     Args:
-        model: In the pose of that place.
         position: From the start of the path [m].
         warn: Called with what is to be said of it.
 
@@ -160,13 +157,7 @@ def _round_lag(train: DriveTrain, lag: float) -> float:
 def list_poles(
     driven: DrivenMachine, poles: LoopPoles, up_to_hz: float
 ) -> tuple[ClosedLoopPole, ...]:
-    """Poles up to a frequency, oscillating or not, and all that grow, with what moves in them.
-
-    Args:
-        driven: The machine.
-        poles: Of its closed loops.
-        up_to_hz: The frequency.
-    """
+    """Poles up to a frequency, oscillating or not, and all that grow, with what moves in them."""
     shown = [int(i) for i in np.flatnonzero(np.abs(poles.poles) <= 2.0 * math.pi * up_to_hz)]
     shown += [index for index in poles.growing() if index not in shown]
     wanted = max((poles.modes[i] for i in shown), default=-1) + 1

@@ -50,7 +50,6 @@ def estimate_mode_errors(
 
     Args:
         parts: Superelements with their own error estimates.
-        coupled: The machine in a pose.
         modes: ``m`` natural modes of it.
 
     Returns:
@@ -80,8 +79,6 @@ def estimate_compliance_errors(
     it.
 
     Args:
-        parts: Of the machine.
-        coupled: The machine.
         displacements: ``(n, 6)`` responses to unit loads at the point.
     """
     energies = compliance_mesh_errors(coupled, displacements)
@@ -129,8 +126,6 @@ def doubt_compliances(
     ``component.interface``.
 
     Args:
-        parts: Of the machine.
-        coupled: The machine.
         displacements: ``(n, m)`` responses to unit loads.
     """
     squares = np.zeros(displacements.shape[1])
@@ -169,7 +164,6 @@ def estimate_measures(
         measure: Values ``(...)`` to numbers ``(m,)``.
         values: As found; NaN where there is none.
         changes: Source of error to component to the change of the values, NaN where nobody knows.
-        left_out: What is not in it.
     """
     found = measure(values)
     known = np.isfinite(values)

@@ -110,7 +110,6 @@ class ResponseEstimate:
 
     Attributes:
         errors: Changes of every line.
-        space: The machine in its trial space.
         left_out: What is not in them, in plain words.
     """
 
@@ -142,11 +141,6 @@ def estimate_response_errors(
     """Change of every line of a response by finer meshes and by the modes left out.
 
     Args:
-        parts: Of the machine.
-        system: With the damping of the scene.
-        coupled: The machine.
-        modes: All undamped modes of the system.
-        response: What is judged.
         trains: The drives of the system whose loops are closed; None where motors are locked.
     """
     channels = (input_columns(system, response.inputs), output_rows(system, response.outputs))
@@ -196,7 +190,6 @@ def estimate_figures(
     """Return the ± of most negative real parts by drive point: a peak that moves keeps its depth.
 
     Args:
-        figures: Of each drive point.
         response: The response they were read from.
         estimate: Errors of its lines; None where there is no estimate.
     """
@@ -295,8 +288,6 @@ class LoadedMachine:
     Attributes:
         system: Its equations of motion; with motors let go under control.
         coupled: Of superelements; None of a lumped mechanism.
-        modes: All undamped modes of the system.
-        inputs: Of the request.
         bare: Its equations without modal damping; under control those that it is.
         trains: Its drives, whose loops are closed; None where motors are locked.
     """
@@ -387,9 +378,7 @@ def add_load_inputs(
     """The system with those of its inputs that are loads of the scene.
 
     Args:
-        system: Of a machine.
         loads: Generalised load ``(n,)`` of each by name.
-        inputs: All that are wanted.
     """
     named = {(name, dof): loads[name] for name, dof in inputs if dof == LOAD}
     return dataclasses.replace(system, inputs=system.inputs | named) if named else system
@@ -408,7 +397,6 @@ def respond(
     """Frequency response of a machine in a pose with the damping of its scene.
 
     Args:
-        machine: In the pose.
         judged: Name the modes of least dynamic stiffness, and estimate errors of a machine of
             superelements.
         model: Of ``prepare_response``, where it is already known.
@@ -522,7 +510,6 @@ def estimate_heights(machine: PoseModel, answer: PoseResponse) -> list[Estimate]
     """Return the ± of peaks, then levels, of a response of a machine, as far as these are known.
 
     Args:
-        machine: In its pose.
         answer: Its response, or that of another model of it with peaks followed.
     """
     request, coupled = _frf_request(machine), machine.coupled
@@ -576,7 +563,6 @@ def peaks_have_tops(poles: ComplexArray, to_hz: float) -> bool:
 
     Args:
         poles: Of the system [rad/s].
-        to_hz: The frequency.
     """
     near = poles[(np.abs(poles) > 0.0) & (np.abs(poles) <= 2.0 * np.pi * to_hz)]
     return bool((np.abs(near.real) > UNDAMPED * np.abs(near)).all())

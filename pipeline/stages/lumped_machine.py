@@ -36,7 +36,6 @@ class PlacedMechanism:
 
     Attributes:
         model: Bodies, springs and closures.
-        springs: What the springs are made of.
         state: ``(n,)`` coordinates.
         motions: Small motions about the pose.
         superelements: Rigid bodies by component.
@@ -169,7 +168,6 @@ def place_mechanism(
     """A lumped mechanism in a pose.
 
     Args:
-        mechanism: Of the scene.
         model: From :func:`build_compliant_mechanism`.
         state: ``(n,)`` closed state.
         superelements: By component; those that are not carried stand still in the machine frame.
@@ -208,8 +206,6 @@ def place_leg_drives(
 
     Args:
         placed: With the driven coordinates released.
-        system: Its equations of motion.
-        drives: Each of a leg.
         beta: Viscous damping over stiffness of couplings [s].
     """
     motions, springs = placed.motions, placed.model.springs
@@ -272,8 +268,6 @@ def deviate(
     :func:`headstock.reduction.motions.tool_deviation.solve_deviation` has it of others.
 
     Args:
-        placed: In the pose.
-        system: Its equations of motion.
         loads: ``(c, 6)`` of unit forces and moments at the point.
         acting: Generalised load ``(c,)`` of each static load by name, gravity among them.
         errors: Number of a leg, 0..2, to the error of its length over its length.
@@ -307,7 +301,6 @@ def leg_offsets(placed: PlacedMechanism, errors: Mapping[int, ErrorProfile]) -> 
     """Compliant coordinates ``(c,)`` by the errors of the legs' lengths in a pose, without loads.
 
     Args:
-        placed: In the pose.
         errors: Number of a leg, 0..2, to the error of its length over its length.
 
     Raises:

@@ -78,9 +78,6 @@ class CoupledPose:
     """A machine of superelements in a pose; see :class:`PoseModel`.
 
     Attributes:
-        parts: Scene and plan.
-        pose: Axis positions.
-        coupled: The machine in it.
         resolved: Relative error that the highest eigenvalue of all modes may have.
     """
 
@@ -325,7 +322,6 @@ def damp_system(
     top of joints, components and materials.
 
     Args:
-        scene: With its effects.
         system: As coupled, with what joints and materials bring.
         modes: All undamped modes, where they are already known.
     """

@@ -60,8 +60,6 @@ def map_workspace(
     None.
 
     Args:
-        mechanism: Of the scene, with its mounting.
-        model: Its bodies and springs.
         request: Axes of the grid with their positions, and fixed positions of the others.
         comm: Ranks that share the poses; None for this one alone.
     """

@@ -368,10 +368,7 @@ def place_pose(
     """Close the loops of a lumped mechanism in a pose and make small motions about it.
 
     Args:
-        parts: Of the machine.
-        pose: Of the tool.
         model: From :func:`build_mechanism`.
-        superelements: By component; rigid.
         released: Lengths of legs that are free to grow.
 
     Raises:

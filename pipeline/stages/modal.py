@@ -138,7 +138,6 @@ def _tell_missing(wanted: int, model: PoseModel, found: ModalResult) -> str:
     Args:
         wanted: How many the scene asks for.
         model: Whose modes they are.
-        found: All that there are.
     """
     size, without = len(model.system.mass), found.infinite_count
     freedom = f"{size} degree{'s' if size != 1 else ''} of freedom"
@@ -226,9 +225,6 @@ def _damp_modes(
     """Damping of the first undamped modes.
 
     Args:
-        scene: With its damping.
-        coupled: The machine.
-        complete: All undamped modes.
         names: Of the first of them, whose damping is wanted.
         undamped: How far their frequencies may be off [Hz].
     """

@@ -62,7 +62,6 @@ def follow_drives(
     Args:
         drives: Whose loops are closed.
         space: With forces and encoders of the drives as outputs.
-        motion: Its states.
     """
     pitches = [drive.lead / (2.0 * math.pi) for drive in drives]
     torque, error = (
@@ -118,7 +117,6 @@ def largest_joint_forces(
     """Return the largest force on the first end of every joint, by direction.
 
     Args:
-        joints: Of a machine.
         times: ``(n,)`` [s].
         observe: Forces of a joint ``(n, d)`` then.
     """
@@ -136,8 +134,6 @@ def find_largest_forces(
 
     Args:
         joints: Whose springs and dampers are outputs of the space.
-        space: With them.
-        motion: Its states.
     """
     found = {}
     for joint in joints:

@@ -38,7 +38,6 @@ class MovingModel:
 
     Attributes:
         space: With ``probe_outputs`` among its outputs.
-        motion: Its states.
     """
 
     space: StateSpace
@@ -63,9 +62,7 @@ class _Peak:
     """The largest of values over a motion.
 
     Attributes:
-        extreme: Its size and when.
         end: It is at the end of a step, not at the begin.
-        step: Which step.
     """
 
     extreme: Extreme
@@ -107,8 +104,6 @@ def trace_motion(
     loads inside it act at once. Viscous damping of the material adds to stresses.
 
     Args:
-        probes: Of the machine.
-        own: As computed.
         others: Source of error to a model without it; empty where none was sought.
         doubtful: The same where modes without an estimate are as low as any may be.
         loads: The static load that each input is, whole; empty of others.
@@ -264,7 +259,6 @@ def _change_locally(
     the equivalent stress and in the displacement, when they are largest.
 
     Args:
-        probe: In its machine.
         stress: ``(6,)`` when it is largest.
         stressed: ``(s, 6)`` what recovery changes then.
         moved: ``(s, 6)`` the same when the displacement is largest.

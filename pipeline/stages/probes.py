@@ -104,9 +104,6 @@ def respond_at_rest(
     equivalent stress.
 
     Args:
-        parts: Of the machine.
-        coupled: The machine.
-        probe: Of it.
         moved: ``(n,)`` its static response.
         inside: ``missing_of_loads`` of the machine.
     """
@@ -179,8 +176,6 @@ def trace_probes(
     """Displacement and stress at probes over frequency, with their errors.
 
     Args:
-        parts: Of the machine.
-        probes: Of the machine.
         response: At ``watched_rows``.
         shares: Source of error to the sizes ``(n, 18 p, k)`` by which ``judged_channels`` may be
             off; empty where none was sought.

@@ -72,7 +72,6 @@ class PoseMotions:
     component's.
 
     Attributes:
-        offsets: Component to its rows.
         motions: ``"POINT DIRECTION"`` to ``(n_all,)`` motion under a unit force there [m/N, rad/N].
         harmonic: Motions under harmonic loads.
     """
@@ -87,8 +86,6 @@ class MachineParts:
     """What a machine is made of, in every pose.
 
     Attributes:
-        scene: With the effects and the analyses.
-        plan: With the settings of its components.
         reduced: Component to what it was reduced to; on rank 0.
     """
 
@@ -107,8 +104,6 @@ class Solved[T]:
     """What an analysis found, and what is said with it.
 
     Attributes:
-        answer: Of the analysis.
-        warnings: In plain words.
         failures: Parts that were refused, with the reason.
         errors: ± of the answer's numbers, where it does not hold them itself.
     """
@@ -124,8 +119,6 @@ class Released:
     """A machine in a pose with its motors let go.
 
     Attributes:
-        model: The machine.
-        trains: Its drives.
         weight: ``(n, n)`` what weight and the anchors of motors add to its stiffness [N/m]; None
             where weight does not count.
     """
@@ -267,9 +260,6 @@ class RunState:
     def weigh_meshes(self, factors: Mapping[str, float]) -> None:
         """Multiply the estimates of mesh errors of components; those that are not reduced here are
         left out.
-
-        Args:
-            factors: Component to its factor.
         """
         for name, factor in factors.items():
             if name in self.reduced:
@@ -295,7 +285,6 @@ class Outcome:
         cached: Its result came from the store.
         detail: What came out, in a few words.
         answers: What it found, to be kept.
-        warnings: In plain words.
         failures: Analyses that were refused, with the reason.
     """
 
@@ -321,8 +310,6 @@ def run_stage(
     """Do the work of a stage and measure what it costs.
 
     Args:
-        state: Of the run.
-        stage: As planned.
         work: Collective; adds to the state.
         announce: Called with the stage before it begins, on every rank.
         observer: Called with the record of the stage as it ends, on rank 0.

@@ -54,7 +54,6 @@ def start_run(
     """Return what the stages of a scene read and add to: the one place where it is made.
 
     Args:
-        comm: That share the components.
         store: By default the user's.
         plan: Of the scene, where it is already known.
         reduced: Components that are not to be made.
@@ -72,8 +71,6 @@ class SharedComponent:
     """What became of a component on the rank that reduced it.
 
     Attributes:
-        records: Of its stages.
-        warnings: Of them.
         reduced: On rank 0; elsewhere only what the store did not keep.
     """
 
@@ -174,7 +171,6 @@ def _share_components(
 
     Args:
         states: Of each run; what the store did not keep is added to them.
-        stages: Of the components of each run.
         announce: Called with each stage before it begins.
     """
     first = states[0]

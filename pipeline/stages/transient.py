@@ -89,7 +89,6 @@ class _Ready:
     """A model ready for loads.
 
     Attributes:
-        linear: Without friction.
         watched: With what is watched beside the displacements as outputs, and friction as inputs
             where there is any.
         friction_loop: Closed loops with friction in their guides; None without friction.
@@ -120,9 +119,7 @@ class _Solution:
     """Motion of a model, and what it says.
 
     Attributes:
-        motion: Without friction.
         with_friction: With it; None without friction.
-        figures: Of each output.
         times: ``(n,)`` of the samples [s].
         displacements: ``(n, n_outputs)`` then [m, rad].
     """
@@ -163,8 +160,6 @@ class _LoadedMachine:
         machine: In the pose; with motors let go under control.
         system: Its equations of motion, with the loads and the momentum before the time zero as
             inputs.
-        modes: All undamped modes of the system.
-        request: What is asked for.
         trains: Its drives, whose loops are closed; None where motors are locked.
         probes: Where displacement and stress are wanted.
     """
@@ -185,7 +180,6 @@ class _LoadedMachine:
         """Ready for the loads, with modes up to a frequency; None for all.
 
         Args:
-            up_to_hz: The frequency.
             softer: A system in place of its own, of which the modes are not known yet.
         """
         system = softer or self.system
@@ -270,7 +264,6 @@ def respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[Transi
     """Motion of a machine in a pose under loads over time, with the damping of its scene.
 
     Args:
-        machine: In the pose.
         judged: Estimate what peaks are worth.
 
     Raises:

@@ -86,7 +86,6 @@ def write_volumes(state: RunState, folder: Path, *, wanted: bool) -> list[str]:
 
     Args:
         state: Of a finished run, on rank 0.
-        folder: Folder of results.
         wanted: Else only those of an earlier run are removed.
 
     Returns:
@@ -125,8 +124,6 @@ def volume_grid(state: RunState, pose: str, component: str) -> Grid | None:
 
     Args:
         state: Of a finished run, on rank 0.
-        pose: Which one.
-        component: Which one.
     """
     if pose not in state.motions or state.plan.components[component].fidelity != "elastic":
         return None
@@ -218,8 +215,6 @@ def _harmonic_arrays(
     """Arrays over points and over cells of ``k`` harmonic loads.
 
     Args:
-        motions: Of the pose.
-        name: Of the component.
         moved: ``(n_points, 3, 2 k)`` real parts of all displacements, then imaginary ones.
         stresses: ``(n_cells, 2 k, 3, 3)`` as the modulus alone makes them of these.
     """

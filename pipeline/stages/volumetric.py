@@ -64,7 +64,6 @@ class _Judged:
     """Deviation of a point in a pose, and what is known of its errors.
 
     Attributes:
-        deviation: By source and part.
         changes: Source to what meshes change in it; empty where no component has a mesh.
         left_out: What no estimate is made of.
     """

@@ -96,8 +96,6 @@ def _warn_of_locking(
     which irregular meshes have few.
 
     Args:
-        component: What it is about.
-        reduced: Its superelement and mesh.
         highest_hz: Highest frequency of interest [Hz]; of a static answer alone 0: then waves as
             long as the part count.
         error: Largest share of a result that its mesh may be off by; None where unknown. Walls that
@@ -172,7 +170,6 @@ def node_spacing(nodes: int, volume: float, thickness: float) -> float:
     thickness.
 
     Args:
-        nodes: Number of nodes.
         volume: Of the component [m^3].
         thickness: Of the walls [m].
     """

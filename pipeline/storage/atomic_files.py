@@ -37,7 +37,6 @@ class PendingFiles:
 
         Args:
             path: Where the file is to appear.
-            content: All of it.
             mode: Permissions of a Unix file.
 
         Raises:
@@ -68,8 +67,6 @@ def write_atomically(path: Path, content: bytes, *, mode: int = 0o644) -> None:
     """Write one file so that a reader sees the old one or the whole new one.
 
     Args:
-        path: The file.
-        content: All of it.
         mode: Permissions of a Unix file.
 
     Raises:
@@ -129,7 +126,6 @@ def append_whole(handle: int, content: bytes, *, flush: bool = True) -> None:
 
     Args:
         handle: Of a file open for appending.
-        content: To append, at once.
         flush: Wait until it is on the disk.
 
     Raises:

@@ -130,7 +130,6 @@ def thinned_skin_key(skin: Skin, *, largest: int, pixel: float) -> str:
     """Key of a surface that was made coarser.
 
     Args:
-        skin: As it was.
         largest: How many triangles are requested.
         pixel: Largest invisible deviation [m].
     """
@@ -158,11 +157,8 @@ def superelement_key(
     holds more serves for less.
 
     Args:
-        component: With deformations of its own.
-        supports: On this component.
         loads: On this component; of tractions and body loads only the place counts, as a
             superelement holds their unit loads.
-        probes: In this component.
     """
     material = component.material
     return _digest(

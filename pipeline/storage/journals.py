@@ -71,7 +71,6 @@ class Journal:
 
         Args:
             path: Of the file; its folder is there.
-            form: Of its records.
             flush_seconds: A killed process loses no record; a power cut loses those of this time
                 [s].
 

@@ -67,7 +67,6 @@ class PendingOutputs(PendingFiles):
 
         Args:
             path: Where the file is to appear.
-            content: All of it.
             mode: Permissions of a Unix file.
 
         Raises:
@@ -101,7 +100,6 @@ def prepare_output(folder: Path, names: Iterable[str] = (), parts: Iterable[str]
     """Make an output folder and try that files can be written there, before anything is computed.
 
     Args:
-        folder: To write into.
         names: Of files that will be written there whatever is computed.
         parts: Names of the folders in it that may be written into.
 
@@ -136,7 +134,6 @@ def claim_output(
     """Keep other runs out of an output folder while the body runs.
 
     Args:
-        folder: To write into.
         names: Of files that will be written there whatever is computed.
         parts: Names of the folders in it that may be written into.
 
@@ -191,7 +188,6 @@ def write_beside(folder: Path, files: Mapping[str, bytes]) -> list[str]:
     under another name beside it.
 
     Args:
-        folder: To write into.
         files: Content by path relative to it.
 
     Returns:
@@ -209,8 +205,6 @@ def replace_outputs(folder: Path, part: str, files: Mapping[str, bytes]) -> list
 
     Args:
         folder: Of the output; it holds the list.
-        part: Name of the folder in it.
-        files: Content by name.
 
     Returns:
         A remark for each that got another name, as in ``write_beside``, and for each of an earlier
@@ -254,10 +248,6 @@ def remove_outputs(folder: Path, names: Iterable[str]) -> None:
     """Remove files of an earlier run that the present one does not write; what somebody else wrote
     or changed is kept.
 
-    Args:
-        folder: Of the output.
-        names: Of files in it.
-
     Raises:
         OutputError: One cannot be removed.
     """
@@ -285,7 +275,6 @@ def read_growing_file(path: Path, start: bytes) -> bytes:
     off.
 
     Args:
-        path: Of the file.
         start: What every such file begins with; a writer that was killed may have left only a part
             of it.
 

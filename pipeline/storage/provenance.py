@@ -70,18 +70,12 @@ class Provenance:
     """Where a result comes from.
 
     Attributes:
-        scene_file: Name of the scene file.
-        scene_sha256: Of its text.
         scene_text: Of the file, before variant and overrides; with the files it includes as one
             scene.
         variant: That was applied; None for none.
         overrides: ``KEY=VALUE`` of each ``--set``, in their order.
         analyses: Named on the command line; empty for all that the scene asks for.
-        version: Of Headstock.
-        commit: Of Headstock.
         date: When the command began, UTC, ISO 8601.
-        ranks: MPI ranks.
-        threads: BLAS threads of each rank.
         command: Words of the command line, without the program; None where they are left out or
             there was none.
         host: Name of the computer; None where it is left out.
@@ -141,7 +135,6 @@ def trace_content(
     Args:
         choice: Name of the file, and what is changed of its content.
         content: Of the scene file with what it includes, or of what would be one.
-        ranks: MPI ranks.
         command: Words of the command line; None without one.
         with_host: State host and command line.
     """

@@ -39,7 +39,6 @@ def require_plain(file: "h5py.File", *, attribute_axes: int = 0) -> None:
     Nothing but heads of objects is looked at.
 
     Args:
-        file: As it was opened.
         attribute_axes: Axes that an attribute may have: none in a record, two in results.
 
     Raises:

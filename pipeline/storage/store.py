@@ -55,8 +55,6 @@ def entry_path(store: Store, kind: str, key: str) -> Path:
     """Where an entry lives.
 
     Args:
-        store: The store.
-        kind: Folder of the kind of record.
         key: SHA-256 in hexadecimal digits, perhaps with more after it.
     """
     return store.root / kind / key[:2] / f"{key}.h5"
@@ -67,8 +65,6 @@ def list_keys(store: Store, kind: type, prefix: str) -> list[str]:
     shows when they are read.
 
     Args:
-        store: The store.
-        kind: Type of the records.
         prefix: Beginning of the keys, at least two characters.
     """
     folder = entry_path(store, _folder(kind), prefix).parent
@@ -83,13 +79,7 @@ def list_keys(store: Store, kind: type, prefix: str) -> list[str]:
 
 
 def read_entry[T](store: Store, key: str, kind: type[T]) -> StoreRead[T]:
-    """The record stored under a key, verified; a missing entry is no warning.
-
-    Args:
-        store: The store.
-        key: Content key.
-        kind: Type of the record.
-    """
+    """The record stored under a key, verified; a missing entry is no warning."""
     path = entry_path(store, _folder(kind), key)
     try:
         content = _read_own_file(path)
@@ -131,8 +121,6 @@ def write_entry(store: Store, key: str, record: "DataclassInstance") -> str | No
     it gives a warning.
 
     Args:
-        store: The store.
-        key: Content key.
         record: A frozen dataclass of arrays, numbers, texts and records.
 
     Returns:
@@ -157,7 +145,6 @@ def seal_entry(kind: str, key: str, payload: bytes | memoryview) -> bytes:
 
     Args:
         kind: Folder of the store it lies in.
-        key: Under which it is stored.
         payload: The file behind the user block.
 
     Raises:

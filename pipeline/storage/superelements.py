@@ -57,8 +57,6 @@ def write_superelement(
     whole new one, never a part.
 
     Args:
-        path: The file.
-        superelement: What to write.
         origin: Version, command and scene that it comes from; None leaves them out.
 
     Raises:
@@ -97,10 +95,6 @@ def read_superelement(path: Path) -> Superelement:
 
 def parse_superelement(content: BinaryIO, name: str) -> Superelement:
     """Read a superelement from the content of its file.
-
-    Args:
-        content: Of the file.
-        name: Of the file, for messages.
 
     Raises:
         RecordError: It is no superelement file, is damaged, or its arrays contradict each other.

@@ -85,7 +85,6 @@ def decode_value(
     """What ``encode_value`` made JSON of.
 
     Args:
-        coded: Parsed JSON.
         classes: By name; no others come out.
         fetch: Large array from where it was stored.
 

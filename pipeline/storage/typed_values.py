@@ -21,9 +21,7 @@ def find_fault(value: object, hint: Any, where: str = "") -> str | None:
     Keys that a ``TypedDict`` does not know are passed over. JSON has lists for tuples.
 
     Args:
-        value: From a file.
         hint: A class, ``TypedDict``, dataclass, ``Literal``, union, or a container of such.
-        where: Key of the value.
     """
     if isinstance(hint, typing.TypeAliasType):
         try:

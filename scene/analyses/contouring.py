@@ -76,11 +76,8 @@ class ContouringRequest(Request):
     """A contour.
 
     Attributes:
-        contour: The way of the tool.
         cut: Tool, material and engagement.
         model: ``linear`` along the path, or the full equations.
-        steps_per_turn: Time steps per turn of the spindle.
-        damping: Of a lumped mechanism.
         material: Name of the work material; None with measured forces.
         forces: File of measured forces; None for computed ones.
         cutting: Whether the tool cuts; otherwise it goes its way in air.
@@ -93,7 +90,6 @@ class ContouringRequest(Request):
         traces_knots: Distance of the knots of the spline through them [s].
         tool_modes: Lumped modes of spindle and tool, from the machine to the tip.
         cut_off: Wavelength between roughness and waviness of milled faces [m].
-        estimate: Its numbers get a ±.
     """
 
     analysis: ClassVar[str] = "contouring"
@@ -403,8 +399,6 @@ def _check_traces(
     """Positions ``(n, k)`` that were measured on a contour, if any; what is wrong is reported.
 
     Args:
-        request: Of the contour.
-        names: Of the axes or legs.
         end: When the path ends [s].
         findings: Receives what is wrong.
     """

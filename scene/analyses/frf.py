@@ -39,8 +39,6 @@ class FrfRequest(Request):
         probes: Where displacement and stress are wanted.
         from_hz: Lowest frequency [Hz].
         to_hz: Highest frequency [Hz].
-        points: Of the even grid.
-        spacing: Of the even grid.
         adaptive: Add points around every resonance.
         motion: What is tabled and drawn.
         poses: All of them when empty.

@@ -77,12 +77,8 @@ class LobesRequest(Request):
     """Stability lobes, in named poses.
 
     Attributes:
-        mill: The tool.
-        coefficients: Of the material.
-        material: Its name.
         radial_depth: [m].
         speeds: ``(n,)`` rising speeds of the spindle [rad/s].
-        directions: Of the travel.
         at: Point where the tool is.
         up: Direction from the tool's tip to its holder, machine frame.
         up_to_hz: Modes of the machine count up to here [Hz].

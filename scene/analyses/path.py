@@ -90,16 +90,13 @@ class PathRequest(Request):
     """A move of axes, straight in their positions, once per feed.
 
     Attributes:
-        path: From where to where.
         moves: One per feed, in the order of the scene.
         outputs: Where the deviation is wanted.
-        sampling_hz: Samples a second.
         low_pass: What the deviation is filtered by; None for nothing.
         residual_time: How long after a ramp its residual vibration is looked at, and recorded after the end [s].
         band_hz: How high it looks [Hz].
         cut: What is milled on the way; None for a move in air.
         follows_pose: The machine's matrices change along the way; else those of its middle hold.
-        estimate: Its numbers get a ±.
     """
 
     analysis: ClassVar[str] = "path"

@@ -87,9 +87,7 @@ class TimedLoad:
     """A load over time.
 
     Attributes:
-        name: Of it.
         target: Where it acts, as point or interface with a direction; or the name of a static load.
-        shape: As the scene has it.
         history: Force, moment or factor of the static load over time.
     """
 
@@ -104,11 +102,9 @@ class TransientRequest(Request):
     """Motion under loads that change with time, in named poses.
 
     Attributes:
-        loads: What acts.
         velocities: Component to its velocity before the time zero, machine axes [m/s].
         outputs: Where motion is wanted.
         duration: From the time zero [s].
-        sampling_hz: Samples a second.
         up_to_hz: Modes up to here vibrate; those above follow at once.
         settled: Share of its way within which an output has settled.
         poses: All of them when empty.

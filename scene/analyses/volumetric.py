@@ -21,7 +21,6 @@ class VolumetricRequest(Request):
     """Position error of the tool at named points over a grid of poses.
 
     Attributes:
-        at: Points.
         axes: Name and positions ``(n,)`` of each axis of the grid [m, rad].
         fixed: Positions of the other axes.
     """

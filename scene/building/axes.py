@@ -43,8 +43,6 @@ def build_axis(
     """The axis a faultless table stands for.
 
     Args:
-        name: Of the axis.
-        table: Its table.
         scene: With the tables of its components and joints.
         joints: Every joint of the machine by name.
         supports: Every support of the machine by name.
@@ -103,7 +101,6 @@ def moved_components(
     Args:
         components: Component names in the order of the scene.
         edges: The two sides of every joint (and support) by name.
-        joints: Names of the joints of the axis.
 
     Returns:
         Names in the order of the scene; those that reach ground in no case are left out.
@@ -203,9 +200,7 @@ def find_position_fault(axis: str, value: Quantity, scene: SceneTable) -> str:
     """Why an axis of the scene cannot stand at a position; empty where it can.
 
     Args:
-        axis: Its name.
         value: Length or angle as written.
-        scene: With the axis.
     """
     table = scene.axes[axis]
     if fault := find_unit_fault(value, table):

@@ -232,8 +232,6 @@ def build_interface(
     names none.
 
     Args:
-        name: Of the interface.
-        table: Its table.
         solid: Of its component, in whose frame patches are placed.
         control_points: Of a rail whose table names none; as few as a cubic needs without.
     """
@@ -273,10 +271,6 @@ def build_component(
     none.
 
     Args:
-        name: Of the component.
-        table: Its table.
-        solid: Its shape.
-        material: Its material.
         sizes: Element sizes from place to place; None for none.
         free: Every component of the scene may float.
         control_points: Of rails whose tables name none, by interface.
@@ -460,9 +454,7 @@ def build_solids(scene: SceneTable, folder: Path, findings: Findings) -> dict[st
     """The solid of every component whose solid can be built; why others cannot is reported.
 
     Args:
-        scene: With components.
         folder: Of the scene, for the files it refers to.
-        findings: Receives problems.
     """
     solids: dict[str, Solid] = {}
     for name, table in scene.components.items():
@@ -633,11 +625,6 @@ def _rule_step_parts(mesh: MeshTable, solid: Solid) -> Iterator[MeshRule]:
 def find_dense_patch(table: ComponentTable, patch: Patch, solid: Solid) -> str:
     """Why a patch asks for more elements than a mesh should have; empty when it does not, or when
     only the CAD kernel can say.
-
-    Args:
-        table: Of the component.
-        patch: On its solid.
-        solid: Shape of the component.
     """
     if table.fidelity != "elastic" or table.mesh.cells == "hex" or table.mesh.growth is not None:
         return ""

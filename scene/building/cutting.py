@@ -112,7 +112,6 @@ def build_tool_mode(table: ToolModeTable, up: tuple[float, float, float]) -> Too
     """A mode in its direction, or in both across the tool.
 
     Args:
-        table: Of the mode.
         up: Direction along the tool.
     """
     if table.direction is None:
@@ -128,8 +127,6 @@ def build_cut(scene: SceneTable, table: MilledTable, feeds: Sequence[float]) -> 
     or there are none) coefficients are zero.
 
     Args:
-        scene: With its tables.
-        table: Of the cut.
         feeds: Per tooth [m].
     """
     coefficients = CuttingCoefficients((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "")
@@ -156,9 +153,6 @@ def resolve_material(
     """The coefficients of a material in a cut: of the scene, else of the catalogue.
 
     Args:
-        scene: With its tables.
-        name: Of the material, which is known.
-        table: Of the cut.
         feeds: Per tooth [m]; none where they are not known.
     """
     own = scene.cutting.get(name)
@@ -172,7 +166,6 @@ def catalogue_coefficients(name: str, chips: Chips | None = None) -> CuttingCoef
     """The coefficients of a material of the catalogue.
 
     Args:
-        name: Of the material, which is known.
         chips: How thick they are, for Kienzle's force; of usual thickness where that is not known.
     """
     material = read_cutting_materials()[name]
@@ -239,11 +232,7 @@ def check_cutter(
     the material, and warn of chips of unusual thickness.
 
     Args:
-        key: Of the table.
-        table: Of the cut.
         feeds: Per tooth [m]; none where they are not known.
-        draft: The scene.
-        findings: Receives problems.
         always: It cuts without the effect ``cutting_force`` too.
     """
     scene, material = draft.table, table.material

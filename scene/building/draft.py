@@ -118,11 +118,7 @@ def check_name(
     """Report a name that is no entry of its section.
 
     Args:
-        key: Where it is written.
-        name: What is written.
         section: Of the scene: ``joints``, say.
-        draft: The scene.
-        findings: Receives the problem.
         what: Word for an entry; that of the section without its last letter when empty.
     """
     known = draft.sections.get(section, frozenset())
@@ -133,14 +129,7 @@ def check_name(
 
 
 def check_end(key: KeyPath, end: JointEnd, draft: Draft, findings: Findings) -> None:
-    """Report an end that means neither ground nor an interface of a component.
-
-    Args:
-        key: Where it is written.
-        end: What is written.
-        draft: The scene.
-        findings: Receives problems.
-    """
+    """Report an end that means neither ground nor an interface of a component."""
     if end.component is None:
         return
     if end.component not in draft.interfaces:
@@ -164,14 +153,7 @@ def check_end(key: KeyPath, end: JointEnd, draft: Draft, findings: Findings) -> 
 
 
 def check_channel(key: KeyPath, name: str, draft: Draft, findings: Findings) -> None:
-    """Report a channel that is at neither a point nor ``component.interface``.
-
-    Args:
-        key: Where it is written.
-        name: What is written.
-        draft: The scene.
-        findings: Receives problems.
-    """
+    """Report a channel that is at neither a point nor ``component.interface``."""
     component, dot, interface = name.partition(".")
     if dot:
         check_end(key, JointEnd(component, interface), draft, findings)
@@ -187,8 +169,6 @@ def check_pose_names(
     Args:
         key: Where they are written.
         poses: What is written; None for nothing.
-        draft: The scene.
-        findings: Receives problems.
     """
     for index, pose in enumerate(poses or ()):
         if pose != "reference" or draft.sections.get("poses"):
@@ -201,10 +181,7 @@ def check_variant(
     """Report each of the variants joined in a choice that the scene does not offer.
 
     Args:
-        key: Where it is written.
         choice: Names joined by ``+``; empty for none.
-        draft: The scene.
-        findings: Receives the problems.
         more: What else could be written there.
     """
     known = draft.table.variants

@@ -44,13 +44,7 @@ def driven_axis(name: str, table: DriveTable) -> str:
 
 
 def find_screws(name: str, table: DriveTable, scene: SceneTable) -> list[str]:
-    """Ball screws of a drive's axis, or the one it names.
-
-    Args:
-        name: Of the drive.
-        table: Its table.
-        scene: With the tables it refers to.
-    """
+    """Ball screws of a drive's axis, or the one it names."""
     axis = scene.axes.get(driven_axis(name, table))
     known = [] if axis is None else [joint for joint in axis.joint_names() if joint in scene.joints]
     screws = [joint for joint in known if scene.joints[joint].kind == "ball_screw"]
@@ -60,11 +54,6 @@ def find_screws(name: str, table: DriveTable, scene: SceneTable) -> list[str]:
 def find_leg_joints(name: str, table: DriveTable, scene: SceneTable) -> list[str]:
     """Joints across which the leg of a drive slides in a machine of components, ball screws where
     there are any, or the one the drive names.
-
-    Args:
-        name: Of the drive.
-        table: Its table.
-        scene: With a mechanism.
     """
     if scene.mechanism is None:
         return []

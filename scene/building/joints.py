@@ -48,7 +48,6 @@ class JointKindRule:
     Attributes:
         keys: Scene key to the joint dofs (0..5) it stands for; each dof belongs to one key.
         required: Keys without which the joint means nothing.
-        fixed: Dofs that are always fixed.
         axis_is: Joint axis that the scene's ``axis`` gives: ``x`` or ``z``.
         needs_axis: The scene must give ``axis``.
         needs_normal: The scene must give ``normal``.

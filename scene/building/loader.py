@@ -165,8 +165,6 @@ def read_tables(
         path: A ``.toml`` file.
         findings: Receives lines, origins and problems.
         variant: As ``load_scene`` has it.
-        overrides: The same.
-        values: The same.
     """
     raw = apply_variant(read_with_includes(path, findings), variant, findings)
     apply_settings(raw, overrides, findings)
@@ -180,10 +178,8 @@ def build_scene(
     """Validate, check and build the tables of a scene.
 
     Args:
-        raw: Its tables.
         findings: Knows where they come from, and what was found so far.
         path: Scene file; files the scene refers to lie in its folder.
-        variant: That was applied.
 
     Raises:
         SceneError: Anything is wrong.
@@ -238,8 +234,6 @@ def prepare_sweep(scene: Scene, name: str, *, overrides: Sequence[str] = ()) -> 
     every carriage on its rail.
 
     Args:
-        scene: As loaded.
-        name: Of the sweep.
         overrides: Those with which the scene was loaded.
 
     Raises:
@@ -265,8 +259,6 @@ def _check_analyses(draft: Draft, findings: Findings, *, complete: bool) -> None
     """Check the tables of analyses.
 
     Args:
-        draft: The scene.
-        findings: Receives problems.
         complete: Every entry of the scene passed the schema.
     """
     for record in list_records():
@@ -342,7 +334,6 @@ def build_machine(scene: SceneTable, name: str, folder: Path) -> Machine:
 
     Args:
         scene: Validated and checked tables.
-        name: Name of the machine.
         folder: Folder of the scene, for the files it refers to.
 
     Returns:

@@ -25,8 +25,6 @@ def build_support(name: str, table: SupportTable, components: dict[str, Componen
     """The support a faultless table stands for.
 
     Args:
-        name: Of the support.
-        table: Its table.
         components: Every component of the machine by name.
     """
     component = table.owner
@@ -43,8 +41,6 @@ def build_load(name: str, table: LoadTable, components: dict[str, Component]) ->
     """The load a faultless table stands for.
 
     Args:
-        name: Of the load.
-        table: Its table.
         components: Every component of the machine by name.
     """
     if table.kind == "body":
@@ -60,23 +56,13 @@ def build_load(name: str, table: LoadTable, components: dict[str, Component]) ->
 
 
 def build_point(name: str, table: PointTable) -> Point:
-    """The point a faultless table stands for.
-
-    Args:
-        name: Of the point.
-        table: Its table.
-    """
+    """The point a faultless table stands for."""
     x, y, z = table.offset
     return Point(name, table.tool, table.work, (x, y, z))
 
 
 def build_displacement(name: str, table: LoadTable) -> JointDisplacement:
-    """The displacement a faultless table stands for.
-
-    Args:
-        name: Of the load.
-        table: Its table.
-    """
+    """The displacement a faultless table stands for."""
     x, y, z = table.displacement or (0.0, 0.0, 0.0)
     rx, ry, rz = table.rotation or (0.0, 0.0, 0.0)
     return JointDisplacement(name, table.joint or "", (x, y, z, rx, ry, rz))

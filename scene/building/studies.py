@@ -46,8 +46,6 @@ def build_sweep(name: str, scene: SceneTable, paths: Mapping[str, AxisPath]) -> 
     """The sweep a faultless table stands for, with the ways that were read from files.
 
     Args:
-        name: Of the sweep.
-        scene: With the tables it refers to.
         paths: Way of each sweep that names a file.
     """
     return dataclasses.replace(_build_poses(name, scene, paths), variant=scene.sweeps[name].variant)
@@ -100,8 +98,6 @@ def check_sweep_carriages(machine: Machine, sweep: Sweep, findings: Findings) ->
 
     Args:
         machine: As the sweep goes through it.
-        sweep: Its poses.
-        findings: Receives problems.
     """
     reported: set[str] = set()
     for number in range(len(sweep.positions)):
@@ -156,8 +152,6 @@ def read_sweep_paths(scene: SceneTable, folder: Path, findings: Findings) -> dic
     """The way of each sweep that names a file, where it could be read; what is wrong is reported.
 
     Args:
-        scene: With sweeps.
-        folder: Of the scene.
         findings: Receives problems, each with the line of the file.
     """
     found: dict[str, AxisPath] = {}
@@ -350,10 +344,7 @@ def check_grid(key: KeyPath, sweep: SweepTable, what: str, most: int, findings: 
 
     Args:
         key: Where the sweep is named.
-        sweep: Its table.
         what: Analysis that needs it, with its article.
-        most: Poses that are possible.
-        findings: Receives problems.
     """
     counts = [span.positions for span in (sweep.axes or {}).values()]
     if sum(count > 1 for count in counts) not in (2, 3):

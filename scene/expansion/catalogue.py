@@ -37,15 +37,12 @@ class FamilyTable(StrictTable):
     """Elements of one kind in several sizes, as ``catalogue.toml`` has them.
 
     Attributes:
-        title: What they are.
-        kind: Of the joint.
         size: What the number in the name is.
         factor: The stiffness of a real one lies within the value divided and multiplied by this.
         rotation_factor: The same of rotations; as ``factor`` where there is none.
         soft: Whether it deflects visibly under the weight it carries.
         loss_factor: Structural damping as a share of the stiffness.
         loss_factor_range: Where that of a real one lies.
-        preload: Which one the values are for.
         derived: How they follow from the size.
         source: Of the rule, and of what it was compared with.
         sizes: Keys of the joint by the end of the name.
@@ -71,9 +68,7 @@ class CatalogueEntry:
 
     Attributes:
         name: Behind ``catalogue:``.
-        stem: Of the names of its family.
         family: What all of its sizes have in common.
-        joint: Keys of a joint it stands for.
     """
 
     name: str
@@ -124,8 +119,6 @@ def fill_joint(joint: TomlTable, key: KeyPath, findings: Findings) -> TomlTable:
     """A joint with the keys of the catalogue that it does not have itself.
 
     Args:
-        joint: As written.
-        key: Its position in the scene.
         findings: Receives problems, and what is assumed.
     """
     full = dict(joint)

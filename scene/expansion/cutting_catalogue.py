@@ -37,12 +37,7 @@ class CuttingMaterial:
     """A work material of the catalogue.
 
     Attributes:
-        name: That a scene writes.
-        title: What it is.
-        group: Title of the group of sources.
-        source: Of its coefficients.
         keys: Its coefficients as a scene writes them.
-        table: The same.
     """
 
     name: str

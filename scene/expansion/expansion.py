@@ -122,7 +122,6 @@ class _Place:
 
     Attributes:
         name: Number from 1, or name.
-        entry: In full.
         key: Where the place stands in it.
         written: Under which key or number it is written.
     """

@@ -89,9 +89,7 @@ class _Reader:
     """Counts what a scene includes.
 
     Attributes:
-        folder: Of the scene.
         files: Included so far.
-        size: Of their texts, in characters.
     """
 
     folder: Path
@@ -174,10 +172,7 @@ def _merge(
 
     Args:
         raw: Of the including file; changed in place.
-        tables: Of the included file.
-        entry: Its name and prefix.
         findings: Of the including file; receives the origins.
-        inner: Of the included file.
     """
     names = _Names(tables, entry, inner)
     for section, entries in tables.items():

@@ -35,9 +35,7 @@ def apply_variant(raw: TomlTable, name: str | None, findings: Findings) -> TomlT
     ``calibrated+segmented+R`` applies three variants, the later over the earlier.
 
     Args:
-        raw: The scene as parsed.
         name: One variant, or several joined by ``+``; None for none.
-        findings: Receives problems.
     """
     variants = raw.get("variants", {})
     result = dict(raw)
@@ -84,7 +82,6 @@ def apply_settings(raw: TomlTable, settings: Sequence[str], findings: Findings) 
     Args:
         raw: The scene as parsed; changed in place.
         settings: ``key=value`` with dotted keys.
-        findings: Receives problems.
     """
     for setting in settings[:MAX_OVERRIDES]:
         key, equals, text = setting.partition("=")
@@ -101,8 +98,6 @@ def apply_values(raw: TomlTable, values: Mapping[str, TomlValue], findings: Find
 
     Args:
         raw: The scene as parsed; changed in place.
-        values: By dotted key.
-        findings: Receives problems.
     """
     for key, value in values.items():
         _override(

@@ -98,10 +98,7 @@ def _note_overrides(
     """Have errors of what is calculated from a parameter name what set it.
 
     Args:
-        raw: As parsed.
-        parameters: Of it.
         overrides: Setting, variant or point of a study, by parameter.
-        findings: Receives the origins.
     """
     users: dict[str, list[str]] = {}
     for name, written in parameters.written.items():
@@ -143,7 +140,6 @@ class _Known:
     """A parameter as a sole name stands for it.
 
     Attributes:
-        value: Calculated.
         entries: That it is written out to, long texts as several.
         depth: Of lists and tables in each other.
         measure: What expressions calculate with; None where it is to be read from the value.
@@ -161,8 +157,6 @@ class _Failed:
 
     Attributes:
         message: Why, from parameter to parameter.
-        root: The parameter it begins with.
-        reason: What is wrong with that.
     """
 
     message: str

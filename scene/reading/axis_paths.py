@@ -34,8 +34,6 @@ class AxisPath:
     """Waypoints of axes.
 
     Attributes:
-        name: Of the file.
-        axes: Of its columns.
         units: ``m`` or ``rad`` of each.
         positions: ``(n, k)`` of every waypoint [m, rad].
         lines: ``(n,)`` of the file in which each stands.

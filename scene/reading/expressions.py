@@ -52,7 +52,6 @@ def calculate(text: str, look_up: Callable[[str], Measure], names: Collection[st
     Args:
         text: With its mark ``=``.
         look_up: The value of a name; raises ``ExpressionError`` where there is none.
-        names: That have one.
 
     Raises:
         ExpressionError: It does not follow the grammar, adds different quantities, divides by zero,
@@ -97,7 +96,6 @@ def prefix_names(text: str, prefix: str, names: Collection[str]) -> str:
     Args:
         text: With its mark ``=``.
         prefix: To put before them.
-        names: Of parameters.
 
     Raises:
         ExpressionError: A unit can be read as one of the names, or it is too long.

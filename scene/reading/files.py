@@ -96,7 +96,6 @@ def resolve_file(folder: Path, text: str, suffixes: tuple[str, ...], kind: FileK
     """Find a file that a scene refers to, inside the scene's own folder.
 
     Args:
-        folder: Folder of the scene.
         text: Relative path as written.
         suffixes: Endings that are accepted, lower case.
         kind: How large it may be.

@@ -54,11 +54,7 @@ class Problem:
 
 
 class SceneError(Exception):
-    """A scene that cannot be used; the command line prints every problem and exits with 2.
-
-    Attributes:
-        problems: In the order of the file.
-    """
+    """A scene that cannot be used; the command line prints every problem and exits with 2."""
 
     def __init__(self, problems: Iterable[Problem]) -> None:
         """Keep every problem; the text of the error shows them all."""
@@ -78,8 +74,6 @@ class Origin:
 
     Attributes:
         line: From 1; None where it is in no file.
-        override: Its label.
-        file: The included one.
         order: How many overrides came before; where a table was replaced, what was known of its
             entries no longer counts.
     """
@@ -96,7 +90,6 @@ class Findings:
 
     Attributes:
         path: Scene file as the user wrote it.
-        lines: Of the file.
         origins: Where each key path came from.
         written_at: Key path that an expanded one was written at: of an entry with several places.
         problems: Found so far, with the line they sort by.
@@ -152,8 +145,6 @@ class Findings:
         is requested.
 
         Args:
-            analysis: That lacks it.
-            key: Where it is missing.
             message: What is missing and what to write.
         """
         if analysis in self.on_request:
@@ -255,7 +246,6 @@ def suggest_names(wrong: object, names: Iterable[str], *, what: str) -> str:
     cast_iron, steel``.
 
     Args:
-        wrong: What is written.
         names: What could be.
         what: Word for them, in the plural.
     """

@@ -46,7 +46,6 @@ def read_columns(path: Path, headings: Sequence[str]) -> FloatArray:
     """Read columns ``(n, k)`` of a CSV file, the first of them times [s].
 
     Args:
-        path: Of the file.
         headings: Names of the columns in its first line, whatever their order there.
 
     Raises:
@@ -69,7 +68,6 @@ def read_numbers(
     """Read columns ``(n, k)`` of a CSV file.
 
     Args:
-        path: Of the file.
         headings: Names of the columns in its first line, whatever their order there, without
             capitals.
         optional: Names of columns that follow where they are all there.

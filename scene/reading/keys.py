@@ -111,11 +111,6 @@ def read_number(raw: TomlTable, key: KeyPath) -> Quantity:
 def written_unit(raw: TomlTable, key: KeyPath, written: TomlTable) -> str:
     """The unit a scene writes a number in; the usual one of what it calculates, empty for a plain
     number.
-
-    Args:
-        raw: The scene in full.
-        key: Of a number in it.
-        written: The scene as it is written.
     """
     value = value_at(raw, key)
     if not isinstance(value, str):
@@ -132,9 +127,7 @@ def write_number(value: float, unit: str, digits: int = 9) -> str | float:
     """A number in SI units as a scene writes it in a unit.
 
     Args:
-        value: In SI units.
         unit: As a scene writes it; empty for a plain number.
-        digits: Significant ones.
     """
     if not unit:
         return float(f"{value:.{digits}g}")

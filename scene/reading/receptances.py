@@ -34,7 +34,6 @@ def read_receptances(path: Path, axis: tuple[float, float, float]) -> MeasuredAs
     receptances of tip, cross and base [m/N].
 
     Args:
-        path: The file.
         axis: Of the tool, machine frame.
 
     Raises:

@@ -146,7 +146,6 @@ class Measure:
     """A value with what it measures, whatever that is: what expressions calculate with.
 
     Attributes:
-        value: In SI units.
         powers: Symbol and exponent of each base unit, sorted; none for a plain number.
     """
 

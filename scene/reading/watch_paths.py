@@ -39,7 +39,6 @@ class WatchPath:
     """A path into a summary: names, indices and slices in order; or a name of numbers.
 
     Attributes:
-        text: As written.
         steps: Of the path; the text itself where it is a name of numbers.
         names_numbers: It is one: a name, a kind, or a name with ``*`` and ``?``.
     """

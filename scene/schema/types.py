@@ -456,7 +456,6 @@ def find_damping_fault(share: float, what: str) -> str:
 
     Args:
         share: Damping ratio or loss factor [-].
-        what: Which of both.
     """
     if 0.0 <= share < 1.0:
         return ""

@@ -42,7 +42,6 @@ class ControlForces:
     coordinates of which there are ``m``.
 
     Attributes:
-        trains: The drives.
         pushed: ``(m, n_drives)`` generalised load per drive force; motors move with its transpose.
         seen: ``(n_drives, m)`` what the controllers see.
     """
@@ -80,7 +79,6 @@ class ClosedResponse:
     Attributes:
         free: With free motors: drive forces first among its inputs, what the controllers see and
             the motors first among its outputs.
-        trains: Its drives.
         found: Poles of the closed loops.
     """
 
@@ -111,10 +109,8 @@ def _answer_motions(
     """Minus the forces ``(n_freq, n_drives, k)`` with which controllers answer motions.
 
     Args:
-        trains: The drives.
         omega: ``(n_freq,)`` angular frequencies.
         seen: ``(n_drives, k)`` what controllers see, or ``(n_freq, n_drives, k)``.
-        motors: Motions of the motors likewise.
     """
     paths = [control_paths(train.control, omega) for train in trains]
     feedback = np.stack([path.feedback for path in paths], axis=1)[..., None]
@@ -134,7 +130,6 @@ def prepare_closed_frf(
 
     Args:
         system: From ``free_motors``, with its damping.
-        trains: The same drives.
         inputs: Where loads act.
         outputs: Where motion is wanted.
         modes: All undamped modes of the system, where they are already known.

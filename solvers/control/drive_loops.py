@@ -41,7 +41,6 @@ class ClosedLoop:
         space: Inputs: ``(axis, "position" | "velocity" | "acceleration")`` of every driven axis,
             then the loads. Outputs: those asked for, then ``(drive, "encoder")``, ``(drive,
             "motor")``, ``(drive, "slide")`` and ``(drive, "force")`` of each drive.
-        trains: Its drives.
         plant_size: How many states are the machine's, the first ones.
         rates: ``(n_drives, n)`` velocity of each motor per state.
         plant: The machine with free motors.
@@ -66,7 +65,6 @@ def close_loops(
 
     Args:
         system: From ``free_motors``, with its damping.
-        trains: The same drives.
         inputs: Where loads act.
         outputs: Where motion is wanted.
         up_to_hz: Keep machine modes up to here, the others statically; None keeps all.
@@ -91,7 +89,6 @@ def open_plant(
 
     Args:
         system: From ``free_motors``.
-        trains: Its drives.
         inputs: Where loads act.
         outputs: Where motion is wanted.
         up_to_hz: Keep machine modes up to here, the others statically; None keeps all.
@@ -125,7 +122,6 @@ def close_plant(
 
     Args:
         plant: With ``force_channels`` among its inputs, ``plant_outputs`` among its outputs.
-        trains: Its drives.
         inputs: Where loads act; two on one channel stand once.
         outputs: Where motion is wanted.
     """
@@ -281,7 +277,6 @@ def find_velocity_lag(loop: ClosedLoop, axis: str) -> tuple[float, dict[Channel,
 
     Args:
         loop: A stable closed loop, no more motions free than its drives hold.
-        axis: The axis.
 
     Returns:
         Set point less measured position [s], and what each output does beyond what it does per

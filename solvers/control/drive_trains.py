@@ -23,9 +23,6 @@ class DriveTrain:
     Attributes:
         name: Name of the drive; its channels are ``(name, "force")``, ``(name, "motor")``, ``(name,
             "scale")``, ``(name, "slide")``.
-        axis: Axis it moves.
-        joint: Its ball screw.
-        control: Its controller.
         stretch: ``(n,)`` motion of the nut along the axis, as the thread sees it, with the motor
             locked.
         stiffness: Of that, as it is in the system with the motor locked [N/m]; infinite where the
@@ -41,7 +38,6 @@ class DriveTrain:
         beta: Viscous damping over stiffness of its springs [s].
         screw_mass: Screw inertia likewise [kg].
         coupling: Stiffness between motor and screw likewise [N/m]; infinite where it is rigid.
-        friction: Along the axis.
         cycle: Of the controller [s].
     """
 

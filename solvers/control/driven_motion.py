@@ -30,11 +30,6 @@ class EnergyBalance:
 
     Attributes:
         stored: Kinetic and strain energy of the machine.
-        drives: Work of the drive forces.
-        loads: Work of the loads.
-        damping: Lost in dampers.
-        friction: Lost in the guides.
-        pose: Work of a change of pose.
     """
 
     stored: FloatArray
@@ -78,7 +73,6 @@ class DrivenMotion:
         right: ``(n, m)`` and just after it: an impulse is between them.
         outputs: ``(n, p)`` of the closed loop, just after each time.
         friction: ``(n, k)`` force against the motion there [N].
-        energy: Where it went.
         steps: How many were taken.
     """
 
@@ -126,7 +120,6 @@ def solve_motion(
             themselves, in their order.
         breaks: Instants at which what is given jumps or kinks: no step reaches over one.
         longest: Over which what is given is a polynomial of degree four [s].
-        tolerance: Of a step.
 
     Raises:
         ConvergenceError: Friction does not settle.
@@ -153,13 +146,11 @@ def integrate_motion(
     by its law, so that their balance tells what the parabolas miss.
 
     Args:
-        track: The loop.
         given: What is given ``(n, q)`` at times ``(n,)``.
         times: ``(n,)`` instants wanted, rising; the first is the start.
         breaks: Instants at which what is given jumps or kinks: no step reaches over one.
         outset: How it begins; None for rest.
         longest: Over which what is given is a polynomial of degree four [s].
-        tolerance: Of a step.
 
     Raises:
         ConvergenceError: Friction does not settle.

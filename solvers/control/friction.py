@@ -75,7 +75,6 @@ class CoordinateFriction:
 
     Attributes:
         coordinates: ``(d,)`` which.
-        law: Of each.
         speeds: ``(n, d)`` at ``n`` steps, what the speed of each is beside that of the system [m/s].
     """
 
@@ -91,7 +90,6 @@ class CoordinateFriction:
         """Forces ``(d,)`` that act on the coordinates at a step [N].
 
         Args:
-            step: Its number.
             free: ``(d,)`` speeds of the coordinates at its end without these forces [m/s].
             gain: ``(d, d)`` speed per force on them [m/s/N].
 

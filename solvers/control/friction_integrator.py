@@ -38,7 +38,6 @@ class _Stack:
     """Steps of one size in ``p`` poses, between which they are mixed.
 
     Attributes:
-        steps: In these poses.
         moved: ``(p r, c)`` of all, one below the other.
         pushed: ``(p, r, 3 k)``.
         missed: ``(p, n, 3 k)``.
@@ -118,8 +117,6 @@ class FrictionIntegrator:
         """The state after a step of the grid.
 
         Args:
-            number: Of the step.
-            state: Before it.
             given: ``(5 q,)`` in it.
             size: Of it [s].
             near: First place about its middle, and the share of it and the next ones.

@@ -43,11 +43,7 @@ class StepViews:
 
     Attributes:
         sliding: Speed in each guide, of what moves.
-        guides: Speed of each guide beside it.
-        drives: Force of each drive.
-        motors: Speed of each motor.
         reached: Motion that each load pushes along.
-        loads: These loads.
         dampers: ``(p, p)`` what dampers take in the step, as a quadratic form.
     """
 
@@ -71,7 +67,6 @@ class FrictionStep:
         pushed: ``(n + 6 k, 3 k)`` the same of the friction where it is collocated.
         missed: ``(n, 3 k)`` error of the state by what friction is off where it is checked.
         softness: ``(k, k)`` speeds that friction all through the step takes off.
-        views: For its works.
     """
 
     size: float

@@ -24,11 +24,8 @@ class FrictionTransient:
     """What a controlled machine with friction did under loads over time.
 
     Attributes:
-        motion: As integrated.
         friction: ``(n - 1, k)`` force against the motion at the begin of each step, and at its end
             [N].
-        response: At the outputs wanted.
-        energy: Its balance.
     """
 
     motion: DrivenMotion
@@ -42,7 +39,6 @@ def sharpen_friction(loop: ClosedLoop, share: float) -> ClosedLoop:
 
     Args:
         loop: Closed with ``friction_channels`` of its drives.
-        share: Of the smoothing.
     """
     trains = tuple(
         train
@@ -70,10 +66,8 @@ def solve_friction_transient(
 
     Args:
         loop: Closed with the inputs and ``friction_channels`` of its drives.
-        loads: On their grid.
         free: The same motion without friction, which begins alike and tells how large states get.
         inputs: Where the loads act.
-        outputs: Wanted.
 
     Raises:
         ConvergenceError: Friction does not settle.

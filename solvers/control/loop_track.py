@@ -23,7 +23,6 @@ class LoopTrack:
 
     Attributes:
         places: ``(p,)`` rising, one or at least four [m].
-        loop_at: The loop at a place.
         positions: Where it is at times ``(n,)`` [m].
         rows: Which of its outputs are wanted; None for all.
     """

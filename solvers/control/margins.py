@@ -26,7 +26,6 @@ class LoopMargins:
     response has no such point.
 
     Attributes:
-        drive: Its name.
         gain: Factor by which its gains may rise [-].
         gain_hz: Where the phase is -180 degrees there [Hz].
         lowest_gain: Factor to which they may fall, where too small ones are unstable too [-].
@@ -61,7 +60,6 @@ def find_margins(
 
     Args:
         system: From ``free_motors``.
-        trains: Its drives.
         to_hz: Highest frequency looked at [Hz].
         around_hz: Frequencies beside which the grid is finer, such as those of the poles [Hz].
 
@@ -96,7 +94,6 @@ def take_off_anchors(receptance: ComplexArray, trains: Sequence[DriveTrain]) -> 
     Args:
         receptance: Drive forces first among its inputs; what the controllers see, then the motors,
             first among its outputs.
-        trains: The drives.
     """
     springs = np.diag([train.anchor for train in trains])
     if not springs.any():

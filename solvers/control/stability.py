@@ -110,7 +110,6 @@ def require_stable(
 
     Args:
         system: From ``free_motors``.
-        trains: Its drives.
         loop: As closed, where it is known.
         poles: Its poles, where they are known.
 
@@ -148,8 +147,6 @@ def find_largest_gain(
     Args:
         system: From ``free_motors``.
         trains: All drives; the others stay as they are.
-        name: The drive.
-        change: Its controller at a scale.
     """
     plant = open_plant(system, trains)
 

@@ -75,9 +75,6 @@ class CompliantMechanism:
 
     Attributes:
         mechanism: Chains and closures; its compliant coordinates carry the springs.
-        bodies: Rigid bodies.
-        springs: In the compliant coordinates.
-        tool: Marker of the tool point.
         gravity: ``(3,)`` acceleration in the ground frame of the chains [m/s^2].
         damping: ``(c, c)`` viscous damping of the compliant coordinates [N s/m].
         velocity_terms: Whether Coriolis and centrifugal forces are counted; without them bodies and
@@ -110,7 +107,6 @@ class MechanismDynamics:
     """A mechanism in a state of motion.
 
     Attributes:
-        placement: Where it is.
         mass: ``(..., n, n)`` in all coordinates.
         load: ``(..., n)`` gravity less inertial forces at zero joint accelerations.
         closure_jacobian: ``(..., m, n)`` of the loop closures.
@@ -147,7 +143,6 @@ def evaluate_dynamics(
 
     Args:
         model: The mechanism, ``n`` coordinates.
-        kinematics: At its state.
         rates: ``(..., n)`` [1/s]; None for a mechanism at rest.
     """
     placement, closures = kinematics.placement, kinematics.closure_jacobian

@@ -111,7 +111,6 @@ class _March:
     """Where a march stands: what the next step starts from, and how it is cut.
 
     Attributes:
-        state: Reached.
         auxiliary: ``(n,)`` averaged acceleration.
         step: Length of the last sub-step, to which ``auxiliary`` belongs [s].
         share: Of a whole step that the next sub-step takes, in units of its smallest share.
@@ -155,12 +154,9 @@ def integrate_motion(
     again after that.
 
     Args:
-        problem: What is solved.
         start: Consistent in position, velocity and acceleration.
         step: Time step [s].
-        count: How many.
         observe: Called after every step, not after its sub-steps.
-        scheme: Numerical damping.
         tolerance: Newton's last correction of a position, in the unit of positions.
         accuracy: Largest local error of a position over ``1 + `` the largest position. The default
             only catches steps that lose their way; a smaller one makes the march adaptive.
@@ -296,10 +292,7 @@ def _advance(
     """One sub-step.
 
     Args:
-        problem: Equations of motion.
-        old: The state before.
         auxiliary: ``(n,)`` averaged acceleration before.
-        rules: Scheme and tolerance.
         time: At the end [s].
         length: Of the sub-step [s].
         shrinking: By how much a correction was smaller than the one before it, when that was last

@@ -24,7 +24,6 @@ class SmallMotions:
     those let go, whose coordinates follow.
 
     Attributes:
-        kinematics: At the poses.
         from_compliant: ``(..., n, c)`` motion of all coordinates per compliant coordinate.
         mass: ``(..., c, c)``.
         stiffness: ``(..., c)`` [N/m]; zero of drives let go.
@@ -70,8 +69,6 @@ def linearise_poses(
     """Small motions about closed states ``(..., n)`` with compliant coordinates at zero.
 
     Args:
-        model: The mechanism.
-        states: Closed.
         released: Driven coordinates that are free to move.
     """
     mechanism = model.mechanism
@@ -111,7 +108,6 @@ def gravity_stiffness(
     forces and all, by the complex step.
 
     Args:
-        model: The mechanism.
         states: ``(..., n)`` closed.
         released: Driven coordinates that are free to move: their drives push with what carries the
             weight.
@@ -135,9 +131,7 @@ def marker_motion(model: CompliantMechanism, motions: SmallMotions, marker: str)
     """Motion of a marker per compliant coordinate, in the ground frame of the chains.
 
     Args:
-        model: The mechanism.
         motions: Its small motions about poses ``(...)`` with ``c`` compliant coordinates.
-        marker: Name of the marker.
 
     Returns:
         ``(..., 6, c)``: displacement of the marker's origin, then its rotation.
@@ -211,7 +205,6 @@ class PoseDamping:
 
     Attributes:
         ratios: Of its first, second, ... natural mode, the last for all others; empty for none.
-        rayleigh: By its mass and its springs.
     """
 
     ratios: tuple[float, ...] = ()
@@ -247,8 +240,6 @@ def pose_system(
     """One pose as a second-order system.
 
     Args:
-        model: The mechanism.
-        motions: At one pose.
         channels: Name of a point to ``(6, c)`` its motion per compliant coordinate.
     """
     rows = {

@@ -41,7 +41,6 @@ class PartitionedMotion:
     :func:`integrate_motion`.
 
     Attributes:
-        model: The mechanism.
         drive: Driven coordinates at a time.
         force: ``(3,)`` force on the tool at a time, ground frame of the chains [N].
         guess: A closed state near the start; kept up to date, so that the passive coordinates stay
@@ -190,7 +189,6 @@ class ConstrainedMotion:
     :func:`integrate_motion`.
 
     Attributes:
-        model: The mechanism.
         drive: Driven coordinates at a time.
         force: ``(3,)`` force on the tool at a time [N].
     """

@@ -47,7 +47,6 @@ class PartitionedDynamics:
     load``, in a state of motion.
 
     Attributes:
-        dynamics: In all coordinates.
         state: ``(..., n)``.
         rates: ``(..., n)``.
         from_driven: ``(..., n, u)`` ``Tu``.
@@ -129,9 +128,7 @@ def partition_dynamics(
     """The equations of motion in the compliant coordinates.
 
     Args:
-        model: The mechanism.
         state: ``(..., n)`` all coordinates, from :func:`compose_state`, at the drive's position.
-        kinematics: There.
         drive: What the driven coordinates do.
         rates: ``(..., c)`` speeds of the compliant coordinates [m/s].
         force: ``(..., 3)`` force on the tool in the ground frame of the chains [N].
@@ -169,8 +166,6 @@ def driven_forces(
     length-dependent springs).
 
     Args:
-        model: The mechanism.
-        motion: Its state of motion.
         accelerations: ``(..., c)`` of the compliant coordinates [m/s^2].
         force: ``(..., 3)`` on the tool [N].
     """

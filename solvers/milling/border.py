@@ -183,7 +183,6 @@ def _scan(
         first: Depth to begin with [m].
         deepest: Depth to end with [m].
         hint: Near which the limit is expected [m]; NaN for nowhere.
-        factor: From depth to depth.
         sure: The limit is expected so near that it is confirmed there before it is enclosed.
     """
     near = [share * hint for share in (*ISLANDS, *NEAR) if share * hint < deepest]

@@ -35,8 +35,6 @@ class CuttingCoefficients:
     Attributes:
         chip: Tangential, radial, axial force per width and chip thickness [N/m^2].
         edge: Tangential, radial, axial force per width of an edge that cuts [N/m].
-        source: Where they are from.
-        name: Of the material.
         chip_thickness: At which Kienzle's force is replaced by its tangent [m]; None of coefficients
             that are given as such.
         thickness_from: How that thickness was chosen, in words.
@@ -57,7 +55,6 @@ class CuttingCoefficients:
         """How far a number may be off, by key: the larger of its changes at both ends of each range.
 
         Args:
-            value: The number.
             find: The number with other coefficients.
         """
         return {
@@ -122,8 +119,6 @@ def build_coefficients(
     Args:
         values: As in :func:`find_coefficients`.
         ranges: Half width of a range over its value, by key.
-        name: Of the material.
-        source: Where they are from.
         thickness_from: How the chip thickness was chosen, in words.
     """
 

@@ -50,7 +50,6 @@ class Multiplier(NamedTuple):
 
     Attributes:
         value: Complex, per tooth period.
-        pole: Index of the pole.
     """
 
     value: complex
@@ -108,7 +107,6 @@ class PeriodResponse:
     since the last tooth, and responses to them per depth of cut.
 
     Attributes:
-        spans: Nodes of each window.
         free: ``(k, N, 2 q)`` motions at the nodes per coordinates at the end of the window before.
         forced: Of each window with ``n`` nodes, ``(k n, k n)`` per motions in the window [1/m].
         turns: ``(w + 1, 2 q, 2 q)`` coordinates at the end of each window, and of the period, per those
@@ -150,10 +148,8 @@ def stiffest_gain(mill: EndMill, chip: Three, radial_depth: float, sense: Sense)
     """Largest stiffness of a thin cut within a tooth period, per depth [N/m^2].
 
     Args:
-        mill: The tool.
         chip: Coefficients of the chip [N/m^2].
         radial_depth: At most the diameter [m].
-        sense: Of milling.
     """
     thin = 1e-3 * mill.diameter
     coefficients = CuttingCoefficients(chip, (0.0, 0.0, 0.0), "")
@@ -292,7 +288,6 @@ class PeriodicCut:
 
         Args:
             depth: Axial depth of cut [m].
-            more: Nodes more in each window.
         """
         response = self._respond(depth, more)
         axes, count, coordinates = response.free.shape
@@ -322,7 +317,6 @@ class PeriodicCut:
 
         Args:
             depth: Axial depth of cut [m].
-            more: Nodes more in each window.
         """
         matrix, poles = self.matrix(depth, more), self._poles(depth)
         rest = complex(math.exp(poles.slowest_decay * self.cut.tooth_period))
@@ -347,10 +341,8 @@ def respond(
     """Responses of a tip over a tooth period.
 
     Args:
-        poles: Of the tip.
         cut: Tool, material and speed.
         start: Of the period [s].
-        windows: Of it.
         depth: Axial depth for which the windows are [m].
     """
     tip = poles.tip

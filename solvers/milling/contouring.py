@@ -56,8 +56,6 @@ def linear_motion(
     """The linear model along a path.
 
     Args:
-        model: The mechanism.
-        drive: What its drives do.
         times: ``(n,)`` even steps [s].
         damping: Of each pose, with locked motors.
         released: Driven coordinates whose motors are free: coordinates of the model behind the
@@ -140,8 +138,6 @@ def refine_motion[T: Tried](
     is linear, but for friction, which is solved step by step.
 
     Args:
-        model: The mechanism.
-        drive: What its drives do.
         motion: Its linear model at ``n`` even steps, the approximate derivative.
         solve: The motion of the linear model under a load ``(n, c)`` beside its own [N], and the one
             before it, None at first.
@@ -191,10 +187,7 @@ def tool_gaps(
     """Tool point of the compliant mechanism less that of the rigid one, ground frame of the chains.
 
     Args:
-        model: The mechanism.
-        drive: What its drives do.
         times: ``(n,)`` [s].
-        history: Its coordinates then.
         legs: Whose motors move beyond their set points; None for none.
 
     Returns:
@@ -229,8 +222,6 @@ def drive_forces(
     """Forces of the drives in a motion that has been solved (eq. 14 of Bonnemains et al. 2010).
 
     Args:
-        model: The mechanism.
-        drive: What its drives do.
         times: ``(n,)`` [s].
         history: The compliant coordinates then.
         force: ``(n, 3)`` force on the tool [N], ground frame of the chains.

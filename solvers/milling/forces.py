@@ -36,7 +36,6 @@ class EndMill:
 
     Attributes:
         diameter: [m].
-        teeth: Evenly spaced.
         helix: Helix angle [rad]; positive pulls the tool down, as a right-hand helix on a clockwise
             tool does, or a left-hand one on its mirror image.
         runout: Distance of the tool's axis from the spindle's [m].
@@ -55,8 +54,6 @@ class MillingCut:
     """A cut along a straight or slowly turning face.
 
     Attributes:
-        mill: The tool.
-        coefficients: Of the material.
         spindle: Speed [rad/s].
         axial_depth: [m].
         radial_depth: [m]; at most the diameter, a slot.
@@ -114,7 +111,6 @@ def engagement_angles(mill: EndMill, radial_depth: float) -> tuple[float, float]
     way round.
 
     Args:
-        mill: The tool.
         radial_depth: At most the diameter [m].
     """
     beside = 1.0 - 2.0 * radial_depth / mill.diameter
@@ -157,7 +153,6 @@ def repeated_forces(cut: MillingCut, steps_per_turn: int, feed: FloatArray) -> F
 
     Args:
         cut: Tool, material and engagement.
-        steps_per_turn: Steps per revolution of the spindle.
         feed: ``(n,)`` feed rate at the steps [m/s]; no force where it is zero.
 
     Returns:
@@ -227,7 +222,6 @@ def radius_differences(mill: EndMill, lag: FloatArray, back: int = 1) -> FloatAr
     it cuts.
 
     Args:
-        mill: The tool.
         lag: ``(teeth,)`` angle of each tooth behind the first [rad].
         back: How many teeth before it the other one passed.
 

@@ -113,7 +113,6 @@ def find_lobes(
             away and up per force [m/N].
         omega: ``(f,)`` rising, dense where there are peaks [rad/s].
         stiffness: ``(3, 2)`` from :func:`mean_cutting_stiffness`.
-        teeth: Of the tool.
         speeds: ``(n,)`` rising [rad/s].
         deepest: Depth up to which a limit is looked for [m].
     """

@@ -57,7 +57,6 @@ class ProfileParameters:
         wt: Total height of the waviness profile.
         pt: Total height of the profile without its form.
         wavelength: Of the strongest wave that is longer than the marks of the teeth.
-        wave: Its amplitude.
     """
 
     location: float
@@ -84,9 +83,7 @@ def mill_profile(
     Angles are those of :mod:`headstock.solvers.milling.forces`.
 
     Args:
-        mill: The tool.
         spindle: Its speed [rad/s].
-        motion: Of its axis.
         positions: ``(k,)`` rising, along the face from its start [m].
         height: Above the lower end of the tool [m].
         sense: Milling down an edge passes the face against the travel, milling up along it.
@@ -260,7 +257,6 @@ def measure_profile(
         profile: ``(k,)`` at even positions, also beyond the evaluation length [m].
         spacing: Of the positions [m].
         cut_off: Wavelength lambda c between roughness and waviness, also the section length [m].
-        inside: The evaluation length.
         shortest_wave: Waves of the profile are looked for above this length [m].
 
     Raises:

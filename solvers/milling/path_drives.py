@@ -97,7 +97,6 @@ def move_markers(
     """The rigid mechanism as its tool goes along a path without turning.
 
     Args:
-        machine: The mounted mechanism.
         times: ``(k,)`` [s].
         path: The path at these times, machine frame.
         direction: ``(3,)`` of the tool, machine frame.
@@ -153,7 +152,6 @@ def follow_path(
     """Drives that lead the tool along a path without turning it.
 
     Args:
-        machine: The mounted mechanism.
         times: ``(k,)`` nodes [s].
         path: The path at the nodes, machine frame.
         direction: ``(3,)`` of the tool, machine frame.
@@ -181,7 +179,6 @@ def find_tool_positions(
     by millimetres at most.
 
     Args:
-        machine: The mounted mechanism.
         lengths: ``(k, 3)`` of the legs [m].
         near: Where the tool is supposed to be.
         direction: ``(3,)`` of the tool, machine frame.

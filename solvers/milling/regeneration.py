@@ -93,9 +93,7 @@ def integrate_regenerative(
     """Generalised-α steps of the linear model with the chip of each instant, from static rest.
 
     Args:
-        motion: The linear model.
         load: ``(n, c)`` all other loads.
-        cut: What cuts.
 
     Returns:
         The motion and the ``(n, 3)`` force on the tool [N], axes of the motion.

@@ -38,7 +38,6 @@ class TipDynamics:
         system: ``(n, n)`` ``A``, first order [1/s].
         inputs: ``(n, r)`` ``B``, per force at the tip.
         outputs: ``(p, n)`` ``C``, motion of the tip that changes the chip.
-        highest_hz: Highest natural frequency.
     """
 
     system: FloatArray
@@ -117,7 +116,6 @@ def keep_poles(tip: TipPoles, kept: BoolArray) -> TipPoles:
     """A tip with some of its poles; the others move at once with the force.
 
     Args:
-        tip: With all poles.
         kept: ``(q,)`` which stay.
     """
     fast = ~kept
@@ -174,7 +172,6 @@ def floquet_multipliers(
     """All multipliers over a period, those of the delay's discretisation among them.
 
     Args:
-        tip: The system.
         gains: ``(m, r, p)`` mean of ``G`` over each step: force per motion since the last period
             [N/m].
         period: And delay [s].
@@ -210,7 +207,6 @@ def largest_multiplier(tip: TipDynamics, gains: FloatArray, period: float) -> fl
     """Size of the largest Floquet multiplier: the cut is stable below one.
 
     Args:
-        tip: The system.
         gains: ``(m, r, p)`` mean of ``G`` over each of ``m`` steps: force per motion since the last
             period [N/m].
         period: Time from tooth to tooth, which is the delay too [s].
@@ -234,7 +230,6 @@ def single_frequency_limit(tip: TipDynamics, gains: FloatArray, period: float) -
     chatter; infinite where never.
 
     Args:
-        tip: The system.
         gains: ``(m, r, p)``.
         period: And delay [s].
     """

@@ -19,7 +19,6 @@ class StraightPath:
     Attributes:
         start: ``(3,)`` where it begins [m].
         along: ``(3,)`` motion of the tool per travel along the path.
-        move: The set point.
         step: In time [s].
     """
 

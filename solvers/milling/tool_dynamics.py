@@ -24,9 +24,7 @@ class ToolMode:
     """A mass on a spring between what stands before it and the tip.
 
     Attributes:
-        name: For readers.
         hz: Natural frequency on a rigid base [Hz].
-        damping: Ratio.
         stiffness: [N/m].
         directions: ``(3, d)`` orthonormal columns in which it moves, machine axes.
     """
@@ -249,9 +247,7 @@ def attach_tool_modes(
     of the tip alone.
 
     Args:
-        system: The machine, symmetric.
         point: Where the first mode stands.
-        modes: From machine to tip.
     """
     none = np.zeros_like(system.mass)
     found = mount_modes(

@@ -246,7 +246,6 @@ class StraightCut:
     """A straight cut of a contour, and the face of the part that it leaves.
 
     Attributes:
-        at: Which face, in words.
         start: ``(3,)`` where the face starts, at the height of the tool point, machine frame [m].
         travel: ``(3,)`` unit vector in which the tool goes along it.
         length: [m].
@@ -282,7 +281,6 @@ class ContourPlan:
 
     Attributes:
         path: Of the tool's centre.
-        cuts: Its straight cuts in their order.
         bends: When the tool has sped up, and when it enters and leaves arcs and corners, rising
             [s].
         enters: When the tool meets the part [s].

@@ -37,7 +37,6 @@ def divide_period(
         cut: Tool, speed and engagement; its axial depth has no part in it.
         depth: Axial depth [m].
         highest_hz: Of what moves in the windows [Hz].
-        more: Nodes more in each.
     """
     period, spindle = cut.tooth_period, cut.spindle
     low, high = sorted(cut.spin * side for side in engagement_angles(cut.mill, cut.radial_depth))

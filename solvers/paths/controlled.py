@@ -41,8 +41,6 @@ class ControlledPath:
     """A closed loop along a straight path.
 
     Attributes:
-        loop: Closed.
-        outputs: Those wanted.
         shares: Travel of each driven axis per travel along the path [-].
         travel: ``(n_outputs,)`` how the rigid machine moves each output wanted per travel along the
             path.
@@ -131,8 +129,6 @@ def solve_controlled_path(
     of the others, and what loads do.
 
     Args:
-        path: The loop and its path.
-        move: Along it.
         samples: ``(n,)`` evenly spaced, from zero [s].
 
     Raises:
@@ -193,7 +189,6 @@ def solve_path_with_friction(
 
     Args:
         path: Its loop is closed with its loads and ``friction_channels``.
-        move: Along it.
         samples: ``(n,)`` from zero [s].
 
     Raises:

@@ -201,8 +201,6 @@ class AlphaSteps:
         """The state ``(4, c)`` at a step from that at the step before.
 
         Args:
-            number: Of the step.
-            state: Before it.
             load: ``(c,)`` at it.
             wave: ``(c, c)`` load per position of the step since an earlier one; None for none.
             past: ``(c,)`` that position.

@@ -157,7 +157,6 @@ def sample_times(move: SetPoint, sampling_hz: float, settle: float) -> FloatArra
     followed for long enough.
 
     Args:
-        move: The move.
         sampling_hz: Samples per second [Hz].
         settle: Time after the end of the move [s].
     """
@@ -193,8 +192,6 @@ def solve_path(
 
     Args:
         system: Symmetric, with the source among its inputs.
-        model: What is asked.
-        move: Along the path.
         samples: ``(n,)`` evenly spaced, from zero [s].
 
     Raises:
@@ -259,14 +256,11 @@ def respond_exactly(
     any error of integration.
 
     Args:
-        space: The system.
         outputs: Where the deviation is wanted.
-        watch: What else is.
         slow: ``(m,)`` modes of low frequency: two states each; none of a system without modes.
         held: ``(n_outputs, k)`` what inputs hold statically, without the slow modes.
         times: ``(n,)`` rising, from zero [s].
         given: ``(n - 1, 2, k)`` inputs at the beginning and at the end of each step.
-        some: Which of the times are samples.
         now: ``(n_samples, k)`` inputs there.
     """
     rows, watched = space.rows.of(outputs), space.watch(watch)
@@ -452,11 +446,8 @@ def measure_zones(
     its ramp.
 
     Args:
-        found: As filtered.
         raw: Before the filter, which would round the corners of the quasi-static part and carry
             residual vibration from one zone into another.
-        move: The set point.
-        output: Number of the output.
         residual_time: How long after a ramp its residual vibration is looked at [s].
     """
     (first, first_end), (second, second_end) = move.zones
@@ -510,9 +501,6 @@ def measure_cruise(
     """Figures of one output at constant feed; None where that is too short to tell.
 
     Args:
-        found: As filtered.
-        move: The set point.
-        output: Number of the output.
         residual_time: How long after the ramp its residual vibration is left out [s].
 
     Source: the strongest wave by the least-squares spectrum of the values about their line (Lomb

@@ -62,7 +62,6 @@ class TrajectoryLoads:
     """What acts on a machine along its trajectory.
 
     Attributes:
-        channels: Inputs at which it acts.
         at: Values ``(n, r)`` of these at times ``(n,)``.
         weight: The one of gravity: what it moves alone is no deviation.
     """
@@ -83,7 +82,6 @@ class SampledMotion:
     """A machine along its trajectory.
 
     Attributes:
-        channels: Its inputs and outputs.
         breaks: ``(b,)`` times at which pieces of the trajectory meet, its ends among them [s].
         pieces: Of each piece, field of :class:`SampledPlant` to its spline over time.
         poses: How many poses were taken.
@@ -160,7 +158,6 @@ def sample_motion(
     Args:
         place: The machine at a time of the trajectory [s].
         breaks: ``(b,)`` rising times of its ends and corners [s].
-        channels: What is asked.
 
     Raises:
         ModelError: The machine is free to move, a channel is unknown, or a damper acts on a dof
@@ -297,7 +294,6 @@ def fade_modes(pose: PoseModes, up_to_hz: float) -> PoseModes:
     follows at once.
 
     Args:
-        pose: With all its modes.
         up_to_hz: Up to here they are kept as they are; from ``FADED`` times that on nothing is left
             [Hz].
     """
@@ -427,7 +423,6 @@ def follow_motion(
     """The linear system along a trajectory: matrices at nodes, loads of the rigid motion at finer ones.
 
     Args:
-        sampled: The machine.
         times: ``(n,)`` even steps [s].
         loads: That act on it, but for those on the tool.
         tool: Its three inputs and outputs of force and motion.
@@ -482,7 +477,6 @@ class SampledHistory:
 
     Attributes:
         motion: The machine; its first coordinates are its modes.
-        history: Of its coordinates.
         plant: Its matrices at the nodes of the motion.
         inputs: Where something acts.
         acting: Values ``(m, k)`` of these in a part of the steps.
@@ -537,12 +531,10 @@ def follow_outputs(
     """Return outputs ``(n, p)`` of a machine along its trajectory.
 
     Args:
-        sampled: The machine.
         times: ``(n,)`` [s].
         outputs: ``p`` of them.
         coordinates: ``(n, m)`` of its modes then.
         acting: ``(n, k)`` values of inputs.
-        inputs: These.
     """
     rows, columns = sampled.channels.rows.of(outputs), sampled.channels.columns.of(inputs)
     parts = []

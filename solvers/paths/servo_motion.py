@@ -51,11 +51,7 @@ class ServoMotion:
         return np.asarray((reads @ states[..., None])[..., 0] + self.beside)
 
     def forces(self, history: CompliantHistory) -> FloatArray:
-        """Forces of the drives ``(n, d)`` [N].
-
-        Args:
-            history: Of the motion.
-        """
+        """Forces of the drives ``(n, d)`` [N]."""
         count, states = self.speeds.shape[1], history.compliant
         read = self.read(history)
         given = np.zeros((len(states), count, INPUTS))

@@ -53,7 +53,6 @@ class SetPoint:
     Attributes:
         distance: Length of the way [m]; [rad] where only rotary axes move.
         feed: Speed along it [m/s, rad/s].
-        ramp: At both ends.
         unit: Of the distance, ``m`` or ``rad``.
     """
 

@@ -70,9 +70,7 @@ class RigidTravel:
     """What a drive does per travel along the path while the machine stays rigid [-].
 
     Attributes:
-        axis: Travel of its axis.
         encoder: What its position controller reads.
-        motor: Turn of its motor, as travel.
         slide: Motion across its guide.
     """
 
@@ -91,8 +89,6 @@ class VaryingLoop:
         channels: Its channels: those of :func:`loop_channels`.
         path: The one of the acceleration along the path.
         outputs: Where the deviation is wanted.
-        trains: Its drives.
-        travels: Of each drive.
         low_frequency_limit_hz: Poles below this frequency are rigid-body motion on the drives and
             mounts; as many along the whole path [Hz].
         loads: On the machine; None for none.
@@ -165,9 +161,7 @@ def loop_channels(
     """Channels of a plant whose loops are closed along a path.
 
     Args:
-        trains: Its drives.
         path: Input of the acceleration along the path.
-        loads: Where loads act.
         outputs: Where the deviation is wanted.
         up_to_hz: Modes kept [Hz].
     """
@@ -236,8 +230,6 @@ def solve_varying_control(
     the middle of each.
 
     Args:
-        loop: Along the path.
-        move: Along it.
         samples: ``(n,)`` evenly spaced, from zero [s].
         table: Of steps of the size of ``cut_times``, where it is known.
     """
@@ -363,7 +355,6 @@ class _Inputs:
     """A closed loop between the path and its outputs.
 
     Attributes:
-        space: Of the deviations.
         b: ``(n, 3 + k)`` columns of position, speed, acceleration along the path, and loads.
         d: ``(p, 3 + k)`` likewise, of the outputs wanted.
     """
@@ -426,8 +417,6 @@ def _observe_loop(loop: VaryingLoop, inputs: _Inputs, parting: float) -> tuple[F
     """Rows, direct, low-frequency, slow and quasi-static matrices of a table in a pose.
 
     Args:
-        loop: Along the path.
-        inputs: In the pose.
         parting: Size below which poles are low-frequency ones [rad/s].
 
     Source: ``A X_s = -B_s``, ``A X_v = X_s - B_v``, ``A X_a = X_v - B_a``.

@@ -130,8 +130,6 @@ def solve_varying_path(
     """Deviation over a move along which the system changes.
 
     Args:
-        system: Along the path.
-        model: What is asked.
         move: Along the same path.
         samples: ``(n,)`` evenly spaced, from zero [s].
         table: Steps of the size of those of ``cut_times``, where they are already known.
@@ -196,7 +194,6 @@ def integrate_steps(
         move: Where the system stands.
         times: ``(n,)`` [s].
         given: ``(n - 1, k)`` what the matrix of each step takes beside the state.
-        size: Of the state.
     """
     steps = np.diff(times)
     middles = sample_move(move, 0.5 * (times[1:] + times[:-1])).positions

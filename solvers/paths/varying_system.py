@@ -54,7 +54,6 @@ class PosedModes:
     """The system in a pose and its undamped modes.
 
     Attributes:
-        system: In coordinates of its own.
         modes: Of the system without damping, all or the lowest.
         motions: ``(n_all, m)`` their shapes in dofs that are the same in every pose.
         momenta: ``(n_all, m)`` mass times shape there.
@@ -237,7 +236,6 @@ class VaryingSystem[S: PoseSample]:
             those transported along all but the last ones [rad].
         next_hz: Lowest frequency, anywhere along the path, of a mode that is not kept [Hz]; inf
             where all are.
-        make: A sample of its fields.
     """
 
     positions: FloatArray
@@ -276,7 +274,6 @@ def sample_system(
     Args:
         place: The system at a position of the path [m].
         length: Of the path [m].
-        model: What is asked.
 
     Raises:
         ModelError: A damper acts on a dof without mass.
@@ -376,8 +373,6 @@ def look_at_pose(
     """A pose in its modes, with the shapes of those that may be kept.
 
     Args:
-        posed: The machine in a pose.
-        channels: What is asked.
         all_modes: Also those that are certainly not kept; else they are in the residual flexibility.
         least: So many may be kept in any case.
 
@@ -500,7 +495,6 @@ def _turn_pose(pose: PoseModes, turn: FloatArray, slow: int) -> SampledPose:
     """A pose in parallel-transported modes.
 
     Args:
-        pose: Its modes.
         turn: ``(m, m)`` modes are this times the transported ones.
         slow: How many of the transported modes are low-frequency ones: the same along the path, so that
             a mode whose frequency passes the limit is no step in what is interpolated.
@@ -532,7 +526,6 @@ def turn_plant(pose: PoseModes, turn: FloatArray) -> SampledPlant:
     """The matrices of a pose in modes that were carried along a path.
 
     Args:
-        pose: Its modes.
         turn: ``(m, m)`` modes are this times the carried ones: where close modes mix, the stiffness
             is full, and smooth along the path.
     """
