@@ -1,11 +1,10 @@
-"""How often what stands behind ± covers the truth, over parts of many kinds: the ± of meshes,
+"""How often the ± covers the truth, over parts of many kinds: the ± of meshes,
 curved faces and modes left out.
 
 What stands behind ± on one part of the suite, beside the truth from a far finer mesh.
 """
 
 import dataclasses
-import hashlib
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -14,10 +13,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-import headstock.geometry
-import headstock.meshing
-import headstock.reduction
-import headstock.solvers
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Pose
@@ -26,8 +21,6 @@ from headstock.meshing.component_mesh import ComponentMesh
 from headstock.meshing.components.meshing import mesh_component
 from headstock.meshing.elements.error_sizes import spread_error
 from headstock.pipeline.accuracy.settings import give_sizes
-from headstock.pipeline.storage.content_keys import code_fingerprint
-from headstock.pipeline.storage.store import Store, default_store_root, read_entry, write_entry
 from headstock.reduction.components.elastic import find_cell_errors, reduce_elastic
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.estimates.frequency_errors import bound_frequency_errors, truncated_parts
@@ -54,6 +47,15 @@ from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
 from headstock.solvers.mpi import MPI
 from headstock.solvers.pairing.mode_pairing import ModeSet, pair_modes
 from headstock.solvers.second_order import Channel, ComplexArray, input_columns, output_rows
+from headstock.validation.coverage.coverage_case import (
+    COVERED,
+    SURE,
+    UNSURE,
+    CoverageCase,
+    cover_lines,
+    keep_measured,
+    make_key,
+)
 from headstock.validation.coverage.parts import (
     FIRST_ADAPTED,
     FIRST_HEX,
@@ -61,7 +63,7 @@ from headstock.validation.coverage.parts import (
     CoveragePart,
     draw_part,
 )
-from headstock.validation.references.rows import ValidationRow, judge_bound, show
+from headstock.validation.references.rows import ValidationRow, show
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -75,16 +77,8 @@ JUDGED_MODES, TRUE_MODES = 24, 40  # fixed-interface modes kept
 LOSS_FACTOR = 0.03
 LINES = 150
 CHANNELS: tuple[Channel, ...] = (("tcp", "x"), ("tcp", "y"), ("tcp", "z"))
-VISIBLE = 1e-2  # 40 dB below the highest peak
-# the error of a true mesh is known within this share of its estimate: estimates came out 0.7 to 1.9
-# times the true errors
-UNSURE = 0.5
-# of ±: what may be unknown of a truth that is to judge it, and of one that judges a corrected mesh,
-# whose ± is a third
-SURE, SURE_CORRECTED = 0.1, 0.2
-JUDGED_LINES = (
-    0.5  # of the visible lines of a response: with fewer that are sure enough it is set aside
-)
+# of ±: what may be unknown of a truth that is compared with a corrected mesh, whose ± is a third
+SURE_CORRECTED = 0.2
 CASE, HEX_CASE, SMOKE = "coverage", "coverage-hex", "coverage-smoke"
 ADAPTED_CASE = "coverage-adapted"
 # factors were fitted on the first parts; the others were drawn and kept apart before that, a
@@ -103,11 +97,9 @@ FRESH, NEW_PARTS = (
     24,
 )  # first seed of no part above, and how many are drawn from one on
 SMOKE_PARTS = (8, 15)
-COVERED = 0.95
 # errors of either sign that are spread normally: ± that covers 95 % of them is 2.9 times the median,
 # ± that covers 99 % 3.8 times
 LARGEST_MEDIAN, LARGEST_MEDIAN_CORRECTED = 3.0, 4.0
-COVERED_RESPONSES = 0.9
 CLEAR = 1e-4  # true errors above which a ratio means something
 
 
@@ -118,7 +110,7 @@ class PartCoverage:
     Attributes:
         compliances: ``(n,)`` 1 for compliances, 0 for frequencies.
         errors: ``(n,)`` true errors over the number.
-        estimates: ``(n,)`` what stands behind ±, over the number; NaN for ``± ?``.
+        estimates: ``(n,)`` the ±, over the number; NaN for ``± ?``.
         unsure: ``(n,)`` how well the truth is known, over the number.
         lines: ``(m,)`` per frequency response the share that is covered of its visible lines whose
             truth is sure enough; NaN where that are too few.
@@ -167,35 +159,25 @@ def cover_part(seed: int) -> PartCoverage:
     """Return the numbers of a seed, from the store where they are there: a suite that was stopped
     goes on.
     """
-    return keep_measured(seed, measure_part, PartCoverage, (Path(__file__),))
+    return cover_seed(seed, measure_part, PartCoverage, Path(__file__))
 
 
-def keep_measured[Measured: "DataclassInstance"](
-    seed: int,
-    measure: Callable[[CoveragePart], Measured],
-    kind: type[Measured],
-    files: Sequence[Path],
+def cover_seed[Measured: "DataclassInstance"](
+    seed: int, measure: Callable[[CoveragePart], Measured], kind: type[Measured], code: Path
 ) -> Measured:
     """Return what is measured of the part of a seed, from the store where it is there.
 
     Args:
-        files: The code of the measurement, beside that of the program.
+        code: The file of the measurement.
     """
-    store = Store(default_store_root())
-    packages = (headstock.geometry, headstock.meshing, headstock.solvers, headstock.reduction)
-    words = [
-        *(code_fingerprint(package) for package in packages),
-        *(file.read_text() for file in (*files, Path(__file__).with_name("parts.py"))),
-        str(seed),
-    ]
-    key = hashlib.sha256("\0".join(words).encode()).hexdigest()
-    known = read_entry(store, key, kind).value
-    if known is not None:
-        return known
-    with tempfile.TemporaryDirectory(prefix="headstock-coverage-") as folder:
-        found = measure(draw_part(seed, Path(folder)))
-    write_entry(store, key, found)
-    return found
+    drawing = Path(__file__).with_name("parts.py")
+    key = make_key(code.read_text(), drawing.read_text(), str(seed))
+
+    def draw() -> Measured:
+        with tempfile.TemporaryDirectory(prefix="headstock-coverage-") as folder:
+            return measure(draw_part(seed, Path(folder)))
+
+    return keep_measured(key, kind, draw)
 
 
 def measure_part(part: CoveragePart) -> PartCoverage:
@@ -205,26 +187,26 @@ def measure_part(part: CoveragePart) -> PartCoverage:
     grid = np.linspace(0.2 * elastic[0], 1.15 * elastic[4], LINES)
     right, _ = _respond(reference.coupled, grid, finer=True)
     doubt = UNSURE * np.abs(right - _respond(reference.coupled, grid)[0])
-    judgements: list[_Judgement] = [_Judgement(), _Judgement()]
+    evaluations: list[_Evaluation] = [_Evaluation(), _Evaluation()]
     failures = []
     meshes, rounds = list(part.meshes), part.rounds
     while meshes:
         try:
             judged = _solve(part, meshes.pop(0), JUDGED_MODES, WATCHED, reference.places)
-            for own, each in zip(judgements, (judged, _correct(part, judged)), strict=True):
+            for own, each in zip(evaluations, (judged, _correct(part, judged)), strict=True):
                 own.tables.append(_compare(each, reference))
                 own.lines.append(_cover_lines(each.coupled, grid, right, doubt))
             if rounds and not meshes:
                 meshes, rounds = [_follow_errors(judged, ADAPTED_STEP)], rounds - 1
         except HeadstockError as error:
             failures.append(f"{type(error).__name__}: {error}")
-    plain, corrected = (own.conclude(part, "; ".join(failures)) for own in judgements)
+    plain, corrected = (own.conclude(part, "; ".join(failures)) for own in evaluations)
     corrected = dataclasses.replace(corrected, sure=SURE_CORRECTED)
     return dataclasses.replace(plain, corrected=corrected)
 
 
 @dataclass(frozen=True, eq=False)
-class _Judgement:
+class _Evaluation:
     """Meshes of a part beside its truth: rows of numbers as ``_compare`` finds them, and shares of
     lines.
     """
@@ -368,18 +350,14 @@ def _cover_lines(
     found, total = _respond(coupled, grid)
     if not np.isfinite(total).any():
         return np.zeros(0)
-    visible = np.abs(right) >= VISIBLE * np.abs(right).max(axis=0)
-    judged = visible & ~(doubt > SURE * total)
-    covered = judged & ~(np.abs(found - right) > total)
-    shares = covered.sum(axis=0) / np.maximum(judged.sum(axis=0), 1)
-    return np.where(judged.sum(axis=0) >= JUDGED_LINES * visible.sum(axis=0), shares, np.nan)
+    return cover_lines(found, right, total=total, doubt=doubt)
 
 
 def _respond(
     coupled: CoupledMachine, grid: FloatArray, *, finer: bool = False
 ) -> tuple[ComplexArray, FloatArray]:
     """Receptances along x, y and z ``(n, 3)``, as computed or as finer meshes would have them, and
-    what stands behind ±.
+    the ±.
     """
     modes = solve_modal(coupled.system)
     lossy = dataclasses.replace(
@@ -415,16 +393,16 @@ def check_coverage() -> list[ValidationRow]:
     fitted on, and on the others.
     """
     return [
-        *_judge(CASE, "fitted on", _cover(CALIBRATION)),
-        *_judge(CASE, "held out", _cover(HOLD_OUT)),
+        *_evaluate(CASE, "fitted on", _cover(CALIBRATION)),
+        *_evaluate(CASE, "held out", _cover(HOLD_OUT)),
     ]
 
 
 def check_hex_coverage() -> list[ValidationRow]:
     """Check the same on coarse hexahedra between the edges of patches, as searches begin with."""
     return [
-        *_judge(HEX_CASE, "fitted on", _cover(HEX_CALIBRATION)),
-        *_judge(HEX_CASE, "held out", _cover(HEX_HOLD_OUT)),
+        *_evaluate(HEX_CASE, "fitted on", _cover(HEX_CALIBRATION)),
+        *_evaluate(HEX_CASE, "held out", _cover(HEX_HOLD_OUT)),
     ]
 
 
@@ -432,7 +410,7 @@ def check_adapted_coverage() -> list[ValidationRow]:
     """Check the same on STEP parts whose meshes follow the errors of the one before; factors are
     those of even meshes.
     """
-    return _judge(ADAPTED_CASE, "held out", _cover(ADAPTED_PARTS))
+    return _evaluate(ADAPTED_CASE, "held out", _cover(ADAPTED_PARTS))
 
 
 def cover_new_parts(first: int) -> list[ValidationRow]:
@@ -442,85 +420,64 @@ def cover_new_parts(first: int) -> list[ValidationRow]:
         first: Seed of the first of them, ``FRESH`` at least.
     """
     seeds = range(first, first + NEW_PARTS)
-    return _judge(CASE, f"new, seeds {seeds[0]} to {seeds[-1]}", _cover(seeds))
+    return _evaluate(CASE, f"new, seeds {seeds[0]} to {seeds[-1]}", _cover(seeds))
 
 
 def check_coverage_smoke() -> list[ValidationRow]:
     """Check a tube and a sheet in the same way, in seconds."""
-    return _judge(SMOKE, "two parts", _cover(SMOKE_PARTS))
+    return _evaluate(SMOKE, "two parts", _cover(SMOKE_PARTS))
 
 
 def _cover(seeds: Sequence[int]) -> list[PartCoverage]:
     return [cover_part(seed) for seed in seeds]
 
 
-def _judge(case: str, what: str, parts: Sequence[PartCoverage]) -> list[ValidationRow]:
-    """Meshes as they are, then corrected by their estimates."""
+def _evaluate(case: str, what: str, parts: Sequence[PartCoverage]) -> list[ValidationRow]:
+    """Evaluate meshes as they are, then corrected by their estimates."""
     corrected = [part.corrected for part in parts if part.corrected is not None]
-    return _judge_meshes(case, what, parts, LARGEST_MEDIAN) + (
-        _judge_meshes(case, f"{what}, corrected", corrected, LARGEST_MEDIAN_CORRECTED)
-        if corrected
-        else []
+    plain = CoverageCase(case, CLEAR, LARGEST_MEDIAN)
+    less = CoverageCase(case, CLEAR, LARGEST_MEDIAN_CORRECTED)
+    return _evaluate_meshes(plain, what, parts) + (
+        _evaluate_meshes(less, f"{what}, corrected", corrected) if corrected else []
     )
 
 
-def _judge_meshes(
-    case: str, what: str, parts: Sequence[PartCoverage], largest_median: float
+def _evaluate_meshes(
+    case: CoverageCase, what: str, parts: Sequence[PartCoverage]
 ) -> list[ValidationRow]:
     covered = [_covered(part) for part in parts]
-    numbers = np.concatenate(covered)
     given = np.concatenate([part.estimates[_known(part)] for part in parts])
     true = np.concatenate([part.errors[_known(part)] for part in parts])
     frequencies = sum(int((part.compliances[_known(part)] == 0.0).sum()) for part in parts)
     silent = sum(int(np.isnan(part.estimates).sum()) for part in parts)
-    unsure = sum(len(part.errors) for part in parts) - len(numbers) - silent
+    unsure = sum(len(part.errors) for part in parts) - len(true) - silent
     note = (
-        f"{frequencies} frequencies and {len(numbers) - frequencies} compliances of {len(parts)} parts; {silent} say ± ?, of {unsure}"
+        f"{frequencies} frequencies and {len(true) - frequencies} compliances of {len(parts)} parts; {silent} say ± ?, of {unsure}"
         f" the truth is not sure enough; {sum(bool(part.failure) for part in parts)} parts with a mesh that failed"
     )
-    clear = true > CLEAR
     shares = np.array([own.mean() for own in covered if len(own)])
     responses = [part.lines[~np.isnan(part.lines)] >= COVERED for part in parts]
-    lines = np.concatenate(responses)
-    set_aside = sum(len(part.lines) for part in parts) - len(lines)
-    rows = [
-        judge_bound(
-            case,
-            f"{what}: share of numbers that ± does not cover",
-            1.0 - float(numbers.mean()),
-            1.0 - COVERED,
-            note,
-        ),
+    return [
+        *case.evaluate(what, true, given, note),
         show(
-            case,
+            case.name,
             f"{what}: coverage by part, mean",
             float(shares.mean()),
             "-",
             f"least {shares.min():.2f}; {_by_kind(parts, covered)}",
         ),
         show(
-            case,
+            case.name,
             f"{what}: parts with 95 % of their numbers covered",
             float((shares >= COVERED).mean()),
             "-",
         ),
-        judge_bound(
-            case,
-            f"{what}: ± over true error, median",
-            float(np.median(given[clear] / true[clear])),
-            largest_median,
-            f"{clear.sum()} numbers with errors above {CLEAR:g}",
-        ),
-        judge_bound(
-            case,
-            f"{what}: share of frequency responses without 95 % of their lines covered",
-            1.0 - float(lines.mean()),
-            1.0 - COVERED_RESPONSES,
-            f"{len(lines)} responses, {set_aside} more whose truth is not sure enough; lines within 40 dB of the highest"
-            f" peak; {_by_kind(parts, responses)}",
+        case.evaluate_responses(
+            what,
+            np.concatenate([part.lines for part in parts]),
+            f"; {_by_kind(parts, responses)}",
         ),
     ]
-    return rows
 
 
 def _known(part: PartCoverage) -> FloatArray:

@@ -34,17 +34,10 @@ from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.static_response import solve_static
 from headstock.solvers.mpi import MPI
 from headstock.solvers.stresses import largest_von_mises
-from headstock.validation.coverage.cases import (
-    CALIBRATION,
-    CHANNELS,
-    COVERED,
-    HOLD_OUT,
-    SURE,
-    UNSURE,
-    keep_measured,
-)
+from headstock.validation.coverage.cases import CALIBRATION, CHANNELS, HOLD_OUT, cover_seed
+from headstock.validation.coverage.coverage_case import SURE, UNSURE, CoverageCase
 from headstock.validation.coverage.parts import CoveragePart
-from headstock.validation.references.rows import ValidationRow, judge_bound, show
+from headstock.validation.references.rows import ValidationRow, show
 
 CASE, SMOKE = "probes", "probes-smoke"
 SMOKE_PARTS = (14,)
@@ -168,12 +161,12 @@ def _solve(
             values = seen.values @ motion
             for load in seen.loads.values():
                 values = values + load.values
-            columns.append(_judge_place(values, errors, element.errors.mesh_safety))
+            columns.append(_measure_place(values, errors, element.errors.mesh_safety))
         found[name] = _Seen(*np.array(columns).transpose(1, 2, 0))
     return found
 
 
-def _judge_place(values: FloatArray, errors: RestErrors, safety: float) -> list[FloatArray]:
+def _measure_place(values: FloatArray, errors: RestErrors, safety: float) -> list[FloatArray]:
     """Rows ``(10,)`` of ``_Seen`` of displacement and stress ``(9,)``."""
     total = errors.meshes["part"] + errors.faces.get("part", np.zeros(SEEN))
     mises = sum(bound_von_mises(values[MOVED:], errors))
@@ -213,22 +206,22 @@ def _holds(mesh: ComponentMesh, material: Material, probe: Probe) -> bool:
 def check_probes() -> list[ValidationRow]:
     """Coverage at probes of the parts that factors were fitted on, and of the others."""
     return [
-        *_judge(CASE, "fitted on", CALIBRATION),
-        *_judge(CASE, "held out", HOLD_OUT),
+        *_evaluate(CASE, "fitted on", CALIBRATION),
+        *_evaluate(CASE, "held out", HOLD_OUT),
     ]
 
 
 def check_probes_smoke() -> list[ValidationRow]:
     """Check one part in the same way, in seconds."""
-    return _judge(SMOKE, "one part", SMOKE_PARTS)
+    return _evaluate(SMOKE, "one part", SMOKE_PARTS)
 
 
 def cover_probes(seed: int) -> ProbeCoverage:
     """Return the numbers of a seed, from the store where they are there."""
-    return keep_measured(seed, measure_probes, ProbeCoverage, (Path(__file__),))
+    return cover_seed(seed, measure_probes, ProbeCoverage, Path(__file__))
 
 
-def _judge(case: str, what: str, seeds: Sequence[int]) -> list[ValidationRow]:
+def _evaluate(case: str, what: str, seeds: Sequence[int]) -> list[ValidationRow]:
     parts = [cover_probes(seed) for seed in seeds]
     rows: list[ValidationRow] = []
     for number, quantity in enumerate(QUANTITIES):
@@ -236,29 +229,13 @@ def _judge(case: str, what: str, seeds: Sequence[int]) -> list[ValidationRow]:
         errors, estimates, unsure = (np.concatenate(column) for column in zip(*own, strict=True))
         silent = np.isnan(estimates)
         known = ~silent & (unsure <= SURE * estimates)
-        covered = errors[known] <= estimates[known]
-        clear = known & (errors > CLEAR[number])
-        ratios = estimates[clear] / errors[clear]
         note = (
             f"{known.sum()} numbers of {len(parts)} parts; {silent.sum()} say ± ?, of {(~known & ~silent).sum()} the truth is not sure"
             f" enough; {sum(bool(part.failure) for part in parts)} parts with a mesh that failed"
         )
-        low, middle, high = np.quantile(ratios, [0.1, 0.5, 0.9])
+        suite = CoverageCase(case, CLEAR[number], LARGEST_MEDIAN[number])
         rows += [
-            judge_bound(
-                case,
-                f"{what}, {quantity}: share of numbers that ± does not cover",
-                1.0 - float(covered.mean()),
-                1.0 - COVERED,
-                note,
-            ),
-            judge_bound(
-                case,
-                f"{what}, {quantity}: ± over true error, median",
-                float(middle),
-                LARGEST_MEDIAN[number],
-                f"10 .. 90 %: {low:.2f} .. {high:.2f}; {clear.sum()} errors above {CLEAR[number]:g}",
-            ),
+            *suite.evaluate(f"{what}, {quantity}", errors[known], estimates[known], note),
             show(
                 case,
                 f"{what}, {quantity}: true error, median",

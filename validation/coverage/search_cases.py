@@ -8,7 +8,6 @@ extrapolated from what they move by: neither tetrahedra nor an estimate of an er
 
 import dataclasses
 import functools
-import hashlib
 import math
 import tempfile
 from collections.abc import Callable, Sequence
@@ -17,11 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-import headstock.geometry
-import headstock.meshing
 import headstock.pipeline
-import headstock.reduction
-import headstock.solvers
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Machine, Pose
@@ -30,9 +25,7 @@ from headstock.geometry.parts.solids import Solid, StepFile, Tube
 from headstock.meshing.component_mesh import ComponentMesh, MeshQuality
 from headstock.meshing.elements.quality import mesh_volume
 from headstock.pipeline.results.results import Results
-from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.content_keys import code_fingerprint
-from headstock.pipeline.storage.store import Store, default_store_root, read_entry, write_entry
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest
 from headstock.scene.analyses.modal import ModalRequest
@@ -40,6 +33,12 @@ from headstock.scene.requests import Analyses
 from headstock.scene.scene import AccuracyGoal, Scene
 from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.mpi import MPI
+from headstock.validation.coverage.coverage_case import (
+    CoverageCase,
+    keep_measured,
+    make_key,
+    run_afresh,
+)
 from headstock.validation.coverage.parts import write_step
 from headstock.validation.parts.structured_meshes import node_places
 from headstock.validation.references.rows import ValidationRow, judge_bound, show
@@ -47,7 +46,7 @@ from headstock.validation.references.rows import ValidationRow, judge_bound, sho
 CASE, FRESH, SMOKE = "coverage-search", "coverage-search-fresh", "coverage-search-smoke"
 ASKED = 0.01
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
-COVERED, LARGEST_MEDIAN = 0.95, 4.0
+LARGEST_MEDIAN = 4.0
 CLEAR = 1e-5  # true errors above which a ratio means something
 # errors of their grids fall with the fourth power of the size; what they leave if they fell with the
 # third is how far the truth is unknown
@@ -188,20 +187,20 @@ class SearchedPart:
 
 def check_search() -> list[ValidationRow]:
     """Check whether what searches call met is met on the twelve parts, and ± covers their numbers."""
-    return judge_searches(CASE, [_recall(part) for part in PARTS])
+    return evaluate_searches(CASE, [_recall(part) for part in PARTS])
 
 
 def check_fresh_search() -> list[ValidationRow]:
     """Check the eight fresh parts in the same way."""
-    return judge_searches(FRESH, [_recall(part) for part in FRESH_PARTS])
+    return evaluate_searches(FRESH, [_recall(part) for part in FRESH_PARTS])
 
 
 def check_search_smoke() -> list[ValidationRow]:
     """Check two of them in the same way."""
-    return judge_searches(SMOKE, [_recall(part) for part in SMOKE_PARTS])
+    return evaluate_searches(SMOKE, [_recall(part) for part in SMOKE_PARTS])
 
 
-def judge_searches(case: str, parts: Sequence[SearchedPart]) -> list[ValidationRow]:
+def evaluate_searches(case: str, parts: Sequence[SearchedPart]) -> list[ValidationRow]:
     """Rows of a suite.
 
     Args:
@@ -212,7 +211,6 @@ def judge_searches(case: str, parts: Sequence[SearchedPart]) -> list[ValidationR
         for name in ("errors", "given", "unsure")
     )
     sure = unsure <= SURE * given
-    clear = sure & (errors > CLEAR)
     furthest = max(parts, key=lambda part: part.errors.max(initial=0.0))
     short = [part.name for part in parts if not part.met]
     wrong = [part.name for part in parts if part.met and part.errors.max() > ASKED]
@@ -225,20 +223,12 @@ def judge_searches(case: str, parts: Sequence[SearchedPart]) -> list[ValidationR
             f"{len(parts)} parts; {', '.join([*short, *wrong]) or 'none'}; furthest: {furthest.name},"
             f" {100.0 * furthest.errors.max(initial=0.0):.2g} %",
         ),
-        judge_bound(
-            case,
-            "share of numbers that ± does not cover",
-            float(np.mean(~(errors[sure] <= given[sure]))),
-            1.0 - COVERED,
+        *CoverageCase(case, CLEAR, LARGEST_MEDIAN).evaluate(
+            "",
+            errors[sure],
+            given[sure],
             f"{sure.sum()} numbers, of {(~sure).sum()} the truth is not sure enough or ± is unknown;"
             f" {_by_part(parts)}",
-        ),
-        judge_bound(
-            case,
-            "± over true error, median",
-            float(np.median(given[clear] / errors[clear])),
-            LARGEST_MEDIAN,
-            f"{clear.sum()} numbers with errors above {CLEAR:g}",
         ),
         show(
             case,
@@ -260,24 +250,12 @@ def _by_part(parts: Sequence[SearchedPart]) -> str:
 
 def _recall(part: SlenderPart) -> SearchedPart:
     """Return a part from the store where it is there: a suite that was stopped goes on."""
-    layers = headstock.geometry, headstock.meshing, headstock.solvers, headstock.reduction
-    words = [repr(part), Path(__file__).read_text(), *map(code_fingerprint, layers)]
-    true_key = hashlib.sha256("\0".join(words).encode()).hexdigest()
-    words.append(code_fingerprint(headstock.pipeline))
-    key = hashlib.sha256("\0".join(words).encode()).hexdigest()
+    key = make_key(repr(part), Path(__file__).read_text())
     with tempfile.TemporaryDirectory(prefix="headstock-search-") as name:
         scene = make_scene(part, Path(name))
-        truth = _keep(true_key, SlenderTruth, lambda: find_truth(part))
-        return _keep(key, SearchedPart, lambda: search_part(part, scene, truth))
-
-
-def _keep[T: SlenderTruth | SearchedPart](key: str, kind: type[T], measure: Callable[[], T]) -> T:
-    store = Store(default_store_root())
-    known = read_entry(store, key, kind).value
-    if known is None:
-        known = measure()
-        write_entry(store, key, known)
-    return known
+        truth = keep_measured(key, SlenderTruth, lambda: find_truth(part))
+        key = make_key(key, code_fingerprint(headstock.pipeline))
+        return keep_measured(key, SearchedPart, lambda: search_part(part, scene, truth))
 
 
 def make_scene(part: SlenderPart, folder: Path) -> Scene:
@@ -422,7 +400,7 @@ def search_part(part: SlenderPart, scene: Scene, truth: SlenderTruth) -> Searche
     """Return how far a search for an accuracy is off."""
     goal = dataclasses.replace(scene, accuracy=AccuracyGoal(ASKED))
     try:
-        results = _run(goal)
+        results = run_afresh(goal)
     except HeadstockError as error:
         nothing = np.zeros(0)
         return SearchedPart(part.name, False, nothing, nothing, nothing, 0.0, str(error))
@@ -449,11 +427,3 @@ def search_part(part: SlenderPart, scene: Scene, truth: SlenderTruth) -> Searche
 def _elastic(results: Results) -> FloatArray:
     (modes,) = results.modal
     return np.asarray(modes.frequencies_hz[modes.rigid_count :])
-
-
-def _run(scene: Scene) -> Results:
-    """Run all stages with an empty store."""
-    with tempfile.TemporaryDirectory(prefix="headstock-search-") as place:
-        return run_scene(
-            scene, Path(place) / "out", comm=MPI.COMM_SELF, store=Store(Path(place) / "store")
-        )

@@ -4,9 +4,7 @@ estimates behind the choice.
 
 import dataclasses
 import resource
-import tempfile
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,13 +17,12 @@ from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.static import StaticAnswer
 from headstock.pipeline.numbers.estimates import DISCRETISATION
 from headstock.pipeline.results.results import Results
-from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.provenance import PROJECT
-from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.files import TomlTable
-from headstock.scene.scene import AccuracyGoal, Scene
+from headstock.scene.scene import AccuracyGoal
 from headstock.solvers.mpi import MPI
+from headstock.validation.coverage.coverage_case import run_afresh
 from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound, show
 
 CANTILEVER = PROJECT / "machines" / "cantilever.toml"
@@ -110,13 +107,13 @@ def check_machine_accuracy(comm: MPI.Comm) -> list[ValidationRow]:
 
 
 def _check_accuracy(name: str, shares: Sequence[float], comm: MPI.Comm) -> list[ValidationRow]:
-    """True errors of the settings chosen for some accuracies, and what choosing them cost."""
-    exact = _numbers(_run(load_scene(MACHINES[name], values=FINE[name]), comm))
+    """Compare settings chosen for some accuracies with the truth: errors, and what choosing them cost."""
+    exact = _numbers(run_afresh(load_scene(MACHINES[name], values=FINE[name]), comm))
     scene = load_scene(MACHINES[name])
     rows: list[ValidationRow] = []
     for share in shares:
         start = _processor_seconds()
-        results = _run(dataclasses.replace(scene, accuracy=AccuracyGoal(share)), comm)
+        results = run_afresh(dataclasses.replace(scene, accuracy=AccuracyGoal(share)), comm)
         seconds = _processor_seconds() - start
         if comm.rank == 0:
             off = float(np.abs(_numbers(results) / exact - 1.0).max())
@@ -140,15 +137,15 @@ def _processor_seconds() -> float:
 
 
 def check_mesh_estimates(comm: MPI.Comm) -> list[ValidationRow]:
-    """Estimated against true errors of the column of Kono et al. over kinds and sizes of elements."""
-    exact = _numbers(_run(load_scene(CANTILEVER, values=FINE["cantilever"]), comm))
+    """Compare estimated with true errors of the column of Kono et al. over kinds and sizes of elements."""
+    exact = _numbers(run_afresh(load_scene(CANTILEVER, values=FINE["cantilever"]), comm))
     found, true = [], []
     for mesh in SWEEP:
         values: TomlTable = {
             "components.column.mesh": mesh,
             "components.column.reduction": {"modes": 30},
         }
-        results = _run(load_scene(CANTILEVER, values=values), comm)
+        results = run_afresh(load_scene(CANTILEVER, values=values), comm)
         if comm.rank == 0:
             # frequencies come out too high, compliances too small
             change = _numbers(results) / exact
@@ -172,13 +169,6 @@ def check_mesh_estimates(comm: MPI.Comm) -> list[ValidationRow]:
         show("mesh-estimates", "effectivity exceeded by 5 in 100", float(np.quantile(ratios, 0.95)), "-"),
     ]  # fmt: skip
     return list(comm.bcast(rows, root=0))
-
-
-def _run(scene: Scene, comm: MPI.Comm) -> Results:
-    with tempfile.TemporaryDirectory(prefix="headstock-accuracy-") as folder:
-        return run_scene(
-            scene, Path(folder) / "out", comm=comm, store=Store(Path(folder) / "store")
-        )
 
 
 def _numbers(results: Results) -> FloatArray:

@@ -21,18 +21,17 @@ from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import Scene, keep_analyses
 from headstock.solvers.mpi import MPI
+from headstock.validation.coverage.coverage_case import UNSURE, CoverageCase
 from headstock.validation.machines.drawn_axes import draw_axes
-from headstock.validation.references.rows import ValidationRow, judge_bound
+from headstock.validation.references.rows import ValidationRow
 
 CASE, SMOKE = "axes-estimates", "axes-estimates-smoke"
 SEEDS, SMOKE_SEED = range(5), 0  # the factor of paths was fitted on the first three
 FRESH = 5  # first seed of no machine above
 FINE_MODES = 40
 FINER, FINE_ACROSS = 2.0, 5  # meshes of the true machine: so much smaller, elements across a patch
-# the true error is known within this share of the ± of the fine mesh, and this share of a ± is sure
-# enough to judge it (see coverage/cases.py)
-UNSURE, SURE = 0.5, 0.3
-COVERED, LARGEST_MEDIAN = 0.95, 5.0
+SURE = 0.3  # of ±: what may be unknown of a truth
+LARGEST_MEDIAN = 5.0
 PATHS = (
     "deviations and joint forces of a path",
     "the same under control, torques and position errors",
@@ -43,12 +42,12 @@ LEAST = 1e-9  # [m, rad]: what varies less is no number of a map
 
 
 @dataclass(frozen=True, eq=False)
-class JudgedNumbers:
+class ComparedNumbers:
     """Numbers of an analysis beside those of fine meshes, SI.
 
     Attributes:
         values: ``(n,)``.
-        errors: ``(n,)`` what stands behind their ±; inf for ``± ?``.
+        errors: ``(n,)`` their ±; inf for ``± ?``.
         truth: ``(n,)`` of fine meshes.
         doubt: ``(n,)`` how well these are known.
     """
@@ -61,12 +60,12 @@ class JudgedNumbers:
 
 def check_axes_estimates() -> list[ValidationRow]:
     """± of the maps and paths of five machines."""
-    return _judge_machines(CASE, list(SEEDS))
+    return _evaluate_machines(CASE, list(SEEDS))
 
 
 def check_axes_smoke() -> list[ValidationRow]:
     """Check one machine in the same way."""
-    return _judge_machines(SMOKE, [SMOKE_SEED])
+    return _evaluate_machines(SMOKE, [SMOKE_SEED])
 
 
 def compare_new_axes(first: int) -> list[ValidationRow]:
@@ -75,16 +74,16 @@ def compare_new_axes(first: int) -> list[ValidationRow]:
     Args:
         first: Seed of the first of them, ``FRESH`` at least.
     """
-    return _judge_machines(CASE, list(range(first, first + len(SEEDS))))
+    return _evaluate_machines(CASE, list(range(first, first + len(SEEDS))))
 
 
-def _judge_machines(case: str, seeds: list[int]) -> list[ValidationRow]:
+def _evaluate_machines(case: str, seeds: list[int]) -> list[ValidationRow]:
     found = [compare_axes(seed) for seed in seeds]
     machines = f"machines {seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else f"machine {seeds[0]}"
     return [
         row
         for kind in found[0]
-        for row in judge_numbers(
+        for row in evaluate_numbers(
             case,
             f"{machines}, {kind}",
             [each[kind] for each in found],
@@ -92,7 +91,7 @@ def _judge_machines(case: str, seeds: list[int]) -> list[ValidationRow]:
     ]
 
 
-def compare_axes(seed: int) -> dict[str, JudgedNumbers]:
+def compare_axes(seed: int) -> dict[str, ComparedNumbers]:
     """Numbers of a machine by what they are, beside those of fine meshes with more modes: measures of
     its map, errors in single poses, paths with motors that follow and with drives under control.
     """
@@ -116,7 +115,7 @@ def compare_axes(seed: int) -> dict[str, JudgedNumbers]:
         coarse, fine = run(None, "volumetric", VolumetricAnswer)
         paths = [run(variant, "path", PathResult) for variant in (None, "controlled")]
     measures = pair_numbers(*map(_list_measures, (coarse, fine)), least=LEAST)
-    poses = JudgedNumbers(
+    poses = ComparedNumbers(
         *(each.ravel() for each in (coarse.total, coarse.grid_errors, fine.total, fine.grid_errors))
     )
     free, driven = (pair_numbers(*map(_list_path, both), least=0.0) for both in paths)
@@ -132,8 +131,8 @@ def compare_axes(seed: int) -> dict[str, JudgedNumbers]:
 
 def pair_numbers(
     coarse: tuple[FloatArray, FloatArray], fine: tuple[FloatArray, FloatArray], *, least: float
-) -> JudgedNumbers:
-    """Numbers and what stands behind their ±, beside those of fine meshes.
+) -> ComparedNumbers:
+    """Numbers and their ±, beside those of fine meshes.
 
     Args:
         coarse: ``(n,)`` each.
@@ -141,7 +140,7 @@ def pair_numbers(
     """
     (values, errors), (truth, doubt) = coarse, fine
     kept = values > least
-    return JudgedNumbers(values[kept], errors[kept], truth[kept], doubt[kept])
+    return ComparedNumbers(values[kept], errors[kept], truth[kept], doubt[kept])
 
 
 def refine_scene(scene: Scene, across: int = FINE_ACROSS) -> Scene:
@@ -201,7 +200,7 @@ def list_sizes(numbers: Iterable[Number]) -> tuple[FloatArray, FloatArray]:
     return np.array(values), np.array(errors)
 
 
-def judge_numbers(case: str, what: str, machines: list[JudgedNumbers]) -> list[ValidationRow]:
+def evaluate_numbers(case: str, what: str, machines: list[ComparedNumbers]) -> list[ValidationRow]:
     """Check whether their ± covers the true errors, and how large it is compared with them."""
     values, errors, truth, doubt = (
         np.concatenate([np.abs(getattr(machine, field)) for machine in machines])
@@ -214,19 +213,10 @@ def judge_numbers(case: str, what: str, machines: list[JudgedNumbers]) -> list[V
     missed = np.abs(signed - right)
     sure = np.isfinite(errors) & (UNSURE * doubt <= SURE * errors)
     clear = sure & (missed > CLEAR * values)
-    ratios = errors[clear] / missed[clear]
-    low, middle, high = np.quantile(ratios, [0.1, 0.5, 0.9])
     shares = missed[clear] / np.maximum(values, truth)[clear]
     note = (
-        f"10 .. 90 %: {low:.2f} .. {high:.2f}; {clear.sum()} of {len(sure)} numbers, {len(sure) - sure.sum()} not judged;"
+        f"{sure.sum()} numbers, {len(sure) - sure.sum()} more not compared;"
         f" true errors up to {100.0 * shares.max():.2g} %, {100.0 * np.median(shares):.2g} % in the median"
     )
-    return [
-        judge_bound(
-            case,
-            f"{what}: share of true errors beyond ±",
-            1.0 - float((missed[sure] <= errors[sure]).mean()),
-            1.0 - COVERED,
-        ),
-        judge_bound(case, f"{what}: ± over true error, median", middle, LARGEST_MEDIAN, note),
-    ]
+    suite = CoverageCase(case, CLEAR, LARGEST_MEDIAN)
+    return suite.evaluate(what, missed[sure], errors[sure], note, sizes=values[sure])

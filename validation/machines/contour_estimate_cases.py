@@ -14,8 +14,8 @@ from headstock.scene.scene import keep_analyses
 from headstock.solvers.mpi import MPI
 from headstock.validation.machines.axes_estimate_cases import (
     FINE_ACROSS,
-    JudgedNumbers,
-    judge_numbers,
+    ComparedNumbers,
+    evaluate_numbers,
     list_sizes,
     pair_numbers,
     refine_scene,
@@ -50,7 +50,7 @@ def check_contour_estimates() -> list[ValidationRow]:
 def check_contour_smoke() -> list[ValidationRow]:
     """Gap and forces of a short contour of one machine with one body that deforms."""
     found = compare_contours(SMOKE_SEED, SMOKE_SETTINGS, SMOKE_ACROSS)
-    return judge_numbers(SMOKE, f"machine {SMOKE_SEED}, {FACES}", [found[FACES]])
+    return evaluate_numbers(SMOKE, f"machine {SMOKE_SEED}, {FACES}", [found[FACES]])
 
 
 def compare_new_contours(seed: int) -> list[ValidationRow]:
@@ -62,13 +62,13 @@ def compare_new_contours(seed: int) -> list[ValidationRow]:
     return [
         row
         for kind, found in compare_contours(seed).items()
-        for row in judge_numbers(CASE, f"machine {seed}, {kind}", [found])
+        for row in evaluate_numbers(CASE, f"machine {seed}, {kind}", [found])
     ]
 
 
 def compare_contours(
     seed: int, settings: tuple[str, ...] = (), across: int = FINE_ACROSS
-) -> dict[str, JudgedNumbers]:
+) -> dict[str, ComparedNumbers]:
     """Numbers of a contour by what they are, beside those of fine meshes with more modes.
 
     Args:

@@ -4,7 +4,6 @@ fraction of what was asked, and the same with models and meshes that somebody wo
 """
 
 import dataclasses
-import hashlib
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -12,11 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-import headstock.geometry
-import headstock.meshing
 import headstock.pipeline
-import headstock.reduction
-import headstock.solvers
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.machine.machine import Pose
@@ -33,15 +28,13 @@ from headstock.pipeline.accuracy.settings import start_component
 from headstock.pipeline.answers.accuracy import AccuracyAnswer
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.results.results import Results
-from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.content_keys import code_fingerprint
-from headstock.pipeline.storage.store import Store, default_store_root, read_entry, write_entry
 from headstock.scene.analyses.modal import ModalRequest
 from headstock.scene.analyses.static import StaticRequest
 from headstock.scene.building.loader import load_scene
 from headstock.scene.requests import Analyses
 from headstock.scene.scene import AccuracyGoal, Scene
-from headstock.solvers.mpi import MPI
+from headstock.validation.coverage.coverage_case import keep_measured, make_key, run_afresh
 from headstock.validation.coverage.parts import draw_part
 from headstock.validation.machines.drawn_machines import HIGHEST_HZ, draw_machine
 from headstock.validation.references.rows import ValidationRow, judge_bound
@@ -64,7 +57,7 @@ KEPT, TIMES, CHEAP = 0.95, 2.0, 0.75
 
 
 @dataclass(frozen=True, eq=False)
-class ScenesBeside:
+class ReferenceScenes:
     """What a machine or part with a stated accuracy is compared with.
 
     Attributes:
@@ -102,17 +95,17 @@ class ChosenScene:
 
 def check_model_choice() -> list[ValidationRow]:
     """Check whether the errors of the machines are within what was asked, and what that costs."""
-    return _judge(CASE, "machine", [_recall(seed, load_drawn) for seed in MACHINES])
+    return _evaluate(CASE, "machine", [_recall(seed, load_drawn) for seed in MACHINES])
 
 
 def check_model_choice_smoke() -> list[ValidationRow]:
     """Check one machine of three bodies in the same way."""
-    return _judge(SMOKE, "machine", [_recall(seed, load_drawn) for seed in SMOKE_MACHINES])
+    return _evaluate(SMOKE, "machine", [_recall(seed, load_drawn) for seed in SMOKE_MACHINES])
 
 
 def check_part_choice() -> list[ValidationRow]:
     """Check parts alone in the same way, whose only lever is the mesh."""
-    return _judge(PARTS_CASE, "part", [_recall(seed, load_part) for seed in PARTS])
+    return _evaluate(PARTS_CASE, "part", [_recall(seed, load_part) for seed in PARTS])
 
 
 def _recall(seed: int, load: Callable[[int, Path], Scene]) -> ChosenScene:
@@ -123,27 +116,16 @@ def _recall(seed: int, load: Callable[[int, Path], Scene]) -> ChosenScene:
         text = repr(scene.machine).replace(name, "")
         # how settings are searched changes nothing of what is true
         models = {
-            name: {body: _say_model(part) for body, part in parts.items()}
+            name: {body: _describe_model(part) for body, part in parts.items()}
             for name, parts in _tried_by_hand(scene)
         }
         asked = ASKED[seed % len(ASKED)]
-        beside_key = _key(text, repr(models), repr((TRUE_SHARE, TRUE_MEMORY, asked)), "names")
-        beside = _keep(beside_key, ScenesBeside, lambda: measure_beside(scene, asked, folder))
-        pipeline, own = code_fingerprint(headstock.pipeline), Path(__file__).read_text()
-        return _keep(
-            _key(beside_key, pipeline, own),
-            ChosenScene,
-            lambda: measure_choice(seed, asked, scene, beside, folder),
+        key = make_key(text, repr(models), repr((TRUE_SHARE, TRUE_MEMORY, asked)), "names")
+        reference = keep_measured(key, ReferenceScenes, lambda: measure_reference(scene, asked))
+        key = make_key(key, code_fingerprint(headstock.pipeline), Path(__file__).read_text())
+        return keep_measured(
+            key, ChosenScene, lambda: measure_choice(seed, asked, scene, reference)
         )
-
-
-def _keep[T: ScenesBeside | ChosenScene](key: str, kind: type[T], measure: Callable[[], T]) -> T:
-    store = Store(default_store_root())
-    known = read_entry(store, key, kind).value
-    if known is None:
-        known = measure()
-        write_entry(store, key, known)
-    return known
 
 
 def load_drawn(seed: int, folder: Path) -> Scene:
@@ -173,17 +155,11 @@ def load_part(seed: int, folder: Path) -> Scene:
     )
 
 
-def _key(*words: str) -> str:
-    layers = headstock.geometry, headstock.meshing, headstock.solvers, headstock.reduction
-    own = "\0".join((*(code_fingerprint(layer) for layer in layers), *words))
-    return hashlib.sha256(own.encode()).hexdigest()
-
-
-def _say_model(part: Component) -> tuple[str, int, MeshSettings, ReductionSettings]:
+def _describe_model(part: Component) -> tuple[str, int, MeshSettings, ReductionSettings]:
     return part.fidelity, part.segments.count, part.mesh, part.reduction
 
 
-def measure_beside(scene: Scene, asked: float, folder: Path) -> ScenesBeside:
+def measure_reference(scene: Scene, asked: float) -> ReferenceScenes:
     """Return what is true of a machine, and what somebody would try.
 
     Args:
@@ -195,21 +171,21 @@ def measure_beside(scene: Scene, asked: float, folder: Path) -> ScenesBeside:
     )
     goal = AccuracyGoal(TRUE_SHARE * asked, models="none")
     limits = dataclasses.replace(scene.limits, memory_bytes=TRUE_MEMORY)
-    found = _run(dataclasses.replace(fine, accuracy=goal, limits=limits), folder)
+    found = run_afresh(dataclasses.replace(fine, accuracy=goal, limits=limits))
     (search,) = find_answers(found.answers, AccuracyAnswer)
     truth, by_hand = _list_values(found), {}
     for name, parts in _tried_by_hand(scene):
         try:
-            results = _run(replace_components(scene, parts), folder)
+            results = run_afresh(replace_components(scene, parts))
         except HeadstockError:  # a model that such a body cannot have
             continue
         off = float(_deviate(_list_values(results), truth).max())
         by_hand[name] = off, _cpu(results)
-    return ScenesBeside(truth, np.inf if search.estimated is None else search.estimated, by_hand)
+    return ReferenceScenes(truth, np.inf if search.estimated is None else search.estimated, by_hand)
 
 
 def measure_choice(
-    seed: int, asked: float, scene: Scene, beside: ScenesBeside, folder: Path
+    seed: int, asked: float, scene: Scene, reference: ReferenceScenes
 ) -> ChosenScene:
     """Errors and cost of a machine with a stated accuracy.
 
@@ -217,10 +193,10 @@ def measure_choice(
         asked: Relative error allowed.
     """
     goal = dataclasses.replace(scene, accuracy=AccuracyGoal(asked, models="all"))
-    chosen = _run(goal, folder)
-    errors = _deviate(_list_values(chosen), beside.truth)
+    chosen = run_afresh(goal)
+    errors = _deviate(_list_values(chosen), reference.truth)
     met = not chosen.failures
-    return ChosenScene(seed, asked, met, beside.doubt, errors, _cpu(chosen), beside.by_hand)
+    return ChosenScene(seed, asked, met, reference.doubt, errors, _cpu(chosen), reference.by_hand)
 
 
 def _tried_by_hand(scene: Scene) -> Iterator[tuple[str, dict[str, Component]]]:
@@ -266,14 +242,6 @@ def _mesh_by_rule(scene: Scene, accuracy: float, *, correct: bool) -> dict[str, 
     return {name: dataclasses.replace(part, reduction=own) for name, part in fine.items()}
 
 
-def _run(scene: Scene, folder: Path) -> Results:
-    """Run all stages with an empty store."""
-    with tempfile.TemporaryDirectory(dir=folder) as place:
-        return run_scene(
-            scene, Path(place) / "out", comm=MPI.COMM_SELF, store=Store(Path(place) / "store")
-        )
-
-
 def _cpu(results: Results) -> float:
     return sum(record.cpu_seconds or 0.0 for record in results.stages)
 
@@ -294,7 +262,7 @@ def _deviate(found: Mapping[str, float], truth: Mapping[str, float]) -> FloatArr
     return np.array([abs(found.get(name, np.inf) / exact - 1.0) for name, exact in truth.items()])
 
 
-def _judge(case: str, what: str, scenes: list[ChosenScene]) -> list[ValidationRow]:
+def _evaluate(case: str, what: str, scenes: list[ChosenScene]) -> list[ValidationRow]:
     certain = [scene for scene in scenes if scene.doubt <= DOUBTFUL_SHARE * scene.asked]
     met = [scene for scene in certain if scene.met]
     kept = np.concatenate([scene.errors <= scene.asked for scene in met])

@@ -3,7 +3,6 @@ machines: beside each stands the same machine of fine finite elements.
 """
 
 import dataclasses
-import hashlib
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,11 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-import headstock.geometry
-import headstock.meshing
 import headstock.pipeline
-import headstock.reduction
-import headstock.solvers
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.accuracy.followed import list_followed
 from headstock.pipeline.accuracy.rounds import replace_components
@@ -29,15 +24,23 @@ from headstock.pipeline.stages.machine import CoupledPose, couple_pose
 from headstock.pipeline.stages.run_state import RunState, run_stage
 from headstock.pipeline.stages.shared_components import make_superelements, start_run
 from headstock.pipeline.storage.content_keys import code_fingerprint
-from headstock.pipeline.storage.store import Store, default_store_root, read_entry, write_entry
+from headstock.pipeline.storage.store import Store
 from headstock.reduction.estimates.model_errors import WatchedModes, compare_modes, watch_modes
 from headstock.reduction.motions.body_fields import BodyPlaces, choose_places, place_motion
 from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import Scene
 from headstock.solvers.linear.frequency_response import evaluate_frf
 from headstock.solvers.mpi import MPI
+from headstock.validation.coverage.coverage_case import (
+    SURE,
+    UNSURE,
+    CoverageCase,
+    cover_lines,
+    keep_measured,
+    make_key,
+)
 from headstock.validation.machines.drawn_machines import HIGHEST_HZ, draw_machine
-from headstock.validation.references.rows import ValidationRow, judge_bound, show
+from headstock.validation.references.rows import ValidationRow, show
 
 CASE, SMOKE = "model-estimates", "model-estimates-smoke"
 # the margins of the stage were chosen on the first machines; the others were drawn for the held-out
@@ -47,12 +50,7 @@ FRESH = 52  # first seed of no machine above, nor of `model-choice`
 SMOKE_MACHINES = (0,)
 TRUE_ACCURACY = 0.002  # with which the meshes of the true machine begin
 TRUE_MODES_TO = 12.0 * HIGHEST_HZ
-# the error of a true machine is known within this share of its estimate (see coverage/cases.py)
-UNSURE, SURE = 0.5, 0.1
-COVERED, COVERED_RESPONSES, LARGEST_MEDIAN = 0.95, 0.9, 3.0
-CLEAR = 1e-3  # true errors above which a ratio means something
-VISIBLE = 1e-2  # 40 dB below the highest peak
-JUDGED_LINES = 0.5  # of the visible ones
+CLEAR, LARGEST_MEDIAN = 1e-3, 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +61,7 @@ class MachineNumbers:
         compliances: ``(n,)`` 1 for compliances, 0 for frequencies.
         errors: ``(n,)`` true errors over the number; NaN for modes without a partner of their
             shape.
-        estimates: ``(n,)`` what stands behind ±, over the number; NaN for ``± ?``.
+        estimates: ``(n,)`` ±, over the number; NaN for ``± ?``.
         unsure: ``(n,)`` how well the truth is known, over the number.
         lines: ``(m,)`` per frequency response the share of its visible lines that is covered, of
             those whose truth is sure enough; NaN where that are too few.
@@ -81,29 +79,16 @@ class MachineNumbers:
 
 def compare_machine(seed: int) -> MachineNumbers:
     """Return the numbers of a seed, from the store where they are there: what was stopped goes on."""
-    store = Store(default_store_root())
-    layers = (
-        headstock.geometry,
-        headstock.meshing,
-        headstock.solvers,
-        headstock.reduction,
-        headstock.pipeline,
-    )
-    words = [
-        *(code_fingerprint(layer) for layer in layers),
-        Path(__file__).read_text(),
-        draw_machine(seed),
-    ]
-    key = hashlib.sha256("\0".join(words).encode()).hexdigest()
-    known = read_entry(store, key, MachineNumbers).value
-    if known is not None:
-        return known
-    with tempfile.TemporaryDirectory(prefix="headstock-models-") as folder:
-        path = Path(folder) / "machine.toml"
-        path.write_text(draw_machine(seed))
-        found = measure_machine(seed, load_scene(path), Store(Path(folder) / "store"))
-    write_entry(store, key, found)
-    return found
+    text = draw_machine(seed)
+    key = make_key(code_fingerprint(headstock.pipeline), Path(__file__).read_text(), text)
+
+    def draw() -> MachineNumbers:
+        with tempfile.TemporaryDirectory(prefix="headstock-models-") as folder:
+            path = Path(folder) / "machine.toml"
+            path.write_text(text)
+            return measure_machine(seed, load_scene(path), Store(Path(folder) / "store"))
+
+    return keep_measured(key, MachineNumbers, draw)
 
 
 def measure_machine(seed: int, scene: Scene, store: Store) -> MachineNumbers:
@@ -207,22 +192,18 @@ def _cover_lines(plain: RunState, true: CoupledPose) -> FloatArray:
     total = curves.error
     if total is None:
         return np.zeros(0)
-    shares = []
-    for index in range(len(curves.inputs)):
-        right, own = response.receptance[:, index, index], curves.receptance[:, index, index]
-        visible = np.abs(right) >= VISIBLE * np.abs(right).max()
-        judged = visible & (doubt[:, index, index] <= SURE * total[:, index, index])
-        covered = judged & (np.abs(own - right) <= total[:, index, index])
-        enough = judged.sum() >= JUDGED_LINES * visible.sum()
-        shares.append(covered.sum() / judged.sum() if enough else np.nan)
-    return np.array(shares)
+    found, right, total, doubt = (
+        np.diagonal(lines, axis1=1, axis2=2)
+        for lines in (curves.receptance, response.receptance, total, doubt)
+    )
+    return cover_lines(found, right, total=total, doubt=doubt)
 
 
 def check_model_estimates() -> list[ValidationRow]:
     """Coverage on the machines that margins were chosen on, and on the others."""
     return [
-        *_judge(CASE, "chosen on", [compare_machine(seed) for seed in CALIBRATION]),
-        *_judge(CASE, "held out", [compare_machine(seed) for seed in HOLD_OUT]),
+        *_evaluate(CASE, "chosen on", [compare_machine(seed) for seed in CALIBRATION]),
+        *_evaluate(CASE, "held out", [compare_machine(seed) for seed in HOLD_OUT]),
     ]
 
 
@@ -234,48 +215,33 @@ def compare_new_machines(first: int) -> list[ValidationRow]:
     """
     seeds = range(first, first + len(HOLD_OUT))
     machines = [compare_machine(seed) for seed in seeds]
-    return _judge(CASE, f"new, seeds {seeds[0]} to {seeds[-1]}", machines)
+    return _evaluate(CASE, f"new, seeds {seeds[0]} to {seeds[-1]}", machines)
 
 
 def check_model_estimates_smoke() -> list[ValidationRow]:
     """Check one machine of three bodies in the same way."""
-    return _judge(SMOKE, "one machine", [compare_machine(seed) for seed in SMOKE_MACHINES])
+    return _evaluate(SMOKE, "one machine", [compare_machine(seed) for seed in SMOKE_MACHINES])
 
 
-def _judge(case: str, what: str, machines: Sequence[MachineNumbers]) -> list[ValidationRow]:
+def _evaluate(case: str, what: str, machines: Sequence[MachineNumbers]) -> list[ValidationRow]:
     known = [_known(machine) for machine in machines]
-    given = np.concatenate([m.estimates[own] for m, own in zip(machines, known, strict=True)])
-    true = np.concatenate([m.errors[own] for m, own in zip(machines, known, strict=True)])
-    kinds = np.concatenate([m.compliances[own] for m, own in zip(machines, known, strict=True)])
+    given, true, kinds = (
+        np.concatenate([getattr(m, name)[own] for m, own in zip(machines, known, strict=True)])
+        for name in ("estimates", "errors", "compliances")
+    )
     numbers = sum(len(machine.errors) for machine in machines)
     silent = sum(int(np.isnan(machine.estimates).sum()) for machine in machines)
     alone = sum(
         int((np.isnan(machine.errors) & ~np.isnan(machine.estimates)).sum()) for machine in machines
     )
     named, missing = np.sum([machine.named for machine in machines], axis=0)
-    clear = true > CLEAR
-    lines = np.concatenate([machine.lines for machine in machines])
-    sure = lines[~np.isnan(lines)]
     note = (
         f"{int((kinds == 0.0).sum())} frequencies and {int(kinds.sum())} compliances of {len(machines)} machines; {silent} say ± ?, of"
         f" {numbers - silent - len(given)} the truth is not sure enough; largest true error {100.0 * true.max():.0f} %"
     )
+    suite = CoverageCase(case, CLEAR, LARGEST_MEDIAN)
     rows = [
-        judge_bound(
-            case,
-            f"{what}: share of numbers that ± does not cover",
-            float(((given < true).sum() + alone) / (len(given) + alone)),
-            1.0 - COVERED,
-            note,
-        ),
-        judge_bound(
-            case,
-            f"{what}: ± over true error, median",
-            float(np.median(given[clear] / true[clear])),
-            LARGEST_MEDIAN,
-            f"{clear.sum()} numbers with errors above {100.0 * CLEAR:g} %; 10 and 90 %: "
-            f"{np.quantile(given[clear] / true[clear], 0.1):.2f}, {np.quantile(given[clear] / true[clear], 0.9):.1f}",
-        ),
+        *suite.evaluate(what, true, given, note, uncovered=alone),
         show(
             case,
             f"{what}: modes named of all that the machines lack",
@@ -284,17 +250,9 @@ def _judge(case: str, what: str, machines: Sequence[MachineNumbers]) -> list[Val
             f"{named} of {missing}; {alone} modes have an estimate and no true partner (counted as not covered)",
         ),
     ]
-    if len(sure):
-        rows.append(
-            judge_bound(
-                case,
-                f"{what}: share of frequency responses without 95 % of their lines covered",
-                float((sure < COVERED).mean()),
-                1.0 - COVERED_RESPONSES,
-                f"{len(sure)} responses, {len(lines) - len(sure)} more whose truth is not sure enough; lines within 40 dB of the"
-                " highest peak",
-            )
-        )
+    lines = np.concatenate([machine.lines for machine in machines])
+    if np.isfinite(lines).any():
+        rows.append(suite.evaluate_responses(what, lines))
     return rows
 
 

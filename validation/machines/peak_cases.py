@@ -26,6 +26,7 @@ from headstock.scene.analyses.frf import FrfRequest
 from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import AccuracyGoal, Scene
 from headstock.solvers.mpi import MPI
+from headstock.validation.coverage.coverage_case import CoverageCase
 from headstock.validation.machines.axis_kit_models import SCENE
 from headstock.validation.machines.drawn_machines import draw_machine
 from headstock.validation.references.rows import ValidationRow, judge_bound, show
@@ -35,8 +36,7 @@ CASE, SMOKE = "peaks", "peaks-smoke"
 SEEDS, SMOKE_SEED = (1, 2), 2
 ASKED = 0.03
 TRUE_ACCURACY = 0.002  # with which the meshes of the true machine begin
-COVERED, LARGEST_MEDIAN = 0.95, 3.0
-CLEAR = 1e-3  # true errors above which a ratio means something
+CLEAR, LARGEST_MEDIAN = 1e-3, 3.0
 
 
 def check_peaks() -> list[ValidationRow]:
@@ -81,10 +81,12 @@ def _compare(case: str, what: str, load: Load, *, searched: bool) -> list[Valida
             return run_scene(one, folder / "results", comm=MPI.COMM_SELF, store=store)
 
         truth = _list_heights(run(_refine(scene)))
-        rows = _judge_errors(case, what, *_pair(_list_heights(run(scene)), truth))
+        true, estimated = _pair(_list_heights(run(scene)), truth)
+        note = f"{len(true)} peaks and levels, up to {true.max():.2g} off"
+        rows = CoverageCase(case, CLEAR, LARGEST_MEDIAN).evaluate(what, true, estimated, note)
         if searched:
             found = run(dataclasses.replace(scene, accuracy=AccuracyGoal(ASKED)))
-            rows += _judge_search(case, what, found, truth)
+            rows += _evaluate_search(case, what, found, truth)
     return rows
 
 
@@ -122,24 +124,7 @@ def _pair(
     return np.array(true), np.array(sizes) / np.array([found[key].value for key in shared])
 
 
-def _judge_errors(
-    case: str, what: str, true: FloatArray, estimated: FloatArray
-) -> list[ValidationRow]:
-    clear = true > CLEAR
-    ratios = estimated[clear] / true[clear]
-    low, middle, high = np.quantile(ratios, [0.1, 0.5, 0.9])
-    note = (
-        f"10 .. 90 %: {low:.2f} .. {high:.2f}; {clear.sum()} of {len(true)} peaks and levels,"
-        f" up to {true.max():.2g} off"
-    )
-    missed = 1.0 - float((true <= estimated).mean())
-    return [
-        judge_bound(case, f"{what}: share of true errors beyond ±", missed, 1.0 - COVERED),
-        judge_bound(case, f"{what}: ± over true error, median", middle, LARGEST_MEDIAN, note),
-    ]
-
-
-def _judge_search(
+def _evaluate_search(
     case: str, what: str, results: Results, truth: Mapping[Key, Number]
 ) -> list[ValidationRow]:
     (answer,) = find_answers(results.answers, AccuracyAnswer)

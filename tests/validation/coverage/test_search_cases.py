@@ -12,8 +12,8 @@ from headstock.validation.coverage.search_cases import (
     PARTS,
     SMOKE_PARTS,
     SlenderTruth,
+    evaluate_searches,
     find_truth,
-    judge_searches,
     make_scene,
     search_part,
 )
@@ -44,5 +44,5 @@ def test_searches_of_two_parts_are_met_and_covered(tmp_path: Path) -> None:
         coarse = dataclasses.replace(part, up_to_hz=0.6 * part.up_to_hz)
         scene = make_scene(coarse, tmp_path)
         found.append(search_part(coarse, scene, find_truth(coarse)))
-    rows = judge_searches("search", found)
+    rows = evaluate_searches("search", found)
     assert [row.passed for row in rows[:3]] == [True, True, True]

@@ -11,10 +11,10 @@ from headstock.validation.machines import model_choice_cases
 from headstock.validation.machines.model_choice_cases import (
     CASE,
     ChosenScene,
-    _judge,
+    _evaluate,
     load_drawn,
-    measure_beside,
     measure_choice,
+    measure_reference,
 )
 from headstock.validation.machines.model_estimate_cases import HOLD_OUT
 
@@ -29,8 +29,8 @@ def test_a_machine_of_three_bodies_keeps_five_percent(
     monkeypatch.setattr(model_choice_cases, "MODES_TO", 1000.0)
     monkeypatch.setattr(model_choice_cases, "HAND_MESHES", {})
     scene = load_drawn(42, tmp_path)
-    beside = measure_beside(scene, 0.05, tmp_path)
-    found = measure_choice(42, 0.05, scene, beside, tmp_path)
+    reference = measure_reference(scene, 0.05)
+    found = measure_choice(42, 0.05, scene, reference)
     assert found.asked == 0.05
     assert found.met and 0.005 < found.errors.max() < 0.05
     # what is simpler by hand is much further off
@@ -40,13 +40,13 @@ def test_a_machine_of_three_bodies_keeps_five_percent(
     }
 
 
-def test_what_is_judged_are_numbers_beyond_what_was_asked_and_costs_beside_the_cheapest() -> None:
+def test_rows_hold_numbers_beyond_what_was_asked_and_costs_beside_the_cheapest() -> None:
     kept = np.full(19, 0.01)
     near = ChosenScene(50, 0.05, True, 0.01, kept, 3.0, {"a": (0.02, 2.0), "b": (0.2, 0.1)})
     far = ChosenScene(51, 0.05, True, 0.01, np.array([0.2]), 9.0, {"a": (0.02, 2.0)})
     refused = ChosenScene(49, 0.05, False, 0.01, np.array([0.5]), 1.0, {})
     doubtful = ChosenScene(48, 0.05, True, 0.03, np.array([0.5]), 1.0, {})
-    beyond, dear = _judge(CASE, "machine", [near, far, refused, doubtful])
+    beyond, dear = _evaluate(CASE, "machine", [near, far, refused, doubtful])
     assert (
         beyond.value == approx(1.0 / 20.0) and "1 more were refused, 1 have no truth" in beyond.note
     )

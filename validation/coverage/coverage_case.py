@@ -1,0 +1,158 @@
+"""What suites share that ask how often ± covers the truth: measurements kept in the store, runs with an
+empty one, and rows of what is covered.
+"""
+
+import hashlib
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+import headstock.geometry
+import headstock.meshing
+import headstock.reduction
+import headstock.solvers
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.results.results import Results
+from headstock.pipeline.runner import run_scene
+from headstock.pipeline.storage.content_keys import code_fingerprint
+from headstock.pipeline.storage.store import Store, default_store_root, read_entry, write_entry
+from headstock.scene.scene import Scene
+from headstock.solvers.mpi import MPI
+from headstock.solvers.second_order import ComplexArray
+from headstock.validation.references.rows import ValidationRow, judge_bound
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+LAYERS = (headstock.geometry, headstock.meshing, headstock.solvers, headstock.reduction)
+# the error of a fine mesh is known within this share of its estimate: estimates came out 0.7 to 1.9
+# times the true errors
+UNSURE = 0.5
+SURE = 0.1  # of ±: what may be unknown of a truth
+COVERED, COVERED_RESPONSES = 0.95, 0.9
+VISIBLE = 1e-2  # 40 dB below the highest peak
+# of the visible lines of a response: with fewer whose truth is sure enough it is set aside
+LINES_NEEDED = 0.5
+
+
+@dataclass(frozen=True)
+class CoverageCase:
+    """A suite of numbers with ± beside their truth.
+
+    Attributes:
+        name: Of the validation case.
+        clear: True errors above which their ratio to ± means something.
+        largest_median: Of ± over the true error.
+    """
+
+    name: str
+    clear: float
+    largest_median: float
+
+    def evaluate(
+        self,
+        what: str,
+        errors: FloatArray,
+        estimates: FloatArray,
+        note: str,
+        *,
+        uncovered: int = 0,
+        sizes: FloatArray | float = 1.0,
+    ) -> list[ValidationRow]:
+        """Return a row for the numbers that ± does not cover, and one for its size.
+
+        Args:
+            what: Beginning of the rows' names; empty for none.
+            errors: ``(n,)`` true errors of numbers whose truth is sure enough.
+            estimates: ``(n,)`` their ±.
+            note: On the numbers.
+            uncovered: Numbers that count as not covered, beside these.
+            sizes: ``(n,)`` of the numbers, where errors are not relative.
+        """
+        start = f"{what}: " if what else ""
+        missed = int((~(errors <= estimates)).sum()) + uncovered
+        plain = errors > self.clear * sizes
+        ratios = estimates[plain] / errors[plain]
+        low, middle, high = np.quantile(ratios, [0.1, 0.5, 0.9])
+        return [
+            judge_bound(
+                self.name,
+                f"{start}share of numbers that ± does not cover",
+                missed / (len(errors) + uncovered),
+                1.0 - COVERED,
+                note,
+            ),
+            judge_bound(
+                self.name,
+                f"{start}± over true error, median",
+                float(middle),
+                self.largest_median,
+                f"10 .. 90 %: {low:.2f} .. {high:.2f}; {plain.sum()} errors above {self.clear:g}",
+            ),
+        ]
+
+    def evaluate_responses(self, what: str, shares: FloatArray, note: str = "") -> ValidationRow:
+        """Return a row for the frequency responses without 95 % of their lines covered.
+
+        Args:
+            what: Beginning of the row's name.
+            shares: ``(m,)`` as :func:`cover_lines` gives them; NaN for responses that are set aside.
+            note: On the responses.
+        """
+        known = shares[~np.isnan(shares)]
+        return judge_bound(
+            self.name,
+            f"{what}: share of frequency responses without 95 % of their lines covered",
+            1.0 - float((known >= COVERED).mean()),
+            1.0 - COVERED_RESPONSES,
+            f"{len(known)} responses, {len(shares) - len(known)} more whose truth is not sure enough; lines within 40 dB of"
+            f" the highest peak{note}",
+        )
+
+
+def cover_lines(
+    found: ComplexArray, right: ComplexArray, *, total: FloatArray, doubt: FloatArray
+) -> FloatArray:
+    """Return the share that ± covers of the visible lines of responses whose truth is sure enough
+    ``(k,)``; NaN where these are too few.
+
+    Args:
+        found: ``(n, k)`` lines of responses.
+        right: ``(n, k)`` the true ones.
+        total: ``(n, k)`` ±.
+        doubt: ``(n, k)`` how well the truth is known.
+    """
+    visible = np.abs(right) >= VISIBLE * np.abs(right).max(axis=0)
+    sure = visible & (doubt <= SURE * total)
+    covered = sure & (np.abs(found - right) <= total)
+    shares = covered.sum(axis=0) / np.maximum(sure.sum(axis=0), 1)
+    return np.where(sure.sum(axis=0) >= LINES_NEEDED * visible.sum(axis=0), shares, np.nan)
+
+
+def make_key(*words: str) -> str:
+    """Return the key of a measurement by the code of the program and by words."""
+    code = (*map(code_fingerprint, LAYERS), Path(__file__).read_text(), *words)
+    return hashlib.sha256("\0".join(code).encode()).hexdigest()
+
+
+def keep_measured[Measured: "DataclassInstance"](
+    key: str, kind: type[Measured], measure: Callable[[], Measured]
+) -> Measured:
+    """Return what is measured, from the store where it is there: a suite that was stopped goes on."""
+    store = Store(default_store_root())
+    known = read_entry(store, key, kind).value
+    if known is None:
+        known = measure()
+        write_entry(store, key, known)
+    return known
+
+
+def run_afresh(scene: Scene, comm: MPI.Comm = MPI.COMM_SELF) -> Results:
+    """Run all stages of a scene with an empty store."""
+    with tempfile.TemporaryDirectory(prefix="headstock-fresh-") as name:
+        folder = Path(name)
+        return run_scene(scene, folder / "out", comm=comm, store=Store(folder / "store"))
