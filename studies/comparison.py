@@ -41,7 +41,6 @@ class ModeRow:
     Attributes:
         name: What it is called in the variant in which it was found first: the reference, if it is
             there.
-        origin: That variant.
         cells: Variant to cell, that of the origin first; variants without this mode are not in it.
     """
 
@@ -60,11 +59,9 @@ class Comparison:
     """Variants side by side.
 
     Attributes:
-        scene: Name of the scene.
         pose: Pose they were solved in.
         reference: Variant the others are compared with.
         solutions: By variant name, in the order asked for.
-        rows: Modes, rising.
         mac_threshold: Correlation from which two modes are the same.
         correlations: Variant to the MAC ``(wanted modes of the reference, all modes of the
             variant)`` of single shapes; none of the reference.
@@ -145,7 +142,6 @@ def compare_variants(
 
     Args:
         solutions: At least one, all in the same pose.
-        scene: Name for headings.
         reference: Variant to hold the others against; by default the first of those with most
             elastic, then segmented components.
         cannot: Variant to why there is no such model.

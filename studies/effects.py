@@ -46,7 +46,6 @@ class EffectTrial:
     """What an effect does.
 
     Attributes:
-        effect: Its name.
         active: Whether the scene names it.
         changes: Of each kind of numbers, the largest first.
         seconds_with: Processor time of the run with it [s].
@@ -104,7 +103,6 @@ def try_effects(
     choice of effects on one rank; collective.
 
     Args:
-        choice: The scene.
         store: Where meshes and superelements are kept: no time of theirs is counted.
         comm: Ranks that share the runs; None for this one alone.
         announce: Called with what this rank runs.

@@ -72,13 +72,7 @@ class EffectsSummary(TypedDict):
 def summarise_effects(
     scene: str, trials: Sequence[EffectTrial], findings: Sequence[ModelFinding]
 ) -> EffectsSummary:
-    """As JSON.
-
-    Args:
-        scene: Its name.
-        trials: Of its effects.
-        findings: Of changes of its model.
-    """
+    """As JSON."""
     return {
         "scene": scene,
         "small_change": LITTLE,

@@ -44,8 +44,6 @@ def follow_model(written: Results, family: MachineFamily, model: ComparedMachine
     """Return what a model says of the modes and responses of the machine as written.
 
     Args:
-        written: Results of the machine as written.
-        family: The machine as written.
         model: The other model, of the same family.
     """
     found = FollowedModel()

@@ -38,11 +38,6 @@ def choose_drops(
     moves least.
 
     An effect that moves nothing stays: the analyses that were run may not ask for it.
-
-    Args:
-        scene: As written.
-        trials: Of its effects.
-        findings: Of changes of its model.
     """
     drops = [
         Drop(
@@ -78,7 +73,6 @@ def keep_within(
     """Drops that move no number by more together; that which moves most alone is kept first.
 
     Args:
-        drops: Each judged alone.
         allowed: Largest change of any number, over that number.
         try_together: Largest change by some of them.
     """
@@ -94,9 +88,7 @@ def append_variant(
     """The text of a scene file with a variant after it; the rest stays letter by letter.
 
     Args:
-        text: Of the file.
         drops: What the variant leaves out, each with its reason as a comment.
-        name: Of the variant.
         overrides: ``key=value`` of the command line with which all was judged; they come first.
     """
     lines = [f"[variants.{name}]  # what `headstock effects` found to matter little"]

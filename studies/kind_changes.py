@@ -39,8 +39,6 @@ class Change:
         share: Its difference over the larger of its two values, or over the largest component of its
             vector.
         without: Its value without the effect, in SI; None where that run lacks it.
-        present: Its value with it.
-        unit: SI unit.
     """
 
     key: Key

@@ -29,10 +29,8 @@ class ModelTrial:
     """One change of the model.
 
     Attributes:
-        kind: What is changed.
         bodies: Of which components, equal ones together; empty for the whole machine.
         written: What the scene has.
-        tried: What is tried in its place.
         settings: ``key=value`` overrides that make it so.
         sense: Whether it leaves something out.
     """
@@ -69,7 +67,6 @@ def list_model_trials(
     """Changes of the model of a scene, in the order of its components.
 
     Args:
-        scene: As written.
         plan: Its plan, which knows the modes that are kept where the scene says nothing.
         kinds: What may be changed.
 

@@ -65,12 +65,9 @@ class ModelFinding:
     """What a change of the model moves and costs.
 
     Attributes:
-        trial: The change.
         changes: Of each kind of numbers, the largest first.
         missing: Modes of the machine as written that it lacks.
         added: Modes that the machine as written lacks.
-        written: Price of the machine as written.
-        tried: And of the other one.
         obstacle: Why it could not be tried; empty where it was.
     """
 
@@ -174,9 +171,7 @@ def try_models(
     Components are meshed and reduced anew in a store of their own, so that what they cost is known.
 
     Args:
-        choice: The scene.
         store: Beside it lies the store of the trials while they run.
-        kinds: What is changed.
         trials: The changes; None for all of these kinds.
         comm: Ranks that share the runs; None for this one alone.
         announce: Called with what this rank runs.
@@ -308,8 +303,6 @@ class _Bench:
     """Runs models of a machine on this rank alone.
 
     Args:
-        base: The machine as written.
-        store: That has its components.
         announce: Called with what is run.
         threads: Of BLAS in every run, so that the processor seconds of ranks compare; None for
             those there are.

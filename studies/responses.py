@@ -93,7 +93,6 @@ def overlay_responses(
     """Response of each variant on the lines of all of them in the band of the reference.
 
     Args:
-        solutions: By variant.
         reference: Its ports and its band count; empty where it has no response.
     """
     first = solutions[reference].response
@@ -132,7 +131,6 @@ def compare_entries(
     """What each entry of a variant's response says.
 
     Args:
-        solution: A variant with a response.
         lines: Of ``overlay_responses``.
         reference: Variant that the others are compared with.
     """

@@ -126,10 +126,6 @@ class VariantSolution:
     """What a variant of a machine does in one pose.
 
     Attributes:
-        choice: Which variant it is.
-        components: By name.
-        pose: Name of the pose.
-        machine: In it.
         modal: Modes up to ``REACH`` times what the scene asks for; None without a modal analysis.
         named: Names and energy shares of all of them.
         wanted: How many of them the scene asks for.
@@ -192,8 +188,6 @@ def solve_variant(
     """Solve one variant of a scene in one pose; collective.
 
     Args:
-        path: Scene file.
-        choice: The variant.
         pose: Pose name; None for the first.
         comm: Ranks that reduce elastic components together.
         store: Where meshes and superelements are kept.
@@ -240,8 +234,6 @@ def share_variants[T](
     all; collective.
 
     Args:
-        path: Scene file.
-        choices: Variants.
         work: On one of them, by itself.
         comm: Ranks; a single one works on them in order.
         store: Where superelements are kept.
@@ -282,11 +274,7 @@ def _answer(
     """Every answer of the machine in a pose that the scene asks for; on rank 0.
 
     Args:
-        state: With the reduced components.
-        choice: The variant.
-        pose: Where its axes are.
         effort: What the components cost.
-        superelements: By component.
 
     Raises:
         ModelError: The machine cannot move, or nothing is determined.
@@ -533,7 +521,6 @@ def choose_variants(
     """Variants to compare.
 
     Args:
-        path: Scene file.
         names: Variants, ``A+B`` for joined ones, ``as written`` for the scene itself; all of them
             when empty.
         fidelities: Each variant once per fidelity, taken by every component that it has elastic or
@@ -580,8 +567,6 @@ def _with_fidelities(
     """The choice once per fidelity.
 
     Args:
-        choice: A variant.
-        scene: Of it.
         fidelities: None for the variant as it is.
         alone: It is the only variant: the scene as written needs no name beside the fidelity.
     """

@@ -18,10 +18,8 @@ class JudgedMode:
     Attributes:
         number: In the reference, from 1.
         frequency_hz: In the reference [Hz].
-        name: In the reference.
         part: Component with the largest share of its strain energy, or several whose names differ
             by a number only; empty without one.
-        part_share: That share.
         deviation: Relative deviation of the model's frequency; None where it has no such mode.
         correlation: MAC of its partner, or the largest with any mode of the model.
     """

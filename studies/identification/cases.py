@@ -45,8 +45,6 @@ class CaseModel:
     """One case of a task, ready to be computed for any parameter values.
 
     Attributes:
-        case: Its targets.
-        parametric: The scene in its variant.
         pose: Where the axes stand.
         parameters: In the order of the columns of a Jacobian.
         observers: Points, interfaces and components whose motion its targets ask for.
@@ -67,7 +65,6 @@ class CaseSlope:
         eigenvalues: ``(m,)`` of omega^2.
         compliances: ``(c,)``.
         modes: What the parameter does to the modes.
-        pieces: Derivatives of the parts.
     """
 
     eigenvalues: FloatArray
@@ -81,9 +78,6 @@ class CaseState:
     """A case at given parameter values.
 
     Attributes:
-        model: The case.
-        values: Parameter values, SI.
-        coupled: The machine.
         eigenvalues: ``(m,)`` omega^2 of the modes above the floor.
         shapes: ``(n, m)`` mass-normalised.
         below: How many modes lie below the floor.
@@ -157,8 +151,6 @@ def make_case(
     Args:
         case: Targets in one pose of one variant.
         parametric: The variant as a function of the parameters.
-        pose: The pose.
-        parameters: All parameters of the fit.
     """
     watched = {name for target in case.modes if target.shape for name, _, _ in target.shape.entries}
     watched |= {
@@ -210,7 +202,6 @@ def slope_motions(state: CaseState, index: int, slopes: list[CaseSlope]) -> Floa
 
     Args:
         state: The case at the values where the derivatives are wanted.
-        index: Which mode.
         slopes: Derivatives of the case's matrices by each parameter.
     """
     forces = np.column_stack([slope.modes.forces[:, index] for slope in slopes])

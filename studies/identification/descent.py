@@ -175,11 +175,8 @@ class StartRecord:
     Attributes:
         start: Coordinates it began at ``(p,)``.
         end: Where it ended, when it has ended without the states there; None where the start could not be computed.
-        evaluations: Of the model.
         refused: Evaluations at values with which the machine could not be computed.
         exchanges: How often another pairing of targets and modes led to a better end.
-        converged: It met a tolerance.
-        reason: Why it ended.
     """
 
     start: FloatArray
@@ -201,12 +198,10 @@ class _Descent:
     """What the least-squares solver calls, and what it has seen.
 
     Attributes:
-        problem: To be solved.
         follow: Follow modes from step to step, else pair them anew at each.
         settle: Called before each evaluation.
         anchor: Point from which modes are followed.
         latest: Point computed last.
-        count: Evaluations.
         refused: Evaluations at values with which the machine could not be computed.
     """
 

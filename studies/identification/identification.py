@@ -53,10 +53,6 @@ BOUND_SHARE = 1e-4  # nearer to a bound than this share of the way between them:
 def check_bounds(problem: FitProblem, findings: Findings) -> None:
     """Refuse bounds at which a component cannot be built, the other parameters at their starts.
 
-    Args:
-        problem: Prepared.
-        findings: Of the target file.
-
     Raises:
         SceneError: At least one bound, or the starts, cannot be built.
     """
@@ -99,10 +95,7 @@ class FittedParameter:
     """A parameter after the fit, SI.
 
     Attributes:
-        parameter: As asked for.
-        value: Fitted.
         low: Lower end of the 95 % interval; nan where neither data nor prior give one.
-        high: Upper end.
         data_share: Share of the variance allowed beforehand that the data take away.
         at_bound: ``lower``, ``upper`` or empty.
     """
@@ -120,12 +113,7 @@ class TargetOutcome:
     """A target beside what the fitted model gives.
 
     Attributes:
-        case: Its case.
-        name: Of the target.
         kind: ``frequency`` [Hz] or ``compliance`` [m/N].
-        wanted: Measured.
-        found: Of the fitted model.
-        residual: In standard deviations.
         mac: With the described or measured shape, or None.
         mode: Number of the mode above the floor, from 1; 0 for compliances.
         hold_out: Predicted, not fitted.
@@ -152,16 +140,12 @@ class Identification:
     """What a fit found.
 
     Attributes:
-        name: Of the target file.
-        parameters: In the order of the file.
         outcomes: Every target, held-out ones too.
         extra_hz: By case: modes above the floor and below the highest target or the limit that meet
             no target [Hz].
-        starts: How each start ended.
         best: Index of the start that was kept.
         statistics: Spread of the fitted coordinates.
         problem: What was fitted.
-        point: Where it ended.
     """
 
     name: str
@@ -206,7 +190,6 @@ def prepare_problem(loaded: LoadedTask, store: Store, comm: MPI.Comm) -> FitProb
 
     Args:
         loaded: A checked target file with its scenes; the same on every rank.
-        store: Of superelements.
         comm: Ranks that share the components.
 
     Raises:
@@ -263,7 +246,6 @@ def identify(
 
     Args:
         problem: Prepared cases and parameters; the same on every rank.
-        name: For reports.
         observer: Called on rank 0 with each start as it ends.
         comm: Ranks that share the starts; None for this one alone.
 
@@ -286,7 +268,6 @@ def assess_starts(
 
     Args:
         problem: Prepared cases and parameters.
-        name: For reports.
         starts: How each start ended, at least one with an end.
     """
     best = int(np.argmin([record.cost for record in starts]))

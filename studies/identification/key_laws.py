@@ -43,9 +43,7 @@ class KeyLaw:
     """How one number of a scene follows the parameters.
 
     Attributes:
-        key: Its key.
         written: Its value in the scene, SI.
-        dimension: What it measures.
         rules: Parameter and rule, in the order of the file.
         calculated: What it is calculated with, where the scene calculates it from numbers that
             follow parameters.
@@ -180,7 +178,6 @@ def find_laws(scene: Scene, parameters: Sequence[Parameter]) -> tuple[KeyLaw, ..
 
     Args:
         scene: A variant; keys that it does not hold as numbers are left out.
-        parameters: Of the fit.
 
     Raises:
         ParameterValueError: The scene cannot be calculated with values between the bounds.

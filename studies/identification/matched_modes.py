@@ -24,7 +24,6 @@ def match_modes(before: Superelement, after: Superelement) -> Superelement:
     Modes are compared by how they are coupled to the boundary through the mass matrix.
 
     Args:
-        before: Of the component as it was.
         after: Of the changed component; as many boundary and modal dofs.
     """
     size, count = before.boundary_size, min(before.modal_count, after.modal_count)

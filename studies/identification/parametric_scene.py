@@ -51,12 +51,7 @@ REMEMBERED = 64  # builds of one entry that are kept
 
 @dataclass(eq=False)
 class ParametricJoint:
-    """A joint whose stiffness and place follow parameters.
-
-    Attributes:
-        written: As in the scene.
-        laws: Of its keys.
-    """
+    """A joint whose stiffness and place follow parameters."""
 
     written: Joint
     laws: tuple[KeyLaw, ...]
@@ -98,9 +93,7 @@ class ParametricShape:
     elastic one whose shape follows a parameter is meshed and reduced anew.
 
     Attributes:
-        scene: Variant it stands in.
         name: Component it is read from; others of the same content share it.
-        superelement: Of the component as written.
         laws: Of its keys and of those of its material, places left out.
         reduce: Meshes and reduces a changed component.
     """
@@ -213,9 +206,7 @@ class ParametricComponent:
     """A component whose shape and place follow parameters.
 
     Attributes:
-        written: As in the scene.
         shape: What it is made of; shared with components that are made alike.
-        laws: All of its laws.
     """
 
     written: Component
@@ -302,7 +293,6 @@ class Touched:
     """What a parameter changes.
 
     Attributes:
-        components: By name.
         joints: By name: their stiffness or their own place.
         stiffness_only: Nothing but stiffnesses of joints, none of them in series with a screw.
         matrices: The superelement of a component changes too, not only places.
@@ -321,12 +311,9 @@ class ParametricScene:
     """One variant of a scene whose numbers follow parameters.
 
     Attributes:
-        scene: As written.
-        superelements: Of the scene as written.
         laws: Of the keys that follow a parameter.
         components: Those that follow a parameter.
         joints: Those that follow a parameter.
-        touched: By parameter.
     """
 
     scene: Scene
@@ -366,8 +353,6 @@ def make_parametric(
     left out.
 
     Args:
-        scene: The variant.
-        superelements: Of its components as written.
         parameters: Their rules name keys of the scene.
         others: Other variants; a component that is the same there is built once for all.
         reduce: Meshes and reduces a component of the variant whose shape has changed.

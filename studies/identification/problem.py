@@ -300,7 +300,6 @@ class FitPlace:
 
     Attributes:
         coordinates: Where ``(p,)``.
-        pairings: Of each case.
         cost: Half the sum of squares of data and priors.
     """
 
@@ -314,7 +313,6 @@ class FitPoint(FitPlace):
     """A fit at one place of its coordinates.
 
     Attributes:
-        states: Of each case.
         residuals: Of the data ``(r,)``.
     """
 
@@ -333,8 +331,6 @@ def evaluate(
     """Compute every case and pair its modes.
 
     Args:
-        problem: Cases and parameters.
-        coordinates: Where.
         anchor: An earlier point whose modes are followed; None for the cheapest pairing.
 
     Raises:
@@ -354,7 +350,6 @@ def exchange_modes(problem: FitProblem, point: FitPoint, pairings: tuple[Pairing
     """The same values with targets compared to other modes.
 
     Args:
-        problem: The fit.
         point: Values with the states of all cases.
         pairings: For each case, which mode each target goes with.
     """

@@ -70,7 +70,6 @@ def assess(
     """Statistics of a linearised fit.
 
     Args:
-        names: Of the parameters.
         jacobian: ``(r, p)`` of the data's residuals in standard deviations, by the coordinates.
         residuals: ``(r,)``.
         prior_sigmas: ``(p,)`` in coordinates, inf without a prior.

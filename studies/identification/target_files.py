@@ -48,10 +48,6 @@ def read_case(
     """The targets of a case.
 
     Args:
-        name: Of the case.
-        table: As written.
-        scene: In the variant of the case.
-        fit: Settings of the file.
         findings: Where problems go.
     """
     key: KeyPath = ("cases", name)
@@ -128,10 +124,6 @@ def _read_number(
     """Return the key of a measured number; None for one that cannot be fitted, which is reported.
 
     Args:
-        text: Name of the number.
-        measured: Its value.
-        pose: Of the case.
-        path: Where it is written.
         findings: Where problems go.
     """
     try:
@@ -296,7 +288,6 @@ class LoadedTask:
     """A checked target file.
 
     Attributes:
-        task: What is asked for.
         scenes: The scene in each of the variants the file names.
         findings: Lines of the file, for what only the built scene can tell.
     """
@@ -313,7 +304,6 @@ def load_targets(
 
     Args:
         path: Target file (``.toml``).
-        scene: Scene file.
         overrides: ``key=value`` settings of the scene.
         starts: How many starting points the fit has; None for what the file says.
 

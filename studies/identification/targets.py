@@ -31,10 +31,8 @@ class ModeTarget:
     """A measured natural frequency.
 
     Attributes:
-        name: For reports.
         frequency_hz: [Hz].
         sigma: Standard deviation of its logarithm, weight counted.
-        shape: Where the shape is known.
         hold_out: Predicted, not fitted.
         number: Of the mode that meets it, from 1 with those below the floor; None for any mode.
     """
@@ -52,9 +50,7 @@ class ComplianceTarget:
     """A measured compliance.
 
     Attributes:
-        name: For reports.
         motion: That is measured, along x, y or z.
-        force: That acts.
         value: [m/N].
         sigma: Standard deviation relative to the value, weight counted.
         either_sign: Only its size was measured.
@@ -91,13 +87,9 @@ class TargetCase:
     """What was measured in one variant and pose.
 
     Attributes:
-        name: In the target file.
         variant: Of the scene; None for the scene as written.
         pose: Name of a pose of the scene; None for its first.
         floor_hz: Modes below are none of the targets (rigid-body modes, the machine on its mounts).
-        modes: Frequencies, rising.
-        compliances: At points.
-        limit: On the number of modes.
     """
 
     name: str
@@ -127,11 +119,8 @@ class KeyRule:
     """How one scene key follows a parameter p with reference r.
 
     Attributes:
-        key: Key of the scene.
         kind: ``set``: factor p + offset; ``multiply``: times (p / r)^factor; ``shift``: plus factor
             (p - r).
-        factor: Factor or power.
-        offset: SI.
     """
 
     key: KeyPath
@@ -145,7 +134,6 @@ class Parameter:
     """A number that is fitted.
 
     Attributes:
-        name: In the target file.
         rules: Scene keys that follow it.
         lower: Smallest value, SI.
         upper: Largest value, SI.
@@ -154,8 +142,6 @@ class Parameter:
         prior: Expected value, SI; None without a prior.
         prior_sigma: Standard deviation of the prior in the fitted coordinate.
         logarithmic: The fitted coordinate is ln p, else p.
-        dimension: Of its value.
-        unit: For reports and files.
     """
 
     name: str
@@ -177,7 +163,6 @@ class FitSettings:
 
     Attributes:
         starts: The first at the start values, the others spread by a Sobol sequence.
-        seed: Of the Sobol sequence.
         pairing: ``best``: at every step the cheapest pairing of targets and modes; ``track``: the
             pairing found at the start of each run is followed by MAC from step to step.
         noise: Where the size of the errors comes from: the ``stated`` tolerances or the

@@ -72,8 +72,6 @@ class MeshSeries:
 
     Attributes:
         parts: Components whose mesh is ours to choose, with an element size each (at factor 1).
-        factors: From coarse to fine.
-        step: Of each factor to the next.
     """
 
     parts: Mapping[str, Component]
@@ -134,10 +132,6 @@ class Convergence:
 
     Attributes:
         series: The meshes, of which some were computed.
-        costs: Of those.
-        records: Of those.
-        watched: The numbers.
-        limits: One of each.
         end: Why no finer mesh was computed.
         failures: Meshes that could not be computed, with the reason.
     """
@@ -202,8 +196,6 @@ def run_convergence(
 
     Args:
         job: With a study of the analyses to compute; its meshes are set here.
-        series: The meshes.
-        goal: When to stop.
         folder: Holds ``points.jsonl``, from which finished meshes are taken.
         comm: Ranks that compute each mesh together.
         observer: Called with each mesh on rank 0.
@@ -410,7 +402,6 @@ def measure_fields(scene: Scene, results: Results) -> Measured:
 
     Args:
         scene: Not needed; every measure of a study is given it.
-        results: With modes, or without.
 
     Returns:
         ``fields``: a row per mode, weighted so that scalar products are about kinetic energies.
@@ -431,7 +422,6 @@ def _average_cells(skin: Skin, shifts: ShiftArray) -> FloatArray:
     of its area: it hardly depends on the triangles, where nearest points would.
 
     Args:
-        skin: Of a body.
         shifts: ``(modes, points, 3)``.
 
     Returns:

@@ -19,11 +19,9 @@ class CostPoint:
     """One way to compute a scene.
 
     Attributes:
-        row: Of the study.
         name: Family and varied keys in a few words; keys that are the same all over the family left
             out.
         error: Largest relative error of a watched number from the reference run of the study.
-        worst: Which one.
         seconds: Wall-clock time, median and spread of the repeats [s].
         cpu_seconds: Processor time of all threads and child processes, likewise [s].
         solve_seconds: Processor time of assembly and solutions: all stages but meshing and writing,

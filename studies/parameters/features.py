@@ -35,9 +35,6 @@ class FeatureTrial:
     Attributes:
         radius: Largest radius that was left out [m].
         change: Largest relative change of a number, the errors of both meshes taken off.
-        decisive: Name of that number.
-        dofs: Without.
-        dofs_with: With.
         matters: The change is more than half of the accuracy asked for.
     """
 
@@ -88,9 +85,7 @@ def try_features(
     """Leave out features from large to small radii until numbers stay as they are; collective.
 
     Args:
-        job: Of the series of meshes.
         found: What the meshes say, on rank 0.
-        goal: With the accuracy asked for.
         folder: Holds ``points.jsonl``.
         comm: Ranks that compute together.
         observer: Called with each mesh on rank 0.

@@ -57,7 +57,6 @@ class MeshedNumber:
 
     Attributes:
         name: ``f1``, ``tcp x``.
-        title: In plain words.
         numbers: One per mesh; None where a mesh has no such mode. The last one is there.
     """
 
@@ -160,7 +159,6 @@ def find_limit(factors: Sequence[float], series: MeshedNumber) -> Limit:
 
     Args:
         factors: Sizes, coarse to fine.
-        series: Its values.
 
     Source: Richardson (1911); Roache (1994), J. Fluids Eng. 116, 405-413; Zienkiewicz and Zhu
     (1992) on errors that are estimated.
@@ -272,14 +270,7 @@ def relative_errors(series: MeshedNumber, limit: Limit) -> list[float | None]:
 def find_need(
     accuracy: float, costs: MeshCosts, series: Sequence[MeshedNumber], limits: Sequence[Limit]
 ) -> MeshNeed:
-    """The coarsest mesh on which every number is within an accuracy, and what it costs.
-
-    Args:
-        accuracy: Relative.
-        costs: Of the meshes.
-        series: At least one.
-        limits: One of each.
-    """
+    """The coarsest mesh on which every number is within an accuracy, and what it costs."""
     needs = [
         (*_needed_factor(accuracy, costs.factors, each, limit), each.name)
         for each, limit in zip(series, limits, strict=True)
@@ -344,8 +335,6 @@ def estimate_cost(
 
     Args:
         dofs: Of the meshes, coarse to fine.
-        costs: Of each.
-        wanted: Dofs.
         least: Power of the dofs with which the cost grows beyond the finest mesh, at least.
     """
     slope = least

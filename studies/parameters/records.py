@@ -39,7 +39,6 @@ class StudyRecord:
 
     Attributes:
         key: Of everything its results depend on.
-        family: Name of its family.
         varied: Dotted key to the value it has here.
         status: ``failed`` when anything asked for could not be computed.
         error: Why, in the program's own words.
@@ -51,9 +50,6 @@ class StudyRecord:
         peak_mb: Most resident memory of this process in each repeat [MB]; empty where nobody could
             look.
         cached_stages: How many stages the store answered in the last repeat.
-        threads: BLAS threads of each rank.
-        ranks: MPI ranks.
-        format: Of this line.
     """
 
     key: str

@@ -84,11 +84,8 @@ class StudyJob:
     """A study of a scene file, as it was when the study was started.
 
     Attributes:
-        path: Scene file.
-        study: What is varied.
         raw: Parsed scene after the variant and overrides the study was started with.
         content: SHA-256 of the file.
-        variant: Variant it was started with.
         overrides: ``key=value`` settings it was started with.
         measure: Makes more of a point's results than its summary holds; None for studies of one's
             own.
@@ -241,10 +238,7 @@ def _deal_points(
     """Compute each point on one rank.
 
     Args:
-        job: The study.
         comm: Ranks that share the points.
-        points: By number.
-        folder: Of the results.
         keep: Called on rank 0 with the number of each finished point and its record.
     """
     numbers = list(points)
@@ -284,8 +278,6 @@ def point_key(job: StudyJob, point: StudyPoint, *, ranks: int) -> str:
     What is watched is not part of it: a record holds the whole summary.
 
     Args:
-        job: The study.
-        point: One of its points.
         ranks: MPI ranks: they are part of what seconds mean.
     """
     content = {
@@ -334,9 +326,6 @@ def _compute_point(
     count.
 
     Args:
-        job: The study.
-        point: To compute.
-        comm: Collective.
         warm: Kinds of elements that this process has run; None where no seconds are measured.
         announce: Called with each stage before it begins.
     """

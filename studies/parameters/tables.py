@@ -59,7 +59,6 @@ class Extrapolation:
     Attributes:
         order: Observed order of convergence [-]; None where the three values show none.
         limit: Extrapolated value; None without an order.
-        finest: Value of the finest mesh.
         remark: Why there is no order, or what to mind; empty when all is well.
     """
 
@@ -127,10 +126,8 @@ class StudyRow:
     """A point as it is shown.
 
     Attributes:
-        record: Its record.
         values: Watched value by column; a column that this point has not is missing. Numbers are in
             the unit on screen.
-        units: Column of a number to its unit.
         problems: Watched paths and names that led nowhere, in plain words.
         known: Column of an error with unknown sources to the sum of those that are known.
         unknown: What those errors lack, in plain words.
@@ -149,8 +146,6 @@ class SizeSeries:
     """A watched number over the sizes of a mesh, everything else equal.
 
     Attributes:
-        column: What is watched.
-        family: Name of the family.
         others: Varied keys that stay the same along the series, and their values.
         sizes: Mesh sizes [m].
         values: One per size.
@@ -171,8 +166,6 @@ class StudyTable:
 
     Attributes:
         study: What was varied.
-        varied: Columns of varied keys.
-        columns: Columns of watched values.
         rows: One per point.
         series: Observed orders, where a mesh size was varied.
     """

@@ -42,10 +42,7 @@ def _find_fault(steps: Sequence[Step], hint: object, label: str, poses: Collecti
     """Say where steps leave what a type can hold; empty where they do not.
 
     Args:
-        steps: That are left.
         hint: Type of the value that they start at.
-        label: Of the steps before.
-        poses: Names of all poses.
     """
     origin, arguments = get_origin(hint), get_args(hint)
     if origin in (Union, types.UnionType):

@@ -52,7 +52,6 @@ class PoseResult:
         positions: ``(k,)`` of the sweep's axes [m, rad].
         state: ``failed`` when anything asked for could not be computed; ``unreachable`` when a
             mechanism cannot take the pose.
-        error: Why.
         frequencies_hz: ``(m,)`` rising, a few more than asked for, so that modes can be followed
             from pose to pose.
         wanted: How many of them the scene asks for.

@@ -42,10 +42,6 @@ class LumpedPoses:
     """What all poses of a lumped mechanism share.
 
     Attributes:
-        parts: Scene and plan.
-        mechanism: Of the scene.
-        model: Its bodies and springs.
-        superelements: By component name.
         own: Frame of each component on its mark.
     """
 
@@ -71,7 +67,6 @@ def solve_lumped_poses(
 
     Args:
         shared: What all poses share.
-        poses: Of the tool.
         positions: The same as ``(n, k)``, for the results.
         feeds: ``(n, 3)`` direction of the feed; NaN where there is none.
     """

@@ -44,8 +44,6 @@ class MachinePoses:
     """What all poses of a machine share.
 
     Attributes:
-        parts: Scene and plan.
-        superelements: By component name.
         memo: What their couplings share.
     """
 
@@ -74,7 +72,6 @@ def solve_machine_pose(
 
     Args:
         shared: What all poses share.
-        pose: Axis positions.
         positions: The same as ``(k,)``, for the result.
         feed: ``(3,)`` direction of the feed; NaN where there is none.
     """
@@ -213,7 +210,6 @@ def add_limits(model: PoseModel, found: PoseResult) -> PoseResult:
     """A result with the limit depths of cut in its pose.
 
     Args:
-        model: The machine in the pose.
         found: The result so far, with the direction of the feed.
     """
     request, solved = lobes_request(model), solve_lobes(model, found.feed, whole=False).answer

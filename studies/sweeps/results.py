@@ -92,20 +92,16 @@ class SweepResults:
     """Everything a sweep found.
 
     Attributes:
-        name: Of the scene.
         key: Of everything a pose's results depend on.
-        sweep: Its poses.
         states: ``done``, ``failed`` or ``unreachable`` per pose.
         errors: Why, per pose.
         modes: Of every pose; None without a modal analysis.
         tracked: The same modes followed from pose to pose.
         shapes: ``(n, d, m)`` mass-normalised; zero beyond the last mode.
-        points: Compliance by point name.
         condition: ``(n,)`` condition number of a mechanism; None for other machines.
         figures: Input port to ``(n, f)``, as ``FIGURES`` names them.
         limits: Limit depths of cut by the name of the direction of travel.
         limits_confirmed: Whether multipliers found the limits of every pose.
-        warnings: For the user.
         mode_names: Of the tracked modes, as they are called in one pose; empty where they were not
             named.
         sampled_errors: Number of a pose in which modes got their names to the ± of its numbers; of other
@@ -178,7 +174,6 @@ class SweepResults:
         """Yield the numbers of a pose, NaN where they are undetermined.
 
         Args:
-            place: Number of the pose.
             tracked: Frequencies of its tracked modes ``(t,)`` [Hz].
         """
         pose, errors = sweep_pose(self.sweep, place).name, self.sampled_errors.get(place, {})
@@ -237,11 +232,8 @@ def collect_results(
 
     Args:
         scene: Tells what was asked for.
-        sweep: The poses.
         found: One result per pose, in order.
         superelements: By component name, in the order of the shapes' dofs.
-        key: Of the results.
-        remarks: For the user.
     """
     shapes = _stack_shapes(found)
     modes = tracked = None
@@ -399,10 +391,6 @@ def _pad(rows: Sequence[FloatArray]) -> FloatArray:
 def name_tracked_modes(parts: MachineParts, results: SweepResults) -> SweepResults:
     """The results with a name per tracked mode, and the errors of its frequency and of the
     compliances in the pose it was named in.
-
-    Args:
-        parts: Of the machine.
-        results: Of the sweep.
     """
     if results.tracked is None:
         return results
@@ -436,9 +424,6 @@ def name_pose_modes(
     """All modes of a pose with names and errors, and its compliances.
 
     Args:
-        parts: Of the machine.
-        results: Of the sweep.
-        number: Of the pose.
         with_static: Compute the compliances that are swept, too; empty where the machine moves
             freely.
     """

@@ -70,8 +70,6 @@ class SweepJob:
 
     Attributes:
         scene: With only the analyses that are swept.
-        sweep: Its poses.
-        folder: Of the results.
         part: Share of the poses that this job computes.
         retry: Poses that failed before are computed again.
     """
@@ -91,7 +89,6 @@ class SweepOutcome:
         key: Of everything a pose's result depends on.
         results: One per pose, in order; None for poses that another part computes.
         computed: How many this job computed, on all ranks.
-        remarks: On the direction of the feed.
         parts: What the machine is made of; complete on rank 0.
         superelements: By component name, without their recovery.
     """
@@ -146,7 +143,6 @@ def run_sweep(
 
     Args:
         job: The same on every rank.
-        comm: Collective.
         observer: Called with each component's stage as it ends, on rank 0.
 
     Raises:

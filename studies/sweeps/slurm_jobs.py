@@ -47,7 +47,6 @@ class SlurmOptions:
 
     Attributes:
         tasks: Array tasks the poses are dealt out to.
-        ranks: MPI ranks of each.
         partition: None for the cluster's own choice.
         time_limit: Of each task, as ``sbatch --time`` takes it; None for the partition's.
         extra: Further options of ``sbatch``, each as it stands on a ``#SBATCH`` line.
@@ -67,14 +66,9 @@ class ArrayJob:
     Attributes:
         launcher: Words that start the program on the node: the launcher of the checkout that
             submits, which enters the private root there, or the Python of an installed package.
-        scene: Scene file.
-        sweep: Name in the scene.
-        folder: Of the results.
         key: Of everything a pose's result depends on: a task on a node that has another program or
             scene ends with an error.
-        options: Of the cluster.
         arguments: Further words of the command line: variant, overrides, retry.
-        start_folder: Where the job starts.
         environment: Variables that are set in the script.
     """
 
@@ -94,11 +88,8 @@ class Submission:
     """What is kept of a submitted array job, so that a later command finds it.
 
     Attributes:
-        key: Of the sweep.
-        job: Number of the array job.
         components_job: Of the job before it that reduces the components; empty without one.
         tasks: The array was split for.
-        submitted: Tasks that were submitted.
     """
 
     key: str
@@ -116,8 +107,6 @@ class CommandJob:
         launcher: Words that start the program on the node.
         words: Of the command line, without those for the cluster and the ranks.
         folder: For script and log, absolute.
-        options: Of the cluster.
-        start_folder: Where the job starts.
         environment: Variables that are set in the script.
     """
 
@@ -218,11 +207,7 @@ def _list_settings(
     """Lines for sbatch.
 
     Args:
-        name: Of the job.
-        array: Numbers of its tasks.
         folder: Of the results, with one for the logs.
-        start_folder: Where the job starts.
-        options: Of the user.
     """
     log = f"{folder / FOLDER}".replace("\\", "\\\\").replace("%", "%%") + f"/{LOG_PATTERN}"
     settings = [
@@ -262,9 +247,7 @@ def _check_values(
     Args:
         settings: What stands in lines for sbatch, by what it is.
         words: What is quoted for the shell, by what it is.
-        options: Of the user.
         arguments: Further words of the command line, quoted for the shell.
-        environment: Variables that are set.
     """
     settings = {
         **settings,
@@ -297,7 +280,6 @@ def list_missing(sweep: Sweep, done: Collection[bytes], tasks: int) -> dict[int,
     out.
 
     Args:
-        sweep: Of the scene.
         done: Positions of finished poses, as bytes.
         tasks: How many share the poses.
     """
@@ -334,7 +316,6 @@ def log_file(folder: Path, job: str, task: int) -> Path:
 
     Args:
         folder: Of the sweep's results.
-        job: Number of the array job.
         task: Number of the task, from 1.
     """
     return folder / FOLDER / f"{job}_{task}.log"
@@ -351,7 +332,6 @@ def wait_for_array(
     """Wait until no task is in the queue or runs.
 
     Args:
-        submission: The array job.
         on_change: Called with how many tasks are in which state, whenever that changes.
 
     Returns:
@@ -404,7 +384,6 @@ def describe_missing(
 
     Args:
         folder: Folder of the sweep's results, with the logs of its tasks.
-        sweep: Its poses.
         submission: Numbers of the array job and of the job that made the components.
         missing: Task to the poses that it lacks.
         states: Task to how Slurm says it ended.

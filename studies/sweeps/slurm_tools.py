@@ -64,8 +64,6 @@ def submit(script: Path, tasks: Collection[int], *, after: str = "") -> str:
     """Submit array tasks of a job script.
 
     Args:
-        script: Job script.
-        tasks: Numbers of the array tasks.
         after: Number of a job that has to succeed first.
 
     Returns:
