@@ -209,7 +209,7 @@ def solve_variant(
     effort, superelements = _make_components(state)
     if not state.is_root:
         return None
-    stands = choose_pose(scene, pose)
+    stands = _choose_pose(scene, pose)
     try:
         solution = _answer(
             state, choice, stands, _add_steps(effort, {"load": loading}), superelements
@@ -329,7 +329,7 @@ def name_uncompared(scene: Scene) -> tuple[str, ...]:
     return tuple(found)
 
 
-def choose_pose(scene: Scene, name: str | None) -> Pose:
+def _choose_pose(scene: Scene, name: str | None) -> Pose:
     """A pose by name, or the first one that the analyses ask for.
 
     Raises:

@@ -178,7 +178,7 @@ class Case:
     fresh: int = 0
 
 
-def on_root(compute: Callable[[], list[ValidationRow]]) -> CaseFunction:
+def _on_root(compute: Callable[[], list[ValidationRow]]) -> CaseFunction:
     """Return a case that rank 0 computes alone, its rows on every rank."""
     return lambda comm: make_on_root(comm, compute)
 
@@ -299,7 +299,7 @@ CASES: tuple[Case, ...] = (
         "mesh-estimates-response",
         "estimates",
         "± of meshes in frequency responses against fine meshes",
-        on_root(check_mesh_response_estimates),
+        _on_root(check_mesh_response_estimates),
     ),
     Case(
         "beam-accuracy",
@@ -318,7 +318,7 @@ CASES: tuple[Case, ...] = (
         "coverage",
         "estimates",
         "how often ± covers the truth, over 49 parts",
-        on_root(check_coverage),
+        _on_root(check_coverage),
         on_request=True,
         draw=cover_new_parts,
         fresh=FRESH_PARTS,
@@ -327,51 +327,51 @@ CASES: tuple[Case, ...] = (
         "coverage-hex",
         "estimates",
         "the same over 24 parts of coarse hexahedra between the edges of patches",
-        on_root(check_hex_coverage),
+        _on_root(check_hex_coverage),
         on_request=True,
     ),
     Case(
         "coverage-adapted",
         "estimates",
         "the same over 12 STEP parts whose meshes follow the errors of the one before",
-        on_root(check_adapted_coverage),
+        _on_root(check_adapted_coverage),
         on_request=True,
     ),
     Case(
         "coverage-search",
         "estimates",
         "what searches for 1 % call met on twelve rings, tubes and bent bars",
-        on_root(check_search),
+        _on_root(check_search),
         on_request=True,
     ),
     Case(
         "coverage-search-fresh",
         "estimates",
         "the same on eight fresh ones: elliptical ring, frustum, S-bent pipe, slotted tube, U-bar",
-        on_root(check_fresh_search),
+        _on_root(check_fresh_search),
         on_request=True,
     ),
     Case(
         "coverage-search-smoke",
         "estimates",
         "the same on two of the twelve",
-        on_root(check_search_smoke),
+        _on_root(check_search_smoke),
         on_request=True,
     ),
     Case(
         "probes",
         "estimates",
         "how often ± covers the truth at probes, over 49 parts",
-        on_root(check_probes),
+        _on_root(check_probes),
         on_request=True,
     ),
-    Case("probes-smoke", "estimates", "the same on one part", on_root(check_probes_smoke)),
-    Case("coverage-smoke", "estimates", "the same on two parts", on_root(check_coverage_smoke)),
+    Case("probes-smoke", "estimates", "the same on one part", _on_root(check_probes_smoke)),
+    Case("coverage-smoke", "estimates", "the same on two parts", _on_root(check_coverage_smoke)),
     Case(
         "model-estimates",
         "estimates",
         "what rigid and segmented bodies leave out, over 32 machines",
-        on_root(check_model_estimates),
+        _on_root(check_model_estimates),
         on_request=True,
         draw=compare_new_machines,
         fresh=FRESH_MACHINES,
@@ -380,21 +380,21 @@ CASES: tuple[Case, ...] = (
         "model-estimates-smoke",
         "estimates",
         "the same on one machine",
-        on_root(check_model_estimates_smoke),
+        _on_root(check_model_estimates_smoke),
     ),
     Case(
         "peaks",
         "estimates",
         "± of peaks of frequency responses, and their accuracy when it is asked for, on three machines",
-        on_root(check_peaks),
+        _on_root(check_peaks),
         on_request=True,
     ),
-    Case("peaks-smoke", "estimates", "± alone, on one machine", on_root(check_peaks_smoke)),
+    Case("peaks-smoke", "estimates", "± alone, on one machine", _on_root(check_peaks_smoke)),
     Case(
         "axes-estimates",
         "estimates",
         "± of volumetric maps and of paths against fine meshes, on five machines",
-        on_root(check_axes_estimates),
+        _on_root(check_axes_estimates),
         on_request=True,
         draw=compare_new_axes,
         fresh=FRESH_AXES,
@@ -403,14 +403,14 @@ CASES: tuple[Case, ...] = (
         "axes-estimates-smoke",
         "estimates",
         "the same on one machine",
-        on_root(check_axes_smoke),
+        _on_root(check_axes_smoke),
         on_request=True,
     ),
     Case(
         "contour-estimates",
         "estimates",
         "± of contours against fine meshes, on a machine looked at and one held out",
-        on_root(check_contour_estimates),
+        _on_root(check_contour_estimates),
         on_request=True,
         draw=compare_new_contours,
         fresh=FRESH_CONTOURS,
@@ -419,45 +419,45 @@ CASES: tuple[Case, ...] = (
         "contour-estimates-smoke",
         "estimates",
         "the same of a short contour of one machine",
-        on_root(check_contour_smoke),
+        _on_root(check_contour_smoke),
     ),
     Case(
         "model-choice",
         "estimates",
         "whether a stated accuracy is kept and at what cost, over 20 machines",
-        on_root(check_model_choice),
+        _on_root(check_model_choice),
         on_request=True,
     ),
     Case(
         "part-choice",
         "estimates",
         "the same over ten parts alone",
-        on_root(check_part_choice),
+        _on_root(check_part_choice),
         on_request=True,
     ),
     Case(
         "model-choice-smoke",
         "estimates",
         "`model-choice` on one machine",
-        on_root(check_model_choice_smoke),
+        _on_root(check_model_choice_smoke),
     ),
     Case(
         "reduction-estimates",
         "estimates",
         "± of frequencies against unreduced machines",
-        on_root(check_frequency_estimates),
+        _on_root(check_frequency_estimates),
     ),
     Case(
         "reduction-estimates-step",
         "estimates",
         "± of a large STEP part's frequencies",
-        on_root(check_step_estimates),
+        _on_root(check_step_estimates),
     ),
     Case(
         "response-estimates",
         "estimates",
         "± of frequency responses against direct solves",
-        on_root(check_response_estimates),
+        _on_root(check_response_estimates),
     ),
     Case(
         "known-stiffnesses",
@@ -469,38 +469,38 @@ CASES: tuple[Case, ...] = (
         "rail-bases",
         "guideways",
         "splines, polynomials and frames as dofs of a rail",
-        on_root(check_rail_bases),
+        _on_root(check_rail_bases),
     ),
     Case(
         "flexible-interfaces",
         "interfaces",
         "beams, plates and blocks cut and joined again against one mesh",
-        on_root(check_flexible_interfaces),
+        _on_root(check_flexible_interfaces),
         on_request=True,
     ),
     Case(
         "flexible-interfaces-smoke",
         "interfaces",
         "the same on a beam",
-        on_root(check_flexible_smoke),
+        _on_root(check_flexible_smoke),
     ),
     Case(
         "guideway",
         "guideways",
         "a table at 50 places of its rails against a model of its own at each",
-        on_root(check_guideway),
+        _on_root(check_guideway),
     ),
     Case(
         "path-test",
         "path",
         "the path test of Kono et al. with variants BE and YCE",
-        on_root(check_path_test),
+        _on_root(check_path_test),
     ),
     Case(
         "path-cross-check",
         "path",
         "a path by parallel-transported modes and by absolute coordinates",
-        on_root(check_path_methods),
+        _on_root(check_path_methods),
     ),
     Case("rod-step", "time_response", "a rod under a suddenly applied force", check_rod_step),
     Case(
@@ -698,7 +698,7 @@ CASES: tuple[Case, ...] = (
 )
 
 
-def case_names() -> list[str]:
+def _case_names() -> list[str]:
     """Return the names of all cases."""
     return [case.name for case in CASES]
 
@@ -723,13 +723,13 @@ def select_cases(names: Sequence[str]) -> list[Case]:
     Raises:
         UnknownCaseError: A name is neither a case nor a group.
     """
-    known = {*case_names(), *group_names()}
+    known = {*_case_names(), *group_names()}
     unknown = [name for name in names if name.lower() not in known]
     if unknown:
         hints = difflib.get_close_matches(unknown[0].lower(), sorted(known), n=1)
         hint = f" (did you mean {hints[0]!r}?)" if hints else ""
         raise UnknownCaseError(
-            f"unknown validation case {unknown[0]!r}{hint}; groups: {', '.join(group_names())}; cases: {', '.join(case_names())}"
+            f"unknown validation case {unknown[0]!r}{hint}; groups: {', '.join(group_names())}; cases: {', '.join(_case_names())}"
         )
     wanted = {name.lower() for name in names}
     return [
@@ -752,7 +752,7 @@ def _from_seed(case: Case, seed: int) -> CaseFunction:
             f"{case.name}: seeds below {case.fresh} were used before; write --seed {case.fresh} or more"
         )
     draw = case.draw
-    return on_root(lambda: draw(seed))
+    return _on_root(lambda: draw(seed))
 
 
 def run_validation(

@@ -157,7 +157,7 @@ def list_catalogue(name: str | None, *, markdown: bool, json_file: Path | None) 
     else:
         _print_families(entries)
     if json_file is not None:
-        write_output(json_file, dump_json([summarise_entry(entry) for entry in entries]).encode())
+        write_output(json_file, dump_json([_summarise_entry(entry) for entry in entries]).encode())
     return 0
 
 
@@ -335,7 +335,7 @@ def _toml(entry: CatalogueEntry, keys: TomlTable) -> Iterator[str]:
         yield f"{key} = {write_value(value)}"
 
 
-def summarise_entry(entry: CatalogueEntry) -> EntrySummary:
+def _summarise_entry(entry: CatalogueEntry) -> EntrySummary:
     """An element for other programs."""
     family = entry.family
     return {

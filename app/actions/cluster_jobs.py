@@ -129,7 +129,7 @@ def _require_cluster(ranks: int) -> None:
         raise click.UsageError(str(error)) from error
 
 
-def find_launcher() -> tuple[str, ...]:
+def _find_launcher() -> tuple[str, ...]:
     """Words that start this program on a node: the launcher of a checkout, or of an installed package
     the Python that it is installed in.
     """
@@ -157,7 +157,7 @@ def _submit(
     folder = job.folder.absolute()
     script = folder / SCRIPT_FILE
     array = ArrayJob(
-        find_launcher(),
+        _find_launcher(),
         job.scene.path.absolute(),
         job.sweep.name,
         folder,
@@ -219,7 +219,7 @@ def _wait(job: SweepJob, submission: Submission, key: str) -> None:
         raise SlurmError(describe_missing(job.folder, job.sweep, submission, missing, states))
 
 
-def leave_out_cluster(words: Sequence[str]) -> tuple[str, ...]:
+def _leave_out_cluster(words: Sequence[str]) -> tuple[str, ...]:
     """The words of a command line without the options of the cluster and the number of ranks."""
     kept: list[str] = []
     rest = iter(words)
@@ -245,7 +245,7 @@ def command_on_slurm(words: Sequence[str], options: SlurmOptions, ranks: int, *,
         SlurmError: Slurm refuses the job, or it ended without an exit code.
     """
     _require_cluster(ranks)
-    kept = leave_out_cluster(words)
+    kept = _leave_out_cluster(words)
     key = hashlib.sha256(canonical_json([*kept, str(Path.cwd())]).encode()).hexdigest()
     folder = (Path("results") / "slurm" / f"{kept[0]}-{key[:8]}").absolute()
     with claim_output(folder, (COMMAND_FILE,), (FOLDER,)):
@@ -266,7 +266,7 @@ def _submit_command(
     words: tuple[str, ...], options: SlurmOptions, folder: Path, key: str
 ) -> Submission:
     job = CommandJob(
-        launcher=find_launcher(),
+        launcher=_find_launcher(),
         words=words,
         folder=folder,
         options=options,

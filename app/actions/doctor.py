@@ -170,17 +170,17 @@ def check_environment() -> list[Check]:
     """Ask everything; two questions at a time."""
     with ThreadPoolExecutor(2) as pool:
         libraries = list(pool.map(ask, LIBRARIES))
-        ranks = pool.submit(check_ranks)
+        ranks = pool.submit(_check_ranks)
     packages = [check_package(package) for package in PYTHON_PACKAGES] + [
         check_package(Package(name, without="the tests")) for name in TEST_PACKAGES
     ]
     return [
-        *check_python(),
+        *_check_python(),
         *libraries,
         ranks.result(),
         *packages,
-        check_compiler(),
-        *check_machine(),
+        _check_compiler(),
+        *_check_machine(),
     ]
 
 
@@ -235,7 +235,7 @@ def check_package(package: Package) -> Check:
     return Check(package.module, version + " (optional)" * bool(package.without), "ok")
 
 
-def check_python() -> list[Check]:
+def _check_python() -> list[Check]:
     """The interpreter, where it comes from and which copy of the code it runs."""
     version = ".".join(map(str, sys.version_info[:3]))
     marker = Path("/etc/headstock-root")
@@ -254,7 +254,7 @@ def check_python() -> list[Check]:
     ]
 
 
-def check_ranks() -> Check:
+def _check_ranks() -> Check:
     """Whether two ranks start and add up."""
     mpirun = shutil.which("mpirun")
     remedy = "--ranks needs mpirun of the MPI that mpi4py was built with: on Debian openmpi-bin"
@@ -281,7 +281,7 @@ def check_ranks() -> Check:
     return Check("MPI, 2 ranks", answer, "ok" if good else "missing", "" if good else remedy)
 
 
-def check_compiler() -> Check:
+def _check_compiler() -> Check:
     """The C compiler and headers by which the element kernels are made."""
     header = Path(sysconfig.get_paths()["include"]) / "Python.h"
     compiler = shutil.which("cc") or shutil.which("gcc")
@@ -301,7 +301,7 @@ def check_compiler() -> Check:
     )
 
 
-def check_machine() -> list[Check]:
+def _check_machine() -> list[Check]:
     """Cores, threads, memory and room in the cache folder."""
     threads = os.environ.get("OMP_NUM_THREADS", "not set")
     cache = cache_folder()

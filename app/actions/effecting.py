@@ -63,13 +63,13 @@ KINDS = (EFFECTS, *MODEL_KINDS)  # what may be tried
 SHOWN = 3  # kinds of numbers per effect
 
 
-def print_trials(trials: Sequence[EffectTrial]) -> None:
+def _print_trials(trials: Sequence[EffectTrial]) -> None:
     """A block per effect that moves anything, those that matter most first, then a line per
     effect.
     """
     for trial in [trial for trial in trials if trial.largest > 0.0]:
         beside = f", in both runs beside {trial.together_with}" if trial.together_with else ""
-        times = f"{show_seconds(trial.seconds_with)} with, {show_seconds(trial.seconds_without)} without"
+        times = f"{_show_seconds(trial.seconds_with)} with, {_show_seconds(trial.seconds_without)} without"
         print(f"\n{trial.effect} ({'named' if trial.active else 'not named'}{beside}; {times})")
         for change in [change for change in trial.changes if change.share > 0.0][:SHOWN]:
             print(f"  {change.label:<24} {show_share(change.share):>9}   {_describe(change)}")
@@ -84,7 +84,7 @@ def tell_trial(trial: EffectTrial) -> str:
         return f"{trial.effect}: not tried: {trial.obstacle}"
     name = f"{trial.effect} beside {trial.together_with}" if trial.together_with else trial.effect
     if trial.largest == 0.0:
-        times = f"{show_seconds(trial.seconds_with)} with, {show_seconds(trial.seconds_without)} without"
+        times = f"{_show_seconds(trial.seconds_with)} with, {_show_seconds(trial.seconds_without)} without"
         return f"{name}: {trial.advice} ({times})"
     moved = trial.changes[0]
     cost = (
@@ -95,7 +95,7 @@ def tell_trial(trial: EffectTrial) -> str:
     return f"{name}: {show_share(moved.share)} of {moved.label}, {cost}: {trial.advice}"
 
 
-def show_seconds(seconds: float) -> str:
+def _show_seconds(seconds: float) -> str:
     """Processor time with two digits."""
     return f"{seconds:.0f} s" if seconds >= 10.0 else f"{seconds:.2g} s"
 
@@ -216,7 +216,7 @@ def _publish(
 ) -> int:
     if ranked:
         print("\nEffects switched on or off; processor seconds without meshing and reduction")
-        print_trials(ranked)
+        _print_trials(ranked)
     print_findings(findings)
     if scene.accuracy is not None:
         print(

@@ -44,7 +44,7 @@ SEEN_FAINTLY = 0.5
 UNIDENTIFIABLE_SHOWN = 6
 
 
-def print_task(task: IdentificationTask) -> None:
+def _print_task(task: IdentificationTask) -> None:
     """Name what is fitted to what."""
     held_out = [held for case in task.cases for held in case.held_out]
     held = sum(held_out)
@@ -54,7 +54,7 @@ def print_task(task: IdentificationTask) -> None:
     )
 
 
-def print_cost(problem: FitProblem) -> None:
+def _print_cost(problem: FitProblem) -> None:
     """Say which components are meshed anew, as this is what a fit then takes its time for."""
     meshed: dict[str, list[str]] = {}
     for model in problem.cases:
@@ -69,7 +69,7 @@ def print_cost(problem: FitProblem) -> None:
         make_console().print(text, markup=False, soft_wrap=True)
 
 
-def print_start(record: StartRecord) -> None:
+def _print_start(record: StartRecord) -> None:
     """One line per start."""
     refused = f", {record.refused} refused" if record.refused else ""
     moved = f", {record.exchanges} exchange(s) of modes" if record.exchanges else ""
@@ -78,7 +78,7 @@ def print_start(record: StartRecord) -> None:
     make_console().print(line, markup=False, soft_wrap=True)
 
 
-def print_identification(found: Identification, folder: Path) -> None:
+def _print_identification(found: Identification, folder: Path) -> None:
     """Everything a fit found."""
     console = make_console()
     console.print()
@@ -207,18 +207,18 @@ def identify_request(
     output = request.output or Path("results") / f"{request.scene.path.stem}-{request.targets.stem}"
     with claim_on_root(comm, output, (OVERRIDES_FILE, RECORD_FILE)):
         if comm.rank == 0:
-            print_task(loaded.task)
+            _print_task(loaded.task)
         problem = prepare_problem(loaded, Store(default_store_root()), comm)
         if comm.rank == 0:
-            print_cost(problem)
-        starts = fit(problem, print_start, comm=comm)
+            _print_cost(problem)
+        starts = fit(problem, _print_start, comm=comm)
 
         def publish() -> int:
             found = assess_starts(problem, loaded.task.name, starts)
             summary = summarise_identification(found)
             summary["seconds"] = time.perf_counter() - begin
             _publish(request, found, summary, output, origin)
-            print_identification(found, output)
+            _print_identification(found, output)
             return DONE if found.converged else FAILED
 
         return make_on_root(comm, publish)

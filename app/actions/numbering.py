@@ -31,7 +31,7 @@ def list_numbers(
     for path in (csv_file, json_file):
         if path is not None:
             check_output(path)
-    tables = select_numbers(read_tables(folder), pattern)
+    tables = _select_numbers(read_tables(folder), pattern)
     if csv_file is not None:
         write_output(csv_file, encode_csv(_tabulate(tables)))
     if json_file is not None:
@@ -46,7 +46,7 @@ def list_numbers(
     return 0
 
 
-def select_numbers(tables: Mapping[str, Numbers], pattern: str | None) -> dict[str, Numbers]:
+def _select_numbers(tables: Mapping[str, Numbers], pattern: str | None) -> dict[str, Numbers]:
     """Return the numbers whose names fit a pattern, of the tables that have any.
 
     Raises:

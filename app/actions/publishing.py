@@ -75,7 +75,7 @@ def publish_run(
         folder, FIGURES_FOLDER, {f"{name}.png": image for name, image in images.items()}
     )
     stills = Stills(stills_by_pose(view, drawn.images), drawn.remark)
-    write_report(folder, run, stills, read_worth(folder, run.summary))
+    write_report(folder, run, stills, _read_worth(folder, run.summary))
     return list(dict.fromkeys([*remarks, *(part.remark for part in (drawn, *more) if part.remark)]))
 
 
@@ -94,7 +94,7 @@ def renew_report(folder: Path) -> Path:
     return folder / REPORT_FILE
 
 
-def read_worth(folder: Path, summary: RunSummary) -> Worth | None:
+def _read_worth(folder: Path, summary: RunSummary) -> Worth | None:
     """What effects and models of the scene are worth, where ``effects.json`` of the same scene lies
     beside its results.
     """

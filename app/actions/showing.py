@@ -137,11 +137,11 @@ def _show_machine(
     if window:
         show_numbered(surface)
     else:
-        write_picture(surface, picture or Path(f"{scene.path.stem}_machine.png"))
+        _write_picture(surface, picture or Path(f"{scene.path.stem}_machine.png"))
     return 0
 
 
-def write_picture(surface: LabelledSurface, path: Path) -> None:
+def _write_picture(surface: LabelledSurface, path: Path) -> None:
     """Draw a surface with labels from four sides to a PNG file.
 
     Raises:
@@ -245,7 +245,7 @@ def _show_part(
         console.print(format_suggestions(name, suggestions), markup=False, soft_wrap=True)
     numbers = {face.number: str(face.number) for face in survey.faces}
     surface = LabelledSurface(survey.points, survey.triangles, survey.owners, numbers, title)
-    write_picture(surface, request.picture or Path(f"{name}_faces.png"))
+    _write_picture(surface, request.picture or Path(f"{name}_faces.png"))
     if request.json_file is not None:
         content = {
             "file": solid.path.name,

@@ -67,7 +67,7 @@ def parse_part(text: str) -> Part:
     return Part(int(found[1]), int(found[2]))
 
 
-def compute_part(job: SweepJob, key: str | None, comm: MPI.Comm) -> int:
+def _compute_part(job: SweepJob, key: str | None, comm: MPI.Comm) -> int:
     """Compute the poses of one part that are in no journal yet.
 
     Args:
@@ -132,7 +132,7 @@ def sweep_request(request: SweepRequest, comm: MPI.Comm, origin: Provenance | No
     require_ranks(request.ranks, comm)
     job = make_on_root(comm, lambda: _make_job(request))
     if request.part is not None:
-        return compute_part(job, request.key, comm)
+        return _compute_part(job, request.key, comm)
     with (
         claim_output(
             job.folder,

@@ -25,7 +25,7 @@ NUMBER = 13
 FIGURES_MODULE = "headstock.app.charts.axis_kit"
 
 
-def print_validation(console: Console, rows: Sequence[ValidationRow]) -> None:
+def _print_validation(console: Console, rows: Sequence[ValidationRow]) -> None:
     """Print rows grouped by case, then how many passed."""
     head = _line("quantity", "value", "reference", "unit", "error", "allowed", "kind")
     for case, members in groupby(rows, key=lambda row: row.case):
@@ -128,7 +128,7 @@ def validate_cases(
         except (UnknownCaseError, SeedError) as error:
             raise click.UsageError(str(error)) from error
         if comm.rank == 0:
-            print_validation(make_console(), rows)
+            _print_validation(make_console(), rows)
             if json_file is not None:
                 write_output(json_file, rows_as_json(rows).encode())
             if output is not None:

@@ -168,7 +168,7 @@ def calm_axes(axes: Axes, *, grid: Literal["x", "y", "both"] = "x") -> None:
     axes.set_axisbelow(True)
 
 
-def choose_ticks(low: float, high: float, letters: float = math.inf) -> list[float]:
+def _choose_ticks(low: float, high: float, letters: float = math.inf) -> list[float]:
     """Round numbers from low to high for a logarithmic axis: whole decades, or some of them, where more
     would be many or touch.
 
@@ -205,7 +205,7 @@ def label_decades(axes: Axes) -> None:
     figure, place = axes.get_figure(root=True), axes.get_subplotspec()
     columns = place.get_gridspec().ncols if place is not None else 1
     width = PANEL_SHARE * figure.get_figwidth() / columns if figure is not None else math.inf
-    ticks = choose_ticks(low, high, width / TICK_INCHES)
+    ticks = _choose_ticks(low, high, width / TICK_INCHES)
     axes.set_xticks(ticks, [_show_round(tick) for tick in ticks])
     axes.set_xlim(low, high)
     axes.xaxis.set_minor_formatter(NullFormatter())
@@ -215,7 +215,7 @@ def label_decades(axes: Axes) -> None:
 def label_shares(axes: Axes) -> None:
     """Round per cents at a logarithmic y axis of shares."""
     low, high = axes.get_ylim()
-    axes.set_yticks(choose_ticks(low, high))
+    axes.set_yticks(_choose_ticks(low, high))
     axes.set_ylim(low, high)
     axes.yaxis.set_minor_formatter(NullFormatter())
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{100.0 * value:g} %"))

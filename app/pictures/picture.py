@@ -109,7 +109,7 @@ class PictureFrame:
 def frame_picture(picture: Picture) -> PictureFrame:
     """The frame that shows all points of a picture, at rest too, with a margin."""
     points = picture.points if picture.ghost is None else np.vstack([picture.points, picture.ghost])
-    axes = camera_axes(picture.camera)
+    axes = _camera_axes(picture.camera)
     seen = points @ axes.T
     low, high = seen.min(axis=0), seen.max(axis=0)
     half = 0.5 * (high - low)
@@ -119,7 +119,7 @@ def frame_picture(picture: Picture) -> PictureFrame:
     return PictureFrame(axes, axes.T @ (0.5 * (low + high)), half_height, reach)
 
 
-def camera_axes(towards: FloatArray) -> FloatArray:
+def _camera_axes(towards: FloatArray) -> FloatArray:
     """Rows ``(3, 3)``: to the right, up and towards the viewer, in the machine frame."""
     towards = towards / np.linalg.norm(towards)
     right = np.cross([0.0, 0.0, 1.0], towards)

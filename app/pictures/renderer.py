@@ -34,7 +34,7 @@ def draw_pictures(pictures: list[Picture]) -> dict[str, bytes]:
 
 def _draw_one(picture: Picture) -> bytes:
     plotter = pyvista.Plotter(off_screen=True, window_size=list(picture.size), lighting="none")
-    compose_picture(plotter, picture)
+    _compose_picture(plotter, picture)
     if picture.flat:
         plotter.disable_anti_aliasing()
         plotter.render_window.SetMultiSamples(0)
@@ -53,7 +53,7 @@ def open_window(pictures: list[Picture]) -> None:
     plotter.enable_anti_aliasing("msaa")
     # nothing moved in front: it would be elsewhere as soon as the view turns
     marks = tuple(replace(marks, in_front=False) for marks in picture.marks)
-    compose_picture(plotter, replace(picture, marks=marks), fineness=1.0, opacity=WINDOW_OPACITY)
+    _compose_picture(plotter, replace(picture, marks=marks), fineness=1.0, opacity=WINDOW_OPACITY)
     plotter.set_background("white")
     plotter.add_axes()
     for color in dict.fromkeys(note.color for note in picture.notes):
@@ -71,7 +71,7 @@ def open_window(pictures: list[Picture]) -> None:
     plotter.show()
 
 
-def compose_picture(
+def _compose_picture(
     plotter: pyvista.Plotter, picture: Picture, *, fineness: float = FINENESS, opacity: float = 1.0
 ) -> None:
     """Put everything that a picture shows in front of a plotter's camera.

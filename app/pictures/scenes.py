@@ -50,7 +50,7 @@ def list_machine_pictures(view: MachineView) -> list[Picture]:
 def list_mode_pictures(summary: RunSummary, view: MachineView) -> list[Picture]:
     """The modes of each pose."""
     return [
-        mode_picture(
+        _mode_picture(
             f"mode_{file_stem(modes['pose_name'])}_{modes.get('modes_below', 0) + index + 1:02d}",
             view,
             view.poses[modes["pose_name"]],
@@ -82,7 +82,7 @@ def rest_picture(name: str, view: MachineView, pose: PoseView, size: tuple[int, 
     return Picture(name, joined.points, joined.triangles, joined.edges, colors, size, marks=marks)
 
 
-def mode_picture(
+def _mode_picture(
     name: str, view: MachineView, pose: PoseView, index: int, size: tuple[int, int]
 ) -> Picture:
     """A natural mode at its turning point, coloured by displacement, with the undeformed machine as

@@ -79,12 +79,12 @@ def print_convergence(advice: MeshAdvice, *, folder: Path, files: Sequence[str])
     _print_trials(console, advice.trials)
     print_remarks([f"left out: {failure[:ERROR_LENGTH]}" for failure in found.failures])
     console.print(f"no finer mesh: {found.end[:ERROR_LENGTH]}", markup=False)
-    console.print(sum_up(advice), style="bold", markup=False)
+    console.print(_sum_up(advice), style="bold", markup=False)
     meshes = counted(len(found.records), "mesh", "meshes")
     console.print(f"{meshes}, results in {folder} ({', '.join(files)})", markup=False)
 
 
-def sum_up(advice: MeshAdvice) -> str:
+def _sum_up(advice: MeshAdvice) -> str:
     """One sentence: the first number, what an accuracy takes, and what may be left out."""
     found, need = advice.found, advice.needs[0]
     first, limit = found.watched[0], found.limits[0]
@@ -92,7 +92,7 @@ def sum_up(advice: MeshAdvice) -> str:
     seen = "" if limit.order is not None else f" ({limit.remark})"
     every = " in every number" if len(found.watched) > 1 else ""
     cost = f"{_show_seconds(need.seconds)} s, {show_count(need.memory_mb)} MB"
-    mesh = f"about {show_count(need.dofs)} dofs ({show_sizes(found.series, need.factor)})"
+    mesh = f"about {show_count(need.dofs)} dofs ({_show_sizes(found.series, need.factor)})"
     ways = {
         "coarsest": f"{mesh} are enough",
         "between": f"you need {mesh}",
@@ -129,7 +129,7 @@ def _sum_features(advice: MeshAdvice) -> list[str]:
     return [f"fillets and holes up to {radius} do not matter ({change} at most)"]
 
 
-def show_sizes(series: MeshSeries, factor: float) -> str:
+def _show_sizes(series: MeshSeries, factor: float) -> str:
     """The element size, or those of several components, at a factor."""
     sizes = series.sizes(factor)
     if len(set(sizes.values())) == 1:
@@ -222,7 +222,7 @@ def _print_needs(console: Console, series: MeshSeries, needs: Sequence[MeshNeed]
             show_count(need.dofs),
             _show_seconds(need.seconds),
             show_count(need.memory_mb),
-            show_sizes(series, need.factor).removeprefix("size ").removeprefix("sizes "),
+            _show_sizes(series, need.factor).removeprefix("size ").removeprefix("sizes "),
             f"{by}{ways[need.reach]}",
         )
     print_table(console, "Mesh needed for an accuracy of all numbers", table)
@@ -328,7 +328,7 @@ def list_convergence(advice: MeshAdvice, scene: Path) -> ConvergenceListing:
     costs, series = found.costs, found.series
     return {
         "scene": scene.name,
-        "text": sum_up(advice),
+        "text": _sum_up(advice),
         "meshes": [
             {
                 "sizes": series.sizes(factor),

@@ -21,10 +21,10 @@ def print_findings(findings: Sequence[ModelFinding]) -> None:
         return
     print("\nModels, one change at a time; processor seconds with meshing and reduction")
     if tried:
-        print(f"as written: {show_price(tried[0].written)}")
+        print(f"as written: {_show_price(tried[0].written)}")
     idle = [each for each in tried if each.worth < IDLE]
     for each in [each for each in tried if each not in idle]:
-        print(f"\n{each.trial.name} ({show_price(each.tried)})")
+        print(f"\n{each.trial.name} ({_show_price(each.tried)})")
         for what, modes in (("lacks", each.missing), ("adds", each.added)):
             for mode in modes[:SHOWN]:
                 print(f"  {what} {mode}")
@@ -51,7 +51,7 @@ def _indent(words: str) -> str:
     return textwrap.fill(words, COLUMNS, initial_indent="      ", subsequent_indent="      ")
 
 
-def show_price(price: RunPrice) -> str:
+def _show_price(price: RunPrice) -> str:
     """Processor time with two digits, and peak memory."""
     seconds = price.cpu_seconds
     time = f"{seconds:.0f} s" if seconds >= 10.0 else f"{seconds:.2g} s"

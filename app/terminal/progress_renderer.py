@@ -76,7 +76,7 @@ class Renderer:
             write(render_line(self.label, now - self.begun, self.expected) + "\n")
             return
         self.drawn = True
-        write(CLEAR + render_bar(self.label, now - self.begun, self.expected, terminal_columns()))
+        write(CLEAR + render_bar(self.label, now - self.begun, self.expected, _terminal_columns()))
 
     def end(self) -> None:
         """The stage ended: take the bar away."""
@@ -91,7 +91,7 @@ def write(text: str) -> None:
     os.write(1, text.encode("utf-8", "replace"))
 
 
-def terminal_columns() -> int:
+def _terminal_columns() -> int:
     """Width of the terminal."""
     try:
         return os.get_terminal_size(1).columns or 80

@@ -44,7 +44,7 @@ ERROR_LENGTH = 300
 HEADING_WIDTH = 12
 
 
-def print_costs(points: Sequence[CostPoint]) -> None:
+def _print_costs(points: Sequence[CostPoint]) -> None:
     """Error and cost of each point, and the cheapest for each of some accuracies."""
     console = make_console()
     console.print()
@@ -227,7 +227,7 @@ def print_study(table: StudyTable, *, seconds: float, folder: Path) -> None:
     if table.series:
         _print_orders(console, table.series)
     if table.study.reference_run is not None:
-        print_costs(weigh_costs(table))
+        _print_costs(weigh_costs(table))
     failed = [row.record for row in table.rows if row.record.status == "failed"]
     for record in failed:
         name = ", ".join([record.family, *list_varied(record.varied)])
@@ -237,13 +237,13 @@ def print_study(table: StudyTable, *, seconds: float, folder: Path) -> None:
     for words in dict.fromkeys(words for row in table.rows for words in row.unknown):
         console.print(f"  {AND_MORE} : {words}", markup=False)
     print_remarks(list(dict.fromkeys(problem for row in table.rows for problem in row.problems)))
-    console.print(describe_timing(table), markup=False)
+    console.print(_describe_timing(table), markup=False)
     done = len(table.rows) - len(failed)
     text = f"{done} of {len(table.rows)} points done, {seconds:.2f} s in this run, results in {folder} ({POINTS_FILE}, study.csv)"
     console.print(text, style="bold", markup=False)
 
 
-def describe_timing(table: StudyTable) -> str:
+def _describe_timing(table: StudyTable) -> str:
     """How the seconds of a study were measured: store, repeats, threads, ranks."""
     records = [row.record for row in table.rows if row.record.seconds]
     threads, ranks = (
@@ -386,7 +386,7 @@ def list_study(table: StudyTable, scene: Path) -> StudyListing:
         "reference": table.study.reference,
         "store": "cold" if table.study.cold else "warm",
         "repeats": table.study.repeats,
-        "timing": describe_timing(table),
+        "timing": _describe_timing(table),
         "rows": [_list_row(row) for row in table.rows],
         "orders": [_list_series(series) for series in table.series],
     }

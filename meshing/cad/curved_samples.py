@@ -134,7 +134,7 @@ SAMPLES: dict[str, Callable[[Sizes], None]] = {
 }
 
 
-def write_sample(kind: str, sizes: Sizes, path: str) -> None:
+def _write_sample(kind: str, sizes: Sizes, path: str) -> None:
     """Write one solid as a STEP file.
 
     Args:
@@ -147,4 +147,4 @@ def write_sample(kind: str, sizes: Sizes, path: str) -> None:
 
 
 if __name__ == "__main__":
-    write_sample(sys.argv[1], json.loads(sys.argv[2]), sys.argv[3])
+    _write_sample(sys.argv[1], json.loads(sys.argv[2]), sys.argv[3])

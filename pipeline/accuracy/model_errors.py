@@ -77,7 +77,7 @@ def run_models_stage(state: RunState, stage: Stage) -> Outcome:
     and reductions of the finite elements leave out.
     """
     names = [name for name, part in state.plan.components.items() if is_simple(part)]
-    better = make_better_bodies(state, names)
+    better = _make_better_bodies(state, names)
     return repeat_judgement(state, compare_models(state, better)) if state.is_root else Outcome()
 
 
@@ -244,7 +244,7 @@ def _compare_lines(
     return found, float(np.nanmax(shares)) if np.isfinite(shares).any() else None
 
 
-def make_better_bodies(state: RunState, names: Iterable[str]) -> BetterBodies:
+def _make_better_bodies(state: RunState, names: Iterable[str]) -> BetterBodies:
     """Superelements of coarse finite elements for some bodies of a run; collective. Equal bodies
     share one, and the store keeps them.
 

@@ -222,7 +222,7 @@ def search_settings(
         judged = make_on_root(comm, lambda: recall_judged(scene, store))
         return _repeat_search(scene, known, judged, run_round)
     shapes = choose_shapes(
-        scene, plan_start(scene)[0], _goal(scene).to, lambda one: run_round(one, plan_scene(one))
+        scene, _plan_start(scene)[0], _goal(scene).to, lambda one: run_round(one, plan_scene(one))
     )
     if comm.rank == 0:
         for own in shapes:
@@ -254,7 +254,7 @@ def _refine_in_rounds(scene: Scene, run_round: RunRound, note: Note, most_rounds
     """
     goal, history = _goal(scene), History()
     rounds: list[AccuracyRound] = []
-    current, plan = plan_start(scene)
+    current, plan = _plan_start(scene)
     state = run_round(current, plan)
     failure = ""
     while True:
@@ -456,7 +456,7 @@ def _choose_models(
     return found
 
 
-def plan_start(scene: Scene) -> tuple[Scene, Plan]:
+def _plan_start(scene: Scene) -> tuple[Scene, Plan]:
     """The first round: settings, and stages up to the analyses that errors are estimated of.
 
     Raises:
@@ -513,7 +513,7 @@ def plan_first_round(scene: Scene) -> Plan:
     """
     if scene.accuracy is None:
         raise ValueError("the scene asks for no accuracy")
-    plan = plan_scene(dataclasses.replace(plan_start(scene)[0], analyses=scene.analyses))
+    plan = plan_scene(dataclasses.replace(_plan_start(scene)[0], analyses=scene.analyses))
     note = (
         f"accuracy = {100.0 * scene.accuracy.to:g} %: these are the settings of the first round. In up to {MOST_ROUNDS} rounds the"
         f" component with the largest error is refined. Meshes and modes written in the scene are not used"

@@ -311,7 +311,7 @@ class PathResult(Answer):
         """Write the curves of every feed, in the order of the scene."""
         feeds = file.create_group("path", track_order=True)
         for run in self.runs:
-            fill_path(feeds.create_group(run.curves.name.replace("/", " per ")), run.curves)
+            _fill_path(feeds.create_group(run.curves.name.replace("/", " per ")), run.curves)
 
 
 def list_run_numbers(runs: Iterable[PathRun]) -> Iterator[Number]:
@@ -431,7 +431,7 @@ def _summarise_zone(channel: Channel, zone: ZoneFigures, frozen: ZoneFigures) ->
     return found | {f"frozen_peak_{unit}": factor * frozen.peak}
 
 
-def fill_path(group: h5py.Group, curves: PathCurves) -> None:
+def _fill_path(group: h5py.Group, curves: PathCurves) -> None:
     """Write the curves of one feed, in SI."""
     group.attrs["feed"], group.attrs["zones"] = curves.feed, np.array(curves.zones)
     group.attrs["unit"] = curves.unit
@@ -453,7 +453,7 @@ def fill_path(group: h5py.Group, curves: PathCurves) -> None:
 
 
 def parse_path(group: h5py.Group) -> PathCurves:
-    """Read what ``fill_path`` wrote.
+    """Read what ``_fill_path`` wrote.
 
     Raises:
         KeyError: A part is missing.

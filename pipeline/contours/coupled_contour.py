@@ -153,7 +153,7 @@ def _list_breaks(plan: ContourPlan, rounding: float, end: float) -> list[float]:
     return [*breaks, end]
 
 
-def tool_channels(request: ContouringRequest) -> tuple[Channel, ...]:
+def _tool_channels(request: ContouringRequest) -> tuple[Channel, ...]:
     """Where the cut pushes, and where the tool moves."""
     return tuple((request.point or "", direction) for direction in DIRECTIONS)
 
@@ -243,7 +243,7 @@ def _lay_course(state: RunState, request: ContouringRequest) -> ContourTrajector
     motors = plan_motors(
         state,
         plan.path,
-        tool_channels(request),
+        _tool_channels(request),
         amounts=rigid.amounts,
         direction=_tool_direction(state),
     )
@@ -360,7 +360,7 @@ def _join_errors(
             trajectory, lambda now: PathMotion(now, np.ones(len(now)), np.zeros(len(now)))
         )
         spacing = min(spacing, errors.shortest / STEPS_PER_WAVE)
-    driven = DrivenTrajectory(trajectory, course.motors, tool_channels(request))
+    driven = DrivenTrajectory(trajectory, course.motors, _tool_channels(request))
     return _CoupledContour(state, request, course.plan, driven, spacing)
 
 
@@ -376,7 +376,7 @@ def coupled_face_dynamics(run: CoupledRun, request: ContouringRequest, face: int
         face: Number of the straight cut, counted from zero.
     """
     cut = run.plan.cuts[face]
-    now, tool = run.trajectory.sampled.at(np.array([cut.middle])), tool_channels(request)
+    now, tool = run.trajectory.sampled.at(np.array([cut.middle])), _tool_channels(request)
     frame: FloatArray = travel_frames(cut.travel[None], cut.part)[0]
     tip = frame @ now.rows_of(tool)[0]
     rest = frame @ now.direct_of(tool, tool)[0] @ frame.T

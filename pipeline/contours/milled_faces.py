@@ -53,7 +53,7 @@ def _mill_face(
     request: ContouringRequest, run: ContourRun, number: int, cut: StraightCut
 ) -> MilledFace:
     milling, per_tooth = request.cut, cut.feed * request.cut.tooth_period
-    motion = beside_face(request, run, cut)
+    motion = _beside_face(request, run, cut)
     beyond = 0.5 * BEYOND * min(milling.mill.diameter, cut.length)
     first = max(0.0, float(motion.along[0]) + beyond)
     last = min(cut.length, float(motion.along[-1]) - beyond)
@@ -131,7 +131,7 @@ def _left_out(request: ContouringRequest, run: ContourRun, cut: StraightCut) -> 
     return entry if enters else usual, entry if leaves else usual
 
 
-def beside_face(request: ContouringRequest, run: ContourRun, cut: StraightCut) -> ToolMotion:
+def _beside_face(request: ContouringRequest, run: ContourRun, cut: StraightCut) -> ToolMotion:
     """The axis of the tool along a face and a little beyond: where the rigid machine leads it, and
     its gap.
 

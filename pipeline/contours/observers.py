@@ -36,10 +36,10 @@ def probe_channels(names: Collection[str]) -> tuple[Channel, ...]:
     """Outputs of probes: all values, then what rates and accelerations add, then where the rigid travel
     takes them.
     """
-    return (*watch_probes(names).outputs, *ride_channels(names))
+    return (*watch_probes(names).outputs, *_ride_channels(names))
 
 
-def ride_channels(names: Iterable[str]) -> tuple[Channel, ...]:
+def _ride_channels(names: Iterable[str]) -> tuple[Channel, ...]:
     """Outputs of where the rigid travel takes probes."""
     return tuple((name, f"{RIDE} {along}") for name in names for along in DIRECTIONS)
 
@@ -72,7 +72,7 @@ def join_probes(parts: MachineParts, trajectory: RigidTrajectory) -> Join:
             # what modes that the component leaves out add follows its acceleration at once
             late = -moved_inertia(coupled, own, travels[coupled.offsets[probe.component]])
             ridden = carry_probe(coupled, own, travels)[:MOVED]
-            rides = ride_channels([name])
+            rides = _ride_channels([name])
             rows |= dict.fromkeys(rides, none)
             outputs = [*watch_probes([name]).channels, *rides]
             taken |= {
@@ -108,7 +108,7 @@ class DrivenBodies:
         """
         found = self.seen.observe(watch_probes(placed))
         if self.bodies and placed:
-            rides = self.seen.plant.direct_of(ride_channels(placed), self.bodies)
+            rides = self.seen.plant.direct_of(_ride_channels(placed), self.bodies)
             ridden = self.seen.motion.apply(rides, self.travels)
             moved = found.reshape(-1, len(placed), SEEN)[:, :, :MOVED]
             moved += ridden.reshape(-1, len(placed), MOVED)

@@ -63,7 +63,7 @@ def rotary_trajectory(
     """
     speeds = rotation_speeds(machine, path)
     step = STEP / max(speeds.values())
-    names = moving_bodies(machine, superelements)
+    names = _moving_bodies(machine, superelements)
     place = _place_along(machine, path)
 
     def amounts(positions: FloatArray) -> FloatArray:
@@ -143,7 +143,7 @@ def find_feed(
     return feed
 
 
-def moving_bodies(machine: Machine, names: Iterable[str]) -> tuple[str, ...]:
+def _moving_bodies(machine: Machine, names: Iterable[str]) -> tuple[str, ...]:
     """Those of the bodies that any axis moves."""
     moved = {name for axis in machine.axes.values() for name in axis.moves}
     return tuple(name for name in names if name in moved)
@@ -170,7 +170,7 @@ def rotary_path_motors(
     machine, drives = parts.scene.machine, tuple(parts.scene.drives.values())
     if not drives:
         return None
-    names, place = moving_bodies(machine, parts.superelements), _place_along(machine, path)
+    names, place = _moving_bodies(machine, parts.superelements), _place_along(machine, path)
     masses = np.array([parts.superelements[name].mass_kg for name in names])
     gravity = np.zeros(3) if parts.plan.gravity is None else np.asarray(parts.plan.gravity)
     first, last = (

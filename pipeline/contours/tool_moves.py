@@ -215,7 +215,7 @@ class ToolLine:
         return sample_motion(lambda where: held, [0.0, length], channels)
 
 
-def solve_line_moves(line: ToolLine) -> SolvedMoves:
+def _solve_line_moves(line: ToolLine) -> SolvedMoves:
     """Deviation over every move along a line.
 
     Raises:
@@ -334,7 +334,7 @@ def _answer(
         request,
         frequencies_hz=model.all_modes.frequencies_hz,
         damped=system.damping is not None or system.hysteretic is not None,
-        solve=lambda own, asked: solve_line_moves(lay_line(own, asked)),
+        solve=lambda own, asked: _solve_line_moves(lay_line(own, asked)),
     )
 
 

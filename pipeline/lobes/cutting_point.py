@@ -133,7 +133,7 @@ def prepare_point(machine: PoseModel) -> CuttingPoint:
             "a mode in the range has no damping, so every cut chatters; give joints or materials damping, or write"
             " [effects] damping = { modal = 0.02 }"
         )
-    omega = spread_lines(request, assembly, poles)
+    omega = _spread_lines(request, assembly, poles)
     tip = None if isinstance(assembly, MeasuredAssembly) else find_tip(request, system, modes)
     fastest = 0.0 if tip is None else float(np.abs(tip.values).max(initial=0.0))
     reach = BEYOND * max(float(omega.max()), fastest)
@@ -150,7 +150,7 @@ def highest_hz(request: LobesRequest, assembly: Assembly) -> float:
     return request.reach_hz
 
 
-def spread_lines(request: LobesRequest, assembly: Assembly, poles: ComplexArray) -> FloatArray:
+def _spread_lines(request: LobesRequest, assembly: Assembly, poles: ComplexArray) -> FloatArray:
     """Angular frequencies ``(f,)``: even, and denser at the poles of machine and tool."""
     reach = highest_hz(request, assembly)
     poles = poles[poles.imag <= (1.0 + REACHED) * 2.0 * np.pi * reach]

@@ -68,7 +68,7 @@ def _spread_coefficients(point: CuttingPoint, own: DirectionLobes, limits: Limit
     tip = turn_tip(poles, travel_frame(own.direction, request.up, request.part))
     half = np.zeros(len(limits.depths))
     for known in request.coefficients.ranges.values():
-        moved = [move_border(point, tip, limits, limits.limited, end).depth for end in known.ends]
+        moved = [_move_border(point, tip, limits, limits.limited, end).depth for end in known.ends]
         half += limits.depths * np.abs(np.array(moved) - 1.0).max(axis=0)
     return {CUTTING: half}
 
@@ -109,7 +109,7 @@ def _find_changes(
             frame: FloatArray = frame,
             border: Limits = border,
         ) -> Border:
-            return move_border(point, turn_tip(tip_of(change), frame), border, some)
+            return _move_border(point, turn_tip(tip_of(change), frame), border, some)
 
         changes = find_border_changes(space, find, border.chatter)
         by_source = {
@@ -130,7 +130,7 @@ def _find_changes(
     return errors
 
 
-def move_border(
+def _move_border(
     point: CuttingPoint,
     tip: TipPoles,
     limits: Limits,

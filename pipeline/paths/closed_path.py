@@ -100,11 +100,11 @@ def drive_path(
     if not friction_channels(path.loop.trains):
         return solve_controlled_path(path, move, samples)
     deviation, motion = solve_path_with_friction(path, move, samples)
-    check_energy(state, motion, move)
+    _check_energy(state, motion, move)
     return deviation
 
 
-def check_energy(state: RunState, motion: DrivenMotion, move: SetPoint) -> None:
+def _check_energy(state: RunState, motion: DrivenMotion, move: SetPoint) -> None:
     """Warns where the energy balance of a move with friction misses too much."""
     if motion.energy.error > ENERGY_LIMIT:
         state.warn(
@@ -163,5 +163,5 @@ def move_along(
     if not friction_channels(loop.trains):
         return solve_varying_control(loop, move, samples, table)
     deviation, motion = solve_varying_friction(loop, move, samples, table)
-    check_energy(state, motion, move)
+    _check_energy(state, motion, move)
     return deviation

@@ -89,7 +89,7 @@ def disturb_loop(
         outputs=(*request.outputs, *observers.outputs),
         up_to_hz=LINEAR_REACH * request.band_hz,
     )
-    step = min(shortest, shortest_ripple(rippling, request)) / move.feed / STEPS_PER_WAVE
+    step = min(shortest, _shortest_ripple(rippling, request)) / move.feed / STEPS_PER_WAVE
     return solve_loop_loads(
         loop.space,
         request.outputs,
@@ -131,7 +131,7 @@ def _path_ripple(drive: Drive, request: PathRequest, positions: FloatArray) -> F
     return (found - ripple_force(drive, np.array([start])))[:, None]
 
 
-def shortest_ripple(drives: Sequence[Drive], request: PathRequest) -> float:
+def _shortest_ripple(drives: Sequence[Drive], request: PathRequest) -> float:
     """Shortest wave of motor torques along the path [m]; infinite without any."""
     shares = axis_shares(request)
     return min(

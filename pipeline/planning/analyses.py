@@ -185,7 +185,7 @@ def _describe_acting(scene: Scene, request: PathRequest | ContouringRequest) -> 
 def _plan_contour(machine: PlannedMachine, contour: ContouringRequest, what: str) -> Stage:
     scene, dofs = machine.scene, machine.dofs
     regenerative = contour.regeneration and contour.cutting
-    steps = contour_steps(contour)
+    steps = _contour_steps(contour)
     steps *= CONTROLLED_COST if scene.drives and scene.is_lumped else 1.0
     per_step = contour_step_seconds(
         contour.cut,
@@ -201,7 +201,7 @@ def _plan_contour(machine: PlannedMachine, contour: ContouringRequest, what: str
         "contour",
         None,
         what,
-        estimated_memory_mb=contour_memory_mb(contour_steps(contour)),
+        estimated_memory_mb=contour_memory_mb(_contour_steps(contour)),
         estimated_seconds=times * steps * per_step,
     )
 
@@ -287,7 +287,7 @@ def _count_watched(scene: Scene) -> int:
     return 2 * len(scene.drives) + springs + PROBED * len(scene.machine.probes)
 
 
-def contour_steps(request: ContouringRequest) -> float:
+def _contour_steps(request: ContouringRequest) -> float:
     """Time steps of a contour, roughly."""
     seconds = plan_contour(request.contour).path.span[1]
     return seconds * request.cut.spindle / (2.0 * math.pi) * request.steps_per_turn

@@ -180,7 +180,7 @@ def contour_step_seconds(
     moving = share / COUPLED_STEPS_PER_SECOND
     if nonlinear:
         moving = 1.0 / COUPLED_NONLINEAR_STEPS_PER_SECOND
-    return moving + (SECONDS_PER_WAVY_TOOTH * count_teeth_in_cut(cut) if regenerative else 0.0)
+    return moving + (SECONDS_PER_WAVY_TOOTH * _count_teeth_in_cut(cut) if regenerative else 0.0)
 
 
 def path_seconds(
@@ -314,7 +314,7 @@ def path_memory_mb(samples: float, outputs: int, *, friction: bool, watched: int
     return BASE_MB + PATH_MB + 1e-3 * kilobytes * samples
 
 
-def count_teeth_in_cut(cut: MillingCut) -> float:
+def _count_teeth_in_cut(cut: MillingCut) -> float:
     """Teeth that cut at a time, in the mean."""
     mill = cut.mill
     arc = math.acos(1.0 - 2.0 * min(cut.radial_depth / mill.diameter, 1.0))

@@ -73,7 +73,7 @@ class StoredRequest:
     verify: bool
 
 
-def find_superelement(store: Store, request: StoredRequest) -> StoreRead[ReducedComponent]:
+def _find_superelement(store: Store, request: StoredRequest) -> StoreRead[ReducedComponent]:
     """The smallest stored superelement that serves, as if it had been reduced for the request;
     warnings of entries not believed.
     """
@@ -303,7 +303,7 @@ def load_reduced(state: RunState, component: Component) -> bool:
     request = stored_request(state, component)
     found = state.read.get(request)
     if found is None:
-        read = find_superelement(state.store, request)
+        read = _find_superelement(state.store, request)
         state.warn(read.warning)
         if read.value is None:
             return False

@@ -259,7 +259,7 @@ def run_frf_stage(state: RunState, stage: Stage) -> Outcome:
         return Outcome()
     try:
         machine = pose_model(state)
-        solved, harmonic = respond(machine), find_harmonic_motions(machine)
+        solved, harmonic = respond(machine), _find_harmonic_motions(machine)
     except UnstableControlError as error:
         state.failures.append(f"frequency response in pose {pose_name(stage)}: {error}")
         return Outcome(detail="unstable control: see below")
@@ -339,7 +339,7 @@ def _place_probes(
     return {name: place_probe(coupled, own, own.probes[name], parts.plan.gravity) for name in names}
 
 
-def find_harmonic_motions(machine: PoseModel) -> tuple[HarmonicMotion, ...]:
+def _find_harmonic_motions(machine: PoseModel) -> tuple[HarmonicMotion, ...]:
     """Motions of all superelement dofs at the frequencies of a request, under each of its inputs;
     none of a lumped mechanism.
 

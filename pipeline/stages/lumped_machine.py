@@ -127,13 +127,13 @@ def build_compliant_mechanism(
     return CompliantMechanism(
         mechanism.mounted.mechanism,
         tuple(bodies),
-        build_springs(mechanism),
+        _build_springs(mechanism),
         gravity=turned,
         gravity_stiffening=stiffening,
     )
 
 
-def build_springs(mechanism: SceneMechanism) -> LumpedSprings:
+def _build_springs(mechanism: SceneMechanism) -> LumpedSprings:
     """Springs across and along each leg: a joint each way, and along the leg the drive and the
     screw in series with it.
 
@@ -239,11 +239,11 @@ def spring_shares(placed: PlacedMechanism, stretch: FloatArray) -> dict[str, flo
     total = float(energy.sum())
     return {
         part: float(value) / total if total else 0.0
-        for part, value in split_springs(placed, energy).items()
+        for part, value in _split_springs(placed, energy).items()
     }
 
 
-def split_springs(placed: PlacedMechanism, energy: FloatArray) -> dict[str, FloatArray]:
+def _split_springs(placed: PlacedMechanism, energy: FloatArray) -> dict[str, FloatArray]:
     """What springs ``(c, ...)`` across and along each leg have, by its joint, drive and screw."""
     found: dict[str, FloatArray] = {}
     for number, leg in enumerate(LEGS):
@@ -291,7 +291,7 @@ def deviate(
         moved = solve_static(system, np.sum(found, axis=0)).displacements
         sources[source] = loads.T @ moved
         energy = influence * (placed.motions.stiffness * moved)[:, None]
-        parts[source] = split_springs(placed, energy)
+        parts[source] = _split_springs(placed, energy)
         if placed.motions.geometric is not None:
             parts[source][WEIGHT] = influence.T @ (placed.motions.geometric @ moved)
     return ToolDeviation(sources, parts)

@@ -124,7 +124,7 @@ def largest_joint_forces(
         joint.name: dict(zip(joint.directions, find_largest(times, observe(joint)), strict=True))
         for joint in joints
     }
-    return leave_out_roundoff(found)
+    return _leave_out_roundoff(found)
 
 
 def find_largest_forces(
@@ -139,10 +139,10 @@ def find_largest_forces(
     for joint in joints:
         extremes = motion.find_extremes(space.watch(watch_joints([joint])))
         found[joint.name] = dict(zip(joint.directions, extremes, strict=True))
-    return leave_out_roundoff(found)
+    return _leave_out_roundoff(found)
 
 
-def leave_out_roundoff(
+def _leave_out_roundoff(
     joints: dict[str, dict[str, Extreme]],
 ) -> dict[str, dict[str, Extreme]]:
     """Forces of springs beside which rigid joints hold everything are zero."""

@@ -63,7 +63,7 @@ def run_recover_stage(state: RunState, stage: Stage) -> Outcome:
         return Outcome(detail="refused: see below", failures=(f"probes in pose {pose}: {error}",))
     inside = missing_of_loads(coupled, machine, gravity)
     found = {
-        name: respond_at_rest(state.parts, coupled, probe, moved, inside)
+        name: _respond_at_rest(state.parts, coupled, probe, moved, inside)
         for name, probe in placed.items()
     }
     return Outcome(
@@ -93,7 +93,7 @@ def warn_of_singular(name: str, singular: str) -> str:
     )
 
 
-def respond_at_rest(
+def _respond_at_rest(
     parts: MachineParts,
     coupled: CoupledMachine,
     probe: PlacedProbe,

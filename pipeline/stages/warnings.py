@@ -74,7 +74,7 @@ def _warn_of_mesh(component: Component, reduced: ReducedComponent, highest_hz: f
         or component.material.density <= 0.0
     ):
         return []
-    thickness = wall_thickness(reduced.skin, reduced.quality)
+    thickness = _wall_thickness(reduced.skin, reduced.quality)
     length = shortest_wave(component, thickness, highest_hz)
     spacing = node_spacing(reduced.superelement.full_dofs // 3, reduced.quality.volume, thickness)
     if length >= FEWEST_NODES * spacing:
@@ -115,7 +115,7 @@ def _warn_of_locking(
         # wavelength^4 over t^2 of bending waves
         waves = (2.0 * math.pi / highest_hz) ** 2 * stiffness / material.density
     else:
-        waves = extent**4 / wall_thickness(reduced.skin, quality) ** 2
+        waves = extent**4 / _wall_thickness(reduced.skin, quality) ** 2
     share = LOCKING * quality.flatness / waves
     if share < LOCKED:
         return []
@@ -129,7 +129,7 @@ def _warn_of_locking(
     ]
 
 
-def wall_thickness(skin: Skin, quality: MeshQuality) -> float:
+def _wall_thickness(skin: Skin, quality: MeshQuality) -> float:
     """Twice the volume over the surface [m]: the thickness of a component that is all walls, less
     than that of a block.
     """
@@ -236,7 +236,7 @@ def _count_waves(state: RunState, component: Component, interface: str, hz: floa
     if reduced.skin is None or reduced.quality is None or component.material.density <= 0.0:
         return 0.0
     reach = find_reach(component, interface, reduced.quality.cad_areas.get(interface, 0.0))
-    return reach / shortest_wave(component, wall_thickness(reduced.skin, reduced.quality), hz)
+    return reach / shortest_wave(component, _wall_thickness(reduced.skin, reduced.quality), hz)
 
 
 def _mesh_share(state: RunState, component: str) -> float | None:

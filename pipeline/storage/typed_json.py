@@ -68,7 +68,7 @@ def _encode_array(array: AnyArray, keep: Callable[[AnyArray], str] | None) -> Co
     return {"array": [array.dtype.str, list(array.shape), [*values.tolist()]]}
 
 
-def fetch_nothing(name: str) -> AnyArray:
+def _fetch_nothing(name: str) -> AnyArray:
     """Of a text that holds all its arrays.
 
     Raises:
@@ -80,7 +80,7 @@ def fetch_nothing(name: str) -> AnyArray:
 def decode_value(
     coded: Coded,
     classes: Mapping[str, type[Any]],
-    fetch: Callable[[str], AnyArray] = fetch_nothing,
+    fetch: Callable[[str], AnyArray] = _fetch_nothing,
 ) -> Any:
     """What ``encode_value`` made JSON of.
 

@@ -411,7 +411,7 @@ def require_feed_of_run(scene: Scene) -> None:
         )
 
 
-def require_feed_of_sweep(scene: Scene, sweep: Sweep) -> None:
+def _require_feed_of_sweep(scene: Scene, sweep: Sweep) -> None:
     """Refuse lobes along the feed in poses that do not follow each other.
 
     Raises:
@@ -446,5 +446,5 @@ ANALYSIS = SceneAnalysis(
     "limit depth of cut over the speed of the spindle, see [lobes](lobes.md)",
     build=_build,
     check=_check,
-    check_sweep=require_feed_of_sweep,
+    check_sweep=_require_feed_of_sweep,
 )

@@ -54,7 +54,7 @@ def build_axis(
         if joint.connects:
             first, second = (end.component or GROUND for end in joint.ends)
             edges[key] = (first, second)
-    moves = tuple(table.moves or moved_components(scene.components, edges, table.joint_names()))
+    moves = tuple(table.moves or _moved_components(scene.components, edges, table.joint_names()))
     low, high = (
         (-np.inf, np.inf) if table.limits is None else (limit.value for limit in table.limits)
     )
@@ -62,14 +62,14 @@ def build_axis(
         name=name,
         joints=table.joint_names(),
         moves=moves,
-        direction=axis_direction(table, scene),
+        direction=_axis_direction(table, scene),
         kind=table.kind,
         center=np.array(table.center),
         limits=(low, high),
     )
 
 
-def axis_direction(table: AxisTable, scene: SceneTable) -> FloatArray:
+def _axis_direction(table: AxisTable, scene: SceneTable) -> FloatArray:
     """Direction ``(3,)`` of an axis: as written, or that of the first guiding joint that has
     one.
     """
@@ -93,7 +93,7 @@ def floating_groups(components: Collection[str], edges: Iterable[Edge]) -> list[
     ]
 
 
-def moved_components(
+def _moved_components(
     components: Iterable[str], edges: Mapping[str, Edge], joints: Iterable[str]
 ) -> tuple[str, ...]:
     """Components that are cut off from ground when an axis' joints are taken away.
@@ -132,7 +132,7 @@ def check_axes(draft: Draft, findings: Findings) -> None:
             check_name((*key, "moves", index), component, "components", draft, findings)
         limits, wrong = axis.limits or (), False
         for index, limit in enumerate(limits):
-            if fault := find_unit_fault(limit, axis):
+            if fault := _find_unit_fault(limit, axis):
                 wrong = True
                 findings.add((*key, "limits", index), fault)
         if limits and not wrong and limits[0].value >= limits[1].value:
@@ -203,7 +203,7 @@ def find_position_fault(axis: str, value: Quantity, scene: SceneTable) -> str:
         value: Length or angle as written.
     """
     table = scene.axes[axis]
-    if fault := find_unit_fault(value, table):
+    if fault := _find_unit_fault(value, table):
         return fault
     if table.limits is None or value.dimension != table.limits[0].dimension:
         return ""
@@ -211,7 +211,7 @@ def find_position_fault(axis: str, value: Quantity, scene: SceneTable) -> str:
     return find_limit_fault(axis, value.value, low=low, high=high, unit=value.dimension.unit)
 
 
-def find_unit_fault(value: Quantity, axis: AxisTable) -> str:
+def _find_unit_fault(value: Quantity, axis: AxisTable) -> str:
     """Why a quantity is no position of an axis: an angle where it is linear, or a length; empty
     where it is one.
     """
@@ -275,7 +275,7 @@ def _check_moves(
     key: KeyPath, axis: AxisTable, scene: SceneTable, edges: dict[str, Edge], findings: Findings
 ) -> None:
     joints = ", ".join(axis.joint_names())
-    moves = set(axis.moves or moved_components(scene.components, edges, axis.joint_names()))
+    moves = set(axis.moves or _moved_components(scene.components, edges, axis.joint_names()))
     if not moves:
         findings.add(
             key,

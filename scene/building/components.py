@@ -180,7 +180,7 @@ def bounding_box(
     return None
 
 
-def patch_center(table: PatchTable, solid: Solid) -> tuple[float, float, float] | None:
+def _patch_center(table: PatchTable, solid: Solid) -> tuple[float, float, float] | None:
     """Centre of an imprint in component coordinates: as written, or the middle of the face; None
     where it is not known.
     """
@@ -205,7 +205,7 @@ def patch_center(table: PatchTable, solid: Solid) -> tuple[float, float, float] 
 
 def build_patch(table: PatchTable, solid: Solid) -> Patch:
     """The patch a table stands for."""
-    center = patch_center(table, solid) or (0.0, 0.0, 0.0)
+    center = _patch_center(table, solid) or (0.0, 0.0, 0.0)
     if table.disk is not None:
         return Patch(table.face, "disk", center, (table.disk.diameter,))
     if table.rect is not None:
@@ -325,7 +325,7 @@ def _three(values: list[float]) -> tuple[float, float, float]:
     return x, y, z
 
 
-def face_names(solid: Solid) -> tuple[str, ...]:
+def _face_names(solid: Solid) -> tuple[str, ...]:
     """Face names a solid answers to, besides ``face:N`` and ``set:NAME``."""
     if isinstance(solid, PointMass):
         return (CENTER_FACE,)
@@ -336,9 +336,9 @@ def face_names(solid: Solid) -> tuple[str, ...]:
     return PLANAR_FACES
 
 
-def find_face_fault(face: str, solid: Solid) -> str:
+def _find_face_fault(face: str, solid: Solid) -> str:
     """Why a solid has no such face; empty when it has one as far as can be said without meshing."""
-    known = list(face_names(solid))
+    known = list(_face_names(solid))
     if face in known:
         return ""
     if isinstance(solid, PointMass):
@@ -353,14 +353,16 @@ def find_face_fault(face: str, solid: Solid) -> str:
     if colon and prefix == "set" and isinstance(solid, MeshFile):
         return "" if rest else "names no set; write set:NAME with a surface set of the mesh"
     more = ["face:N", "set:NAME"] if isinstance(solid, MeshFile) else ["face:N"]
-    return f"{face[:80]!r} is not a face of this {kind_of(solid)}; faces: {', '.join(known + more)}"
+    return (
+        f"{face[:80]!r} is not a face of this {_kind_of(solid)}; faces: {', '.join(known + more)}"
+    )
 
 
 def find_patch_fault(table: PatchTable, solid: Solid) -> str:
     """Why a patch cannot be laid on a solid; empty when it can as far as can be said without
     meshing.
     """
-    fault = find_face_fault(table.face, solid)
+    fault = _find_face_fault(table.face, solid)
     shape = table.disk or table.rect or table.strip
     if fault or shape is None:
         return fault
@@ -372,7 +374,7 @@ def find_patch_fault(table: PatchTable, solid: Solid) -> str:
                 else "write the centre with all three coordinates"
             )
         return f"disk, rect and strip need a flat face, {table.face!r} is not one; remove the shape to use the whole face"
-    center = patch_center(table, solid)
+    center = _patch_center(table, solid)
     if center is None:
         return "the centre of this face is known from the file only; write the centre of the patch"
     box = bounding_box(solid)
@@ -383,7 +385,7 @@ def find_patch_fault(table: PatchTable, solid: Solid) -> str:
     return _find_overhang(table, center, box, axes) or _find_hole(table, center, solid)
 
 
-def kind_of(solid: Solid) -> str:
+def _kind_of(solid: Solid) -> str:
     """Word for a solid in messages."""
     words = {
         "Box": "box",
@@ -500,9 +502,9 @@ def check_components(draft: Draft, findings: Findings) -> None:
 
 def _check_solid(key: KeyPath, table: ComponentTable, solid: Solid, findings: Findings) -> None:
     for place, fault in (
-        *find_segment_faults(table, solid),
-        *find_polynomial_faults(table, solid),
-        *find_mesh_faults(table, solid),
+        *_find_segment_faults(table, solid),
+        *_find_polynomial_faults(table, solid),
+        *_find_mesh_faults(table, solid),
     ):
         findings.add((*key, *place), fault)
     if isinstance(solid, SuperelementFile):
@@ -527,13 +529,13 @@ def _check_solid(key: KeyPath, table: ComponentTable, solid: Solid, findings: Fi
             )
         for index, patch in enumerate(entry.patch_tables()):
             patch_key = ("patches", index) if entry.patches is not None else ()
-            if fault := find_patch_fault(patch, solid) or find_dense_patch(
+            if fault := find_patch_fault(patch, solid) or _find_dense_patch(
                 table, build_patch(patch, solid), solid
             ):
                 findings.add((*key, "interfaces", interface, *patch_key), fault)
 
 
-def find_mesh_faults(table: ComponentTable, solid: Solid) -> Iterator[tuple[KeyPath, str]]:
+def _find_mesh_faults(table: ComponentTable, solid: Solid) -> Iterator[tuple[KeyPath, str]]:
     """What is wrong with how an elastic component is to be meshed: the key below it and what to
     write.
     """
@@ -622,7 +624,7 @@ def _rule_step_parts(mesh: MeshTable, solid: Solid) -> Iterator[MeshRule]:
     )
 
 
-def find_dense_patch(table: ComponentTable, patch: Patch, solid: Solid) -> str:
+def _find_dense_patch(table: ComponentTable, patch: Patch, solid: Solid) -> str:
     """Why a patch asks for more elements than a mesh should have; empty when it does not, or when
     only the CAD kernel can say.
     """
@@ -664,7 +666,7 @@ def _has_shape(table: ComponentTable) -> bool:
     return table.solid.superelement is None and table.solid.point_mass is None
 
 
-def find_segment_faults(table: ComponentTable, solid: Solid) -> list[tuple[KeyPath, str]]:
+def _find_segment_faults(table: ComponentTable, solid: Solid) -> list[tuple[KeyPath, str]]:
     """Why a segmented component cannot be one: the key below it and what to write."""
     if table.fidelity != "segmented" or not _has_shape(table):
         return []
@@ -682,7 +684,7 @@ def find_segment_faults(table: ComponentTable, solid: Solid) -> list[tuple[KeyPa
     return faults
 
 
-def find_polynomial_faults(table: ComponentTable, solid: Solid) -> list[tuple[KeyPath, str]]:
+def _find_polynomial_faults(table: ComponentTable, solid: Solid) -> list[tuple[KeyPath, str]]:
     """Why the displacements of a component cannot be polynomials: the key below it and what to
     write.
     """

@@ -51,7 +51,7 @@ def find_screws(name: str, table: DriveTable, scene: SceneTable) -> list[str]:
     return screws if table.joint is None else [joint for joint in screws if joint == table.joint]
 
 
-def find_leg_joints(name: str, table: DriveTable, scene: SceneTable) -> list[str]:
+def _find_leg_joints(name: str, table: DriveTable, scene: SceneTable) -> list[str]:
     """Joints across which the leg of a drive slides in a machine of components, ball screws where
     there are any, or the one the drive names.
     """
@@ -92,9 +92,9 @@ def _check_leg(name: str, table: DriveTable, scene: SceneTable, findings: Findin
             )
         _check_leg_lead(key, table, scene, findings)
         return leg
-    joints = find_leg_joints(name, table, scene)
+    joints = _find_leg_joints(name, table, scene)
     if len(joints) != 1:
-        others = find_leg_joints(name, table.model_copy(update={"joint": None}), scene)
+        others = _find_leg_joints(name, table.model_copy(update={"joint": None}), scene)
         wrong = f"joint {table.joint!r:.80} does not let {leg} slide" if table.joint else ""
         text = wrong or f"{'several joints let' if joints else 'no joint lets'} {leg} slide"
         remedy = (
@@ -272,7 +272,7 @@ def _build_drive(name: str, table: DriveTable, scene: SceneTable, on: set[str]) 
 def _find_transmission(name: str, table: DriveTable, scene: SceneTable) -> tuple[str, float]:
     """Joint of a drive, none of a lumped leg, and its lead [m]."""
     if _drives_leg(name, table, scene) and scene.mechanism is not None:
-        found = [""] if scene.is_lumped else find_leg_joints(name, table, scene)
+        found = [""] if scene.is_lumped else _find_leg_joints(name, table, scene)
         known = scene.mechanism.screw_lead
     else:
         found, known = find_screws(name, table, scene), None

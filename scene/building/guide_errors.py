@@ -39,7 +39,7 @@ def build_rail_errors(table: JointTable) -> RailErrors | None:
     waves = {} if passing is None else passing.amplitudes()
     return RailErrors(
         profiles={
-            RAIL_KEYS.index(key): build_profile(profile)
+            RAIL_KEYS.index(key): _build_profile(profile)
             for key, profile in errors.profiles().items()
         },
         length=errors.length or table.length or 0.0,
@@ -60,7 +60,7 @@ def build_axis_errors(table: AxisTable) -> AxisErrors | None:
         return None
     return AxisErrors(
         motions={
-            MOTION_KEYS.index(key): build_profile(profile)
+            MOTION_KEYS.index(key): _build_profile(profile)
             for key, profile in errors.profiles().items()
         },
         squareness=np.array([*errors.squareness().values()]),
@@ -73,10 +73,10 @@ def build_leg_errors(scene: SceneTable) -> dict[int, ErrorProfile]:
     errors = None if scene.mechanism is None else scene.mechanism.errors
     if errors is None or scene.effects.get(GUIDE_ERRORS, False) is False:
         return {}
-    return {LEG_KEYS.index(leg): build_profile(table) for leg, table in errors.profiles().items()}
+    return {LEG_KEYS.index(leg): _build_profile(table) for leg, table in errors.profiles().items()}
 
 
-def build_profile(table: ProfileTable) -> ErrorProfile:
+def _build_profile(table: ProfileTable) -> ErrorProfile:
     """The profile a faultless table stands for."""
     points = table.points
     return ErrorProfile(

@@ -361,7 +361,7 @@ def build_joint(name: str, table: JointTable) -> Joint:
         damping=damping,
         point=None if table.at is None else np.array(table.at),
         length=table.length,
-        screw=None if table.screw is None else build_shaft(table.screw),
+        screw=None if table.screw is None else _build_shaft(table.screw),
         loss_factor=table.loss_factor,
         soft=table.soft,
         second_axis=np.array(table.normal)
@@ -373,7 +373,7 @@ def build_joint(name: str, table: JointTable) -> Joint:
     )
 
 
-def build_shaft(table: ScrewTable) -> ScrewShaft:
+def _build_shaft(table: ScrewTable) -> ScrewShaft:
     """The shaft of a ball screw, of steel unless the table says otherwise."""
     modulus = SCREW_STEEL[0] if table.E is None else table.E
     shear = modulus / (2.0 * (1.0 + (SCREW_STEEL[1] if table.nu is None else table.nu)))

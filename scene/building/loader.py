@@ -277,7 +277,7 @@ def _build_scene(draft: Draft, path: Path, findings: Findings, variant: str | No
     return Scene(
         name=name,
         path=path,
-        machine=build_machine(table, name, path.parent),
+        machine=_build_machine(table, name, path.parent),
         poses=poses,
         analyses=every.drop(findings.on_request),
         on_request=every.keep(findings.on_request),
@@ -329,7 +329,7 @@ def _build_analyses(draft: Draft) -> Analyses:
     )
 
 
-def build_machine(scene: SceneTable, name: str, folder: Path) -> Machine:
+def _build_machine(scene: SceneTable, name: str, folder: Path) -> Machine:
     """Build the machine of a scene that has passed every check.
 
     Args:

@@ -115,7 +115,7 @@ def check_loads(draft: Draft, findings: Findings) -> None:
         if table.component is not None:
             check_name(("loads", name, "component"), table.component, "components", draft, findings)
         component = draft.table.components.get(table.owner)
-        fault = find_load_fault(table, component)
+        fault = _find_load_fault(table, component)
         if draft.table.is_lumped and table.kind == "pressure":
             fault = (
                 "a pressure acts on the faces of a mesh, and the bodies of the lumped model are rigid; write a traction or a force, or"
@@ -187,7 +187,7 @@ def check_probes(draft: Draft, findings: Findings) -> None:
         )
 
 
-def find_load_fault(load: LoadTable, component: ComponentTable | None) -> str:
+def _find_load_fault(load: LoadTable, component: ComponentTable | None) -> str:
     """Why a load cannot act on its component; empty when it can."""
     if component is not None and component.solid.point_mass is not None:
         surface = load.kind in ("pressure", "traction")

@@ -28,7 +28,7 @@ def build_mechanism(table: MechanismTable) -> SceneMechanism:
     """The mechanism of a scene that has passed every check."""
     limits = {name: (low.value, high.value) for name, (low, high) in table.limits.items()}
     mounted = MountedExechon(
-        build_dimensions(table.dimensions), build_frame(table.at, table.rotate), limits
+        _build_dimensions(table.dimensions), build_frame(table.at, table.rotate), limits
     )
     springs = None if table.springs is None else LegSprings(**table.springs.model_dump())
     return SceneMechanism(
@@ -44,7 +44,7 @@ def build_mechanism(table: MechanismTable) -> SceneMechanism:
     )
 
 
-def build_dimensions(table: ExechonTable) -> ExechonDimensions:
+def _build_dimensions(table: ExechonTable) -> ExechonDimensions:
     """Dimensions of an Exechon."""
     return ExechonDimensions(
         base=(table.base[0], table.base[1], table.base[2]),
@@ -70,7 +70,7 @@ def check_mechanism(draft: Draft, findings: Findings) -> None:
             ("orientation",),
             "a mechanism is placed by its own `at` and `rotate`; move orientation there",
         )
-    mechanism = exechon_mechanism(build_dimensions(table.dimensions))
+    mechanism = exechon_mechanism(_build_dimensions(table.dimensions))
     _check_carried(table, mechanism, scene, findings)
     _check_limits(table, mechanism, findings)
     for name in set(scene.axes) & set(TOOL_AXES):

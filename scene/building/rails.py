@@ -29,7 +29,7 @@ DEFAULT_INTERVALS = 2.5  # intervals of control points per carriage length: docs
 Ends = dict[tuple[str, str], list[str]]
 
 
-def default_control_points(
+def _default_control_points(
     span: tuple[float, float], length: float, intervals: float = DEFAULT_INTERVALS
 ) -> int:
     """Control points of a rail for a carriage of a length [m].
@@ -42,7 +42,7 @@ def default_control_points(
     return count_control_points(span[1] - span[0], length, intervals)
 
 
-def carriage_joints(scene: SceneTable) -> Ends:
+def _carriage_joints(scene: SceneTable) -> Ends:
     """Joints on each rail of the scene, by component and interface."""
     found: Ends = {
         (name, key): []
@@ -57,7 +57,7 @@ def carriage_joints(scene: SceneTable) -> Ends:
     return found
 
 
-def shortest_carriage(scene: SceneTable, joints: list[str]) -> float | None:
+def _shortest_carriage(scene: SceneTable, joints: list[str]) -> float | None:
     """Length of the shortest carriage among joints [m]."""
     lengths = [length for name in joints if (length := scene.joints[name].length) is not None]
     return min(lengths, default=None)
@@ -68,18 +68,18 @@ def choose_control_points(scene: SceneTable, solids: dict[str, Solid]) -> dict[s
     on it where both are known.
     """
     found: dict[str, dict[str, int]] = {name: {} for name in scene.components}
-    for (component, name), joints in carriage_joints(scene).items():
+    for (component, name), joints in _carriage_joints(scene).items():
         span = _span_of(scene.components[component].interfaces[name], solids[component])
-        shortest = shortest_carriage(scene, joints)
+        shortest = _shortest_carriage(scene, joints)
         if span is not None and shortest is not None:
-            found[component][name] = default_control_points(span, shortest)
+            found[component][name] = _default_control_points(span, shortest)
     return found
 
 
 def check_rails(draft: Draft, findings: Findings) -> None:
     """Report what is wrong with rails and with joints on them, apart from poses."""
     scene, solids = draft.table, draft.solids
-    riders = carriage_joints(scene)
+    riders = _carriage_joints(scene)
     for (component, name), joints in riders.items():
         if component in solids:
             _check_rail(component, name, scene, solids[component], joints, findings)
@@ -120,7 +120,7 @@ def _check_rail(
             f"face {crossing[0]} is square to {table.rail.along}, so no rail runs along it; write another face or along",
         )
         return
-    span, shortest = _span_of(table, solid), shortest_carriage(scene, joints)
+    span, shortest = _span_of(table, solid), _shortest_carriage(scene, joints)
     if span is None and scene.components[component].fidelity != "elastic":
         findings.add(
             key,
@@ -147,7 +147,7 @@ def _check_rail(
                 ("joints", joint, "length"), f"{text}; make the rail longer or the carriage shorter"
             )
     _warn_of_segments(key, scene.components[component], solid, shortest, findings)
-    least = default_control_points(span, shortest, LEAST_INTERVALS)
+    least = _default_control_points(span, shortest, LEAST_INTERVALS)
     if (
         table.rail.control_points is not None
         and table.rail.control_points < least
@@ -157,7 +157,7 @@ def _check_rail(
             (*key, "control_points"),
             f"{table.rail.control_points} control points on {show_position(span[1] - span[0])} are too few for a carriage of "
             f"{show_position(shortest)}, whose stiffness would vary as it passes them; write at least {least}, better "
-            f"{default_control_points(span, shortest)}, or leave control_points away",
+            f"{_default_control_points(span, shortest)}, or leave control_points away",
         )
 
 

@@ -79,10 +79,10 @@ def read_numbers(
             rows or too many, or it is too large; says where.
     """
     names = (",".join(headings), ",".join(optional), str(most_rows or ""), kind.advice)
-    return read_apart(path, kind, parse_numbers, *names, error=ForceFileError)["values"]
+    return read_apart(path, kind, _parse_numbers, *names, error=ForceFileError)["values"]
 
 
-def parse_numbers(
+def _parse_numbers(
     path: Path, headings: str, optional: str, most_rows: str, advice: str
 ) -> dict[str, FloatArray]:
     """``values`` of a CSV file, without a look at its size; arguments as `read_numbers` joins them."""

@@ -40,7 +40,7 @@ def read_receptances(path: Path, axis: tuple[float, float, float]) -> MeasuredAs
         ReceptanceFileError: A column is missing, an entry is no finite number, or frequencies do not
             rise; says where.
     """
-    values = read_apart(path, RECEPTANCES, parse_receptances, error=ReceptanceFileError)["values"]
+    values = read_apart(path, RECEPTANCES, _parse_receptances, error=ReceptanceFileError)["values"]
     falls = np.flatnonzero(np.diff(values[:, 0]) <= 0.0)
     if len(falls):
         raise ReceptanceFileError(
@@ -50,7 +50,7 @@ def read_receptances(path: Path, axis: tuple[float, float, float]) -> MeasuredAs
     return MeasuredAssembly(values[:, 0], tip, cross, base, across_axis(np.array(axis)))
 
 
-def parse_receptances(path: Path) -> dict[str, FloatArray]:
+def _parse_receptances(path: Path) -> dict[str, FloatArray]:
     """``values`` of the columns of a file, without a look at its size."""
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:

@@ -79,10 +79,10 @@ class SupportTable(StrictTable):
             raise problem("names a direction twice in fix")
         shapes = (self.disk, self.rect, self.strip)
         if self.edge is None:
-            check_area(self.face, self.at, shapes)
+            _check_area(self.face, self.at, shapes)
             return self
         for face in self.edge:
-            check_area(face, None, shapes)
+            _check_area(face, None, shapes)
         if self.face is not None or self.at is not None or any(shapes):
             raise problem("an edge is where two whole faces meet; remove face, at and shapes")
         if len({face.partition(".")[0] for face in self.edge}) > 1:
@@ -176,7 +176,7 @@ class LoadTable(StrictTable):
             raise problem(
                 '`component` goes with body loads; write face = "component.z+" or at = "component.interface"'
             )
-        check_area(self.face, self.at, (self.disk, self.rect, self.strip))
+        _check_area(self.face, self.at, (self.disk, self.rect, self.strip))
         return self
 
 
@@ -191,7 +191,7 @@ class ProbeTable(StrictTable):
     """position in the component's frame"""
 
 
-def check_area(face: str | None, at: str | None, shapes: tuple[object, ...]) -> None:
+def _check_area(face: str | None, at: str | None, shapes: tuple[object, ...]) -> None:
     """Refuse an area that is given twice, not at all, or with two shapes.
 
     Args:

@@ -142,7 +142,7 @@ type FormValue = str | int | float | bool | QuantityPattern | Sequence[FormValue
 type Form = Mapping[str, FormValue]
 
 
-def write_form(form: Form) -> JsonSchemaValue:
+def _write_form(form: Form) -> JsonSchemaValue:
     """A description for the JSON schema, anew, with the patterns of its quantities."""
     return {key: _write_value(value) for key, value in form.items()}
 
@@ -151,7 +151,7 @@ def _write_value(value: FormValue) -> JsonValue:
     if isinstance(value, QuantityPattern):
         return quantity_pattern(*value.dimensions, sign=value.sign)
     if isinstance(value, Mapping):
-        return write_form(value)
+        return _write_form(value)
     return value if isinstance(value, str | int | float) else [_write_value(item) for item in value]
 
 
@@ -167,7 +167,7 @@ class JsonForm:
         self, _core: CoreSchema, _handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
         """The description itself."""
-        return write_form(self.form)
+        return _write_form(self.form)
 
 
 @dataclass(frozen=True)
@@ -183,7 +183,7 @@ class OrForm:
     ) -> JsonSchemaValue:
         """Either form."""
         usual = handler(core)
-        other = usual["items"] if self.form is None else write_form(self.form)
+        other = usual["items"] if self.form is None else _write_form(self.form)
         return {"anyOf": [usual, other]}
 
 

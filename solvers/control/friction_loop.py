@@ -75,7 +75,7 @@ def friction_channels(trains: tuple[DriveTrain, ...]) -> tuple[Channel, ...]:
 type Given = Mapping[Channel, FloatArray]
 
 
-def other_inputs(loop: ClosedLoop) -> tuple[Channel, ...]:
+def _other_inputs(loop: ClosedLoop) -> tuple[Channel, ...]:
     """Inputs of a closed loop but those of friction: set points, then loads."""
     channels = friction_channels(loop.trains)
     return tuple(channel for channel in loop.space.inputs if channel not in channels)
@@ -104,7 +104,7 @@ def make_friction_loop(
         ValueError: It is closed without them.
     """
     space, plant = loop.space, loop.plant
-    channels, others = friction_channels(loop.trains), other_inputs(loop)
+    channels, others = friction_channels(loop.trains), _other_inputs(loop)
     if not set(channels) <= set(space.inputs):
         raise ValueError(
             f"a loop with friction is closed with {channels} among its inputs, not {space.inputs}"

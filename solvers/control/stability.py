@@ -90,11 +90,11 @@ def find_loop_poles(loop: ClosedLoop) -> LoopPoles:
         shapes=shapes[: loop.plant_size],
         drives=tuple(loop.trains[int(place)].name for place in np.argmax(power, axis=0)),
         modes=tuple(int(mode) for mode in np.argmax(modal, axis=0)),
-        limit_hz=dead_time_limit(loop.trains),
+        limit_hz=_dead_time_limit(loop.trains),
     )
 
 
-def dead_time_limit(trains: Sequence[DriveTrain]) -> float:
+def _dead_time_limit(trains: Sequence[DriveTrain]) -> float:
     """Up to which frequency the dead times of all drives are right [Hz]; infinite without any."""
     longest = max((train.control.dead_time for train in trains), default=0.0)
     return math.inf if longest == 0.0 else LARGEST_ANGLE / (2.0 * math.pi * longest)

@@ -85,7 +85,7 @@ class CuttingCoefficients:
         return f"{text}; {', '.join(known)}" if known else text
 
 
-def find_coefficients(values: Mapping[str, float]) -> tuple[Three, Three]:
+def _find_coefficients(values: Mapping[str, float]) -> tuple[Three, Three]:
     """Coefficients of the chip [N/m^2] and of the edge [N/m].
 
     Args:
@@ -93,7 +93,7 @@ def find_coefficients(values: Mapping[str, float]) -> tuple[Three, Three]:
             and Kac with Kre and Kae, or radial_ratio and axial_ratio to the tangential ones. SI.
     """
     if "kc11" in values:
-        chip, edge = linearise_kienzle(values["kc11"], values["mc"], values["chip_thickness"])
+        chip, edge = _linearise_kienzle(values["kc11"], values["mc"], values["chip_thickness"])
     else:
         chip, edge = values["Ktc"], values.get("Kte", 0.0)
     across = [
@@ -123,7 +123,7 @@ def build_coefficients(
     """
 
     def build(own: Mapping[str, float]) -> CuttingCoefficients:
-        chip, edge = find_coefficients(own)
+        chip, edge = _find_coefficients(own)
         thickness = own.get("chip_thickness")
         return CuttingCoefficients(chip, edge, source, name, thickness, thickness_from)
 
@@ -135,7 +135,7 @@ def build_coefficients(
     return dataclasses.replace(build(values), ranges=found)
 
 
-def linearise_kienzle(kc11: float, mc: float, thickness: float) -> tuple[float, float]:
+def _linearise_kienzle(kc11: float, mc: float, thickness: float) -> tuple[float, float]:
     """Chip [N/m^2] and edge coefficient [N/m] of the tangent to Kienzle's force.
 
     Args:

@@ -72,7 +72,7 @@ def mean_cutting_stiffness(cut: MillingCut) -> FloatArray:
     return np.asarray(stiffness * cut.mill.teeth / (2.0 * np.pi))
 
 
-def chip_eigenvalues(response: ComplexArray, stiffness: FloatArray) -> ComplexArray:
+def _chip_eigenvalues(response: ComplexArray, stiffness: FloatArray) -> ComplexArray:
     """Both eigenvalues of receptance times mean cutting stiffness, each followed from line to line,
     ``(f, 2)`` [1/m].
 
@@ -116,7 +116,7 @@ def find_lobes(
         speeds: ``(n,)`` rising [rad/s].
         deepest: Depth up to which a limit is looked for [m].
     """
-    values = chip_eigenvalues(receptance(omega), stiffness)
+    values = _chip_eigenvalues(receptance(omega), stiffness)
     periods: FloatArray = np.asarray(2.0 * np.pi / (teeth * speeds), dtype=float)
     found = [_crossings(omega, values[:, branch], periods) for branch in range(2)]
     place, waves, near, level, slope = (np.concatenate(parts) for parts in zip(*found, strict=True))

@@ -170,7 +170,7 @@ class AlphaSteps:
     def __init__(self, motion: LinearMotion, scheme: AlphaScheme) -> None:
         """Steps of a motion, with the parameters of the method."""
         self._motion = motion
-        self._ahead, self.reach = scheme_matrices(scheme, float(motion.times[1] - motion.times[0]))
+        self._ahead, self.reach = _scheme_matrices(scheme, float(motion.times[1] - motion.times[0]))
         place = (motion.times - motion.nodes[0]) / (motion.nodes[1] - motion.nodes[0])
         left = np.clip(place.astype(np.intp), 0, len(motion.nodes) - 2)
         self._left: list[int] = left.tolist()
@@ -296,7 +296,7 @@ class SchemeMatrices(NamedTuple):
     reach: FloatArray
 
 
-def scheme_matrices(scheme: AlphaScheme, h: float) -> SchemeMatrices:
+def _scheme_matrices(scheme: AlphaScheme, h: float) -> SchemeMatrices:
     """What the steps of a scheme do over ``h`` seconds."""
     am, af, gamma, beta = scheme.alpha_m, scheme.alpha_f, scheme.gamma, scheme.beta
     share = (1.0 - af) / (1.0 - am)

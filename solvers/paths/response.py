@@ -139,7 +139,7 @@ class Disturbance:
         """
         fine, parts = refine_times(samples, self.step)
         given = self.at(fine)
-        return respond_exactly(
+        return _respond_exactly(
             space,
             outputs,
             watch,
@@ -198,7 +198,7 @@ def solve_path(
         ModelError: A channel is unknown, or a damper acts on a dof without mass.
     """
     outputs = (*model.outputs, *model.watched.outputs)
-    coordinates = find_coordinates(system, model.inputs, outputs)
+    coordinates = _find_coordinates(system, model.inputs, outputs)
     if model.up_to_hz is not None:
         coordinates = keep_modes(coordinates, count_modes(coordinates, model.up_to_hz))
     fine, parts = cut_times(samples, model.loads)
@@ -207,10 +207,10 @@ def solve_path(
         [step_accelerations(move, times)[:, :, None], step_loads(model.loads, move, times)], axis=2
     )
     space = modal_state_space(coordinates, model.inputs, outputs)
-    held = static_share(coordinates, space, model.outputs, model.low_frequency_limit_hz)
+    held = _static_share(coordinates, space, model.outputs, model.low_frequency_limit_hz)
     # of what loads do nothing counts as quasi-static
     held[:, space.columns.of(load_channels(model.loads))] = 0.0
-    return respond_exactly(
+    return _respond_exactly(
         space,
         model.outputs,
         model.watched,
@@ -223,7 +223,7 @@ def solve_path(
     )
 
 
-def find_coordinates(
+def _find_coordinates(
     system: SecondOrderSystem, inputs: Sequence[Channel], outputs: Sequence[Channel]
 ) -> ModalCoordinates:
     """Return the modes of a system in time.
@@ -240,7 +240,7 @@ def find_coordinates(
     return found
 
 
-def respond_exactly(
+def _respond_exactly(
     space: StateSpace,
     outputs: Sequence[Channel],
     watch: Watch,
@@ -309,9 +309,9 @@ def solve_loads(
         ModelError: A channel is unknown, or a damper acts on a dof without mass.
     """
     wanted = (*outputs, *watch.outputs)
-    coordinates = find_coordinates(system, loads.channels, wanted)
+    coordinates = _find_coordinates(system, loads.channels, wanted)
     space = modal_state_space(coordinates, loads.channels, wanted).pass_on(loads.passed)
-    share = static_share(coordinates, space, outputs, low_frequency_limit_hz)
+    share = _static_share(coordinates, space, outputs, low_frequency_limit_hz)
     slow = coordinates.omega < 2.0 * np.pi * low_frequency_limit_hz
     return loads.act_on(space, outputs, watch, slow=slow, held=share, samples=samples)
 
@@ -341,7 +341,7 @@ def act_at(model: PathModel, move: SetPoint, times: FloatArray) -> FloatArray:
     return np.column_stack([motion.accelerations, loads_at(model.loads, times, motion.speeds)])
 
 
-def static_share(
+def _static_share(
     coordinates: ModalCoordinates,
     space: StateSpace,
     outputs: Sequence[Channel],

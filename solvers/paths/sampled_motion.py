@@ -184,7 +184,7 @@ def sample_motion(
             )
         seen |= {time: _look(place(time), channels) for time in wanted if time not in seen}
         poses = {time: seen[time] for time in sorted(wanted)}
-        kept, highest_hz = count_fading_modes(poses.values(), channels.up_to_hz)
+        kept, highest_hz = _count_fading_modes(poses.values(), channels.up_to_hz)
         turns = transport_modes(poses, kept)
         transported = {
             time: _transport(pose, turns[time], channels) for time, pose in poses.items()
@@ -269,7 +269,7 @@ def vary_motion(
         base,
         pieces=tuple(pieces),
         poses=len(poses),
-        highest_hz=count_fading_modes(poses, channels.up_to_hz)[1],
+        highest_hz=_count_fading_modes(poses, channels.up_to_hz)[1],
     )
 
 
@@ -280,7 +280,7 @@ def _look(posed: PosedModes, channels: PlantChannels, least: int = 0) -> PoseMod
         ModelError: The machine is free to move.
     """
     found = look_at_pose(posed, channels, all_modes=False, least=least)
-    found = fade_modes(found, channels.up_to_hz)
+    found = _fade_modes(found, channels.up_to_hz)
     if found.coordinates.rigid_count:
         raise ModelError(
             f"the machine is free to move in {found.coordinates.rigid_count} rigid-body motion(s), so a force on the tool"
@@ -289,7 +289,7 @@ def _look(posed: PosedModes, channels: PlantChannels, least: int = 0) -> PoseMod
     return found
 
 
-def fade_modes(pose: PoseModes, up_to_hz: float) -> PoseModes:
+def _fade_modes(pose: PoseModes, up_to_hz: float) -> PoseModes:
     """A pose whose modes beyond a frequency are moved less and less, and move less; what they lack
     follows at once.
 
@@ -323,7 +323,7 @@ def _shares(omega: FloatArray, up_to_hz: float) -> FloatArray:
     return np.asarray(place**3 * (10.0 + place * (6.0 * place - 15.0)))
 
 
-def count_fading_modes(poses: Collection[PoseModes], up_to_hz: float) -> tuple[int, float]:
+def _count_fading_modes(poses: Collection[PoseModes], up_to_hz: float) -> tuple[int, float]:
     """How many modes there are that are kept or fading in some pose, and the highest frequency of
     one that is kept by half or more [Hz].
     """

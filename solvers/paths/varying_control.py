@@ -178,10 +178,10 @@ def close_along(loop: VaryingLoop, position: float) -> ClosedLoop:
     sample = loop.plant.at(position)
     plant = _plant_at(sample, loop.plant.scales, loop.channels)
     inputs = (*load_channels(loop.loads), loop.path, *friction_channels(loop.trains))
-    return close_plant(plant, deviation_trains(loop.trains), inputs, loop.outputs)
+    return close_plant(plant, _deviation_trains(loop.trains), inputs, loop.outputs)
 
 
-def deviation_trains(trains: Sequence[DriveTrain]) -> tuple[DriveTrain, ...]:
+def _deviation_trains(trains: Sequence[DriveTrain]) -> tuple[DriveTrain, ...]:
     """Drives whose controllers see deviations: each has set points of its own, by its name, and
     takes them as they are.
     """

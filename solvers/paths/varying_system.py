@@ -286,7 +286,7 @@ def sample_system(
     def turn_poses(
         poses: Mapping[float, PoseModes], turns: Mapping[float, FloatArray]
     ) -> dict[float, SampledPose]:
-        slow = int(np.count_nonzero(poses[middle_of(poses)].coordinates.omega < limit))
+        slow = int(np.count_nonzero(poses[_middle_of(poses)].coordinates.omega < limit))
         return {place: _turn_pose(pose, turns[place], slow) for place, pose in poses.items()}
 
     channels = PlantChannels(model.inputs, model.outputs, model.up_to_hz)
@@ -326,7 +326,7 @@ def _sample[S: PoseSample](
         before, halves = list(poses), [0.5 * (low + high) for low, high in wide]
         poses |= {position: look_at_pose(place(position), channels) for position in halves}
         poses = dict(sorted(poses.items()))
-        kept, next_hz = count_kept_modes(poses, channels.up_to_hz)
+        kept, next_hz = _count_kept_modes(poses, channels.up_to_hz)
         turns = transport_modes(poses, kept)
         sampled_poses = turn_poses(poses, turns)
         scales = _scales(sampled_poses)
@@ -334,7 +334,7 @@ def _sample[S: PoseSample](
         misses = [
             _misfit(splines, position, sampled_poses[position], scales) for position in halves
         ]
-        rotation_error = compare_transports(poses, turns, before)
+        rotation_error = _compare_transports(poses, turns, before)
         wide = [
             side
             for span, half, miss in zip(wide, halves, misses, strict=True)
@@ -390,7 +390,7 @@ def look_at_pose(
         raise ModelError(
             "a damper acts on a dof without mass, or a matrix is not symmetric; give every body a mass"
         )
-    held = find_held_outputs(posed, channels)
+    held = _find_held_outputs(posed, channels)
     coordinates = dataclasses.replace(
         coordinates,
         outputs=np.where(held[:, None], 0.0, coordinates.outputs),
@@ -414,7 +414,7 @@ def look_at_pose(
     )
 
 
-def find_held_outputs(posed: PosedModes, channels: PlantChannels) -> NDArray[np.bool_]:
+def _find_held_outputs(posed: PosedModes, channels: PlantChannels) -> NDArray[np.bool_]:
     """Which outputs ``(p,)`` the machine holds rigidly in a pose: beside its other motions at the same
     place, by as much energy in any one coordinate, nothing but roundoff is left of them, which no
     spline could follow.
@@ -439,7 +439,7 @@ def find_held_outputs(posed: PosedModes, channels: PlantChannels) -> NDArray[np.
     )
 
 
-def count_kept_modes(poses: Mapping[float, PoseModes], up_to_hz: float) -> tuple[int, float]:
+def _count_kept_modes(poses: Mapping[float, PoseModes], up_to_hz: float) -> tuple[int, float]:
     """How many modes are kept everywhere: all up to a frequency, one at least, and on to the widest
     gap; and the lowest frequency left out [Hz].
     """
@@ -460,7 +460,7 @@ def count_kept_modes(poses: Mapping[float, PoseModes], up_to_hz: float) -> tuple
     return kept, np.inf if kept == most else min(float(part[kept]) for part in frequencies)
 
 
-def middle_of(positions: Iterable[float]) -> float:
+def _middle_of(positions: Iterable[float]) -> float:
     """Of rising positions the one nearest to the middle of the path."""
     known = list(positions)
     return min(known, key=lambda position: abs(position - 0.5 * (known[0] + known[-1])))
@@ -471,7 +471,7 @@ def transport_modes(poses: Mapping[float, PoseModes], kept: int) -> dict[float, 
     those of the middle stay.
     """
     positions = list(poses)
-    middle = positions.index(middle_of(positions))
+    middle = positions.index(_middle_of(positions))
     turns = {positions[middle]: np.eye(kept)}
     for path in (positions[middle:], positions[middle::-1]):
         for before, after in itertools.pairwise(path):
@@ -553,7 +553,7 @@ def turn_plant(pose: PoseModes, turn: FloatArray) -> SampledPlant:
 
 
 def _scales(sampled_poses: Mapping[float, PoseSample]) -> FloatArray:
-    middle = sampled_poses[middle_of(sampled_poses)]
+    middle = sampled_poses[_middle_of(sampled_poses)]
     return np.asarray(
         np.sqrt(np.maximum(middle.stiffness.diagonal(), (2.0 * np.pi * LEAST_HZ) ** 2))
     )
@@ -604,14 +604,14 @@ def invert_sizes(size: FloatArray) -> FloatArray:
     return np.asarray(np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0))
 
 
-def compare_transports(
+def _compare_transports(
     poses: Mapping[float, PoseModes], turns: Mapping[float, FloatArray], some: Sequence[float]
 ) -> float:
     """Largest difference between modes transported along some of the poses and those transported
     along all.
     """
     kept = len(next(iter(turns.values())))
-    middle = middle_of(poses)
+    middle = _middle_of(poses)
     coarse = transport_modes(
         {position: poses[position] for position in poses if position in some or position == middle},
         kept,

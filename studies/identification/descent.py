@@ -84,7 +84,7 @@ class _LinearCase:
     rows: tuple[int, ...]
 
 
-def propose_exchanges(problem: FitProblem, point: FitPoint) -> list[tuple[Pairing, ...]]:
+def _propose_exchanges(problem: FitProblem, point: FitPoint) -> list[tuple[Pairing, ...]]:
     """Pairings that the linear model holds for better than that of a point, most promising first;
     none where the data are met.
     """
@@ -344,7 +344,7 @@ def _try_exchanges(problem: FitProblem, record: StartRecord, settle: Callable[[]
     point = record.end
     if not isinstance(point, FitPoint):
         return _Trial(None, 0, 0)
-    for pairings in propose_exchanges(problem, point):
+    for pairings in _propose_exchanges(problem, point):
         try:
             followed = _descend(
                 problem,

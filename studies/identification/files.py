@@ -146,12 +146,12 @@ def summarise_identification(found: Identification) -> IdentificationSummary:
         ],
         "keys": {
             variant or "": {show_key(key): written for key, written in values.items()}
-            for variant, values in write_keys(found).items()
+            for variant, values in _write_keys(found).items()
         },
     }
 
 
-def write_keys(found: Identification) -> dict[str | None, dict[KeyPath, str | float]]:
+def _write_keys(found: Identification) -> dict[str | None, dict[KeyPath, str | float]]:
     """By variant of the target file: every key that follows a parameter with its fitted value as
     the scene writes it.
     """
@@ -178,7 +178,7 @@ def render_overrides(found: Identification, written: Scene, command: str) -> str
             values that only one variant has go into ``calibrated_VARIANT``, to be applied after it.
         command: How to get this file again.
     """
-    keys = write_keys(found)
+    keys = _write_keys(found)
     shared = {
         key: value
         for values in keys.values()

@@ -50,7 +50,7 @@ UNKNOWN = 50.0  # half-width of an interval, in coordinates, that says nothing: 
 BOUND_SHARE = 1e-4  # nearer to a bound than this share of the way between them: at the bound
 
 
-def check_bounds(problem: FitProblem, findings: Findings) -> None:
+def _check_bounds(problem: FitProblem, findings: Findings) -> None:
     """Refuse bounds at which a component cannot be built, the other parameters at their starts.
 
     Raises:
@@ -231,7 +231,7 @@ def _tie_scenes(loaded: LoadedTask, store: Store) -> FitProblem:
         pose = poses[case.pose] if case.pose is not None else next(iter(poses.values()))
         cases.append(make_case(case, scenes[case.variant], pose, loaded.task.parameters))
     problem = FitProblem(tuple(cases), loaded.task.parameters, loaded.task.settings)
-    check_bounds(problem, loaded.findings)
+    _check_bounds(problem, loaded.findings)
     return problem
 
 

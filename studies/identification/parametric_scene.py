@@ -169,7 +169,7 @@ class ParametricShape:
             control_points=control_points,
         )
         component = dataclasses.replace(component, reduction=written.reduction)
-        if component.fidelity == "elastic" and not any(map(reshapes, self.laws)):
+        if component.fidelity == "elastic" and not any(map(_reshapes, self.laws)):
             return component, _rescale(self.superelement, written, component)
         for key, interface in table.interfaces.items():
             for patch in interface.patch_tables():
@@ -238,7 +238,7 @@ def moves(law: KeyLaw) -> bool:
     return law.key[0] == "components" and law.key[2] == "at"
 
 
-def reshapes(law: KeyLaw) -> bool:
+def _reshapes(law: KeyLaw) -> bool:
     """Whether an elastic component has to be meshed or reduced anew for another value."""
     return law.key[2] in ("solid", "interfaces", "mesh", "nu")
 
@@ -426,7 +426,7 @@ def _find_touched(
         meshed=tuple(
             name
             for name, laws in mine.items()
-            if components[name].written.fidelity == "elastic" and any(map(reshapes, laws))
+            if components[name].written.fidelity == "elastic" and any(map(_reshapes, laws))
         ),
     )
 

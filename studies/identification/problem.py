@@ -35,7 +35,7 @@ class Pairing:
     modes: tuple[int, ...]
 
 
-def pair_targets(state: CaseState) -> Pairing:
+def _pair_targets(state: CaseState) -> Pairing:
     """The pairing of targets and modes that leaves the smallest sum of squares in frequencies and
     shapes.
 
@@ -96,7 +96,7 @@ def compare_shape(state: CaseState, shape: ShapeTarget) -> FloatArray:
     return np.asarray((wanted @ seen) ** 2 / sizes)
 
 
-def case_residuals(state: CaseState, pairing: Pairing) -> FloatArray:
+def _case_residuals(state: CaseState, pairing: Pairing) -> FloatArray:
     """Residuals over their standard deviations: frequencies, shapes, compliances, the limit on
     modes; held-out ones left out.
     """
@@ -132,7 +132,7 @@ def mode_rows(state: CaseState) -> tuple[tuple[int | None, ...], int]:
     return tuple(rows), size + (state.model.case.limit is not None)
 
 
-def case_jacobian(state: CaseState, pairing: Pairing) -> FloatArray:
+def _case_jacobian(state: CaseState, pairing: Pairing) -> FloatArray:
     """Derivatives ``(r, p)`` of the residuals by the parameters' values."""
     slopes, count = state.by_parameter, len(state.model.parameters)
     rows: list[FloatArray] = []
@@ -342,7 +342,7 @@ def evaluate(
         known = zip(anchor.states, anchor.pairings, states, strict=True)
         pairings = tuple(follow_modes(before, pairing, state) for before, pairing, state in known)
     else:
-        pairings = tuple(pair_targets(state) for state in states)
+        pairings = tuple(_pair_targets(state) for state in states)
     return _make_point(problem, np.array(coordinates), states, pairings)
 
 
@@ -359,7 +359,7 @@ def exchange_modes(problem: FitProblem, point: FitPoint, pairings: tuple[Pairing
 def data_jacobian(problem: FitProblem, point: FitPoint) -> FloatArray:
     """Derivatives ``(r, p)`` of the residuals of the data by the coordinates."""
     blocks = [
-        case_jacobian(state, pairing)
+        _case_jacobian(state, pairing)
         for state, pairing in zip(point.states, point.pairings, strict=True)
     ]
     return np.vstack(blocks) * problem.value_slopes(point.coordinates)
@@ -386,7 +386,7 @@ def _make_point(
     pairings: tuple[Pairing, ...],
 ) -> FitPoint:
     residuals = np.concatenate(
-        [case_residuals(state, pairing) for state, pairing in zip(states, pairings, strict=True)]
+        [_case_residuals(state, pairing) for state, pairing in zip(states, pairings, strict=True)]
     )
     priors = prior_residuals(problem, coordinates)
     return FitPoint(

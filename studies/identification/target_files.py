@@ -42,7 +42,7 @@ VECTOR_TOLERANCE = 0.1
 LIMIT_TOLERANCE = 0.01
 
 
-def read_case(
+def _read_case(
     name: str, table: CaseTable, scene: Scene, fit: FitTable, findings: Findings
 ) -> TargetCase:
     """The targets of a case.
@@ -322,7 +322,7 @@ def load_targets(
     for name, entry in table.cases.items():
         _load_variant(name, entry, written, overrides, scenes, findings)
     cases = [
-        read_case(name, entry, scenes[entry.variant], table.fit, findings)
+        _read_case(name, entry, scenes[entry.variant], table.fit, findings)
         for name, entry in table.cases.items()
         if entry.variant in scenes
     ]

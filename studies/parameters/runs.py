@@ -187,7 +187,7 @@ def run_study(
     """
     points = expand_study(job.study)
     root = comm.rank == 0
-    keys = [point_key(job, point, ranks=comm.size) for point in points] if root else []
+    keys = [_point_key(job, point, ranks=comm.size) for point in points] if root else []
     known: dict[str, StudyRecord] = {}
 
     def find_waiting() -> list[int]:
@@ -271,7 +271,7 @@ def _expect_point(job: StudyJob, point: StudyPoint) -> tuple[Job, bool]:
     return expect_job(stages), any(stage.kind == "reduce" for stage in stages)
 
 
-def point_key(job: StudyJob, point: StudyPoint, *, ranks: int) -> str:
+def _point_key(job: StudyJob, point: StudyPoint, *, ranks: int) -> str:
     """SHA-256 of everything a point's results depend on: the scene, its files, the settings, and
     this program.
 

@@ -191,7 +191,7 @@ class StudyTable:
     def unit_of(self, column: str) -> str:
         """Return the unit of a watched value; empty where nothing says one."""
         return next(
-            (row.units[column] for row in self.rows if column in row.units), unit_of_result(column)
+            (row.units[column] for row in self.rows if column in row.units), _unit_of_result(column)
         )
 
     def head_of(self, column: str) -> str:
@@ -250,7 +250,7 @@ def _varied_text(row: StudyRow, key: str) -> str | None:
     return show_value(row.record.varied[key]) if key in row.record.varied else None
 
 
-def unit_of_result(path: str) -> str:
+def _unit_of_result(path: str) -> str:
     """Unit of a watched number by the end of its name; empty where that says none.
 
     Args:

@@ -98,7 +98,7 @@ def solve_machine_pose(
     return replace(found, state="failed" if errors else "done", error="; ".join(errors))
 
 
-def modes_to_solve(request: ModalRequest) -> tuple[int | None, float | None]:
+def _modes_to_solve(request: ModalRequest) -> tuple[int | None, float | None]:
     """Count and highest frequency to solve for so that the modes asked for can be followed."""
     count = (
         None
@@ -174,7 +174,7 @@ def _add_modes(model: CoupledPose, found: PoseResult) -> PoseResult:
     request, coupled = model.parts.scene.analyses.get(ModalRequest), model.coupled
     if request is None:
         return found
-    count, limit = modes_to_solve(request)
+    count, limit = _modes_to_solve(request)
     analyses = model.parts.scene.analyses
     modal = (
         solve_lowest_modes(coupled.system, count=count, up_to_hz=limit)

@@ -240,7 +240,7 @@ def collect_results(
     if shapes.shape[2]:
         modes = SweptModes(
             frequencies_hz=_pad([result.frequencies_hz for result in found]),
-            fields=shapes if scene.is_lumped else weigh_shapes(shapes, superelements),
+            fields=shapes if scene.is_lumped else _weigh_shapes(shapes, superelements),
             wanted=np.array([result.wanted for result in found], dtype=np.int64),
             rigid=np.array([result.rigid_count for result in found], dtype=np.int64),
         )
@@ -290,7 +290,7 @@ def _map_limits(request: LobesRequest | None, found: Sequence[PoseResult]) -> di
     }
 
 
-def weigh_shapes(shapes: SingleArray, superelements: Mapping[str, Superelement]) -> SingleArray:
+def _weigh_shapes(shapes: SingleArray, superelements: Mapping[str, Superelement]) -> SingleArray:
     """Shapes ``(n, d, m)`` times the root of the mass matrix: their scalar products are the kinetic
     energy they share.
     """
@@ -315,7 +315,7 @@ class PrincipalCompliance(NamedTuple):
     ratio: FloatArray
 
 
-def principal_compliance(compliance: FloatArray) -> PrincipalCompliance:
+def _principal_compliance(compliance: FloatArray) -> PrincipalCompliance:
     """Largest and smallest of the directions in which force and motion are parallel.
 
     The eigenvectors of the symmetric ``(n, 3, 3)`` are the directions in which force and motion are
@@ -356,7 +356,7 @@ def _map_point(found: Sequence[PoseResult], place: int) -> PointMap:
             for result, has in zip(found, known, strict=True)
         ]
     )
-    principal = principal_compliance(compliance)
+    principal = _principal_compliance(compliance)
     return PointMap(
         compliance, principal.largest, principal.direction, principal.ratio, links, shares
     )
@@ -402,7 +402,7 @@ def name_tracked_modes(parts: MachineParts, results: SweepResults) -> SweepResul
     for number in np.argsort(far, kind="stable"):
         here = [mode for mode in np.flatnonzero(index[number] >= 0) if int(mode) not in names]
         if here:
-            found, points = name_pose_modes(parts, results, int(number), with_static=not samples)
+            found, points = _name_pose_modes(parts, results, int(number), with_static=not samples)
             names |= {int(mode): found.mode_names[index[number, mode]] for mode in here}
             errors = {
                 make_key(
@@ -418,7 +418,7 @@ def name_tracked_modes(parts: MachineParts, results: SweepResults) -> SweepResul
     return dataclasses.replace(results, mode_names=ordered, sampled_errors=samples)
 
 
-def name_pose_modes(
+def _name_pose_modes(
     parts: MachineParts, results: SweepResults, number: int, *, with_static: bool
 ) -> tuple[PoseModes, StaticAnswer]:
     """All modes of a pose with names and errors, and its compliances.

@@ -270,7 +270,7 @@ def _check_values(
             )
 
 
-def task_of(number: int, tasks: int) -> int:
+def _task_of(number: int, tasks: int) -> int:
     """The array task, from 1, that computes a pose."""
     return number % tasks + 1
 
@@ -286,7 +286,7 @@ def list_missing(sweep: Sweep, done: Collection[bytes], tasks: int) -> dict[int,
     missing: dict[int, list[int]] = {}
     for number, positions in enumerate(sweep.positions):
         if positions.tobytes() not in done:
-            missing.setdefault(task_of(number, tasks), []).append(number)
+            missing.setdefault(_task_of(number, tasks), []).append(number)
     return dict(sorted(missing.items()))
 
 

@@ -155,7 +155,7 @@ class _Solved:
     motions: FloatArray
 
 
-def cover_part(seed: int) -> PartCoverage:
+def _cover_part(seed: int) -> PartCoverage:
     """Return the numbers of a seed, from the store where they are there: a suite that was stopped
     goes on.
     """
@@ -429,7 +429,7 @@ def check_coverage_smoke() -> list[ValidationRow]:
 
 
 def _cover(seeds: Sequence[int]) -> list[PartCoverage]:
-    return [cover_part(seed) for seed in seeds]
+    return [_cover_part(seed) for seed in seeds]
 
 
 def _evaluate(case: str, what: str, parts: Sequence[PartCoverage]) -> list[ValidationRow]:

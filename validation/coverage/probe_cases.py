@@ -88,7 +88,7 @@ class _Seen:
     doubts: FloatArray
 
 
-def measure_probes(part: CoveragePart) -> ProbeCoverage:
+def _measure_probes(part: CoveragePart) -> ProbeCoverage:
     """Errors and estimates at the probes of a part on each of its meshes."""
     mesh = _mesh(part, part.reference)
     probes = draw_probes(mesh, np.random.default_rng([20261125, part.seed]))
@@ -216,13 +216,13 @@ def check_probes_smoke() -> list[ValidationRow]:
     return _evaluate(SMOKE, "one part", SMOKE_PARTS)
 
 
-def cover_probes(seed: int) -> ProbeCoverage:
+def _cover_probes(seed: int) -> ProbeCoverage:
     """Return the numbers of a seed, from the store where they are there."""
-    return cover_seed(seed, measure_probes, ProbeCoverage, Path(__file__))
+    return cover_seed(seed, _measure_probes, ProbeCoverage, Path(__file__))
 
 
 def _evaluate(case: str, what: str, seeds: Sequence[int]) -> list[ValidationRow]:
-    parts = [cover_probes(seed) for seed in seeds]
+    parts = [_cover_probes(seed) for seed in seeds]
     rows: list[ValidationRow] = []
     for number, quantity in enumerate(QUANTITIES):
         own = [_select(part, number) for part in parts]

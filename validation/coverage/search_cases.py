@@ -298,14 +298,14 @@ def find_truth(part: SlenderPart) -> SlenderTruth:
 
 
 def _grid_frequencies(part: SlenderPart, counts: tuple[int, ...]) -> FloatArray:
-    mesh = sweep_grid(counts, functools.partial(place_section, part.solid), part.is_round)
+    mesh = _sweep_grid(counts, functools.partial(_place_section, part.solid), part.is_round)
     body = Component("part", Tube(1.0, 0.5, 1.0), STEEL)  # its shape is that of the mesh
     target = ModeTarget(up_to_hz=1.1 * part.up_to_hz)
     request = ReductionRequest(target, recovery=False, errors=False)
     return reduce_elastic(body, mesh, comm=MPI.COMM_SELF, request=request).modal_frequencies_hz
 
 
-def place_section(solid: Tube | tuple[str, dict[str, float]], places: FloatArray) -> FloatArray:
+def _place_section(solid: Tube | tuple[str, dict[str, float]], places: FloatArray) -> FloatArray:
     """Points ``(n, 3)`` of a swept solid [m].
 
     Args:
@@ -327,7 +327,7 @@ def place_section(solid: Tube | tuple[str, dict[str, float]], places: FloatArray
         later = third > 0.5
         around = np.where(later, 0.5 - second, second)
         bow_places = np.column_stack([first, around, 2.0 * np.minimum(third, 1.0 - third)])
-        points = place_section(("elbow", sizes), bow_places)
+        points = _place_section(("elbow", sizes), bow_places)
         points[later] = [0.0, 2.0 * bend, 0.0] + points[later] * [-1.0, -1.0, 1.0]
         return points
     if kind == "elbow":
@@ -371,7 +371,7 @@ def _find_walls(
     return None
 
 
-def sweep_grid(
+def _sweep_grid(
     counts: Sequence[int], place: Callable[[FloatArray], FloatArray], closed: bool
 ) -> ComponentMesh:
     """Build a grid of hexahedra with 27 nodes on an exact shape.

@@ -78,7 +78,7 @@ def compare_new_axes(first: int) -> list[ValidationRow]:
 
 
 def _evaluate_machines(case: str, seeds: list[int]) -> list[ValidationRow]:
-    found = [compare_axes(seed) for seed in seeds]
+    found = [_compare_axes(seed) for seed in seeds]
     machines = f"machines {seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else f"machine {seeds[0]}"
     return [
         row
@@ -91,7 +91,7 @@ def _evaluate_machines(case: str, seeds: list[int]) -> list[ValidationRow]:
     ]
 
 
-def compare_axes(seed: int) -> dict[str, ComparedNumbers]:
+def _compare_axes(seed: int) -> dict[str, ComparedNumbers]:
     """Numbers of a machine by what they are, beside those of fine meshes with more modes: measures of
     its map, errors in single poses, paths with motors that follow and with drives under control.
     """

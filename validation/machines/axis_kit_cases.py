@@ -56,13 +56,13 @@ def check_axis_kit(comm: MPI.Comm) -> list[ValidationRow]:
         for variant in VARIANTS
     }
     rows = judge_table_3({variant: models[variant, "segmented"] for variant in TABLE_3})
-    rows += judge_fidelities(models)
+    rows += _judge_fidelities(models)
     rows += show_shapes(models["YCE", "segmented"])
-    rows += judge_compliances(models)
-    return rows + show_statements(models)
+    rows += _judge_compliances(models)
+    return rows + _show_statements(models)
 
 
-def match_table_3(variant: str, model: KitModel) -> tuple[int, ...]:
+def _match_table_3(variant: str, model: KitModel) -> tuple[int, ...]:
     """Index of the mode that meets each listed one of a variant; measured mode 9 moves the Y-slider
     along Y.
     """
@@ -80,7 +80,7 @@ def judge_table_3(models: Mapping[str, KitModel]) -> list[ValidationRow]:
     rows: list[ValidationRow] = []
     for variant, model in models.items():
         listed = TABLE_3[variant]
-        met = match_table_3(variant, model)
+        met = _match_table_3(variant, model)
         for number, (index, right) in enumerate(zip(met, listed, strict=True), start=1):
             target = Target(right, "Hz", TABLE_TOLERANCE, "published")
             rows.append(
@@ -104,7 +104,7 @@ def judge_table_3(models: Mapping[str, KitModel]) -> list[ValidationRow]:
     return rows
 
 
-def judge_fidelities(models: KitModels) -> list[ValidationRow]:
+def _judge_fidelities(models: KitModels) -> list[ValidationRow]:
     """Finite elements against segments, mode by mode as MAC pairs them, and against the paper's
     finite elements; YE as predicted.
     """
@@ -112,7 +112,7 @@ def judge_fidelities(models: KitModels) -> list[ValidationRow]:
     for variant in ("CE", "YE", "YCE"):
         coarse, fine = models[variant, "segmented"], models[variant, "elastic"]
         listed = (
-            match_table_3(variant, coarse)
+            _match_table_3(variant, coarse)
             if variant in TABLE_3
             else range(len(coarse.frequencies_hz))
         )
@@ -157,7 +157,7 @@ def show_shapes(model: KitModel) -> list[ValidationRow]:
     which described motions they make.
     """
     rows: list[ValidationRow] = []
-    met = match_table_3("YCE", model)
+    met = _match_table_3("YCE", model)
     for mode in MEASURED_MODES:
         if mode.paired is None:
             continue
@@ -201,7 +201,7 @@ def compliance_name(variant: str, fidelity: str, axis: str) -> str:
     return f"{variant} {WORDS[fidelity]}: dz/F{axis}"
 
 
-def judge_compliances(models: KitModels) -> list[ValidationRow]:
+def _judge_compliances(models: KitModels) -> list[ValidationRow]:
     """Sizes of dz per force beside the measured ones; the fit's 151 um/kN is for YCE, everything
     else is predicted.
     """
@@ -225,7 +225,7 @@ def judge_compliances(models: KitModels) -> list[ValidationRow]:
     return rows
 
 
-def show_statements(models: KitModels) -> list[ValidationRow]:
+def _show_statements(models: KitModels) -> list[ValidationRow]:
     """Show what the paper says of figures 17 and 18: confirmed or not."""
     deviations = {
         (fidelity, axis): np.array([abs(UM_PER_KN * models[v, fidelity].compliance["xyz".index(axis)]) for v in VARIANTS])
@@ -272,10 +272,10 @@ def show_statements(models: KitModels) -> list[ValidationRow]:
     rows.append(
         _statement_row("FE and segments differ by less than 15 % elsewhere", others, others < 0.15)
     )
-    return [*rows, judge_similar_modes(models)]
+    return [*rows, _judge_similar_modes(models)]
 
 
-def judge_similar_modes(models: KitModels) -> ValidationRow:
+def _judge_similar_modes(models: KitModels) -> ValidationRow:
     """Check what section 4.2 says of the four variants besides YCE: frequencies and shapes by both
     fidelities are similar.
 

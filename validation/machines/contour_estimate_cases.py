@@ -49,7 +49,7 @@ def check_contour_estimates() -> list[ValidationRow]:
 
 def check_contour_smoke() -> list[ValidationRow]:
     """Gap and forces of a short contour of one machine with one body that deforms."""
-    found = compare_contours(SMOKE_SEED, SMOKE_SETTINGS, SMOKE_ACROSS)
+    found = _compare_contours(SMOKE_SEED, SMOKE_SETTINGS, SMOKE_ACROSS)
     return evaluate_numbers(SMOKE, f"machine {SMOKE_SEED}, {FACES}", [found[FACES]])
 
 
@@ -61,12 +61,12 @@ def compare_new_contours(seed: int) -> list[ValidationRow]:
     """
     return [
         row
-        for kind, found in compare_contours(seed).items()
+        for kind, found in _compare_contours(seed).items()
         for row in evaluate_numbers(CASE, f"machine {seed}, {kind}", [found])
     ]
 
 
-def compare_contours(
+def _compare_contours(
     seed: int, settings: tuple[str, ...] = (), across: int = FINE_ACROSS
 ) -> dict[str, ComparedNumbers]:
     """Numbers of a contour by what they are, beside those of fine meshes with more modes.

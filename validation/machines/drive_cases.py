@@ -167,7 +167,7 @@ def delayed_pole(masses: TwoMasses, control: AxisControl, start: complex) -> com
     return s
 
 
-def set_point_response(masses: TwoMasses, control: AxisControl) -> tuple[FloatArray, FloatArray]:
+def _set_point_response(masses: TwoMasses, control: AxisControl) -> tuple[FloatArray, FloatArray]:
     """Numerator and denominator, lowest power first, of load position over set position, without
     dead time.
     """
@@ -189,7 +189,7 @@ def step_response(masses: TwoMasses, control: AxisControl, times: FloatArray) ->
         times: ``(n,)`` since the step [s].
     """
     poly = np.polynomial.polynomial
-    numerator, denominator = set_point_response(masses, control)
+    numerator, denominator = _set_point_response(masses, control)
     poles = poly.polyroots(denominator)
     residues = poly.polyval(poles, numerator) / (
         poles * poly.polyval(poles, poly.polyder(denominator))
@@ -258,7 +258,7 @@ def check_sampled_control(comm: MPI.Comm) -> list[ValidationRow]:
     late = AxisControl(40.0, 2e4, 0.02, dead_time=1.5 * CYCLE)
     system, train = make_drive(MASSES, late)
     model = find_loop_poles(close_loops(system, [train])).poles
-    stepwise = sampled_poles(CONTROL, CYCLE)
+    stepwise = _sampled_poles(CONTROL, CYCLE)
     rows = []
     for pole in model[np.abs(model) * CYCLE < 0.5]:
         apart = float(np.abs(stepwise - pole).min()) / abs(pole)
@@ -312,7 +312,7 @@ def check_friction(comm: MPI.Comm) -> list[ValidationRow]:
     ]
 
 
-def sampled_poles(control: AxisControl, cycle: float) -> ComplexArray:
+def _sampled_poles(control: AxisControl, cycle: float) -> ComplexArray:
     """Poles ``ln z / T`` of the two masses under a controller of difference equations: plant exact,
     forces kept over a cycle, one cycle late.
     """

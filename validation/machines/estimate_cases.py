@@ -215,7 +215,7 @@ def free_pair() -> Specimen:
     return _specimen("free pair", {"column": lower, "upper": placed}, joints, "upper.tip")
 
 
-def cast_column() -> Specimen:
+def _cast_column() -> Specimen:
     """Return the shipped column from a STEP file alone, fixed at its foot by a support; averaging
     patches for rails and screw.
     """
@@ -337,7 +337,7 @@ def check_step_estimates() -> list[ValidationRow]:
     mesh.
     """
     rows: list[ValidationRow] = []
-    specimen = cast_column()
+    specimen = _cast_column()
     part, mesh, supports = (
         specimen.machine.components["column"],
         specimen.meshes["column"],

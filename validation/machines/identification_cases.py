@@ -105,9 +105,9 @@ def true_values() -> dict[str, float]:
     }
 
 
-def solve_measured(folder: Path) -> FitPoint:
+def _solve_measured(folder: Path) -> FitPoint:
     """Solve the machine with its true stiffnesses in every case that is measured."""
-    blank = write_cases(
+    blank = _write_cases(
         [np.asarray(np.arange(10.0, 10.0 + FREQUENCIES))] * len(MEASURED),
         [np.full(3, 1e-9)] * len(MEASURED),
     )
@@ -118,7 +118,7 @@ def measure(truth: FitPoint, seed: int, noise: float) -> str:
     """Cases of a target file with relative noise on every frequency and compliance.
 
     Args:
-        truth: From ``solve_measured``.
+        truth: From ``_solve_measured``.
         noise: Standard deviation, relative.
     """
     rng = np.random.default_rng(seed)
@@ -126,14 +126,14 @@ def measure(truth: FitPoint, seed: int, noise: float) -> str:
         _disturb(state.frequencies_hz[:FREQUENCIES], noise, rng) for state in truth.states
     ]
     compliances = [_disturb(state.compliances, noise, rng) for state in truth.states]
-    return write_cases(frequencies, compliances)
+    return _write_cases(frequencies, compliances)
 
 
 def _disturb(values: FloatArray, noise: float, rng: np.random.Generator) -> FloatArray:
     return np.asarray(values * np.exp(noise * rng.standard_normal(len(values))))
 
 
-def write_cases(frequencies_hz: Sequence[FloatArray], compliances: Sequence[FloatArray]) -> str:
+def _write_cases(frequencies_hz: Sequence[FloatArray], compliances: Sequence[FloatArray]) -> str:
     """Cases with frequencies [Hz] and compliances at the tool in x, y, z [m/N]."""
     text = ""
     for (name, (variant, pose)), frequencies, values in zip(
@@ -204,7 +204,7 @@ def fit_seeds(folder: Path, seeds: Sequence[int]) -> list[Identification]:
     """Fit the eight stiffnesses to data with the noise of each seed; components are
     reduced once.
     """
-    truth = solve_measured(folder)
+    truth = _solve_measured(folder)
     problem = prepare_text(folder, measure(truth, 0, NOISE) + write_parameters())
     return [
         identify(_with_data(folder, problem, measure(truth, seed, NOISE)), f"seed {seed}")
@@ -217,7 +217,7 @@ def judge_blindness(folder: Path) -> list[ValidationRow]:
     named.
     """
     others = {name: value for name, value in true_values().items() if name != "feet_z"}
-    text = measure(solve_measured(folder), 0, NOISE) + write_parameters(others) + UNIDENTIFIABLE
+    text = measure(_solve_measured(folder), 0, NOISE) + write_parameters(others) + UNIDENTIFIABLE
     found = identify(prepare_text(folder, text), "blind")
     unidentifiable = {
         name: abs(share)

@@ -42,7 +42,7 @@ CLEAR, LARGEST_MEDIAN = 1e-3, 3.0
 def check_peaks() -> list[ValidationRow]:
     """Check the three-axis machine and two drawn ones."""
     drawn = {f"machine {seed}": functools.partial(load_drawn, seed) for seed in SEEDS}
-    loads: dict[str, Load] = {"three-axis machine": load_three_axis, **drawn}
+    loads: dict[str, Load] = {"three-axis machine": _load_three_axis, **drawn}
     return [
         row for what, load in loads.items() for row in _compare(CASE, what, load, searched=True)
     ]
@@ -54,7 +54,7 @@ def check_peaks_smoke() -> list[ValidationRow]:
     return _compare(SMOKE, f"machine {SMOKE_SEED}", load, searched=False)
 
 
-def load_three_axis(_folder: Path) -> Scene:
+def _load_three_axis(_folder: Path) -> Scene:
     """Return the machine of the reference study with a response at its tool."""
     return load_scene(SCENE, variant="frf")
 

@@ -30,7 +30,7 @@ def vary_contour() -> Iterator[tuple[str, ContouringRequest]]:
     """Return the paper's block, and what is changed of it: a name and a contour each."""
     straight = contour_request("al7075-t6")
     yield "straight into face 1", straight
-    corners = dataclasses.replace(straight, contour=enter_from_corners(straight))
+    corners = dataclasses.replace(straight, contour=_enter_from_corners(straight))
     yield AT_CORNERS, corners
     dry = contour_request("al7075-t6-dry")
     yield "with axial force", dataclasses.replace(dry, contour=corners.contour)
@@ -47,7 +47,7 @@ def vary_contour() -> Iterator[tuple[str, ContouringRequest]]:
     yield "spindle, tool and regeneration", dataclasses.replace(waves, tool_modes=modes)
 
 
-def enter_from_corners(request: ContouringRequest) -> PolylineContour:
+def _enter_from_corners(request: ContouringRequest) -> PolylineContour:
     """Return a line around the block that begins on its last face, so that each of the others is
     entered from a corner.
 

@@ -49,11 +49,11 @@ def check_stability_methods(comm: MPI.Comm, steps: int = MARCHED_STEPS) -> list[
         *_turning_rows(),
         *_mathieu_rows(),
         *_milling_rows(steps),
-        *check_milling_limits(comm),
+        *_check_milling_limits(comm),
     ]
 
 
-def check_milling_limits(comm: MPI.Comm) -> list[ValidationRow]:
+def _check_milling_limits(comm: MPI.Comm) -> list[ValidationRow]:
     """Limits of ten scenes, of one and two modes, immersions of 5 to 100 %, both senses, helix and
     one to six teeth, beside converged ones by collocation of another program and by
     semi-discretisation.
@@ -93,7 +93,7 @@ def _limit_rows(
         )
 
 
-def one_mode() -> TipDynamics:
+def _one_mode() -> TipDynamics:
     """Return the single mode of the published case."""
     omega = 2.0 * np.pi * HZ
     mass, damping, stiffness = (
@@ -119,7 +119,7 @@ def _turning_rows() -> list[ValidationRow]:
     """Constant engagement: on the border of the lobes the largest multiplier is one (Tobias;
     Altintas 2012, sec. 4.2).
     """
-    case, tip, rows = "stability-closed-forms", one_mode(), []
+    case, tip, rows = "stability-closed-forms", _one_mode(), []
     omega = 2.0 * np.pi * HZ
     for ratio, waves in TURNING:
         chatter = ratio * omega
@@ -187,7 +187,7 @@ def _milling_rows(steps: int) -> list[ValidationRow]:
         period = 60.0 / (TEETH * rpm)
         fine = _slotting_gain((np.arange(steps * 8) + 0.5) * period / (steps * 8), period, depth)
         found = largest_multiplier(
-            one_mode(), fine.reshape(steps, 8).mean(axis=1)[:, None, None], period
+            _one_mode(), fine.reshape(steps, 8).mean(axis=1)[:, None, None], period
         )
         marched = _marched_multiplier(period, depth, steps)
         name = f"multiplier, slotting at {rpm:g} rpm, {1e3 * depth:g} mm"

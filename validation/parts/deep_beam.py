@@ -75,7 +75,7 @@ def check_harmonic_beam(comm: MPI.Comm) -> list[ValidationRow]:
     Source: NAFEMS R0016 (1993), Selected benchmarks for forced vibration, test 5H; Abaqus
     Benchmarks Guide 4.5.2.
     """
-    beam = loaded_beam(comm)
+    beam = _loaded_beam(comm)
     moved = np.abs(
         solve_frf(beam.system, SWEEP, inputs=[LOAD], outputs=[MOVED]).receptance[:, 0, 0]
     )
@@ -125,7 +125,7 @@ def check_transient_beam(comm: MPI.Comm) -> list[ValidationRow]:
     Source: NAFEMS R0016 (1993), Selected benchmarks for forced vibration, test 5T; Altair
     OptiStruct verification OS-V:0330.
     """
-    beam = loaded_beam(comm)
+    beam = _loaded_beam(comm)
     system, every = beam.system, [channel for channel in beam.system.outputs if channel != MOVED]
     space = to_state_space(system, inputs=[LOAD], outputs=[MOVED, *every])
     found = solve_time_response(space, np.ones((round(DURATION / STEP) + 1, 1)), STEP)
@@ -156,7 +156,7 @@ def check_transient_beam(comm: MPI.Comm) -> list[ValidationRow]:
     ]
 
 
-def loaded_beam(comm: MPI.Comm) -> LoadedBeam:
+def _loaded_beam(comm: MPI.Comm) -> LoadedBeam:
     """Mesh, reduce and support the beam."""
     size = (DEEP_BEAM.width, DEEP_BEAM.depth, DEEP_BEAM.length)
     interfaces = {

@@ -52,7 +52,7 @@ def check_thin_plates(comm: MPI.Comm) -> list[ValidationRow]:
                 ("two faces", TWO_FACES),
             ):
                 found, dofs, seconds = _frequencies(fixed, SIDE / ratio, cells, size, comm)
-                exact = plate_frequencies(factors, SIDE / ratio)
+                exact = _plate_frequencies(factors, SIDE / ratio)
                 worst = int(np.argmax(np.abs(found / exact - 1.0)))
                 text = (
                     f"1:{ratio} {fixed}, {cells} {1e3 * size:g} mm, mode {worst + 1} (worst of 3)"
@@ -78,7 +78,7 @@ def check_thin_plates(comm: MPI.Comm) -> list[ValidationRow]:
                 rows.append(judge(CASE, text, float(found[worst]), target, note))
     for ratio, cells, size in LOCKED:
         found, dofs, seconds = _frequencies("hinged edges", SIDE / ratio, cells, size, comm)
-        share = float(found[0] / plate_frequencies(HINGED, SIDE / ratio)[0])
+        share = float(found[0] / _plate_frequencies(HINGED, SIDE / ratio)[0])
         note = f"elements {size * ratio / SIDE:.0f} times as long as thick; {dofs} dofs, {seconds:.1f} CPU s"
         rows.append(
             show(
@@ -127,7 +127,7 @@ def _sheet_on_pads(coupling: Literal["rigid", "average"], settings: MeshSettings
     return Component("sheet", Box((SIDE, 0.3, 0.002)), STEEL, interfaces=interfaces, mesh=settings)
 
 
-def plate_frequencies(factors: FloatArray, thickness: float) -> FloatArray:
+def _plate_frequencies(factors: FloatArray, thickness: float) -> FloatArray:
     """Return the natural frequencies [Hz] of a thin square plate from ``omega a^2 sqrt(rho h / D)``.
 
     Source: Leissa (1973).

@@ -177,7 +177,7 @@ def straight_lattice(counts: Sequence[int], size: Sequence[float]) -> FloatArray
     return refine_lattice(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1))
 
 
-def tetrahedral_cells(shape: Sequence[int]) -> IntArray:
+def _tetrahedral_cells(shape: Sequence[int]) -> IntArray:
     """Cells ``(6 n, 10)`` in gmsh's order of 10-node tetrahedra, six in each hexahedron of a
     lattice.
 
@@ -207,7 +207,7 @@ def lattice_mesh(lattice: FloatArray, kind: CellKind, *, straight: bool) -> Comp
         kind: ``tet4``, ``tet10``, ``hex8`` or ``hex27``.
     """
     shape = lattice.shape[:3]
-    cells = tetrahedral_cells(shape) if kind.startswith("tet") else lattice_cells(shape)
+    cells = _tetrahedral_cells(shape) if kind.startswith("tet") else lattice_cells(shape)
     used, numbers = np.unique(cells[:, : int(kind[3:])], return_inverse=True)
     cells = numbers.reshape(len(cells), -1).astype(np.int64)
     points = lattice.reshape(-1, 3)[used]

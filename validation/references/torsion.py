@@ -59,7 +59,7 @@ def torsion_constant(side: float, other_side: float) -> float:
     return long * short**3 * (1.0 / 3.0 - 64.0 * short / (math.pi**5 * long) * series)
 
 
-def torsional_stiffness(beam: PrismaticBeam) -> float:
+def _torsional_stiffness(beam: PrismaticBeam) -> float:
     """G J [N m^2] of the beam's section."""
     return beam.shear_modulus * torsion_constant(beam.width, beam.depth)
 
@@ -76,20 +76,20 @@ def torsional_frequencies(beam: PrismaticBeam, ends: EndConditions, count: int) 
 
     Source: Blevins (1979), table 8-19: ``f = lambda / (2 pi L) sqrt(G J / (rho I_p))``.
     """
-    speed = math.sqrt(torsional_stiffness(beam) / (beam.material.density * beam.polar_moment))
+    speed = math.sqrt(_torsional_stiffness(beam) / (beam.material.density * beam.polar_moment))
     return np.asarray(wave_numbers(ends, count) * speed / (2.0 * math.pi * beam.length))
 
 
 def cantilever_twist(beam: PrismaticBeam, moment: float) -> float:
     """Tip twist [rad] of a clamped-free beam under a torque [N m] at its tip: ``T L / (G J)``."""
-    return moment * beam.length / torsional_stiffness(beam)
+    return moment * beam.length / _torsional_stiffness(beam)
 
 
 def fixed_beam_twist(beam: PrismaticBeam, moment: float) -> float:
     """Mid-span twist [rad] of a beam fixed at both ends under a torque [N m] there: ``T L / (4 G
     J)``.
     """
-    return moment * beam.length / (4.0 * torsional_stiffness(beam))
+    return moment * beam.length / (4.0 * _torsional_stiffness(beam))
 
 
 def warping_constant(width: float, depth: float) -> float:
@@ -139,7 +139,7 @@ def _torsion_roots(
     beam: PrismaticBeam, characteristic: Callable[[float, float], float], count: int
 ) -> FloatArray:
     warping = beam.material.youngs_modulus * warping_constant(beam.width, beam.depth)
-    stiffness = torsional_stiffness(beam)
+    stiffness = _torsional_stiffness(beam)
     inertia = beam.material.density * beam.polar_moment
 
     def function(frequency_hz: float) -> float:

@@ -79,7 +79,7 @@ class ReferenceBeam:
     figures: tuple[int, int, int, int]
 
 
-def cantilever_references() -> dict[str, BeamReference]:
+def _cantilever_references() -> dict[str, BeamReference]:
     """Six loads and six modes of the column clamped at its foot."""
     thin, wide = CANTILEVER, turn_section(CANTILEVER)
     solid = list(reference_case("kono-cantilever-static").values.values())
@@ -130,7 +130,7 @@ def cantilever_references() -> dict[str, BeamReference]:
     )
 
 
-def fixed_beam_references() -> dict[str, BeamReference]:
+def _fixed_beam_references() -> dict[str, BeamReference]:
     """Return a force at and above the middle of the front face, and three modes, of the beam
     clamped at both ends.
     """
@@ -188,7 +188,7 @@ def reference_beam(name: str) -> ReferenceBeam:
             2,
             "clamped-free",
             STEEL,
-            cantilever_references(),
+            _cantilever_references(),
             (6, 7, 8, 9),
         ),
         "kono-fixed-beam": ReferenceBeam(
@@ -198,7 +198,7 @@ def reference_beam(name: str) -> ReferenceBeam:
             1,
             "clamped-clamped",
             STEEL,
-            fixed_beam_references(),
+            _fixed_beam_references(),
             (11, 12, 13, 14),
         ),
     }[name]
