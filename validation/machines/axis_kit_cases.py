@@ -28,8 +28,8 @@ from headstock.validation.references.rows import (
     SHOWN_ONLY,
     Target,
     ValidationRow,
-    judge,
-    judge_bound,
+    compare_bound,
+    compare_value,
     show,
     verdict,
 )
@@ -55,10 +55,10 @@ def check_axis_kit(comm: MPI.Comm) -> list[ValidationRow]:
         for fidelity in FIDELITIES
         for variant in VARIANTS
     }
-    rows = judge_table_3({variant: models[variant, "segmented"] for variant in TABLE_3})
-    rows += judge_fidelities(models)
+    rows = evaluate_table_3({variant: models[variant, "segmented"] for variant in TABLE_3})
+    rows += evaluate_fidelities(models)
     rows += show_shapes(models["YCE", "segmented"])
-    rows += judge_compliances(models)
+    rows += evaluate_compliances(models)
     return rows + show_statements(models)
 
 
@@ -73,7 +73,7 @@ def match_table_3(variant: str, model: KitModel) -> tuple[int, ...]:
     return match_frequencies(np.log(model.frequencies_hz), np.log(TABLE_3[variant]), costs=penalty)
 
 
-def judge_table_3(models: Mapping[str, KitModel]) -> list[ValidationRow]:
+def evaluate_table_3(models: Mapping[str, KitModel]) -> list[ValidationRow]:
     """Compare the 22 frequencies of the paper's own rigid and segmented models, and the modes below
     300 Hz that it does not list.
     """
@@ -84,7 +84,9 @@ def judge_table_3(models: Mapping[str, KitModel]) -> list[ValidationRow]:
         for number, (index, right) in enumerate(zip(met, listed, strict=True), start=1):
             target = Target(right, "Hz", TABLE_TOLERANCE, "published")
             rows.append(
-                judge(CASE, f"{variant} segmented: f{number}", model.frequencies_hz[index], target)
+                compare_value(
+                    CASE, f"{variant} segmented: f{number}", model.frequencies_hz[index], target
+                )
             )
         extra = [
             f
@@ -93,7 +95,7 @@ def judge_table_3(models: Mapping[str, KitModel]) -> list[ValidationRow]:
         ]
         note = ", ".join(f"{f:.1f} Hz" for f in extra)
         rows.append(
-            judge_bound(
+            compare_bound(
                 CASE,
                 f"{variant} segmented: modes below 300 Hz not listed",
                 float(len(extra)),
@@ -104,7 +106,7 @@ def judge_table_3(models: Mapping[str, KitModel]) -> list[ValidationRow]:
     return rows
 
 
-def judge_fidelities(models: KitModels) -> list[ValidationRow]:
+def evaluate_fidelities(models: KitModels) -> list[ValidationRow]:
     """Finite elements against segments, mode by mode as MAC pairs them, and against the paper's
     finite elements; YE as predicted.
     """
@@ -126,7 +128,7 @@ def judge_fidelities(models: KitModels) -> list[ValidationRow]:
             )
             note = f"MAC {pair.correlation:.2f}" + ("" if variant in TABLE_3 else ", predicted")
             rows.append(
-                judge(
+                compare_value(
                     CASE, f"{variant} FE: f{number}", fine.frequencies_hz[pair.second], target, note
                 )
             )
@@ -135,7 +137,7 @@ def judge_fidelities(models: KitModels) -> list[ValidationRow]:
     for number, (index, right) in enumerate(zip(met, TABLE_3_FEM, strict=True), 1):
         target = Target(right, "Hz", FEM_TOLERANCE, "published FEM")
         rows.append(
-            judge(
+            compare_value(
                 CASE,
                 f"YCE FE against the paper's FEM: f{number}",
                 fine.frequencies_hz[index],
@@ -170,7 +172,9 @@ def show_shapes(model: KitModel) -> list[ValidationRow]:
         )
         target = Target(mode.frequency_hz, "Hz", float("nan"), SHOWN_ONLY)
         rows.append(
-            judge(CASE, f"measured mode {mode.number}", model.frequencies_hz[index], target, note)
+            compare_value(
+                CASE, f"measured mode {mode.number}", model.frequencies_hz[index], target, note
+            )
         )
     return rows
 
@@ -201,7 +205,7 @@ def compliance_name(variant: str, fidelity: str, axis: str) -> str:
     return f"{variant} {WORDS[fidelity]}: dz/F{axis}"
 
 
-def judge_compliances(models: KitModels) -> list[ValidationRow]:
+def evaluate_compliances(models: KitModels) -> list[ValidationRow]:
     """Sizes of dz per force beside the measured ones; the fit's 151 um/kN is for YCE, everything
     else is predicted.
     """
@@ -215,7 +219,7 @@ def judge_compliances(models: KitModels) -> list[ValidationRow]:
                 )
                 target = Target(MEASURED_COMPLIANCE[axis], "um/kN", tolerance, kind)
                 rows.append(
-                    judge(
+                    compare_value(
                         CASE,
                         compliance_name(variant, fidelity, axis),
                         abs(UM_PER_KN * value),
@@ -272,10 +276,10 @@ def show_statements(models: KitModels) -> list[ValidationRow]:
     rows.append(
         _statement_row("FE and segments differ by less than 15 % elsewhere", others, others < 0.15)
     )
-    return [*rows, judge_similar_modes(models)]
+    return [*rows, evaluate_similar_modes(models)]
 
 
-def judge_similar_modes(models: KitModels) -> ValidationRow:
+def evaluate_similar_modes(models: KitModels) -> ValidationRow:
     """Check what section 4.2 says of the four variants besides YCE: frequencies and shapes by both
     fidelities are similar.
 
