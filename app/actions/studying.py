@@ -44,7 +44,7 @@ from headstock.studies.parameters.runs import StudyJob, check_points, hash_scene
 from headstock.studies.parameters.tables import StudyTable, tabulate_study
 from headstock.validation.refinement.points import collect_points, measure_beam
 from headstock.validation.refinement.references import ReferenceBeam, reference_beam
-from headstock.validation.refinement.statements import judge_own, judge_statements
+from headstock.validation.refinement.statements import evaluate_own, evaluate_statements
 
 TABLE_FILE, LISTING_FILE = "study.csv", "study.json"
 PAPER_MODULE = "headstock.validation.refinement.paper_elements"
@@ -185,7 +185,7 @@ def _add_refinement(
     """Figures, tables and statements of a refinement study."""
     paper = importlib.import_module(PAPER_MODULE)  # loads PETSc
     points = [*collect_points(beam, records), *paper.paper_points(beam)]
-    statements, own = judge_statements(beam, points), judge_own(beam, points)
+    statements, own = evaluate_statements(beam, points), evaluate_own(beam, points)
     extra.update(
         {
             f"{table.name}.csv": encode_csv(table)

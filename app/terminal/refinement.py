@@ -15,7 +15,7 @@ from headstock.app.terminal.console import add_row, make_console, make_table, pr
 from headstock.validation.references.rows import verdict
 from headstock.validation.refinement.points import KINDS, RefinementPoint, ndof_within, pick_series
 from headstock.validation.refinement.references import Group, ReferenceBeam
-from headstock.validation.refinement.statements import JudgedStatement
+from headstock.validation.refinement.statements import EvaluatedStatement
 
 LIMITS = (0.10, 0.05, 0.01, 0.003)
 UNITS: dict[Group, str] = {"static": "um", "modal": "Hz"}
@@ -24,8 +24,8 @@ UNITS: dict[Group, str] = {"static": "um", "modal": "Hz"}
 def print_refinement(
     beam: ReferenceBeam,
     points: Sequence[RefinementPoint],
-    statements: Sequence[JudgedStatement],
-    own: Sequence[JudgedStatement],
+    statements: Sequence[EvaluatedStatement],
+    own: Sequence[EvaluatedStatement],
 ) -> None:
     """References, effort and statements of a refinement study.
 
@@ -47,7 +47,7 @@ def print_refinement(
 
 
 def refinement_tables(
-    beam: ReferenceBeam, points: Sequence[RefinementPoint], statements: Sequence[JudgedStatement]
+    beam: ReferenceBeam, points: Sequence[RefinementPoint], statements: Sequence[EvaluatedStatement]
 ) -> list[PlainTable]:
     """Every value of a refinement study beside its three references, and the statements.
 
@@ -103,7 +103,7 @@ class StatementListing(TypedDict):
     note: str
 
 
-def list_statements(statements: Sequence[JudgedStatement]) -> list[StatementListing]:
+def list_statements(statements: Sequence[EvaluatedStatement]) -> list[StatementListing]:
     """Claims for ``--json``."""
     return [
         {
@@ -171,7 +171,9 @@ def _effort_table(beam: ReferenceBeam, points: Sequence[RefinementPoint]) -> Tab
     return table
 
 
-def _print_statements(console: Console, title: str, statements: Sequence[JudgedStatement]) -> None:
+def _print_statements(
+    console: Console, title: str, statements: Sequence[EvaluatedStatement]
+) -> None:
     confirmed = sum(statement.confirmed for statement in statements)
     console.print(
         f"{title}: {confirmed} of {len(statements)} confirmed", style="bold", markup=False

@@ -11,7 +11,7 @@ from headstock.app.command_line import main
 from headstock.pipeline.storage.outputs import LIST_FILE
 from headstock.validation.machines.axis_kit_cases import CASE, FIDELITIES, compliance_name
 from headstock.validation.machines.axis_kit_models import VARIANTS
-from headstock.validation.references.rows import Target, judge
+from headstock.validation.references.rows import Target, compare_value
 
 # what each command writes into OUT whatever it computes
 FOLDER_COMMANDS = {
@@ -122,7 +122,7 @@ def test_a_validation_writes_its_figures_beside_those_of_the_user_and_not_throug
 ) -> None:
     shown = Target(1.0, "um/kN", float("nan"), "shown only")
     rows = [
-        judge(CASE, compliance_name(variant, kind, axis), 2.0, shown)
+        compare_value(CASE, compliance_name(variant, kind, axis), 2.0, shown)
         for variant in VARIANTS
         for kind in FIDELITIES
         for axis in "xyz"

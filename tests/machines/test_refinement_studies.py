@@ -25,7 +25,7 @@ from headstock.validation.refinement.points import (
     worst_of,
 )
 from headstock.validation.refinement.references import ReferenceBeam, reference_beam
-from headstock.validation.refinement.statements import judge_own, judge_statements
+from headstock.validation.refinement.statements import evaluate_own, evaluate_statements
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
@@ -99,7 +99,7 @@ def fixed_beam(tmp_path_factory: pytest.TempPathFactory) -> Refinement:
 def verdicts(refinement: Refinement, figure: int, models: str) -> dict[str, bool]:
     return {
         claim.text: claim.confirmed
-        for claim in judge_statements(*refinement)
+        for claim in evaluate_statements(*refinement)
         if claim.figure == figure and claim.models == models
     }
 
@@ -131,7 +131,7 @@ def test_the_segmented_cantilever_s_modes_are_within_20_per_cent_and_miss_16_onl
     assert found["every deviation < 20 % from nDOF 60"]
     assert not found["every deviation < 16 % above nDOF 200"]
     beam, points = cantilever
-    (claim,) = [c for c in judge_statements(beam, points) if c.figure == 8 and "16 %" in c.text]
+    (claim,) = [c for c in evaluate_statements(beam, points) if c.figure == 8 and "16 %" in c.text]
     assert "Y2" in claim.decides
     assert "converged 3D elasticity itself lies at -16.04 %" in claim.note
 
@@ -139,7 +139,7 @@ def test_the_segmented_cantilever_s_modes_are_within_20_per_cent_and_miss_16_onl
 def test_second_order_elements_come_within_3_per_mille_of_converged_3d_elasticity(
     cantilever: tuple[ReferenceBeam, list[RefinementPoint]],
 ) -> None:
-    own = [claim for claim in judge_own(*cantilever) if claim.models == "hex27"]
+    own = [claim for claim in evaluate_own(*cantilever) if claim.models == "hex27"]
     assert [claim.confirmed for claim in own] == [True, True], [claim.decides for claim in own]
 
 

@@ -18,7 +18,7 @@ from headstock.validation.coverage.cases import CALIBRATION, HOLD_OUT
 from headstock.validation.machines.axes_estimate_cases import SEEDS
 from headstock.validation.machines.contour_estimate_cases import HELD_OUT, LOOKED_AT
 from headstock.validation.machines.model_choice_cases import MACHINES
-from headstock.validation.references.rows import ValidationRow, judge_bound
+from headstock.validation.references.rows import ValidationRow, compare_bound
 
 
 def test_case_names_are_unique_and_differ_from_group_names() -> None:
@@ -63,7 +63,7 @@ def test_a_case_that_breaks_leaves_a_failed_row_and_the_others_run(
         raise HeadstockError("no convergence")
 
     def works(comm: MPI.Comm) -> list[ValidationRow]:
-        return [judge_bound("works", "q", 0.0, 1.0)]
+        return [compare_bound("works", "q", 0.0, 1.0)]
 
     monkeypatch.setattr(
         case_registry, "CASES", (Case("breaks", "g", "", breaks), Case("works", "g", "", works))
@@ -79,10 +79,10 @@ def test_a_case_that_breaks_leaves_a_failed_row_and_the_others_run(
 
 def test_a_seed_draws_what_no_factor_was_fitted_on(monkeypatch: pytest.MonkeyPatch) -> None:
     def compute(comm: MPI.Comm) -> list[ValidationRow]:
-        return [judge_bound("as a rule", "q", 0.0, 1.0)]
+        return [compare_bound("as a rule", "q", 0.0, 1.0)]
 
     def draw(first: int) -> list[ValidationRow]:
-        return [judge_bound(f"from {first} on", "q", 0.0, 1.0)]
+        return [compare_bound(f"from {first} on", "q", 0.0, 1.0)]
 
     drawn = Case("drawn", "g", "", compute, draw=draw, fresh=49)
     monkeypatch.setattr(case_registry, "CASES", (drawn, Case("beam", "g", "", compute)))

@@ -23,7 +23,7 @@ from headstock.pipeline.storage.store import Store, default_store_root, read_ent
 from headstock.scene.scene import Scene
 from headstock.solvers.mpi import MPI
 from headstock.solvers.second_order import ComplexArray
-from headstock.validation.references.rows import ValidationRow, judge_bound
+from headstock.validation.references.rows import ValidationRow, compare_bound
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -79,14 +79,14 @@ class CoverageCase:
         ratios = estimates[plain] / errors[plain]
         low, middle, high = np.quantile(ratios, [0.1, 0.5, 0.9])
         return [
-            judge_bound(
+            compare_bound(
                 self.name,
                 f"{start}share of numbers that ± does not cover",
                 missed / (len(errors) + uncovered),
                 1.0 - COVERED,
                 note,
             ),
-            judge_bound(
+            compare_bound(
                 self.name,
                 f"{start}± over true error, median",
                 float(middle),
@@ -104,7 +104,7 @@ class CoverageCase:
             note: On the responses.
         """
         known = shares[~np.isnan(shares)]
-        return judge_bound(
+        return compare_bound(
             self.name,
             f"{what}: share of frequency responses without 95 % of their lines covered",
             1.0 - float((known >= COVERED).mean()),

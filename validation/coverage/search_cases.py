@@ -41,7 +41,7 @@ from headstock.validation.coverage.coverage_case import (
 )
 from headstock.validation.coverage.parts import write_step
 from headstock.validation.parts.structured_meshes import node_places
-from headstock.validation.references.rows import ValidationRow, judge_bound, show
+from headstock.validation.references.rows import ValidationRow, compare_bound, show
 
 CASE, FRESH, SMOKE = "coverage-search", "coverage-search-fresh", "coverage-search-smoke"
 ASKED = 0.01
@@ -215,7 +215,7 @@ def evaluate_searches(case: str, parts: Sequence[SearchedPart]) -> list[Validati
     short = [part.name for part in parts if not part.met]
     wrong = [part.name for part in parts if part.met and part.errors.max() > ASKED]
     return [
-        judge_bound(
+        compare_bound(
             case,
             f"parts that a search for {100.0 * ASKED:g} % does not reach, or calls met that are not",
             float(len(short) + len(wrong)),

@@ -23,7 +23,13 @@ from headstock.scene.reading.files import TomlTable
 from headstock.scene.scene import AccuracyGoal
 from headstock.solvers.mpi import MPI
 from headstock.validation.coverage.coverage_case import run_afresh
-from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound, show
+from headstock.validation.references.rows import (
+    Target,
+    ValidationRow,
+    compare_bound,
+    compare_value,
+    show,
+)
 
 CANTILEVER = PROJECT / "machines" / "cantilever.toml"
 MACHINES = {
@@ -118,7 +124,7 @@ def _check_accuracy(name: str, shares: Sequence[float], comm: MPI.Comm) -> list[
         if comm.rank == 0:
             off = float(np.abs(_numbers(results) / exact - 1.0).max())
             what = f"{name}: largest error of {len(exact)} frequencies and compliances, {100.0 * share:g} % asked"
-            rows.append(judge_bound("stated-accuracy", what, off, share, _chosen(results)))
+            rows.append(compare_bound("stated-accuracy", what, off, share, _chosen(results)))
             rows.append(
                 show(
                     "stated-accuracy",
@@ -158,11 +164,11 @@ def check_mesh_estimates(comm: MPI.Comm) -> list[ValidationRow]:
     rank = float(spearmanr(np.concatenate(found), np.concatenate(true)).statistic)
     middle = float(np.median(ratios))
     rows = [
-        judge(
+        compare_value(
             "mesh-estimates", "estimated over true error, median over 6 meshes and 9 numbers, as a factor", max(middle, 1.0 / middle),
             Target(1.0, "-", LARGEST_FACTOR - 1.0, "converged 3D"), f"effectivity {middle:.2f}",
         ),
-        judge(
+        compare_value(
             "mesh-estimates", "rank correlation of estimated and true errors", rank, Target(1.0, "-", 1.0 - LEAST_RANK, "converged 3D"),
         ),
         show("mesh-estimates", "effectivity exceeded by 95 in 100", float(np.quantile(ratios, 0.05)), "-"),

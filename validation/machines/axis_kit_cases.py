@@ -28,8 +28,8 @@ from headstock.validation.references.rows import (
     SHOWN_ONLY,
     Target,
     ValidationRow,
-    judge,
-    judge_bound,
+    compare_bound,
+    compare_value,
     show,
     verdict,
 )
@@ -55,14 +55,14 @@ def check_axis_kit(comm: MPI.Comm) -> list[ValidationRow]:
         for fidelity in FIDELITIES
         for variant in VARIANTS
     }
-    rows = judge_table_3({variant: models[variant, "segmented"] for variant in TABLE_3})
-    rows += _judge_fidelities(models)
+    rows = evaluate_table_3({variant: models[variant, "segmented"] for variant in TABLE_3})
+    rows += evaluate_fidelities(models)
     rows += show_shapes(models["YCE", "segmented"])
-    rows += _judge_compliances(models)
-    return rows + _show_statements(models)
+    rows += evaluate_compliances(models)
+    return rows + show_statements(models)
 
 
-def _match_table_3(variant: str, model: KitModel) -> tuple[int, ...]:
+def match_table_3(variant: str, model: KitModel) -> tuple[int, ...]:
     """Index of the mode that meets each listed one of a variant; measured mode 9 moves the Y-slider
     along Y.
     """
@@ -73,18 +73,20 @@ def _match_table_3(variant: str, model: KitModel) -> tuple[int, ...]:
     return match_frequencies(np.log(model.frequencies_hz), np.log(TABLE_3[variant]), costs=penalty)
 
 
-def judge_table_3(models: Mapping[str, KitModel]) -> list[ValidationRow]:
+def evaluate_table_3(models: Mapping[str, KitModel]) -> list[ValidationRow]:
     """Compare the 22 frequencies of the paper's own rigid and segmented models, and the modes below
     300 Hz that it does not list.
     """
     rows: list[ValidationRow] = []
     for variant, model in models.items():
         listed = TABLE_3[variant]
-        met = _match_table_3(variant, model)
+        met = match_table_3(variant, model)
         for number, (index, right) in enumerate(zip(met, listed, strict=True), start=1):
             target = Target(right, "Hz", TABLE_TOLERANCE, "published")
             rows.append(
-                judge(CASE, f"{variant} segmented: f{number}", model.frequencies_hz[index], target)
+                compare_value(
+                    CASE, f"{variant} segmented: f{number}", model.frequencies_hz[index], target
+                )
             )
         extra = [
             f
@@ -93,7 +95,7 @@ def judge_table_3(models: Mapping[str, KitModel]) -> list[ValidationRow]:
         ]
         note = ", ".join(f"{f:.1f} Hz" for f in extra)
         rows.append(
-            judge_bound(
+            compare_bound(
                 CASE,
                 f"{variant} segmented: modes below 300 Hz not listed",
                 float(len(extra)),
@@ -104,7 +106,7 @@ def judge_table_3(models: Mapping[str, KitModel]) -> list[ValidationRow]:
     return rows
 
 
-def _judge_fidelities(models: KitModels) -> list[ValidationRow]:
+def evaluate_fidelities(models: KitModels) -> list[ValidationRow]:
     """Finite elements against segments, mode by mode as MAC pairs them, and against the paper's
     finite elements; YE as predicted.
     """
@@ -112,7 +114,7 @@ def _judge_fidelities(models: KitModels) -> list[ValidationRow]:
     for variant in ("CE", "YE", "YCE"):
         coarse, fine = models[variant, "segmented"], models[variant, "elastic"]
         listed = (
-            _match_table_3(variant, coarse)
+            match_table_3(variant, coarse)
             if variant in TABLE_3
             else range(len(coarse.frequencies_hz))
         )
@@ -126,7 +128,7 @@ def _judge_fidelities(models: KitModels) -> list[ValidationRow]:
             )
             note = f"MAC {pair.correlation:.2f}" + ("" if variant in TABLE_3 else ", predicted")
             rows.append(
-                judge(
+                compare_value(
                     CASE, f"{variant} FE: f{number}", fine.frequencies_hz[pair.second], target, note
                 )
             )
@@ -135,7 +137,7 @@ def _judge_fidelities(models: KitModels) -> list[ValidationRow]:
     for number, (index, right) in enumerate(zip(met, TABLE_3_FEM, strict=True), 1):
         target = Target(right, "Hz", FEM_TOLERANCE, "published FEM")
         rows.append(
-            judge(
+            compare_value(
                 CASE,
                 f"YCE FE against the paper's FEM: f{number}",
                 fine.frequencies_hz[index],
@@ -157,7 +159,7 @@ def show_shapes(model: KitModel) -> list[ValidationRow]:
     which described motions they make.
     """
     rows: list[ValidationRow] = []
-    met = _match_table_3("YCE", model)
+    met = match_table_3("YCE", model)
     for mode in MEASURED_MODES:
         if mode.paired is None:
             continue
@@ -170,7 +172,9 @@ def show_shapes(model: KitModel) -> list[ValidationRow]:
         )
         target = Target(mode.frequency_hz, "Hz", float("nan"), SHOWN_ONLY)
         rows.append(
-            judge(CASE, f"measured mode {mode.number}", model.frequencies_hz[index], target, note)
+            compare_value(
+                CASE, f"measured mode {mode.number}", model.frequencies_hz[index], target, note
+            )
         )
     return rows
 
@@ -201,7 +205,7 @@ def compliance_name(variant: str, fidelity: str, axis: str) -> str:
     return f"{variant} {WORDS[fidelity]}: dz/F{axis}"
 
 
-def _judge_compliances(models: KitModels) -> list[ValidationRow]:
+def evaluate_compliances(models: KitModels) -> list[ValidationRow]:
     """Sizes of dz per force beside the measured ones; the fit's 151 um/kN is for YCE, everything
     else is predicted.
     """
@@ -215,7 +219,7 @@ def _judge_compliances(models: KitModels) -> list[ValidationRow]:
                 )
                 target = Target(MEASURED_COMPLIANCE[axis], "um/kN", tolerance, kind)
                 rows.append(
-                    judge(
+                    compare_value(
                         CASE,
                         compliance_name(variant, fidelity, axis),
                         abs(UM_PER_KN * value),
@@ -225,7 +229,7 @@ def _judge_compliances(models: KitModels) -> list[ValidationRow]:
     return rows
 
 
-def _show_statements(models: KitModels) -> list[ValidationRow]:
+def show_statements(models: KitModels) -> list[ValidationRow]:
     """Show what the paper says of figures 17 and 18: confirmed or not."""
     deviations = {
         (fidelity, axis): np.array([abs(UM_PER_KN * models[v, fidelity].compliance["xyz".index(axis)]) for v in VARIANTS])
@@ -272,10 +276,10 @@ def _show_statements(models: KitModels) -> list[ValidationRow]:
     rows.append(
         _statement_row("FE and segments differ by less than 15 % elsewhere", others, others < 0.15)
     )
-    return [*rows, _judge_similar_modes(models)]
+    return [*rows, evaluate_similar_modes(models)]
 
 
-def _judge_similar_modes(models: KitModels) -> ValidationRow:
+def evaluate_similar_modes(models: KitModels) -> ValidationRow:
     """Check what section 4.2 says of the four variants besides YCE: frequencies and shapes by both
     fidelities are similar.
 

@@ -39,7 +39,7 @@ from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.time_response import solve_time_response
 from headstock.solvers.mpi import MPI
 from headstock.solvers.second_order import Channel, ComplexArray, SecondOrderSystem
-from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound
+from headstock.validation.references.rows import Target, ValidationRow, compare_bound, compare_value
 
 LOAD = ("load", "x")
 CONTROL = AxisControl(position_gain=40.0, velocity_gain=2e4, integral_time=0.02)
@@ -213,19 +213,19 @@ def check_two_masses(comm: MPI.Comm) -> list[ValidationRow]:
     loop = close_loops(system, [train], outputs=[LOAD])
     lag = find_velocity_lag(loop, "X")[0]
     rows = [
-        judge(
+        compare_value(
             "two-mass-drive",
             "frequency, motor locked",
             locked,
             Target(MASSES.locked_hz, "Hz", EXACT, "closed form"),
         ),
-        judge(
+        compare_value(
             "two-mass-drive",
             "frequency, motor free",
             free,
             Target(MASSES.free_hz, "Hz", EXACT, "closed form"),
         ),
-        judge(
+        compare_value(
             "two-mass-drive",
             "lag at 1 m/s",
             lag,
@@ -234,21 +234,21 @@ def check_two_masses(comm: MPI.Comm) -> list[ValidationRow]:
         ),
     ]
     rows += [
-        _judge_poles("motor encoder", CONTROL),
-        _judge_poles("linear scale", AxisControl(40.0, 2e4, 0.02, encoder="scale")),
+        _evaluate_poles("motor encoder", CONTROL),
+        _evaluate_poles("linear scale", AxisControl(40.0, 2e4, 0.02, encoder="scale")),
     ]
     late = AxisControl(40.0, 2e4, 0.02, dead_time=1.5 * CYCLE)
-    rows.append(_judge_poles("dead time of 375 µs", late))
+    rows.append(_evaluate_poles("dead time of 375 µs", late))
     loads = np.zeros((5001, 3))
     loads[:, 0] = 1.0
     found = solve_time_response(loop.space, loads, 1e-4)
     error = float(np.abs(found.outputs[:, 0] - step_response(MASSES, CONTROL, found.times)).max())
     rows.append(
-        judge_bound(
+        compare_bound(
             "two-mass-drive", "step response, largest error", error, EXACT, "residues at the poles"
         )
     )
-    return [*rows, _judge_largest_gain()]
+    return [*rows, _evaluate_largest_gain()]
 
 
 def check_sampled_control(comm: MPI.Comm) -> list[ValidationRow]:
@@ -264,7 +264,9 @@ def check_sampled_control(comm: MPI.Comm) -> list[ValidationRow]:
         apart = float(np.abs(stepwise - pole).min()) / abs(pole)
         name = f"{abs(pole) / (2.0 * math.pi):.3g} Hz: distance of both poles over their size"
         rows.append(
-            judge_bound("sampled-control", name, apart, 1e-2, "1.5 cycles of 250 µs as a dead time")
+            compare_bound(
+                "sampled-control", name, apart, 1e-2, "1.5 cycles of 250 µs as a dead time"
+            )
         )
     return rows
 
@@ -284,29 +286,29 @@ def check_friction(comm: MPI.Comm) -> list[ValidationRow]:
     lag = 0.05 / 40.0 + 50.0 / (2e4 * 40.0)
     note = "by hand for friction that falls at once"
     return [
-        judge(
+        compare_value(
             "drive-friction",
             "lag of a P controller",
             offset,
             Target(lag, "m", EXACT, "closed form"),
             "v / kv + F / (kp kv)",
         ),
-        judge_bound("drive-friction", "energy balance, sliding", energy, ENERGY_LIMIT),
-        judge(
+        compare_bound("drive-friction", "energy balance, sliding", energy, ENERGY_LIMIT),
+        compare_value(
             "drive-friction",
             "stick-slip period",
             period,
             Target(2.0 * rise / PULL + slip, "s", 1e-2, "closed form"),
             note,
         ),
-        judge(
+        compare_value(
             "drive-friction",
             "stick-slip swing of the spring",
             amplitude,
             Target(swing, "m", 1e-2, "closed form"),
             note,
         ),
-        judge_bound(
+        compare_bound(
             "drive-friction", "energy balance, sticking and slipping", balance, ENERGY_LIMIT
         ),
     ]
@@ -339,7 +341,7 @@ def _sampled_poles(control: AxisControl, cycle: float) -> ComplexArray:
     return np.asarray(np.log(np.linalg.eigvals(total) + 0j) / cycle)
 
 
-def _judge_poles(name: str, control: AxisControl) -> ValidationRow:
+def _evaluate_poles(name: str, control: AxisControl) -> ValidationRow:
     """Return the largest distance of a pole from its closed form, over its size; real poles beyond
     a dead time's reach are left out.
     """
@@ -354,10 +356,12 @@ def _judge_poles(name: str, control: AxisControl) -> ValidationRow:
         every = closed_loop_poles(MASSES, control)
         right = np.array([every[int(np.argmin(np.abs(every - pole)))] for pole in found])
     apart = float((np.abs(found - right) / np.abs(right)).max())
-    return judge_bound("two-mass-drive", f"poles, {name}: largest distance over size", apart, EXACT)
+    return compare_bound(
+        "two-mass-drive", f"poles, {name}: largest distance over size", apart, EXACT
+    )
 
 
-def _judge_largest_gain() -> ValidationRow:
+def _evaluate_largest_gain() -> ValidationRow:
     """Routh: ``M s^3 + kp s^2 + kp (kv + 1/Tn) s + kp kv / Tn`` is stable while ``kp (kv + 1/Tn) >
     M kv / Tn``.
     """
@@ -370,7 +374,7 @@ def _judge_largest_gain() -> ValidationRow:
         control.velocity_gain * rate / ((rigid.motor + rigid.load) * rate - control.velocity_gain)
     )
     target = Target(expected, "1/s", 1e-3, "closed form")
-    return judge(
+    return compare_value(
         "two-mass-drive", "largest stable kv", found * control.position_gain, target, "Routh"
     )
 

@@ -49,7 +49,13 @@ from headstock.validation.parts.closed_form_cases import (
     mesh_settings,
 )
 from headstock.validation.parts.component_models import fixed_by, full_model, full_modes
-from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound, show
+from headstock.validation.references.rows import (
+    Target,
+    ValidationRow,
+    compare_bound,
+    compare_value,
+    show,
+)
 
 MACHINES = PROJECT / "machines"
 MOUNT = np.diag([2e8, 2e8, 4e8, 2e5, 2e5, 2e5])
@@ -328,7 +334,7 @@ def check_frequency_estimates() -> list[ValidationRow]:
         )
         rows.append(report_coverage(CASE, specimen.name, pairs))
         found.append(pairs)
-    rows += judge_pairs(CASE, "all", join_pairs(found))
+    rows += evaluate_pairs(CASE, "all", join_pairs(found))
     return rows
 
 
@@ -347,7 +353,10 @@ def check_step_estimates() -> list[ValidationRow]:
         mesh, part.material, comm=MPI.COMM_SELF, fixed=fixed_by(mesh, tuple(supports.values()))
     )
     pairs = compare_frequencies(specimen, full_modes(whole, WATCHED).frequencies_hz)
-    rows = [report_coverage(CASE, specimen.name, pairs), *judge_pairs(CASE, specimen.name, pairs)]
+    rows = [
+        report_coverage(CASE, specimen.name, pairs),
+        *evaluate_pairs(CASE, specimen.name, pairs),
+    ]
     return rows
 
 
@@ -390,7 +399,7 @@ def join_pairs(parts: list[ErrorPairs]) -> ErrorPairs:
     )
 
 
-def judge_pairs(case: str, what: str, pairs: ErrorPairs) -> list[ValidationRow]:
+def evaluate_pairs(case: str, what: str, pairs: ErrorPairs) -> list[ValidationRow]:
     """Rows for coverage, size and rank correlation of estimates.
 
     Args:
@@ -403,17 +412,17 @@ def judge_pairs(case: str, what: str, pairs: ErrorPairs) -> list[ValidationRow]:
     correlation = float(scipy.stats.spearmanr(pairs.true[clear], pairs.estimated[clear]).statistic)
     note = f"{given.sum()} of {len(given)} have an estimate"
     return [
-        judge_bound(
+        compare_bound(
             case, f"{what}: share of true errors above their estimate", missed, 1.0 - COVERED, note
         ),
-        judge_bound(
+        compare_bound(
             case,
             f"{what}: estimate over true error, median",
             ratio,
             LARGEST_MEDIAN,
             f"{clear.sum()} errors above {CLEAR:g}",
         ),
-        judge(
+        compare_value(
             case,
             f"{what}: rank correlation",
             correlation,

@@ -17,7 +17,7 @@ from headstock.validation.machines.split_bodies import (
     find_whole_frequencies,
     join_parts,
 )
-from headstock.validation.references.rows import ValidationRow, judge_bound, show
+from headstock.validation.references.rows import ValidationRow, compare_bound, show
 
 CASE, SMOKE = "flexible-interfaces", "flexible-interfaces-smoke"
 WATCHED = 10
@@ -73,18 +73,18 @@ def check_flexible_interfaces() -> list[ValidationRow]:
     """Ten frequencies of cut bodies in both forms with more and more shapes."""
     rows: list[ValidationRow] = []
     for body in CUTS:
-        rows += _judge(CASE, body, "weak", SHAPES)
+        rows += _evaluate(CASE, body, "weak", SHAPES)
     for body in STEPS:
-        rows += _judge(CASE, body, None, SHAPES)
-    return rows + _judge(CASE, LAYERS, None, (*SHAPES, MANY_SHAPES))
+        rows += _evaluate(CASE, body, None, SHAPES)
+    return rows + _evaluate(CASE, LAYERS, None, (*SHAPES, MANY_SHAPES))
 
 
 def check_flexible_smoke() -> list[ValidationRow]:
     """Check a beam in the same way."""
-    return _judge(SMOKE, SMOKE_BEAM, "weak", (0, 12, 30), modes=SMOKE_MODES)
+    return _evaluate(SMOKE, SMOKE_BEAM, "weak", (0, 12, 30), modes=SMOKE_MODES)
 
 
-def _judge(
+def _evaluate(
     case: str,
     body: SplitBody,
     judged: Form | None,
@@ -108,12 +108,12 @@ def _judge(
         )
         quantity = f"{body.name}, {form}, {counts[-1]} shapes: furthest of ten frequencies"
         rows.append(
-            judge_bound(case, quantity, float(furthest[-1]), GOAL, note)
+            compare_bound(case, quantity, float(furthest[-1]), GOAL, note)
             if form == judged
             else show(case, quantity, float(furthest[-1]), "-", note)
         )
         rows.append(
-            judge_bound(
+            compare_bound(
                 case,
                 f"{body.name}, {form}: largest step in the wrong direction",
                 _find_wrong_step(errors, form),
@@ -123,7 +123,7 @@ def _judge(
         )
     if not body.finer:
         rows.append(
-            judge_bound(
+            compare_bound(
                 case,
                 f"{body.name}: by how much one part lies above the strong form",
                 float(max(0.0, -finest["strong"].min())),

@@ -20,7 +20,13 @@ from headstock.studies.identification.identification import (
 )
 from headstock.studies.identification.problem import FitPoint, FitProblem, evaluate
 from headstock.studies.identification.target_files import load_targets
-from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound, show
+from headstock.validation.references.rows import (
+    Target,
+    ValidationRow,
+    compare_bound,
+    compare_value,
+    show,
+)
 
 SCENE = Path(__file__).with_name("known_stiffnesses.toml").read_text()
 STIFFNESSES = {
@@ -155,10 +161,10 @@ def check_identification(comm: MPI.Comm) -> list[ValidationRow]:
     if comm.rank > 0:
         return []
     with tempfile.TemporaryDirectory() as name:
-        return [*judge_seeds(Path(name), range(SEEDS)), *judge_blindness(Path(name))]
+        return [*evaluate_seeds(Path(name), range(SEEDS)), *evaluate_blindness(Path(name))]
 
 
-def judge_seeds(folder: Path, seeds: Sequence[int]) -> list[ValidationRow]:
+def evaluate_seeds(folder: Path, seeds: Sequence[int]) -> list[ValidationRow]:
     """Errors and intervals over noise seeds."""
     errors, inside, evaluations, noise = [], [], 0, []
     for found in fit_seeds(folder, seeds):
@@ -173,24 +179,24 @@ def judge_seeds(folder: Path, seeds: Sequence[int]) -> list[ValidationRow]:
     covered = np.array(inside, dtype=float)
     count = f"{size.shape[1]} stiffnesses, {len(size)} seeds"
     return [
-        judge_bound(CASE, f"{count}: largest error", float(size.max()), ERROR_LIMIT, "1 % noise"),
+        compare_bound(CASE, f"{count}: largest error", float(size.max()), ERROR_LIMIT, "1 % noise"),
         show(
             CASE, f"{count}: root mean square of the errors", float(np.sqrt((size**2).mean())), "-"
         ),
-        judge(
+        compare_value(
             CASE,
             f"{count}: share of 95 % intervals that hold the truth",
             float(covered.mean()),
             COVERAGE,
             "at least 0.90",
         ),
-        judge(
+        compare_value(
             CASE,
             f"{count}: the same for the parameter that fares worst",
             float(covered.mean(axis=0).min()),
             COVERAGE,
         ),
-        judge(
+        compare_value(
             CASE,
             "noise found over noise put in, mean",
             float(np.mean(noise)),
@@ -212,7 +218,7 @@ def fit_seeds(folder: Path, seeds: Sequence[int]) -> list[Identification]:
     ]
 
 
-def judge_blindness(folder: Path) -> list[ValidationRow]:
+def evaluate_blindness(folder: Path) -> list[ValidationRow]:
     """Two springs of which only the sum is felt, and a place that hardly matters: both are
     named.
     """
@@ -241,21 +247,21 @@ def judge_blindness(folder: Path) -> list[ValidationRow]:
     total = sum(abs(value) for value in stiffness.values())
     seen = {name: float(found.parameters[names.index(name)].data_share) for name in names}
     return [
-        judge(CASE, SPRINGS_ALONG, along, Target(1.0, "-", 1e-2, "closed form")),
-        judge(
+        compare_value(CASE, SPRINGS_ALONG, along, Target(1.0, "-", 1e-2, "closed form")),
+        compare_value(
             CASE,
             "two springs side by side: sum",
             total / 1e6,
             Target(SUM, "N/um", 0.05, "identity"),
         ),
-        judge_bound(
+        compare_bound(
             CASE,
             "a place that hardly matters: share the data see",
             seen["bolt_height"],
             0.5,
             "named as unidentifiable",
         ),
-        judge(
+        compare_value(
             CASE,
             PLACE_SHARE,
             unidentifiable.get("bolt_height", 0.0),

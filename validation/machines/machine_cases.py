@@ -28,7 +28,13 @@ from headstock.validation.machines.monolithic_machines import (
     monolithic_machine,
     view_carriages,
 )
-from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound, show
+from headstock.validation.references.rows import (
+    Target,
+    ValidationRow,
+    compare_bound,
+    compare_value,
+    show,
+)
 
 SCENE = PROJECT / "machines" / "guideway.toml"
 GUIDEWAY = "guideway"
@@ -91,14 +97,14 @@ def _compare(
 ) -> list[ValidationRow]:
     case = "three-axis-machine"
     rows = [
-        judge(
+        compare_value(
             case, f"{pose}: d{DOF_NAMES[i]}/F{DOF_NAMES[j]}", 1e9 * compliance[i, j],
             Target(1e9 * float(expected[i, j]), "um/kN", COMPLIANCE_TOLERANCE, KIND),
         )
         for i in range(3) for j in range(i + 1)
     ]  # fmt: skip
     rows += [
-        judge(
+        compare_value(
             case, f"{pose}: f{number}", value, Target(float(right), "Hz", FREQUENCY_TOLERANCE, KIND)
         )
         for number, (value, right) in enumerate(zip(frequencies, references, strict=True), start=1)
@@ -113,7 +119,7 @@ def check_guideway() -> list[ValidationRow]:
     machine = load_scene(SCENE).machine
     mesh = mesh_component(machine.components["bed"])
     parts = reduce_parts(machine, {"bed": mesh}, MPI.COMM_SELF)
-    ripple = judge_bound(
+    ripple = compare_bound(
         GUIDEWAY,
         "ripple of ten frequencies over the control points",
         find_ripple(machine, parts),
@@ -219,10 +225,12 @@ def _compare_meshes(
         for what, part in (("compliance", errors[:, :3]), ("frequencies", errors[:, 3:])):
             note = f"{len(errors)} places"
             rows.append(
-                judge_bound(GUIDEWAY, f"{what}, {name}: largest", float(part.max()), LARGEST, note)
+                compare_bound(
+                    GUIDEWAY, f"{what}, {name}: largest", float(part.max()), LARGEST, note
+                )
             )
             rows.append(
-                judge_bound(
+                compare_bound(
                     GUIDEWAY, f"{what}, {name}: median", float(np.median(part)), MEDIAN, note
                 )
             )

@@ -37,7 +37,7 @@ from headstock.scene.scene import AccuracyGoal, Scene
 from headstock.validation.coverage.coverage_case import keep_measured, make_key, run_afresh
 from headstock.validation.coverage.parts import draw_part
 from headstock.validation.machines.drawn_machines import HIGHEST_HZ, draw_machine
-from headstock.validation.references.rows import ValidationRow, judge_bound
+from headstock.validation.references.rows import ValidationRow, compare_bound
 
 CASE, SMOKE, PARTS_CASE = "model-choice", "model-choice-smoke", "part-choice"
 # no margin of a search was chosen on these machines
@@ -274,7 +274,7 @@ def _evaluate(case: str, what: str, scenes: list[ChosenScene]) -> list[Validatio
     worst = int(np.argmax(ratios))
     used = float(np.median([scene.errors.max() / scene.asked for scene in met]))
     return [
-        judge_bound(
+        compare_bound(
             case,
             "share of numbers that are further off than asked",
             float(1.0 - kept.mean()),
@@ -283,7 +283,7 @@ def _evaluate(case: str, what: str, scenes: list[ChosenScene]) -> list[Validatio
             f" {len(scenes) - len(certain)} have no truth that is certain enough; furthest: {what} {furthest.seed},"
             f" {100.0 * furthest.errors.max():.2g} % for {100.0 * furthest.asked:g} %; largest error over what was asked, median {used:.2f}",
         ),
-        judge_bound(
+        compare_bound(
             case,
             f"share of {what}s that take more than {TIMES:g} times the cheapest of what was tried",
             float(np.mean(np.array(ratios) > TIMES)),

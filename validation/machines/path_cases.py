@@ -52,7 +52,7 @@ from headstock.solvers.paths.set_points import Ramp, SetPoint, list_breaks, samp
 from headstock.solvers.paths.varying_response import solve_varying_path
 from headstock.solvers.paths.varying_system import PosedModes, sample_system
 from headstock.solvers.second_order import Channel
-from headstock.validation.references.rows import ValidationRow, judge_bound, show
+from headstock.validation.references.rows import ValidationRow, compare_bound, show
 
 SCENE = PROJECT / "machines" / "three_axis.toml"
 FIXED_TOLERANCE = 1e-9
@@ -227,7 +227,9 @@ def check_path_test() -> list[ValidationRow]:
     screws, and their pose is frozen.
     """
     return [
-        row for name, variant in VARIANTS.items() for row in _judge_variant(name, run_path(variant))
+        row
+        for name, variant in VARIANTS.items()
+        for row in _evaluate_variant(name, run_path(variant))
     ]
 
 
@@ -240,7 +242,7 @@ def check_path_methods() -> list[ValidationRow]:
         float(np.abs(other - second).max() / np.abs(second).max()) for other in (first, frozen)
     )
     return [
-        judge_bound(
+        compare_bound(
             "path-cross-check", "z of the TCP, two independent methods", apart, METHODS_TOLERANCE
         ),
         show("path-cross-check", "z of the TCP, pose of the start frozen", kept, "-"),
@@ -258,7 +260,7 @@ def run_path(variant: str) -> PathResult:
     return found
 
 
-def _judge_variant(name: str, found: PathResult) -> list[ValidationRow]:
+def _evaluate_variant(name: str, found: PathResult) -> list[ValidationRow]:
     low_frequency, fast = found.runs
     count = int(0.4 * found.sampling_hz)
     rows = []
@@ -267,7 +269,7 @@ def _judge_variant(name: str, found: PathResult) -> list[ValidationRow]:
         / np.abs(fast.curves.frozen[:count]).max()
     )
     rows.append(
-        judge_bound(
+        compare_bound(
             CASE,
             f"{name}: 3000 less five times 600 mm/min, pose kept",
             float(kept),
@@ -312,7 +314,7 @@ def _judge_variant(name: str, found: PathResult) -> list[ValidationRow]:
             )
         )
     if found.poses is not None:
-        rows.append(judge_bound(CASE, f"{name}: modes left out", found.poses.truncation, 1e-5))
+        rows.append(compare_bound(CASE, f"{name}: modes left out", found.poses.truncation, 1e-5))
     return rows
 
 

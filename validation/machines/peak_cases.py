@@ -29,7 +29,7 @@ from headstock.solvers.mpi import MPI
 from headstock.validation.coverage.coverage_case import CoverageCase
 from headstock.validation.machines.axis_kit_models import SCENE
 from headstock.validation.machines.drawn_machines import draw_machine
-from headstock.validation.references.rows import ValidationRow, judge_bound, show
+from headstock.validation.references.rows import ValidationRow, compare_bound, show
 
 Load = Callable[[Path], Scene]
 CASE, SMOKE = "peaks", "peaks-smoke"
@@ -132,7 +132,7 @@ def _evaluate_search(
     said = answer.responses is not None and answer.responses.met
     seconds = sum(record.cpu_seconds for record in results.stages)
     return [
-        judge_bound(
+        compare_bound(
             case,
             f"{what}: largest true error of a peak or level, {100.0 * ASKED:g} % asked",
             float(true.max()),

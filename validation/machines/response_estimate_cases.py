@@ -43,10 +43,10 @@ from headstock.validation.machines.estimate_cases import (
     ErrorPairs,
     Specimen,
     clamped_beam,
+    evaluate_pairs,
     free_pair,
     guideway,
     join_pairs,
-    judge_pairs,
     keep_fewer,
     patched_column,
     reduce_specimen,
@@ -59,7 +59,7 @@ from headstock.validation.machines.monolithic_machines import (
     monolithic_frequencies,
 )
 from headstock.validation.parts.closed_form_cases import STEEL, face_interface
-from headstock.validation.references.rows import Target, ValidationRow, judge, show
+from headstock.validation.references.rows import Target, ValidationRow, compare_value, show
 
 RESPONSE_CASE = "response-estimates"
 MODE_COUNTS = (3, 6, 12, 24, 48)
@@ -110,7 +110,7 @@ def check_response_estimates() -> list[ValidationRow]:
         pairs = compare_responses(specimen, LINES)
         rows.append(report_coverage(RESPONSE_CASE, specimen.name, pairs))
         found.append(pairs)
-    rows += judge_pairs(RESPONSE_CASE, "all lines", join_pairs(found))
+    rows += evaluate_pairs(RESPONSE_CASE, "all lines", join_pairs(found))
     return rows
 
 
@@ -197,7 +197,7 @@ def check_mesh_response_estimates() -> list[ValidationRow]:
     for name, found in zip(MESHES, parts, strict=True):
         rows += [_report(f"{name}, {what}", pairs) for what, pairs in found.items()]
     for what in parts[0]:
-        rows += _judge(what, join_pairs([found[what] for found in parts]))
+        rows += _evaluate(what, join_pairs([found[what] for found in parts]))
     return rows
 
 
@@ -316,7 +316,7 @@ def _respond(coupled: CoupledMachine, places: FloatArray) -> _Found:
     )
 
 
-def _judge(what: str, pairs: ErrorPairs) -> list[ValidationRow]:
+def _evaluate(what: str, pairs: ErrorPairs) -> list[ValidationRow]:
     clear = pairs.clear
     ratios = pairs.estimated[clear] / pairs.true[clear]
     middle = float(np.median(ratios))
@@ -324,14 +324,14 @@ def _judge(what: str, pairs: ErrorPairs) -> list[ValidationRow]:
     factor = Target(1.0, "-", LARGEST_FACTOR - 1.0, "converged 3D")
     note = f"effectivity {middle:.2f}; {clear.sum()} errors above {CLEAR:g}"
     return [
-        judge(
+        compare_value(
             CASE,
             f"{what}: estimated over true error, median, as a factor",
             max(middle, 1.0 / middle),
             factor,
             note,
         ),
-        judge(
+        compare_value(
             CASE,
             f"{what}: rank correlation",
             rank,

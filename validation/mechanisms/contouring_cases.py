@@ -24,7 +24,13 @@ from headstock.solvers.milling.stability import (
 )
 from headstock.solvers.mpi import MPI
 from headstock.validation.mechanisms.tripteor_machine import SCENE, Tripteor, load_tripteor
-from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound, show
+from headstock.validation.references.rows import (
+    Target,
+    ValidationRow,
+    compare_bound,
+    compare_value,
+    show,
+)
 
 GAP_MIDDLE, GAP_HALF = 12.5, 7.5  # the gap is to lie between 5 and 20 um
 SOME = 0.3  # of the nonlinear solution, shown beside the linear one [s]
@@ -58,7 +64,7 @@ def check_contouring(comm: MPI.Comm) -> list[ValidationRow]:
         rows += _leg_rows(case, material, tripteor, run)
         rows += _profile_rows(case, material, run)
         rows.append(
-            judge_bound(
+            compare_bound(
                 case,
                 f"{material}: content above twice the highest mode",
                 high_share(run),
@@ -67,7 +73,7 @@ def check_contouring(comm: MPI.Comm) -> list[ValidationRow]:
             )
         )
         rows.append(
-            judge_bound(
+            compare_bound(
                 case,
                 f"{material}: linear contour, processor time [s]",
                 seconds,
@@ -115,14 +121,14 @@ def check_nonlinear_contour(comm: MPI.Comm) -> list[ValidationRow]:
     deflection = float(np.abs(full.gap + full.gravity_deflection).max())
     share = float(np.abs(full.gap - linear.gap).max()) / deflection
     return [
-        judge_bound(
+        compare_bound(
             case,
             "linear off the nonlinear motion of the tool, of its whole deflection",
             share,
             0.01,
             "deflection under gravity included",
         ),
-        judge_bound(
+        compare_bound(
             case,
             "nonlinear contour of 10.7 s, processor time scaled up [s]",
             whole,
@@ -148,13 +154,13 @@ def check_whole_nonlinear_contour(comm: MPI.Comm) -> list[ValidationRow]:
     off = float(np.abs(full.gap - linear.gap).max())
     return [
         *_face_rows(case, f"nonlinear, {material}", full),
-        judge_bound(
+        compare_bound(
             case, "content above twice the highest mode", high_share(full), 0.01, "no filter"
         ),
-        judge_bound(
+        compare_bound(
             case, "processor time of 10.7 s of motion [s]", seconds, 300.0, "the paper: 6 h"
         ),
-        judge_bound(
+        compare_bound(
             case,
             "linear off the nonlinear motion of the tool, of its whole deflection",
             off / deflection,
@@ -171,7 +177,7 @@ def _face_rows(case: str, material: str, run: ContourRun) -> list[ValidationRow]
         means.append(abs(float(gap.mean())))
         note = f"mean {means[-1]:.2f} µm, peak to peak {np.ptp(gap):.2f} µm; the paper: about 10 µm after its filter"
         rows.append(
-            judge_bound(
+            compare_bound(
                 case,
                 f"{material}: |gap| along x on face {face} off {GAP_MIDDLE} µm [µm]",
                 abs(means[-1] - GAP_MIDDLE),
@@ -206,7 +212,7 @@ def _profile_rows(case: str, material: str, run: ContourRun) -> list[ValidationR
         outward = float((gap @ run.plan.cuts[face.number - 1].outward).mean())
         note = f"Ra {1e6 * found.ra:.3f}, Wt {1e6 * found.wt:.3f}, mark at start {1e6 * face.marks[0]:.2f} µm; the paper: marks and about 10 µm"
         rows.append(
-            judge(
+            compare_value(
                 case,
                 f"{material}: location error of face {face.number}, cusps left out",
                 1e6 * (found.location - face.cusp / 3.0),
@@ -216,7 +222,7 @@ def _profile_rows(case: str, material: str, run: ContourRun) -> list[ValidationR
         )
     note = "the paper: vibration on face 3, seen and measured"
     ratio = first.parameters.wt / third.parameters.wt
-    return [*rows, judge_bound(case, f"{material}: Wt of face 1 over face 3", ratio, 1.0, note)]
+    return [*rows, compare_bound(case, f"{material}: Wt of face 1 over face 3", ratio, 1.0, note)]
 
 
 def _step_row(case: str, tripteor: Tripteor, model: str, until: float) -> ValidationRow:
@@ -228,7 +234,7 @@ def _step_row(case: str, tripteor: Tripteor, model: str, until: float) -> Valida
         : len(coarse.gap)
     ]
     change = float(np.sqrt(((fine - coarse.gap) ** 2).mean() / (coarse.gap**2).mean()))
-    return judge_bound(
+    return compare_bound(
         case,
         f"{model}: change of the gap with {FINER} times as many steps, of its rms",
         change,
@@ -257,7 +263,7 @@ def _leg_rows(case: str, material: str, tripteor: Tripteor, run: ContourRun) -> 
     note = "claim: the torque of motor 1 varies more on face 3"
     return [
         *rows,
-        judge_bound(
+        compare_bound(
             case,
             f"{material}: variation of leg 1 on face 1 over face 3",
             spans[0] / spans[1],
@@ -295,7 +301,7 @@ def check_contour_stability(comm: MPI.Comm) -> list[ValidationRow]:
         )
         target = Target(second, "mm", 0.02, "single frequency")
         rows.append(
-            judge(
+            compare_value(
                 case,
                 f"{material}: limit depth on face 3, against a single frequency",
                 limits[2],

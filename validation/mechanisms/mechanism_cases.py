@@ -51,7 +51,7 @@ from headstock.validation.mechanisms.tripteor_machine import (
     plane_states,
     steady_force,
 )
-from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound
+from headstock.validation.references.rows import Target, ValidationRow, compare_bound, compare_value
 from headstock.validation.references.values import reference_case
 
 STEP = 1e-40
@@ -90,7 +90,7 @@ def check_mechanism_derivatives(comm: MPI.Comm) -> list[ValidationRow]:
         ("inertial forces", inertial, lagrange),
     )
     return [
-        judge_bound(case, f"{what}, relative", _relative(value, right), 1e-12)
+        compare_bound(case, f"{what}, relative", _relative(value, right), 1e-12)
         for what, value, right in compared
     ]
 
@@ -117,7 +117,7 @@ def check_inverse_kinematics(comm: MPI.Comm) -> list[ValidationRow]:
             printed = reference.values[f"{signs} {place}"]
             unit = 1e-4 if printed < 1.0 else 1e-3
             rows.append(
-                judge(
+                compare_value(
                     case,
                     f"{signs} {place} leg",
                     float(value),
@@ -143,10 +143,10 @@ def check_mirror_symmetry(comm: MPI.Comm) -> list[ValidationRow]:
     flip = np.diag([1.0, -1.0, 1.0])
     stiff, mirrored = (tool_compliance(tripteor.model, motion)[..., :3, :3] for motion in motions)
     return [
-        judge_bound(
+        compare_bound(
             case, "frequencies in 50 poses, relative", float(np.abs(left / right - 1.0).max()), 1e-9
         ),
-        judge_bound(
+        compare_bound(
             case, "compliance in 50 poses, relative", _relative(stiff, flip @ mirrored @ flip), 1e-9
         ),
     ]
@@ -165,12 +165,12 @@ def check_limits(comm: MPI.Comm) -> list[ValidationRow]:
         moved = _static_rest(model, state, force)
         linear = tool_compliance(model, motions)[:3, :3] @ force
         rows.append(
-            judge_bound(case, f"static limit in {name}, relative", _relative(moved, linear), 1e-6)
+            compare_bound(case, f"static limit in {name}, relative", _relative(moved, linear), 1e-6)
         )
         frequencies = _swing_frequencies(model, state)
         expected = solve_pose_modes(motions).frequencies_hz
         rows.append(
-            judge_bound(
+            compare_bound(
                 case, f"modal limit in {name}, relative", _relative(frequencies, expected), 1e-6
             )
         )
@@ -189,7 +189,7 @@ def check_three_models(comm: MPI.Comm) -> list[ValidationRow]:
     chains = solve_pose_modes(linearise_poses(tripteor.model, states)).frequencies_hz
     absolute = np.array([_absolute_frequencies(tripteor, state) for state in states])
     rows.append(
-        judge_bound(
+        compare_bound(
             case,
             "modes over the plane, chains against absolute, relative",
             _relative(absolute, chains),
@@ -225,31 +225,31 @@ def _compare_instant(
         * compliant**2
     )
     return [
-        judge_bound(
+        compare_bound(
             case,
             f"accelerations, DAE against ODE, {name}, relative",
             _relative(instant.acceleration[-6:], accelerations),
             1e-8,
         ),
-        judge_bound(
+        compare_bound(
             case,
             f"accelerations, absolute against ODE, {name}, relative",
             _relative(found.stretch_acceleration, accelerations),
             1e-8,
         ),
-        judge_bound(
+        compare_bound(
             case,
             f"drive forces, DAE against ODE, {name}, relative",
             _relative(full.drives(instant), drives),
             1e-8,
         ),
-        judge_bound(
+        compare_bound(
             case,
             f"drive forces, absolute against ODE, {name}, relative",
             _relative(pushes + work[1::2], drives[:3]),
             1e-8,
         ),
-        judge_bound(
+        compare_bound(
             case, f"joints open in absolute coordinates, {name} [m]", found.violation, 1e-12
         ),
     ]

@@ -38,7 +38,13 @@ from headstock.validation.mechanisms.tripteor_machine import (
     oscillating_drive,
     steady_force,
 )
-from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound, show
+from headstock.validation.references.rows import (
+    Target,
+    ValidationRow,
+    compare_bound,
+    compare_value,
+    show,
+)
 
 EXACT = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-16}
 DAMPING = 2000.0  # N s/m in every compliance: about 1 % in the first modes
@@ -77,7 +83,7 @@ def check_energy_balance(comm: MPI.Comm, run: Run = FULL_RUN) -> list[Validation
         show(
             case, "energy gained", gained, "J", "moving legs, force on the tool, gravity, damping"
         ),
-        judge(
+        compare_value(
             case, "work put in, DOP853", float(reference[12]), Target(gained, "J", 1e-9, "identity")
         ),
     ]
@@ -119,26 +125,26 @@ def check_constraint_drift(comm: MPI.Comm, count: int = 10_000) -> list[Validati
     integrate_motion(full, first, 48e-6, count, observe=observe)
     position, velocity = np.array(seen).T
     return [
-        judge_bound(
+        compare_bound(
             case,
             f"largest position violation in {count} steps [m, rad]",
             float(position.max()),
             1e-12,
         ),
-        judge_bound(
+        compare_bound(
             case,
             "its mean in the second half over the first, less one",
             _growth(position),
             0.5,
             "no growth",
         ),
-        judge_bound(
+        compare_bound(
             case,
             f"largest velocity violation in {count} steps [m/s, rad/s]",
             float(velocity.max()),
             1e-5,
         ),
-        judge_bound(
+        compare_bound(
             case,
             "its mean in the second half over the first, less one",
             _growth(velocity),
@@ -172,8 +178,10 @@ def check_common_path(comm: MPI.Comm) -> list[ValidationRow]:
     reached = found.place[8] + found.rotation[8] @ place
     stretch = solve_instant(system, span, found, np.zeros(3)).stretch
     return [
-        judge_bound(case, "tool point after 10 ms [m]", float(np.abs(reached - tool).max()), 1e-10),
-        judge_bound(
+        compare_bound(
+            case, "tool point after 10 ms [m]", float(np.abs(reached - tool).max()), 1e-10
+        ),
+        compare_bound(
             case, "compliances after 10 ms, relative", _relative(stretch, reference[:6]), 1e-8
         ),
     ]
@@ -261,7 +269,9 @@ def _order_rows(case: str, what: str, run: Run, errors: list[float]) -> list[Val
     order = float(np.log2(errors[-2] / errors[-1]))
     return [
         *rows,
-        judge(case, f"{what}, order", order, Target(2.0, "-", 0.05, "theory"), "2.0, within 0.1"),
+        compare_value(
+            case, f"{what}, order", order, Target(2.0, "-", 0.05, "theory"), "2.0, within 0.1"
+        ),
     ]
 
 
@@ -359,8 +369,8 @@ def check_singular_passage(comm: MPI.Comm, span: float = 20.0) -> list[Validatio
     off = float(np.abs(found.energies / found.energies[0] - 1.0).max())
     return [
         show(case, "passages of the singular pose", crossings, "-", f"in {span:g} s"),
-        judge_bound(case, f"energy off its start in {span:g} s, relative", off, 1e-3),
-        judge_bound(
+        compare_bound(case, f"energy off its start in {span:g} s, relative", off, 1e-3),
+        compare_bound(
             case, "largest violation of the closures [m, rad]", float(found.violations.max()), 1e-12
         ),
     ]

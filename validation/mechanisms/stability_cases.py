@@ -25,7 +25,7 @@ from headstock.solvers.milling.stability import (
 )
 from headstock.solvers.mpi import MPI
 from headstock.solvers.paths.linear_motion import LinearMotion, Regeneration, integrate_linear
-from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound
+from headstock.validation.references.rows import Target, ValidationRow, compare_bound, compare_value
 
 SCENES = Path(__file__).parents[1] / "references" / "milling_limits"
 # Insperger and Stepan (2004), Int. J. Numer. Meth. Eng. 61, 117-141, sec. 5: one mode, two teeth
@@ -78,14 +78,14 @@ def _limit_rows(
         # digits of the table, and ± of the search
         allowed = 1e-4 + np.nan_to_num(own.errors / true)
         case, where = "milling-limits", f"{name}, travel {own.name}, {len(true)} speeds"
-        yield judge_bound(
+        yield compare_bound(
             case,
             f"{where}: limit off, at most",
             float(np.abs(off).max()),
             0.01,
             "semi-discretisation",
         )
-        yield judge_bound(
+        yield compare_bound(
             case,
             f"{where}: limit above the true one, over its ±",
             max(0.0, float((off / allowed).max())),
@@ -132,9 +132,9 @@ def _turning_rows() -> list[ValidationRow]:
             for steps in (30, 60, 120)
         ]
         name = f"turning at {ratio:g} times the natural frequency, {waves} waves"
-        rows.append(judge_bound(case, f"{name}: multiplier off one", errors[-1], 1e-3))
+        rows.append(compare_bound(case, f"{name}: multiplier off one", errors[-1], 1e-3))
         rows.append(
-            judge(
+            compare_value(
                 case,
                 f"{name}: order",
                 float(np.log2(errors[-2] / errors[-1])),
@@ -143,7 +143,7 @@ def _turning_rows() -> list[ValidationRow]:
         )
         factor = single_frequency_limit(tip, np.full((1, 1, 1), gain), period)
         rows.append(
-            judge(
+            compare_value(
                 case,
                 f"{name}: limit by a single frequency",
                 factor,
@@ -174,7 +174,7 @@ def _mathieu_rows() -> list[ValidationRow]:
             )
             off = float(np.abs(found - sign).min())
             name = f"delayed Mathieu equation, epsilon {epsilon:g}, b {weight:g}: a multiplier off {sign:+.0f}"
-            rows.append(judge_bound(case, name, off, 1e-3))
+            rows.append(compare_bound(case, name, off, 1e-3))
     return rows
 
 
@@ -191,7 +191,9 @@ def _milling_rows(steps: int) -> list[ValidationRow]:
         )
         marched = _marched_multiplier(period, depth, steps)
         name = f"multiplier, slotting at {rpm:g} rpm, {1e3 * depth:g} mm"
-        rows.append(judge(case, name, found, Target(marched, "-", allowed, "marched in time")))
+        rows.append(
+            compare_value(case, name, found, Target(marched, "-", allowed, "marched in time"))
+        )
     return rows
 
 

@@ -34,8 +34,8 @@ from headstock.validation.mechanisms.tripteor_machine import (
 from headstock.validation.references.rows import (
     Target,
     ValidationRow,
-    judge,
-    judge_bound,
+    compare_bound,
+    compare_value,
     show,
     verdict,
 )
@@ -70,7 +70,7 @@ def check_elastic_legs(comm: MPI.Comm) -> list[ValidationRow]:
         for number, right in enumerate(_measured(pose), 1):
             target = Target(float(right), "Hz", WITHIN, "published")
             rows.append(
-                judge(
+                compare_value(
                     case,
                     f"{pose} f{number}, measured mode {number}",
                     float(found[pose][number - 1]),
@@ -82,7 +82,7 @@ def check_elastic_legs(comm: MPI.Comm) -> list[ValidationRow]:
         inside = sum(low <= found[pose][number - 1] <= high for pose in POSES)
         wanted = Target(float(len(POSES)), "-", 0.0, "claim")
         rows.append(
-            judge(
+            compare_value(
                 case,
                 f"poses with f{number} between {low:g} and {high:g} Hz",
                 float(inside),
@@ -94,7 +94,7 @@ def check_elastic_legs(comm: MPI.Comm) -> list[ValidationRow]:
     between = sum(bool(lumped[pose][0] < found[pose][1] < lumped[pose][1]) for pose in POSES)
     target = Target(float(len(POSES)), "-", 0.0, "claim")
     rows.append(
-        judge(
+        compare_value(
             case,
             "poses with f2 between both lumped modes",
             float(between),
@@ -104,7 +104,7 @@ def check_elastic_legs(comm: MPI.Comm) -> list[ValidationRow]:
     )
     further = sum(np.count_nonzero(found[pose][4:] < _measured(pose)[3]) for pose in POSES)
     rows.append(
-        judge_bound(
+        compare_bound(
             case, "further modes below the fourth measured one", further, 0.5, "none was measured"
         )
     )
@@ -129,17 +129,17 @@ def check_leg_methods(comm: MPI.Comm) -> list[ValidationRow]:
         ):
             error = _largest(_solve(tripteor, pose) / beams)
             rows.append(
-                judge_bound(
+                compare_bound(
                     case, f"{pose}: {COUNT} modes, {name} off beam elements by", error, bound
                 )
             )
         ratio = _solve(stiff, pose) / lumped[pose]
         platform, swings = _largest(ratio[:PLATFORM_MODES]), _largest(ratio[PLATFORM_MODES:])
         text = f"{pose}: {PLATFORM_MODES} platform modes, stiff legs off lumped by"
-        rows.append(judge_bound(case, text, platform, STIFF_WITHIN))
+        rows.append(compare_bound(case, text, platform, STIFF_WITHIN))
         text = f"{pose}: 3 swings of legs near 600 Hz, stiff legs off lumped by"
         rows.append(
-            judge_bound(case, text, swings, SWING_WITHIN, "bending of legs 1e4 times as stiff")
+            compare_bound(case, text, swings, SWING_WITHIN, "bending of legs 1e4 times as stiff")
         )
     return rows
 
@@ -260,7 +260,7 @@ def check_lumped_modes(comm: MPI.Comm) -> list[ValidationRow]:
                 measured.values[f"{name} mode {seen}"], "Hz", measured.tolerance, "published"
             )
             rows.append(
-                judge(
+                compare_value(
                     case,
                     f"{name} f{number}, measured mode {seen}",
                     float(found[number - 1]),
@@ -270,7 +270,7 @@ def check_lumped_modes(comm: MPI.Comm) -> list[ValidationRow]:
             )
         target = Target(measured.values[f"{name} mode 4"], "Hz", np.nan, "shown only")
         rows.append(
-            judge(
+            compare_value(
                 case,
                 f"{name} f3, measured mode 4",
                 float(found[2]),
@@ -298,27 +298,27 @@ def check_paper_statements(comm: MPI.Comm) -> list[ValidationRow]:
     ratio = plane[..., 1] / plane[..., 0]
     trend = float(np.corrcoef(plane[..., 0].ravel(), states[..., :3].mean(axis=-1).ravel())[0, 1])
     rows = [
-        judge_bound(
+        compare_bound(
             case, "mode 1 off by, at most", first, MODE_1_LIMIT, "claim: under 5 % in three points"
         ),
-        judge_bound(
+        compare_bound(
             case, "mode 2 off measured mode 3 by, at most", third, MODE_1_LIMIT, "claim: very close"
         ),
-        judge(
+        compare_value(
             case,
             "modes well below measured mode 3",
             between,
             Target(1.0, "-", 0.0, "claim"),
             "measured mode 2 is out of reach",
         ),
-        judge(
+        compare_value(
             case,
             "fall of mode 1 from config_2 to config_3",
             spread,
             Target(STATED_SPREAD, "-", 0.05, "claim"),
             "claim: 20 %",
         ),
-        judge_bound(
+        compare_bound(
             case,
             "1 + correlation of f1 with mean leg length",
             1.0 + trend,
@@ -355,10 +355,10 @@ def check_modal_cost(comm: MPI.Comm) -> list[ValidationRow]:
     )
     whole = _least_time(lambda: _map_plane(tripteor, grid), 1)
     return [
-        judge_bound(
+        compare_bound(
             case, "modes of one configuration, processor time [s]", one, 1e-3, "the paper: 0.5 s"
         ),
-        judge_bound(
+        compare_bound(
             case,
             "map of 100 x 100, processor time [s]",
             whole,

@@ -38,9 +38,9 @@ from headstock.validation.references.rows import (
     SHOWN_ONLY,
     Target,
     ValidationRow,
-    judge,
-    judge_all,
-    judge_bound,
+    compare_bound,
+    compare_value,
+    compare_values,
     named_after,
     show,
 )
@@ -203,7 +203,7 @@ def check_cantilever_statics(comm: MPI.Comm) -> list[ValidationRow]:
         finest = 1e6 * np.abs(
             [1e3 * c[0, 0], 1e3 * c[1, 1], 1e3 * c[2, 2], c[1, 3], c[0, 4], half * c[5, 5]]
         )
-        rows += named_after(kind, judge_all(case, reference, finest))
+        rows += named_after(kind, compare_values(case, reference, finest))
     theories = [
         ("Timoshenko", 0, 1e6 * cantilever_shear_deflection(CANTILEVER, 1e3), DEEP),
         ("Timoshenko", 1, 1e6 * cantilever_shear_deflection(turn_section(CANTILEVER), 1e3), DEEP),
@@ -232,7 +232,9 @@ def check_fixed_beam_statics(comm: MPI.Comm) -> list[ValidationRow]:
             front, back = compliance["front", "front"], compliance["back", "front"]
             values += [front[0, 0], back[0, 0]]
         finest = 1e9 * np.array([*values, abs(front[2, 0])])
-        rows += named_after(kind, [_indentation(row) for row in judge_all(case, reference, finest)])
+        rows += named_after(
+            kind, [_indentation(row) for row in compare_values(case, reference, finest)]
+        )
     bending = fixed_beam_deflection(FIXED_BEAM, 1e3)
     offset = bending + 0.1 * fixed_beam_twist(FIXED_BEAM, 100.0)
     theories = [
@@ -255,7 +257,7 @@ def _indentation(row: ValidationRow) -> ValidationRow:
     if "patch average" not in row.quantity:
         return row
     target = Target(row.reference, row.unit, INDENTATION_TOLERANCE, row.kind)
-    return judge(
+    return compare_value(
         row.case, row.quantity, row.value, target, "with the local indentation of the loaded patch"
     )
 
@@ -283,10 +285,10 @@ def _modal_rows(
             found.append(modes.frequencies_hz)
         finest = found[-1]
         remark = f"{modes.dofs} dofs"
-        rows += named_after(kind, judge_all(case, reference, finest, notes=[remark] * COUNT))
+        rows += named_after(kind, compare_values(case, reference, finest, notes=[remark] * COUNT))
         misplaced = sum(left != right for left, right in zip(modes.kinds, order, strict=True))
         rows.append(
-            judge_bound(case, f"{kind} modes out of the order {' '.join(order)}", misplaced, 0.0)
+            compare_bound(case, f"{kind} modes out of the order {' '.join(order)}", misplaced, 0.0)
         )
         rows += _observed_orders(case, kind, np.array(found))
     return rows + _theory_rows(case, reference, finest, theories)
@@ -338,7 +340,7 @@ def _theory_rows(
     """Show what theories say, against the finest 3D value: shown, never gated."""
     names = list(reference.values)
     return [
-        judge(
+        compare_value(
             case,
             f"{theory}: {names[number]}",
             value,

@@ -30,7 +30,7 @@ from headstock.validation.references.bending import (
     timoshenko_frequencies,
 )
 from headstock.validation.references.prismatic_beams import PrismaticBeam, turn_section
-from headstock.validation.references.rows import ValidationRow, judge_all
+from headstock.validation.references.rows import ValidationRow, compare_values
 from headstock.validation.references.torsion import (
     axial_extension,
     axial_frequencies,
@@ -126,8 +126,8 @@ def check_cantilever_theory(comm: MPI.Comm) -> list[ValidationRow]:
         cantilever_twist(along_x, 1.0) * along_x.width / 2.0,
     ]
     name = "kono-cantilever-theory"
-    rows = judge_all(name, reference_case("kono-cantilever-theory"), frequencies)
-    return rows + judge_all(
+    rows = compare_values(name, reference_case("kono-cantilever-theory"), frequencies)
+    return rows + compare_values(
         name, reference_case("kono-cantilever-static-theory"), 1e6 * np.array(deflections)
     )
 
@@ -147,8 +147,8 @@ def check_fixed_beam_theory(comm: MPI.Comm) -> list[ValidationRow]:
     offset = 0.1
     deflections = [bending, bending + offset * fixed_beam_twist(flat, 1e3 * offset)]
     name = "kono-fixed-beam-theory"
-    rows = judge_all(name, reference_case("kono-fixed-beam-theory"), frequencies)
-    return rows + judge_all(
+    rows = compare_values(name, reference_case("kono-fixed-beam-theory"), frequencies)
+    return rows + compare_values(
         name, reference_case("kono-fixed-beam-static-theory"), 1e6 * np.array(deflections)
     )
 
@@ -156,7 +156,7 @@ def check_fixed_beam_theory(comm: MPI.Comm) -> list[ValidationRow]:
 def check_torsion_constants(comm: MPI.Comm) -> list[ValidationRow]:
     """Saint-Venant's torsion constant of three rectangles."""
     values = [torsion_constant(ratio, 1.0) / ratio for ratio in (1.0, 2.631579, 7.8125)]
-    return judge_all("torsion-constant", reference_case("torsion-constant"), values)
+    return compare_values("torsion-constant", reference_case("torsion-constant"), values)
 
 
 def check_deep_beam_theory(comm: MPI.Comm) -> list[ValidationRow]:
@@ -167,18 +167,20 @@ def check_deep_beam_theory(comm: MPI.Comm) -> list[ValidationRow]:
         *axial_frequencies(DEEP_BEAM, "clamped-free", 1),
         *euler_bernoulli_frequencies(DEEP_BEAM, "supported-supported", 1),
     ]
-    return judge_all("fv5-theory", reference_case("fv5-theory"), values)
+    return compare_values("fv5-theory", reference_case("fv5-theory"), values)
 
 
 def check_slender_beam_theory(comm: MPI.Comm) -> list[ValidationRow]:
     """SDLL02 by Euler and Bernoulli's theory."""
     values = euler_bernoulli_frequencies(SLENDER_BEAM, "clamped-free", 5)
-    return judge_all("sdll02-theory", reference_case("slender-cantilever"), values, tolerance=1e-5)
+    return compare_values(
+        "sdll02-theory", reference_case("slender-cantilever"), values, tolerance=1e-5
+    )
 
 
 def check_rod_theory(comm: MPI.Comm) -> list[ValidationRow]:
     """Axial frequencies of the rod without lateral contraction."""
-    return judge_all(
+    return compare_values(
         "rod-theory",
         reference_case("rod"),
         axial_frequencies(ROD, "clamped-free", 3),
@@ -188,7 +190,7 @@ def check_rod_theory(comm: MPI.Comm) -> list[ValidationRow]:
 
 def check_block_theory(comm: MPI.Comm) -> list[ValidationRow]:
     """Check the block on four air springs in closed form."""
-    return judge_all("block-theory", reference_case("block"), block_frequencies(BLOCK))
+    return compare_values("block-theory", reference_case("block"), block_frequencies(BLOCK))
 
 
 def mesh_settings(kind: CellKind, size: float) -> MeshSettings:

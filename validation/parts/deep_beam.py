@@ -29,7 +29,7 @@ from headstock.solvers.second_order import Channel, SecondOrderSystem
 from headstock.solvers.stresses import STRESS_NAMES
 from headstock.validation.parts.closed_form_cases import DEEP_BEAM, face_interface, mesh_settings
 from headstock.validation.parts.component_models import shared_mesh
-from headstock.validation.references.rows import Target, ValidationRow, judge, show
+from headstock.validation.references.rows import Target, ValidationRow, compare_value, show
 
 LOAD_PER_LENGTH = 1e6
 DAMPING = 0.02
@@ -91,17 +91,17 @@ def check_harmonic_beam(comm: MPI.Comm) -> list[ValidationRow]:
     fibre = math.hypot(*(float(beam.stresses(part, FIBRE)[0]) for part in parts))
     note = "3D body of hex27 on averaged supports"
     return [
-        judge(
+        compare_value(
             "nafems-5h",
             "peak displacement",
             1e3 * moved[peak],
             Target(13.45, "mm", 1e-2, PUBLISHED),
             note,
         ),
-        judge(
+        compare_value(
             "nafems-5h", "frequency of the peak", SWEEP[peak], Target(42.65, "Hz", 1e-2, PUBLISHED)
         ),
-        judge(
+        compare_value(
             "nafems-5h",
             "peak bending stress",
             1e-6 * bending,
@@ -135,22 +135,22 @@ def check_transient_beam(comm: MPI.Comm) -> list[ValidationRow]:
     stress = max(abs(float(beam.stresses(found.outputs[place, 1:], FIBRE)[0])) for place in near)
     static = float(system.outputs[MOVED] @ solve_static(system, system.inputs[LOAD]).displacements)
     return [
-        judge(
+        compare_value(
             "nafems-5t",
             "peak displacement",
             1e3 * moved.max(),
             Target(1.043, "mm", 1e-2, PUBLISHED),
         ),
-        judge(
+        compare_value(
             "nafems-5t",
             "time of the peak",
             1e3 * found.times[int(np.argmax(moved))],
             Target(11.7, "ms", 2e-2, PUBLISHED),
         ),
-        judge(
+        compare_value(
             "nafems-5t", "static displacement", 1e3 * static, Target(0.538, "mm", 1e-2, PUBLISHED)
         ),
-        judge(
+        compare_value(
             "nafems-5t", "peak fibre stress", 1e-6 * stress, Target(18.76, "MPa", 4e-2, PUBLISHED)
         ),
     ]

@@ -20,7 +20,7 @@ from headstock.validation.parts.component_models import (
     rigid_face_matrices,
     shared_mesh,
 )
-from headstock.validation.references.rows import ValidationRow, judge_bound
+from headstock.validation.references.rows import ValidationRow, compare_bound
 
 CASE = "eigensolvers"
 COUNT = 12
@@ -83,7 +83,7 @@ def check_eigensolvers(comm: MPI.Comm) -> list[ValidationRow]:
             worst = float(np.abs(modes.frequencies_hz[:COUNT] / exact[:COUNT] - 1.0).max())
             quantity = f"{part.name}, {method}: largest error of {COUNT} frequencies"
             note = f"{model.operators.total_nodes * 3} dofs"
-            rows.append(judge_bound(CASE, quantity, worst, part.allowed, note))
+            rows.append(compare_bound(CASE, quantity, worst, part.allowed, note))
     return rows
 
 

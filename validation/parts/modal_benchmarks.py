@@ -45,9 +45,9 @@ from headstock.validation.parts.structured_meshes import lattice_mesh, straight_
 from headstock.validation.references.rows import (
     Target,
     ValidationRow,
-    judge,
-    judge_all,
-    judge_bound,
+    compare_bound,
+    compare_value,
+    compare_values,
     named_after,
 )
 from headstock.validation.references.values import reference_case
@@ -88,7 +88,7 @@ def check_deep_beam(comm: MPI.Comm) -> list[ValidationRow]:
         joints = {end: _ground_joint(end, "beam", end, fixed=dofs) for end, dofs in fixed.items()}
         machine = Machine("fv5", {"beam": beam}, joints)
         found = _coupled_frequencies({"beam": element}, machine, 9)
-        rows += named_after(kind, judge_all("fv5", reference_case("fv5"), found))
+        rows += named_after(kind, compare_values("fv5", reference_case("fv5"), found))
     return rows
 
 
@@ -106,7 +106,7 @@ def check_block(comm: MPI.Comm) -> list[ValidationRow]:
         joints[joint.name] = dataclasses.replace(joint, stiffness=stiffness, point=corner)
     machine = Machine("block", {"block": block}, joints)
     element = reduce_rigid(block, describe_component(block))
-    return judge_all(
+    return compare_values(
         "block", reference_case("block"), _coupled_frequencies({"block": element}, machine, 6)
     )
 
@@ -119,18 +119,18 @@ def check_free_column(comm: MPI.Comm) -> list[ValidationRow]:
     """
     lattice = straight_lattice(FREE_CELLS, COLUMN_SIZE)
     found, ratio = _free_modes(lattice_mesh(lattice, "hex27", straight=True), comm)
-    judged = judge_all("free", reference_case("free"), found)
+    judged = compare_values("free", reference_case("free"), found)
     rows = [
         dataclasses.replace(row, kind="same mesh", note="on the table's own mesh, 2 x 4 x 16")
         for row in judged
     ]
-    rows.append(judge_bound("free", "largest rigid-body frequency over f7", ratio, RIGID_RATIO))
+    rows.append(compare_bound("free", "largest rigid-body frequency over f7", ratio, RIGID_RATIO))
     fine, ratios = {}, {}
     for kind in SECOND_ORDER_KINDS:
         component = column(mesh_settings(kind, FREE_SIZE))
         fine[kind], ratios[kind] = _free_modes(shared_mesh(component, comm=comm), comm)
         rows.append(
-            judge_bound(
+            compare_bound(
                 "free",
                 f"fine {kind} largest rigid-body frequency over f7",
                 ratios[kind],
@@ -139,7 +139,7 @@ def check_free_column(comm: MPI.Comm) -> list[ValidationRow]:
         )
     for number, (tet, hexa) in enumerate(zip(fine["tet10"], fine["hex27"], strict=True), start=7):
         rows.append(
-            judge(
+            compare_value(
                 "free",
                 f"fine tet10 f{number} against fine hex27",
                 tet,
@@ -161,11 +161,11 @@ def check_square_column(comm: MPI.Comm) -> list[ValidationRow]:
         )
         found = _clamped_modes(component, 8, comm)[0].frequencies_hz[:8]
         rows += named_after(
-            kind, judge_all("square-column", reference_case("square-column"), found)
+            kind, compare_values("square-column", reference_case("square-column"), found)
         )
         splits = found[[1, 3, 7]] / found[[0, 2, 6]] - 1.0
         rows.append(
-            judge_bound(
+            compare_bound(
                 "square-column",
                 f"{kind} largest split of a pair",
                 float(splits.max()),
@@ -194,7 +194,7 @@ def check_slender_cantilever(comm: MPI.Comm) -> list[ValidationRow]:
         ][:5]
         notes = [f"3D lies {100.0 * (value / right - 1.0):+.2f} % from the beam: the wide section resists its anticlastic bending"
                  for value, right in zip(found, reference.values.values(), strict=True)]  # fmt: skip
-        rows += named_after(kind, judge_all("sdll02", reference, found, notes=notes))
+        rows += named_after(kind, compare_values("sdll02", reference, found, notes=notes))
     return rows
 
 

@@ -20,9 +20,9 @@ from headstock.validation.parts.structured_meshes import field_error, lattice_me
 from headstock.validation.references.rows import (
     Target,
     ValidationRow,
-    judge,
-    judge_all,
-    judge_order,
+    compare_order,
+    compare_value,
+    compare_values,
     named_after,
 )
 from headstock.validation.references.torsion import axial_frequencies
@@ -53,7 +53,7 @@ def check_rod_orders(comm: MPI.Comm) -> list[ValidationRow]:
         ]
         order = float(np.log2(errors[-2] / errors[-1]))
         quantity = f"{kind} axial f3, {ROD_ELEMENTS[-2]} to {ROD_ELEMENTS[-1]} elements"
-        rows.append(judge_order("rod-orders", quantity, order, 2.0 * ORDER[kind]))
+        rows.append(compare_order("rod-orders", quantity, order, 2.0 * ORDER[kind]))
     return rows
 
 
@@ -64,7 +64,7 @@ def check_rod_frequencies(comm: MPI.Comm) -> list[ValidationRow]:
     rows: list[ValidationRow] = []
     for kind in SECOND_ORDER_KINDS:
         found = rod_frequencies(kind, ROD_ELEMENTS[-1], comm, sideways="free")
-        rows += named_after(kind, judge_all("rod", reference_case("rod"), found))
+        rows += named_after(kind, compare_values("rod", reference_case("rod"), found))
     return rows
 
 
@@ -79,10 +79,12 @@ def check_displacement_orders(comm: MPI.Comm) -> list[ValidationRow]:
         step = np.log(CUBE_ELEMENTS[-1] / CUBE_ELEMENTS[-2])
         order = float(np.log(errors[-2] / errors[-1]) / step)
         quantity = f"{kind} displacement, {CUBE_ELEMENTS[-2]} to {CUBE_ELEMENTS[-1]} elements"
-        rows.append(judge_order(case, quantity, order, ORDER[kind] + 1.0))
+        rows.append(compare_order(case, quantity, order, ORDER[kind] + 1.0))
         bound = Target(0.0, "-", CUBE_TOLERANCE[ORDER[kind]], "closed form")
         rows.append(
-            judge(case, f"{kind} relative error, {CUBE_ELEMENTS[-1]} elements", errors[-1], bound)
+            compare_value(
+                case, f"{kind} relative error, {CUBE_ELEMENTS[-1]} elements", errors[-1], bound
+            )
         )
     return rows
 

@@ -18,7 +18,7 @@ from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.mpi import MPI
 from headstock.validation.parts.closed_form_cases import STEEL
 from headstock.validation.parts.component_models import shared_mesh
-from headstock.validation.references.rows import Target, ValidationRow, judge, show
+from headstock.validation.references.rows import Target, ValidationRow, compare_value, show
 
 CASE = "thin-parts"
 SIDE = 0.4
@@ -75,7 +75,7 @@ def check_thin_plates(comm: MPI.Comm) -> list[ValidationRow]:
                     TOLERANCE,
                     "closed form" if fixed == "hinged edges" else "published",
                 )
-                rows.append(judge(CASE, text, float(found[worst]), target, note))
+                rows.append(compare_value(CASE, text, float(found[worst]), target, note))
     for ratio, cells, size in LOCKED:
         found, dofs, seconds = _frequencies("hinged edges", SIDE / ratio, cells, size, comm)
         share = float(found[0] / _plate_frequencies(HINGED, SIDE / ratio)[0])
@@ -108,7 +108,7 @@ def _check_pads(comm: MPI.Comm) -> list[ValidationRow]:
         text = f"1:200 on four {'rigid' if coupling == 'rigid' else 'averaging'} pads, hex 15 mm, mode {worst + 1} (worst of 3)"
         target = Target(float(exact[worst]), "Hz", TOLERANCE, "second mesh")
         rows.append(
-            judge(
+            compare_value(
                 CASE,
                 text,
                 float(found[worst]),

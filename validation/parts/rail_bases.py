@@ -17,7 +17,7 @@ from headstock.reduction.rails import Rail, carriage_rows, place_knots
 from headstock.reduction.requests import ReductionRequest
 from headstock.solvers.mpi import MPI
 from headstock.validation.parts.structured_meshes import lattice_mesh, straight_lattice
-from headstock.validation.references.rows import ValidationRow, judge_bound, show
+from headstock.validation.references.rows import ValidationRow, compare_bound, show
 
 CASE = "rail-bases"
 SPAN, CARRIAGE, FINE = 0.4, 0.1, 32  # the finest rail has eight intervals per carriage length
@@ -156,7 +156,7 @@ def _describe(name: str, found: FloatArray, right: FloatArray) -> list[Validatio
     for index, what in enumerate(("normal", "pitch")):
         rows.append(show(CASE, f"{name}: {what}, error", 100.0 * float(error[index]), "%"))
         if name.startswith("splines,") and what == "normal":
-            rows.append(judge_bound(CASE, f"{name}: {what}, ripple", float(rest[index]), RIPPLE))
+            rows.append(compare_bound(CASE, f"{name}: {what}, ripple", float(rest[index]), RIPPLE))
         else:
             rows.append(show(CASE, f"{name}: {what}, ripple", 100.0 * float(rest[index]), "%"))
     return rows

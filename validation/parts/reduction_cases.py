@@ -29,7 +29,13 @@ from headstock.validation.parts.component_models import (
     rigid_face_matrices,
     shared_mesh,
 )
-from headstock.validation.references.rows import Target, ValidationRow, judge, judge_bound, show
+from headstock.validation.references.rows import (
+    Target,
+    ValidationRow,
+    compare_bound,
+    compare_value,
+    show,
+)
 
 COUPLINGS = ("rigid", "average")
 RIGID = 6
@@ -57,7 +63,7 @@ def check_all_modes(comm: MPI.Comm) -> list[ValidationRow]:
         matrices = rigid_face_matrices(mesh, STEEL, centers if coupling == "rigid" else {})
         whole = all_frequencies(matrices)
         rows.append(
-            judge_bound(
+            compare_bound(
                 case,
                 f"{coupling}: dofs more or fewer than the whole model",
                 len(found) - len(whole),
@@ -67,7 +73,7 @@ def check_all_modes(comm: MPI.Comm) -> list[ValidationRow]:
         if len(found) == len(whole):
             worst = float(np.abs(found[RIGID:] / whole[RIGID:] - 1.0).max())
             rows.append(
-                judge_bound(
+                compare_bound(
                     case,
                     f"{coupling}: largest error of {len(whole) - RIGID} frequencies",
                     worst,
@@ -81,7 +87,7 @@ def check_all_modes(comm: MPI.Comm) -> list[ValidationRow]:
                 names, (condensed.stiffness, condensed.mass), guyan_matrices(matrices), strict=True
             ):
                 rows.append(
-                    judge_bound(
+                    compare_bound(
                         case,
                         f"no modes: {name} against Guyan's",
                         float(np.abs(left - right).max() / np.abs(right).max()),
@@ -111,7 +117,7 @@ def check_static_exactness(comm: MPI.Comm) -> list[ValidationRow]:
         scale = np.sqrt(np.outer(np.diag(exact), np.diag(exact)))
         worst = float(np.abs((found - exact) / scale).max())
         rows.append(
-            judge_bound(
+            compare_bound(
                 case,
                 f"{element.modal_count} modes: compliance of the head, foot fixed",
                 worst,
@@ -140,9 +146,9 @@ def check_mode_truncation(comm: MPI.Comm) -> list[ValidationRow]:
     for factor, allowed in RANGE_TOLERANCE.items():
         count = int(np.searchsorted(element.modal_frequencies_hz, factor * whole[-1], side="right"))
         quantity = f"modes up to {factor} x the range ({count}): largest error of ten frequencies"
-        rows.append(judge_bound(case, quantity, float(errors[count].max()), allowed))
+        rows.append(compare_bound(case, quantity, float(errors[count].max()), allowed))
     rows.append(
-        judge_bound(
+        compare_bound(
             case,
             "deepest fall below the whole model",
             min(float(errors.min()), 0.0),
@@ -152,7 +158,7 @@ def check_mode_truncation(comm: MPI.Comm) -> list[ValidationRow]:
     )
     rise = max(float(np.diff(errors[WATCHED - RIGID :], axis=0).max()), 0.0)
     rows.append(
-        judge_bound(
+        compare_bound(
             case,
             "largest rise of a frequency when a mode is added",
             rise,
@@ -175,7 +181,7 @@ def check_rigid_body_content(comm: MPI.Comm) -> list[ValidationRow]:
         element = _reduce(component, mesh, 20, comm)
         found = _frequencies(element.stiffness, element.mass)
         rows.append(
-            judge_bound(
+            compare_bound(
                 case,
                 f"{coupling}: largest rigid-body frequency over the first elastic one",
                 found[RIGID - 1] / found[RIGID],
@@ -185,7 +191,7 @@ def check_rigid_body_content(comm: MPI.Comm) -> list[ValidationRow]:
         motions = rigid_motions(element, np.array([0.0, 0.0, z / 2.0]))
         content = motions.T @ element.mass @ motions
         rows.append(
-            judge(
+            compare_value(
                 case,
                 f"{coupling}: mass",
                 float(content[0, 0]),
@@ -194,13 +200,13 @@ def check_rigid_body_content(comm: MPI.Comm) -> list[ValidationRow]:
         )
         offset = float(np.abs(content[:3, 3:]).max() / (mass * z))
         rows.append(
-            judge_bound(
+            compare_bound(
                 case, f"{coupling}: offset of the centre of mass over the length", offset, 1e-9
             )
         )
         for axis, value, right in zip("xyz", np.diag(content)[3:], inertia, strict=True):
             rows.append(
-                judge(
+                compare_value(
                     case,
                     f"{coupling}: inertia about {axis}",
                     float(value),
@@ -211,7 +217,9 @@ def check_rigid_body_content(comm: MPI.Comm) -> list[ValidationRow]:
             np.linalg.norm(element.stiffness @ motions)
             / (np.linalg.norm(element.stiffness) * np.linalg.norm(motions))
         )
-        rows.append(judge_bound(case, f"{coupling}: forces caused by rigid motions", strain, 1e-9))
+        rows.append(
+            compare_bound(case, f"{coupling}: forces caused by rigid motions", strain, 1e-9)
+        )
     return rows
 
 
@@ -226,14 +234,14 @@ def check_mean_truncation(comm: MPI.Comm) -> list[ValidationRow]:
     case = "average-truncation"
     worst = float((found / whole - 1.0).max())
     rows = [
-        judge_bound(
+        compare_bound(
             case, f"{element.modal_count} modes: largest error of ten frequencies", worst, SHARP
         )
     ]
     lowest = min(float((found / whole - 1.0).min()), 0.0)
     return [
         *rows,
-        judge_bound(
+        compare_bound(
             case,
             "deepest fall below the whole model",
             lowest,

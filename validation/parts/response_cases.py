@@ -44,9 +44,9 @@ from headstock.validation.references.prismatic_beams import PrismaticBeam
 from headstock.validation.references.rows import (
     Target,
     ValidationRow,
-    judge,
-    judge_all,
-    judge_bound,
+    compare_bound,
+    compare_value,
+    compare_values,
     show,
 )
 from headstock.validation.references.torsion import axial_extension, axial_frequencies
@@ -84,10 +84,10 @@ def check_beam_truncation(comm: MPI.Comm) -> list[ValidationRow]:
     parts = [
         1.0 - float(keep_modes(coordinates, count).residual[0, 0]) / whole for count in range(1, 6)
     ]
-    rows = judge_all("beam-truncation", reference_case("mode-truncation"), parts)
+    rows = compare_values("beam-truncation", reference_case("mode-truncation"), parts)
     return [
         *rows,
-        judge(
+        compare_value(
             "beam-truncation",
             "with static correction",
             whole,
@@ -108,7 +108,7 @@ def check_column_response(comm: MPI.Comm) -> list[ValidationRow]:
         error = float(np.abs(value - right).max() / np.abs(right).max())
         note = "largest difference of nine entries over the largest entry"
         rows.append(
-            judge_bound(
+            compare_bound(
                 "column-response",
                 f"{hz:g} Hz",
                 error,
@@ -171,27 +171,29 @@ def check_rod_step(comm: MPI.Comm) -> list[ValidationRow]:
     note = f"largest value, {ROD_ELEMENTS} quadratic elements: the mesh rounds the corner"
     corner = _meet_flanks(np.asarray(found.times / period, dtype=float), moved)
     return [
-        judge(
+        compare_value(
             "rod-step",
             "tip peak over static",
             corner,
             Target(2.0, "-", PEAK_TOLERANCE, "closed form"),
             "where both flanks meet",
         ),
-        judge(
+        compare_value(
             "rod-step",
             "rounded peak",
             moved.max(),
             Target(2.0, "-", ROUNDED_TOLERANCE, "closed form"),
             note,
         ),
-        judge(
+        compare_value(
             "rod-step",
             "period",
             crossings[1] - crossings[0],
             Target(period, "s", PERIOD_TOLERANCE, "closed form"),
         ),
-        judge("rod-step", "tabled period", period, Target(0.00077336617, "s", 1e-8, "closed form")),
+        compare_value(
+            "rod-step", "tabled period", period, Target(0.00077336617, "s", 1e-8, "closed form")
+        ),
     ]
 
 
@@ -207,7 +209,7 @@ def check_rod_peak(comm: MPI.Comm) -> list[ValidationRow]:
     lacking = 2.0 / (np.pi**2 * FINE_MODES)
     note = f"{FINE_MODES} modes of {FINE_ELEMENTS} elements of order {FINE_ORDER}"
     return [
-        judge(
+        compare_value(
             "rod-peak",
             "tip peak over static",
             peak,

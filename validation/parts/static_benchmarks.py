@@ -22,7 +22,13 @@ from headstock.solvers.stresses import STRESS_NAMES
 from headstock.validation.parts.component_models import full_displacement, full_model, shared_mesh
 from headstock.validation.parts.structured_meshes import refine_lattice, write_lattice
 from headstock.validation.references.prismatic_beams import PrismaticBeam
-from headstock.validation.references.rows import Target, ValidationRow, judge, judge_all, show
+from headstock.validation.references.rows import (
+    Target,
+    ValidationRow,
+    compare_value,
+    compare_values,
+    show,
+)
 from headstock.validation.references.torsion import cantilever_twist
 from headstock.validation.references.values import reference_case
 
@@ -45,7 +51,7 @@ def check_straight_cantilever(comm: MPI.Comm) -> list[ValidationRow]:
     reference = reference_case("straight-cantilever")
     for shape in TILT:
         found = _end_motions(shape, comm)
-        for row in judge_all("straight-cantilever", reference, found, tolerance=1.0 - LOWEST):
+        for row in compare_values("straight-cantilever", reference, found, tolerance=1.0 - LOWEST):
             ratio = row.value / row.reference
             note = f"{ratio:.3f} of the published value, good second-order elements give {LOWEST:.2f} to {HIGHEST:.2f}"
             passed = LOWEST <= ratio <= HIGHEST
@@ -56,7 +62,9 @@ def check_straight_cantilever(comm: MPI.Comm) -> list[ValidationRow]:
             )
         theory = Target(cantilever_twist(STRAIGHT, 1.0), "-", math.nan, "shown only")
         rows.append(
-            judge("straight-cantilever", f"{shape} twist against Saint-Venant", found[3], theory)
+            compare_value(
+                "straight-cantilever", f"{shape} twist against Saint-Venant", found[3], theory
+            )
         )
     return rows
 
@@ -79,7 +87,7 @@ def check_thick_plate(comm: MPI.Comm) -> list[ValidationRow]:
     ]
     return [
         *rows,
-        *judge_all(
+        *compare_values(
             case, reference_case("le10"), stresses[-1:], notes=["the finest of three meshes"]
         ),
     ]

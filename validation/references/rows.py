@@ -70,7 +70,9 @@ def verdict(confirmed: bool) -> str:
     return "confirmed" if confirmed else "not confirmed"
 
 
-def judge(case: str, quantity: str, value: float, target: Target, note: str = "") -> ValidationRow:
+def compare_value(
+    case: str, quantity: str, value: float, target: Target, note: str = ""
+) -> ValidationRow:
     """Return a row that passes when the value lies within the target's tolerance; a value that is
     not finite never passes.
 
@@ -88,7 +90,7 @@ def judge(case: str, quantity: str, value: float, target: Target, note: str = ""
     )
 
 
-def judge_order(case: str, quantity: str, value: float, expected: float) -> ValidationRow:
+def compare_order(case: str, quantity: str, value: float, expected: float) -> ValidationRow:
     """Return a row for an order of convergence, which passes within 0.2 of what theory promises.
 
     Args:
@@ -96,12 +98,12 @@ def judge_order(case: str, quantity: str, value: float, expected: float) -> Vali
         value: Observed order [-].
         expected: Order of the theory [-].
     """
-    return judge(
+    return compare_value(
         case, quantity, value, Target(expected, "-", 0.2 / expected, "theory"), "order, within 0.2"
     )
 
 
-def judge_bound(
+def compare_bound(
     case: str, quantity: str, value: float, bound: float, note: str = ""
 ) -> ValidationRow:
     """Return a row for a number that should be zero and may be as large as a bound.
@@ -111,7 +113,7 @@ def judge_bound(
         value: Relative or counted [-].
         bound: Largest magnitude allowed.
     """
-    return judge(case, quantity, value, Target(0.0, "-", bound, "identity"), note)
+    return compare_value(case, quantity, value, Target(0.0, "-", bound, "identity"), note)
 
 
 def show(case: str, quantity: str, value: float, unit: str, note: str = "") -> ValidationRow:
@@ -120,10 +122,10 @@ def show(case: str, quantity: str, value: float, unit: str, note: str = "") -> V
     Args:
         quantity: What the value is, in words.
     """
-    return judge(case, quantity, value, Target(math.nan, unit, math.nan, SHOWN_ONLY), note)
+    return compare_value(case, quantity, value, Target(math.nan, unit, math.nan, SHOWN_ONLY), note)
 
 
-def judge_all(
+def compare_values(
     case: str,
     reference: ReferenceCase,
     values: Iterable[float],
@@ -146,7 +148,7 @@ def judge_all(
     kind = KIND_OF_PROVENANCE[reference.provenance]
     remarks = notes or [""] * len(reference.values)
     return [
-        judge(case, quantity, value, Target(right, reference.unit, allowed, kind), note)
+        compare_value(case, quantity, value, Target(right, reference.unit, allowed, kind), note)
         for (quantity, right), value, note in zip(
             reference.values.items(), values, remarks, strict=True
         )

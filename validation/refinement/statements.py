@@ -45,7 +45,7 @@ PLAIN = (
 
 
 @dataclass(frozen=True)
-class JudgedStatement:
+class EvaluatedStatement:
     """A statement about a series of models and what became of it.
 
     Attributes:
@@ -78,7 +78,9 @@ class Statement:
     text: str
     quantities: Sequence[str]
 
-    def below(self, limit: float, *, above: float = 0.0, note: str = "") -> JudgedStatement | None:
+    def below(
+        self, limit: float, *, above: float = 0.0, note: str = ""
+    ) -> EvaluatedStatement | None:
         """Check that every deviation from the analytic value is smaller than a limit from some nDOF on;
         a missing mode counts against it.
 
@@ -104,7 +106,7 @@ class Statement:
 
     def exceeds(
         self, limit: float, *, above: float, below: float, note: str = ""
-    ) -> JudgedStatement | None:
+    ) -> EvaluatedStatement | None:
         """In every model between two nDOF some deviation is larger than a limit; ``note`` is for
         where it is not.
 
@@ -133,7 +135,7 @@ class Statement:
             remark = f"{self._name_solid(least.quantity, digits=1)}: {self.series.beam.references[least.quantity].note}"
         return self._decide(not small, decides, (small or [least])[0].value, remark)
 
-    def coarsest_exceeds(self, limit: float) -> JudgedStatement | None:
+    def coarsest_exceeds(self, limit: float) -> EvaluatedStatement | None:
         """In the smallest model some deviation is larger than a limit [-]; the note says from which
         nDOF on none is.
         """
@@ -148,7 +150,7 @@ class Statement:
         )
         return self._decide(abs(worst[0].value) > limit, str(worst[0]), worst[0].value, note)
 
-    def between(self, low: float, high: float) -> JudgedStatement | None:
+    def between(self, low: float, high: float) -> EvaluatedStatement | None:
         """Check that the largest deviation of every model lies between two limits [-]."""
         worst = list(worst_by_ndof(self.series, self.quantities).values())
         if not worst:
@@ -162,7 +164,7 @@ class Statement:
             self._name_solid(shown.quantity, digits=2) if outside else "",
         )
 
-    def shrinks(self) -> JudgedStatement | None:
+    def shrinks(self) -> EvaluatedStatement | None:
         """No deviation grows from one model to the next; where nothing is left to shrink that is
         said.
         """
@@ -182,7 +184,7 @@ class Statement:
             growth < ROUNDOFF, f"largest growth {100 * growth:+.2g} points: {where}", growth
         )
 
-    def constant(self, limit: float, *, above: float) -> JudgedStatement | None:
+    def constant(self, limit: float, *, above: float) -> EvaluatedStatement | None:
         """From some nDOF on no deviation varies by more than a limit [-]; decided by the quantity
         that varies most.
         """
@@ -204,7 +206,7 @@ class Statement:
 
     def smaller_than(
         self, worse: RefinementSeries, *, above: float, below: float
-    ) -> JudgedStatement | None:
+    ) -> EvaluatedStatement | None:
         """In a range of nDOF these models deviate less than others of about equal nDOF, in every
         quantity; a missing mode loses.
 
@@ -230,7 +232,7 @@ class Statement:
             gap < 0.0 and not lacking, decides, gap, models=f"{self.series.models}, {worse.models}"
         )
 
-    def coarsest_lacks(self) -> JudgedStatement | None:
+    def coarsest_lacks(self) -> EvaluatedStatement | None:
         """Check that the smallest model lacks a certain mode."""
         if not self.series.points:
             return None
@@ -246,7 +248,7 @@ class Statement:
         )
         return self._decide(False, f"{found}, MAC {smallest.macs[name]:.2f}", found.value)
 
-    def softer_than(self, stiffer: RefinementSeries) -> JudgedStatement | None:
+    def softer_than(self, stiffer: RefinementSeries) -> EvaluatedStatement | None:
         """Check that the smallest of these models gives larger displacements than the smallest of
         others.
         """
@@ -265,7 +267,7 @@ class Statement:
 
     def like(
         self, others: RefinementSeries, limit: float, *, above: float
-    ) -> JudgedStatement | None:
+    ) -> EvaluatedStatement | None:
         """Deviations of two kinds of models of about equal nDOF differ by less than a limit.
 
         Args:
@@ -292,7 +294,7 @@ class Statement:
 
     def costlier_than(
         self, few: RefinementSeries, limit: float, *, least: float
-    ) -> JudgedStatement | None:
+    ) -> EvaluatedStatement | None:
         """These models need at least so many times the dofs of others to stay within a limit of the
         analytic values.
 
@@ -324,7 +326,7 @@ class Statement:
             models=models,
         )
 
-    def reaches(self, limit: float, *, against: Against) -> JudgedStatement | None:
+    def reaches(self, limit: float, *, against: Against) -> EvaluatedStatement | None:
         """Check that the largest model lies within a limit [-] of a reference, in every quantity."""
         if not self.series.points:
             return None
@@ -341,8 +343,8 @@ class Statement:
         note: str = "",
         *,
         models: str = "",
-    ) -> JudgedStatement:
-        return JudgedStatement(
+    ) -> EvaluatedStatement:
+        return EvaluatedStatement(
             self.series.figure,
             models or self.series.models,
             self.text,
@@ -386,21 +388,23 @@ def _name_missing(point: RefinementPoint) -> str:
     return f"a mode is missing at nDOF {point.ndof} ({point.kind})"
 
 
-def judge_statements(
+def evaluate_statements(
     beam: ReferenceBeam, points: Sequence[RefinementPoint]
-) -> list[JudgedStatement]:
+) -> list[EvaluatedStatement]:
     """Check every statement about a beam that its series has models to decide by, in the order of
     the paper's figures.
     """
-    judge = _judge_cantilever if beam.name == "kono-cantilever" else _judge_fixed_beam
-    return _decided(judge(beam, points))
+    evaluate = _evaluate_cantilever if beam.name == "kono-cantilever" else _evaluate_fixed_beam
+    return _decided(evaluate(beam, points))
 
 
-def judge_own(beam: ReferenceBeam, points: Sequence[RefinementPoint]) -> list[JudgedStatement]:
+def evaluate_own(
+    beam: ReferenceBeam, points: Sequence[RefinementPoint]
+) -> list[EvaluatedStatement]:
     """Check what the paper does not say: second-order elements reach converged 3D elasticity,
     segments reach beam theory with shear.
     """
-    found: list[JudgedStatement | None] = []
+    found: list[EvaluatedStatement | None] = []
     groups: tuple[Group, ...] = ("static", "modal")
     for group in groups:
         names = [name for name, reference in beam.references.items() if reference.group == group]
@@ -428,13 +432,13 @@ def judge_own(beam: ReferenceBeam, points: Sequence[RefinementPoint]) -> list[Ju
     return _decided(found)
 
 
-def _decided(claims: Sequence[JudgedStatement | None]) -> list[JudgedStatement]:
+def _decided(claims: Sequence[EvaluatedStatement | None]) -> list[EvaluatedStatement]:
     return sorted((claim for claim in claims if claim is not None), key=lambda claim: claim.figure)
 
 
-def _judge_cantilever(
+def _evaluate_cantilever(
     beam: ReferenceBeam, points: Sequence[RefinementPoint]
-) -> list[JudgedStatement | None]:
+) -> list[EvaluatedStatement | None]:
     modes = [name for name, reference in beam.references.items() if reference.group == "modal"]
     loads = [*FORCES, *TORSION]
     segments = pick_series(beam, points, "static", "segmented")
@@ -489,9 +493,9 @@ def _judge_cantilever(
     return found
 
 
-def _judge_fixed_beam(
+def _evaluate_fixed_beam(
     beam: ReferenceBeam, points: Sequence[RefinementPoint]
-) -> list[JudgedStatement | None]:
+) -> list[EvaluatedStatement | None]:
     shifts, bending = [AT_CENTRE, ABOVE], ["X1", "X2"]
     segments = pick_series(beam, points, "static", "segmented")
     found = [

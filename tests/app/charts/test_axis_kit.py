@@ -3,12 +3,12 @@
 from headstock.app.charts.axis_kit import FIGURE_NAME, draw_axis_kit
 from headstock.validation.machines.axis_kit_cases import CASE, FIDELITIES, compliance_name
 from headstock.validation.machines.axis_kit_models import MEASURED_COMPLIANCE, VARIANTS
-from headstock.validation.references.rows import Target, ValidationRow, judge
+from headstock.validation.references.rows import Target, ValidationRow, compare_value
 
 
 def make_rows(factor: float) -> list[ValidationRow]:
     return [
-        judge(
+        compare_value(
             CASE,
             compliance_name(variant, fidelity, axis),
             factor * right,

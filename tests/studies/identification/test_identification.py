@@ -14,9 +14,9 @@ from headstock.studies.identification.descent import spread_starts
 from headstock.studies.identification.identification import identify
 from headstock.studies.identification.problem import FitProblem, evaluate, follow_modes
 from headstock.validation.machines.identification_cases import (
+    evaluate_blindness,
+    evaluate_seeds,
     fit_seeds,
-    judge_blindness,
-    judge_seeds,
     prepare_text,
     solve_truth,
     true_values,
@@ -168,7 +168,7 @@ def test_five_seeds_of_noise_stay_within_five_percent_and_intervals_hold_the_tru
     tmp_path: Path,
 ) -> None:
     """The short version of ``headstock validate identification``."""
-    rows = {row.quantity.partition(": ")[2]: row for row in judge_seeds(tmp_path, range(5))}
+    rows = {row.quantity.partition(": ")[2]: row for row in evaluate_seeds(tmp_path, range(5))}
     assert rows["largest error"].passed
     assert rows["share of 95 % intervals that hold the truth"].value >= 0.9
 
@@ -183,7 +183,7 @@ def test_wrong_data_lie_outside_the_intervals(tmp_path: Path) -> None:
 
 
 def test_parameters_the_data_cannot_see_are_named(tmp_path: Path) -> None:
-    rows = judge_blindness(tmp_path)
+    rows = evaluate_blindness(tmp_path)
     assert len(rows) > 3 and [row for row in rows if not row.passed] == []
 
 

@@ -12,8 +12,8 @@ from headstock.studies.identification.target_files import load_targets
 from headstock.validation.machines.axis_kit_cases import (
     FEM_TOLERANCE,
     FIDELITY_TOLERANCE,
+    evaluate_table_3,
     find_missing_motions,
-    judge_table_3,
     pair_fidelities,
     show_shapes,
 )
@@ -57,7 +57,7 @@ def test_the_scene_has_the_travels_leads_and_driven_masses_of_table_1() -> None:
 def test_the_22_frequencies_of_table_3_come_out_within_3_percent(
     segmented: dict[str, KitModel],
 ) -> None:
-    rows = judge_table_3(segmented)
+    rows = evaluate_table_3(segmented)
     assert len(rows) == 22 + 4
     assert [row.quantity for row in rows if not row.passed] == []
 

@@ -8,9 +8,9 @@ import pytest
 from common import approx
 from headstock.validation.references.rows import (
     Target,
+    compare_bound,
+    compare_value,
     failed_computation,
-    judge,
-    judge_bound,
     rows_as_json,
 )
 
@@ -28,7 +28,7 @@ CONTRACT = {
 
 
 def test_the_text_is_strict_json_with_the_agreed_keys_and_null_for_missing_numbers() -> None:
-    text = rows_as_json([judge_bound("a", "q", 1e-12, 1e-9), failed_computation("b", "why")])
+    text = rows_as_json([compare_bound("a", "q", 1e-12, 1e-9), failed_computation("b", "why")])
     entries = json.loads(text, parse_constant=lambda token: pytest.fail(f"{token} is not JSON"))
     assert all(set(entry) >= CONTRACT for entry in entries)
     assert [entry["value"] for entry in entries] == [1e-12, None]
@@ -37,6 +37,6 @@ def test_the_text_is_strict_json_with_the_agreed_keys_and_null_for_missing_numbe
 
 def test_numbers_of_numpy_are_written_like_any_other() -> None:
     target = Target(np.float64(2.0), "Hz", np.float64(0.1), "closed form")
-    entry = json.loads(rows_as_json([judge("a", "q", np.float64(2.1), target)]))[0]
+    entry = json.loads(rows_as_json([compare_value("a", "q", np.float64(2.1), target)]))[0]
     assert entry["passed"] is True
     assert entry["relative_error"] == approx(0.05)

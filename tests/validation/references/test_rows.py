@@ -7,11 +7,11 @@ import pytest
 from common import approx
 from headstock.validation.references.rows import (
     Target,
+    compare_bound,
+    compare_order,
+    compare_value,
+    compare_values,
     failed_computation,
-    judge,
-    judge_all,
-    judge_bound,
-    judge_order,
     show,
 )
 from headstock.validation.references.values import ReferenceCase
@@ -23,7 +23,9 @@ CASE = ReferenceCase(
 
 def test_a_value_passes_up_to_its_tolerance_on_either_side() -> None:
     target = Target(100.0, "Hz", 0.01, "published")
-    assert [judge("c", "q", value, target).passed for value in (98.9, 99.1, 100.9, 101.1)] == [
+    assert [
+        compare_value("c", "q", value, target).passed for value in (98.9, 99.1, 100.9, 101.1)
+    ] == [
         False,
         True,
         True,
@@ -32,27 +34,29 @@ def test_a_value_passes_up_to_its_tolerance_on_either_side() -> None:
 
 
 def test_the_relative_error_keeps_its_sign() -> None:
-    assert judge("c", "q", 99.0, Target(100.0, "Hz", 0.1, "published")).relative_error == approx(
-        -0.01
-    )
-    assert judge("c", "q", -5.5, Target(-5.0, "Pa", 0.2, "published")).relative_error == approx(0.1)
+    assert compare_value(
+        "c", "q", 99.0, Target(100.0, "Hz", 0.1, "published")
+    ).relative_error == approx(-0.01)
+    assert compare_value(
+        "c", "q", -5.5, Target(-5.0, "Pa", 0.2, "published")
+    ).relative_error == approx(0.1)
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_a_value_that_is_not_finite_never_passes(value: float) -> None:
-    assert not judge("c", "q", value, Target(1.0, "-", 1e9, "published")).passed
-    assert not judge_bound("c", "q", value, math.inf).passed
+    assert not compare_value("c", "q", value, Target(1.0, "-", 1e9, "published")).passed
+    assert not compare_bound("c", "q", value, math.inf).passed
     assert not show("c", "q", value, "-").passed
 
 
 def test_a_bound_is_compared_with_zero_on_both_sides() -> None:
     assert [
-        judge_bound("c", "q", value, 1e-9).passed for value in (-2e-9, -1e-9, 0.0, 1e-9, 2e-9)
+        compare_bound("c", "q", value, 1e-9).passed for value in (-2e-9, -1e-9, 0.0, 1e-9, 2e-9)
     ] == [False, True, True, True, False]
 
 
 def test_an_order_passes_within_a_fifth_of_one() -> None:
-    assert [judge_order("c", "q", value, 3.0).passed for value in (2.79, 2.81, 3.19, 3.21)] == [
+    assert [compare_order("c", "q", value, 3.0).passed for value in (2.79, 2.81, 3.19, 3.21)] == [
         False,
         True,
         True,
@@ -71,7 +75,7 @@ def test_a_row_that_is_shown_only_has_neither_reference_nor_tolerance() -> None:
 
 
 def test_every_value_of_a_reference_case_gets_a_row_with_its_provenance() -> None:
-    rows = judge_all("c", CASE, [10.05, 21.0], notes=["", "why"])
+    rows = compare_values("c", CASE, [10.05, 21.0], notes=["", "why"])
     assert [(row.quantity, row.passed, row.kind, row.note) for row in rows] == [
         ("f1", True, "published", ""),
         ("f2", False, "published", "why"),
@@ -80,7 +84,7 @@ def test_every_value_of_a_reference_case_gets_a_row_with_its_provenance() -> Non
 
 def test_too_few_values_are_refused() -> None:
     with pytest.raises(ValueError, match="zip"):
-        judge_all("c", CASE, [10.0])
+        compare_values("c", CASE, [10.0])
 
 
 def test_a_failed_computation_is_a_failed_row_with_the_reason() -> None:

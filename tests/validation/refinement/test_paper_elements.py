@@ -7,16 +7,16 @@ import pytest
 from common import present
 from headstock.validation.refinement.paper_elements import paper_points
 from headstock.validation.refinement.references import reference_beam
-from headstock.validation.refinement.statements import JudgedStatement, judge_statements
+from headstock.validation.refinement.statements import EvaluatedStatement, evaluate_statements
 
 
 @pytest.fixture(scope="module")
-def statements() -> dict[tuple[int, str], JudgedStatement]:
+def statements() -> dict[tuple[int, str], EvaluatedStatement]:
     beams = [reference_beam(name) for name in ("kono-cantilever", "kono-fixed-beam")]
     return {
         (judged.figure, judged.text): judged
         for beam in beams
-        for judged in judge_statements(beam, paper_points(beam))
+        for judged in evaluate_statements(beam, paper_points(beam))
     }
 
 
@@ -34,13 +34,13 @@ def statements() -> dict[tuple[int, str], JudgedStatement]:
     ],
 )
 def test_the_paper_s_statements_on_linear_elements_hold_for_elements_with_bending_shapes(
-    statements: dict[tuple[int, str], JudgedStatement], statement: tuple[int, str]
+    statements: dict[tuple[int, str], EvaluatedStatement], statement: tuple[int, str]
 ) -> None:
     assert statements[statement].confirmed, statements[statement].decides
 
 
 def test_two_per_cent_in_shear_is_missed_by_what_the_analytic_value_leaves_out(
-    statements: dict[tuple[int, str], JudgedStatement],
+    statements: dict[tuple[int, str], EvaluatedStatement],
 ) -> None:
     judged = statements[7, "< 2 % from nDOF 200, dx(Mc) apart"]
     assert not judged.confirmed
@@ -49,7 +49,7 @@ def test_two_per_cent_in_shear_is_missed_by_what_the_analytic_value_leaves_out(
 
 
 def test_the_fixed_beam_s_torsion_is_off_by_the_reference_and_says_so(
-    statements: dict[tuple[int, str], JudgedStatement],
+    statements: dict[tuple[int, str], EvaluatedStatement],
 ) -> None:
     assert (
         "converged 3D elasticity itself lies at +21.5 %"
