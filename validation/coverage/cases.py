@@ -223,7 +223,7 @@ class _Evaluation:
 
 
 def _solve_reference(part: CoveragePart) -> _Solved:
-    """Return the true mesh: one that follows errors as often as those that it judges, in larger
+    """Return the true mesh: one that follows errors as often as those compared with it, in larger
     steps, as long as it is not too large.
     """
     reference = _solve(part, part.reference, TRUE_MODES, PARTNERS)
@@ -445,20 +445,24 @@ def _evaluate(case: str, what: str, parts: Sequence[PartCoverage]) -> list[Valid
 def _evaluate_meshes(
     case: CoverageCase, what: str, parts: Sequence[PartCoverage]
 ) -> list[ValidationRow]:
-    covered = [_covered(part) for part in parts]
-    given = np.concatenate([part.estimates[_known(part)] for part in parts])
-    true = np.concatenate([part.errors[_known(part)] for part in parts])
-    frequencies = sum(int((part.compliances[_known(part)] == 0.0).sum()) for part in parts)
+    known = [part.unsure <= part.sure * part.estimates for part in parts]
+    given, true, compliances = (
+        [getattr(part, name)[sure] for part, sure in zip(parts, known, strict=True)]
+        for name in ("estimates", "errors", "compliances")
+    )
+    covered = [errors <= sizes for errors, sizes in zip(true, given, strict=True)]
+    frequencies = int((np.concatenate(compliances) == 0.0).sum())
     silent = sum(int(np.isnan(part.estimates).sum()) for part in parts)
-    unsure = sum(len(part.errors) for part in parts) - len(true) - silent
+    numbers = sum(map(len, true))
+    unsure = sum(len(part.errors) for part in parts) - numbers - silent
     note = (
-        f"{frequencies} frequencies and {len(true) - frequencies} compliances of {len(parts)} parts; {silent} say ± ?, of {unsure}"
+        f"{frequencies} frequencies and {numbers - frequencies} compliances of {len(parts)} parts; {silent} say ± ?, of {unsure}"
         f" the truth is not sure enough; {sum(bool(part.failure) for part in parts)} parts with a mesh that failed"
     )
-    shares = np.array([own.mean() for own in covered if len(own)])
+    shares = np.array([some.mean() for some in covered if len(some)])
     responses = [part.lines[~np.isnan(part.lines)] >= COVERED for part in parts]
     return [
-        *case.evaluate(what, true, given, note),
+        *case.evaluate(what, np.concatenate(true), np.concatenate(given), note),
         show(
             case.name,
             f"{what}: coverage by part, mean",
@@ -478,16 +482,6 @@ def _evaluate_meshes(
             f"; {_by_kind(parts, responses)}",
         ),
     ]
-
-
-def _known(part: PartCoverage) -> FloatArray:
-    """Return which numbers have an estimate, and a truth that is sure enough to judge it."""
-    return np.asarray(part.unsure <= part.sure * part.estimates)
-
-
-def _covered(part: PartCoverage) -> FloatArray:
-    known = _known(part)
-    return np.asarray(part.errors[known] <= part.estimates[known])
 
 
 def _by_kind(parts: Sequence[PartCoverage], covered: Sequence[FloatArray]) -> str:

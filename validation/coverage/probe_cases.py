@@ -225,8 +225,10 @@ def _evaluate(case: str, what: str, seeds: Sequence[int]) -> list[ValidationRow]
     parts = [_cover_probes(seed) for seed in seeds]
     rows: list[ValidationRow] = []
     for number, quantity in enumerate(QUANTITIES):
-        own = [_select(part, number) for part in parts]
-        errors, estimates, unsure = (np.concatenate(column) for column in zip(*own, strict=True))
+        errors, estimates, unsure = (
+            np.concatenate([getattr(part, name)[part.quantities == number] for part in parts])
+            for name in ("errors", "estimates", "unsure")
+        )
         silent = np.isnan(estimates)
         known = ~silent & (unsure <= SURE * estimates)
         note = (
@@ -244,8 +246,3 @@ def _evaluate(case: str, what: str, seeds: Sequence[int]) -> list[ValidationRow]
             ),
         ]
     return rows
-
-
-def _select(part: ProbeCoverage, quantity: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    own = part.quantities == quantity
-    return part.errors[own], part.estimates[own], part.unsure[own]

@@ -24,7 +24,6 @@ from headstock.geometry.parts.components import Component, Material
 from headstock.geometry.parts.solids import Solid, StepFile, Tube
 from headstock.meshing.component_mesh import ComponentMesh, MeshQuality
 from headstock.meshing.elements.quality import mesh_volume
-from headstock.pipeline.results.results import Results
 from headstock.pipeline.storage.content_keys import code_fingerprint
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest
@@ -405,7 +404,7 @@ def search_part(part: SlenderPart, scene: Scene, truth: SlenderTruth) -> Searche
         nothing = np.zeros(0)
         return SearchedPart(part.name, False, nothing, nothing, nothing, 0.0, str(error))
     (modes,) = results.modal
-    values = _elastic(results)
+    values = np.asarray(modes.frequencies_hz[modes.rigid_count :])
     given = np.array(
         [
             np.nan if one.total is None else one.total
@@ -422,8 +421,3 @@ def search_part(part: SlenderPart, scene: Scene, truth: SlenderTruth) -> Searche
         truth.doubt[:count] / values,
         sum(record.cpu_seconds or 0.0 for record in results.stages),
     )
-
-
-def _elastic(results: Results) -> FloatArray:
-    (modes,) = results.modal
-    return np.asarray(modes.frequencies_hz[modes.rigid_count :])

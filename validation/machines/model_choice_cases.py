@@ -116,7 +116,10 @@ def _recall(seed: int, load: Callable[[int, Path], Scene]) -> ChosenScene:
         text = repr(scene.machine).replace(name, "")
         # how settings are searched changes nothing of what is true
         models = {
-            name: {body: _describe_model(part) for body, part in parts.items()}
+            name: {
+                body: (part.fidelity, part.segments.count, part.mesh, part.reduction)
+                for body, part in parts.items()
+            }
             for name, parts in _tried_by_hand(scene)
         }
         asked = ASKED[seed % len(ASKED)]
@@ -153,10 +156,6 @@ def load_part(seed: int, folder: Path) -> Scene:
         {},
         model_errors=False,
     )
-
-
-def _describe_model(part: Component) -> tuple[str, int, MeshSettings, ReductionSettings]:
-    return part.fidelity, part.segments.count, part.mesh, part.reduction
 
 
 def measure_reference(scene: Scene, asked: float) -> ReferenceScenes:

@@ -224,7 +224,10 @@ def check_model_estimates_smoke() -> list[ValidationRow]:
 
 
 def _evaluate(case: str, what: str, machines: Sequence[MachineNumbers]) -> list[ValidationRow]:
-    known = [_known(machine) for machine in machines]
+    known = [
+        (machine.unsure <= SURE * machine.estimates) & np.isfinite(machine.errors)
+        for machine in machines
+    ]
     given, true, kinds = (
         np.concatenate([getattr(m, name)[own] for m, own in zip(machines, known, strict=True)])
         for name in ("estimates", "errors", "compliances")
@@ -254,10 +257,3 @@ def _evaluate(case: str, what: str, machines: Sequence[MachineNumbers]) -> list[
     if np.isfinite(lines).any():
         rows.append(suite.evaluate_responses(what, lines))
     return rows
-
-
-def _known(machine: MachineNumbers) -> FloatArray:
-    """Return which numbers have an estimate, and a truth that is sure enough to judge it."""
-    return np.asarray(
-        (machine.unsure <= SURE * machine.estimates) & np.isfinite(machine.errors), dtype=bool
-    )

@@ -100,8 +100,8 @@ def check_integration_orders(comm: MPI.Comm, run: Run = FULL_RUN) -> list[Valida
     reference = _reference(motion, start, run.span)[:6]
     scale = float(np.abs(reference).max())
     rows: list[ValidationRow] = []
-    for name, march in (("reduced ODE", _march_reduced), ("index-3 DAE", _march_full)):
-        ends = [march(motion, start, run.span / count, count) for count in run.steps]
+    for name, integrate in (("reduced ODE", _integrate_reduced), ("index-3 DAE", _integrate_full)):
+        ends = [integrate(motion, start, run.span / count, count) for count in run.steps]
         errors = [float(np.abs(end.position[-6:] - reference).max()) / scale for end in ends]
         rows += _order_rows(case, name, run, errors)
     return rows
@@ -214,7 +214,7 @@ def _reference(
     return np.asarray(done.y[:, -1])
 
 
-def _march_reduced(
+def _integrate_reduced(
     motion: PartitionedMotion, start: tuple[FloatArray, FloatArray], step: float, count: int
 ) -> MotionState:
     return integrate_motion(
@@ -222,7 +222,7 @@ def _march_reduced(
     )
 
 
-def _march_full(
+def _integrate_full(
     motion: PartitionedMotion, start: tuple[FloatArray, FloatArray], step: float, count: int
 ) -> MotionState:
     full, first = _full_problem(motion, start)

@@ -1,4 +1,4 @@
-"""Stability of milling: multipliers by closed forms and by marching, and the border of ten scenes
+"""Stability of milling: multipliers by closed forms and in time, and the border of ten scenes
 beside limits by independent methods.
 """
 
@@ -42,7 +42,7 @@ SLOTTING = ((5000.0, 0.2e-3), (5000.0, 1e-3), (15000.0, 1e-3))  # rpm, depth of 
 
 
 def check_stability_methods(comm: MPI.Comm, steps: int = MARCHED_STEPS) -> list[ValidationRow]:
-    """Multipliers on borders known in closed form, and of a published milling case by marching its
+    """Multipliers on borders known in closed form, and of a published milling case by integrating its
     equation in time; limits of ten scenes.
     """
     return [
