@@ -92,3 +92,10 @@ class SingularPoseError(PoseError):
 
 class JointLimitError(PoseError):
     """The pose needs a joint beyond its limits."""
+
+
+class NumberNameError(HeadstockError, KeyError):
+    """No number has this name; the message lists those that exist."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])

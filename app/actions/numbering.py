@@ -7,9 +7,10 @@ from typing import cast
 from headstock.app.tables.table import Cell, PlainTable, encode_csv
 from headstock.app.terminal.console import add_row, counted, make_console, make_table, print_table
 from headstock.app.texts.bounded_values import show_bound, show_bounded
+from headstock.geometry.errors import NumberNameError
 from headstock.pipeline.numbers.estimates import Estimate
 from headstock.pipeline.numbers.folders import read_tables
-from headstock.pipeline.numbers.numbers import NumberNameError, Numbers
+from headstock.pipeline.numbers.numbers import Numbers
 from headstock.pipeline.storage.json_texts import dump_json
 from headstock.pipeline.storage.outputs import check_output, write_output
 

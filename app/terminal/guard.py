@@ -171,9 +171,13 @@ def _spell(error: UnicodeError) -> tuple[str, int]:
 def _judge(error: BaseException) -> tuple[int, str]:
     import click
 
-    from headstock.geometry.errors import HeadstockError, lacks_memory, out_of_memory
+    from headstock.geometry.errors import (
+        HeadstockError,
+        NumberNameError,
+        lacks_memory,
+        out_of_memory,
+    )
     from headstock.meshing.errors import PartFileError
-    from headstock.pipeline.numbers.numbers import NumberNameError
     from headstock.pipeline.storage.outputs import UnusableOutputError
     from headstock.scene.reading.findings import SceneError
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from headstock.geometry.errors import HeadstockError
+from headstock.geometry.errors import NumberNameError
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.process.libraries import h5py
 from headstock.pipeline.numbers.estimates import Estimate
@@ -27,13 +27,6 @@ MOST_NAMES = 20  # that a message lists
 _KEY = re.compile(r"(?P<kind>[a-z_]+)\((?P<at>.*)\)")
 _PAIR = re.compile(r'(?P<role>[a-z]+)=(?P<value>"(?:[^"\\]|\\.)*"|[^,"]*)(?:,|$)')
 _PLAIN = re.compile(r'[^,"()=]+')
-
-
-class NumberNameError(HeadstockError, KeyError):
-    """No number has this name; the message lists those that exist."""
-
-    def __str__(self) -> str:
-        return str(self.args[0])
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from headstock.pipeline.numbers.numbers import Key, NumberNameError, parse_key
+from headstock.geometry.errors import NumberNameError
+from headstock.pipeline.numbers.numbers import Key, parse_key
 from headstock.reduction.coupling.slopes import ObservedDof
 from headstock.scene.building.loader import load_scene
 from headstock.scene.expansion.overrides import split_variant

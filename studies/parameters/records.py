@@ -9,7 +9,8 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Literal, TypedDict
 
-from headstock.pipeline.numbers.numbers import NumberNameError, Numbers
+from headstock.geometry.errors import NumberNameError
+from headstock.pipeline.numbers.numbers import Numbers
 from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.storage.journals import Journal, JournalForm, read_journal
 from headstock.scene.reading.files import TomlValue

@@ -11,8 +11,9 @@ from typing import TypeGuard
 
 from scipy.optimize import brentq
 
+from headstock.geometry.errors import NumberNameError
 from headstock.pipeline.numbers.estimates import known_part
-from headstock.pipeline.numbers.numbers import NumberNameError, Numbers
+from headstock.pipeline.numbers.numbers import Numbers
 from headstock.pipeline.results.short_forms import ShortForm, list_few
 from headstock.pipeline.results.short_forms import show_value as show_cell
 from headstock.pipeline.storage.frames import Frame, frame_columns

@@ -8,18 +8,12 @@ import numpy as np
 import pytest
 
 from common import approx
+from headstock.geometry.errors import NumberNameError
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.numbers.changes import compare, estimate_changes, to_errors
 from headstock.pipeline.numbers.estimates import CUTTING, DISCRETISATION, Estimate
 from headstock.pipeline.numbers.kinds import KINDS
-from headstock.pipeline.numbers.numbers import (
-    Key,
-    Number,
-    NumberNameError,
-    Numbers,
-    make_key,
-    parse_key,
-)
+from headstock.pipeline.numbers.numbers import Key, Number, Numbers, make_key, parse_key
 
 FIRST, SECOND = (make_key("frequency", pose="left", mode=mode) for mode in (1, 2))
 PEAK = make_key(
