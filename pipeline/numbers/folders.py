@@ -77,7 +77,7 @@ def encode_tables(tables: Mapping[str, Numbers]) -> bytes:
         tables: Point of a study or variant to its numbers; an empty text for the only one.
     """
     image = io.BytesIO()
-    with h5py.File(image, "w", track_order=True) as file:
+    with h5py.File(image, "w") as file:
         file.attrs["format"], file.attrs["version"] = TABLES_FORMAT, VERSION
         for number, (label, numbers) in enumerate(tables.items()):
             group = file.create_group(str(number))

@@ -143,6 +143,9 @@ class PolesInCut:
     slowest_decay: float
 
 
+GAIN_TIMES, MOST_GAIN_TIMES = 96, 100_000  # of a tooth period
+
+
 @functools.lru_cache(maxsize=64)
 def stiffest_gain(mill: EndMill, chip: Three, radial_depth: float, sense: Sense) -> float:
     """Largest stiffness of a thin cut within a tooth period, per depth [N/m^2].
@@ -154,7 +157,10 @@ def stiffest_gain(mill: EndMill, chip: Three, radial_depth: float, sense: Sense)
     thin = 1e-3 * mill.diameter
     coefficients = CuttingCoefficients(chip, (0.0, 0.0, 0.0), "")
     cut = MillingCut(mill, coefficients, 1.0, thin, radial_depth, sense=sense)
-    times = np.linspace(0.0, cut.tooth_period, 96, endpoint=False, dtype=np.float64)
+    # a thin cut lasts a small part of the period, which several of the times must meet
+    arc = float(np.arccos(1.0 - 2.0 * min(radial_depth / mill.diameter, 1.0)))
+    count = int(np.clip(8.0 * 2.0 * np.pi / (mill.teeth * arc), GAIN_TIMES, MOST_GAIN_TIMES))
+    times = np.linspace(0.0, cut.tooth_period, count, endpoint=False, dtype=np.float64)
     gains = chip_stiffness(cut, times, thin)
     return float(np.linalg.norm(gains, axis=(1, 2)).max()) / thin
 

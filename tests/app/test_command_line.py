@@ -190,8 +190,8 @@ def test_a_machine_that_no_force_leaves_in_place_ends_with_1_names_what_is_free_
 def test_plan_says_what_run_then_does(options: list[str], scene_file: Path, tmp_path: Path) -> None:
     planned, ran = tmp_path / "plan.json", tmp_path / "run.json"
     assert main(["plan", str(scene_file), *options, "--json", str(planned)]) == 0
-    options = ["-o", str(tmp_path / "out"), "--no-figures", "--json", str(ran)]
-    assert main(["run", str(scene_file), *options, *options]) == 0
+    files = ["-o", str(tmp_path / "out"), "--no-figures", "--json", str(ran)]
+    assert main(["run", str(scene_file), *options, *files]) == 0
     keys = ("stage", "component", "pose", "reason")
     rows = [
         [{key: row[key] for key in keys} for row in content]

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 import headstock as hs
+from common import approx
 from headstock.app.command_line import main
 
 CANTILEVER = Path(__file__).parents[2] / "machines" / "cantilever.toml"
@@ -50,7 +51,7 @@ def test_a_study_watches_numbers_by_name_and_keeps_all_of_each_point(scene: Path
     first, second = table.rows
     assert first.values[FIRST] == first.values["modal.frequencies_hz[0]"]
     assert first.values[FIRST] != second.values[FIRST]
-    assert first.values[SOFT] == pytest.approx(1e9 * table.numbers[0][SOFT].value)
+    assert first.values[SOFT] == approx(1e9 * table.numbers[0][SOFT].value)
     assert (table.unit_of(FIRST), table.unit_of(SOFT)) == ("Hz", "µm/kN")
     frame = table.to_pandas()
     assert f"{SOFT} [µm/kN]" in frame.columns
@@ -111,7 +112,7 @@ def test_variants_and_their_numbers_have_one_name(scene: Path) -> None:
     comparison = hs.compare(scene, ["as written", "soft"])
     written, soft = (comparison.numbers[name] for name in ("as written", "soft"))
     assert soft[SOFT].value > written[SOFT].value
-    assert soft[FIRST].value == pytest.approx(
+    assert soft[FIRST].value == approx(
         float(hs.run(hs.load(scene, variant="soft")).numbers[FIRST].value)
     )
 
@@ -127,7 +128,7 @@ def test_every_pose_of_a_sweep_has_its_numbers_by_name(scene: Path) -> None:
             "compliance(pose=right,point=tcp,direction=x)",
         ),
     ):
-        assert numbers[swept].value == pytest.approx(alone[name].value, rel=1e-6)
+        assert numbers[swept].value == approx(alone[name].value, rel=1e-6)
         assert numbers[swept].unit == alone[name].unit
 
 

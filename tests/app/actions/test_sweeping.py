@@ -30,7 +30,7 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_sweep_leaves_results_page_pictures_and_journal(swept: Path) -> None:
     assert {path.name for path in swept.iterdir()} == {
-        ".headstock-files", "sweep.h5", "sweep.json", "sweep.csv", "provenance.json", "report.html", "modes.png", "stiffness.png", "poses"
+        ".headstock-files", "sweep.h5", "sweep.json", "sweep.csv", "numbers.h5", "provenance.json", "report.html", "modes.png", "stiffness.png", "poses"
     }  # fmt: skip
     said = json.loads((swept.parent / "said.json").read_text())
     assert said.pop("provenance") == json.loads((swept / "provenance.json").read_text())
