@@ -89,6 +89,7 @@ class _Assembly:
                 raw.add_group(one.name, np.array(list(one.cells.values())))
             self._add_sets(one)
             self._add_sections(one)
+        self._count_sheets()
         if deck.repeated:
             raw.notes.append(f"{self.path.name} defines {deck.repeated} elements twice alike")
         used = {id(one.scope.elements) for one in self.instances}
@@ -199,6 +200,10 @@ class _Assembly:
             except MeshError as error:
                 raise MeshError(f"{line}: *SOLID SECTION: {error}") from error
             cells = [owner.cells[number] for owner, number in members if number in owner.cells]
+            if not cells:
+                # plane elements have a solid section too
+                for owner, number in members:
+                    owner.sheets.add(number)
             values = self.deck.materials.get(material.upper(), {})
             elastic, density = values.get("ELASTIC", ()), values.get("DENSITY", ())
             shown = [material]
@@ -209,11 +214,26 @@ class _Assembly:
                 self._name(one, name), np.array(cells, dtype=np.int64), ", ".join(shown), key
             )
         for name in one.scope.shells:
-            sheets = {number for _, number in self._members(one, name, "element")} if name else ()
+            for owner, number in self._members(one, name, "element") if name else ():
+                owner.sheets.add(number)
+
+    def _count_sheets(self) -> None:
+        """Count surface elements that are more than faces of solids: those with a section, and those
+        with a node that no solid has.
+        """
+        on_solid = np.zeros(len(self.raw.points), dtype=bool)
+        for block in self.raw.solids:
+            on_solid[block.nodes] = True
+        for one in self.instances:
             for kind, elements in one.scope.elements.items():
-                if elements.family is None:
-                    self.deck.left_out[kind] += len(elements.nodes.keys() & sheets)
-        self.deck.left_out = +self.deck.left_out
+                for number, nodes in elements.nodes.items() if elements.family is None else ():
+                    rows = [one.rows.get(node) for node in nodes]
+                    # SFM3D has no stiffness
+                    if number in one.sheets or not (
+                        kind.startswith("SFM3D")
+                        or all(row is not None and on_solid[self.alias[row]] for row in rows)
+                    ):
+                        self.deck.left_out[kind] += 1
 
     def _surface(self, one: Instance, name: str) -> tuple[list[list[int]], list[int]]:
         """Return the nodes of the facets of a surface, those of first order alone, and those of a

@@ -138,6 +138,7 @@ class Instance:
         rotation: ``(3, 3)``.
         shift: ``(3,)``, added after the rotation.
         cells: Which solid cell of the mesh each of its solid elements is.
+        sheets: Numbers of elements that have a section without solids.
     """
 
     name: str
@@ -147,6 +148,7 @@ class Instance:
     shift: FloatArray = field(default_factory=lambda: np.zeros(3))
     rows: dict[int, int] = field(default_factory=dict)
     cells: dict[int, int] = field(default_factory=dict)
+    sheets: set[int] = field(default_factory=set)
 
 
 @dataclass
