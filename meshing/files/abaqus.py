@@ -4,7 +4,7 @@ Source: Abaqus Analysis User's Guide, "Three-dimensional solid element library".
 """
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -194,7 +194,7 @@ class _Assembly:
         return f"{one.name}.{name}" if len(owners) > 1 and one.name else name
 
     def _add_sections(self, one: Instance) -> None:
-        for name, material, line in one.scope.sections:
+        for name, materials, line in one.scope.sections:
             try:
                 members = list(self._members(one, name, "element"))
             except MeshError as error:
@@ -204,14 +204,23 @@ class _Assembly:
                 # plane elements have a solid section too
                 for owner, number in members:
                     owner.sheets.add(number)
-            values = self.deck.materials.get(material.upper(), {})
-            elastic, density = values.get("ELASTIC", ()), values.get("DENSITY", ())
-            shown = [material]
-            shown += [f"E = {elastic[0]:g}, nu = {elastic[1]:g}"] if len(elastic) > 1 else []
-            shown += [f"density = {density[0]:g}"] if density else []
-            key = (elastic, density) if elastic else material.upper()
+            layers: dict[Hashable, str] = {}
+            for material in materials:
+                values = self.deck.materials.get(material.upper(), {})
+                elastic, density = values.get("ELASTIC", ()), values.get("DENSITY", ())
+                shown = [material]
+                shown += [f"E = {elastic[0]:g}, nu = {elastic[1]:g}"] if len(elastic) > 1 else []
+                shown += [f"density = {density[0]:g}"] if density else []
+                key = (elastic, density) if elastic else material.upper()
+                layers[key] = ", ".join(shown)
+            if len(layers) > 1 and cells:
+                raise MeshError(
+                    f"{line}: *SOLID SECTION, ELSET={name} is a composite section: materials {', '.join(materials)}; "
+                    "a component has one material: give the section one with MATERIAL=, or mesh each layer with "
+                    "solids and a section of their own"
+                )
             self.raw.add_section(
-                self._name(one, name), np.array(cells, dtype=np.int64), ", ".join(shown), key
+                self._name(one, name), np.array(cells, dtype=np.int64), layers[key], key
             )
         for name in one.scope.shells:
             for owner, number in self._members(one, name, "element") if name else ():

@@ -346,6 +346,27 @@ def test_two_materials_of_a_file_are_named_and_taken_apart(tmp_path: Path) -> No
     assert "no set of solid cells called 'MIDDLE'; available: BAR, LOW, UP" in missing
 
 
+def test_layers_of_several_materials_are_refused_by_name(tmp_path: Path) -> None:
+    text = two_sections(Bar(), "70000.").replace(
+        "LOW, MATERIAL=Steel\n\n", "LOW, COMPOSITE\n1., 3, Steel\n1., 3, {}\n"
+    )
+    said = refuse(tmp_path, "bar.inp", text.format("Other"))
+    assert "*SOLID SECTION, ELSET=LOW is a composite section: materials Steel, Other" in said
+    assert "give the section one with MATERIAL=" in said
+    # layers of one material are a section like any other
+    assert "2 materials: LOW (STEEL, E = 210000" in refuse(
+        tmp_path, "bar.inp", text.format("STEEL")
+    )
+
+
+def test_a_rotation_axis_of_two_equal_points_is_named(tmp_path: Path) -> None:
+    text = cae(Bar(), "C3D20", moves=" 0., 0., 5.\n 1., 2., 3., 1., 2., 3., 90.\n")
+    said = refuse(tmp_path, "bar.inp", text)
+    place = text[: text.index("*Instance, ")].count("\n") + 1
+    assert f"bar.inp:{place}: *INSTANCE, NAME=Bar-1: both points of its rotation axis" in said
+    assert "(1, 2, 3)" in said and '"1., 2., 3., 1., 2., 3., 90."' in said
+
+
 def instances(*, apart: bool, tie: bool) -> str:
     """Two instances of one part, the second one upon the first."""
     bar = Bar(cells=1)
