@@ -348,13 +348,13 @@ class _Nodes:
                 for start in (0, 4) if name.startswith("CORD1") else (0,):
                     number = card.integer(start, -1)
                     if number > 0:
-                        earlier = self.systems.setdefault(number, (card, start))
-                        if earlier != (card, start) and (
-                            _system_entry(*earlier) != _system_entry(card, start)
+                        first = self.systems.setdefault(number, (card, start))
+                        if first != (card, start) and (
+                            _system_entry(*first) != _system_entry(card, start)
                         ):
                             raise MeshError(
                                 f"{card.place}: coordinate system {number} is defined twice: {card.name} here, "
-                                f"{earlier[0].name} at {earlier[0].place}; keep one of them"
+                                f"{first[0].name} at {first[0].place}; keep one of them"
                             )
         default = next((card.integer(1) for card in self.cards.get("GRDSET", ())), 0)
         for card in self.cards.get("GRID", ()):
