@@ -4,7 +4,7 @@ Source: Abaqus Analysis User's Guide, "Three-dimensional solid element library".
 """
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -89,6 +89,7 @@ class _Assembly:
                 raw.add_group(one.name, np.array(list(one.cells.values())))
             self._add_sets(one)
             self._add_sections(one)
+        self._count_sheets()
         if deck.repeated:
             raw.notes.append(f"{self.path.name} defines {deck.repeated} elements twice alike")
         used = {id(one.scope.elements) for one in self.instances}
@@ -193,27 +194,55 @@ class _Assembly:
         return f"{one.name}.{name}" if len(owners) > 1 and one.name else name
 
     def _add_sections(self, one: Instance) -> None:
-        for name, material, line in one.scope.sections:
+        for name, materials, line in one.scope.sections:
             try:
                 members = list(self._members(one, name, "element"))
             except MeshError as error:
                 raise MeshError(f"{line}: *SOLID SECTION: {error}") from error
             cells = [owner.cells[number] for owner, number in members if number in owner.cells]
-            values = self.deck.materials.get(material.upper(), {})
-            elastic, density = values.get("ELASTIC", ()), values.get("DENSITY", ())
-            shown = [material]
-            shown += [f"E = {elastic[0]:g}, nu = {elastic[1]:g}"] if len(elastic) > 1 else []
-            shown += [f"density = {density[0]:g}"] if density else []
-            key = (elastic, density) if elastic else material.upper()
+            if not cells:
+                # plane elements have a solid section too
+                for owner, number in members:
+                    owner.sheets.add(number)
+            layers: dict[Hashable, str] = {}
+            for material in materials:
+                values = self.deck.materials.get(material.upper(), {})
+                elastic, density = values.get("ELASTIC", ()), values.get("DENSITY", ())
+                shown = [material]
+                shown += [f"E = {elastic[0]:g}, nu = {elastic[1]:g}"] if len(elastic) > 1 else []
+                shown += [f"density = {density[0]:g}"] if density else []
+                key = (elastic, density) if elastic else material.upper()
+                layers[key] = ", ".join(shown)
+            if len(layers) > 1 and cells:
+                raise MeshError(
+                    f"{line}: *SOLID SECTION, ELSET={name} is a composite section: materials {', '.join(materials)}; "
+                    "a component has one material: give the section one with MATERIAL=, or mesh each layer with "
+                    "solids and a section of their own"
+                )
             self.raw.add_section(
-                self._name(one, name), np.array(cells, dtype=np.int64), ", ".join(shown), key
+                self._name(one, name), np.array(cells, dtype=np.int64), layers[key], key
             )
         for name in one.scope.shells:
-            sheets = {number for _, number in self._members(one, name, "element")} if name else ()
+            for owner, number in self._members(one, name, "element") if name else ():
+                owner.sheets.add(number)
+
+    def _count_sheets(self) -> None:
+        """Count surface elements that are more than faces of solids: those with a section, and those
+        with a node that no solid has.
+        """
+        on_solid = np.zeros(len(self.raw.points), dtype=bool)
+        for block in self.raw.solids:
+            on_solid[block.nodes] = True
+        for one in self.instances:
             for kind, elements in one.scope.elements.items():
-                if elements.family is None:
-                    self.deck.left_out[kind] += len(elements.nodes.keys() & sheets)
-        self.deck.left_out = +self.deck.left_out
+                for number, nodes in elements.nodes.items() if elements.family is None else ():
+                    rows = [one.rows.get(node) for node in nodes]
+                    # SFM3D has no stiffness
+                    if number in one.sheets or not (
+                        kind.startswith("SFM3D")
+                        or all(row is not None and on_solid[self.alias[row]] for row in rows)
+                    ):
+                        self.deck.left_out[kind] += 1
 
     def _surface(self, one: Instance, name: str) -> tuple[list[list[int]], list[int]]:
         """Return the nodes of the facets of a surface, those of first order alone, and those of a

@@ -112,7 +112,7 @@ class Scope:
         node_sets: Members by name in upper case.
         surfaces: Blocks of each named surface, by name in upper case.
         internal: Sets that only help to define others.
-        sections: Set and material, in upper case, and where that stands.
+        sections: Set in upper case, its material or those of its layers, and where that stands.
         shells: Sets with a thickness, in upper case.
     """
 
@@ -124,7 +124,7 @@ class Scope:
     element_sets: dict[str, list[Members]] = field(default_factory=dict)
     surfaces: dict[str, list[Block]] = field(default_factory=dict)
     internal: set[str] = field(default_factory=set)
-    sections: list[tuple[str, str, str]] = field(default_factory=list)
+    sections: list[tuple[str, list[str], str]] = field(default_factory=list)
     shells: list[str] = field(default_factory=list)
 
 
@@ -138,6 +138,7 @@ class Instance:
         rotation: ``(3, 3)``.
         shift: ``(3,)``, added after the rotation.
         cells: Which solid cell of the mesh each of its solid elements is.
+        sheets: Numbers of elements that have a section without solids.
     """
 
     name: str
@@ -147,6 +148,7 @@ class Instance:
     shift: FloatArray = field(default_factory=lambda: np.zeros(3))
     rows: dict[int, int] = field(default_factory=dict)
     cells: dict[int, int] = field(default_factory=dict)
+    sheets: set[int] = field(default_factory=set)
 
 
 @dataclass
@@ -272,8 +274,12 @@ class DeckReader:
         elif keyword == "SURFACE":
             self.scope.surfaces.setdefault(block.option("NAME").upper(), []).append(block)
         elif keyword == "SOLID SECTION":
-            material = options.get("MATERIAL", options.get("COMPOSITE", ""))
-            self.scope.sections.append((block.option("ELSET").upper(), material, block.place))
+            materials = [options.get("MATERIAL", options.get("COMPOSITE", ""))]
+            if "COMPOSITE" in options:
+                # a layer a line: thickness, integration points, material
+                layers = [row[2] for row in block.rows if len(row) > 2 and row[2]]
+                materials = list({name.upper(): name for name in layers}.values()) or materials
+            self.scope.sections.append((block.option("ELSET").upper(), materials, block.place))
         elif keyword in SHELL_SECTIONS:
             self.scope.shells.append(options.get("ELSET", "").upper())
         elif keyword == "MATERIAL":
@@ -300,6 +306,12 @@ class DeckReader:
         if moves:
             # about the line from a to b, once it has been moved
             a, b, degrees = np.array(moves[0][:3]), np.array(moves[0][3:6]), moves[0][6]
+            if not np.linalg.norm(b - a) > 0.0:
+                raise MeshError(
+                    f"{block.place}: *INSTANCE, NAME={block.option('NAME')}: both points of its rotation axis are "
+                    f'({", ".join(f"{value:g}" for value in a)}), in the line "{", ".join(block.rows[-1])}"; write two '
+                    "different points, or leave the line out"
+                )
             axis = (b - a) / np.linalg.norm(b - a)
             rotation = Rotation.from_rotvec(np.deg2rad(degrees) * axis).as_matrix()
             shift = rotation @ (shift - a) + a

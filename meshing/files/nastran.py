@@ -348,7 +348,14 @@ class _Nodes:
                 for start in (0, 4) if name.startswith("CORD1") else (0,):
                     number = card.integer(start, -1)
                     if number > 0:
-                        self.systems[number] = (card, start)
+                        first = self.systems.setdefault(number, (card, start))
+                        if first != (card, start) and (
+                            _system_entry(*first) != _system_entry(card, start)
+                        ):
+                            raise MeshError(
+                                f"{card.place}: coordinate system {number} is defined twice: {card.name} here, "
+                                f"{first[0].name} at {first[0].place}; keep one of them"
+                            )
         default = next((card.integer(1) for card in self.cards.get("GRDSET", ())), 0)
         for card in self.cards.get("GRID", ()):
             number, entry = card.integer(0, -1), (card.integer(1, default), card.vector(2))
@@ -435,6 +442,13 @@ class _Nodes:
             raise MeshError(f"{card.place}: {card.name} lacks a grid point")
         system, values = self.given[row]
         return self._place(system, values[None])
+
+
+def _system_entry(card: Card, start: int) -> tuple[str, list[int], list[float]]:
+    """Return what a coordinate system is: its card, the grid points or system it refers to, its points."""
+    if card.name.startswith("CORD1"):
+        return card.name, [card.integer(start + 1 + i) for i in range(3)], []
+    return card.name, [card.integer(1)], [card.real(2 + i) for i in range(9)]
 
 
 def _add_solids(raw: RawMesh, nodes: _Nodes, cards: Mapping[str, Sequence[Card]]) -> None:

@@ -173,6 +173,28 @@ def test_a_deck_of_cae_moved_and_turned_is_the_same_bar(
     assert "1 MASS, 1 CONN3D2, 2 B31; taken are 5 solid cells" in said[0]
 
 
+@pytest.mark.parametrize(
+    ("kind", "section", "off_solid", "on_solid"),
+    [
+        ("CPS4", "*SOLID SECTION, ELSET=RIB, MATERIAL=M\n5.,\n", "1 CPS4;", "1 CPS4;"),
+        ("CPS4", "*SOLID SECTION, ELSET=BAR, MATERIAL=M\n", "1 CPS4;", ""),
+        ("S4R", "", "1 S4R;", ""),
+        ("M3D4", "*MEMBRANE SECTION, ELSET=RIB, MATERIAL=M\n5.,\n", "1 M3D4;", "1 M3D4;"),
+        ("SFM3D4", "", "", ""),
+    ],
+)
+def test_surface_elements_are_counted_where_they_are_more_than_faces(
+    tmp_path: Path, kind: str, section: str, off_solid: str, on_solid: str
+) -> None:
+    more = f"*NODE\n901, 60., 0., 40.\n902, 60., 20., 40.\n*ELEMENT, TYPE={kind}, ELSET=RIB\n"
+    for nodes, words in (("2, 901, 902, 3", off_solid), ("1, 2, 3, 4", on_solid)):
+        text = f"{flat(Bar(), 'C3D20')}{more}900, {nodes}\n{section}"
+        result = run(tmp_path, "bar.inp", text, fidelity="rigid")
+        said = [warning for warning in result.warnings if "left out" in warning]
+        assert len(said) == bool(words)
+        assert words in "".join(said)
+
+
 GENERATED = """*NODE
 1, 0., 0., 0.
 3, 20., 0., 0.
@@ -322,6 +344,27 @@ def test_two_materials_of_a_file_are_named_and_taken_apart(tmp_path: Path) -> No
     assert "LOW" not in " ".join(equal.warnings)
     missing = refuse(tmp_path, "bar.inp", two_sections(Bar(), "1."), more=', solid = "MIDDLE"')
     assert "no set of solid cells called 'MIDDLE'; available: BAR, LOW, UP" in missing
+
+
+def test_layers_of_several_materials_are_refused_by_name(tmp_path: Path) -> None:
+    text = two_sections(Bar(), "70000.").replace(
+        "LOW, MATERIAL=Steel\n\n", "LOW, COMPOSITE\n1., 3, Steel\n1., 3, {}\n"
+    )
+    said = refuse(tmp_path, "bar.inp", text.format("Other"))
+    assert "*SOLID SECTION, ELSET=LOW is a composite section: materials Steel, Other" in said
+    assert "give the section one with MATERIAL=" in said
+    # layers of one material are a section like any other
+    assert "2 materials: LOW (STEEL, E = 210000" in refuse(
+        tmp_path, "bar.inp", text.format("STEEL")
+    )
+
+
+def test_a_rotation_axis_of_two_equal_points_is_named(tmp_path: Path) -> None:
+    text = cae(Bar(), "C3D20", moves=" 0., 0., 5.\n 1., 2., 3., 1., 2., 3., 90.\n")
+    said = refuse(tmp_path, "bar.inp", text)
+    place = text[: text.index("*Instance, ")].count("\n") + 1
+    assert f"bar.inp:{place}: *INSTANCE, NAME=Bar-1: both points of its rotation axis" in said
+    assert "(1, 2, 3)" in said and '"1., 2., 3., 1., 2., 3., 90."' in said
 
 
 def instances(*, apart: bool, tie: bool) -> str:

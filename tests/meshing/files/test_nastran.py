@@ -26,6 +26,7 @@ EXPECTED = json.loads((DECKS / "expected.json").read_text())
 # of the sheared cube that every deck is made of, and what stands on it
 CUBE = 11030.0
 ROUNDING = 2e-3  # of text with three decimals
+SYSTEM = "CORD2R,4,0,0.,0.,0.,0.,0.,1.\n+,2.,0.,0.\n"
 GRIDS = "GRID,1,,0.,0.,0.\nGRID,2,,1.,0.,0.\nGRID,3,,0.,1.,0.\nGRID,4,,0.,0.,1.\nGRID,5,,1.,1.,1.\n"
 
 
@@ -105,6 +106,13 @@ def test_lines_that_continue_a_card_are_found_by_their_mark(tmp_path: Path) -> N
         ("GRID,6,7,1.,0.,0.\n", "coordinate system 7 is used but not defined"),
         ("GRID,6,7,1.,0.,0.\nCORD1R,7,6,1,2\n", "coordinate system 7 refers to itself"),
         ("GRID,6,7,1.,0.,0.\nCORD2R,7,0,0.,0.,0.,0.,0.,1.\n+,0.,0.,2.\n", "lie on one line"),
+        (
+            SYSTEM + SYSTEM.replace("CORD2R", "CORD2C"),
+            "part.bdf:9: coordinate system 4 is defined twice: CORD2C here, CORD2R at part.bdf:7",
+        ),
+        (SYSTEM + SYSTEM.replace("2.", "3."), "part.bdf:9: coordinate system 4 is defined twice"),
+        (SYSTEM + SYSTEM + "CTETRA,1,1,1,2,3,9\n", "part.bdf:11: CTETRA 1: node 9"),
+        ("CORD1R,4,1,2,3,4,1,2,3\nCORD1R,4,1,2,4\n", "part.bdf:8: coordinate system 4 is defined"),
         ("CIHEX1,1,1,1,2,3,4,5,1\n+,2,3\n", "part.bdf:7: CIHEX1 is not known"),
         ("=(2)\n", "part.bdf:7: =.2. repeats no card of one line"),
         ("GRID*,6,,1.,0.\n*,0.\n=,*(1),==\n", "part.bdf:9: = repeats no card of one line"),
