@@ -367,14 +367,13 @@ def test_a_module_that_is_named_in_a_string_exists() -> None:
 
 def test_there_is_one_form_of_a_number_and_one_maker_of_a_run() -> None:
     """Second forms that were folded into ``pipeline/numbers`` do not come back."""
-    old = re.compile(r"NumberChange|ResponseNumber|JudgedNumber|Worth|WatchedSeries|EachItsOwn")
-    kept = {"NumberChangeSummary"}  # an entry of summary.json
+    old = re.compile(r"NumberChange|ResponseNumber|WatchedSeries|WatchedAnswers")
 
     def wrong(path: Path) -> set[str]:
         if layer_of(path) not in ("pipeline", "studies"):
             return set()
         classes = {node.name for node in ast.walk(TREES[path]) if isinstance(node, ast.ClassDef)}
-        return {name for name in classes - kept if old.fullmatch(name) or name.endswith("Worth")}
+        return {name for name in classes if old.fullmatch(name) or name.endswith("Worth")}
 
     assert offenders(wrong) == {}
     readers = {module_name(path) for path in MODULES if layer_of(path) == "studies"}

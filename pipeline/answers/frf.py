@@ -15,6 +15,7 @@ from headstock.pipeline.answers.probes import ProbeCurves, ProbeCurvesSummary, p
 from headstock.pipeline.answers.static import N_PER_UM, UM_PER_KN
 from headstock.pipeline.numbers.estimates import REDUCTION, Estimate, scale_shares
 from headstock.pipeline.numbers.numbers import Key, Number, Series, make_key
+from headstock.scene.requests import LOAD
 from headstock.solvers.linear.frequency_response import convert_receptance
 from headstock.solvers.pairing.response_peaks import ResponseLevel, ResponsePeak
 from headstock.solvers.second_order import Channel, ComplexArray, Motion, name_channel
@@ -263,7 +264,9 @@ class PoseResponse(Answer):
         for probe in self.curves.probes:
             for given, size, error in probe.list_peaks():
                 at = {"pose": pose, "probe": probe.name, "input": " ".join(given)}
-                yield Number(make_key("peak_frequency_stress", **at), size, "Pa/N", error)
+                yield Number(
+                    make_key("peak_frequency_stress", **at), size, _per_load("Pa", given), error
+                )
 
     def list_series(self) -> Iterator[Series]:
         """Yield the receptance of every entry over frequency."""
@@ -384,8 +387,14 @@ def _parse_errors(group: h5py.Group) -> dict[str, FloatArray]:
 
 def _response_unit(output: Channel, given: Channel) -> str:
     """Return the unit of a receptance."""
-    moved = "rad" if output[1].startswith("r") else "m"
-    return f"{moved}/{'(N m)' if given[1].startswith('r') else 'N'}"
+    return _per_load("rad" if output[1].startswith("r") else "m", given)
+
+
+def _per_load(unit: str, given: Channel) -> str:
+    """Return a unit per force or moment of an input; under a whole load of the scene it stays."""
+    if given[1] == LOAD:
+        return unit
+    return f"{unit}/{'(N m)' if given[1].startswith('r') else 'N'}"
 
 
 def split_channel(text: str) -> Channel:

@@ -87,13 +87,16 @@ def encode_tables(tables: Mapping[str, Numbers]) -> bytes:
 
 
 def read_tables(folder: Path) -> dict[str, Numbers]:
-    """Return the tables of numbers in a folder, by point or variant; an empty text for the only one.
+    """Return the tables of numbers in a folder, by point or variant; an empty text for the only one. A
+    folder that a run and a study have written holds those of the later one.
 
     Raises:
         UnusableOutputError: There are none, or they cannot be read.
     """
-    path = folder / NUMBERS_FILE
-    if not path.is_file():
+    path, summary = folder / NUMBERS_FILE, folder / SUMMARY_FILE
+    if not path.is_file() or (
+        summary.is_file() and summary.stat().st_mtime_ns > path.stat().st_mtime_ns
+    ):
         return {"": read_numbers(folder)}
     with naming_damage(path):
         require_size(path, RESULTS, RecordError)

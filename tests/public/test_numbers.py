@@ -129,3 +129,12 @@ def test_studies_sweeps_and_comparisons_have_numbers_too(
     assert {entry.get("of", "") for entry in entries} == labels
     assert all(entry["value"] > 1.0 and entry["unit"] == "Hz" for entry in entries)
     assert main(["numbers", str(out), "nothing"]) == 2
+
+
+def test_a_run_in_the_folder_of_a_study_shows_its_own_numbers(tmp_path: Path) -> None:
+    (tmp_path / "scene.toml").write_text(SCENE)
+    scene, out, listing = tmp_path / "scene.toml", tmp_path / "out", tmp_path / "n.json"
+    assert main(["study", str(scene), "drive", "-o", str(out)]) == 0
+    assert main(["run", str(scene), "-o", str(out), "--no-figures"]) == 0
+    assert main(["numbers", str(out), "frequency", "--json", str(listing)]) == 0
+    assert not any("of" in entry for entry in json.loads(listing.read_text()))
