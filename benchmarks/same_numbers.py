@@ -1,11 +1,10 @@
 """The same numbers as before: runs commands in a base commit and in the work tree side by side and
 compares all they write.
 
-    ./headstock exec python3 benchmarks/same_numbers.py                     the short set, some
-    minutes on two quiet cores ./headstock exec python3 benchmarks/same_numbers.py --set full
-    every scene as written, too ./headstock exec python3 benchmarks/same_numbers.py --only
-    cantilever   this case, or a pattern; repeatable ./headstock exec python3
-    benchmarks/same_numbers.py --base COMMIT --keep DIR --expect FILE
+    ./headstock exec python3 benchmarks/same_numbers.py                     minutes, quiet
+    ./headstock exec python3 benchmarks/same_numbers.py --set full          scenes as written, too
+    ./headstock exec python3 benchmarks/same_numbers.py --only cantilever   a pattern; repeatable
+    ./headstock exec python3 benchmarks/same_numbers.py --base COMMIT --keep DIR --expect FILE
 
 Each case begins with an empty store in a folder of its own, once per tree, with one BLAS thread;
 both trees use their own scenes. Numbers may differ by 1e-10 of the largest of their array, texts
