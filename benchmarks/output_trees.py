@@ -402,10 +402,26 @@ def _read_hdf5(path: Path, names: Names) -> Leaves:
             for key in item.attrs:
                 if not _is_masked(key):
                     yield from _values(f":/{name}@{key}", np.asarray(item.attrs[key]), names)
-            if isinstance(item, h5py.Dataset):
+            if name == "record/text":
+                record = _with_names(bytes(item[()]).decode(), names)
+                yield from _json_leaves(_fields_by_name(json.loads(record)), f":/{name}/")
+            elif isinstance(item, h5py.Dataset):
                 yield from _values(f":/{name}", np.asarray(item[()]), names)
             else:
                 yield f":/{name}", "group"
+
+
+def _fields_by_name(value: object) -> object:
+    """Return a record whose lists of (field, value) are dictionaries, so that keys mask fields."""
+    if isinstance(value, dict):
+        return {key: _fields_by_name(inner) for key, inner in value.items()}
+    if not isinstance(value, list):
+        return value
+    if value and all(
+        isinstance(pair, list) and len(pair) == 2 and isinstance(pair[0], str) for pair in value
+    ):
+        return {key: _fields_by_name(inner) for key, inner in value}
+    return [_fields_by_name(inner) for inner in value]
 
 
 def _values(place: str, values: Numbers, names: Names) -> Leaves:
