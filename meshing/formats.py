@@ -22,25 +22,29 @@ class MeshFormat:
 
     Attributes:
         suffixes: Endings of its files, lower case.
-        worker: Module whose worker process reads it.
+        reader: Function that reads it in a worker process, ``MODULE:NAME``.
         written: ``export --mesh`` writes it.
         lines: It is a text of lines, which no reader could take as one.
     """
 
     name: str
     suffixes: tuple[str, ...]
-    worker: str
+    reader: str
     written: bool = True
     lines: bool = False
 
 
 MESH_FORMATS = (
-    MeshFormat("gmsh", (".msh",), "headstock.meshing.cad.worker"),
-    MeshFormat("Abaqus", (".inp",), "headstock.meshing.files.foreign", written=False, lines=True),
-    MeshFormat("Nastran", (".bdf", ".nas"), "headstock.meshing.files.foreign", lines=True),
-    MeshFormat("XDMF", (".xdmf", ".xmf"), "headstock.meshing.files.hdf5"),
-    MeshFormat("MED", (".med",), "headstock.meshing.files.hdf5"),
-    MeshFormat("Exodus", (".exo", ".e", ".ex2"), "headstock.meshing.files.exodus"),
+    MeshFormat("gmsh", (".msh",), "headstock.meshing.files.gmsh:read_gmsh"),
+    MeshFormat(
+        "Abaqus", (".inp",), "headstock.meshing.files.abaqus:read_abaqus", written=False, lines=True
+    ),
+    MeshFormat(
+        "Nastran", (".bdf", ".nas"), "headstock.meshing.files.nastran:read_nastran", lines=True
+    ),
+    MeshFormat("XDMF", (".xdmf", ".xmf"), "headstock.meshing.files.hdf5:read_xdmf"),
+    MeshFormat("MED", (".med",), "headstock.meshing.files.hdf5:read_med"),
+    MeshFormat("Exodus", (".exo", ".e", ".ex2"), "headstock.meshing.files.exodus:read_exodus"),
 )
 MESH_SUFFIXES = tuple(suffix for known in MESH_FORMATS for suffix in known.suffixes)
 

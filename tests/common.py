@@ -4,8 +4,8 @@ matrices.
 
 import contextlib
 import dataclasses
-import importlib
 import io
+import json
 import os
 import shutil
 import subprocess
@@ -31,8 +31,8 @@ from headstock.geometry.parts.components import (
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.component_mesh import CellKind, ComponentMesh, IntArray
 from headstock.meshing.elements.surface import extract_surface
-from headstock.meshing.process.isolation import WorkerEnd, WorkerLimits, run_isolated
-from headstock.meshing.process.worker import serve_job
+from headstock.meshing.process import worker
+from headstock.meshing.process.isolation import WorkerEnd, WorkerLimits
 from headstock.validation.parts.structured_meshes import (
     integrate_over_cells,
     lattice_mesh,
@@ -222,26 +222,25 @@ class Dense:
 
 
 def work_here(
-    module: str,
-    words: Sequence[str],
-    *,
+    functions: Sequence[str],
+    *words: str,
     limits: WorkerLimits,
-    stdin: str,
+    content: bytes,
     result: BinaryIO,
     readable: Sequence[Path] = (),
 ) -> WorkerEnd:
-    """A job of meshing in this process, as `run_isolated` has it done in one of its own: loading gmsh
+    """A job of meshing in this process, as `call_apart` has it done in one of its own: loading gmsh
     there takes longer than what most tests mesh.
     """
     gmsh = sys.modules.get("gmsh")
     if gmsh is not None and gmsh.isInitialized():  # the test has a model of its own there
-        return run_isolated(
-            module, words, limits=limits, readable=readable, stdin=stdin, result=result
+        return worker.call_apart(
+            functions, *words, limits=limits, readable=readable, content=content, result=result
         )
-    worker = importlib.import_module(module)
     said = io.StringIO()
     with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stderr(said):
-        patch.setattr("headstock.meshing.process.worker.accept_limits", lambda words: words)
-        patch.setattr(sys, "stdin", io.StringIO(stdin))
-        code = serve_job([*words, str(os.dup(result.fileno()))], worker.perform_job)
+        patch.setattr(worker, "accept_limits", lambda arguments: arguments[1:])
+        patch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(content)))
+        arguments = [json.dumps(functions), json.dumps(words), str(os.dup(result.fileno()))]
+        code = worker.main(["", *arguments])
     return WorkerEnd(code, said.getvalue(), limits, limits)

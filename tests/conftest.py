@@ -236,7 +236,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     try:
         with pytest.MonkeyPatch.context() as patch:
             if item.get_closest_marker("workers") is None:
-                patch.setattr("headstock.meshing.process.running.run_isolated", work_here)
+                patch.setattr("headstock.meshing.process.running.call_apart", work_here)
             return (yield)
     finally:
         running.clear()

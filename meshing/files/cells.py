@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.solids import MeshFile
 from headstock.meshing.component_mesh import CellKind, IntArray
 from headstock.meshing.elements.topology import FACETS, NODE_COUNTS
 from headstock.meshing.errors import MeshError, PartFileError
@@ -26,7 +27,8 @@ from headstock.meshing.files.topology_checks import (
     list_faces,
     turn_cells,
 )
-from headstock.meshing.process.job import MeshData
+from headstock.meshing.process.job import MeshData, pack_data, parse_job
+from headstock.meshing.process.worker import Arrays
 
 WHOLE_FILE = "*"
 # facets that a chosen part shares with the rest of its file
@@ -34,8 +36,12 @@ CUT_SET = "cut"
 NAMED = 6
 
 
-def guard_reader(path: Path, reader: Callable[[Path], RawMesh], solid: str | None) -> MeshData:
-    """Read a mesh file with a reader that may raise anything.
+def read_file(reader: Callable[..., RawMesh], text: bytes) -> Arrays:
+    """Read the mesh file of a job with a reader that may raise anything.
+
+    Args:
+        reader: Takes the path of the file, then those of the files that it may read besides.
+        text: The job as JSON.
 
     Returns:
         Points in the file's unit, cells of one kind in gmsh's node order, and named surface and
@@ -45,13 +51,19 @@ def guard_reader(path: Path, reader: Callable[[Path], RawMesh], solid: str | Non
         PartFileError: The file cannot be read, or holds no usable mesh.
         MeshError: The file is missing.
     """
+    solid = parse_job(text.decode()).solid
+    if not isinstance(solid, MeshFile):
+        raise MeshError(f"a {type(solid).__name__} is no mesh file")
+    path = solid.path
     if not path.is_file():
         raise MeshError(f"there is no file {path}")
     try:
-        return assemble_mesh(path, reader(path), solid)
+        return pack_data(assemble_mesh(path, reader(path, *solid.beside), solid.solid))
     except MeshError as error:
-        text = str(error)
-        raise PartFileError(text if path.name in text else f"{path.name}: {text}") from error
+        message = str(error)
+        raise PartFileError(
+            message if path.name in message else f"{path.name}: {message}"
+        ) from error
     except MemoryError:
         raise
     except (Exception, SystemExit) as error:  # foreign readers raise anything, gmsh the bare class

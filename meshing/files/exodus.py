@@ -1,12 +1,10 @@
-"""Reads finished meshes in Exodus files and adds side sets to them; the reader runs in a worker process:
-``python -m headstock.meshing.files.exodus``.
+"""Reads finished meshes in Exodus files, in a worker process, and adds side sets to them.
 
 meshio writes Exodus without side sets; its reader knows neither them, nor sets without a name, nor
 blocks of the type TETRA4.
 """
 
 import importlib.util
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,14 +13,10 @@ import h5py
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.parts.solids import MeshFile
 from headstock.meshing.component_mesh import IntArray
 from headstock.meshing.errors import MeshError
-from headstock.meshing.files.cells import guard_reader
 from headstock.meshing.files.raw_mesh import RawMesh, is_solid
-from headstock.meshing.process.job import MeshData, MeshJob
 from headstock.meshing.process.plain_hdf5 import plain_objects
-from headstock.meshing.process.worker import serve_job
 
 HAS_NETCDF = importlib.util.find_spec("netCDF4") is not None
 if HAS_NETCDF:  # a Python of the user's own may be without it
@@ -225,14 +219,3 @@ def add_side_sets(path: Path, cells: IntArray, sets: Mapping[str, IntArray]) -> 
                 f"side_ss{index + 1}", "i4", (f"num_side_ss{index + 1}",)
             )
             side_variable[:] = side_numbers % len(table) + 1
-
-
-def perform_job(job: MeshJob) -> MeshData:
-    """Read an Exodus mesh."""
-    if not isinstance(job.solid, MeshFile):
-        raise MeshError(f"a {type(job.solid).__name__} is no mesh file")
-    return guard_reader(job.solid.path, read_exodus, job.solid.solid)
-
-
-if __name__ == "__main__":
-    sys.exit(serve_job(sys.argv[1:], perform_job))

@@ -1,5 +1,4 @@
-"""Reads finished meshes whose arrays lie in HDF5, XDMF and MED, in a worker process: ``python -m
-headstock.meshing.files.hdf5``.
+"""Reads finished meshes whose arrays lie in HDF5, XDMF and MED, in a worker process.
 
 XDMF values and kinds of cells are read by meshio; several grids in one file, as dolfinx writes
 meshes with tags, and mixed second-order cells are not, nor are names of other files checked there.
@@ -7,7 +6,6 @@ meshio's reader of MED knows no 27-node hexes, and fails at families without gro
 """
 
 import math
-import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,14 +20,10 @@ from numpy.typing import NDArray
 
 from headstock.geometry.errors import printable
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.parts.solids import MeshFile
 from headstock.meshing.component_mesh import IntArray
 from headstock.meshing.errors import MeshError
-from headstock.meshing.files.cells import guard_reader
 from headstock.meshing.files.raw_mesh import MESHIO_FACETS, RawMesh, is_solid
-from headstock.meshing.process.job import MeshData, MeshJob
 from headstock.meshing.process.plain_hdf5 import plain_objects, require_own_data
-from headstock.meshing.process.worker import serve_job
 
 MED_NAME_BYTES = 80
 AnyArray = NDArray[Any]
@@ -111,7 +105,7 @@ def _read_plain(group: h5py.Group, place: str) -> AnyArray:
     return np.asarray(group[()])
 
 
-def _read_xdmf(path: Path, beside: Sequence[Path]) -> RawMesh:
+def read_xdmf(path: Path, *beside: Path) -> RawMesh:
     """Read an ``.xdmf`` file; integer values of surface elements become named sets.
 
     Elements may stand beside the solid cells in one grid, or in grids of their own, as dolfinx
@@ -304,7 +298,7 @@ def _renumber(places: IntArray, nodes: IntArray) -> IntArray:
     return places[nodes]
 
 
-def _read_med(path: Path) -> RawMesh:
+def read_med(path: Path) -> RawMesh:
     """Read a ``.med`` file; groups of surface elements and of nodes become named sets.
 
     Raises:
@@ -369,17 +363,3 @@ def _med_groups(families: h5py.Group) -> dict[int, list[str]]:
                 for row in rows
             ]
     return groups
-
-
-def perform_job(job: MeshJob) -> MeshData:
-    """Read an XDMF or MED mesh."""
-    solid = job.solid
-    if not isinstance(solid, MeshFile):
-        raise MeshError(f"a {type(solid).__name__} is no mesh file")
-    if solid.path.suffix.lower() == ".med":
-        return guard_reader(solid.path, _read_med, solid.solid)
-    return guard_reader(solid.path, lambda path: _read_xdmf(path, solid.beside), solid.solid)
-
-
-if __name__ == "__main__":
-    sys.exit(serve_job(sys.argv[1:], perform_job))

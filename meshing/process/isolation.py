@@ -151,7 +151,7 @@ def run_isolated(
     *,
     limits: WorkerLimits,
     readable: Sequence[Path] = (),
-    stdin: str | bytes | BinaryIO = "",
+    stdin: bytes = b"",
     result: BinaryIO | None = None,
 ) -> WorkerEnd:
     """Run a module that calls `accept_limits` in a worker process.
@@ -160,7 +160,6 @@ def run_isolated(
         limits: What it may use at most.
         readable: Files it may read; of its own code and the system's libraries it sees what it
             needs.
-        stdin: Text, bytes, or an open file.
         result: Open file it may write; its number is the last argument.
     """
     wanted, limits = limits, limits.within_shell()
@@ -173,20 +172,17 @@ def run_isolated(
     passed = [] if result is None else [result.fileno()]
     # -P: a module in the user's working folder must not stand in for ours
     command = [sys.executable, "-P", "-m", module, json.dumps(settings), *words, *map(str, passed)]
-    given = (
-        stdin.encode() if isinstance(stdin, str) else stdin if isinstance(stdin, bytes) else None
-    )
     with subprocess.Popen(
         command,
         cwd=OWN_FOLDER,
         env=child_environment(module) | ONE_THREAD,
-        stdin=subprocess.PIPE if isinstance(stdin, str | bytes) else stdin,
+        stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         pass_fds=passed,
     ) as worker:
         try:
-            _, errors = worker.communicate(given, timeout=limits.wall_seconds)
+            _, errors = worker.communicate(stdin, timeout=limits.wall_seconds)
             code = worker.returncode
         except subprocess.TimeoutExpired:
             worker.kill()

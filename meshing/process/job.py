@@ -3,12 +3,12 @@
 import dataclasses
 import json
 import os
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO, Literal, TypedDict
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.cad_faces import CadFace
@@ -17,6 +17,7 @@ from headstock.geometry.parts.mass_properties import SolidProperties
 from headstock.geometry.parts.size_field import SizeField
 from headstock.geometry.parts.solids import Box, HollowColumn, MeshFile, Plate, StepFile, Tube
 from headstock.meshing.component_mesh import CellKind, CurvedFacets, IntArray, LeftOut
+from headstock.meshing.process.worker import Arrays
 
 JobSolid = Box | Tube | Plate | HollowColumn | StepFile | MeshFile
 SOLIDS: dict[str, type[JobSolid]] = {
@@ -110,6 +111,23 @@ class MeshData:
     left_out: LeftOut | None = None
 
 
+# how the fields of a result are packed: arrays, arrays by name, types of arrays, and values
+_ARRAYS = ("points", "cells", "owners")
+_NAMED_ARRAYS = ("facets", "node_sets")
+_RECORDS: dict[str, type[CurvedFacets | LeftOut]] = {"curved": CurvedFacets, "left_out": LeftOut}
+_VALUES = ("kind", "size", "estimate", "nodes", "remarks")
+
+
+def perform_job(perform: Callable[[MeshJob], MeshData], text: bytes) -> Arrays:
+    """Perform a job in the worker process.
+
+    Args:
+        perform: Does what the job says.
+        text: The job as JSON.
+    """
+    return pack_data(perform(parse_job(text.decode())))
+
+
 def format_job(job: MeshJob) -> str:
     """Return a job as JSON."""
     solid = {"kind": type(job.solid).__name__, **dataclasses.asdict(job.solid)}
@@ -137,67 +155,39 @@ def parse_job(text: str) -> MeshJob:
     return MeshJob(solid=SOLIDS[fields.pop("kind")](**fields), groups=groups, sizes=sizes, **job)
 
 
-def write_data(file: BinaryIO, data: MeshData) -> None:
-    """Write a result as npz without pickle."""
-    arrays: dict[str, NDArray[Any]] = {
-        "points": data.points,
-        "cells": data.cells,
-        "owners": data.owners,
-    }
-    arrays |= {f"facets_{i}": array for i, array in enumerate(data.facets.values())}
-    arrays |= {f"nodes_{i}": array for i, array in enumerate(data.node_sets.values())}
-    meta: dict[str, Any] = {
-        "kind": data.kind,
-        "facets": list(data.facets),
-        "node_sets": list(data.node_sets),
-        "size": data.size,
-    }
-    meta |= {"estimate": data.estimate, "nodes": data.nodes, "remarks": data.remarks}
+def pack_data(data: MeshData) -> Arrays:
+    """Return a result as arrays of numbers and one of text."""
+    arrays = {name: getattr(data, name) for name in _ARRAYS}
+    for name in _NAMED_ARRAYS:
+        arrays |= {f"{name}_{i}": array for i, array in enumerate(getattr(data, name).values())}
+    for name in _RECORDS:
+        if getattr(data, name) is not None:
+            arrays |= {f"{name}_{key}": array for key, array in vars(getattr(data, name)).items()}
+    meta = {name: list(getattr(data, name)) for name in _NAMED_ARRAYS}
+    meta |= {name: getattr(data, name) for name in _VALUES}
     meta["faces"] = [dataclasses.asdict(face) for face in data.faces]
-    if data.curved is not None:
-        arrays |= {
-            "curved_nodes": data.curved.nodes,
-            "curved_nearest": data.curved.nearest,
-            "curved_shares": data.curved.shares,
-        }
-    if data.left_out is not None:
-        arrays |= {f"left_out_{name}": array for name, array in vars(data.left_out).items()}
     if data.properties is not None:
-        properties = dataclasses.asdict(data.properties)
-        meta["properties"] = json.loads(
-            json.dumps(properties, default=lambda array: array.tolist())
-        )
-    np.savez(file, meta=np.array(json.dumps(meta)), **arrays)  # type: ignore[arg-type]
+        meta["properties"] = dataclasses.asdict(data.properties)
+    text = json.dumps(meta, default=lambda array: array.tolist())
+    return {**arrays, "meta": np.array(text)}
 
 
-def read_data(file: BinaryIO) -> MeshData:
-    """Read a result written by ``write_data``."""
-    with np.load(file, allow_pickle=False) as store:
-        meta = _DECODER.decode(str(store["meta"]))
-        return MeshData(
-            store["points"],
-            store["cells"],
-            meta["kind"],
-            facets={name: store[f"facets_{i}"] for i, name in enumerate(meta["facets"])},
-            node_sets={name: store[f"nodes_{i}"] for i, name in enumerate(meta["node_sets"])},
-            properties=_read_properties(meta["properties"]) if "properties" in meta else None,
-            size=meta["size"],
-            estimate=meta["estimate"],
-            nodes=meta["nodes"],
-            remarks=list(meta["remarks"]),
-            owners=store["owners"],
-            faces=[CadFace(**fields) for fields in meta["faces"]],
-            curved=CurvedFacets(
-                store["curved_nodes"], store["curved_nearest"], store["curved_shares"]
-            )
-            if "curved_nodes" in store
-            else None,
-            left_out=LeftOut(
-                store["left_out_places"], store["left_out_volumes"], store["left_out_strengths"]
-            )
-            if "left_out_places" in store
-            else None,
-        )
+def unpack_data(arrays: Arrays) -> MeshData:
+    """Return a result of ``pack_data``."""
+    meta = _DECODER.decode(str(arrays["meta"]))
+    fields: dict[str, Any] = {name: arrays[name] for name in _ARRAYS}
+    for name in _NAMED_ARRAYS:
+        fields[name] = {key: arrays[f"{name}_{i}"] for i, key in enumerate(meta[name])}
+    for name, kind in _RECORDS.items():
+        names = [field.name for field in dataclasses.fields(kind)]
+        if f"{name}_{names[0]}" in arrays:
+            fields[name] = kind(*(arrays[f"{name}_{key}"] for key in names))
+    fields |= {name: meta[name] for name in _VALUES}
+    fields["remarks"] = list(meta["remarks"])
+    fields["faces"] = [CadFace(**face) for face in meta["faces"]]
+    if "properties" in meta:
+        fields["properties"] = _read_properties(meta["properties"])
+    return MeshData(**fields)
 
 
 def scale_properties(properties: SolidProperties, scale: float) -> SolidProperties:
@@ -213,24 +203,10 @@ def scale_properties(properties: SolidProperties, scale: float) -> SolidProperti
     )
 
 
-class _Properties(TypedDict):
-    volume: float
-    center: tuple[float, ...]
-    inertia: tuple[list[float], ...]
-    patch_areas: dict[str, float]
-    patch_centroids: dict[str, tuple[float, ...]]
-    box: list[list[float]]
-    patch_boxes: dict[str, list[list[float]]]
+def _read_properties(data: dict[str, Any]) -> SolidProperties:
+    def convert(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {name: convert(entry) for name, entry in value.items()}
+        return np.array(value, dtype=float) if isinstance(value, tuple | list) else value
 
-
-def _read_properties(data: _Properties) -> SolidProperties:
-    centroids = {
-        name: np.array(value, dtype=float) for name, value in data["patch_centroids"].items()
-    }
-    center, inertia = np.array(data["center"], dtype=float), np.array(data["inertia"], dtype=float)
-    boxes = {name: np.array(box, dtype=float) for name, box in data["patch_boxes"].items()}
-    return SolidProperties(
-        *(data["volume"], center, inertia, data["patch_areas"], centroids),
-        box=np.array(data["box"], dtype=float),
-        patch_boxes=boxes,
-    )
+    return SolidProperties(**convert({key: data[key] for key in data if key != "remarks"}))

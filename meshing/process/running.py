@@ -10,13 +10,23 @@ from pathlib import Path
 from headstock.geometry.parts.solids import MeshFile, StepFile
 from headstock.meshing.errors import MeshError, MeshQualityError, PartFileError, PatchError
 from headstock.meshing.formats import find_format
-from headstock.meshing.process.isolation import WorkerEnd, WorkerLimits, run_isolated
-from headstock.meshing.process.job import MeshData, MeshJob, format_job, read_data
+from headstock.meshing.process.isolation import WorkerEnd, WorkerLimits
+from headstock.meshing.process.job import MeshData, MeshJob, format_job, unpack_data
 from headstock.meshing.process.strangers import PART, require_size
-from headstock.meshing.process.worker import BAD_FILE, BAD_MESH, BAD_PATCH, REFUSED
+from headstock.meshing.process.worker import (
+    BAD_FILE,
+    BAD_MESH,
+    BAD_PATCH,
+    REFUSED,
+    call_apart,
+    read_arrays,
+)
 
-# what answers in the worker: `perform_job` there, which calls `mesh_shape` of meshing/cad/meshing.py
-GMSH_WORKER = "headstock.meshing.cad.worker"
+# functions that the worker process calls: on a job, and on one that reads a file
+PERFORM_JOB = "headstock.meshing.process.job:perform_job"
+MESH_SHAPE = "headstock.meshing.cad.meshing:mesh_shape"
+SURVEY_SHAPE = "headstock.meshing.cad.faces:survey_shape"
+READ_FILE = "headstock.meshing.files.cells:read_file"
 MEMORY_BYTES = 8 << 30
 # What honest mesh files need, so that a small file that lies about its counts is stopped early.
 # Measured on tets and hexes: readers take up to 40 times the file's size, and 0.25 GiB of address
@@ -45,7 +55,7 @@ def run_job(
         MeshError: The file is none, the worker refused the job, ran out of time, memory or room on
             the disk, or crashed.
     """
-    worker = GMSH_WORKER
+    functions = [PERFORM_JOB, SURVEY_SHAPE if job.task == "faces" else MESH_SHAPE]
     # processor time, so that the same part meshes on a busy machine; it also ends a worker that
     # nobody waits for
     limits = WorkerLimits(memory_bytes, math.ceil(time_limit), WALL_FACTOR * time_limit)
@@ -63,7 +73,7 @@ def run_job(
             require_size(path, PART, PartFileError)
             if job.task == "file":
                 form = find_format(path)
-                worker = form.worker
+                functions = [READ_FILE, form.reader]
                 if form.lines:
                     _require_lines(path)
         except MeshError as error:
@@ -74,12 +84,12 @@ def run_job(
             limits = _limit_reading(limits, readable)
     # without a name in the file system, so that nothing stays behind however this process ends
     with tempfile.TemporaryFile() as result:
-        end = run_isolated(
-            worker, [], limits=limits, readable=readable, stdin=format_job(job), result=result
+        content = format_job(job).encode()
+        end = call_apart(
+            functions, limits=limits, readable=readable, content=content, result=result
         )
         if end.code == 0:
-            result.seek(0)
-            return read_data(result)
+            return unpack_data(read_arrays(result))
         raise _failure(end, job, what)
 
 

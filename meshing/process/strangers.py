@@ -1,41 +1,25 @@
-"""Files of strangers: how large each kind may be, and reading them in a process apart: ``python -m
-headstock.meshing.process.strangers``.
+"""Files of strangers: how large each kind may be, and reading them in a process apart.
 
 Whoever reads a file that a scene or a command names asks here first. The size is looked at before
 anything else; what is not small is read by a worker process with limits of memory and time.
 """
 
-import io
-import json
 import math
 import os
 import stat
-import sys
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from headstock.geometry.errors import HeadstockError
 from headstock.meshing.errors import MeshError
 from headstock.meshing.formats import find_format, list_array_files
-from headstock.meshing.process.isolation import (
-    WorkerEnd,
-    WorkerLimits,
-    accept_limits,
-    run_isolated,
-)
+from headstock.meshing.process.isolation import WorkerEnd, WorkerLimits
+from headstock.meshing.process.worker import REFUSED, Arrays, call_apart, read_arrays
 
-type Arrays = Mapping[str, NDArray[Any]]
 type Reader = Callable[..., Arrays]
 
-MODULE = "headstock.meshing.process.strangers"
-REFUSED = 3
 SMALL_BYTES = 1 << 18  # read within a tenth of a second, whatever is in it
 # what honest tables need: up to 60 times their size in memory, 0.1 s of processor time per MB
 MEMORY_BYTES = 768 << 20
@@ -45,6 +29,7 @@ SECONDS = 5.0
 SECONDS_PER_MB = 0.3
 WALL_FACTOR = 6.0  # a busy machine gives little of its processors
 KEPT = 4  # results that a process remembers
+READ_PATH = "headstock.meshing.process.strangers:read_path"
 
 
 @dataclass(frozen=True)
@@ -152,23 +137,26 @@ def _read_in_worker(
         math.ceil(seconds),
         WALL_FACTOR * seconds,
     )
-    names = [f"{named.__module__}:{named.__qualname__}" for named in (reader, error)]
     with tempfile.TemporaryFile() as result:
-        end = run_isolated(
-            MODULE,
-            [*names, json.dumps([str(path.absolute()), *arguments])],
+        end = call_apart(
+            [READ_PATH, f"{reader.__module__}:{reader.__qualname__}"],
+            str(path.absolute()),
+            *arguments,
             limits=limits,
             readable=[path.absolute()],
             result=result,
         )
         if end.code != 0:
             raise error(_explain(path.name, end))
-        result.seek(0)
-        with np.load(result, allow_pickle=False) as store:
-            arrays = {name: store[name] for name in store.files}
+        arrays = read_arrays(result)
     for array in arrays.values():
         array.setflags(write=False)
     return arrays
+
+
+def read_path(reader: Reader, path: str, *arguments: str) -> Arrays:
+    """Read a file in the worker process."""
+    return reader(Path(path), *arguments)
 
 
 def _explain(name: str, end: WorkerEnd) -> str:
@@ -182,31 +170,3 @@ def _explain(name: str, end: WorkerEnd) -> str:
     return (
         f"{name}: the process that read it ended with code {end.code} ({end.last_line}); {remedy}"
     )
-
-
-def main(arguments: list[str]) -> int:
-    """Read a file within limits; 0 its arrays are written, 3 it is refused and standard error says
-    why.
-    """
-    reader, error = (_find(text) for text in arguments[1:3])
-    _, _, content, result = accept_limits(arguments)
-    path, *others = json.loads(content)
-    try:
-        arrays = reader(Path(path), *others)
-    except error as fault:
-        sys.stderr.write("\n" + " ".join(str(fault).split()) + "\n")
-        return REFUSED
-    image = io.BytesIO()
-    np.savez(image, **arrays)
-    with open(int(result), "wb") as file:  # noqa: PTH123 (a number, not a path)
-        file.write(image.getbuffer())
-    return 0
-
-
-def _find(text: str) -> Any:
-    module, _, name = text.partition(":")
-    return getattr(import_module(module), name)
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

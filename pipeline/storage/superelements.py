@@ -1,15 +1,12 @@
 """Superelements in Headstock's own HDF5 layout: one data set, attribute or group per field of
 ``Superelement``.
 
-A file is first read by a worker process, ``python -m headstock.pipeline.storage.superelements <
-FILE``: the HDF5 library has ended whole processes on damaged files, and what the worker survives its
-parent can read.
+A file is first read by a worker process: the HDF5 library has ended whole processes on damaged
+files, and what the worker survives its parent can read.
 """
 
 import io
-import sys
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 import scipy.linalg
@@ -17,9 +14,10 @@ import scipy.linalg
 from headstock.geometry.errors import printable
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.carriages import DEGREE
-from headstock.meshing.process.isolation import WorkerLimits, accept_limits, run_isolated
+from headstock.meshing.process.isolation import WorkerLimits
 from headstock.meshing.process.libraries import h5py
 from headstock.meshing.process.strangers import PART, require_size
+from headstock.meshing.process.worker import REFUSED, call_apart
 from headstock.pipeline.storage.outputs import write_output
 from headstock.pipeline.storage.provenance import Provenance
 from headstock.pipeline.storage.records import (
@@ -37,8 +35,7 @@ from headstock.reduction.superelement_checks import dof_scale
 FORMAT = "headstock superelement"
 VERSION = 2  # 1 had the recovery basis and the error estimates among the matrices
 # limits of the worker process that reads a file first: fixed, and growing with the file
-PROBE = "headstock.pipeline.storage.superelements"
-REFUSED = 3
+PARSE = "headstock.pipeline.storage.superelements:parse_superelement"
 MEMORY_BYTES = 768 << 20
 MEMORY_FACTOR = 20
 SECONDS = 8
@@ -88,19 +85,19 @@ def read_superelement(path: Path) -> Superelement:
         # once: what the worker finds sound is what is read, whoever writes to the file meanwhile
         content = path.read_bytes()
         _probe(content, path.name)
-        return parse_superelement(io.BytesIO(content), str(path))
+        return parse_superelement(str(path), content)
     except OSError as error:
         raise RecordError(f"{path} cannot be read: {error.strerror or error}") from error
 
 
-def parse_superelement(content: BinaryIO, name: str) -> Superelement:
+def parse_superelement(name: str, content: bytes) -> Superelement:
     """Read a superelement from the content of its file.
 
     Raises:
         RecordError: It is no superelement file, is damaged, or its arrays contradict each other.
     """
     try:
-        with h5py.File(content, "r") as file:
+        with h5py.File(io.BytesIO(content), "r") as file:
             require_plain(file)
             if file.attrs.get("format") != FORMAT:
                 raise RecordError(f"it is no {FORMAT} file")
@@ -129,7 +126,7 @@ def _probe(content: bytes, name: str) -> None:
     limits = WorkerLimits(
         MEMORY_BYTES + MEMORY_FACTOR * size, SECONDS + more, WALL_SECONDS + 4 * more
     )
-    end = run_isolated(PROBE, [name], limits=limits, stdin=content)
+    end = call_apart([PARSE], name, limits=limits, content=content)
     if end.code == 0:
         return
     message = end.last_line
@@ -366,20 +363,3 @@ def _check_shapes(path: str, superelement: Superelement) -> None:
             raise RecordError(
                 f"{path}: the deformation shapes of interface {name!r} do not fit its {size} labels"
             )
-
-
-def main(arguments: list[str]) -> int:
-    """Read the file on standard input within limits; 0 it is sound, 3 it is not and standard error
-    says why.
-    """
-    (name,) = accept_limits(arguments)
-    try:
-        parse_superelement(io.BytesIO(sys.stdin.buffer.read()), name)
-    except RecordError as error:
-        sys.stderr.write(f"\n{error}\n")
-        return REFUSED
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
