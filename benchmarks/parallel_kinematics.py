@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from headstock.pipeline.contours.lumped_contour import run_lumped_contour
+from headstock.pipeline.motion.lumped_contour import run_lumped_contour
 from headstock.pipeline.stages.map import map_workspace
 from headstock.scene.analyses.map import MapRequest
 from headstock.solvers.mechanisms.modes import linearise_poses, solve_pose_modes

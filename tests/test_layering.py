@@ -75,10 +75,9 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "results": {"planning", "storage", "numbers", "answers"},
         "stages": {"planning", "storage", "numbers", "answers", "results"},
         "preview": {"planning", "storage", "numbers", "answers", "results", "stages"},
-        "paths": {"planning", "storage", "numbers", "answers", "results", "stages"},
-        "contours": {"planning", "storage", "numbers", "answers", "results", "stages", "paths"},
+        "motion": {"planning", "storage", "numbers", "answers", "results", "stages"},
         "lobes": {"planning", "storage", "numbers", "answers", "results", "stages"},
-        "accuracy": {"planning", "storage", "numbers", "answers", "results", "stages", "contours"},
+        "accuracy": {"planning", "storage", "numbers", "answers", "results", "stages", "motion"},
     },
     "studies": {"parameters": set(), "sweeps": set(), "identification": set()},
     "validation": {

@@ -373,7 +373,7 @@ RECORDS: tuple[AnalysisRecord, ...] = (
     AnalysisRecord(
         "respond",
         TransientRequest,
-        f"{STAGES}.transient:run_transient_stage",
+        "headstock.pipeline.motion.transient:run_transient_stage",
         f"{ANSWERS}.transient:TransientAnswer",
         seconds=lambda machine, request: transient_seconds(_count_friction_samples(machine.scene)),
         reach=lambda request: (request.up_to_hz, MODE_MARGIN),
@@ -391,7 +391,7 @@ RECORDS: tuple[AnalysisRecord, ...] = (
     AnalysisRecord(
         "contour",
         ContouringRequest,
-        "headstock.pipeline.contours.contouring:run_contour_stage",
+        "headstock.pipeline.motion.contouring:run_contour_stage",
         f"{ANSWERS}.contouring:ContourAnswer",
         reason=_describe_acting,
         stage=_plan_contour,
@@ -401,7 +401,7 @@ RECORDS: tuple[AnalysisRecord, ...] = (
     AnalysisRecord(
         "path",
         PathRequest,
-        "headstock.pipeline.contours.tool_moves:run_any_path_stage",
+        "headstock.pipeline.motion.tool_moves:run_any_path_stage",
         f"{ANSWERS}.path:PathResult",
         reason=_describe_acting,
         stage=_plan_path,

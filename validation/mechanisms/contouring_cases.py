@@ -10,10 +10,10 @@ import time
 
 import numpy as np
 
-from headstock.pipeline.contours.contour_run import ContourRun, face_instants, high_share
-from headstock.pipeline.contours.contouring import cut_multiplier, face_stability
-from headstock.pipeline.contours.lumped_contour import lumped_face_dynamics, run_lumped_contour
-from headstock.pipeline.contours.milled_faces import mill_faces
+from headstock.pipeline.motion.contour_run import ContourRun, face_instants, high_share
+from headstock.pipeline.motion.contouring import cut_multiplier, face_stability
+from headstock.pipeline.motion.lumped_contour import lumped_face_dynamics, run_lumped_contour
+from headstock.pipeline.motion.milled_faces import mill_faces
 from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.scene.building.cutting import catalogue_coefficients
 from headstock.scene.building.loader import load_scene

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from headstock.pipeline.contours.contouring import face_stability
-from headstock.pipeline.contours.lumped_contour import lumped_face_dynamics, run_lumped_contour
-from headstock.pipeline.contours.milled_faces import mill_faces
+from headstock.pipeline.motion.contouring import face_stability
+from headstock.pipeline.motion.lumped_contour import lumped_face_dynamics, run_lumped_contour
+from headstock.pipeline.motion.milled_faces import mill_faces
 from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.solvers.mechanisms.modes import PoseDamping
 from headstock.solvers.milling.tool_dynamics import ToolMode

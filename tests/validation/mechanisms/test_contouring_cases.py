@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from common import approx
-from headstock.pipeline.contours.contour_run import ContourRun
-from headstock.pipeline.contours.lumped_contour import run_lumped_contour
+from headstock.pipeline.motion.contour_run import ContourRun
+from headstock.pipeline.motion.lumped_contour import run_lumped_contour
 from headstock.validation.mechanisms.contouring_cases import contour_request
 from headstock.validation.mechanisms.tripteor_machine import load_tripteor
 

@@ -20,26 +20,31 @@ from headstock.geometry.machine.joints import Axis
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.machine.tool_travel import find_tool_travel
 from headstock.geometry.mechanisms.exechon import LENGTHS
-from headstock.pipeline.contours.contour_cut import (
+from headstock.pipeline.motion.contour_cut import (
     CutMotion,
     cut_contour,
     travel_frames,
     turned_modes,
 )
-from headstock.pipeline.contours.contour_drives import (
+from headstock.pipeline.motion.contour_run import ContourDrives, ContourRun
+from headstock.pipeline.motion.guide_errors import STEPS_PER_WAVE, find_trajectory_errors
+from headstock.pipeline.motion.motors import (
+    DrivenTrajectory,
     FrictionSpeeds,
+    TrajectoryMotors,
     controlled_drives,
     drive_assumptions,
+    plan_motors,
 )
-from headstock.pipeline.contours.contour_run import ContourDrives, ContourRun
-from headstock.pipeline.contours.observers import (
+from headstock.pipeline.motion.observers import (
     drive_bodies,
     join_probes,
     probe_channels,
     probe_kinds,
 )
-from headstock.pipeline.contours.traced_path import Remembered, RememberedPath, plan_request
-from headstock.pipeline.contours.trajectory import (
+from headstock.pipeline.motion.probe_motions import place_probes, read_probes
+from headstock.pipeline.motion.traced_path import Remembered, RememberedPath, plan_request
+from headstock.pipeline.motion.trajectory import (
     FORCE,
     RigidTrajectory,
     axes_trajectory,
@@ -52,13 +57,6 @@ from headstock.pipeline.contours.trajectory import (
     report_gyroscopic_forces,
     shared_rows,
 )
-from headstock.pipeline.contours.trajectory_errors import STEPS_PER_WAVE, find_trajectory_errors
-from headstock.pipeline.contours.trajectory_motors import (
-    DrivenTrajectory,
-    TrajectoryMotors,
-    plan_motors,
-)
-from headstock.pipeline.stages.probe_motions import place_probes, read_probes
 from headstock.pipeline.stages.run_state import RunState
 from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.scene.reading.forces import ForceRecord

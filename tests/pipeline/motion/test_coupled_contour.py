@@ -14,18 +14,18 @@ from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import MachinePath, Pose, travel_directions
 from headstock.meshing.components.meshing import describe_component
-from headstock.pipeline.contours import coupled_contour
-from headstock.pipeline.contours.contour_cut import travel_frames
-from headstock.pipeline.contours.contour_run import ContourRun
-from headstock.pipeline.contours.contouring import cut_multiplier, evaluate_contour, face_stability
-from headstock.pipeline.contours.coupled_contour import (
+from headstock.pipeline.motion import coupled_contour
+from headstock.pipeline.motion.contour_cut import travel_frames
+from headstock.pipeline.motion.contour_run import ContourRun
+from headstock.pipeline.motion.contouring import cut_multiplier, evaluate_contour, face_stability
+from headstock.pipeline.motion.coupled_contour import (
     CoupledRun,
     coupled_face_dynamics,
     drive_torque,
     run_coupled_contour,
 )
-from headstock.pipeline.contours.lumped_contour import run_lumped_contour
-from headstock.pipeline.contours.milled_faces import mill_faces
+from headstock.pipeline.motion.lumped_contour import run_lumped_contour
+from headstock.pipeline.motion.milled_faces import mill_faces
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.stages.run_state import ReducedComponent, RunState
 from headstock.pipeline.stages.shared_components import start_run

@@ -15,21 +15,21 @@ from headstock.pipeline.answers.transient import (
     TransientCurves,
     peak_key,
 )
-from headstock.pipeline.numbers.estimates import Estimate
-from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.stages.control import drive_machine
-from headstock.pipeline.stages.machine import DAMPING, damp_system, warn_of_no_damping
-from headstock.pipeline.stages.motion_forces import (
+from headstock.pipeline.motion.motion_forces import (
     SteppedStates,
     find_largest_forces,
     follow_drives,
 )
-from headstock.pipeline.stages.probe_motions import (
+from headstock.pipeline.motion.probe_motions import (
     MovingModel,
     place_probes,
     probe_outputs,
     trace_motion,
 )
+from headstock.pipeline.numbers.estimates import Estimate
+from headstock.pipeline.planning.plan import Stage
+from headstock.pipeline.stages.control import drive_machine
+from headstock.pipeline.stages.machine import DAMPING, damp_system, warn_of_no_damping
 from headstock.pipeline.stages.probes import warn_of_singular
 from headstock.pipeline.stages.run_state import Outcome, PoseModel, RunState, Solved, pose_model
 from headstock.reduction.coupling.joint_forces import joint_outputs

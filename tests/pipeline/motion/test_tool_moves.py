@@ -18,11 +18,11 @@ from headstock.geometry.mechanisms.exechon import LENGTHS, solve_tool_pose
 from headstock.meshing.components.meshing import describe_component
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.path import PathResult
-from headstock.pipeline.contours import tool_moves
-from headstock.pipeline.contours.lumped_contour import _close_legs
-from headstock.pipeline.contours.tool_moves import run_any_path_stage
-from headstock.pipeline.contours.trajectory import model_builder
-from headstock.pipeline.paths.path_model import choose_model
+from headstock.pipeline.motion import tool_moves
+from headstock.pipeline.motion.lumped_contour import _close_legs
+from headstock.pipeline.motion.path_model import choose_model
+from headstock.pipeline.motion.tool_moves import run_any_path_stage
+from headstock.pipeline.motion.trajectory import model_builder
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.runner import run_scene

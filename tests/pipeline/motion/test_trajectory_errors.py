@@ -12,9 +12,9 @@ from mpi4py import MPI
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Pose
 from headstock.meshing.components.meshing import describe_component
-from headstock.pipeline.contours.coupled_contour import _plan_trajectory, run_coupled_contour
-from headstock.pipeline.contours.lumped_contour import run_lumped_contour
-from headstock.pipeline.contours.trajectory import model_builder
+from headstock.pipeline.motion.coupled_contour import _plan_trajectory, run_coupled_contour
+from headstock.pipeline.motion.lumped_contour import run_lumped_contour
+from headstock.pipeline.motion.trajectory import model_builder
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.stages.run_state import ReducedComponent, RunState
 from headstock.pipeline.stages.shared_components import start_run

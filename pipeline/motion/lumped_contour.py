@@ -12,20 +12,20 @@ from numpy.typing import NDArray
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import Drive
 from headstock.geometry.mechanisms.exechon import LENGTHS, solve_tool_pose
-from headstock.pipeline.contours.contour_cut import (
+from headstock.pipeline.motion.contour_cut import (
     CutMotion,
     cut_contour,
     travel_frames,
     turned_modes,
 )
-from headstock.pipeline.contours.contour_drives import (
+from headstock.pipeline.motion.contour_run import ContourDrives, ContourRun
+from headstock.pipeline.motion.motors import (
     FrictionSpeeds,
     close_drives,
     controlled_drives,
     drive_assumptions,
 )
-from headstock.pipeline.contours.contour_run import ContourDrives, ContourRun
-from headstock.pipeline.contours.traced_path import plan_request
+from headstock.pipeline.motion.traced_path import plan_request
 from headstock.pipeline.stages.lumped_machine import sample_leg_errors
 from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.scene.reading.forces import ForceRecord

@@ -13,7 +13,8 @@ from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.mechanisms.exechon import LEGS, LENGTHS
 from headstock.geometry.mechanisms.tool_mechanism import solve_pose
-from headstock.pipeline.contours.trajectory import (
+from headstock.pipeline.motion.probe_motions import probe_values
+from headstock.pipeline.motion.trajectory import (
     PosedErrors,
     RigidTrajectory,
     coupled_machine,
@@ -22,7 +23,6 @@ from headstock.pipeline.contours.trajectory import (
 from headstock.pipeline.stages.lumped_machine import sample_leg_errors
 from headstock.pipeline.stages.machine import DAMPING, damp_system
 from headstock.pipeline.stages.mechanism import LumpedPose
-from headstock.pipeline.stages.probe_motions import probe_values
 from headstock.pipeline.stages.run_state import PoseModel, RunState
 from headstock.reduction.coupling.error_travel import (
     ACCELERATION,

@@ -12,13 +12,16 @@ from collections.abc import Callable
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.motion_forces import PathForces
 from headstock.pipeline.answers.path import PathCurves, PathResult, PathRun, list_run_numbers
+from headstock.pipeline.motion.axes_path import (
+    build_plant,
+    disturb_freely,
+    disturb_loop,
+    drive_moves,
+    move_freely,
+)
+from headstock.pipeline.motion.path_model import SolvedMoves, choose_model
 from headstock.pipeline.numbers.estimates import Estimate
 from headstock.pipeline.numbers.numbers import Key, Number
-from headstock.pipeline.paths.driven_moves import drive_moves
-from headstock.pipeline.paths.ideal_motors import build_plant, move_freely
-from headstock.pipeline.paths.path_disturbances import disturb_freely, disturb_loop
-from headstock.pipeline.paths.path_model import choose_model
-from headstock.pipeline.paths.solved_moves import SolvedMoves
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.repeats import EACH
 from headstock.pipeline.stages.better_machines import repeat_at_ends, repeat_without, silence

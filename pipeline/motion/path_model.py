@@ -1,20 +1,22 @@
-"""Moves of a path as solved, before any filter: what joints and probes took on them, and what following
-the poses changed.
+"""A path as its solvers take it: the instants looked at, the travel of axes and points along it, the cut as
+loads; and its moves as solved, before any filter.
 """
 
 import dataclasses
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray
+from headstock.geometry.machine.machine import Machine
 from headstock.pipeline.answers.motion_forces import PathForces
 from headstock.pipeline.answers.path import FollowedPoses
 from headstock.pipeline.answers.probe_motions import ProbeMotion
-from headstock.pipeline.stages.motion_forces import largest_joint_forces, watch_joints
-from headstock.pipeline.stages.probe_motions import (
+from headstock.pipeline.motion.motion_forces import largest_joint_forces, watch_joints
+from headstock.pipeline.motion.probe_motions import (
     place_probes,
     probe_outputs,
     read_probes,
@@ -22,15 +24,129 @@ from headstock.pipeline.stages.probe_motions import (
     watch_path_probes,
     watch_probes,
 )
+from headstock.pipeline.planning.analyses import MODE_MARGIN
+from headstock.pipeline.planning.budgets import PATH_STEPS_PER_TURN
+from headstock.pipeline.stages.machine import CoupledPose
 from headstock.pipeline.stages.run_state import PoseModel, RunState
+from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.coupling.joint_forces import SPRING, JointForces, joint_outputs
+from headstock.reduction.coupling.path_loads import PATH_INPUT
 from headstock.reduction.coupling.probes import PlacedProbe
-from headstock.scene.analyses.path import PathRequest
-from headstock.solvers.paths.response import PathDeviation, filter_deviation
+from headstock.scene.analyses.path import PathCut, PathRequest
+from headstock.solvers.errors import ModelError
+from headstock.solvers.milling.forces import cutting_forces, part_sign
+from headstock.solvers.paths.loads import PathLoads
+from headstock.solvers.paths.response import (
+    PathDeviation,
+    PathModel,
+    filter_deviation,
+    sample_times,
+)
+from headstock.solvers.paths.set_points import SetPoint
 from headstock.solvers.paths.varying_response import StepTable
 from headstock.solvers.paths.varying_system import VaryingSystem
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 from headstock.solvers.watched_outputs import Extreme, Watch
+
+
+def choose_model(request: PathRequest) -> PathModel:
+    """The quasi-static share and the residual vibration: a mode whose period is longer than a ramp does not follow it."""
+    return PathModel(
+        PATH_INPUT,
+        request.outputs,
+        1.0 / request.moves[0].ramp.time_constant,
+        MODE_MARGIN * request.band_hz,
+    )
+
+
+def sample_path(request: PathRequest, move: SetPoint) -> FloatArray:
+    """Instants of a move [s]."""
+    return sample_times(move, request.sampling_hz, request.residual_time)
+
+
+def couple_at(state: RunState, request: PathRequest, position: float) -> CoupledPose:
+    """The machine coupled at a position of the path [m]."""
+    pose = request.path.pose_at(position)
+    coupled = couple(state.parts.superelements, state.scene.machine, pose)
+    return CoupledPose(state.parts, pose, coupled)
+
+
+def axis_shares(request: PathRequest) -> dict[str, float]:
+    """Travel of each axis per travel along the path."""
+    start, end = request.path.start.positions, request.path.end.positions
+    return {
+        axis: (end.get(axis, 0.0) - start.get(axis, 0.0)) / request.path.length
+        for axis in request.path.axes
+    }
+
+
+def travel_of_channel(
+    machine: Machine, directions: Mapping[str, FloatArray], *, name: str, dof: str
+) -> float:
+    """How the rigid machine moves a point per travel along a path; axes that move do not turn."""
+    if dof not in DIRECTIONS:
+        return 0.0
+    rest = np.zeros(3)
+    if name not in machine.points:
+        return float(directions.get(name.partition(".")[0], rest)[DOF_NAMES.index(dof)])
+    point = machine.points[name]
+    tool, work = (directions.get(end.component or "", rest) for end in (point.tool, point.work))
+    return float((tool - work)[DOF_NAMES.index(dof)])
+
+
+def path_loads(
+    machine: Machine, directions: Mapping[str, FloatArray], cut: PathCut | None
+) -> PathLoads | None:
+    """The cut as loads on the tool; None without one."""
+    if cut is None:
+        return None
+    step = 2.0 * math.pi / cut.cut.spindle / PATH_STEPS_PER_TURN
+    channels = tuple((cut.at, dof) for dof in DIRECTIONS)
+    return PathLoads(channels, cutting_loads(cut, _tool_travel(machine, directions, cut.at)), step)
+
+
+def cutting_loads(
+    request: PathCut, travel: FloatArray
+) -> Callable[[FloatArray, FloatArray], FloatArray]:
+    """Forces on the tool ``(n, 3)`` in machine axes, at instants and speeds along the path.
+
+    Args:
+        travel: ``(3,)`` of the tool against the work per travel along the path.
+
+    Raises:
+        ModelError: The tool does not move across its axis.
+    """
+    (frame,), (size,) = orient_cut(request, travel[None], np.array([request.up]))
+    return lambda times, speeds: cutting_forces(request.cut, times, size * speeds) @ frame
+
+
+def orient_cut(
+    request: PathCut, travels: FloatArray, ups: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Axes ``(n, 3, 3)`` of the forces of a cut, along the travel, away from the part and along the
+    tool, in machine axes; and how far the tool moves across itself ``(n,)`` per travel along the path.
+
+    Args:
+        travels: ``(n, 3)`` of the tool against the work per travel along the path.
+        ups: ``(n, 3)`` along the tool.
+
+    Raises:
+        ModelError: The tool does not move across its axis.
+    """
+    along = travels - (travels * ups).sum(axis=1, keepdims=True) * ups
+    sizes = np.linalg.norm(along, axis=1)
+    if sizes.min() < 1e-9:
+        raise ModelError(
+            f"the path does not move {request.at} across the tool, so nothing is milled; write another path or `up`"
+        )
+    along = along / sizes[:, None]
+    return np.stack([along, part_sign(request.part) * np.cross(ups, along), ups], axis=1), sizes
+
+
+def _tool_travel(machine: Machine, directions: Mapping[str, FloatArray], point: str) -> FloatArray:
+    return np.array(
+        [travel_of_channel(machine, directions, name=point, dof=dof) for dof in DIRECTIONS]
+    )
 
 
 @dataclass(frozen=True, eq=False)

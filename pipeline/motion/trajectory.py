@@ -14,7 +14,7 @@ from headstock.geometry.machine.joints import Axis
 from headstock.geometry.machine.machine import Machine, Pose
 from headstock.geometry.machine.tool_travel import ToolTravel
 from headstock.geometry.mechanisms.tool_mechanism import ToolMechanism
-from headstock.pipeline.contours.contour_run import CORIOLIS
+from headstock.pipeline.motion.contour_run import CORIOLIS
 from headstock.pipeline.stages.machine import CoupledPose, damp_system, warn_of_no_damping
 from headstock.pipeline.stages.mechanism import LumpedPose, build_mechanism, place_pose
 from headstock.pipeline.stages.run_state import MachineParts, PoseModel, RunState

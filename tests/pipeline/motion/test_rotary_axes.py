@@ -17,7 +17,7 @@ from headstock.geometry.machine.machine import MachinePath, Pose
 from headstock.meshing.components.meshing import describe_component
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.path import PathResult
-from headstock.pipeline.contours.rotary_axes import rotary_trajectory
+from headstock.pipeline.motion.rotary_axes import rotary_trajectory
 from headstock.pipeline.runner import run_scene
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.superelement import Superelement

@@ -14,9 +14,9 @@ from headstock.geometry.machine.drives import AxisControl, Drive, TorqueRipple, 
 from headstock.geometry.mechanisms.exechon import solve_tool_pose
 from headstock.geometry.parts.components import RayleighDamping
 from headstock.meshing.components.meshing import describe_component
-from headstock.pipeline.contours import coupled_contour, lumped_contour
-from headstock.pipeline.contours.coupled_contour import CoupledRun, run_coupled_contour
-from headstock.pipeline.contours.lumped_contour import run_lumped_contour
+from headstock.pipeline.motion import coupled_contour, lumped_contour
+from headstock.pipeline.motion.coupled_contour import CoupledRun, run_coupled_contour
+from headstock.pipeline.motion.lumped_contour import run_lumped_contour
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.stages.control import drive_machine
 from headstock.pipeline.stages.machine import couple_pose

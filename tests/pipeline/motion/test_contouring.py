@@ -22,10 +22,10 @@ from headstock.app.views.contouring import (
 from headstock.geometry.errors import PoseError
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.lobes import DirectionLobes, PoseLobes
-from headstock.pipeline.contours.contour_run import SETTLING, ContourRun
-from headstock.pipeline.contours.contouring import evaluate_contour, explain_gaps
-from headstock.pipeline.contours.lumped_contour import run_lumped_contour
-from headstock.pipeline.contours.milled_faces import mill_faces
+from headstock.pipeline.motion.contour_run import SETTLING, ContourRun
+from headstock.pipeline.motion.contouring import evaluate_contour, explain_gaps
+from headstock.pipeline.motion.lumped_contour import run_lumped_contour
+from headstock.pipeline.motion.milled_faces import mill_faces
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store
 from headstock.scene.analyses.contouring import ContouringRequest

@@ -17,22 +17,22 @@ from headstock.pipeline.answers.contouring import (
     FaceStability,
 )
 from headstock.pipeline.answers.milled_faces import MilledFace
-from headstock.pipeline.contours.contour_run import (
+from headstock.pipeline.motion.contour_run import (
     CORIOLIS,
     SETTLING,
     ContourRun,
     face_instants,
     high_share,
 )
-from headstock.pipeline.contours.coupled_contour import (
+from headstock.pipeline.motion.coupled_contour import (
     STEPS_PER_PERIOD,
     CoupledRun,
     SampledContour,
     coupled_face_dynamics,
     run_coupled_contour,
 )
-from headstock.pipeline.contours.lumped_contour import lumped_face_dynamics, run_lumped_contour
-from headstock.pipeline.contours.milled_faces import mill_faces
+from headstock.pipeline.motion.lumped_contour import lumped_face_dynamics, run_lumped_contour
+from headstock.pipeline.motion.milled_faces import mill_faces
 from headstock.pipeline.numbers.numbers import Number
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.repeats import ONCE

@@ -18,14 +18,45 @@ from headstock.geometry.mechanisms.tool_mechanism import tool_pose
 from headstock.pipeline.answers.motion_forces import PathForces
 from headstock.pipeline.answers.path import FollowedPoses
 from headstock.pipeline.answers.probe_motions import ProbeMotion
-from headstock.pipeline.contours.observers import drive_bodies, join_probes, probe_channels
-from headstock.pipeline.contours.rotary_axes import (
+from headstock.pipeline.motion.guide_errors import (
+    STEPS_PER_WAVE,
+    TrajectoryErrors,
+    find_trajectory_errors,
+)
+from headstock.pipeline.motion.motion_forces import (
+    largest_joint_forces,
+    record_drives,
+    watch_joints,
+)
+from headstock.pipeline.motion.motors import (
+    DrivenTrajectory,
+    MovingMachine,
+    TrajectoryMotors,
+    interpolate_motors,
+    plan_motors,
+)
+from headstock.pipeline.motion.observers import drive_bodies, join_probes, probe_channels
+from headstock.pipeline.motion.path import answer_path, run_path_stage
+from headstock.pipeline.motion.path_model import (
+    SolvedMoves,
+    choose_model,
+    compare_moves,
+    cutting_loads,
+    orient_cut,
+    sample_path,
+)
+from headstock.pipeline.motion.probe_motions import (
+    place_probes,
+    read_probes,
+    smoothing_channels,
+)
+from headstock.pipeline.motion.rotary_axes import (
     find_feed,
     rotary_path_motors,
     rotary_trajectory,
     rotation_speeds,
 )
-from headstock.pipeline.contours.trajectory import (
+from headstock.pipeline.motion.trajectory import (
     RigidTrajectory,
     has_coriolis,
     machine_along,
@@ -35,36 +66,10 @@ from headstock.pipeline.contours.trajectory import (
     report_gyroscopic_forces,
     report_gyroscopic_shift,
 )
-from headstock.pipeline.contours.trajectory_errors import (
-    STEPS_PER_WAVE,
-    TrajectoryErrors,
-    find_trajectory_errors,
-)
-from headstock.pipeline.contours.trajectory_motors import (
-    DrivenTrajectory,
-    MovingMachine,
-    TrajectoryMotors,
-    interpolate_motors,
-    plan_motors,
-)
-from headstock.pipeline.paths.path import answer_path, run_path_stage
-from headstock.pipeline.paths.path_cut import cutting_loads, orient_cut
-from headstock.pipeline.paths.path_model import choose_model, sample_path
-from headstock.pipeline.paths.solved_moves import SolvedMoves, compare_moves
 from headstock.pipeline.planning.budgets import PATH_STEPS_PER_TURN
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.control import drive_along
 from headstock.pipeline.stages.machine import damp_system
-from headstock.pipeline.stages.motion_forces import (
-    largest_joint_forces,
-    record_drives,
-    watch_joints,
-)
-from headstock.pipeline.stages.probe_motions import (
-    place_probes,
-    read_probes,
-    smoothing_channels,
-)
 from headstock.pipeline.stages.run_state import Outcome, PoseModel, RunState
 from headstock.reduction.coupling.joint_forces import JointForces, joint_outputs
 from headstock.reduction.coupling.probes import PlacedProbe

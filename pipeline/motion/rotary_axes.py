@@ -13,13 +13,13 @@ from headstock.geometry.machine.machine import (
     free_axes,
     place_components,
 )
-from headstock.pipeline.contours.trajectory import (
+from headstock.pipeline.motion.motors import MovedMachine, TrajectoryMotors
+from headstock.pipeline.motion.trajectory import (
     RigidTrajectory,
     body_channels,
     load_bodies,
     travel_bodies,
 )
-from headstock.pipeline.contours.trajectory_motors import MovedMachine, TrajectoryMotors
 from headstock.pipeline.stages.run_state import MachineParts
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.second_order import Channel

@@ -12,7 +12,7 @@ from fixture_machines import machine
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.components.meshing import describe_component
 from headstock.pipeline.answers.path import PathResult
-from headstock.pipeline.paths.path import run_path_stage
+from headstock.pipeline.motion.path import run_path_stage
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.stages.run_state import ReducedComponent

@@ -21,6 +21,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.answers.transient import TRUNCATION, TransientAnswer, TransientCurves
+from headstock.pipeline.motion.transient import SMOOTHING, respond_in_time
 from headstock.pipeline.results.curves import find_curves, read_curves
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
@@ -29,7 +30,6 @@ from headstock.pipeline.stages.machine import couple_pose, damp_system
 from headstock.pipeline.stages.mechanism import build_mechanism, place_pose
 from headstock.pipeline.stages.run_state import PoseModel
 from headstock.pipeline.stages.shared_components import make_superelements, start_run
-from headstock.pipeline.stages.transient import SMOOTHING, respond_in_time
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError

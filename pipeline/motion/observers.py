@@ -9,18 +9,18 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from headstock.geometry.frames import DIRECTIONS, FloatArray
-from headstock.pipeline.contours.trajectory import (
+from headstock.pipeline.motion.motors import MovingMachine
+from headstock.pipeline.motion.probe_motions import (
+    place_probes,
+    probe_outputs,
+    watch_probes,
+)
+from headstock.pipeline.motion.trajectory import (
     Feedthrough,
     Further,
     Join,
     PosedErrors,
     RigidTrajectory,
-)
-from headstock.pipeline.contours.trajectory_motors import MovingMachine
-from headstock.pipeline.stages.probe_motions import (
-    place_probes,
-    probe_outputs,
-    watch_probes,
 )
 from headstock.pipeline.stages.run_state import MachineParts, PoseModel
 from headstock.reduction.coupling.probes import PlacedProbe, carry_probe, moved_inertia

@@ -4,7 +4,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.milled_faces import MilledFace
-from headstock.pipeline.contours.contour_run import SETTLING, ContourRun
+from headstock.pipeline.motion.contour_run import SETTLING, ContourRun
 from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.solvers.errors import ModelError
 from headstock.solvers.milling.forces import MillingCut

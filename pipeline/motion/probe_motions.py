@@ -11,9 +11,9 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.probe_motions import ProbeMotion, ProbeTrace
 from headstock.pipeline.answers.transient import TRUNCATION
+from headstock.pipeline.motion.motion_forces import SteppedStates
 from headstock.pipeline.numbers.estimates import DISCRETISATION, REDUCTION, Estimate
 from headstock.pipeline.stages.machine import DAMPING
-from headstock.pipeline.stages.motion_forces import SteppedStates
 from headstock.pipeline.stages.probes import CYCLE_SAFETY, watched_rows
 from headstock.pipeline.stages.run_state import MachineParts
 from headstock.reduction.coupling.coupling import CoupledMachine
