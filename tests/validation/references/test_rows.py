@@ -1,7 +1,9 @@
-"""Claims about the rows of the validation table."""
+"""Claims about the rows of the validation table and their JSON list."""
 
+import json
 import math
 
+import numpy as np
 import pytest
 
 from common import approx
@@ -12,6 +14,7 @@ from headstock.validation.references.rows import (
     compare_value,
     compare_values,
     failed_computation,
+    rows_as_json,
     show,
 )
 from headstock.validation.references.values import ReferenceCase
@@ -90,3 +93,31 @@ def test_too_few_values_are_refused() -> None:
 def test_a_failed_computation_is_a_failed_row_with_the_reason() -> None:
     row = failed_computation("c", "it broke")
     assert not row.passed and row.note == "it broke"
+
+
+CONTRACT = {
+    "case",
+    "quantity",
+    "value",
+    "reference",
+    "unit",
+    "relative_error",
+    "tolerance",
+    "kind",
+    "passed",
+}
+
+
+def test_the_text_is_strict_json_with_the_agreed_keys_and_null_for_missing_numbers() -> None:
+    text = rows_as_json([compare_bound("a", "q", 1e-12, 1e-9), failed_computation("b", "why")])
+    entries = json.loads(text, parse_constant=lambda token: pytest.fail(f"{token} is not JSON"))
+    assert all(set(entry) >= CONTRACT for entry in entries)
+    assert [entry["value"] for entry in entries] == [1e-12, None]
+    assert [entry["passed"] for entry in entries] == [True, False]
+
+
+def test_numbers_of_numpy_are_written_like_any_other() -> None:
+    target = Target(np.float64(2.0), "Hz", np.float64(0.1), "closed form")
+    entry = json.loads(rows_as_json([compare_value("a", "q", np.float64(2.1), target)]))[0]
+    assert entry["passed"] is True
+    assert entry["relative_error"] == approx(0.05)
