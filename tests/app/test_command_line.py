@@ -438,7 +438,9 @@ def test_a_run_without_memory_is_named_with_the_limit_of_the_shell(
             'fidelity = "rigid"', 'mesh = { size = "5 mm", cells = "hex" }'
         )
     )
-    program = f'ulimit -v {megabytes << 10}; HEADSTOCK_STORE="{tmp_path}/store" "{sys.executable}" -P -m headstock.app.command_line'
+    # without memory a library may wait for ever: the test ends long before that of all tests would
+    limits = f'ulimit -v {megabytes << 10}; HEADSTOCK_STORE="{tmp_path}/store" timeout -k 5 120'
+    program = f'{limits} "{sys.executable}" -P -m headstock.app.command_line'
     done = run_in_shell(f'{program} run "{scene_file}" -o "{tmp_path}/out"')
     assert done.returncode == 1
     assert done.stderr.splitlines()[-1].startswith("OutOfMemoryError: ")
