@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from headstock.pipeline.motion.lumped_contour import run_lumped_contour
-from headstock.pipeline.stages.map import map_workspace
+from headstock.pipeline.stages.map import _map_workspace
 from headstock.scene.analyses.map import MapRequest
 from headstock.solvers.mechanisms.modes import linearise_poses, solve_pose_modes
 from headstock.validation.mechanisms.contouring_cases import contour_request
@@ -65,7 +65,7 @@ def main() -> None:
         ),
         (
             "map of 100 x 100, one rank",
-            lambda: map_workspace(tripteor.scene, tripteor.model, grid),
+            lambda: _map_workspace(tripteor.scene, tripteor.model, grid),
             3,
             1.0,
             0.0,

@@ -50,7 +50,7 @@ class PlainShape:
 
 
 @dataclass(frozen=True, eq=False)
-class Face:
+class _Face:
     """Features by which a face is recognised when its tag has changed."""
 
     kind: str
@@ -80,9 +80,9 @@ def radius_of(curvature: float) -> float:
     return 1.0 / curvature if curvature > 0.0 and np.isfinite(curvature) else float("inf")
 
 
-def know_face(face: int) -> Face:
+def know_face(face: int) -> _Face:
     """Return what the face with a tag of the open gmsh model is known by."""
-    return Face(
+    return _Face(
         str(gmsh.model.getType(2, face)),
         face_radius(face),
         float(gmsh.model.occ.getMass(2, face)),
@@ -90,7 +90,7 @@ def know_face(face: int) -> Face:
     )
 
 
-def follow_faces(before: Sequence[Face], now: Sequence[int]) -> list[int]:
+def follow_faces(before: Sequence[_Face], now: Sequence[int]) -> list[int]:
     """Return the new tags in the old order: faces that stayed as they were, then those that only
     grew or shrank; the rest at the end.
     """
@@ -107,7 +107,7 @@ def follow_faces(before: Sequence[Face], now: Sequence[int]) -> list[int]:
     return [*(matches.get(number, GONE) for number in range(len(before))), *left]
 
 
-def _is_same(face: Face, other: Face) -> bool:
+def _is_same(face: _Face, other: _Face) -> bool:
     size = np.sqrt(face.area)
     return (
         face.kind == other.kind
@@ -116,7 +116,7 @@ def _is_same(face: Face, other: Face) -> bool:
     )
 
 
-def _is_changed(face: Face, other: Face) -> bool:
+def _is_changed(face: _Face, other: _Face) -> bool:
     """Return whether a face is of the same kind and radius, and about where it was."""
     size = np.sqrt(face.area)
     radii = face.radius == other.radius or abs(other.radius / face.radius - 1.0) <= SAME

@@ -55,14 +55,14 @@ ROUND = (
 class SizePlan:
     """Element sizes on the curved faces and rims of a shape, and elsewhere."""
 
-    curved: "CurvedFaces"
+    curved: "_CurvedFaces"
     faces: FloatArray
     rims: FloatArray
     elsewhere: float
 
 
 @dataclass(frozen=True, eq=False)
-class CurvedFaces:
+class _CurvedFaces:
     """The curved faces and rims of a shape.
 
     Attributes:
@@ -83,7 +83,7 @@ class CurvedFaces:
 
 def measure_curved_faces(
     faces: Sequence[int], patch_faces: Mapping[str, Sequence[int]], order: int
-) -> CurvedFaces:
+) -> _CurvedFaces:
     """Return the curved faces of the open gmsh model, and the round rims of its plane patches."""
     chosen = {tag for tags in patch_faces.values() for tag in tags}
     rows: list[tuple[float, ...]] = []
@@ -96,7 +96,7 @@ def measure_curved_faces(
             rims += _rim_sizes(tag, order)
     table = np.array(rows, dtype=float).reshape(-1, 4)
     _, areas, radii, patches = table.T
-    return CurvedFaces(
+    return _CurvedFaces(
         table[:, 0].astype(np.int64),
         areas,
         radii,
@@ -106,7 +106,7 @@ def measure_curved_faces(
 
 
 def size_curved_faces(
-    curved: CurvedFaces,
+    curved: _CurvedFaces,
     *,
     volume: float,
     thickness: float,
@@ -278,7 +278,7 @@ def _add_grading(curves: list[int], smallest: float, growth: float, size: float)
 
 
 @dataclass(frozen=True, eq=False)
-class EdgeSizes:
+class _EdgeSizes:
     """The meshed edges of the open gmsh model.
 
     Attributes:
@@ -301,7 +301,7 @@ class EdgeSizes:
         return float(self.extra.sum()) > max(CROWDED_SHARE * self.plain, CROWDED_TRIANGLES)
 
 
-def measure_edges(faces: Sequence[int], size: float) -> EdgeSizes:
+def measure_edges(faces: Sequence[int], size: float) -> _EdgeSizes:
     """Measure how the meshed edges of the open gmsh model would fill its faces if sizes inside were
     those of the edges around them.
     """
@@ -325,7 +325,7 @@ def measure_edges(faces: Sequence[int], size: float) -> EdgeSizes:
         plain += at_size
     tags = sorted(lengths)
     sizes = np.array([lengths[curve] / counts[curve] for curve in tags], dtype=float)
-    return EdgeSizes(
+    return _EdgeSizes(
         np.array(tags, dtype=np.int64),
         sizes,
         np.array(faces, dtype=np.int64),
@@ -334,7 +334,7 @@ def measure_edges(faces: Sequence[int], size: float) -> EdgeSizes:
     )
 
 
-def add_growth_fields(edges: EdgeSizes, *, size: float, smallest: float) -> list[int]:
+def add_growth_fields(edges: _EdgeSizes, *, size: float, smallest: float) -> list[int]:
     """Let elements grow from short edges, and return the tags of the fields.
 
     Args:
@@ -354,7 +354,7 @@ def add_growth_fields(edges: EdgeSizes, *, size: float, smallest: float) -> list
 
 
 def describe_short_edges(
-    edges: EdgeSizes, numbers: Mapping[int, int], *, smallest: float, unit: float
+    edges: _EdgeSizes, numbers: Mapping[int, int], *, smallest: float, unit: float
 ) -> list[str]:
     """Return what a user should know of edges that are far shorter than the elements, with the
     faces they belong to.

@@ -19,7 +19,7 @@ LARGEST_CHANGE = 5e-4  # of the volume; meshes may be off by twice that
 
 
 @dataclass(frozen=True)
-class Sliver:
+class _Sliver:
     """A face: what ``face:N`` calls it, and its width and length in the model's unit."""
 
     number: int
@@ -27,7 +27,7 @@ class Sliver:
     length: float
 
 
-def _find_slivers(faces: Sequence[int], size: float) -> list[Sliver]:
+def _find_slivers(faces: Sequence[int], size: float) -> list[_Sliver]:
     """Find the faces of the open gmsh model that are narrower than a thousandth of the elements
     that must lie along them.
     """
@@ -119,7 +119,7 @@ def refuse_slivers(
     numbers = [number for number, face in enumerate(faces, 1) if face in left]
     narrow = _find_slivers([faces[number - 1] for number in numbers], size)
     slivers = sorted(
-        (Sliver(numbers[each.number - 1], each.width, each.length) for each in narrow),
+        (_Sliver(numbers[each.number - 1], each.width, each.length) for each in narrow),
         key=lambda each: each.width,
     )
     if not slivers:
@@ -134,7 +134,7 @@ def refuse_slivers(
     )
 
 
-def _measure_faces(faces: Sequence[int]) -> list[Sliver]:
+def _measure_faces(faces: Sequence[int]) -> list[_Sliver]:
     """Return the width and length of each face."""
     slivers = []
     for number, face in enumerate(faces, 1):
@@ -146,5 +146,5 @@ def _measure_faces(faces: Sequence[int]) -> list[Sliver]:
         width = (
             2.0 * float(gmsh.model.occ.getMass(2, face)) / perimeter if perimeter > 0.0 else length
         )
-        slivers.append(Sliver(number, width, length))
+        slivers.append(_Sliver(number, width, length))
     return slivers

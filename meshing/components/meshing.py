@@ -101,7 +101,7 @@ def mesh_component(
     for refinement in REFINEMENTS[:-1]:
         try:
             return finish_mesh(
-                run_shape_job(component, groups, time_limit=time_limit, refinement=refinement),
+                _run_shape_job(component, groups, time_limit=time_limit, refinement=refinement),
                 component,
                 groups,
             )
@@ -109,7 +109,7 @@ def mesh_component(
             if not may_refine:
                 raise
     return finish_mesh(
-        run_shape_job(component, groups, time_limit=time_limit, refinement=REFINEMENTS[-1]),
+        _run_shape_job(component, groups, time_limit=time_limit, refinement=REFINEMENTS[-1]),
         component,
         groups,
     )
@@ -212,7 +212,7 @@ def estimate_mesh(
         return MeshEstimate(
             _count_hex_cells(component, supports, loads)
             if component.mesh.cells == "hex"
-            else estimate_cells(component),
+            else _estimate_cells(component),
             volume=solid_volume(solid) if isinstance(solid, PlanarSolid | Tube) else None,
         )
     groups = patch_groups(component, supports, loads)
@@ -225,7 +225,7 @@ def estimate_mesh(
         if job not in known:
             if before_survey is not None:
                 before_survey()
-            data = run_shape_job(component, groups, task="estimate", time_limit=SURVEY_TIME_LIMIT)
+            data = _run_shape_job(component, groups, task="estimate", time_limit=SURVEY_TIME_LIMIT)
             known[job] = MeshEstimate(
                 data.estimate,
                 data.nodes,
@@ -233,8 +233,8 @@ def estimate_mesh(
             )
         return known[job]
     if isinstance(solid, StepFile):
-        return MeshEstimate(estimate_cells(component))
-    cells, across = estimate_cells(component), component.mesh.across_patches
+        return MeshEstimate(_estimate_cells(component))
+    cells, across = _estimate_cells(component), component.mesh.across_patches
     if component.mesh.growth is None:
         size = element_size(component)
         patch_cells = [
@@ -252,7 +252,7 @@ def _count_hex_cells(
     """Return the number of hexes with grid lines along all patches; without them where the grid
     cannot follow, which meshing will say.
     """
-    roughly = estimate_cells(component)
+    roughly = _estimate_cells(component)
     if not isinstance(component.solid, Box) or roughly > CELL_BUDGET:
         return roughly  # lines of a grid that is refused anyway could fill the memory
     patches = [
@@ -268,7 +268,7 @@ def _count_hex_cells(
         return roughly
 
 
-def estimate_cells(component: Component) -> int:
+def _estimate_cells(component: Component) -> int:
     """Return the number of cells a component's mesh will have, roughly (hexes: exactly up to patch
     lines), before meshing.
 
@@ -329,7 +329,7 @@ def _describe_shape(component: Component, groups: Groups) -> MeshData:
     changed = None if path is None or not path.exists() else path.stat().st_mtime_ns
     question = format_job(_shape_job(component, groups, task="describe")), changed
     if question not in _ANSWERED:
-        _ANSWERED[question] = run_shape_job(
+        _ANSWERED[question] = _run_shape_job(
             component, groups, task="describe", time_limit=DESCRIBE_TIME_LIMIT
         )
     return _ANSWERED[question]
@@ -378,7 +378,7 @@ def patch_groups(
     return groups
 
 
-def run_shape_job(
+def _run_shape_job(
     component: Component,
     groups: Groups,
     *,

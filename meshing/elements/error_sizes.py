@@ -29,7 +29,7 @@ HALVINGS = 60
 NEIGHBOURS = 4
 
 
-def mean_edges(field: SizeField) -> FloatArray:
+def _mean_edges(field: SizeField) -> FloatArray:
     """Return the root mean square ``(m,)`` of the six edges of each tetrahedron [m]: of a flat one
     its width, as its size was.
     """
@@ -38,7 +38,7 @@ def mean_edges(field: SizeField) -> FloatArray:
     return np.asarray(np.sqrt(np.mean(squares, axis=0)))
 
 
-def find_singular(mesh: ComponentMesh) -> NDArray[np.bool_]:
+def _find_singular(mesh: ComponentMesh) -> NDArray[np.bool_]:
     """Find the cells ``(n_cells,)`` with a corner at a sharp inner edge or at the rim of a
     patch.
     """
@@ -81,8 +81,8 @@ def spread_error(
     """
     used, tets = np.unique(mesh.cells[:, :4], return_inverse=True)
     field = SizeField(mesh.points[used], tets.reshape(-1, 4), np.ones(len(used)))
-    old, total = mean_edges(field) / EDGE_OVER_SIZE, float(energies.sum())
-    rates = np.where(find_singular(mesh), SINGULAR_RATE, SMOOTH_RATE)
+    old, total = _mean_edges(field) / EDGE_OVER_SIZE, float(energies.sum())
+    rates = np.where(_find_singular(mesh), SINGULAR_RATE, SMOOTH_RATE)
     crowd = field.volumes / old**3  # in cells of a regular shape
     least = 1e-12 * total / field.volumes.sum() * field.volumes
     shape = crowd / (rates * np.maximum(energies, least))

@@ -75,7 +75,7 @@ class Block:
 
 
 @dataclass(frozen=True)
-class Members:
+class _Members:
     """Members of a set.
 
     Attributes:
@@ -90,7 +90,7 @@ class Members:
 
 
 @dataclass
-class Elements:
+class _Elements:
     """Elements of one type.
 
     Attributes:
@@ -103,7 +103,7 @@ class Elements:
 
 
 @dataclass
-class Scope:
+class _Scope:
     """Definitions of a part, an instance or the deck itself, by its own numbers.
 
     Attributes:
@@ -117,11 +117,11 @@ class Scope:
     """
 
     nodes: dict[int, tuple[float, float, float]] = field(default_factory=dict)
-    elements: dict[str, Elements] = field(default_factory=dict)
+    elements: dict[str, _Elements] = field(default_factory=dict)
     numbers: dict[int, list[int]] = field(default_factory=dict)
     others: set[int] = field(default_factory=set)
-    node_sets: dict[str, list[Members]] = field(default_factory=dict)
-    element_sets: dict[str, list[Members]] = field(default_factory=dict)
+    node_sets: dict[str, list[_Members]] = field(default_factory=dict)
+    element_sets: dict[str, list[_Members]] = field(default_factory=dict)
     surfaces: dict[str, list[Block]] = field(default_factory=dict)
     internal: set[str] = field(default_factory=set)
     sections: list[tuple[str, list[str], str]] = field(default_factory=list)
@@ -142,8 +142,8 @@ class Instance:
     """
 
     name: str
-    scope: Scope
-    own: Scope = field(default_factory=Scope)
+    scope: _Scope
+    own: _Scope = field(default_factory=_Scope)
     rotation: FloatArray = field(default_factory=lambda: np.eye(3))
     shift: FloatArray = field(default_factory=lambda: np.zeros(3))
     rows: dict[int, int] = field(default_factory=dict)
@@ -164,8 +164,8 @@ class Deck:
         repeated: Number of elements that were defined before, alike.
     """
 
-    root: Scope = field(default_factory=Scope)
-    parts: dict[str, Scope] = field(default_factory=dict)
+    root: _Scope = field(default_factory=_Scope)
+    parts: dict[str, _Scope] = field(default_factory=dict)
     instances: list[Instance] = field(default_factory=list)
     materials: dict[str, dict[str, tuple[float, ...]]] = field(default_factory=dict)
     ties: list[tuple[str, str, str]] = field(default_factory=list)
@@ -256,7 +256,7 @@ class DeckReader:
         if keyword in ("PART", "INSTANCE", "ASSEMBLY", "END PART", "END INSTANCE", "END ASSEMBLY"):
             self.scope, self.system = deck.root, None
             if keyword == "PART":
-                self.scope = deck.parts[block.option("NAME").upper()] = Scope()
+                self.scope = deck.parts[block.option("NAME").upper()] = _Scope()
             elif keyword == "INSTANCE":
                 self.scope = self._start_instance(block)
         elif keyword == "SYSTEM":
@@ -292,7 +292,7 @@ class DeckReader:
         elif keyword in CONSTRAINTS:
             deck.left_out[f"*{keyword}"] += 1
 
-    def _start_instance(self, block: Block) -> Scope:
+    def _start_instance(self, block: Block) -> _Scope:
         if "LIBRARY" in block.options or "INSTANCE" in block.options:
             raise MeshError(f"{block.place}: instances of other analyses are not supported")
         part = block.option("PART").upper()
@@ -348,7 +348,7 @@ class DeckReader:
             ):
                 raise ValueError(f"node {number} is defined twice")
         if "NSET" in block.options:
-            members = Members(block.place, "", tuple(numbers))
+            members = _Members(block.place, "", tuple(numbers))
             self.scope.node_sets.setdefault(block.option("NSET").upper(), []).append(members)
 
     def _generate_nodes(self, block: Block) -> None:
@@ -421,7 +421,7 @@ class DeckReader:
                 f"{kind} needs {count} nodes per element; {len(numbers)} numbers do not divide into elements"
             )
         family = SOLID_COUNTS[count] if solid is not None else None
-        elements = self.scope.elements.setdefault(kind, Elements(family))
+        elements = self.scope.elements.setdefault(kind, _Elements(family))
         members = []
         for start in range(0, len(numbers), count + 1):
             number, nodes = numbers[start], numbers[start + 1 : start + 1 + used]
@@ -435,7 +435,7 @@ class DeckReader:
 
     def _name_elements(self, block: Block, numbers: Sequence[int]) -> None:
         if "ELSET" in block.options:
-            members = Members(block.place, "", tuple(numbers))
+            members = _Members(block.place, "", tuple(numbers))
             self.scope.element_sets.setdefault(block.option("ELSET").upper(), []).append(members)
 
     def _add_set(self, block: Block) -> None:
@@ -453,7 +453,7 @@ class DeckReader:
                 continue
             items += [int(word) if word.isdigit() else word.upper() for word in words]
         instance = block.options.get("INSTANCE", "").upper()
-        sets.setdefault(name, []).append(Members(block.place, instance, tuple(items)))
+        sets.setdefault(name, []).append(_Members(block.place, instance, tuple(items)))
         if "INTERNAL" in block.options:
             self.scope.internal.add(name)
 

@@ -58,7 +58,7 @@ def read_file(reader: Callable[..., RawMesh], text: bytes) -> Arrays:
     if not path.is_file():
         raise MeshError(f"there is no file {path}")
     try:
-        return pack_data(assemble_mesh(path, reader(path, *solid.beside), solid.solid))
+        return pack_data(_assemble_mesh(path, reader(path, *solid.beside), solid.solid))
     except MeshError as error:
         message = str(error)
         raise PartFileError(
@@ -72,7 +72,7 @@ def read_file(reader: Callable[..., RawMesh], text: bytes) -> Arrays:
         ) from error
 
 
-def assemble_mesh(path: Path, raw: RawMesh, solid: str | None = None) -> MeshData:
+def _assemble_mesh(path: Path, raw: RawMesh, solid: str | None = None) -> MeshData:
     """Make one solid of what a file holds.
 
     Args:

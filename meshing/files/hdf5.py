@@ -40,7 +40,7 @@ MED_OTHERS = ("PO1", "SE2", "SE3", "SE4", "POG", "POG2", "PG1", "PG2")
 MOST_GROUPS = 50  # values of more kinds number cells
 
 
-class GuardedXdmf(XdmfReader):  # type: ignore[misc]
+class _GuardedXdmf(XdmfReader):  # type: ignore[misc]
     """Reads values of an XDMF file, and of HDF5 files only those that are given."""
 
     def __init__(self, path: Path, beside: Sequence[Path]) -> None:
@@ -126,7 +126,7 @@ def read_xdmf(path: Path, *beside: Path) -> RawMesh:
         raise MeshError(f"{path.name} is no XML, or is cut short: {error}") from error
     if root.tag != "Xdmf":
         raise MeshError(f"{path.name} is no XDMF file: it begins with {root.tag[:80]!r}")
-    reader = GuardedXdmf(path, beside)
+    reader = _GuardedXdmf(path, beside)
     grids = [grid for grid in root.iter("Grid") if grid.get("GridType", "Uniform") == "Uniform"]
     raw: RawMesh | None = None
     pending = []
@@ -182,7 +182,7 @@ def _find_cells(raw: RawMesh, kind: str, nodes: IntArray) -> IntArray:
     return np.array([] if -1 in matches else matches, dtype=np.int64)
 
 
-def _xdmf_points(reader: GuardedXdmf, geometry: ElementTree.Element) -> FloatArray:
+def _xdmf_points(reader: _GuardedXdmf, geometry: ElementTree.Element) -> FloatArray:
     kind = geometry.get("GeometryType") or geometry.get("Type") or "XYZ"
     points = reader.values(geometry)
     if kind != "XYZ" or points.ndim != 2 or points.shape[1] != 3:
@@ -193,7 +193,7 @@ def _xdmf_points(reader: GuardedXdmf, geometry: ElementTree.Element) -> FloatArr
 
 
 def _xdmf_cells(
-    reader: GuardedXdmf, topology: ElementTree.Element
+    reader: _GuardedXdmf, topology: ElementTree.Element
 ) -> Iterator[tuple[str, IntArray]]:
     """Yield the kind and nodes ``(n, k)`` of each block of cells."""
     kind = topology.get("TopologyType") or topology.get("Type") or ""
@@ -237,7 +237,7 @@ def _node_count(kind: str) -> int:
 
 
 def _add_tags(
-    reader: GuardedXdmf,
+    reader: _GuardedXdmf,
     grid: ElementTree.Element,
     blocks: Sequence[tuple[str, IntArray]],
     raw: RawMesh,

@@ -56,7 +56,7 @@ FIELDS = 8  # of a line of small fields, and of a pair of lines of large ones
 
 
 @dataclass
-class Line:
+class _Line:
     """One line of a card.
 
     Attributes:
@@ -76,7 +76,7 @@ class Line:
 
 
 @dataclass
-class Card:
+class _Card:
     """A card with the lines that continue it.
 
     Attributes:
@@ -134,7 +134,7 @@ def read_nastran(path: Path) -> RawMesh:
         MeshError: A card cannot be read, is not known, or refers to another file.
     """
     text = path.read_text(encoding="utf-8-sig", errors="replace")
-    cards: defaultdict[str, list[Card]] = defaultdict(list)
+    cards: defaultdict[str, list[_Card]] = defaultdict(list)
     left_out: Counter[str] = Counter()
     for card in _join_lines(path, _bulk_lines(path, text)):
         if card.name in READ:
@@ -171,7 +171,7 @@ def read_nastran(path: Path) -> RawMesh:
     return raw
 
 
-def _unnamed_properties(elements: Sequence[Card], known: Collection[int]) -> set[int]:
+def _unnamed_properties(elements: Sequence[_Card], known: Collection[int]) -> set[int]:
     """Return the properties that are but the number of their one element, as they are where none is
     written.
     """
@@ -183,7 +183,7 @@ def _unnamed_properties(elements: Sequence[Card], known: Collection[int]) -> set
     } - set(known)
 
 
-def _bulk_lines(path: Path, text: str) -> Iterator[Line]:
+def _bulk_lines(path: Path, text: str) -> Iterator[_Line]:
     """Yield the lines of the bulk data section, or of the whole file where none begins.
 
     Raises:
@@ -204,7 +204,7 @@ def _bulk_lines(path: Path, text: str) -> Iterator[Line]:
                     f"{path.name}:{number}: several bulk data sections are not read; write one part alone"
                 )
             begin = number
-    before: Line | None = None
+    before: _Line | None = None
     steps: list[str] = []
     for number, row in enumerate(rows[begin:], begin + 1):
         text = row.partition("$")[0].rstrip()
@@ -229,14 +229,14 @@ def _bulk_lines(path: Path, text: str) -> Iterator[Line]:
             yield before
 
 
-def _add_steps(path: Path, before: Line, steps: Sequence[str]) -> list[str]:
+def _add_steps(path: Path, before: _Line, steps: Sequence[str]) -> list[str]:
     """Return the fields of a card that repeats the one before: ``=`` for the same, ``==`` for all
     that follow, ``*(2)`` for two more.
 
     Raises:
         MeshError: A field to which something is added is no number.
     """
-    previous = Card(f"{path.name}:{before.number}", before.name, before.fields)
+    previous = _Card(f"{path.name}:{before.number}", before.name, before.fields)
     fields: list[str] = []
     for column, (text, step) in enumerate(zip(before.fields, steps, strict=True)):
         if step == "==":
@@ -245,7 +245,7 @@ def _add_steps(path: Path, before: Line, steps: Sequence[str]) -> list[str]:
         if match is None:
             fields.append(text if step == "=" else step)
             continue
-        added = Card(previous.place, before.name, ["", match[1]])
+        added = _Card(previous.place, before.name, ["", match[1]])
         whole = text.lstrip("+-").isdigit() and match[1].lstrip("+-").isdigit()
         total = (
             previous.integer(column) + added.integer(1)
@@ -256,7 +256,7 @@ def _add_steps(path: Path, before: Line, steps: Sequence[str]) -> list[str]:
     return fields
 
 
-def _split_line(path: Path, number: int, line: str) -> Line:
+def _split_line(path: Path, number: int, line: str) -> _Line:
     beyond = 0
     if "," in line:
         head, *rest = (word.strip() for word in line.split(","))
@@ -276,7 +276,7 @@ def _split_line(path: Path, number: int, line: str) -> Line:
             f"{path.name}:{number}: lines that repeat a continuation ({head}) are not read; write them out"
         )
     continued = not head or head[0] in "+*"
-    return Line(
+    return _Line(
         number,
         "" if continued else head.upper(),
         head[1:] if continued else "",
@@ -286,7 +286,7 @@ def _split_line(path: Path, number: int, line: str) -> Line:
     )
 
 
-def _join_lines(path: Path, lines: Iterator[Line]) -> Iterator[Card]:
+def _join_lines(path: Path, lines: Iterator[_Line]) -> Iterator[_Card]:
     """Yield the cards with the lines that continue them, which follow, or stand elsewhere and are
     found by their mark.
 
@@ -326,7 +326,7 @@ def _join_lines(path: Path, lines: Iterator[Line]) -> Iterator[Card]:
                 f"{path.name}:{line.number}: {name}: {beyond} fields behind the first; a line has {FIELDS} and a mark of "
                 "continuation"
             )
-        yield Card(f"{path.name}:{line.number}", name, fields)
+        yield _Card(f"{path.name}:{line.number}", name, fields)
 
 
 @dataclass
@@ -334,14 +334,14 @@ class _Nodes:
     """Grid points, and the coordinate systems they are given in."""
 
     path: Path
-    cards: Mapping[str, Sequence[Card]]
+    cards: Mapping[str, Sequence[_Card]]
     rows: dict[int, int] = field(default_factory=dict)
     given: list[tuple[int, FloatArray]] = field(default_factory=list)
     frames: dict[int, tuple[str, FloatArray, FloatArray]] = field(default_factory=dict)
     pending: list[int] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.systems: dict[int, tuple[Card, int]] = {}
+        self.systems: dict[int, tuple[_Card, int]] = {}
         for name in SYSTEMS:
             for card in self.cards.get(name, ()):
                 # a card may hold two systems between grid points
@@ -369,7 +369,7 @@ class _Nodes:
             self.rows[number] = len(self.given)
             self.given.append(entry)
 
-    def row(self, card: Card, index: int) -> int:
+    def row(self, card: _Card, index: int) -> int:
         """Return the row of the grid point in a field; -1 where it is blank or zero."""
         number = card.integer(index)
         if not number:
@@ -436,7 +436,7 @@ class _Nodes:
         self.frames[system] = (card.name[-1], origin, axes)
         return self.frames[system]
 
-    def _grid(self, card: Card, index: int) -> FloatArray:
+    def _grid(self, card: _Card, index: int) -> FloatArray:
         row = self.row(card, index)
         if row < 0:
             raise MeshError(f"{card.place}: {card.name} lacks a grid point")
@@ -444,14 +444,14 @@ class _Nodes:
         return self._place(system, values[None])
 
 
-def _system_entry(card: Card, start: int) -> tuple[str, list[int], list[float]]:
+def _system_entry(card: _Card, start: int) -> tuple[str, list[int], list[float]]:
     """Return what a coordinate system is: its card, the grid points or system it refers to, its points."""
     if card.name.startswith("CORD1"):
         return card.name, [card.integer(start + 1 + i) for i in range(3)], []
     return card.name, [card.integer(1)], [card.real(2 + i) for i in range(9)]
 
 
-def _add_solids(raw: RawMesh, nodes: _Nodes, cards: Mapping[str, Sequence[Card]]) -> None:
+def _add_solids(raw: RawMesh, nodes: _Nodes, cards: Mapping[str, Sequence[_Card]]) -> None:
     """Add solid cells, and which property and material they have."""
     properties: dict[int, list[IntArray]] = {}
     solids = {card.integer(0): card for card in cards.get("PSOLID", ())}
@@ -512,13 +512,13 @@ def _refuse_repeated_numbers(path: Path, raw: RawMesh) -> None:
 
 
 def _node_sets(
-    text: str, cards: Mapping[str, Sequence[Card]], nodes: _Nodes
+    text: str, cards: Mapping[str, Sequence[_Card]], nodes: _Nodes
 ) -> Iterator[tuple[str, IntArray]]:
     """Yield the name and rows of the nodes of each card that lists nodes."""
     grid_numbers = np.array(sorted(nodes.rows), dtype=np.int64)
     rows = np.array([nodes.rows[int(number)] for number in grid_numbers], dtype=np.int64)
 
-    def find(card: Card, start: int) -> tuple[IntArray, bool]:
+    def find(card: _Card, start: int) -> tuple[IntArray, bool]:
         """Return the rows of the nodes that are listed, and whether all numbers are of nodes."""
         mine = np.zeros(len(grid_numbers), dtype=bool)
         words = [word for word in card.fields[start:] if word]

@@ -236,7 +236,7 @@ def _pair_keys(ends: IntArray, n_points: int) -> IntArray:
 
 
 @dataclass(frozen=True, eq=False)
-class CutTets:
+class _CutTets:
     """Tets into which cells are cut.
 
     Attributes:
@@ -250,7 +250,7 @@ class CutTets:
     rows: IntArray
 
 
-def cut_cells(cells: SolidCells) -> CutTets:
+def cut_cells(cells: SolidCells) -> _CutTets:
     """Return the tets between the corners of cells; neighbours are cut alike where they meet.
 
     Every face is cut through its smallest node, and every cell from its smallest corner. What collapses
@@ -262,7 +262,7 @@ def cut_cells(cells: SolidCells) -> CutTets:
     corners = cells.corners
     if cells.family == "tet":
         count = len(corners)
-        return CutTets(corners, np.tile(np.arange(4), (count, 1)), np.arange(count))
+        return _CutTets(corners, np.tile(np.arange(4), (count, 1)), np.arange(count))
     tops = np.argmin(corners, axis=1)
     local: list[IntArray] = []
     owners: list[IntArray] = []
@@ -278,7 +278,7 @@ def cut_cells(cells: SolidCells) -> CutTets:
     places, rows = np.concatenate(local)[order], np.concatenate(owners)[order]
     tets = np.take_along_axis(corners[rows], places, axis=1)
     whole = (np.diff(np.sort(tets, axis=1), axis=1) > 0).all(axis=1)
-    return CutTets(tets[whole], places[whole], rows[whole])
+    return _CutTets(tets[whole], places[whole], rows[whole])
 
 
 def _cut_face(face: IntArray, nodes: IntArray) -> list[tuple[IntArray, IntArray, IntArray]]:

@@ -33,7 +33,7 @@ CHUNK = 1000
 
 
 @dataclass(frozen=True, eq=False)
-class Faces:
+class _Faces:
     """Faces of cells, each once for every cell it belongs to.
 
     Attributes:
@@ -66,7 +66,7 @@ class Faces:
         return np.asarray(following < self.nodes[rows, (first - 1) % count])
 
 
-def list_faces(every: Sequence[SolidCells]) -> Faces:
+def list_faces(every: Sequence[SolidCells]) -> _Faces:
     """Return the faces of cells; a face that collapses to a triangle is one, to less is none."""
     nodes, owners = [], []
     for cells in every:
@@ -88,7 +88,7 @@ def list_faces(every: Sequence[SolidCells]) -> Faces:
     whole = ((rows >= 0).sum(axis=1) >= 3) & ((np.diff(keys, axis=1) > 0) | (keys[:, 1:] < 0)).all(
         axis=1
     )
-    return Faces(rows[whole], keys[whole], owner[whole])
+    return _Faces(rows[whole], keys[whole], owner[whole])
 
 
 def drop_repeated_cells(
@@ -231,7 +231,7 @@ def check_one_solid(
         _refuse_overlaps(path, numbers, inner, outer)
 
 
-def _check_cuts(path: Path, every: Sequence[SolidCells], numbers: IntArray, pieces: Faces) -> None:
+def _check_cuts(path: Path, every: Sequence[SolidCells], numbers: IntArray, pieces: _Faces) -> None:
     """Refuse quadrilaterals that meet two triangles cut across the other diagonal, a slit in the mesh.
 
     Args:

@@ -30,7 +30,7 @@ PLAINLY_ALIKE = 0.8
 
 
 @dataclass(frozen=True, eq=False)
-class PoseRows:
+class _PoseRows:
     """What is found in poses, NaN where they cannot be taken.
 
     Attributes:
@@ -49,7 +49,7 @@ class PoseRows:
     lengths: FloatArray
 
 
-def map_workspace(
+def _map_workspace(
     mechanism: SceneMechanism,
     model: CompliantMechanism,
     request: MapRequest,
@@ -81,14 +81,14 @@ def map_workspace(
 
 def _survey_rows(
     mechanism: SceneMechanism, model: CompliantMechanism, request: MapRequest, positions: FloatArray
-) -> PoseRows:
+) -> _PoseRows:
     """Poses with the map's axes at positions ``(n, d)``."""
     names = [name for name, _ in request.axes]
     poses = [
         {**request.fixed, **dict(zip(names, map(float, row), strict=True))} for row in positions
     ]
     size, count = len(model.mechanism.compliant), len(poses)
-    found = PoseRows(
+    found = _PoseRows(
         condition=np.full(count, np.nan),
         frequencies_hz=np.full((count, size), np.nan),
         shapes=np.full((count, size, size), np.nan),
@@ -115,14 +115,14 @@ def _survey_rows(
     return found
 
 
-def _join(rows: list[PoseRows]) -> PoseRows:
+def _join(rows: list[_PoseRows]) -> _PoseRows:
     names = ("condition", "frequencies_hz", "shapes", "stiffness", "lengths")
-    return PoseRows(
+    return _PoseRows(
         **{name: np.concatenate([getattr(row, name) for row in rows]) for name in names}
     )
 
 
-def _assemble(request: MapRequest, shape: tuple[int, ...], rows: PoseRows) -> WorkspaceMap:
+def _assemble(request: MapRequest, shape: tuple[int, ...], rows: _PoseRows) -> WorkspaceMap:
     edges = _edges(shape, np.isfinite(rows.condition))
     mac = _mac(rows.shapes[:, :, : request.count], edges)
     plain = _Followed(rows.frequencies_hz[:, : request.count], crossings=(), tracking_breaks=0)
@@ -179,7 +179,7 @@ class _Followed(NamedTuple):
     tracking_breaks: int
 
 
-def _follow(rows: PoseRows, edges: IndexArray, count: int) -> _Followed:
+def _follow(rows: _PoseRows, edges: IndexArray, count: int) -> _Followed:
     """Modes by their shape."""
     number = len(rows.condition)
     modes = SweptModes(
@@ -218,7 +218,7 @@ def run_map_stage(state: RunState, stage: Stage) -> Outcome:
     model = state.comm.bcast(None if placed is None else placed.model, root=0)
     if model is None:
         raise ValueError("a map stage needs a placed mechanism")
-    found = map_workspace(mechanism, model, request, comm=state.comm)
+    found = _map_workspace(mechanism, model, request, comm=state.comm)
     if found is None:
         return Outcome()
     if found.tracking_breaks:

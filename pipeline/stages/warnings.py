@@ -75,8 +75,8 @@ def _warn_of_mesh(component: Component, reduced: ReducedComponent, highest_hz: f
     ):
         return []
     thickness = _wall_thickness(reduced.skin, reduced.quality)
-    length = shortest_wave(component, thickness, highest_hz)
-    spacing = node_spacing(reduced.superelement.full_dofs // 3, reduced.quality.volume, thickness)
+    length = _shortest_wave(component, thickness, highest_hz)
+    spacing = _node_spacing(reduced.superelement.full_dofs // 3, reduced.quality.volume, thickness)
     if length >= FEWEST_NODES * spacing:
         return []
     return [
@@ -138,7 +138,7 @@ def _wall_thickness(skin: Skin, quality: MeshQuality) -> float:
     return 2.0 * quality.volume / float(0.5 * np.linalg.norm(normals, axis=1).sum())
 
 
-def shortest_wave(component: Component, thickness: float, hz: float) -> float:
+def _shortest_wave(component: Component, thickness: float, hz: float) -> float:
     """Length of the shorter of a shear wave and of a bending wave in a plate of the walls'
     thickness [m].
 
@@ -165,7 +165,7 @@ def shortest_wave(component: Component, thickness: float, hz: float) -> float:
     return min(shear, bending)
 
 
-def node_spacing(nodes: int, volume: float, thickness: float) -> float:
+def _node_spacing(nodes: int, volume: float, thickness: float) -> float:
     """Distance of the nodes of a mesh along its walls [m], at least three of them through the
     thickness.
 
@@ -236,7 +236,7 @@ def _count_waves(state: RunState, component: Component, interface: str, hz: floa
     if reduced.skin is None or reduced.quality is None or component.material.density <= 0.0:
         return 0.0
     reach = find_reach(component, interface, reduced.quality.cad_areas.get(interface, 0.0))
-    return reach / shortest_wave(component, _wall_thickness(reduced.skin, reduced.quality), hz)
+    return reach / _shortest_wave(component, _wall_thickness(reduced.skin, reduced.quality), hz)
 
 
 def _mesh_share(state: RunState, component: str) -> float | None:
@@ -303,12 +303,12 @@ def _component_warnings(name: str, reduced: ReducedComponent) -> list[str]:
     if reduced.quality is not None:
         found += [
             f"component {name!r}: {message}"
-            for message in mesh_warnings(reduced.quality, reduced.superelement.full_dofs)
+            for message in _mesh_warnings(reduced.quality, reduced.superelement.full_dofs)
         ]
     return found
 
 
-def mesh_warnings(quality: MeshQuality, dofs: int) -> list[str]:
+def _mesh_warnings(quality: MeshQuality, dofs: int) -> list[str]:
     """What is said of a mesh; a few poor or straightened elements among thousands move no
     result.
     """

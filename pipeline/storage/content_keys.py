@@ -164,7 +164,7 @@ def superelement_key(
     return _digest(
         {
             "mesh": mesh_key(component, supports, loads),
-            "algorithm": [room_fingerprint(package, room) for package, room in REDUCTION_ROOMS],
+            "algorithm": [_room_fingerprint(package, room) for package, room in REDUCTION_ROOMS],
             "libraries": library_versions(REDUCTION_LIBRARIES),
             "material": (material.youngs_modulus, material.poisson_ratio, material.density),
             "mass": component.mass,
@@ -225,7 +225,7 @@ def code_fingerprint(package: ModuleType) -> str:
 
 
 @functools.cache
-def room_fingerprint(package: ModuleType, room: str) -> str:
+def _room_fingerprint(package: ModuleType, room: str) -> str:
     """The same over one room and the sub-package's own files, on which its rooms stand."""
     return _fingerprint(package, ("*.py", f"{room}/**/*.py"))
 

@@ -24,7 +24,7 @@ PROJECT = Path(__file__).resolve().parents[2]
 
 
 @dataclass(frozen=True)
-class ProgramVersion:
+class _ProgramVersion:
     """Version of Headstock, and the commit of its checkout or of what was installed; ``unknown``
     where nothing says it.
     """
@@ -157,24 +157,24 @@ def trace_content(
 
 
 @functools.cache
-def find_version(root: Path = PROJECT) -> ProgramVersion:
+def find_version(root: Path = PROJECT) -> _ProgramVersion:
     """Version and commit of this program: of the checkout at a folder, else of the installed
     distribution.
     """
     try:
         project = tomllib.loads((root / "pyproject.toml").read_text())["project"]
         if project["name"] == DISTRIBUTION:
-            return ProgramVersion(str(project["version"]), _read_head(root) or UNKNOWN)
+            return _ProgramVersion(str(project["version"]), _read_head(root) or UNKNOWN)
     except (OSError, ValueError, KeyError):
         pass  # no checkout
     try:
         found = importlib.metadata.distribution(DISTRIBUTION)
         origin = json.loads(found.read_text("direct_url.json") or "{}")
-        return ProgramVersion(
+        return _ProgramVersion(
             found.version, str(origin.get("vcs_info", {}).get("commit_id", UNKNOWN))
         )
     except (importlib.metadata.PackageNotFoundError, ValueError, AttributeError):
-        return ProgramVersion(UNKNOWN, UNKNOWN)
+        return _ProgramVersion(UNKNOWN, UNKNOWN)
 
 
 def _read_head(root: Path) -> str | None:

@@ -51,7 +51,7 @@ def default_store_root() -> Path:
     return base / "headstock" / "store"
 
 
-def entry_path(store: Store, kind: str, key: str) -> Path:
+def _entry_path(store: Store, kind: str, key: str) -> Path:
     """Where an entry lives.
 
     Args:
@@ -67,7 +67,7 @@ def list_keys(store: Store, kind: type, prefix: str) -> list[str]:
     Args:
         prefix: Beginning of the keys, at least two characters.
     """
-    folder = entry_path(store, _folder(kind), prefix).parent
+    folder = _entry_path(store, _folder(kind), prefix).parent
     try:
         return sorted(
             path.stem
@@ -80,7 +80,7 @@ def list_keys(store: Store, kind: type, prefix: str) -> list[str]:
 
 def read_entry[T](store: Store, key: str, kind: type[T]) -> StoreRead[T]:
     """The record stored under a key, verified; a missing entry is no warning."""
-    path = entry_path(store, _folder(kind), key)
+    path = _entry_path(store, _folder(kind), key)
     try:
         content = _read_own_file(path)
     except FileNotFoundError:
@@ -130,8 +130,8 @@ def write_entry(store: Store, key: str, record: "DataclassInstance") -> str | No
     with h5py.File(image, "w", userblock_size=USER_BLOCK) as file:
         write_record(file.create_group("record", track_order=True), record)
     content = bytearray(image.getvalue())
-    content[:USER_BLOCK] = seal_entry(_folder(type(record)), key, memoryview(content)[USER_BLOCK:])
-    path = entry_path(store, _folder(type(record)), key)
+    content[:USER_BLOCK] = _seal_entry(_folder(type(record)), key, memoryview(content)[USER_BLOCK:])
+    path = _entry_path(store, _folder(type(record)), key)
     try:
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         write_atomically(path, bytes(content), mode=0o600)
@@ -140,7 +140,7 @@ def write_entry(store: Store, key: str, record: "DataclassInstance") -> str | No
     return None
 
 
-def seal_entry(kind: str, key: str, payload: bytes | memoryview) -> bytes:
+def _seal_entry(kind: str, key: str, payload: bytes | memoryview) -> bytes:
     """The user block of an entry: its kind and key, and a digest over them and the rest.
 
     Args:

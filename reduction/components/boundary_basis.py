@@ -38,7 +38,7 @@ CONDITION_LIMIT = 1e6  # of its shapes on the mesh, scaled alike
 
 
 @dataclass(frozen=True, eq=False)
-class BoundaryNode:
+class _BoundaryNode:
     """One 6-dof boundary node: the patch that carries it, how it is coupled, and the deformation
     shapes it has besides.
     """
@@ -100,7 +100,7 @@ class BoundaryBasis:
         warnings: What was merged, dropped or disabled.
     """
 
-    nodes: tuple[BoundaryNode, ...]
+    nodes: tuple[_BoundaryNode, ...]
     interface_maps: dict[str, InterfaceMap]
     rails: tuple[RailFit, ...]
     size: int
@@ -188,8 +188,8 @@ def build_boundary_basis(
 
 def _merge_interfaces(
     component: Component, mesh: ComponentMesh, warnings: list[str]
-) -> tuple[list[BoundaryNode], dict[str, InterfaceMap]]:
-    nodes: list[BoundaryNode] = []
+) -> tuple[list[_BoundaryNode], dict[str, InterfaceMap]]:
+    nodes: list[_BoundaryNode] = []
     interface_maps: dict[str, InterfaceMap] = {}
     # rigid patches first: a mean over points that a rigid patch already carries is that patch's own
     # motion
@@ -205,7 +205,7 @@ def _merge_interfaces(
         if host is None:
             host = len(nodes)
             nodes.append(
-                BoundaryNode(interface.name, patch, interface.coupling, interface.flexible)
+                _BoundaryNode(interface.name, patch, interface.coupling, interface.flexible)
             )
         else:
             warnings.append(
@@ -231,7 +231,7 @@ def _rail_dofs(component: Component) -> int:
     return CONTROL_POINT_DOFS * sum(rail.control_points for rail in rails)
 
 
-def _lay_out_shapes(component: Component, node: BoundaryNode, first: int) -> PatchShapes:
+def _lay_out_shapes(component: Component, node: _BoundaryNode, first: int) -> PatchShapes:
     """Return the deformation shapes of a flexible interface over the area of its patch: a
     rectangle, disk or ring as written, or the rectangle around it as the mesh has it.
 
@@ -270,7 +270,7 @@ def _lay_out_shapes(component: Component, node: BoundaryNode, first: int) -> Pat
     )
 
 
-def _require_distinct_shapes(component: str, node: BoundaryNode) -> None:
+def _require_distinct_shapes(component: str, node: _BoundaryNode) -> None:
     fields = node.fields()
     gram = fields.T @ node.weighted_fields()
     scale = 1.0 / np.sqrt(np.maximum(gram.diagonal(), np.finfo(float).tiny))
@@ -283,7 +283,7 @@ def _require_distinct_shapes(component: str, node: BoundaryNode) -> None:
         )
 
 
-def _carries(node: BoundaryNode, interface: Interface, patch: MeshPatch) -> bool:
+def _carries(node: _BoundaryNode, interface: Interface, patch: MeshPatch) -> bool:
     if node.flexible and (node.flexible, node.coupling) != (interface.flexible, interface.coupling):
         return False
     if node.coupling == "rigid" and not node.flexible:
@@ -326,7 +326,7 @@ def _refuse_point_like(
 
 
 def _undetermined_rows(
-    component: str, node: BoundaryNode, number: int, size: int, warnings: list[str]
+    component: str, node: _BoundaryNode, number: int, size: int, warnings: list[str]
 ) -> list[FloatArray]:
     rows: list[FloatArray] = []
     for axis in node.patch.undetermined_rotations():

@@ -30,7 +30,7 @@ RIGID_MATCH = (
 
 
 @dataclass(frozen=True, eq=False)
-class BodyMean:
+class _BodyMean:
     """Mass-weighted mean of the k rigid motions that supports leave free.
 
     Attributes:
@@ -118,7 +118,7 @@ def _split_range(columns: FloatArray, comm: MPI.Comm) -> tuple[FloatArray, Float
 
 def _mass_mean(
     operators: ElasticOperators, supported: BoolArray, middle: FloatArray, free: FloatArray
-) -> BodyMean:
+) -> _BodyMean:
     """Return the mean of the motions about a point that supports leave free, from their
     combinations ``(6, k)``.
     """
@@ -137,7 +137,7 @@ def _mass_mean(
     weighted = operators.apply_mass(rigid)
     gram = sum_over_ranks(operators.comm, rigid.T @ weighted)
     values, rest = (orthogonal / units).T[:count], (orthogonal / units)[:, count:]
-    return BodyMean(center, rigid, weighted @ np.linalg.inv(gram), values, np.linalg.qr(rest)[0].T)
+    return _BodyMean(center, rigid, weighted @ np.linalg.inv(gram), values, np.linalg.qr(rest)[0].T)
 
 
 def _local_dofs(operators: ElasticOperators) -> IntArray:

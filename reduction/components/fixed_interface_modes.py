@@ -88,7 +88,7 @@ def find_fixed_interface_modes(
         pairs = _dense_modes(solver, target)
     else:
         width = _block_width(target) if solver.multigrid is None else block_width(target)
-        table = draw_numbers(solver.operators.nodes, 3 * width, seed=START_SEED)
+        table = _draw_numbers(solver.operators.nodes, 3 * width, seed=START_SEED)
         start = np.where(solver.fixed[:, None], 0.0, table.reshape(-1, width))
         pairs = lowest_modes(solver, start, target, eigensolver=eigensolver)
     cutoff = float(np.sqrt(pairs.next_value) / (2.0 * np.pi))
@@ -132,7 +132,7 @@ def _block_width(target: ModeTarget) -> int:
     return 8 if (target.count or 30) <= MANY_MODES else 16
 
 
-def draw_numbers(nodes: IntArray, count: int, *, seed: int) -> FloatArray:
+def _draw_numbers(nodes: IntArray, count: int, *, seed: int) -> FloatArray:
     """Return the pseudo-random numbers ``(n, count)`` between -1 and 1 that belong to the nodes:
     each rank draws those of its own.
 
@@ -226,11 +226,11 @@ def _improve(solver: ConstrainedSolver, values: FloatArray, shapes: FloatArray) 
     shapes = shapes @ vectors
     share = solver.operators.energy_roundoff(shapes) / improved
     share = share * max(1.0, solver.roundoff / share.max())
-    require_resolved(values, improved, share)
+    _require_resolved(values, improved, share)
     return _Improved(improved, shapes, float(np.abs(improved / values - 1.0).max()))
 
 
-def require_resolved(values: FloatArray, improved: FloatArray, roundoff: FloatArray) -> None:
+def _require_resolved(values: FloatArray, improved: FloatArray, roundoff: FloatArray) -> None:
     """Refuse eigenvalues that rounding may have drowned, or that two methods do not agree on as far
     as rounding lets them.
 
@@ -258,7 +258,7 @@ def require_resolved(values: FloatArray, improved: FloatArray, roundoff: FloatAr
 
 def _fix_signs(solver: ConstrainedSolver, shapes: FloatArray) -> FloatArray:
     """Return the shapes with signs that do not depend on the number of ranks."""
-    weights = draw_numbers(solver.operators.nodes, 3, seed=SIGN_SEED).reshape(1, -1)
+    weights = _draw_numbers(solver.operators.nodes, 3, seed=SIGN_SEED).reshape(1, -1)
     signs = np.sign(sum_over_ranks(solver.comm, weights @ shapes))
     return np.asarray(shapes * np.where(signs == 0.0, 1.0, signs))
 

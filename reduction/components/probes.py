@@ -68,7 +68,7 @@ def find_probe_places(
     """
     if not probes:
         return {}
-    edges = find_singular_edges(component, mesh, supports)
+    edges = _find_singular_edges(component, mesh, supports)
     places = {}
     for probe in probes:
         try:
@@ -85,7 +85,7 @@ def find_probe_places(
     return places
 
 
-def find_singular_edges(
+def _find_singular_edges(
     component: Component, mesh: ComponentMesh, supports: Sequence[Support]
 ) -> dict[str, IntArray]:
     """Find the mesh points at which stresses are singular, by what makes them so: rims of rigid
@@ -158,7 +158,7 @@ def _reentrant_nodes(mesh: ComponentMesh, surface: MeshSurface, normals: FloatAr
 
 
 @dataclass(frozen=True, eq=False)
-class WatchedDofs:
+class _WatchedDofs:
     """Outputs of probes for reduced dofs and loads, nine rows for each probe, one after the other.
 
     Attributes:
@@ -181,7 +181,7 @@ def watch_dofs(
     basis: tuple[FloatArray, FloatArray],
     eigenvalues: FloatArray,
     particular: FloatArray,
-) -> WatchedDofs:
+) -> _WatchedDofs:
     """Return what probes see, by the responses to unit loads that do the work of what they see.
 
     With ``z`` the response to such a load ``l`` with interfaces fixed, less its share along the modes
@@ -209,7 +209,7 @@ def watch_dofs(
         responses = solver.solve(loads) - shapes @ (observed[1] / eigenvalues).T
         if operators.scalar_mass is not None:
             inertia = solver.product(responses, operators.apply_mass(psi))
-    return WatchedDofs(np.hstack(observed[:2]), inertia, observed[2], responses)
+    return _WatchedDofs(np.hstack(observed[:2]), inertia, observed[2], responses)
 
 
 def _spread(rows: PointRows, operators: ElasticOperators) -> FloatArray:
@@ -252,7 +252,7 @@ def _read_change(
 
 def gather_probes(
     places: Mapping[str, ProbePlace],
-    watched: WatchedDofs,
+    watched: _WatchedDofs,
     loads: Sequence[str],
     smoothing: Mapping[str, FloatArray] | None,
     missing: FloatArray | None,

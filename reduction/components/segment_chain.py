@@ -82,7 +82,7 @@ def segment_mass(bar: PrismaticBar, density: float, length: float) -> FloatArray
 
 
 @dataclass(frozen=True)
-class SegmentNode:
+class _SegmentNode:
     """A stretch of a bar that moves rigidly with one node: a segment's centre (no length), an end
     face, or rigid interfaces.
 
@@ -112,7 +112,7 @@ class SegmentChain:
     material: Material
     count: int
     places: FloatArray
-    nodes_along: tuple[SegmentNode, ...]
+    nodes_along: tuple[_SegmentNode, ...]
     coupled: tuple[tuple[int, int], ...]
 
 
@@ -130,7 +130,7 @@ def lay_out_chain(
     length = bar.length / count
     places = [bar.low + (number + 0.5) * length for number in range(count)]
     coupled: list[tuple[int, int]] = []
-    nodes_along: list[SegmentNode] = []
+    nodes_along: list[_SegmentNode] = []
     inside: set[int] = set()
     for low, high in _join_spans(rigid_spans, CLOSEST * length):
         within = [
@@ -144,9 +144,9 @@ def lay_out_chain(
         else:
             places.append(0.5 * (low + high))
         node = within[0] if within else len(places) - 1
-        nodes_along.append(SegmentNode(low, high, node))
+        nodes_along.append(_SegmentNode(low, high, node))
         coupled += [(other, node) for other in within[1:]]
-    nodes_along += [SegmentNode(places[i], places[i], i) for i in range(count) if i not in inside]
+    nodes_along += [_SegmentNode(places[i], places[i], i) for i in range(count) if i not in inside]
     on_axis = np.tile(bar.center, (len(places), 1))
     on_axis[:, bar.axis] = places
     return SegmentChain(
@@ -170,7 +170,7 @@ def _join_spans(spans: Sequence[Span], slack: float) -> list[Span]:
     return joined
 
 
-def node_at(chain: SegmentChain, position: float) -> SegmentNode:
+def node_at(chain: SegmentChain, position: float) -> _SegmentNode:
     """Return the node nearest to a place along the bar."""
     return min(
         chain.nodes_along,

@@ -41,7 +41,7 @@ STIFF_COMPONENT_RATIO = 3e6
 
 
 @dataclass(frozen=True, eq=False)
-class ScrewSpring:
+class _ScrewSpring:
     """Spring of a ball screw at one place of its nut.
 
     Attributes:
@@ -53,7 +53,7 @@ class ScrewSpring:
     far_share: float
 
 
-def _place_screw(joint: Joint, shaft: ScrewShaft, distance: float) -> ScrewSpring:
+def _place_screw(joint: Joint, shaft: ScrewShaft, distance: float) -> _ScrewSpring:
     """Place nut, shaft, bearings and coupling in series; both sides of a shaft with two fixed
     bearings in parallel.
 
@@ -101,7 +101,7 @@ def _place_screw(joint: Joint, shaft: ScrewShaft, distance: float) -> ScrewSprin
     stiffness[0, 0] = 0.0
     if stiffness[3, 3] != 0.0:
         stiffness[3, 3] = 1.0 / (1.0 / stiffness[3, 3] + twist)
-    return ScrewSpring(stiffness + np.outer(thread, thread) / compliance, far / (near + far))
+    return _ScrewSpring(stiffness + np.outer(thread, thread) / compliance, far / (near + far))
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +127,7 @@ class PlacedJoint:
 
 
 @dataclass(frozen=True, eq=False)
-class SpringDirection:
+class _SpringDirection:
     """One principal direction of a joint's stiffness.
 
     Attributes:
@@ -219,7 +219,7 @@ def _place_shaft(
     return dataclasses.replace(spring, rows=rows, stiffness=placed.stiffness)
 
 
-def _principal_springs(spring: PlacedJoint, length: float) -> tuple[SpringDirection, ...]:
+def _principal_springs(spring: PlacedJoint, length: float) -> tuple[_SpringDirection, ...]:
     """Return the independent springs that together make up a joint's stiffness; directions without
     stiffness are left out.
 
@@ -247,7 +247,7 @@ def _principal_springs(spring: PlacedJoint, length: float) -> tuple[SpringDirect
                 DOF_NAMES[main] if main < DOFS_OF_A_BODY else f"shape {main - DOFS_OF_A_BODY + 1}"
             )
             result.append(
-                SpringDirection(spring.name, name, direction, level / scale[main] ** 2, level)
+                _SpringDirection(spring.name, name, direction, level / scale[main] ** 2, level)
             )
     return tuple(result)
 
@@ -373,8 +373,8 @@ class SpringGrading:
             components.
     """
 
-    groups: tuple[tuple[SpringDirection, ...], ...]
-    soft: tuple[SpringDirection, ...]
+    groups: tuple[tuple[_SpringDirection, ...], ...]
+    soft: tuple[_SpringDirection, ...]
     warnings: tuple[str, ...]
     deformations: tuple[FloatArray, ...] = ()
 
@@ -421,7 +421,7 @@ def grade_springs(
     deformations = _stiff_deformations(layout, stiffnesses, abs(most_compliant.level), memo)
     if abs(parts[0].level) <= GRADING_RATIO * abs(most_compliant.level):
         return SpringGrading((), (), (), deformations)
-    groups: list[list[SpringDirection]] = []
+    groups: list[list[_SpringDirection]] = []
     for part in parts:
         if abs(part.level) <= GRADING_RATIO * abs(most_compliant.level):
             break
@@ -478,14 +478,16 @@ def _turned_deformations(element: Superelement, placement: Frame) -> FloatArray:
     return np.asarray(free_deformations(element) @ turn_dofs(element, placement))
 
 
-def _ratio_warnings(parts: Sequence[SpringDirection], most_compliant: SpringDirection) -> list[str]:
+def _ratio_warnings(
+    parts: Sequence[_SpringDirection], most_compliant: _SpringDirection
+) -> list[str]:
     """Return a warning per joint that is far stiffer than the most compliant one, with its stiffest
     direction; a contact layer has one direction per deformation shape.
 
     Args:
         parts: Of all joints, the stiffest first.
     """
-    stiff: dict[str, list[SpringDirection]] = {}
+    stiff: dict[str, list[_SpringDirection]] = {}
     for part in parts:
         if abs(part.level / most_compliant.level) <= STIFF_RATIO:
             break

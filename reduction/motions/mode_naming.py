@@ -45,7 +45,7 @@ WHOLE_MACHINE = "whole machine"  # what moves where all bodies move as one
 SLICES = 12
 
 
-def round_axis(moments: FloatArray, axes: FloatArray, places: FloatArray) -> FloatArray | None:
+def _round_axis(moments: FloatArray, axes: FloatArray, places: FloatArray) -> FloatArray | None:
     """Return the axis ``(3,)`` of a body of revolution; None where it has none.
 
     Args:
@@ -69,7 +69,7 @@ def round_axis(moments: FloatArray, axes: FloatArray, places: FloatArray) -> Flo
     )
 
 
-def is_ball(moments: FloatArray, places: FloatArray) -> bool:
+def _is_ball(moments: FloatArray, places: FloatArray) -> bool:
     """Return whether a body reaches equally far in every direction from its centre of mass."""
     corners = np.array(
         [[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z],
@@ -89,7 +89,7 @@ def _is_even(places: FloatArray, directions: FloatArray) -> bool:
     return bool(reach.min() >= EVEN * reach.max())
 
 
-def name_on_ball(places: FloatArray, field: FloatArray) -> tuple[str, str]:
+def _name_on_ball(places: FloatArray, field: FloatArray) -> tuple[str, str]:
     """Return the verb and addition for a deformation ``(n, 3)`` at places ``(n, 3)`` about the
     middle of a ball.
     """
@@ -102,7 +102,7 @@ def name_on_ball(places: FloatArray, field: FloatArray) -> tuple[str, str]:
     return ("twist" if (radial**2).sum() < (1.0 - CLEAR) * 0.25 * whole else "deform"), ""
 
 
-def name_around(
+def _name_around(
     axis: FloatArray, places: FloatArray, field: FloatArray, letter: int, *, slender: bool
 ) -> tuple[str, str] | None:
     """Return the verb and addition for a deformation of a body of revolution; None for what bends
@@ -305,12 +305,12 @@ def _describe_deformation(coupled: CoupledMachine, motion: BodyMotion) -> tuple[
     long = rotation @ axes[:, 0]
     slender = moments[0] < SLENDER_RATIO * moments[1]
     axis = int(np.argmax(np.round(np.abs(long), 6)))
-    if is_ball(moments, places):
-        return name_on_ball(places, field)
-    around = round_axis(moments, rotation @ axes, places)
+    if _is_ball(moments, places):
+        return _name_on_ball(places, field)
+    around = _round_axis(moments, rotation @ axes, places)
     if around is not None:
         letter = int(np.argmax(np.round(np.abs(around), 6)))
-        named = name_around(
+        named = _name_around(
             around,
             places,
             field,

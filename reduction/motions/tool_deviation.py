@@ -26,7 +26,7 @@ SOURCES = (GEOMETRY, GRAVITY, FORCES)
 
 
 @dataclass(frozen=True, eq=False)
-class SourceResponse:
+class _SourceResponse:
     """Response of the machine to a source of deviation.
 
     Attributes:
@@ -55,7 +55,7 @@ class ToolDeviation:
     sources: dict[str, FloatArray]
     parts: dict[str, dict[str, FloatArray]]
     influence: FloatArray = field(default_factory=lambda: np.zeros((0, 6)))
-    responses: dict[str, SourceResponse] = field(default_factory=dict)
+    responses: dict[str, _SourceResponse] = field(default_factory=dict)
 
     @property
     def total(self) -> FloatArray:
@@ -132,7 +132,7 @@ def solve_deviation(coupled: CoupledMachine, machine: Machine, point: str) -> To
         }
         sources[GEOMETRY] = np.sum(list(parts[GEOMETRY].values()), axis=0)
     responses = {
-        source: SourceResponse(moved[:, number], offsets[source])
+        source: _SourceResponse(moved[:, number], offsets[source])
         for number, source in enumerate(applied)
     }
     for source in deforming:

@@ -34,7 +34,7 @@ PORD, MINIMUM_DEGREE = 4, 0
 SMALL_MATRIX = 2000
 
 
-def dissect_nodes(pattern: scipy.sparse.spmatrix) -> IntArray32 | None:
+def _dissect_nodes(pattern: scipy.sparse.spmatrix) -> IntArray32 | None:
     """Return the order in which to eliminate the nodes of a symmetric pattern, or None where METIS
     is missing or gives no order.
 
@@ -286,7 +286,7 @@ def _elimination_order(
             (count, count),
         )
         nodes = np.flatnonzero(~fixed.reshape(-1, 3).all(axis=1))
-        order = dissect_nodes(graph[nodes][:, nodes])
+        order = _dissect_nodes(graph[nodes][:, nodes])
         if order is not None:
             dofs = (3 * nodes[order][:, None] + np.arange(3)).ravel()
             return dofs[~fixed[dofs]], True

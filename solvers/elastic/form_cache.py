@@ -77,7 +77,7 @@ def _link_kernel(name: str, library: Path) -> None:
             link.symlink_to(library.name)
 
 
-def clear_unfinished(folder: Path) -> None:
+def _clear_unfinished(folder: Path) -> None:
     """Remove what a killed process left half compiled: ffcx would wait for it and then give up, in
     every later run.
 
@@ -89,7 +89,7 @@ def clear_unfinished(folder: Path) -> None:
                 part.unlink(missing_ok=True)
 
 
-def require_private(folder: Path) -> None:
+def _require_private(folder: Path) -> None:
     """Check that nobody but this account and root owns or may write a folder whose files are run,
     or a folder on the way to it.
 
@@ -138,13 +138,13 @@ def _is_own_group(gid: int) -> bool:
 @contextlib.contextmanager
 def _sole_compiler(folder: Path) -> Iterator[None]:
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-    require_private(folder)
+    _require_private(folder)
     handle = os.open(folder / LOCK_FILE, os.O_RDWR | os.O_CREAT, 0o600)
     try:
         # a file system without locks only loses the protection
         with contextlib.suppress(OSError):
             fcntl.flock(handle, fcntl.LOCK_EX)
-            clear_unfinished(folder)
+            _clear_unfinished(folder)
         yield
     finally:
         os.close(handle)

@@ -93,7 +93,7 @@ class CompliantMechanism:
 
 
 @dataclass(frozen=True, eq=False)
-class BodyArrays:
+class _BodyArrays:
     """Bodies as arrays: which marker, mass, centre and inertia in its frame."""
 
     marker: IndexArray
@@ -125,10 +125,10 @@ class MechanismDynamics:
 
 
 @lru_cache(maxsize=32)
-def body_arrays(model: CompliantMechanism) -> BodyArrays:
+def _body_arrays(model: CompliantMechanism) -> _BodyArrays:
     """The bodies of a model as arrays."""
     markers = [model.mechanism.markers.index(body.marker) for body in model.bodies]
-    return BodyArrays(
+    return _BodyArrays(
         np.array(markers, dtype=np.intp),
         np.array([body.mass for body in model.bodies]),
         np.array([body.center for body in model.bodies]),
@@ -146,7 +146,7 @@ def evaluate_dynamics(
         rates: ``(..., n)`` [1/s]; None for a mechanism at rest.
     """
     placement, closures = kinematics.placement, kinematics.closure_jacobian
-    bodies = body_arrays(model)
+    bodies = _body_arrays(model)
     moving, turning = _body_jacobians(bodies, kinematics)
     heavy = bodies.mass[:, None, None] * moving
     spin = bodies.inertia @ turning
@@ -177,18 +177,18 @@ def kinetic_energy(dynamics: MechanismDynamics, rates: FloatArray) -> FloatArray
 
 def gravity_energy(model: CompliantMechanism, placement: Placement) -> FloatArray:
     """``(...)`` potential energy of all bodies in the gravity field [J]."""
-    bodies = body_arrays(model)
+    bodies = _body_arrays(model)
     centers = placement.positions[..., bodies.marker, :] + _arms(bodies, placement)
     return np.asarray(-(bodies.mass * (centers @ model.gravity)).sum(axis=-1))
 
 
-def _arms(bodies: BodyArrays, placement: Placement) -> FloatArray:
+def _arms(bodies: _BodyArrays, placement: Placement) -> FloatArray:
     return np.asarray(
         (placement.rotations[..., bodies.marker, :, :] @ bodies.center[..., None])[..., 0]
     )
 
 
-def _body_jacobians(bodies: BodyArrays, kinematics: Kinematics) -> tuple[FloatArray, FloatArray]:
+def _body_jacobians(bodies: _BodyArrays, kinematics: Kinematics) -> tuple[FloatArray, FloatArray]:
     """Of the centres of mass ``(..., b, 3, n)``, and of the angular velocity in each body's own
     axes.
     """
@@ -202,7 +202,7 @@ def _body_jacobians(bodies: BodyArrays, kinematics: Kinematics) -> tuple[FloatAr
 
 
 def _inertial_forces(
-    bodies: BodyArrays, placement: Placement, bias: Bias, *, heavy: FloatArray, turning: FloatArray
+    bodies: _BodyArrays, placement: Placement, bias: Bias, *, heavy: FloatArray, turning: FloatArray
 ) -> FloatArray:
     """``Jp^T m a + Jw^T (I alpha + w x I w)`` ``(..., n)`` with the bias accelerations, summed over
     the bodies.

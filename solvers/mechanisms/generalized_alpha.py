@@ -67,7 +67,7 @@ class Linearisation:
     constraints: FloatArray
 
 
-class ConstrainedProblem(Protocol):
+class _ConstrainedProblem(Protocol):
     """``residual = 0``, ``constraints = 0``."""
 
     def residual(self, state: MotionState) -> tuple[FloatArray, FloatArray]:
@@ -137,7 +137,7 @@ class _Rules:
 
 
 def integrate_motion(
-    problem: ConstrainedProblem,
+    problem: _ConstrainedProblem,
     start: MotionState,
     step: float,
     count: int,
@@ -187,7 +187,7 @@ def integrate_motion(
 
 
 def _take_step(
-    problem: ConstrainedProblem, march: _March, rules: _Rules, *, begin: float, end: float
+    problem: _ConstrainedProblem, march: _March, rules: _Rules, *, begin: float, end: float
 ) -> _March:
     """One whole step, in one or in as many sub-steps as it takes."""
     done = 0
@@ -209,7 +209,7 @@ def _take_step(
 
 
 def _try_step(
-    problem: ConstrainedProblem, march: _March, rules: _Rules, *, time: float, length: float
+    problem: _ConstrainedProblem, march: _March, rules: _Rules, *, time: float, length: float
 ) -> tuple[_March, float]:
     """A sub-step of a length [s] that ends at a time [s], and its local error over the size of
     positions.
@@ -248,7 +248,7 @@ def _try_step(
     return _March(new, averaged, length, march.share, shrinking), error
 
 
-def _dependence(problem: ConstrainedProblem, state: MotionState) -> float:
+def _dependence(problem: _ConstrainedProblem, state: MotionState) -> float:
     """Smallest over largest singular value of the constraints' Jacobian: zero where one follows
     from others; inf without any.
     """
@@ -256,7 +256,7 @@ def _dependence(problem: ConstrainedProblem, state: MotionState) -> float:
     return float(values[-1] / values[0]) if len(values) else np.inf
 
 
-def _explain(problem: ConstrainedProblem, state: MotionState, failure: ConvergenceError) -> str:
+def _explain(problem: _ConstrainedProblem, state: MotionState, failure: ConvergenceError) -> str:
     """Why a march ends, by what the constraints are like where it does."""
     ratio = _dependence(problem, state)
     parts = f"{failure}; steps were halved down to 1/{WHOLE} of the step asked for"
@@ -279,7 +279,7 @@ class _Advanced(NamedTuple):
 
 
 def _advance(
-    problem: ConstrainedProblem,
+    problem: _ConstrainedProblem,
     old: MotionState,
     auxiliary: FloatArray,
     rules: _Rules,

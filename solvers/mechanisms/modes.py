@@ -48,7 +48,7 @@ class SmallMotions:
 
 
 @dataclass(frozen=True, eq=False)
-class LumpedModes:
+class _LumpedModes:
     """Natural modes of many poses.
 
     Attributes:
@@ -79,7 +79,7 @@ def linearise_poses(
     springs = model.springs.stiffness(states[..., mechanism.driven_slice])
     stiffness = np.concatenate([springs, np.zeros((*springs.shape[:-1], len(released)))], axis=-1)
     gravity = (left @ dynamics.load[..., None])[..., 0]
-    geometric = gravity_stiffness(model, states, released) if model.gravity_stiffening else None
+    geometric = _gravity_stiffness(model, states, released) if model.gravity_stiffening else None
     return SmallMotions(
         kinematics,
         maps,
@@ -98,7 +98,7 @@ def _free_maps(mechanism: Mechanism, kinematics: Kinematics, released: Sequence[
     return np.concatenate([from_compliant, from_driven[..., columns]], axis=-1)
 
 
-def gravity_stiffness(
+def _gravity_stiffness(
     model: CompliantMechanism, states: FloatArray, released: Sequence[str] = ()
 ) -> FloatArray:
     """Geometric stiffness ``(..., c, c)`` [N/m]: by how much gravity's generalised forces fall per
@@ -150,7 +150,7 @@ def marker_motion(model: CompliantMechanism, motions: SmallMotions, marker: str)
     )
 
 
-def solve_pose_modes(motions: SmallMotions) -> LumpedModes:
+def solve_pose_modes(motions: SmallMotions) -> _LumpedModes:
     """Natural modes by the symmetric form ``S M^-1 S`` of the springs ``S^2``, inverted: ``L^-1``
     of the mass is not needed.
 
@@ -163,10 +163,10 @@ def solve_pose_modes(motions: SmallMotions) -> LumpedModes:
     eigenvalues, vectors = np.linalg.eigh(motions.mass / root[..., :, None] / root[..., None, :])
     eigenvalues, vectors = eigenvalues[..., ::-1], vectors[..., ::-1]
     shapes = vectors / root[..., :, None] / np.sqrt(eigenvalues)[..., None, :]
-    return LumpedModes(1.0 / (2.0 * np.pi * np.sqrt(eigenvalues)), shapes, vectors**2)
+    return _LumpedModes(1.0 / (2.0 * np.pi * np.sqrt(eigenvalues)), shapes, vectors**2)
 
 
-def _solve_stiffened_modes(motions: SmallMotions) -> LumpedModes:
+def _solve_stiffened_modes(motions: SmallMotions) -> _LumpedModes:
     """By the Cholesky factor of the mass; shares of energy are those of the springs."""
     inverse = np.linalg.inv(np.linalg.cholesky(motions.mass))
     eigenvalues, vectors = np.linalg.eigh(
@@ -174,12 +174,12 @@ def _solve_stiffened_modes(motions: SmallMotions) -> LumpedModes:
     )
     shapes = np.swapaxes(inverse, -1, -2) @ vectors
     energy = motions.stiffness[..., None] * shapes**2
-    return LumpedModes(
+    return _LumpedModes(
         np.sqrt(eigenvalues) / (2.0 * np.pi), shapes, energy / energy.sum(axis=-2, keepdims=True)
     )
 
 
-def modal_damping(motions: SmallMotions, modes: LumpedModes, ratios: FloatArray) -> FloatArray:
+def modal_damping(motions: SmallMotions, modes: _LumpedModes, ratios: FloatArray) -> FloatArray:
     """Viscous damping matrix that gives each natural mode its damping ratio: ``sum 2 zeta_k omega_k
     M x_k x_k^T M``.
 

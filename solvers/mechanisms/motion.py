@@ -173,7 +173,7 @@ class PartitionedMotion:
         return float(drives + tool - rates @ _damping(self.model, len(rates)) @ rates)
 
 
-class EvaluatedMotion(NamedTuple):
+class _EvaluatedMotion(NamedTuple):
     """Dynamics at a state of motion, with all coordinates ``(n,)`` [m, rad] and accelerations
     ``(n,)`` [m/s^2, rad/s^2].
     """
@@ -205,7 +205,7 @@ class ConstrainedMotion:
             self.model.mechanism.passive_slice.start, len(self.model.mechanism.coordinates)
         )
 
-    def evaluate(self, state: MotionState) -> EvaluatedMotion:
+    def evaluate(self, state: MotionState) -> _EvaluatedMotion:
         """What the equations of motion hold at a state of motion."""
         drive = self.drive(state.time)
         coordinates = np.concatenate([drive.position, state.position])
@@ -214,7 +214,7 @@ class ConstrainedMotion:
         dynamics = evaluate_dynamics(
             self.model, evaluate_kinematics(self.model.mechanism, coordinates), rates
         )
-        return EvaluatedMotion(dynamics, coordinates, accelerations)
+        return _EvaluatedMotion(dynamics, coordinates, accelerations)
 
     def residual(self, state: MotionState) -> tuple[FloatArray, FloatArray]:
         """Unbalanced forces ``(n - u,)`` and open loops ``(m,)``."""

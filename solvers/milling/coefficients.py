@@ -16,7 +16,7 @@ Three = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class CoefficientRange:
+class _CoefficientRange:
     """What is known within a range only.
 
     Attributes:
@@ -47,7 +47,7 @@ class CuttingCoefficients:
     name: str = ""
     chip_thickness: float | None = None
     thickness_from: str = ""
-    ranges: Mapping[str, CoefficientRange] = field(default_factory=dict)
+    ranges: Mapping[str, _CoefficientRange] = field(default_factory=dict)
 
     def spread(
         self, value: float, find: Callable[["CuttingCoefficients"], float]
@@ -127,9 +127,9 @@ def build_coefficients(
         thickness = own.get("chip_thickness")
         return CuttingCoefficients(chip, edge, source, name, thickness, thickness_from)
 
-    def reach(key: str, share: float) -> CoefficientRange:
+    def reach(key: str, share: float) -> _CoefficientRange:
         low, high = (build({**values, key: (1.0 + side * share) * values[key]}) for side in (-1, 1))
-        return CoefficientRange(share, (low, high))
+        return _CoefficientRange(share, (low, high))
 
     found = {key: reach(key, share) for key, share in ranges.items() if share > 0.0}
     return dataclasses.replace(build(values), ranges=found)

@@ -56,7 +56,7 @@ class Multiplier(NamedTuple):
     pole: int
 
 
-class Rule(NamedTuple):
+class _Rule(NamedTuple):
     """Gauss nodes of a window ``[-1, 1]`` and integrals over Lagrange polynomials on them.
 
     Attributes:
@@ -74,7 +74,7 @@ class Rule(NamedTuple):
 
 
 @functools.lru_cache(maxsize=64)
-def _gauss_rule(count: int) -> Rule:
+def _gauss_rule(count: int) -> _Rule:
     nodes, weights = np.polynomial.legendre.leggauss(count)
     points, shares = np.polynomial.legendre.leggauss(count + EXTRA_POINTS)
     half = 0.5 * (nodes[:, None] + 1.0)
@@ -83,7 +83,7 @@ def _gauss_rule(count: int) -> Rule:
     # from each point before a node up to it, as a place among the points
     response = _lagrange(points, shares, 1.0 - half * (1.0 - points))
     parts = np.einsum("ijk,ijq->qik", through, response)
-    return Rule(
+    return _Rule(
         nodes,
         1.0 - points,
         shares[:, None] * _lagrange(nodes, weights, points),
@@ -100,7 +100,7 @@ def _lagrange(nodes: FloatArray, weights: FloatArray, places: FloatArray) -> Flo
 
 
 @dataclass(frozen=True, eq=False)
-class PeriodResponse:
+class _PeriodResponse:
     """Of a tip over the windows of a tooth period with ``N`` nodes at which it moves along ``k`` axes.
 
     Coordinates of the tip ``2 q`` are real parts of all poles, then imaginary parts. Motions are those
@@ -122,7 +122,7 @@ class PeriodResponse:
 
 
 @dataclass(frozen=True, eq=False)
-class PolesInCut:
+class _PolesInCut:
     """What matters of a tip in cuts up to a depth.
 
     Attributes:
@@ -199,7 +199,7 @@ def _moving_axes(tip: TipPoles) -> FloatArray:
 
 
 @functools.lru_cache(maxsize=256)
-def choose_poles(tip: TipPoles, stiffest: float) -> PolesInCut:
+def _choose_poles(tip: TipPoles, stiffest: float) -> _PolesInCut:
     """Poles of a tip that matter in a cut, the same at all speeds.
 
     Args:
@@ -220,7 +220,7 @@ def choose_poles(tip: TipPoles, stiffest: float) -> PolesInCut:
         small |= ~strong & (speeds > ABOVE * speeds[strong].max())
     own, kept = speeds[~small], keep_poles(tip, ~small)
     products = kept.outputs[:, None, :] * kept.inputs.T[None, :, :]
-    return PolesInCut(
+    return _PolesInCut(
         kept,
         ~small,
         products.reshape(-1, len(own)),
@@ -244,9 +244,9 @@ class PeriodicCut:
         self._stiffest = _stiffest(cut)
         self._respond_straight = functools.lru_cache(maxsize=4)(self._respond_at)
 
-    def _poles(self, depth: float) -> PolesInCut:
+    def _poles(self, depth: float) -> _PolesInCut:
         """What matters up to the next power of two of a depth."""
-        return choose_poles(self._tip, self._stiffest * 2.0 ** math.ceil(math.log2(depth)))
+        return _choose_poles(self._tip, self._stiffest * 2.0 ** math.ceil(math.log2(depth)))
 
     def _windows(self, depth: float, more: int) -> tuple[float, tuple[Window, ...]]:
         """Start of the period [s], and its windows."""
@@ -263,7 +263,7 @@ class PeriodicCut:
         count = sum(window.nodes for window in self._windows(depth, 0)[1])
         return count * poles.axes.shape[1] + 2 * len(poles.tip.values)
 
-    def _respond(self, depth: float, more: int) -> PeriodResponse:
+    def _respond(self, depth: float, more: int) -> _PeriodResponse:
         """Responses at a depth; straight teeth have one at all depths."""
         ready = self._poles(depth), *self._windows(depth, more)
         if self.cut.mill.helix != 0.0:
@@ -271,8 +271,8 @@ class PeriodicCut:
         return self._respond_straight(*ready)
 
     def _respond_at(
-        self, poles: PolesInCut, start: float, windows: tuple[Window, ...], depth: float = 1.0
-    ) -> PeriodResponse:
+        self, poles: _PolesInCut, start: float, windows: tuple[Window, ...], depth: float = 1.0
+    ) -> _PeriodResponse:
         return respond(poles, self.cut, start, windows, depth)
 
     def frequency(self, multiplier: Multiplier) -> float:
@@ -328,7 +328,7 @@ class PeriodicCut:
         rest = complex(math.exp(poles.slowest_decay * self.cut.tooth_period))
         if not len(matrix):
             return Multiplier(rest, 0)
-        value, vector = dominant_pair(matrix)
+        value, vector = _dominant_pair(matrix)
         if rest.real > abs(value):
             return Multiplier(rest, int(np.flatnonzero(~poles.kept)[0]))
         tip = poles.tip
@@ -342,8 +342,8 @@ class PeriodicCut:
 
 
 def respond(
-    poles: PolesInCut, cut: MillingCut, start: float, windows: tuple[Window, ...], depth: float
-) -> PeriodResponse:
+    poles: _PolesInCut, cut: MillingCut, start: float, windows: tuple[Window, ...], depth: float
+) -> _PeriodResponse:
     """Responses of a tip over a tooth period.
 
     Args:
@@ -392,7 +392,7 @@ def respond(
     free = tip.outputs[:, None] * moved.T
     pushed = (tip.inputs @ gains.reshape(forces, -1)).reshape(-1, axes, len(at))
     pushed = pushed * moments[:, None]
-    return PeriodResponse(
+    return _PeriodResponse(
         spans,
         np.concatenate([free.real, -free.imag], axis=2),
         forced,
@@ -417,7 +417,7 @@ def _multiply(factors: ComplexArray) -> FloatArray:
     return found.reshape(len(factors), 2 * count, -1)
 
 
-def dominant_pair(matrix: FloatArray) -> tuple[complex, ComplexArray]:
+def _dominant_pair(matrix: FloatArray) -> tuple[complex, ComplexArray]:
     """The largest eigenvalue and its vector: of the matrix on what a high power of it leaves of a few
     vectors, high enough for a small residual; of all eigenvalues where none is.
 

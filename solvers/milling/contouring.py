@@ -110,7 +110,7 @@ class FreeLegs:
         return Drive(*parts)
 
 
-class Tried(Protocol):
+class _Tried(Protocol):
     """A motion of the linear model under the load of a sweep, with the force that it met."""
 
     @property
@@ -122,7 +122,7 @@ class Tried(Protocol):
         """``(n, 3)`` force on the tool's place [N], ground frame of the chains."""
 
 
-def refine_motion[T: Tried](
+def refine_motion[T: _Tried](
     model: CompliantMechanism,
     drive: PathDrive,
     motion: LinearMotion,

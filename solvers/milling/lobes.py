@@ -272,7 +272,7 @@ def chatter_eigenvalues(
 
 
 @dataclass(frozen=True, eq=False)
-class ChatterShapes:
+class _ChatterShapes:
     """Motion of the tool while it chatters.
 
     Attributes:
@@ -286,7 +286,7 @@ class ChatterShapes:
 
 def chatter_shapes(
     response: ComplexArray, stiffness: FloatArray, eigenvalues: ComplexArray
-) -> ChatterShapes:
+) -> _ChatterShapes:
     """Eigenvectors at the limit: a part ``u`` of the motion under the forces has the share ``weights
     . u`` in the eigenvalue, and all shares add up to one.
 
@@ -301,4 +301,4 @@ def chatter_shapes(
     number = np.arange(len(best))
     right = vectors[number, :, best]
     left = np.linalg.inv(vectors)[number, best]
-    return ChatterShapes(np.asarray(right @ stiffness.T), np.asarray(left / eigenvalues[:, None]))
+    return _ChatterShapes(np.asarray(right @ stiffness.T), np.asarray(left / eigenvalues[:, None]))

@@ -114,7 +114,7 @@ def mill_profile(
         wanted = positions[start : start + CHUNK]
         first, last = np.searchsorted(places, [wanted[0] - radius, wanted[-1] + radius])
         near = slice(int(first), int(last))
-        teeth_near = ToothPasses(
+        teeth_near = _ToothPasses(
             places[near],
             passes[near],
             outward(passes[near]),
@@ -127,7 +127,7 @@ def mill_profile(
 
 
 @dataclass(frozen=True, eq=False)
-class ToothPasses:
+class _ToothPasses:
     """Teeth as they point at the face.
 
     Attributes:
@@ -151,7 +151,7 @@ def _lowest_edges(
     spindle: float,
     along: scipy.interpolate.CubicSpline,
     outward: scipy.interpolate.CubicSpline,
-    passes: ToothPasses,
+    passes: _ToothPasses,
     positions: FloatArray,
 ) -> FloatArray:
     """Lower envelope of the trochoids: teeth further and further off, while one can still be deeper

@@ -33,7 +33,7 @@ PASSES = 2
 
 
 @dataclass(frozen=True, eq=False)
-class CuttingPhase:
+class _CuttingPhase:
     """What cuts at one angle of the spindle, ``k`` pieces of teeth, axes along the travel, away
     from the part, up.
 
@@ -63,14 +63,14 @@ class RegenerativeCut:
             the chains.
     """
 
-    phases: tuple[CuttingPhase, ...]
+    phases: tuple[_CuttingPhase, ...]
     delay: int
     feed: FloatArray
     share: FloatArray
     frame: FloatArray
 
 
-def cutting_phases(cut: MillingCut, steps_per_turn: int) -> tuple[CuttingPhase, ...]:
+def cutting_phases(cut: MillingCut, steps_per_turn: int) -> tuple[_CuttingPhase, ...]:
     """The pieces of teeth in the cut over one turn.
 
     Raises:
@@ -146,11 +146,11 @@ def _cut_force(cut: RegenerativeCut, step: int, moved: FloatArray) -> FloatArray
     )
 
 
-def _phase(cut: MillingCut, theta: FloatArray, runout: FloatArray) -> CuttingPhase:
+def _phase(cut: MillingCut, theta: FloatArray, runout: FloatArray) -> _CuttingPhase:
     teeth, slices = np.nonzero(engaged(cut, theta))
     angle = theta[teeth, slices]
     width = cut.axial_depth / cut.slices
-    return CuttingPhase(
+    return _CuttingPhase(
         np.stack([np.cos(angle), np.sin(angle)]),
         width * push_tool(cut, cut.coefficients.chip, angle),
         width * push_tool(cut, cut.coefficients.edge, angle),

@@ -64,7 +64,7 @@ class TipPoles:
     static: FloatArray
 
 
-def find_poles(tip: TipDynamics) -> TipPoles | None:
+def _find_poles(tip: TipDynamics) -> TipPoles | None:
     """A tip in coordinates of its own; None where it has too few of them, as with rigid-body modes or
     critical damping.
     """
@@ -95,11 +95,11 @@ def require_poles(tip: TipDynamics) -> TipPoles:
     Raises:
         ModelError: They remain too few.
     """
-    poles = find_poles(tip)
+    poles = _find_poles(tip)
     if poles is None:
         size = len(tip.system)
         spread = SPREAD * np.linalg.norm(tip.system, 2) ** 0.5 * np.linspace(0.5, 1.5, size)
-        poles = find_poles(dataclasses.replace(tip, system=tip.system - np.diag(spread)))
+        poles = _find_poles(dataclasses.replace(tip, system=tip.system - np.diag(spread)))
     if poles is None:
         raise ModelError("the machine where it cuts has no poles of its own; change its damping")
     return poles

@@ -142,7 +142,7 @@ def _passed_force(
     return np.asarray(across @ stiff @ across.T @ meeting + axis)
 
 
-class TippedMachine(NamedTuple):
+class _TippedMachine(NamedTuple):
     """A machine with lumped modes at its tool, in its own ``c`` coordinates and then the deflections
     of each mode.
 
@@ -167,7 +167,7 @@ def mount_modes(
     stiffness: FloatArray,
     tool: FloatArray,
     modes: Sequence[ToolMode],
-) -> TippedMachine:
+) -> _TippedMachine:
     """A machine with lumped modes at its tool, each on what stands before it.
 
     Args:
@@ -190,7 +190,7 @@ def mount_modes(
         stiffness = _widen(stiffness, mode.stiffness * np.eye(count))
         still = np.zeros((*weighed.shape[:-2], count, 3))
         weighed = np.concatenate([weighed, still], axis=-2) + moved
-    return TippedMachine(mass, damping, stiffness, tool, weighed)
+    return _TippedMachine(mass, damping, stiffness, tool, weighed)
 
 
 def _widen(matrix: FloatArray, corner: FloatArray) -> FloatArray:
@@ -201,7 +201,7 @@ def _widen(matrix: FloatArray, corner: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class TipMotion:
+class _TipMotion:
     """Where the motion of a tip comes from.
 
     Attributes:
@@ -215,7 +215,7 @@ class TipMotion:
 
 def split_tip_motion(
     machine: ComplexArray, omega: FloatArray, assembly: Assembly, force: ComplexArray
-) -> TipMotion:
+) -> _TipMotion:
     """Motion of the tip under a force, by what deflects; what is left is the machine's under the
     force on it.
 
@@ -230,14 +230,14 @@ def split_tip_motion(
         _, cross, base = assembly.at(omega)
         passed = (_passed_force(machine, cross, base, assembly) @ force[:, :, None])[:, :, 0]
         own = (machine @ passed[:, :, None])[:, :, 0]
-        return TipMotion((motion - own)[None], passed)
+        return _TipMotion((motion - own)[None], passed)
     parts = []
     for mode in reversed(assembly):
         force = force + (omega**2 * mode.mass)[:, None] * (motion @ mode.projector)
         deflection = (force @ mode.projector) / _springs(mode, omega)[:, None]
         motion = motion - deflection
         parts.append(deflection)
-    return TipMotion(np.array(parts[::-1]).reshape(len(parts), len(omega), 3), np.asarray(force))
+    return _TipMotion(np.array(parts[::-1]).reshape(len(parts), len(omega), 3), np.asarray(force))
 
 
 def attach_tool_modes(

@@ -36,7 +36,7 @@ _WIDE = np.clongdouble
 
 
 @dataclass(frozen=True, eq=False)
-class PiecewisePath:
+class _PiecewisePath:
     """``p(t) = sum_j poly_j tau^j + swing exp(i rate tau)``, ``tau`` from the start of each piece;
     constant before and after.
 
@@ -64,7 +64,7 @@ class PiecewisePath:
             value + self.swing[piece] * np.exp(1j * self.rate[piece].astype(np.longdouble) * tau)
         )
 
-    def antiderivative(self) -> "PiecewisePath":
+    def antiderivative(self) -> "_PiecewisePath":
         """The integral from the start of the first piece."""
         powers = np.arange(1, self.poly.shape[1] + 1)
         poly = np.concatenate([np.zeros((len(self.starts), 1)), self.poly / powers], axis=1).astype(
@@ -77,7 +77,7 @@ class PiecewisePath:
             end = np.polynomial.polynomial.polyval(span, poly[piece])
             end = end + swing[piece] * np.exp(1j * np.longdouble(self.rate[piece]) * span)
             poly[piece + 1, 0] = end - swing[piece + 1]
-        return PiecewisePath(self.starts, poly, swing, self.rate)
+        return _PiecewisePath(self.starts, poly, swing, self.rate)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +92,7 @@ class PathPoints:
 
 
 @dataclass(frozen=True, eq=False)
-class SmoothPath:
+class _SmoothPath:
     """A path after :data:`AVERAGES` moving averages.
 
     Attributes:
@@ -102,7 +102,7 @@ class SmoothPath:
         span: When it starts and ends [s].
     """
 
-    raw: PiecewisePath
+    raw: _PiecewisePath
     window: float
     height: float
     span: tuple[float, float]
@@ -129,7 +129,7 @@ class SmoothPath:
         found = self._averaged(primitive, times)
         return np.stack([found.real, found.imag, np.zeros(len(times))], axis=-1).astype(float)
 
-    def _averaged(self, primitive: PiecewisePath, times: FloatArray) -> ComplexArray:
+    def _averaged(self, primitive: _PiecewisePath, times: FloatArray) -> ComplexArray:
         weights = [(-1) ** k * math.comb(AVERAGES, k) for k in range(AVERAGES + 1)]
         # instants rounded to doubles would leave 2e-9 of the speed: an antiderivative is steep, and
         # divided by the window thrice
@@ -360,7 +360,7 @@ def _lay_out(line: PolylineContour, names: Sequence[str]) -> ContourPlan:
     times = np.array([0.0, *itertools.accumulate(piece.duration for piece in pieces)])
     delay, end = 0.5 * AVERAGES * line.window, float(times[-1])
     return ContourPlan(
-        path=SmoothPath(
+        path=_SmoothPath(
             _join_pieces(pieces, times, corners, line.window),
             line.window,
             line.height,
@@ -411,12 +411,12 @@ def _measure_corners(
 
 def _join_pieces(
     pieces: Sequence[_Piece], times: FloatArray, corners: ComplexArray, window: float
-) -> PiecewisePath:
+) -> _PiecewisePath:
     """At rest before the first piece and after the last."""
     # a finite start keeps antiderivatives small
     still = _Piece(0.0, corners[0], 0.0), _Piece(0.0, corners[-1], 0.0)
     rows = [still[0], *pieces, still[1]]
-    return PiecewisePath(
+    return _PiecewisePath(
         starts=np.array([-AVERAGES * window - 1e-3, *times]),
         poly=np.array([[row.here, row.speed] for row in rows], dtype=_WIDE),
         swing=np.array([row.swing for row in rows], dtype=complex),

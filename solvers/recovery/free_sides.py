@@ -142,7 +142,7 @@ def _find_owners(mesh: ComponentMesh, facets: IntArray) -> IntArray:
 
 
 @dataclass(frozen=True, eq=False)
-class SideFit:
+class _SideFit:
     """Fits polynomials of stresses to samples in cells and to free sides at once.
 
     Attributes:
@@ -197,7 +197,7 @@ class SideFit:
         return fitted.swapaxes(1, 2).reshape(corners, size, width), lengths
 
 
-def prepare_fit(mesh: ComponentMesh, material: Material, sides: FreeSides) -> SideFit:
+def prepare_fit(mesh: ComponentMesh, material: Material, sides: FreeSides) -> _SideFit:
     """Return the free sides of a mesh, ready for fits.
 
     Args:
@@ -212,7 +212,7 @@ def prepare_fit(mesh: ComponentMesh, material: Material, sides: FreeSides) -> Si
     scale = np.sqrt(material.youngs_modulus / (2.0 * (1.0 + material.poisson_ratio)))
     order = np.argsort(sides.cells, kind="stable")
     ends = np.searchsorted(sides.cells[order], np.arange(1, len(mesh.cells)))
-    return SideFit(
+    return _SideFit(
         np.einsum("qn,fni->fqi", values, nodes),
         np.einsum("cij,fqj->fqic", true_stresses(material, np.eye(6)) / scale, normals),
         np.split(order, ends),

@@ -49,7 +49,7 @@ BLOCK_PATCHES = 500
 
 
 @dataclass(frozen=True, eq=False)
-class StressOperators:
+class _StressOperators:
     """Operators from displacements at the nodes of some cells to stresses.
 
     Attributes:
@@ -75,7 +75,7 @@ def gauss_places(kind: CellKind, degree: int) -> tuple[FloatArray, FloatArray]:
 
 def stress_operators(
     mesh: ComponentMesh, material: Material, places: FloatArray, cells: IntArray
-) -> StressOperators:
+) -> _StressOperators:
     """Return the operators to stresses at reference places of cells, in coordinates in which the
     strain energy is half the sum of squares.
 
@@ -99,7 +99,7 @@ def stress_operators(
     turned = turned.reshape(spots, -1, 3).astype(np.float32)
     table = np.matmul(turned, gradients.transpose(1, 0, 2).astype(np.float32))
     table = table.reshape(spots, len(nodes), COMPONENTS, 3 * width).swapaxes(0, 1)
-    return StressOperators(
+    return _StressOperators(
         table.reshape(len(nodes), COMPONENTS * spots, 3 * width), np.abs(measures)
     )
 
@@ -145,7 +145,7 @@ class _Lists:
 
 
 @dataclass(frozen=True, eq=False)
-class CornerPatches:
+class _CornerPatches:
     """Cells to which the polynomial around each corner point is fitted.
 
     Attributes:
@@ -169,7 +169,7 @@ class CornerPatches:
 
 def corner_patches(
     mesh: ComponentMesh, samples: int, sides: FreeSides | None = None
-) -> CornerPatches:
+) -> _CornerPatches:
     """Return the patches of a mesh.
 
     Args:
@@ -184,7 +184,7 @@ def corner_patches(
     )
     if sides is not None:
         wanted[sides.alone[corners]] = SAMPLES_BESIDE_SIDES
-    return CornerPatches(
+    return _CornerPatches(
         corners, corner_of, _gather_patches(corner_of, len(corners), wanted / samples)
     )
 

@@ -17,7 +17,7 @@ from headstock.geometry.parts.components import Component, Patch
 from headstock.geometry.parts.solids import Box, MeshFile, Tube
 from headstock.meshing.component_mesh import CellKind, ComponentMesh, IntArray
 from headstock.meshing.components.finishing import patch_moments
-from headstock.meshing.components.meshing import describe_component, estimate_cells, mesh_component
+from headstock.meshing.components.meshing import _estimate_cells, describe_component, mesh_component
 from headstock.meshing.elements.quality import integrate_mesh
 from headstock.meshing.errors import MeshError
 from headstock.meshing.files.gmsh import read_gmsh
@@ -226,7 +226,7 @@ def test_file_in_millimetres_is_scaled_by_its_unit(
     component = make_component(MeshFile(tmp_path / "box.inp", unit=1e-3), {"pad": Patch("z-")})
     assert describe_component(component).volume == approx(np.prod(SIZE), rel=1e-12)
     assert describe_component(component).patch_areas["pad"] == approx(0.03 * 0.02, rel=1e-12)
-    assert estimate_cells(component) == len(mesh.cells)
+    assert _estimate_cells(component) == len(mesh.cells)
 
 
 def test_physical_surfaces_of_msh_files_are_sets(

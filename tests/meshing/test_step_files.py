@@ -12,8 +12,8 @@ from headstock.geometry.parts.solids import StepFile
 from headstock.meshing.components.cad_survey import survey_step
 from headstock.meshing.components.finishing import patch_moments
 from headstock.meshing.components.meshing import (
+    _estimate_cells,
     describe_component,
-    estimate_cells,
     estimate_mesh,
     mesh_component,
 )
@@ -154,7 +154,7 @@ def test_estimate_for_a_step_file_is_right_within_a_factor_of_two(
     make_component: Make, drilled: Path
 ) -> None:
     component = make_component(StepFile(drilled), {"foot": Patch("z-")}, size=0.004)
-    assert 0.5 < estimate_cells(component) / len(mesh_component(component).cells) < 2.0
+    assert 0.5 < _estimate_cells(component) / len(mesh_component(component).cells) < 2.0
 
 
 @pytest.mark.parametrize(
@@ -212,7 +212,7 @@ def test_a_cast_column_with_227_faces_is_meshed_within_the_default_budget(
     component = make_component(
         StepFile(COLUMN), {"foot": Patch("z-"), "rail": Patch("face:115")}, size=0.05
     )
-    estimate = estimate_cells(component)
+    estimate = _estimate_cells(component)
     mesh = mesh_component(component)
     assert 0.5 < estimate / len(mesh.cells) < 2.0
     assert len(mesh.cells) < 60_000

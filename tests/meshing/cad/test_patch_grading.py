@@ -13,7 +13,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component, Patch
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.component_mesh import ComponentMesh
-from headstock.meshing.components.meshing import estimate_cells, estimate_mesh, mesh_component
+from headstock.meshing.components.meshing import _estimate_cells, estimate_mesh, mesh_component
 from headstock.meshing.elements.quality import integrate_mesh, scaled_jacobians
 from headstock.meshing.errors import MeshError
 
@@ -46,7 +46,7 @@ def test_elements_grow_from_a_patch_with_the_distance(make_component: Make) -> N
     assert np.quantile(edges_near(graded, corner, 0.0012), 0.1) == approx(
         0.01 / 16, rel=0.4, abs=0.0
     )
-    assert 0.5 < estimate_cells(graded_component) / len(graded.cells) < 2.0
+    assert 0.5 < _estimate_cells(graded_component) / len(graded.cells) < 2.0
     far = edges_near(graded, np.array([0.0, 0.15, 0.1]), 0.04)
     assert np.median(far) > 0.02
     assert integrate_mesh(graded.points, graded.cells, graded.kind)[0] == approx(

@@ -14,7 +14,7 @@ from common import approx
 from headstock.geometry.parts.components import Component, Interface, Material, MeshSettings, Patch
 from headstock.geometry.parts.solids import StepFile
 from headstock.meshing.components.finishing import patch_moments
-from headstock.meshing.components.meshing import estimate_cells, mesh_component
+from headstock.meshing.components.meshing import _estimate_cells, mesh_component
 from headstock.meshing.errors import MeshError
 
 pytestmark = [pytest.mark.hard("H11"), pytest.mark.workers, pytest.mark.process]
@@ -111,7 +111,7 @@ def test_a_part_like_a_sieve_is_refused_with_numbers_before_meshing(write_step: 
     ]
     gmsh.model.occ.cut([block()], holes)
     component = part(write_step("sieve"), size=0.001)
-    assert estimate_cells(component) > 3_000_000
+    assert _estimate_cells(component) > 3_000_000
     start = time.perf_counter()
     with pytest.raises(
         MeshError,

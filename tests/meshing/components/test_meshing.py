@@ -15,11 +15,11 @@ from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Solid, Sup
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.meshing.components.finishing import patch_moments
 from headstock.meshing.components.meshing import (
+    _estimate_cells,
+    _run_shape_job,
     describe_component,
-    estimate_cells,
     estimate_mesh,
     mesh_component,
-    run_shape_job,
 )
 from headstock.meshing.elements.quality import integrate_mesh
 from headstock.meshing.errors import MeshError
@@ -86,7 +86,7 @@ def test_closed_forms_agree_with_the_cad_kernel(make_component: Make, solid: Sol
     component = make_component(solid, {"a": Patch("z-"), "b": Patch("z+")})
     exact = describe_component(component)
     groups = {name: interface.patches for name, interface in component.interfaces.items()}
-    kernel = run_shape_job(component, groups, task="describe", time_limit=60.0).properties
+    kernel = _run_shape_job(component, groups, task="describe", time_limit=60.0).properties
     assert kernel is not None
     assert kernel.volume == approx(exact.volume, rel=1e-10)
     assert np.allclose(kernel.inertia, exact.inertia, rtol=1e-8, atol=1e-10 * exact.inertia.max())
@@ -259,7 +259,7 @@ def test_hex_grid_is_ideal_and_follows_rect_imprints(make_component: Make) -> No
 
 def test_plain_hex_grid_has_as_many_cells_as_estimated(make_component: Make) -> None:
     component = make_component(COLUMN, ENDS, size=0.019, cells="hex")
-    assert len(mesh_component(component).cells) == estimate_cells(component) == 6 * 2 * 27
+    assert len(mesh_component(component).cells) == _estimate_cells(component) == 6 * 2 * 27
 
 
 def test_linear_meshes_are_made_on_request(make_component: Make) -> None:
@@ -339,7 +339,7 @@ def test_estimated_cells_are_right_within_a_factor_of_two(
     make_component: Make, solid: Solid, size: float
 ) -> None:
     component = make_component(solid, ENDS, size=size)
-    assert 0.5 < estimate_cells(component) / len(mesh_component(component).cells) < 2.0
+    assert 0.5 < _estimate_cells(component) / len(mesh_component(component).cells) < 2.0
 
 
 def test_closed_form_description_needs_no_child_process(

@@ -26,8 +26,8 @@ from headstock.meshing.elements.error_sizes import (
     LEAST_TIMES,
     MOST_TIMES,
     SMOOTH_RATE,
-    find_singular,
-    mean_edges,
+    _find_singular,
+    _mean_edges,
     spread_error,
 )
 from headstock.meshing.elements.surface import extract_surface
@@ -79,7 +79,7 @@ def test_sizes_shrink_evenly_where_every_cell_misses_the_same_per_volume() -> No
     mesh = make_box((3, 3, 3), (1.0, 1.0, 1.0), kind="tet10")
     corners, cells = np.unique(mesh.cells[:, :4], return_inverse=True)
     field = SizeField(mesh.points[corners], cells.reshape(-1, 4), np.ones(len(corners)))
-    old = mean_edges(field) / EDGE_OVER_SIZE
+    old = _mean_edges(field) / EDGE_OVER_SIZE
     energies = field.volumes * old**SMOOTH_RATE
     shrunk = spread_error(mesh, energies, 0.5)
     expected = (0.5 * energies.sum() / field.volumes.sum()) ** (1.0 / SMOOTH_RATE)
@@ -128,7 +128,7 @@ def test_stresses_are_singular_at_an_inner_edge_and_at_the_rim_of_a_patch() -> N
     angle = dataclasses.replace(box, cells=box.cells[kept], patches={})
     corners = angle.points[angle.cells[:, :4]]
     at_edge = (np.abs(corners - middle)[:, :, ::2] < 1e-9).all(axis=2).any(axis=1)
-    assert at_edge.any() and np.array_equal(find_singular(angle), at_edge)
+    assert at_edge.any() and np.array_equal(_find_singular(angle), at_edge)
     surface = extract_surface(box.cells, box.kind)
     foot = surface.facets[(box.points[surface.facets][:, :, 2] < 1e-9).all(axis=1)]
     held = dataclasses.replace(box, patches={"foot": foot})
@@ -136,7 +136,7 @@ def test_stresses_are_singular_at_an_inner_edge_and_at_the_rim_of_a_patch() -> N
     low, high = box.points.min(axis=0)[:2], box.points.max(axis=0)[:2]
     outer = ((places[:, :, :2] == low) | (places[:, :, :2] == high)).any(axis=2)
     at_rim = (outer & (places[:, :, 2] < 1e-9)).any(axis=1)
-    assert np.array_equal(find_singular(held), at_rim)
+    assert np.array_equal(_find_singular(held), at_rim)
 
 
 def test_cells_follow_the_sizes_of_a_field() -> None:

@@ -12,7 +12,7 @@ from headstock.meshing.component_mesh import POOR_QUALITY
 from headstock.meshing.components.meshing import mesh_component
 from headstock.meshing.elements.quality import scaled_jacobians
 from headstock.meshing.elements.surface import find_flat_tets
-from headstock.pipeline.stages.warnings import mesh_warnings
+from headstock.pipeline.stages.warnings import _mesh_warnings
 
 
 def test_single_layers_are_found_with_thickness_and_length() -> None:
@@ -54,5 +54,5 @@ def test_a_thin_sheet_is_not_said_to_have_poor_elements(
     mesh = mesh_component(sheet)
     assert scaled_jacobians(mesh.points, mesh.cells[:, :4], "tet4").min() < POOR_QUALITY
     assert mesh.quality.poor_share == 0.0
-    assert mesh_warnings(mesh.quality, 3 * len(mesh.points)) == []
+    assert _mesh_warnings(mesh.quality, 3 * len(mesh.points)) == []
     assert mesh.quality.flat_thickness == approx(0.002, rel=0.1)

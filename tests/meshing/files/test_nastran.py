@@ -16,7 +16,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.meshing.elements.quadratic import complete_hexes
 from headstock.meshing.elements.quality import integrate_mesh
 from headstock.meshing.errors import MeshError
-from headstock.meshing.files.cells import assemble_mesh
+from headstock.meshing.files.cells import _assemble_mesh
 from headstock.meshing.files.families import CORNERS
 from headstock.meshing.files.nastran import read_nastran
 from headstock.meshing.process.job import MeshData
@@ -44,7 +44,7 @@ def read_cells(path: Path) -> tuple[dict[str, FloatArray], dict[str, int]]:
 
 def read_text(path: Path, text: str) -> MeshData:
     path.write_text(text)
-    return assemble_mesh(path, read_nastran(path))
+    return _assemble_mesh(path, read_nastran(path))
 
 
 def volume(data: MeshData) -> float:
@@ -63,7 +63,7 @@ def test_every_form_is_read_as_another_reader_reads_it(name: str) -> None:
     assert corners.keys() == given["corners"].keys()
     for number, places in given["corners"].items():
         assert np.allclose(corners[number], places, atol=ROUNDING, rtol=0)
-    data = assemble_mesh(DECKS / name, read_nastran(DECKS / name))
+    data = _assemble_mesh(DECKS / name, read_nastran(DECKS / name))
     hexes = sum(len(places) == 8 for places in corners.values())
     # one cube, two, or two with a pyramid on top
     stacked = {0: 1.0, 1: 2.2, 2: 2.0}[hexes]
@@ -138,7 +138,7 @@ def test_two_properties_are_one_part_only_where_their_materials_are_equal(tmp_pa
     ):
         read_text(tmp_path / "part.bdf", text.format("7.+4"))
     raw = read_nastran(tmp_path / "part.bdf")
-    chosen = assemble_mesh(tmp_path / "part.bdf", raw, "property_1")
+    chosen = _assemble_mesh(tmp_path / "part.bdf", raw, "property_1")
     assert volume(chosen) == approx(1 / 6)
     assert len(chosen.facets["cut"]) == 1
-    assert len(assemble_mesh(tmp_path / "part.bdf", raw, "*").cells) == 2
+    assert len(_assemble_mesh(tmp_path / "part.bdf", raw, "*").cells) == 2

@@ -20,7 +20,7 @@ from headstock.pipeline.planning.plan import Stage, StageRecord
 from headstock.pipeline.results.files import add_results, publish_summary, read_summary
 from headstock.pipeline.results.results import ComponentFacts, Results
 from headstock.pipeline.results.summary import summarise
-from headstock.pipeline.stages.warnings import mesh_warnings
+from headstock.pipeline.stages.warnings import _mesh_warnings
 from headstock.pipeline.storage.outputs import (
     OutputError,
     PendingOutputs,
@@ -247,12 +247,12 @@ def test_a_folder_without_a_summary_says_how_to_make_one(tmp_path: Path) -> None
 
 def test_a_few_poor_elements_are_not_warned_of_and_many_are_with_share_and_place() -> None:
     few = MeshQuality(0.01, 24, 1e-3, float("nan"), poor_share=4e-5)
-    assert mesh_warnings(few, dofs=40_000) == []
+    assert _mesh_warnings(few, dofs=40_000) == []
     many = dataclasses.replace(
         few, poor_share=0.02, worst_place=np.array([0.1, 0.2, 0.3]), worst_face="face:12"
     )
-    (warning,) = mesh_warnings(many, dofs=40_000)
+    (warning,) = _mesh_warnings(many, dofs=40_000)
     assert "0.02 of the volume" in warning and "(0.1, 0.2, 0.3) m, face:12" in warning
-    assert mesh_warnings(dataclasses.replace(few, repaired=2000), dofs=40_000) == [
+    assert _mesh_warnings(dataclasses.replace(few, repaired=2000), dofs=40_000) == [
         "2000 curved elements were inverted as meshed and were repaired"
     ]

@@ -15,7 +15,7 @@ from headstock.app.views.registry import list_tables
 from headstock.app.views.view import FinishedRun
 from headstock.pipeline.results.summary import RunSummary, summarise
 from headstock.pipeline.runner import run_scene
-from headstock.pipeline.stages.map import map_workspace
+from headstock.pipeline.stages.map import _map_workspace
 from headstock.scene.analyses.map import MapRequest
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
@@ -106,7 +106,10 @@ def test_a_volume_holds_its_planes_and_is_drawn_in_layers() -> None:
     plane, _, _ = request_of(
         '{ X = ["-100 mm", "100 mm", 3], Y = ["0 mm", "90 mm", 2], Z = ["200 mm", "200 mm", 1] }'
     )
-    whole, middle = map_workspace(mechanism, model, volume), map_workspace(mechanism, model, plane)
+    whole, middle = (
+        _map_workspace(mechanism, model, volume),
+        _map_workspace(mechanism, model, plane),
+    )
     assert whole is not None and middle is not None
     for name, values in middle.quantities.items():
         assert np.allclose(whole.quantities[name][:, :, 2], values, rtol=1e-12, atol=0.0)
@@ -129,7 +132,7 @@ def test_a_mode_is_followed_by_its_shape_where_frequencies_cross() -> None:
         '{ X = ["-300 mm", "300 mm", 31], Y = ["0 mm", "1 mm", 2], Z = ["200 mm", "200 mm", 1] }'
     )
     request, mechanism, model = request_of(spans, near)
-    found = map_workspace(mechanism, model, request)
+    found = _map_workspace(mechanism, model, request)
     assert found is not None and found.crossings == ((1, 2),) and found.tracking_breaks == 0
     first, second = (found.quantities[f"f{number}_hz"] for number in (1, 2))
     assert (second - first).max() > 0.5 and (second - first).min() < -0.5

@@ -15,7 +15,7 @@ from headstock.geometry.parts.components import Component, Material
 from headstock.geometry.parts.solids import Box
 from headstock.pipeline.numbers.estimates import REDUCTION
 from headstock.pipeline.results.results import Results
-from headstock.pipeline.stages.warnings import node_spacing, shortest_wave
+from headstock.pipeline.stages.warnings import _node_spacing, _shortest_wave
 from scene_runs import compute
 
 pytestmark = [pytest.mark.hard("H52"), pytest.mark.fem, pytest.mark.process]
@@ -96,8 +96,8 @@ def test_the_wave_of_a_thin_strip_is_that_of_its_eigenfrequency() -> None:
     rigidity = 2.1e11 * 0.008**3 / (12.0 * (1.0 - 0.09))
     hz = math.pi / 2.0 * math.sqrt(rigidity / (7850.0 * 0.008)) / 0.4**2
     strip = Component("strip", Box((0.4, 0.04, 0.008)), steel)
-    assert shortest_wave(strip, 0.008, hz) == approx(0.8, rel=1e-12)
-    assert shortest_wave(strip, 10.0, 1e4) == approx(
+    assert _shortest_wave(strip, 0.008, hz) == approx(0.8, rel=1e-12)
+    assert _shortest_wave(strip, 10.0, 1e4) == approx(
         math.sqrt(2.1e11 / 2.6 / 7850.0) / 1e4, rel=1e-12
     )
 
@@ -107,7 +107,7 @@ def test_nodes_along_a_wall_are_as_far_apart_as_in_its_mesh(
     length: float, width: float, step: float
 ) -> None:
     nodes = round(length / step) * round(width / step) * 3
-    assert node_spacing(nodes, length * width * 0.008, 0.008) == approx(step, rel=0.02)
+    assert _node_spacing(nodes, length * width * 0.008, 0.008) == approx(step, rel=0.02)
 
 
 @pytest.fixture(scope="module")

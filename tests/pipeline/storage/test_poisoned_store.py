@@ -18,9 +18,9 @@ from headstock.pipeline.storage.content_keys import mesh_key, superelement_key
 from headstock.pipeline.storage.store import (
     USER_BLOCK,
     Store,
-    entry_path,
+    _entry_path,
+    _seal_entry,
     read_entry,
-    seal_entry,
     write_entry,
 )
 from headstock.reduction.superelement import Superelement
@@ -48,11 +48,11 @@ def test_another_version_of_a_library_or_of_our_own_code_is_another_key(
 def test_an_entry_of_another_kind_with_a_right_digest_is_computed_anew(tmp_path: Path) -> None:
     store = Store(tmp_path)
     write_entry(store, KEY, box_superelement())
-    path = entry_path(store, "superelement", KEY)
+    path = _entry_path(store, "superelement", KEY)
     with h5py.File(path, "r+") as file:
         file["record"].move("stiffness", "stiffmess")
     content = path.read_bytes()[USER_BLOCK:]
-    path.write_bytes(seal_entry("superelement", KEY, content) + content)
+    path.write_bytes(_seal_entry("superelement", KEY, content) + content)
     read = read_entry(store, KEY, Superelement)
     assert read.value is None
     assert read.warning is not None and "computed anew" in read.warning
@@ -62,8 +62,8 @@ def test_an_entry_copied_over_another_is_not_delivered(tmp_path: Path) -> None:
     store, other = Store(tmp_path), "ef" + 62 * "2"
     write_entry(store, KEY, box_superelement())
     write_entry(store, other, dataclasses.replace(box_superelement(), name="other"))
-    place = entry_path(store, "superelement", KEY)
-    place.write_bytes(entry_path(store, "superelement", other).read_bytes())
+    place = _entry_path(store, "superelement", KEY)
+    place.write_bytes(_entry_path(store, "superelement", other).read_bytes())
     read = read_entry(store, KEY, Superelement)
     assert read.value is None
     assert (
@@ -79,9 +79,9 @@ def test_a_key_that_is_rewritten_inside_an_entry_is_noticed(tmp_path: Path) -> N
     store, other = Store(tmp_path), "ef" + 62 * "2"
     write_entry(store, other, box_superelement())
     forged = (
-        entry_path(store, "superelement", other).read_bytes().replace(other.encode(), KEY.encode())
+        _entry_path(store, "superelement", other).read_bytes().replace(other.encode(), KEY.encode())
     )
-    place = entry_path(store, "superelement", KEY)
+    place = _entry_path(store, "superelement", KEY)
     place.parent.mkdir(parents=True)
     place.write_bytes(forged)
     assert read_entry(store, KEY, Superelement).value is None

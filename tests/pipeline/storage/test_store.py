@@ -32,8 +32,8 @@ from headstock.pipeline.storage.content_keys import code_fingerprint, mesh_key, 
 from headstock.pipeline.storage.records import RecordError
 from headstock.pipeline.storage.store import (
     Store,
+    _entry_path,
     default_store_root,
-    entry_path,
     read_entry,
     write_entry,
 )
@@ -148,7 +148,7 @@ def test_a_missing_entry_is_no_warning(tmp_path: Path) -> None:
 def test_a_flipped_byte_anywhere_is_noticed(tmp_path: Path) -> None:
     store = Store(tmp_path)
     write_entry(store, KEY, make_mesh())
-    path = entry_path(store, "componentmesh", KEY)
+    path = _entry_path(store, "componentmesh", KEY)
     content = path.read_bytes()
     assert len(content) > 2000
     for position in [0, 40, *range(512, len(content), 997), len(content) - 1]:
@@ -164,7 +164,7 @@ def test_a_flipped_byte_anywhere_is_noticed(tmp_path: Path) -> None:
 def test_a_truncated_entry_is_noticed(tmp_path: Path, length: int) -> None:
     store = Store(tmp_path)
     write_entry(store, KEY, make_mesh())
-    path = entry_path(store, "componentmesh", KEY)
+    path = _entry_path(store, "componentmesh", KEY)
     path.write_bytes(path.read_bytes()[:length])
     read = read_entry(store, KEY, ComponentMesh)
     assert read.value is None and read.warning is not None
@@ -184,7 +184,7 @@ def test_an_entry_of_another_user_is_not_trusted(
 def test_an_entry_that_others_may_write_is_not_trusted(tmp_path: Path) -> None:
     store = Store(tmp_path)
     write_entry(store, KEY, make_mesh())
-    path = entry_path(store, "componentmesh", KEY)
+    path = _entry_path(store, "componentmesh", KEY)
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     path.chmod(0o666)
     assert read_entry(store, KEY, ComponentMesh).value is None
@@ -193,7 +193,7 @@ def test_an_entry_that_others_may_write_is_not_trusted(tmp_path: Path) -> None:
 def test_an_entry_behind_a_link_is_not_followed(tmp_path: Path) -> None:
     store = Store(tmp_path)
     write_entry(store, KEY, make_mesh())
-    path = entry_path(store, "componentmesh", KEY)
+    path = _entry_path(store, "componentmesh", KEY)
     path.rename(tmp_path / "elsewhere.h5")
     path.symlink_to(tmp_path / "elsewhere.h5")
     read = read_entry(store, KEY, ComponentMesh)

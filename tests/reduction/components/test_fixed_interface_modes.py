@@ -12,9 +12,9 @@ from headstock.geometry.parts.components import Eigensolver
 from headstock.reduction.components import fixed_interface_modes
 from headstock.reduction.components.fixed_interface_modes import (
     DENSE_LIMIT,
-    draw_numbers,
+    _draw_numbers,
+    _require_resolved,
     find_fixed_interface_modes,
-    require_resolved,
 )
 from headstock.solvers.elastic.constrained_modes import lowest_modes
 from headstock.solvers.elastic.constrained_solver import ConstrainedSolver
@@ -177,9 +177,9 @@ def test_a_search_that_misses_by_more_than_conditioning_allows_is_refused(
 
 def test_eigenvalues_that_rounding_may_have_drowned_are_refused_with_the_remedy() -> None:
     values = np.array([1.0, 2.0])
-    require_resolved(values, values, np.array([0.29, 1e-3]))
+    _require_resolved(values, values, np.array([0.29, 1e-3]))
     with pytest.raises(AccuracyError, match=r"reaches 0.31 .*too thin.*rigid or segmented"):
-        require_resolved(values, values, np.array([0.31, 1e-3]))
+        _require_resolved(values, values, np.array([0.31, 1e-3]))
 
 
 def test_frequencies_of_a_thin_sheet_are_those_of_a_thicker_one_by_thickness() -> None:
@@ -195,12 +195,14 @@ def test_frequencies_of_a_thin_sheet_are_those_of_a_thicker_one_by_thickness() -
 
 
 def test_numbers_drawn_for_nodes_do_not_depend_on_who_draws_them() -> None:
-    whole = draw_numbers(np.arange(50_000), 6, seed=3)
+    whole = _draw_numbers(np.arange(50_000), 6, seed=3)
     some = np.array([49_999, 7, 0, 31_415])
-    np.testing.assert_array_equal(draw_numbers(some, 6, seed=3), whole[some])
+    np.testing.assert_array_equal(_draw_numbers(some, 6, seed=3), whole[some])
     # evenly spread, and neither columns, nodes nor seeds resemble each other
     assert np.abs(whole.mean(axis=0)).max() < 0.01
     np.testing.assert_allclose(whole.var(axis=0), 1.0 / 3.0, rtol=0.02)
-    others = np.column_stack([whole[1:], whole[:-1], draw_numbers(np.arange(1, 50_000), 6, seed=4)])
+    others = np.column_stack(
+        [whole[1:], whole[:-1], _draw_numbers(np.arange(1, 50_000), 6, seed=4)]
+    )
     correlation = np.corrcoef(others.T) - np.eye(18)
     assert np.abs(correlation).max() < 0.02

@@ -13,7 +13,7 @@ from headstock.geometry.machine.machine import Probe
 from headstock.geometry.parts.components import Load, Patch, Support
 from headstock.meshing.component_mesh import CellKind, ComponentMesh
 from headstock.reduction.components.elastic import reduce_elastic
-from headstock.reduction.components.probes import find_singular_edges
+from headstock.reduction.components.probes import _find_singular_edges
 from headstock.reduction.requests import ReductionRequest, trim_superelement
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.elastic.eigenpairs import ModeTarget
@@ -148,15 +148,15 @@ def test_rims_of_rigid_faces_and_of_supports_are_singular_and_planes_of_symmetry
     )
     symmetric = Support("sym", "body", (Patch("x+"),), ("x",))
     component = make_component({"top": "rigid"})
-    found = find_singular_edges(component, groups, (*FOOT, symmetric))
+    found = _find_singular_edges(component, groups, (*FOOT, symmetric))
     assert list(found) == ["the rim of support 'foot'", "the rim of rigid interface 'top'"]
     heights = mesh.points[found["the rim of support 'foot'"]]
     assert np.abs(heights[:, 2]).max() < 1e-12
     on_edge = (heights[:, :2] < 1e-9) | (heights[:, :2] > 0.1 - 1e-9)
     assert on_edge.any(axis=1).all()
-    assert list(find_singular_edges(make_component(TOP), mesh, ())) == []
+    assert list(_find_singular_edges(make_component(TOP), mesh, ())) == []
     skew = dataclasses.replace(symmetric, directions=("x", "y"))
-    assert "the rim of support 'sym'" in find_singular_edges(component, groups, (skew,))
+    assert "the rim of support 'sym'" in _find_singular_edges(component, groups, (skew,))
 
 
 @pytest.mark.parametrize("kind", ["hex27", "tet10"])
@@ -165,7 +165,7 @@ def test_a_corner_that_turns_inwards_is_singular(kind: CellKind) -> None:
     middles = block.points[block.cells].mean(axis=1)
     kept = block.cells[~((middles[:, 0] > 0.1) & (middles[:, 1] > 0.1))]
     angle = dataclasses.replace(block, cells=kept)
-    (nodes,) = find_singular_edges(make_component(), angle, ()).values()
+    (nodes,) = _find_singular_edges(make_component(), angle, ()).values()
     assert len(nodes) == 3
     np.testing.assert_allclose(angle.points[nodes][:, :2], 0.1, atol=1e-12)
 

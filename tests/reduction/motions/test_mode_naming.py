@@ -14,11 +14,11 @@ from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.motions.body_motions import join_names
 from headstock.reduction.motions.mode_naming import (
     NamedModes,
-    is_ball,
-    name_around,
+    _is_ball,
+    _name_around,
+    _name_on_ball,
+    _round_axis,
     name_modes,
-    name_on_ball,
-    round_axis,
 )
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.linear.modal_analysis import solve_modal
@@ -150,7 +150,7 @@ def test_a_tube_is_named_by_the_waves_around_its_axis(expected: str) -> None:
             along,
         ]
     )
-    named = name_around(np.array([0.0, 0.0, 1.0]), places, field, 2, slender=True)
+    named = _name_around(np.array([0.0, 0.0, 1.0]), places, field, 2, slender=True)
     assert (str(named) if named is None else " ".join(named).strip()) == expected
 
 
@@ -166,16 +166,16 @@ def test_a_disc_is_named_by_its_nodal_diameters(waves: int, expected: str) -> No
     places, angles, radii = ring_points(0.1, 0.005)
     field = np.column_stack([np.zeros((600, 2)), (radii / 0.1) ** 2 * np.cos(waves * angles + 0.3)])
     assert (
-        " ".join(present(name_around(np.array([0.0, 0.0, 1.0]), places, field, 2, slender=False)))
+        " ".join(present(_name_around(np.array([0.0, 0.0, 1.0]), places, field, 2, slender=False)))
         == expected
     )
 
 
 def test_a_ball_breathes_twists_or_deforms_and_has_no_direction() -> None:
     places = np.random.default_rng(1).standard_normal((600, 3))
-    assert name_on_ball(places, 0.1 * places) == ("breathe", "")
-    assert name_on_ball(places, np.cross([0.0, 0.0, 1.0], places) * places[:, 2:]) == ("twist", "")
-    assert name_on_ball(places, places * [1.0, -1.0, 0.0]) == ("deform", "")
+    assert _name_on_ball(places, 0.1 * places) == ("breathe", "")
+    assert _name_on_ball(places, np.cross([0.0, 0.0, 1.0], places) * places[:, 2:]) == ("twist", "")
+    assert _name_on_ball(places, places * [1.0, -1.0, 0.0]) == ("deform", "")
 
 
 def test_a_square_bar_is_not_round_and_a_cube_is_no_ball_though_their_moments_are_alike() -> None:
@@ -183,11 +183,11 @@ def test_a_square_bar_is_not_round_and_a_cube_is_no_ball_though_their_moments_ar
     ball = cube[np.linalg.norm(cube, axis=1) < 1.0]
     tube, _, _ = ring_points(0.1, 1.0)
     bar, alike = cube * [0.1, 0.1, 1.0], np.array([1.0, 1.0, 1.001])
-    assert is_ball(alike, ball) and not is_ball(alike, cube)
+    assert _is_ball(alike, ball) and not _is_ball(alike, cube)
     # axes of rising moments: the long one first
     long_first, moments = np.eye(3)[:, [2, 0, 1]], np.array([0.1, 2.0, 2.0])
-    assert present(round_axis(moments, long_first, tube)).tolist() == [0.0, 0.0, 1.0]
-    assert round_axis(moments, long_first, bar) is None
-    assert round_axis(np.array([1.0, 1.5, 2.0]), long_first, tube) is None
+    assert present(_round_axis(moments, long_first, tube)).tolist() == [0.0, 0.0, 1.0]
+    assert _round_axis(moments, long_first, bar) is None
+    assert _round_axis(np.array([1.0, 1.5, 2.0]), long_first, tube) is None
     # boundary nodes alone do not tell
-    assert round_axis(moments, long_first, tube[:4]) is None
+    assert _round_axis(moments, long_first, tube[:4]) is None

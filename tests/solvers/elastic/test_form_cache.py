@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from headstock.solvers.elastic.form_cache import clear_unfinished, require_private
+from headstock.solvers.elastic.form_cache import _clear_unfinished, _require_private
 from headstock.solvers.elastic.kernels import form_cache_folder, kernel_link
 from headstock.solvers.errors import CompileError
 
@@ -55,7 +55,7 @@ def test_finished_forms_are_kept(folder: Path) -> None:
     folder.mkdir(parents=True)
     for name in ("a.c", "a.c.cached", "a.so", "b.c", "b.o"):
         (folder / name).touch()
-    clear_unfinished(folder)
+    _clear_unfinished(folder)
     assert sorted(path.name for path in folder.iterdir()) == ["a.c", "a.c.cached", "a.so"]
 
 
@@ -87,7 +87,7 @@ def test_a_compiler_that_fails_is_a_named_error_with_the_room_there_is(
 
 def test_compiled_code_is_not_run_where_others_may_write_it(folder: Path, tmp_path: Path) -> None:
     folder.mkdir(parents=True, mode=0o700)
-    require_private(folder)
+    _require_private(folder)
     for place, mode in ((folder, 0o777), (folder, 0o1777), (tmp_path / "cache", 0o777)):
         before = place.stat().st_mode & 0o7777
         place.chmod(mode)
@@ -95,14 +95,14 @@ def test_compiled_code_is_not_run_where_others_may_write_it(folder: Path, tmp_pa
             CompileError,
             match=f"{place} can be written by everybody: compiled code in {folder} is not run",
         ):
-            require_private(folder)
+            _require_private(folder)
         done = compile_in(tmp_path)
         assert "CompileError" in done.stderr
         place.chmod(before)
     # as the shared temporary folder
     assert (tmp_path / "cache").is_dir()
     (tmp_path / "cache").chmod(0o1777)
-    require_private(folder)
+    _require_private(folder)
 
 
 def test_a_link_from_where_others_may_write_is_not_followed(tmp_path: Path) -> None:
@@ -111,4 +111,4 @@ def test_a_link_from_where_others_may_write_is_not_followed(tmp_path: Path) -> N
     (tmp_path / "open" / "link").symlink_to(tmp_path / "mine")
     (tmp_path / "open").chmod(0o777)
     with pytest.raises(CompileError, match="open can be written by everybody"):
-        require_private(tmp_path / "open" / "link")
+        _require_private(tmp_path / "open" / "link")

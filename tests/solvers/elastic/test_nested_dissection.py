@@ -7,7 +7,7 @@ import pytest
 import scipy.sparse
 
 from headstock.meshing.component_mesh import IntArray
-from headstock.solvers.elastic.factorization import IntArray32, dissect_nodes
+from headstock.solvers.elastic.factorization import IntArray32, _dissect_nodes
 
 
 def grid(side: int) -> scipy.sparse.csr_matrix:
@@ -30,14 +30,14 @@ def fill(pattern: scipy.sparse.csr_matrix, order: IntArray32 | IntArray) -> int:
 
 def test_an_order_holds_every_node_once_and_halves_the_fill_of_a_grid() -> None:
     pattern = grid(8)
-    order = dissect_nodes(pattern)
+    order = _dissect_nodes(pattern)
     assert order is not None
     assert np.array_equal(np.sort(order), np.arange(512))
     assert fill(pattern, order) < 0.6 * float(fill(pattern, np.arange(512, dtype=np.int64)))
 
 
 def test_nodes_without_neighbours_are_ordered_too() -> None:
-    order = dissect_nodes(scipy.sparse.csr_matrix(np.eye(5)))
+    order = _dissect_nodes(scipy.sparse.csr_matrix(np.eye(5)))
     assert order is not None
     assert np.array_equal(np.sort(order), np.arange(5))
 
@@ -47,4 +47,4 @@ def test_without_metis_there_is_no_order(monkeypatch: pytest.MonkeyPatch) -> Non
         raise OSError(name)
 
     monkeypatch.setattr(ctypes, "CDLL", refuse)
-    assert dissect_nodes(grid(3)) is None
+    assert _dissect_nodes(grid(3)) is None

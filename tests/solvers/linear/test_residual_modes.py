@@ -12,7 +12,7 @@ from headstock.solvers.linear.static_response import solve_static
 from headstock.solvers.milling.border import find_border
 from headstock.solvers.milling.collocation import PeriodicCut, safe_depth
 from headstock.solvers.milling.forces import EndMill, MillingCut
-from headstock.solvers.milling.stability import find_poles, tip_dynamics
+from headstock.solvers.milling.stability import _find_poles, tip_dynamics
 from headstock.solvers.second_order import SecondOrderSystem
 
 CHANNELS = [("tip", axis) for axis in "xyz"]
@@ -61,7 +61,7 @@ def test_static_compliance_is_exact_and_the_response_close(chain: SecondOrderSys
 def _limit(system: SecondOrderSystem) -> float:
     rows = np.array([system.outputs[channel] for channel in CHANNELS])
     assert system.damping is not None
-    tip = find_poles(
+    tip = _find_poles(
         tip_dynamics(system.mass, system.damping, system.stiffness, forced=rows, seen=rows[:2])
     )
     assert tip is not None

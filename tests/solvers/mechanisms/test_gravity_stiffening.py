@@ -19,7 +19,7 @@ from headstock.geometry.mechanisms.mechanism import (
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism, LumpedSprings, MechanismBody
 from headstock.solvers.mechanisms.modes import (
-    gravity_stiffness,
+    _gravity_stiffness,
     linearise_poses,
     pose_system,
     solve_pose_modes,
@@ -69,7 +69,7 @@ def test_a_pendulum_hangs_stiffer_and_stands_softer(sign: float, stiffening: boo
 def test_it_is_the_slope_of_the_tripteors_own_gravity_forces() -> None:
     tripteor = load_tripteor()
     model, states = tripteor.model, np.stack(list(tripteor.poses.values()))
-    found = gravity_stiffness(model, states)
+    found = _gravity_stiffness(model, states)
     assert np.abs(found - np.swapaxes(found, -1, -2)).max() < 1e-9 * np.abs(found).max()
 
     def load(compliant: FloatArray) -> FloatArray:

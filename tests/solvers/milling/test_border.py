@@ -13,12 +13,17 @@ from headstock.geometry.frames import FloatArray
 from headstock.solvers.milling import border
 from headstock.solvers.milling.border import Limit, find_border
 from headstock.solvers.milling.coefficients import CuttingCoefficients
-from headstock.solvers.milling.collocation import Multiplier, PeriodicCut, dominant_pair, safe_depth
+from headstock.solvers.milling.collocation import (
+    Multiplier,
+    PeriodicCut,
+    _dominant_pair,
+    safe_depth,
+)
 from headstock.solvers.milling.forces import EndMill, MillingCut, Sense, chip_stiffness
 from headstock.solvers.milling.stability import (
     TipDynamics,
     TipPoles,
-    find_poles,
+    _find_poles,
     largest_multiplier,
     milling_gains,
     settle_fastest,
@@ -55,7 +60,7 @@ def machine_tip(count: int) -> TipDynamics:
 
 
 def poles_of(tip: TipDynamics) -> TipPoles:
-    poles = find_poles(tip)
+    poles = _find_poles(tip)
     assert poles is not None
     return poles
 
@@ -115,7 +120,7 @@ def test_poles_that_matter_and_dominant_multipliers_are_all_there_is() -> None:
 def test_the_dominant_eigenvalue_is_the_largest_of_all() -> None:
     draw = np.random.default_rng(3)
     matrix = draw.standard_normal((90, 90)) / 12.0
-    value, vector = dominant_pair(np.asarray(matrix))
+    value, vector = _dominant_pair(np.asarray(matrix))
     assert abs(value) == approx(np.abs(np.linalg.eigvals(matrix)).max(), rel=1e-4)
     np.testing.assert_allclose(matrix @ vector, value * vector, atol=1e-3)
 

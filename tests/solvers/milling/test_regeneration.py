@@ -21,8 +21,8 @@ from headstock.solvers.milling.forces import (
     regeneration_stiffness,
 )
 from headstock.solvers.milling.regeneration import (
-    CuttingPhase,
     RegenerativeCut,
+    _CuttingPhase,
     cutting_phases,
     integrate_regenerative,
 )
@@ -142,7 +142,7 @@ def test_waves_grow_where_the_multiplier_says_so_and_end_in_a_limit_cycle(depth:
 def test_a_cut_and_friction_meet_as_in_a_fine_integration_of_the_delay_equation() -> None:
     # one edge that always cuts, and dry friction on the motion along the feed
     law = GuideFriction(40.0, 60.0, stribeck_speed=5e-3, viscous=200.0, smoothing=2e-3)
-    phase = CuttingPhase(
+    phase = _CuttingPhase(
         normals=np.array([[0.6], [0.8]]),
         chip=np.array([[-1.2e6], [-2.0e6], [0.0]]),
         edge=np.array([[-20.0], [-30.0], [0.0]]),
@@ -169,7 +169,7 @@ def test_a_cut_and_friction_meet_as_in_a_fine_integration_of_the_delay_equation(
     assert np.abs(found - exact).max() < 5e-3 * size
 
 
-def _integrate_finely(law: GuideFriction, phase: CuttingPhase, times: FloatArray) -> FloatArray:
+def _integrate_finely(law: GuideFriction, phase: _CuttingPhase, times: FloatArray) -> FloatArray:
     """Motion ``(n, 2)`` by scipy, one tooth period after the other: what is older is known."""
     omega, period = 2.0 * np.pi * HZ, float(times[1]) * (STEPS // 4)
     pieces: list[Callable[[float], FloatArray]] = []
