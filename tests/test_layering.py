@@ -135,7 +135,7 @@ ADAPTERS = {
 LOADERS = {
     "mpi4py": {"solvers/mpi.py"},
     "h5py": {
-        "meshing/process/libraries.py",
+        "meshing/process/plain_hdf5.py",
         *(f"meshing/files/{name}.py" for name in ("exodus", "hdf5", "writing")),
     },
     "basix": {"solvers/recovery/libraries.py"},

@@ -23,9 +23,9 @@ from headstock.app.terminal.convergence import (
 )
 from headstock.app.terminal.guard import DONE
 from headstock.geometry.parts.solids import MeshFile, StepFile
-from headstock.meshing.components.cad_survey import survey_step
+from headstock.meshing.components.survey import survey_step
 from headstock.meshing.errors import MeshError
-from headstock.meshing.step_units import doubt_size
+from headstock.meshing.length_units import doubt_size
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.preview.watched_numbers import find_name_fault
 from headstock.pipeline.storage.json_texts import dump_summary

@@ -41,7 +41,7 @@ from headstock.pipeline.storage.outputs import (
 )
 from headstock.pipeline.storage.provenance import ProvenanceSummary
 from headstock.pipeline.storage.store import Store, default_store_root
-from headstock.pipeline.storage.typed_values import find_fault
+from headstock.pipeline.storage.typed_json import find_fault
 
 CHART_MODULE = "headstock.app.charts.effects"
 EFFECTS_MODULE = "headstock.studies.effects_summary"

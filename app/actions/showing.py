@@ -20,11 +20,10 @@ from headstock.geometry.parts.cad_faces import (
 )
 from headstock.geometry.parts.interface_suggestions import LikelyInterface, likely_interfaces
 from headstock.geometry.parts.solids import MeshFile, StepFile
-from headstock.meshing.components.cad_survey import CadSurvey, survey_step
-from headstock.meshing.components.mesh_survey import suggest_sets, survey_mesh
+from headstock.meshing.components.survey import CadSurvey, suggest_sets, survey_mesh, survey_step
 from headstock.meshing.formats import MESH_SUFFIXES
+from headstock.meshing.length_units import doubt_size
 from headstock.meshing.process.strangers import files_beside
-from headstock.meshing.step_units import doubt_size
 from headstock.pipeline.preview.rigid_view import view_rigid
 from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import check_output, prepare_output, write_output

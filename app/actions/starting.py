@@ -24,10 +24,10 @@ from headstock.app.terminal.console import make_console
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.parts.interface_suggestions import LikelyInterface, likely_interfaces
 from headstock.geometry.parts.solids import MeshFile
-from headstock.meshing.components.cad_survey import CadSurvey
 from headstock.meshing.components.meshing import mesh_component
+from headstock.meshing.components.survey import CadSurvey
 from headstock.meshing.errors import MeshError
-from headstock.meshing.step_units import doubt_size
+from headstock.meshing.length_units import doubt_size
 from headstock.pipeline.storage.json_texts import dump_json
 from headstock.scene.building.loader import load_scene
 

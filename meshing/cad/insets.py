@@ -12,8 +12,7 @@ import gmsh
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.meshing.cad.known_faces import GONE, PlainShape
-from headstock.meshing.cad.slivers import list_faces
+from headstock.meshing.cad.features import GONE, PlainShape, quote_faces
 from headstock.meshing.component_mesh import LeftOut
 
 LONGEST = 2.0  # times the width allowed: how long a loop, and how wide inside, a feature may be
@@ -321,6 +320,6 @@ def _remark(
         else f"{len(features)} holes, recesses and pads"
     )
     return (
-        f"{what} of {len(gone)} of {len(faces)} faces{list_faces(gone)}, up to {1e3 * width:.3g} mm wide"
+        f"{what} of {len(gone)} of {len(faces)} faces{quote_faces(gone)}, up to {1e3 * width:.3g} mm wide"
         f" (face:{first}: {1e3 * largest.width * unit:.3g} mm): left out of the mesh; the volume changes by {change:.1e} (mesh.details)"
     )

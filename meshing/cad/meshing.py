@@ -14,10 +14,14 @@ from headstock.geometry.parts.mass_properties import SolidProperties
 from headstock.geometry.parts.patches import FACE_DIRECTIONS
 from headstock.geometry.parts.size_field import SizeField
 from headstock.geometry.parts.solids import MeshFile, StepFile
-from headstock.meshing.cad.features import leave_out_features
+from headstock.meshing.cad.features import (
+    PlainShape,
+    leave_out_features,
+    refuse_slivers,
+    remove_narrow_features,
+)
 from headstock.meshing.cad.imprints import Imprints, OpenShape, imprint_patches
 from headstock.meshing.cad.insets import close_planes
-from headstock.meshing.cad.known_faces import PlainShape
 from headstock.meshing.cad.shapes import Shape, build_shape
 from headstock.meshing.cad.sizes import (
     SizePlan,
@@ -33,7 +37,6 @@ from headstock.meshing.cad.sizes import (
     name_finest_faces,
     size_curved_faces,
 )
-from headstock.meshing.cad.slivers import refuse_slivers, remove_narrow_features
 from headstock.meshing.component_mesh import CellKind, CurvedFacets, IntArray, LeftOut
 from headstock.meshing.elements.quality import PLACES, facet_places, scaled_jacobians
 from headstock.meshing.errors import MeshError, MeshQualityError

@@ -9,7 +9,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.patches import column_cells, planar_boxes
 from headstock.geometry.parts.solids import Box, HollowColumn, Plate, StepFile, Tube
 from headstock.meshing.errors import MeshError, PartFileError
-from headstock.meshing.step_units import STEP_UNIT, doubt_size
+from headstock.meshing.length_units import STEP_UNIT, doubt_size
 
 Shape = Box | Tube | Plate | HollowColumn | StepFile
 DimTags = list[tuple[int, int]]

@@ -11,8 +11,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.size_field import SizeField
-from headstock.meshing.cad.known_faces import face_radius, radius_of
-from headstock.meshing.cad.slivers import NAMED_FACES, list_faces
+from headstock.meshing.cad.features import NAMED_FACES, face_radius, quote_faces, radius_of
 from headstock.meshing.component_mesh import IntArray
 from headstock.meshing.sizing import count_rim_cells
 
@@ -368,7 +367,7 @@ def describe_short_edges(
     if not short:
         return []
     touched = {int(face) for curve in short for face in gmsh.model.getAdjacencies(1, int(curve))[0]}
-    named = list_faces([numbers[face] for face in touched if face in numbers])
+    named = quote_faces([numbers[face] for face in touched if face in numbers])
     return [
         f"{len(short)} of {len(edges.curves)} edges, of {len(touched)} of {len(edges.faces)} faces{named},"
         f" are as short as {float(edges.sizes.min()) * unit:.2g} m; elements beside them are {smallest * unit:.2g} m (mesh.smallest)"

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component, Patch
@@ -17,10 +18,11 @@ from headstock.meshing.component_mesh import (
     CellKind,
     ComponentMesh,
     IntArray,
+    LeftOut,
     MeshQuality,
+    MissingVolumes,
     SurfaceGaps,
 )
-from headstock.meshing.elements.missing import place_features
 from headstock.meshing.elements.quadratic import (
     complete_hexes,
     elevate_tets,
@@ -44,7 +46,7 @@ from headstock.meshing.elements.surface import (
     match_facets,
     measure_gaps,
 )
-from headstock.meshing.elements.topology import cell_family, corner_count
+from headstock.meshing.elements.topology import cell_family, corner_count, shape_functions
 from headstock.meshing.errors import MeshError, MeshQualityError, PatchError
 from headstock.meshing.files.patches import available_names, select_facets, set_nodes
 from headstock.meshing.process.job import MeshData
@@ -58,6 +60,9 @@ STRAIGHT_TOLERANCE = 1e-12
 NAMED_ELEMENTS = 5
 
 Groups = Mapping[str, tuple[Patch, ...]]
+CANDIDATES = 60  # cells with the nearest middles, of which one holds a point or is closest to it
+# weights along the depth: through a wall in bending the density of energy is a parabola
+SIMPSON = np.array([1.0, 4.0, 1.0]) / 6.0
 
 
 def finish_mesh(data: MeshData, component: Component, groups: Groups) -> ComponentMesh:
@@ -125,7 +130,7 @@ def finish_mesh(data: MeshData, component: Component, groups: Groups) -> Compone
         remarks=_list_remarks(data, component, repaired, len(cells)),
     )
     gaps = _find_gaps(points, surface, data, component, quality, straight=straight)
-    missing = None if data.left_out is None else place_features(points, cells, kind, data.left_out)
+    missing = None if data.left_out is None else _place_features(points, cells, kind, data.left_out)
     return ComponentMesh(points, cells, kind, straight, patches, quality, gaps, missing)
 
 
@@ -404,3 +409,37 @@ def _resolve_file_patches(
                 name,
             )
     return dataclasses.replace(data, facets=facets, node_sets=nodes)
+
+
+def _place_features(
+    points: FloatArray, cells: IntArray, kind: CellKind, left_out: LeftOut
+) -> MissingVolumes:
+    """Return the features shared out among the cells that hold their ends and middles.
+
+    Args:
+        points: ``(n_points, 3)`` [m].
+        cells: ``(n_cells, nodes per cell)`` tetrahedra.
+        left_out: The features [m].
+    """
+    places = left_out.places.reshape(-1, 3)
+    corners = points[cells[:, :4]]
+    candidates = np.atleast_2d(
+        KDTree(corners.mean(axis=1)).query(places, k=min(CANDIDATES, len(cells)))[1]
+    ).reshape(len(places), -1)
+    edges = (corners[:, 1:] - corners[:, :1])[candidates]
+    inside = np.linalg.solve(
+        edges.swapaxes(2, 3), (places[:, None] - corners[candidates, 0])[..., None]
+    )[..., 0]
+    shares = np.concatenate([1.0 - inside.sum(axis=2, keepdims=True), inside], axis=2)
+    best = shares.min(axis=2).argmax(axis=1)
+    rows = np.arange(len(places))
+    # pads and what curved faces leave outside count at the nearest place inside
+    nearest = np.maximum(shares[rows, best], 0.0)
+    nearest /= nearest.sum(axis=1, keepdims=True)
+    volumes = (left_out.volumes[:, None] * SIMPSON).ravel()
+    return MissingVolumes(
+        candidates[rows, best],
+        shape_functions(kind, nearest[:, 1:]),
+        volumes,
+        np.repeat(left_out.strengths, len(SIMPSON)),
+    )

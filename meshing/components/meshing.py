@@ -31,6 +31,7 @@ from headstock.meshing.components.finishing import find_patch_faults, finish_mes
 from headstock.meshing.elements.hex_grid import count_grid_cells, grid_lines, mesh_box_grid
 from headstock.meshing.elements.quality import integrate_mesh
 from headstock.meshing.errors import MeshError, MeshQualityError, PatchError
+from headstock.meshing.length_units import STEP_UNIT
 from headstock.meshing.process.job import MeshData, MeshJob, format_job, scale_properties
 from headstock.meshing.process.running import run_job
 from headstock.meshing.sizing import (
@@ -45,7 +46,6 @@ from headstock.meshing.sizing import (
     round_length,
     thinnest_feature,
 )
-from headstock.meshing.step_units import STEP_UNIT
 
 # Parametric solids are meshed 1000 units long, whatever their size: OpenCASCADE's tolerances are
 # absolute

@@ -13,9 +13,9 @@ from headstock.geometry.parts.skins import Skin, sharp_edges
 from headstock.geometry.parts.solid_skins import solid_skin
 from headstock.geometry.parts.solids import MeshFile, Solid, StepFile
 from headstock.meshing.component_mesh import CellKind, ComponentMesh, IntArray
-from headstock.meshing.components.cad_survey import survey_step
 from headstock.meshing.components.meshing import read_mesh_file
-from headstock.meshing.elements.surface import MeshSurface, extract_surface
+from headstock.meshing.components.survey import survey_step
+from headstock.meshing.elements.surface import extract_surface, surface_triangles
 from headstock.meshing.elements.topology import cell_order
 from headstock.meshing.errors import MeshError
 
@@ -23,13 +23,6 @@ SPLIT_BELOW = 800  # facets; curved facets of coarser surfaces are split through
 REDUCER = "headstock.meshing.components.reduced_skins"  # loads VTK
 LARGEST_SKIN = 12_000  # triangles; finer surfaces are thinned out
 PIXEL = 1e-3  # of what fills a picture of 1000 pixels: what is off by less is not visible
-# a facet's nodes in gmsh order: corners, mid-nodes of the edges (0 1) (1 2) (2 0) or (0 1) (1 2) (2
-# 3) (3 0)
-WHOLE = {3: ((0, 1, 2),), 4: ((0, 1, 2), (0, 2, 3))}
-SPLIT = {
-    3: ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)),
-    4: ((0, 4, 7), (4, 1, 5), (5, 2, 6), (6, 3, 7), (4, 5, 6), (4, 6, 7)),
-}
 
 
 def mesh_skin(mesh: ComponentMesh) -> Skin:
@@ -65,7 +58,7 @@ def unmeshed_skin(solid: Solid, *, thinned: bool = True) -> Skin | None:
 
 def _boundary_skin(all_points: FloatArray, cells: IntArray, kind: CellKind) -> Skin:
     surface = extract_surface(cells, kind)
-    triangles = _triangles(
+    triangles, _ = surface_triangles(
         surface, split=cell_order(kind) == 2 and len(surface.facets) <= SPLIT_BELOW
     )
     nodes, flat = np.unique(triangles, return_inverse=True)
@@ -106,17 +99,3 @@ def thin_skin(skin: Skin, *, largest: int, pixel: float | None = None) -> Skin:
 def skin_size(skin: Skin) -> float:
     """Return the diagonal of the box around a surface [m]."""
     return float(np.linalg.norm(np.ptp(skin.points, axis=0)))
-
-
-def surface_triangles(surface: MeshSurface) -> tuple[IntArray, IntArray]:
-    """Return the triangles ``(m, 3)`` of a surface between the corners of its facets, and the facet
-    of each.
-    """
-    triangles = _triangles(surface, split=False)
-    per_facet = len(triangles) // max(len(surface.facets), 1)
-    return triangles, np.repeat(np.arange(len(surface.facets)), per_facet)
-
-
-def _triangles(surface: MeshSurface, *, split: bool) -> IntArray:
-    local = np.array((SPLIT if split else WHOLE)[surface.corners])
-    return np.asarray(surface.facets[:, local].reshape(-1, 3))

@@ -17,6 +17,13 @@ FARTHEST = 0.5  # of a facet's size: what lies farther off is another part of th
 TRUSTED = 0.25  # of the volume that the mesh misses, which the gaps must explain
 # cosine between the wall's normal and that of a point on its face; of points at its rim it is 0.7
 FACING = 0.5
+# a facet's nodes in gmsh order: corners, mid-nodes of the edges (0 1) (1 2) (2 0) or (0 1) (1 2) (2
+# 3) (3 0)
+WHOLE = {3: ((0, 1, 2),), 4: ((0, 1, 2), (0, 2, 3))}
+SPLIT = {
+    3: ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)),
+    4: ((0, 4, 7), (4, 1, 5), (5, 2, 6), (6, 3, 7), (4, 5, 6), (4, 6, 7)),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,3 +225,14 @@ def find_flat_tets(points: FloatArray, corners: IntArray) -> FlatTets:
         drawn.reshape(-1, 3), np.arange(4 * len(drawn)).reshape(-1, 4), "tet4"
     )
     return FlatTets(cells[wall], thickness[wall], lengths[wall], qualities)
+
+
+def surface_triangles(surface: MeshSurface, *, split: bool = False) -> tuple[IntArray, IntArray]:
+    """Return the triangles ``(m, 3)`` of a surface, and the facet of each.
+
+    Args:
+        split: Facets through their mid-nodes, too; else between their corners.
+    """
+    local = np.array((SPLIT if split else WHOLE)[surface.corners])
+    facets = np.repeat(np.arange(len(surface.facets)), len(local))
+    return np.asarray(surface.facets[:, local].reshape(-1, 3)), facets

@@ -14,8 +14,7 @@ from scipy.spatial import cKDTree
 from headstock.meshing.component_mesh import IntArray
 from headstock.meshing.errors import MeshError
 from headstock.meshing.files.abaqus_deck import Block, Deck, DeckReader, Instance
-from headstock.meshing.files.families import CORNERS, VTK_EDGES, SolidFamily
-from headstock.meshing.files.raw_mesh import RawMesh
+from headstock.meshing.files.raw_mesh import CORNERS, VTK_EDGES, RawMesh, SolidFamily
 
 # corners of faces S1 .. S6
 SOLID_FACES: dict[SolidFamily, tuple[tuple[int, ...], ...]] = {

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.errors import MeshError
-from headstock.meshing.files.families import SolidFamily
+from headstock.meshing.files.raw_mesh import SolidFamily
 
 SOLID_COUNTS: dict[int, SolidFamily] = {
     4: "tet", 10: "tet", 5: "pyramid", 13: "pyramid", 6: "wedge", 15: "wedge", 8: "hex", 20: "hex",

@@ -9,8 +9,7 @@ import numpy as np
 
 from headstock.meshing.component_mesh import IntArray
 from headstock.meshing.errors import MeshError
-from headstock.meshing.files.families import SolidFamily
-from headstock.meshing.files.raw_mesh import RawMesh
+from headstock.meshing.files.raw_mesh import RawMesh, SolidFamily
 
 # gmsh's names of families of cells begin so
 FAMILIES: dict[str, SolidFamily] = {

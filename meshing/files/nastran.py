@@ -14,8 +14,7 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import IntArray
 from headstock.meshing.errors import MeshError
-from headstock.meshing.files.families import CORNERS, SolidFamily, upright_first
-from headstock.meshing.files.raw_mesh import RawMesh
+from headstock.meshing.files.raw_mesh import CORNERS, RawMesh, SolidFamily, upright_first
 
 SOLIDS: dict[str, tuple[SolidFamily, int]] = {
     "CTETRA": ("tet", 10), "CPYRAM": ("pyramid", 13), "CPYRA": ("pyramid", 13), "CPENTA": ("wedge", 15),

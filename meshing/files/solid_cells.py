@@ -14,16 +14,16 @@ from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import IntArray
 from headstock.meshing.elements.topology import EDGES
 from headstock.meshing.errors import MeshError
-from headstock.meshing.files.families import (
+from headstock.meshing.files.raw_mesh import (
     CORNERS,
     FAMILY_EDGES,
     FAMILY_FACES,
     MIRRORED,
     Group,
+    SolidBlock,
     SolidFamily,
     middle_groups,
 )
-from headstock.meshing.files.raw_mesh import SolidBlock
 
 SAME_PLACE = 1e-9  # of the size of the mesh
 ORDER_SAMPLE = 5000  # cells that vote on the order of their nodes

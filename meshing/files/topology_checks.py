@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import IntArray
 from headstock.meshing.errors import MeshError
-from headstock.meshing.files.families import CORNERS, FAMILY_EDGES, FAMILY_FACES
+from headstock.meshing.files.raw_mesh import CORNERS, FAMILY_EDGES, FAMILY_FACES
 from headstock.meshing.files.solid_cells import (
     SAME_PLACE,
     SolidCells,

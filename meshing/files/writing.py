@@ -21,8 +21,8 @@ from headstock.meshing.elements.topology import (
 )
 from headstock.meshing.errors import MeshError
 from headstock.meshing.files.exodus import HAS_NETCDF, LONGEST_NAME, NO_NETCDF, add_side_sets
-from headstock.meshing.files.families import MIRRORED, VTK_EDGES, upright_first
 from headstock.meshing.files.nastran import format_bulk_data
+from headstock.meshing.files.raw_mesh import MIRRORED, VTK_EDGES, upright_first
 from headstock.meshing.formats import find_format
 
 KIND_NAMES: dict[CellKind, str] = {

@@ -1,11 +1,17 @@
-"""HDF5 files of strangers: what lies in other files, or unpacks to more than there is, is refused by
+"""HDF5, loaded when something of it is first used, and files of strangers: what lies in other files, or unpacks to more than there is, is refused by
 name before a value is read.
 """
 
 from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING
 
 from headstock.geometry.errors import HeadstockError, printable
-from headstock.meshing.process.libraries import h5py
+from headstock.geometry.loading import Library
+
+if TYPE_CHECKING:
+    import h5py as h5py
+else:
+    h5py = Library("h5py", annotated=("Group", "Dataset"))
 
 STORED_AS = "stored_as"  # metadata of a field: its name in files, where that is another one
 # a small file can declare a data set of any size: what is not small must be there, or compressed by

@@ -35,8 +35,8 @@ from headstock.meshing.sizing import (
     thinnest_feature,
 )
 from headstock.pipeline.planning.analyses import EXACT_MARGIN
+from headstock.reduction.components.polynomial_space import polynomial_limit
 from headstock.reduction.components.rail_fits import longest_elements, merge_spans
-from headstock.reduction.components.round_sections import polynomial_limit
 from headstock.solvers.recovery.discretisation_error import STOUT, UNSEEN_SHARE, WIDE
 
 # Just below the thickness: two hexes across, of which recovery sees the error of torsion (one hex

@@ -9,7 +9,7 @@ from typing import ClassVar, Literal, NotRequired, TypedDict
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.meshing.process.libraries import h5py
+from headstock.meshing.process.plain_hdf5 import h5py
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.probes import ProbeCurves, ProbeCurvesSummary, parse_probe_curves
 from headstock.pipeline.answers.static import N_PER_UM, UM_PER_KN

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import BoolArray, FloatArray
-from headstock.meshing.process.libraries import h5py
+from headstock.meshing.process.plain_hdf5 import h5py
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.numbers.estimates import Estimate, scale_shares
 from headstock.pipeline.numbers.numbers import Number, Series, make_key

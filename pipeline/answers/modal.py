@@ -8,7 +8,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.machine import Pose
-from headstock.meshing.process.libraries import h5py
+from headstock.meshing.process.plain_hdf5 import h5py
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.numbers.estimates import Estimate, FrequencyErrors, scale_parts
 from headstock.pipeline.numbers.numbers import Key, Number, make_key

@@ -10,7 +10,7 @@ from typing import ClassVar, NotRequired, TypedDict
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.meshing.process.libraries import h5py
+from headstock.meshing.process.plain_hdf5 import h5py
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.frf import split_channel
 from headstock.pipeline.answers.motion_forces import (

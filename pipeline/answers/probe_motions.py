@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
-from headstock.meshing.process.libraries import h5py
+from headstock.meshing.process.plain_hdf5 import h5py
 from headstock.pipeline.answers.probes import MEGA, MICRO
 from headstock.pipeline.numbers.estimates import Estimate, scale_shares
 from headstock.solvers.stresses import STRESS_NAMES, largest_von_mises

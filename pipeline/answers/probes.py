@@ -9,7 +9,7 @@ from typing import ClassVar, TypedDict
 import numpy as np
 
 from headstock.geometry.frames import DIRECTIONS, FloatArray
-from headstock.meshing.process.libraries import h5py
+from headstock.meshing.process.plain_hdf5 import h5py
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.numbers.estimates import Estimate
 from headstock.pipeline.numbers.numbers import Key, Number, make_key

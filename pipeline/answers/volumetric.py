@@ -7,7 +7,7 @@ from typing import ClassVar, TypedDict
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.meshing.process.libraries import h5py
+from headstock.meshing.process.plain_hdf5 import h5py
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.map import GridSummary, nest_grid
 from headstock.pipeline.numbers.estimates import Estimate, scale_parts, scale_shares

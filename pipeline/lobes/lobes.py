@@ -28,7 +28,7 @@ from headstock.pipeline.lobes.limits import (
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.run_state import Outcome, PoseModel, RunState, Solved, pose_model
 from headstock.reduction.estimates.frequency_errors import truncated_parts
-from headstock.reduction.motions.feed import trace_feed
+from headstock.reduction.motions.tool_deviation import trace_feed
 from headstock.scene.analyses.lobes import LobesRequest, Travel
 from headstock.solvers.errors import ModelError
 from headstock.solvers.milling.forces import describe_sense

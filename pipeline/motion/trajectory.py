@@ -19,10 +19,10 @@ from headstock.pipeline.stages.machine import CoupledPose, damp_system, warn_of_
 from headstock.pipeline.stages.mechanism import LumpedPose, build_mechanism, place_pose
 from headstock.pipeline.stages.run_state import MachineParts, PoseModel, RunState
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
+from headstock.reduction.coupling.elimination import CouplingMemo
 from headstock.reduction.coupling.error_travel import RATE
 from headstock.reduction.coupling.joint_forces import SPRING, joint_outputs
 from headstock.reduction.coupling.joint_springs import PlacedJoint
-from headstock.reduction.coupling.memo import CouplingMemo
 from headstock.reduction.coupling.path_loads import (
     POINT_ROWS,
     TurningBody,

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Never
 
-from headstock.meshing.process.libraries import h5py
+from headstock.meshing.process.plain_hdf5 import h5py
 from headstock.meshing.process.strangers import RESULTS, SUMMARY, require_size
 from headstock.pipeline.numbers.numbers import Numbers
 from headstock.pipeline.storage.outputs import UnusableOutputError

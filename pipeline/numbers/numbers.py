@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from headstock.geometry.errors import NumberNameError
 from headstock.geometry.frames import FloatArray
-from headstock.meshing.process.libraries import h5py
+from headstock.meshing.process.plain_hdf5 import h5py
 from headstock.pipeline.numbers.estimates import Estimate
 from headstock.pipeline.numbers.kinds import KINDS, WHOLE_ROLES, Kind
 from headstock.pipeline.storage.frames import Frame, frame_columns

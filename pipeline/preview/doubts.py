@@ -17,7 +17,7 @@ from headstock.geometry.machine.machine import Machine, Pose, place_components
 from headstock.geometry.parts.components import Component, Support
 from headstock.geometry.parts.mass_properties import SolidProperties, closed_form_properties
 from headstock.geometry.parts.solids import MeshFile, PointMass, SuperelementFile
-from headstock.meshing.mesh_units import doubt_mesh_size
+from headstock.meshing.length_units import doubt_mesh_size
 from headstock.pipeline.planning.planner import choose_poses
 from headstock.pipeline.storage.part_files import describe_solid
 from headstock.pipeline.storage.store import Store, default_store_root

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
-from headstock.meshing.process.libraries import h5py
+from headstock.meshing.process.plain_hdf5 import h5py
 from headstock.pipeline.answers.answer import Answer, find_answers
 from headstock.pipeline.answers.frf import PoseResponse, ResponseCurves, parse_curves
 from headstock.pipeline.answers.path import PathCurves, PathResult, parse_path

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from headstock.meshing.process.libraries import h5py
+from headstock.meshing.process.plain_hdf5 import h5py
 from headstock.pipeline.numbers.folders import (
     FORMAT,
     RESULTS_FILE,
@@ -51,9 +51,9 @@ from headstock.pipeline.storage.typed_json import (
     decode_value,
     dump_coded,
     encode_value,
+    find_fault,
     reachable_classes,
 )
-from headstock.pipeline.storage.typed_values import find_fault
 
 if TYPE_CHECKING:
     import pyvista

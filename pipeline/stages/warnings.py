@@ -10,8 +10,7 @@ from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.skins import Skin
 from headstock.geometry.parts.solids import Box, MeshFile, StepFile
 from headstock.meshing.component_mesh import POOR_QUALITY, MeshQuality
-from headstock.meshing.mesh_units import doubt_mesh_size
-from headstock.meshing.step_units import doubt_size
+from headstock.meshing.length_units import doubt_mesh_size, doubt_size
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.interfaces import InterfaceErrorsAnswer
 from headstock.pipeline.answers.modal import FREQUENCY

@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.errors import HeadstockError, printable
-from headstock.meshing.process.libraries import h5py
-from headstock.meshing.process.plain_hdf5 import STORED_AS, plain_objects
+from headstock.meshing.process.plain_hdf5 import STORED_AS, h5py, plain_objects
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

@@ -15,7 +15,7 @@ from headstock.geometry.errors import printable
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.carriages import DEGREE
 from headstock.meshing.process.isolation import WorkerLimits
-from headstock.meshing.process.libraries import h5py
+from headstock.meshing.process.plain_hdf5 import h5py
 from headstock.meshing.process.strangers import PART, require_size
 from headstock.meshing.process.worker import REFUSED, call_apart
 from headstock.pipeline.storage.outputs import write_output

@@ -20,9 +20,12 @@ from headstock.geometry.parts.patches import PlanarSolid, in_plane_axes
 from headstock.geometry.parts.prismatic_bars import PrismaticBar, prismatic_bar
 from headstock.geometry.parts.solids import Box, Plate, Tube
 from headstock.reduction.components.interface_patches import MeshPatch
-from headstock.reduction.components.polynomial_space import PolynomialSpace, build_space
+from headstock.reduction.components.polynomial_space import (
+    PolynomialSpace,
+    build_space,
+    polynomial_limit,
+)
 from headstock.reduction.components.rail_fits import RailFit, fit_rail, free_rails
-from headstock.reduction.components.round_sections import polynomial_limit
 from headstock.reduction.components.segmented import segment_skin
 from headstock.reduction.rails import CONTROL_POINT_DOFS, ControlPoint, control_point_motion
 from headstock.reduction.requests import GRAVITY, ReductionRequest

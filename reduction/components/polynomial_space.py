@@ -2,6 +2,7 @@
 values at points, and the stiffness in closed form.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,9 +12,11 @@ from headstock.geometry.frames import FloatArray, rigid_map
 from headstock.geometry.parts.components import Material
 from headstock.geometry.parts.patches import in_plane_axes
 from headstock.geometry.parts.prismatic_bars import PrismaticBar
-from headstock.geometry.parts.solids import Tube
+from headstock.geometry.parts.solids import Solid, Tube
 
 DEPENDENCE_TOLERANCE = 1e-9  # of functions of a section, in squares
+# of the frequency at which a tube ovalizes: below, hardly any of that is in bending and torsion
+ROUND_SHARE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,3 +195,17 @@ def _legendre(places: FloatArray, half: float, degree: int, slope: bool) -> Floa
     slopes = np.polynomial.legendre.legder(np.eye(degree + 1))
     values = np.polynomial.legendre.legvander(places / half, max(degree - 1, 0)) @ slopes
     return np.asarray(values * norms / half)
+
+
+def polynomial_limit(solid: Solid, material: Material) -> float:
+    """Return the frequency [Hz] up to which polynomials of low degrees across a section lack none
+    of its modes: a share of that at which a tube ovalizes; inf for other solids.
+
+    Source: Hoppe (1871) for the ring; Blevins (1979), Formulas for Natural Frequency and Mode Shape.
+    """
+    if not isinstance(solid, Tube):
+        return math.inf
+    radius = (solid.outer_diameter + solid.inner_diameter) / 4.0
+    thick = (solid.outer_diameter - solid.inner_diameter) / 2.0
+    wave = math.sqrt(material.youngs_modulus / (12.0 * material.density))
+    return ROUND_SHARE * math.sqrt(36.0 / 5.0) * wave * thick / (2.0 * math.pi * radius**2)

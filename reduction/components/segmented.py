@@ -20,13 +20,11 @@ from headstock.geometry.parts.skins import Skin
 from headstock.geometry.parts.solid_skins import prism_skin
 from headstock.geometry.parts.solids import Tube
 from headstock.reduction.components.segment_chain import (
+    SegmentedBar,
+    attach_interfaces,
     chain_stiffness,
     section_motion,
     segment_mass,
-)
-from headstock.reduction.components.segment_interfaces import (
-    SegmentedBar,
-    attach_interfaces,
     surface_motion,
     traction_load,
 )

@@ -18,7 +18,11 @@ from headstock.reduction.coupling.dof_layout import (
     lay_out_dofs,
     scale_dofs,
 )
-from headstock.reduction.coupling.elimination import Elimination, eliminate_constraints
+from headstock.reduction.coupling.elimination import (
+    CouplingMemo,
+    Elimination,
+    eliminate_constraints,
+)
 from headstock.reduction.coupling.gravity_stiffness import find_gravity_stiffness, warn_of_stress
 from headstock.reduction.coupling.guide_errors import (
     GUIDE_ERRORS,
@@ -46,7 +50,6 @@ from headstock.reduction.coupling.matrices import (
     sum_mass,
     sum_stiffness,
 )
-from headstock.reduction.coupling.memo import CouplingMemo
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.linear.symmetric_matrices import require_standing
 from headstock.solvers.second_order import SecondOrderSystem

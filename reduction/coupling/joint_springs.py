@@ -13,7 +13,7 @@ import scipy.linalg
 from headstock.geometry.frames import DOF_NAMES, FloatArray, Frame, frame_axes, rotate_dofs
 from headstock.geometry.machine.joints import GROUND, Joint, JointEnd, ScrewShaft, connected_groups
 from headstock.geometry.machine.machine import Machine
-from headstock.reduction.coupling.contact_layers import PlacedLayer, place_layer
+from headstock.reduction.coupling.coupled_shapes import PlacedLayer, place_layer
 from headstock.reduction.coupling.dof_layout import (
     DOFS_OF_A_BODY,
     DofLayout,
@@ -24,8 +24,7 @@ from headstock.reduction.coupling.dof_layout import (
     scale_dofs,
     turn_dofs,
 )
-from headstock.reduction.coupling.elimination import Elimination
-from headstock.reduction.coupling.memo import CouplingMemo
+from headstock.reduction.coupling.elimination import CouplingMemo, Elimination
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.symmetric_matrices import is_symmetric

@@ -16,9 +16,8 @@ from headstock.reduction.coupling.dof_layout import (
     split_constraints,
     turn_dofs,
 )
-from headstock.reduction.coupling.elimination import Elimination
+from headstock.reduction.coupling.elimination import CouplingMemo, Elimination
 from headstock.reduction.coupling.joint_springs import PlacedJoint, SpringGrading
-from headstock.reduction.coupling.memo import CouplingMemo
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import rigid_motions
 from headstock.solvers.linear.symmetric_matrices import symmetrise

@@ -1,14 +1,16 @@
-"""How far a tool is off in a pose without moving: by errors of guides, gravity and static forces,
-and which part contributes how much.
+"""The deviation of a tool in a pose without moving, by errors of guides, gravity and static forces, with
+the part of each component; and the way it is fed.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray
+from headstock.geometry.machine.feed import Feed, find_feed
 from headstock.geometry.machine.joints import JointEnd
-from headstock.geometry.machine.machine import Machine
+from headstock.geometry.machine.machine import Machine, Pose
 from headstock.reduction.coupling.channels import GRAVITY, point_rows
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.dof_layout import locate_interface, motion_rows
@@ -20,6 +22,7 @@ from headstock.reduction.motions.compliance_budget import (
     point_loads,
     weight_energy,
 )
+from headstock.reduction.superelement import Superelement
 
 GEOMETRY, FORCES = "geometry", "static forces"
 SOURCES = (GEOMETRY, GRAVITY, FORCES)
@@ -143,3 +146,16 @@ def solve_deviation(coupled: CoupledMachine, machine: Machine, point: str) -> To
         if coupled.geometric is not None:
             parts[source][WEIGHT] = weight_energy(coupled, influence, same)
     return ToolDeviation(sources, parts, influence, responses)
+
+
+def trace_feed(
+    machine: Machine, superelements: Mapping[str, Superelement], at: str, poses: Sequence[Pose]
+) -> Feed:
+    """Return where the tool at a point is fed to, in poses one after the other."""
+    point = machine.points[at]
+    end = point.tool
+    tip: FloatArray = np.zeros(3)
+    if end.component is not None and end.interface is not None:
+        tip = superelements[end.component].interface_position(end.interface)
+        tip = tip + np.asarray(point.offset)
+    return find_feed(machine, point, tip, poses)

@@ -14,9 +14,8 @@ from headstock.geometry.frames import BoolArray, FloatArray, rigid_map
 from headstock.geometry.parts.components import SolverMethod
 from headstock.solvers.elastic.elasticity import ElasticOperators
 from headstock.solvers.elastic.factorization import Factorization
-from headstock.solvers.elastic.iterative_inverse import IterativeInverse
 from headstock.solvers.elastic.libraries import PETSc
-from headstock.solvers.elastic.multigrid import Multigrid
+from headstock.solvers.elastic.multigrid import IterativeInverse, Multigrid
 from headstock.solvers.errors import ConvergenceError, ModelError
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import max_over_ranks, sum_over_ranks

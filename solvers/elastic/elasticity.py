@@ -3,6 +3,8 @@ communicator.
 """
 
 from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
 
 import numpy as np
 import scipy.sparse
@@ -11,7 +13,6 @@ from numpy.typing import NDArray
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Material
 from headstock.meshing.component_mesh import CellKind, ComponentMesh, IntArray
-from headstock.solvers.elastic.compat import create_mesh, gmsh_cell_order
 from headstock.solvers.elastic.corner_level import CornerLevel, interpolate_corners
 from headstock.solvers.elastic.form_cache import compile_form
 from headstock.solvers.elastic.kernels import KernelPart, kernel_name
@@ -30,6 +31,28 @@ CELL_TYPES = {
 CORNERS = {"tetrahedron": 4, "hexahedron": 8}
 ROWS_AT_A_TIME = 20_000
 SUMMED_AT_A_TIME = 500  # rows of blocks: extended copies of them stay in the cache
+RELEASE = tuple(int(part) for part in dolfinx.__version__.split(".")[:2])
+# the reader of gmsh models was renamed in 0.10
+_GMSH: Any = import_module("dolfinx.io.gmsh" if RELEASE >= (0, 10) else "dolfinx.io.gmshio")
+
+
+def gmsh_cell_order(shape: str, nodes: int) -> NDArray[np.int32]:
+    """Return the place in gmsh's order of each node of a cell in dolfinx's.
+
+    Args:
+        shape: ``tetrahedron`` or ``hexahedron``.
+    """
+    return np.asarray(_GMSH.cell_perm_array(dolfinx.cpp.mesh.to_type(shape), nodes))
+
+
+def create_mesh(
+    comm: MPI.Comm, cells: NDArray[np.int64], points: FloatArray, element: basix.ufl._ElementBase
+) -> dolfinx.mesh.Mesh:
+    """Return the cells of this rank ``(n, k)`` with numbers of points ``(m, 3)`` [m] in dolfinx's
+    order, partitioned over the ranks.
+    """
+    # element and points changed places in 0.10; their names are the same
+    return dolfinx.mesh.create_mesh(comm, cells=cells, x=points, e=element)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from headstock.solvers.elastic.corner_level import CornerLevel
 from headstock.solvers.elastic.elasticity import ElasticOperators
 from headstock.solvers.elastic.factorization import apply_once
 from headstock.solvers.elastic.libraries import PETSc
-from headstock.solvers.errors import AccuracyError
+from headstock.solvers.errors import AccuracyError, ConvergenceError
 from headstock.solvers.ranks import sum_over_ranks
 
 COLUMNS = 8  # at a time: what a cycle takes besides the solution
@@ -31,6 +31,10 @@ GAMG_OPTIONS = {
     "mg_coarse_pc_type": "redundant",
     "mg_coarse_redundant_pc_type": "cholesky",
 }
+# of the energy of the error; whoever solves refines it with the residual of K itself, so that the
+# second solve leaves the square of it
+TOLERANCE = 1e-7
+MOST_STEPS = 300
 
 
 class Multigrid:
@@ -256,3 +260,63 @@ def _inverse_blocks(operators: ElasticOperators, fixed: BoolArray) -> FloatArray
     blocks[~free[:, :, None] & np.eye(3, dtype=bool)] = operators.stiffness_scale
     inverse = np.linalg.inv(blocks)
     return np.asarray(inverse * (free[:, :, None] & free[:, None, :]))
+
+
+class IterativeInverse:
+    """``K^-1`` between the dofs that are not fixed, by iteration; an alternative to
+    ``Factorization`` for parts whose factors do not fit.
+
+    Rigid motions that the fixed dofs leave free carry no load: loads are taken less their part along
+    them, and displacements hold none of them. Collective.
+
+    Args:
+        operators: Stiffness, assembled with its corner level.
+        fixed: ``(3 n_owned,)`` dofs that do not move.
+        motions: ``(3 n_owned, r)`` rigid motions that these leave free.
+    """
+
+    def __init__(self, operators: ElasticOperators, fixed: BoolArray, motions: FloatArray) -> None:
+        self._comm = operators.comm
+        self.multigrid = Multigrid(operators, fixed, motions)
+        self.steps = 0
+
+    def solve(self, loads: FloatArray) -> FloatArray:
+        """Return the displacements ``(3 n_owned, k)`` under loads ``(3 n_owned, k)``.
+
+        Raises:
+            ConvergenceError: A load did not converge.
+
+        Source: Hestenes and Stiefel (1952); each column is an iteration of its own.
+        """
+        result = np.zeros(loads.shape, order="F")
+        rest = self.multigrid.without_motions(loads)
+        preconditioned = self.multigrid.apply(rest)
+        sizes = self._products(rest, preconditioned)
+        limits = TOLERANCE**2 * sizes
+        active = np.flatnonzero(sizes > 0.0)
+        rest, step, sizes = rest[:, active], preconditioned[:, active], sizes[active]
+        for _ in range(MOST_STEPS):
+            if not len(active):
+                return result
+            forces = self.multigrid.without_motions(self.multigrid.multiply(step))
+            lengths = sizes / self._products(step, forces)
+            result[:, active] += lengths * step
+            rest -= lengths * forces
+            preconditioned = self.multigrid.apply(rest)
+            before, sizes = sizes, self._products(rest, preconditioned)
+            self.steps += 1
+            going = sizes > limits[active]
+            step = preconditioned + (sizes / before) * step
+            active, rest, step, sizes = active[going], rest[:, going], step[:, going], sizes[going]
+        left = float(np.sqrt((sizes / limits[active]).max())) * TOLERANCE
+        raise ConvergenceError(
+            f"conjugate gradients left an error of {left:.2g} (allowed {TOLERANCE:g}) after {MOST_STEPS} steps: the elements are too "
+            'distorted or the part too thin for an iterative solver; write reduction = { solver = "direct" }, or look for slivers'
+        )
+
+    def close(self) -> None:
+        """Release the multigrid."""
+        self.multigrid.close()
+
+    def _products(self, left: FloatArray, right: FloatArray) -> FloatArray:
+        return sum_over_ranks(self._comm, np.einsum("ij,ij->j", left, right))

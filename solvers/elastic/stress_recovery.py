@@ -9,8 +9,7 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Material
 from headstock.meshing.component_mesh import ComponentMesh, IntArray
-from headstock.solvers.elastic.compat import gmsh_cell_order
-from headstock.solvers.elastic.elasticity import CELL_TYPES
+from headstock.solvers.elastic.elasticity import CELL_TYPES, gmsh_cell_order
 from headstock.solvers.errors import ModelError
 from headstock.solvers.recovery.libraries import basix
 from headstock.solvers.stresses import PAIRS

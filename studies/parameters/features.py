@@ -7,7 +7,7 @@ from pathlib import Path
 
 from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.solids import StepFile
-from headstock.meshing.components.cad_survey import survey_step
+from headstock.meshing.components.survey import survey_step
 from headstock.scene.reading.files import TomlValue
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root

@@ -10,7 +10,7 @@ from typing import Literal, NotRequired, TypedDict
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.meshing.process.libraries import h5py
+from headstock.meshing.process.plain_hdf5 import h5py
 from headstock.pipeline.answers.lobes import MM, RPM
 from headstock.pipeline.answers.static import N_PER_UM, UM_PER_KN
 from headstock.pipeline.numbers.estimates import Estimate

@@ -25,7 +25,7 @@ from headstock.pipeline.storage.content_keys import (
     library_versions,
 )
 from headstock.pipeline.storage.outputs import OutputError
-from headstock.reduction.motions.feed import trace_feed
+from headstock.reduction.motions.tool_deviation import trace_feed
 from headstock.reduction.superelement import Superelement
 from headstock.scene.analyses.lobes import LobesRequest, refuse_still_feed
 from headstock.scene.scene import Scene

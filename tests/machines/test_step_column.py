@@ -22,8 +22,8 @@ from headstock.geometry.parts.components import (
     Support,
 )
 from headstock.geometry.parts.solids import HollowColumn, Solid, StepFile
-from headstock.meshing.components.cad_survey import CadSurvey, survey_step
 from headstock.meshing.components.meshing import describe_component, mesh_component
+from headstock.meshing.components.survey import CadSurvey, survey_step
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.scene.building.loader import load_scene
 from headstock.validation.parts.component_models import fixed_by, full_model, full_modes

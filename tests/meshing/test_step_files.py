@@ -9,7 +9,6 @@ import pytest
 from common import approx
 from headstock.geometry.parts.components import Component, Patch
 from headstock.geometry.parts.solids import StepFile
-from headstock.meshing.components.cad_survey import survey_step
 from headstock.meshing.components.finishing import patch_moments
 from headstock.meshing.components.meshing import (
     _estimate_cells,
@@ -17,9 +16,10 @@ from headstock.meshing.components.meshing import (
     estimate_mesh,
     mesh_component,
 )
+from headstock.meshing.components.survey import survey_step
 from headstock.meshing.elements.quality import scaled_jacobians
 from headstock.meshing.errors import MeshError
-from headstock.meshing.step_units import doubt_size, read_length_unit
+from headstock.meshing.length_units import doubt_size, read_length_unit
 
 pytestmark = pytest.mark.process
 

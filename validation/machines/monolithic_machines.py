@@ -28,8 +28,8 @@ from headstock.reduction.components.interface_patches import MeshPatch, measure_
 from headstock.reduction.components.rail_fits import fit_rail
 from headstock.reduction.rails import Rail, carriage_rows
 from headstock.solvers.elastic.elasticity import assemble_elasticity
-from headstock.solvers.elastic.sparse_eigenpairs import lowest_symmetric_pairs, solve_symmetric
 from headstock.solvers.mpi import MPI
+from headstock.validation.parts.sparse_eigenpairs import lowest_symmetric_pairs, solve_symmetric
 
 
 @dataclass(frozen=True, eq=False)

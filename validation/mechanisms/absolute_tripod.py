@@ -10,7 +10,6 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.exechon import ExechonDimensions
 from headstock.solvers.mechanisms.dynamics import MechanismBody
-from headstock.solvers.mechanisms.motion import DriveLaw
 from headstock.validation.mechanisms.absolute_bodies import (
     AbsoluteSystem,
     DotProduct,
@@ -20,6 +19,7 @@ from headstock.validation.mechanisms.absolute_bodies import (
     Vector,
     fixed_local,
 )
+from headstock.validation.mechanisms.motion import DriveLaw
 
 X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 BODY_NAMES = (

@@ -24,7 +24,6 @@ from headstock.geometry.mechanisms.exechon import (
 from headstock.geometry.mechanisms.kinematics import cross, marker_bias, place_markers
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism, evaluate_dynamics
 from headstock.solvers.mechanisms.modes import linearise_poses, solve_pose_modes, tool_compliance
-from headstock.solvers.mechanisms.motion import ConstrainedMotion, DriveLaw, PartitionedMotion
 from headstock.solvers.mechanisms.partitioning import (
     Drive,
     PartitionedDynamics,
@@ -44,6 +43,7 @@ from headstock.validation.mechanisms.absolute_tripod import (
     LegStiffness,
     absolute_exechon,
 )
+from headstock.validation.mechanisms.motion import ConstrainedMotion, DriveLaw, PartitionedMotion
 from headstock.validation.mechanisms.tripteor_machine import (
     Tripteor,
     load_tripteor,

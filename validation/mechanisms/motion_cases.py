@@ -19,12 +19,6 @@ from headstock.solvers.mechanisms.generalized_alpha import (
     MotionState,
     integrate_motion,
 )
-from headstock.solvers.mechanisms.motion import (
-    ConstrainedMotion,
-    PartitionedMotion,
-    StartReport,
-    project_start,
-)
 from headstock.solvers.mechanisms.partitioning import Drive
 from headstock.solvers.mpi import MPI
 from headstock.validation.mechanisms.absolute_bodies import (
@@ -33,6 +27,12 @@ from headstock.validation.mechanisms.absolute_bodies import (
     solve_instant,
 )
 from headstock.validation.mechanisms.mechanism_cases import absolute_state, absolute_tripteor
+from headstock.validation.mechanisms.motion import (
+    ConstrainedMotion,
+    PartitionedMotion,
+    StartReport,
+    project_start,
+)
 from headstock.validation.mechanisms.tripteor_machine import (
     load_tripteor,
     oscillating_drive,

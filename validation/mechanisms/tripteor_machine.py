@@ -18,8 +18,8 @@ from headstock.reduction.components.rigid import reduce_rigid
 from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import SceneMechanism
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
-from headstock.solvers.mechanisms.motion import DriveLaw
 from headstock.solvers.mechanisms.partitioning import Drive
+from headstock.validation.mechanisms.motion import DriveLaw
 
 SCENE = PROJECT / "machines" / "tripteor.toml"
 GRAVITY = (0.0, 0.0, -9.80665)

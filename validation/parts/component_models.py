@@ -28,9 +28,9 @@ from headstock.solvers.elastic.constrained_modes import lowest_modes
 from headstock.solvers.elastic.constrained_solver import ConstrainedSolver, rigid_motions
 from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.elastic.elasticity import ElasticOperators, assemble_elasticity
-from headstock.solvers.elastic.sparse_eigenpairs import lowest_symmetric_pairs, solve_symmetric
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import share_from_root, sum_over_ranks
+from headstock.validation.parts.sparse_eigenpairs import lowest_symmetric_pairs, solve_symmetric
 
 _BLOCK = 6
 _FREE = 1e-9

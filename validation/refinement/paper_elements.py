@@ -24,7 +24,7 @@ from headstock.geometry.frames import FloatArray, rigid_map
 from headstock.geometry.parts.components import Material
 from headstock.meshing.component_mesh import IntArray
 from headstock.meshing.elements.topology import reference_nodes
-from headstock.solvers.elastic.sparse_eigenpairs import lowest_symmetric_pairs, solve_symmetric
+from headstock.validation.parts.sparse_eigenpairs import lowest_symmetric_pairs, solve_symmetric
 from headstock.validation.refinement.points import RefinementPoint, cantilever_displacements
 from headstock.validation.refinement.references import ReferenceBeam
 from headstock.validation.refinement.theory_shapes import (

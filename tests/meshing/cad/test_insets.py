@@ -9,12 +9,12 @@ import pytest
 from common import approx
 from headstock.geometry.parts.components import Component, Interface, Material, MeshSettings, Patch
 from headstock.geometry.parts.solids import StepFile
+from headstock.meshing.cad.features import GONE
 from headstock.meshing.cad.insets import close_planes
-from headstock.meshing.cad.known_faces import GONE
 from headstock.meshing.cad.meshing import boundary_faces
-from headstock.meshing.components.cad_survey import survey_step
 from headstock.meshing.components.finishing import patch_moments
 from headstock.meshing.components.meshing import mesh_component
+from headstock.meshing.components.survey import survey_step
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 

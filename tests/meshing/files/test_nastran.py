@@ -17,8 +17,8 @@ from headstock.meshing.elements.quadratic import complete_hexes
 from headstock.meshing.elements.quality import integrate_mesh
 from headstock.meshing.errors import MeshError
 from headstock.meshing.files.cells import _assemble_mesh
-from headstock.meshing.files.families import CORNERS
 from headstock.meshing.files.nastran import read_nastran
+from headstock.meshing.files.raw_mesh import CORNERS
 from headstock.meshing.process.job import MeshData
 
 DECKS = Path(__file__).resolve().parents[2] / "data" / "nastran_forms"

@@ -43,13 +43,13 @@ from headstock.solvers.linear.time_response import solve_stepped_response
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.solvers.mechanisms.generalized_alpha import MotionState
 from headstock.solvers.mechanisms.modes import PoseDamping, linearise_poses, solve_pose_modes
-from headstock.solvers.mechanisms.motion import PartitionedMotion
 from headstock.solvers.mechanisms.partitioning import Drive as Law
 from headstock.solvers.mechanisms.partitioning import driven_forces
 from headstock.solvers.milling import contouring
 from headstock.solvers.milling.path_drives import PathDrive, follow_path
 from headstock.solvers.milling.tool_path import plan_contour
 from headstock.solvers.paths import sampled_motion
+from headstock.validation.mechanisms.motion import PartitionedMotion
 from headstock.validation.mechanisms.tripteor_machine import SCENE as TRIPTEOR
 from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
 

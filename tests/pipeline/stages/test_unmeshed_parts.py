@@ -12,7 +12,7 @@ from common import approx
 from faults.file_fuzz import SIZE, box_mesh, msh_text
 from headstock.geometry.parts.skins import Skin
 from headstock.geometry.parts.solids import StepFile
-from headstock.meshing.components.cad_survey import survey_step
+from headstock.meshing.components.survey import survey_step
 from headstock.meshing.errors import MeshError
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene

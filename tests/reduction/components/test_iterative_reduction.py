@@ -12,7 +12,7 @@ from headstock.meshing.component_mesh import CellKind, ComponentMesh
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Superelement
-from headstock.solvers.elastic import iterative_inverse, lobpcg
+from headstock.solvers.elastic import lobpcg, multigrid
 from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.errors import ConvergenceError
 
@@ -90,7 +90,7 @@ def test_modes_that_stall_name_component_and_remedy(monkeypatch: pytest.MonkeyPa
 
 
 def test_loads_that_stall_name_component_and_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(iterative_inverse, "MOST_STEPS", 2)
+    monkeypatch.setattr(multigrid, "MOST_STEPS", 2)
     mesh = make_box(*COLUMN, FACES, kind="tet10")
     component = make_component({"foot": "rigid", "tip": "average"}, name="bed")
     with pytest.raises(

@@ -14,7 +14,7 @@ from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.components.segmented import reduce_segmented
 from headstock.reduction.coupling import elimination
 from headstock.reduction.coupling.coupling import couple
-from headstock.reduction.coupling.memo import CouplingMemo
+from headstock.reduction.coupling.elimination import CouplingMemo
 from headstock.scene.building.loader import load_scene
 
 SCENE = Path(__file__).parents[2] / "data" / "slide.toml"

@@ -19,9 +19,13 @@ from mpi4py import MPI
 from common import make_box, make_component
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import CellKind
-from headstock.solvers.elastic.compat import RELEASE, gmsh_cell_order
 from headstock.solvers.elastic.constrained_solver import ConstrainedSolver
-from headstock.solvers.elastic.elasticity import CELL_TYPES, assemble_elasticity
+from headstock.solvers.elastic.elasticity import (
+    CELL_TYPES,
+    RELEASE,
+    assemble_elasticity,
+    gmsh_cell_order,
+)
 from headstock.validation.parts.structured_meshes import node_places
 
 ROOT = Path(__file__).resolve().parents[3]

@@ -7,12 +7,11 @@ from mpi4py import MPI
 from common import approx, make_box, make_component
 from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.meshing.component_mesh import CellKind
-from headstock.solvers.elastic import iterative_inverse
+from headstock.solvers.elastic import multigrid
 from headstock.solvers.elastic.constrained_solver import rigid_motions
 from headstock.solvers.elastic.elasticity import ElasticOperators, assemble_elasticity
 from headstock.solvers.elastic.factorization import Factorization
-from headstock.solvers.elastic.iterative_inverse import IterativeInverse
-from headstock.solvers.elastic.multigrid import Multigrid
+from headstock.solvers.elastic.multigrid import IterativeInverse, Multigrid
 from headstock.solvers.errors import AccuracyError, ConvergenceError
 
 COMM = MPI.COMM_SELF
@@ -104,7 +103,7 @@ def test_a_load_of_zero_moves_nothing() -> None:
 def test_a_solve_that_stalls_names_what_is_left_and_the_remedy(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(iterative_inverse, "MOST_STEPS", 3)
+    monkeypatch.setattr(multigrid, "MOST_STEPS", 3)
     operators = assemble("tet10")
     fixed = foot_of(operators)
     inverse = IterativeInverse(operators, fixed, np.zeros((len(fixed), 0)))

@@ -11,8 +11,8 @@ from headstock.solvers.mechanisms.generalized_alpha import (
     MotionState,
     integrate_motion,
 )
-from headstock.solvers.mechanisms.motion import ConstrainedMotion, PartitionedMotion
 from headstock.solvers.mechanisms.partitioning import Drive
+from headstock.validation.mechanisms.motion import ConstrainedMotion, PartitionedMotion
 from headstock.validation.mechanisms.tripteor_machine import load_tripteor
 
 pytestmark = pytest.mark.hard("H35")

@@ -28,8 +28,8 @@ from headstock.geometry.mechanisms.mechanism import (
     revolute,
 )
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism, LumpedSprings, MechanismBody
-from headstock.solvers.mechanisms.motion import ConstrainedMotion
 from headstock.solvers.mechanisms.partitioning import Drive
+from headstock.validation.mechanisms.motion import ConstrainedMotion
 
 pytestmark = pytest.mark.hard("H38")
 

@@ -25,8 +25,8 @@ from headstock.solvers.mechanisms.generalized_alpha import (
     integrate_motion,
 )
 from headstock.solvers.mechanisms.modes import linearise_poses, solve_pose_modes
-from headstock.solvers.mechanisms.motion import PartitionedMotion
 from headstock.solvers.mechanisms.partitioning import Drive
+from headstock.validation.mechanisms.motion import PartitionedMotion
 from headstock.validation.mechanisms.motion_cases import (
     BASE,
     INERTIA,

@@ -15,7 +15,6 @@ from headstock.scene.building.cutting import catalogue_coefficients
 from headstock.solvers.errors import ConvergenceError, ModelError
 from headstock.solvers.mechanisms.generalized_alpha import MotionState, integrate_motion
 from headstock.solvers.mechanisms.modes import PoseDamping, linearise_poses, tool_compliance
-from headstock.solvers.mechanisms.motion import PartitionedMotion
 from headstock.solvers.milling.contouring import (
     drive_forces,
     linear_motion,
@@ -46,6 +45,7 @@ from headstock.solvers.paths.linear_motion import (
     Regeneration,
     integrate_linear,
 )
+from headstock.validation.mechanisms.motion import PartitionedMotion
 from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
 
 pytestmark = pytest.mark.slow

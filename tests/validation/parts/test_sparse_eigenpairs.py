@@ -7,8 +7,8 @@ import scipy.sparse
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.elastic import sparse_eigenpairs
-from headstock.solvers.elastic.sparse_eigenpairs import lowest_symmetric_pairs, solve_symmetric
 from headstock.solvers.errors import AccuracyError, ConvergenceError
+from headstock.validation.parts.sparse_eigenpairs import lowest_symmetric_pairs, solve_symmetric
 
 
 def _chain(size: int, *, fixed: bool = True) -> scipy.sparse.csr_matrix:
