@@ -6,8 +6,8 @@ import scipy.linalg
 import scipy.sparse
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.elastic import sparse_eigenpairs
 from headstock.solvers.errors import AccuracyError, ConvergenceError
+from headstock.validation.parts import sparse_eigenpairs
 from headstock.validation.parts.sparse_eigenpairs import lowest_symmetric_pairs, solve_symmetric
 
 
