@@ -235,6 +235,9 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     running.append(item)
     try:
         with pytest.MonkeyPatch.context() as patch:
+            # what a test writes need not outlive a power cut: waiting for the disk takes longer than
+            # most runs compute
+            patch.setattr(os, "fsync", os.fstat)
             if item.get_closest_marker("workers") is None:
                 patch.setattr("headstock.meshing.process.running.call_apart", work_here)
             return (yield)
