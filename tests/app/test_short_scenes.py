@@ -299,14 +299,14 @@ FAULTS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("fault", FAULTS)
 @pytest.mark.parametrize(
-    "text",
+    ("text", "fault"),
     [
-        "check {scene}",
-        "study {scene} guides",
-        "export {scene} x_slider -o {out}",
-        *(text.partition(" --json")[0] for text in COMMANDS),
+        *(("check {scene}", fault) for fault in FAULTS),
+        *(
+            (text.partition(" --json")[0], "unit")
+            for text in ("study {scene} guides", "export {scene} x_slider -o {out}", *COMMANDS)
+        ),
     ],
 )
 def test_what_is_wrong_in_an_included_file_is_named_there(

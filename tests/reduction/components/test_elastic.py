@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from common import approx, make_box, make_component, present
+from common import approx, make_box, make_component
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import CouplingKind, Patch, ReductionSettings, Support
 from headstock.meshing.component_mesh import ComponentMesh
@@ -139,25 +139,6 @@ def test_a_stated_mass_scales_the_density(mesh: ComponentMesh) -> None:
     np.testing.assert_allclose(
         other.modal_frequencies_hz, one.modal_frequencies_hz * ratio, rtol=1e-9
     )
-
-
-def test_recovery_shows_every_interface_its_own_motion(mesh: ComponentMesh) -> None:
-    element = reduce_elastic(
-        make_component({"foot": "rigid", "tip": "rigid"}), mesh, comm=COMM, request=SIX
-    )
-    node = element.interface_maps["tip"].node
-    moved = (present(element.recovery).basis[:, 6 * node + 2]).reshape(-1, 3)
-    tip, foot = mesh.points[:, 2] > SIZE[2] - 1e-9, mesh.points[:, 2] < 1e-9
-    np.testing.assert_allclose(moved[tip], np.tile([0.0, 0.0, 1.0], (tip.sum(), 1)), atol=1e-12)
-    assert not moved[foot].any()
-
-
-def test_gravity_loads_the_interfaces_with_the_whole_weight(mesh: ComponentMesh) -> None:
-    element = reduce_elastic(
-        make_component({"foot": "rigid", "tip": "average"}), mesh, comm=COMM, request=SIX
-    )
-    vector = element.loads["gravity:z"].vector
-    assert vector[2] + vector[8] == approx(element.mass_kg, rel=1e-10)
 
 
 def test_mode_targets_follow_the_components_settings() -> None:

@@ -11,7 +11,6 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Eigensolver
 from headstock.reduction.components import fixed_interface_modes
 from headstock.reduction.components.fixed_interface_modes import (
-    DENSE_LIMIT,
     _draw_numbers,
     _require_resolved,
     find_fixed_interface_modes,
@@ -105,16 +104,6 @@ def test_a_rerun_gives_the_same_bits(solver: ConstrainedSolver) -> None:
     first, second = (find_fixed_interface_modes(solver, ModeTarget(count=12)) for _ in range(2))
     np.testing.assert_array_equal(first.eigenvalues, second.eigenvalues)
     np.testing.assert_array_equal(first.shapes, second.shapes)
-
-
-def test_the_dense_road_and_the_iterative_one_agree(solver: ConstrainedSolver) -> None:
-    few = find_fixed_interface_modes(solver, ModeTarget(count=20))
-    many = find_fixed_interface_modes(solver, ModeTarget(count=200))
-    shared = len(few.eigenvalues)
-    np.testing.assert_allclose(few.eigenvalues, many.eigenvalues[:shared], rtol=1e-9)
-    overlap = few.shapes.T @ solver.operators.apply_mass(many.shapes[:, :shared])
-    np.testing.assert_allclose(np.linalg.svd(overlap, compute_uv=False), np.ones(shared), atol=1e-9)
-    assert solver.free_total < DENSE_LIMIT
 
 
 def test_krylov_schur_finds_what_block_lanczos_does_and_leaves_the_factors_whole(
