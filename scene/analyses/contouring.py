@@ -1,12 +1,13 @@
 """A contour: a block milled around from outside, or a line that the tool's centre follows."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.carriages import find_overhangs
@@ -48,7 +49,6 @@ from headstock.scene.schema.types import (
     Text,
     WholeNumber,
     one_of,
-    problem,
 )
 from headstock.solvers.mechanisms.modes import PoseDamping
 from headstock.solvers.milling.forces import MillingCut
@@ -199,24 +199,16 @@ class ContouringTable(RequestTable):
         """Axes rub, and teeth cut what those before them left."""
         return frozenset({FRICTION, CUTTING_FORCE, "regeneration"})
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        written = [
-            name
-            for name in ("side", "polyline", "polyline_file")
-            if getattr(self, name) is not None
-        ]
+    def _faults(self) -> Iterator[str]:
+        written = self.given(("side", "polyline", "polyline_file"))
         if len(written) != 1:
-            raise problem(
-                f"gives {' and '.join(written) or 'no way for the tool'}; write either a block, side and at, or polyline, or polyline_file"
-            )
+            yield f"gives {' and '.join(written) or 'no way for the tool'}; write either a block, side and at, or polyline, or polyline_file"
         if (self.side is None) != (self.at is None):
-            raise problem(
+            yield (
                 "has at, the centre of a block, without side"
                 if self.side is None
                 else "has side without at, the centre of the block and the height of the tool point"
             )
-        return self
 
 
 def _build(table: ContouringTable, draft: Draft) -> ContouringRequest:

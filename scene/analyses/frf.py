@@ -1,9 +1,10 @@
 """Frequency response between points, interfaces and probes."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from headstock.scene.building.channels import build_channels, check_probe_output
 from headstock.scene.building.draft import Draft, SceneAnalysis, check_channel, check_pose_names
@@ -20,7 +21,6 @@ from headstock.scene.schema.types import (
     PositiveFrequency,
     RequestTable,
     WholeNumber,
-    problem,
 )
 from headstock.solvers.second_order import Channel, Motion
 
@@ -99,20 +99,14 @@ class FrfTable(RequestTable):
     poses: Names | None = None
     """poses in which it is computed; default: all of them"""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         beyond = [hz for hz in self.fields_at if hz > self.to]
         if beyond:
-            raise problem(
-                f"`fields_at` has {beyond[0]:g} Hz, beyond `to` = {self.to:g} Hz, up to which modes are kept; write a higher `to`"
-            )
+            yield f"`fields_at` has {beyond[0]:g} Hz, beyond `to` = {self.to:g} Hz, up to which modes are kept; write a higher `to`"
         if self.start >= self.to:
-            raise problem(
-                f"begins at {self.start:g} Hz and ends at {self.to:g} Hz; write a lower `from`"
-            )
+            yield f"begins at {self.start:g} Hz and ends at {self.to:g} Hz; write a lower `from`"
         if self.spacing == "log" and self.start == 0.0:
-            raise problem('a log spacing cannot begin at 0 Hz; write from = "1 Hz"')
-        return self
+            yield 'a log spacing cannot begin at 0 Hz; write from = "1 Hz"'
 
 
 def _build(table: FrfTable, draft: Draft) -> FrfRequest:

@@ -1,12 +1,13 @@
 """Stability lobes: the limit depth of cut over the speed of the spindle."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal, NamedTuple, Self
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import MachinePath
@@ -280,16 +281,14 @@ class LobesTable(RequestTable):
     poses: Names | None = None
     """poses in which it is computed; default: all of them"""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if self.radial_depth > self.mill.diameter:
-            raise problem(
+            yield (
                 f"radial_depth is {1e3 * self.radial_depth:g} mm and the tool has {1e3 * self.mill.diameter:g} mm; take at most"
                 " its diameter"
             )
         if self.tool_modes and self.tool_receptance is not None:
-            raise problem("gives both tool_modes and tool_receptance; keep one")
-        return self
+            yield "gives both tool_modes and tool_receptance; keep one"
 
 
 def _build(table: LobesTable, draft: Draft) -> LobesRequest:

@@ -1,9 +1,10 @@
 """Natural frequencies and modes."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, ClassVar
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from headstock.scene.building.draft import Draft, SceneAnalysis, check_pose_names
 from headstock.scene.reading.findings import Findings
@@ -16,7 +17,6 @@ from headstock.scene.schema.types import (
     PositiveFrequency,
     RequestTable,
     not_both,
-    problem,
 )
 
 DEFAULT_MODES = 6
@@ -69,17 +69,13 @@ class ModalTable(RequestTable):
     spread: Flag = False
     """solve again with all interfaces rigid and with all averaging: gives a range for each frequency"""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if self.count is not None and self.up_to is not None:
-            raise problem("gives both count and up_to; keep one")
+            yield "gives both count and up_to; keep one"
         if self.start and self.up_to is None:
-            raise problem('a window of frequencies ends somewhere; write up_to = "500 Hz" as well')
+            yield 'a window of frequencies ends somewhere; write up_to = "500 Hz" as well'
         if self.up_to is not None and self.start >= self.up_to:
-            raise problem(
-                f"begins at {self.start:g} Hz and ends at {self.up_to:g} Hz; write a lower `from`"
-            )
-        return self
+            yield f"begins at {self.start:g} Hz and ends at {self.up_to:g} Hz; write a lower `from`"
 
 
 def _build(table: ModalTable, draft: Draft) -> ModalRequest:

@@ -2,11 +2,12 @@
 
 import itertools
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from headstock.geometry.errors import PoseError
 from headstock.geometry.machine.carriages import find_overhangs
@@ -51,7 +52,6 @@ from headstock.scene.schema.types import (
     RequestTable,
     StrictTable,
     Text,
-    problem,
 )
 from headstock.solvers.milling.forces import MillingCut, Side
 from headstock.solvers.paths.response import LowPass
@@ -185,25 +185,21 @@ class PathTable(RequestTable):
         """Axes rub, and a mill cuts."""
         return frozenset({FRICTION, CUTTING_FORCE})
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if self.ramp == "s_curve" and self.jerk_time is None:
-            raise problem(
-                'an S-curve needs the time in which the acceleration is reached; write jerk_time = "30 ms"'
-            )
+            yield 'an S-curve needs the time in which the acceleration is reached; write jerk_time = "30 ms"'
         if self.ramp != "s_curve" and self.jerk_time is not None:
-            raise problem('only an S-curve has a jerk_time; remove it, or write ramp = "s_curve"')
+            yield 'only an S-curve has a jerk_time; remove it, or write ramp = "s_curve"'
         if self.jerk_time is not None and self.jerk_time > self.time_constant:
-            raise problem(
+            yield (
                 f"jerk_time is {1e3 * self.jerk_time:g} ms and longer than the time_constant of {1e3 * self.time_constant:g} ms;"
                 " shorten it"
             )
         if self.lowpass is not None and self.sampling <= 2.0 * self.lowpass:
-            raise problem(
+            yield (
                 f"a low-pass at {self.lowpass:g} Hz needs more than {2.0 * self.lowpass:g} samples a second, and sampling is"
                 f' {self.sampling:g} Hz; write for example sampling = "{5.0 * self.lowpass:g} Hz"'
             )
-        return self
 
 
 def build_path(scene: SceneTable, table: PathTable) -> MachinePath:

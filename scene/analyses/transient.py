@@ -1,11 +1,12 @@
 """Motion under loads that change with time."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.process.strangers import RECORD
@@ -46,7 +47,6 @@ from headstock.scene.schema.types import (
     Text,
     TimedLoadSize,
     not_both,
-    problem,
 )
 from headstock.solvers.linear.load_history import (
     LoadHistory,
@@ -162,35 +162,27 @@ class TimedLoadTable(StrictTable):
     file: Text | None = None
     """CSV file with the columns `time` [s] and `value`, linear between its samples and zero outside"""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if (self.at is None) == (self.load is None):
-            raise problem('needs either at = ["tcp", "x"] or the name of a load of [loads]')
+            yield 'needs either at = ["tcp", "x"] or the name of a load of [loads]'
         if self.at is not None:
             if not self.at[1]:
-                raise problem(
-                    f'a load acts in one direction; write at = ["{self.at[0]}", "x"] and its size'
-                )
+                yield f'a load acts in one direction; write at = ["{self.at[0]}", "x"] and its size'
             if self.factor is not None:
-                raise problem("`factor` goes with `load`; write the size of this one as `size`")
+                yield "`factor` goes with `load`; write the size of this one as `size`"
             if self.size is None and self.shape != "file":
-                raise problem('has no size; write for example size = "100 N"')
+                yield 'has no size; write for example size = "100 N"'
         elif self.size is not None:
-            raise problem("a load of [loads] has its size there; write a `factor` of it")
+            yield "a load of [loads] has its size there; write a `factor` of it"
         elif self.shape == "impulse":
-            raise problem(
-                'an impulse acts in a direction of a point; write at = ["tcp", "x"] and size = "2 N s"'
-            )
+            yield 'an impulse acts in a direction of a point; write at = ["tcp", "x"] and size = "2 N s"'
         needed, allowed = SHAPE_KEYS[self.shape]
         for key, example in EXAMPLES.items():
             given = getattr(self, key) is not None
             if key in needed and not given:
-                raise problem(
-                    f"shape {self.shape} needs {key}; write for example {key} = {example}"
-                )
+                yield f"shape {self.shape} needs {key}; write for example {key} = {example}"
             if given and key not in needed | allowed:
-                raise problem(f"shape {self.shape} has no {key}; remove it")
-        return self
+                yield f"shape {self.shape} has no {key}; remove it"
 
 
 class TransientTable(RequestTable):
@@ -229,24 +221,20 @@ class TransientTable(RequestTable):
         """As written, or enough for the highest mode kept [Hz]."""
         return self.sampling or SAMPLES_PER_PERIOD * self.up_to
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if not self.loads and not self.velocity:
-            raise problem(
-                'nothing moves the machine; write loads.hit = { at = ["tcp", "x"], shape = "impulse", size = "1 N s" }'
-            )
+            yield 'nothing moves the machine; write loads.hit = { at = ["tcp", "x"], shape = "impulse", size = "1 N s" }'
         if self.sampling is not None and self.sampling < 2.0 * self.up_to:
-            raise problem(
+            yield (
                 f"sampling is {self.sampling:g} Hz, and modes up to {self.up_to:g} Hz need more than"
                 f' {2.0 * self.up_to:g}; write sampling = "{SAMPLES_PER_PERIOD * self.up_to:g} Hz", or a lower up_to'
             )
         samples = self.duration * self.samples_per_second
         if not 1.0 <= samples <= MOST_SAMPLES:
-            raise problem(
+            yield (
                 f"{self.duration:g} s at {self.samples_per_second:g} Hz are {samples:.3g} samples, and from 1 to"
                 f" {MOST_SAMPLES} are possible; change duration, sampling or up_to"
             )
-        return self
 
 
 def _build(table: TransientTable, draft: Draft) -> TransientRequest:

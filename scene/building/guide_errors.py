@@ -12,16 +12,16 @@ from headstock.scene.reading.units import ANGLE, LENGTH, Dimension, Quantity
 from headstock.scene.schema.axes import AxisTable
 from headstock.scene.schema.effects import GUIDE_ERRORS
 from headstock.scene.schema.guide_errors import (
+    MOTION_KEYS,
+    RAIL_KEYS,
     AxisErrorsTable,
     ProfileTable,
     RailErrorsTable,
 )
 from headstock.scene.schema.joints import JointTable
+from headstock.scene.schema.mechanism import LEG_KEYS
 from headstock.scene.schema.scene import SceneTable
 
-RAIL_KEYS = ("axial", "lateral", "normal", "roll", "pitch", "yaw")
-LEG_KEYS = ("leg_1", "leg_2", "leg_3")
-MOTION_KEYS = ("EX", "EY", "EZ", "EA", "EB", "EC")
 # what each kind of joint that slides holds on to
 SLIDING = {
     "linear_guide": RAIL_KEYS[1:],

@@ -1,8 +1,9 @@
 """Schema of axes, their positions, and the points at which results are wanted."""
 
-from typing import Annotated, Literal, Self
+from collections.abc import Iterator
+from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from headstock.scene.schema.guide_errors import AxisErrorsTable
 from headstock.scene.schema.types import (
@@ -15,7 +16,6 @@ from headstock.scene.schema.types import (
     StrictTable,
     Text,
     one_of,
-    problem,
 )
 
 PoseTable = dict[Name, AxisPosition]
@@ -43,13 +43,9 @@ class AxisTable(StrictTable):
     errors: AxisErrorsTable | None = None
     """error motions of the axis in machine axes, see [geometric errors](geometric_errors.md); used with the effect `guide_errors`"""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if (self.joints is None) == (self.joint is None):
-            raise problem(
-                'needs the joints across which it moves; write joints = ["guide", "drive"]'
-            )
-        return self
+            yield 'needs the joints across which it moves; write joints = ["guide", "drive"]'
 
     def joint_names(self) -> tuple[str, ...]:
         """Joints of the axis, however they were written."""

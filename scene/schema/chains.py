@@ -1,8 +1,9 @@
 """Keys of chains of masses and springs along one direction."""
 
-from typing import Annotated, Self
+from collections.abc import Iterator
+from typing import Annotated
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from headstock.scene.schema.types import (
     Direction,
@@ -13,7 +14,6 @@ from headstock.scene.schema.types import (
     PositiveMass,
     PositiveStiffness,
     StrictTable,
-    problem,
 )
 
 MOST_MASSES = 200
@@ -42,16 +42,12 @@ class ChainTable(StrictTable):
     loss_factor: LossFactor = 0.0
     """structural damping of every spring; used with the effect `damping`"""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         springs = len(self.masses) + (self.to is not None)
         where = "one before each mass" + (" and one to the other end" if self.to else "")
         for name, values in (("stiffness", self.stiffness), ("damping", self.damping)):
             if len(values) != springs and (values or name == "stiffness"):
-                raise problem(f"has {len(values)} entries of {name} for {springs} springs: {where}")
+                yield f"has {len(values)} entries of {name} for {springs} springs: {where}"
         ends = [end for end in (self.origin, self.to) if end is not None]
         if self.at is None and any(end.component is not None for end in ends):
-            raise problem(
-                'begins or ends at a component; write where its masses are: at = ["0 mm", "0 mm", "250 mm"]'
-            )
-        return self
+            yield 'begins or ends at a component; write where its masses are: at = ["0 mm", "0 mm", "250 mm"]'

@@ -1,8 +1,9 @@
 """Schema of what a machine is built from: materials, solids, interfaces and components."""
 
-from typing import Annotated, Literal, Self
+from collections.abc import Iterator
+from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field
 
 from headstock.scene.schema.types import (
     Angle,
@@ -83,13 +84,9 @@ class TubeTable(StrictTable):
     length: PositiveLength
     """length along z"""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if self.inner >= self.outer:
-            raise problem(
-                f"inner diameter {1e3 * self.inner:.6g} mm is not smaller than the outer diameter {1e3 * self.outer:.6g} mm"
-            )
-        return self
+            yield f"inner diameter {1e3 * self.inner:.6g} mm is not smaller than the outer diameter {1e3 * self.outer:.6g} mm"
 
 
 class PlateTable(StrictTable):
@@ -106,21 +103,15 @@ class PlateTable(StrictTable):
     ribs_y: RibCount = 0
     """number of ribs along y"""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if (self.ribs_x or self.ribs_y) and not (self.rib > 0.0 and self.rib_height > 0.0):
-            raise problem(
-                'ribs need a height and a thickness; write rib_height = "40 mm" and rib = "10 mm"'
-            )
+            yield 'ribs need a height and a thickness; write rib_height = "40 mm" and rib = "10 mm"'
         for count, space, axis in (
             (self.ribs_x, self.size[1], "y"),
             (self.ribs_y, self.size[0], "x"),
         ):
             if count * self.rib > space:
-                raise problem(
-                    f"{count} ribs of {1e3 * self.rib:.6g} mm do not fit into {1e3 * space:.6g} mm along {axis}; take fewer or thinner ribs"
-                )
-        return self
+                yield f"{count} ribs of {1e3 * self.rib:.6g} mm do not fit into {1e3 * space:.6g} mm along {axis}; take fewer or thinner ribs"
 
 
 class ColumnTable(StrictTable):
@@ -143,26 +134,18 @@ class ColumnTable(StrictTable):
     core_hole: NotNegativeLength = 0.0
     """diameter of a round hole through every rib across z"""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if (self.ribs_x or self.ribs_y or self.ribs_z) and not self.rib > 0.0:
-            raise problem('ribs need a thickness; write rib = "10 mm"')
+            yield 'ribs need a thickness; write rib = "10 mm"'
         rows = ((self.wall, self.ribs_x), (self.wall, self.ribs_y), (self.cap, self.ribs_z))
         for (sheet, ribs), size, axis in zip(rows, self.size, "xyz", strict=True):
             name = "cap" if axis == "z" else "wall"
             if 2.0 * sheet >= size:
-                raise problem(
-                    f"two {name}s of {1e3 * sheet:.6g} mm are thicker than the column: {1e3 * size:.6g} mm along {axis}; take thinner ones"
-                )
+                yield f"two {name}s of {1e3 * sheet:.6g} mm are thicker than the column: {1e3 * size:.6g} mm along {axis}; take thinner ones"
             if ribs * self.rib >= size - 2.0 * sheet:
-                raise problem(
-                    f"{ribs} ribs of {1e3 * self.rib:.6g} mm fill the {1e3 * (size - 2.0 * sheet):.6g} mm between the {name}s along {axis}"
-                )
+                yield f"{ribs} ribs of {1e3 * self.rib:.6g} mm fill the {1e3 * (size - 2.0 * sheet):.6g} mm between the {name}s along {axis}"
         if self.core_hole >= min(self.size[0], self.size[1]) - 2.0 * self.wall:
-            raise problem(
-                f"core_hole of {1e3 * self.core_hole:.6g} mm reaches the walls; take a smaller one"
-            )
-        return self
+            yield f"core_hole of {1e3 * self.core_hole:.6g} mm reaches the walls; take a smaller one"
 
 
 ROUNDING = 1e-9
@@ -203,33 +186,26 @@ class SolidTable(StrictTable):
 
     @property
     def kind(self) -> str:
-        """Which of the shapes was given."""
-        return next(kind for kind in SOLID_KINDS if getattr(self, kind) is not None)
+        """Kind of the shape that was given."""
+        return next(iter(self.given(SOLID_KINDS)))
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        given = [kind for kind in SOLID_KINDS if getattr(self, kind) is not None]
+    def _faults(self) -> Iterator[str]:
+        given = self.given(SOLID_KINDS)
         if len(given) != 1:
-            found = " and ".join(given) if given else "none"
-            raise problem(f"needs exactly one of {', '.join(SOLID_KINDS)}; found {found}")
+            yield f"needs exactly one of {', '.join(SOLID_KINDS)}; found {' and '.join(given) or 'none'}"
         if self.solid is not None and self.step is None and self.mesh is None:
-            raise problem(
+            yield (
                 '`solid` chooses a solid of a file; write solid = { step = "part.step", solid = 1 }, or with mesh = the name '
                 "of a set of its cells"
             )
         if self.unit is not None and self.mesh is None:
-            raise problem(
-                '`unit` is the length unit of a mesh file; write solid = { mesh = "part.inp", unit = "1 mm" }'
-            )
+            yield '`unit` is the length unit of a mesh file; write solid = { mesh = "part.inp", unit = "1 mm" }'
         if self.inertia is not None:
             if self.point_mass is None:
-                raise problem("`inertia` goes with point_mass; other solids bring their own")
+                yield "`inertia` goes with point_mass; other solids bring their own"
             low, middle, high = sorted(self.inertia)
             if high > (low + middle) * (1.0 + ROUNDING):
-                raise problem(
-                    f"its largest moment of inertia, {high:g} kg m^2, is more than the sum of the others; no body has such"
-                )
-        return self
+                yield f"its largest moment of inertia, {high:g} kg m^2, is more than the sum of the others; no body has such"
 
 
 InPlane = Annotated[list[Length], Field(min_length=2, max_length=3)]
@@ -285,10 +261,8 @@ class PatchTable(StrictTable):
     each: Exceptions = {}
     """what is different at single places, dotted keys and values"""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        _refuse_two_shapes(self.disk, self.rect, self.strip)
-        return self
+    def _faults(self) -> Iterator[str]:
+        yield from _shape_faults(self.disk, self.rect, self.strip)
 
 
 class RailTable(StrictTable):
@@ -346,26 +320,20 @@ class InterfaceTable(StrictTable):
     rail: RailTable | None = None
     """carriages act at any position along it, see [guideways](guideways.md)"""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        _refuse_two_shapes(self.disk, self.rect, self.strip)
+    def _faults(self) -> Iterator[str]:
+        yield from _shape_faults(self.disk, self.rect, self.strip)
         if self.rail is not None and self.flexible:
-            raise problem(
-                "is a rail, which has a longer basis of its own; remove coupling, or write control_points"
-            )
+            yield "is a rail, which has a longer basis of its own; remove coupling, or write control_points"
         if (
             self.rail is not None
             and self.coupling == "rigid"
             and "coupling" in self.model_fields_set
         ):
-            raise problem(
-                'is a rail, and a rigid coupling would stiffen it over its whole length; remove coupling or write "average"'
-            )
+            yield 'is a rail, and a rigid coupling would stiffen it over its whole length; remove coupling or write "average"'
         if self.patches is None and self.face is None:
-            raise problem('describes no patch; write face = "z+" or patches = [{ face = "z+" }]')
+            yield 'describes no patch; write face = "z+" or patches = [{ face = "z+" }]'
         if self.patches is not None and (self.face or self.disk or self.rect or self.strip):
-            raise problem("gives both a face and patches; move the face into the list of patches")
-        return self
+            yield "gives both a face and patches; move the face into the list of patches"
 
     @property
     def kind(self) -> Literal["rigid", "average"]:
@@ -402,11 +370,9 @@ class InterfaceTable(StrictTable):
         return (PatchTable(face=self.face or "", disk=self.disk, rect=self.rect, strip=self.strip),)
 
 
-def _refuse_two_shapes(*shapes: object) -> None:
+def _shape_faults(*shapes: object) -> Iterator[str]:
     if sum(shape is not None for shape in shapes) > 1:
-        raise problem(
-            "a patch is one of disk, rect, strip; write several patches as patches = [{...}, {...}]"
-        )
+        yield "a patch is one of disk, rect, strip; write several patches as patches = [{...}, {...}]"
 
 
 class RotationTable(StrictTable):
@@ -468,15 +434,11 @@ class ReductionTable(StrictTable):
     correct_mesh: Flag = False
     """take what the mesh is estimated to miss out of the reduced stiffness: ± is then a third, of either sign; `accuracy` does so"""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if self.verify and self.solver == "iterative":
-            raise problem(
-                'verify counts modes by factors, which solver = "iterative" has not; keep one'
-            )
+            yield 'verify counts modes by factors, which solver = "iterative" has not; keep one'
         if self.modes_to is not None and self.modes is not None:
-            raise problem("gives both modes_to and modes; keep one")
-        return self
+            yield "gives both modes_to and modes; keep one"
 
 
 class SegmentsTable(StrictTable):
@@ -511,11 +473,9 @@ class RayleighTable(StrictTable):
     beta: NotNegativeTime = 0.0
     """damping in proportion to stiffness: damping ratio `beta omega / 2`"""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if not self.model_fields_set:
-            raise problem('is empty; write rayleigh = { alpha = "2 1/s", beta = "1e-5 s" }, or one')
-        return self
+            yield 'is empty; write rayleigh = { alpha = "2 1/s", beta = "1e-5 s" }, or one'
 
 
 class ComponentTable(StrictTable):

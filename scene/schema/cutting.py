@@ -1,9 +1,10 @@
 """Schema of the cutting coefficients of a work material, and of a mill with its own modes."""
 
 import math
-from typing import Annotated, Literal, Self
+from collections.abc import Iterator
+from typing import Annotated, Literal
 
-from pydantic import AfterValidator, model_validator
+from pydantic import AfterValidator
 
 from headstock.scene.schema.types import (
     Angle,
@@ -104,47 +105,40 @@ class CuttingTable(StrictTable):
 
     @property
     def values(self) -> dict[str, float]:
-        """What is written, by key, in SI units."""
-        keys = ("Ktc", "kc11", *DIRECT, *KIENZLE, *TYPICAL_RATIOS)
-        return {key: value for key in keys if (value := getattr(self, key)) is not None}
+        """Coefficients that are written, by key, in SI units."""
+        return self.given(("Ktc", "kc11", *DIRECT, *KIENZLE, *TYPICAL_RATIOS))
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         values = self.values
-        if ("Ktc" in values) == ("kc11" in values):
-            raise problem(
-                "gives both Ktc and kc11; keep one"
-                if "Ktc" in values
-                else 'gives no tangential force; write Ktc = "800 N/mm^2", or kc11 = "1500 N/mm^2" and mc = 0.25'
-            )
+        if "Ktc" in values and "kc11" in values:
+            yield "gives both Ktc and kc11; keep one"
+        if "Ktc" not in values and "kc11" not in values:
+            yield 'gives no tangential force; write Ktc = "800 N/mm^2", or kc11 = "1500 N/mm^2" and mc = 0.25'
         if "kc11" in values and "mc" not in values:
-            raise problem(
-                "gives kc11 without mc, by which the specific force falls; write mc = 0.25"
-            )
-        foreign = [key for key in (DIRECT if "kc11" in values else KIENZLE) if key in values]
-        if foreign:
-            raise problem(
-                f"gives {foreign[0]} beside {'kc11' if 'kc11' in values else 'Ktc'}; {foreign[0]} belongs to"
-                f" {'Ktc; write radial_ratio and axial_ratio' if 'kc11' in values else 'kc11'}, or remove it"
-            )
-        for ratio, own, edge in (("radial_ratio", "Krc", "Kre"), ("axial_ratio", "Kac", "Kae")):
-            if ratio in values and (own in values or edge in values):
-                raise problem(f"gives {ratio} beside {own if own in values else edge}; keep one")
-            if edge in values and own not in values:
-                raise problem(f"gives {edge} without {own}; write {own} as well")
+            yield "gives kc11 without mc, by which the specific force falls; write mc = 0.25"
+        base, foreign, owner = (
+            ("kc11", DIRECT, "Ktc; write radial_ratio and axial_ratio")
+            if "kc11" in values
+            else ("Ktc", KIENZLE, "kc11")
+        )
+        for key in self.given(foreign):
+            yield f"gives {key} beside {base}; {key} belongs to {owner}, or remove it"
+        for ratio, chip, edge in (("radial_ratio", "Krc", "Kre"), ("axial_ratio", "Kac", "Kae")):
+            for key in self.given((chip, edge) if ratio in values else ()):
+                yield f"gives {ratio} beside {key}; keep one"
+            if edge in values and chip not in values:
+                yield f"gives {edge} without {chip}; write {chip} as well"
+        yield from self._range_faults()
+
+    def _range_faults(self) -> Iterator[str]:
         for key, share in self.ranges.items():
-            value = values.get(key)
+            value = self.values.get(key)
             if value is None:
-                raise problem(
-                    f"gives a range of {key}, which it does not give; write {key} as well"
-                )
-            if key in ("Ktc", "kc11", "chip_thickness", "mc") and share >= 1.0:
-                raise problem(
-                    f"gives a range of {key} that reaches down to zero; write less than 100 %"
-                )
-            if key == "mc" and value * (1.0 + share) >= 1.0:
-                raise problem("gives a range of mc that reaches one; write less")
-        return self
+                yield f"gives a range of {key}, which it does not give; write {key} as well"
+            elif key in ("Ktc", "kc11", "chip_thickness", "mc") and share >= 1.0:
+                yield f"gives a range of {key} that reaches down to zero; write less than 100 %"
+            elif key == "mc" and value * (1.0 + share) >= 1.0:
+                yield "gives a range of mc that reaches one; write less"
 
 
 MOST_TEETH = 40
@@ -182,13 +176,9 @@ class MillTable(StrictTable):
     runout: NotNegativeLength = 0.0
     """distance of the tool axis from the spindle axis"""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if self.runout > MOST_RUNOUT * self.diameter:
-            raise problem(
-                f"has a runout of {1e3 * self.runout:g} mm, more than {100.0 * MOST_RUNOUT:g} % of its diameter; check the unit"
-            )
-        return self
+            yield f"has a runout of {1e3 * self.runout:g} mm, more than {100.0 * MOST_RUNOUT:g} % of its diameter; check the unit"
 
 
 class ToolModeTable(StrictTable):

@@ -1,8 +1,9 @@
 """Schema of drives with their control."""
 
-from typing import Annotated, Literal, Self
+from collections.abc import Iterator
+from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field
 
 from headstock.scene.reading import units
 from headstock.scene.reading.units import Quantity
@@ -22,7 +23,6 @@ from headstock.scene.schema.types import (
     Text,
     describe_quantity,
     not_both,
-    problem,
     read_quantity,
 )
 
@@ -63,13 +63,11 @@ class FrictionTable(StrictTable):
     smoothing: PositiveSpeed = 1e-4
     """speed over which friction changes its sign: tanh(v / smoothing)"""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if self.breakaway is not None and self.breakaway < self.coulomb:
-            raise problem("has a breakaway below coulomb; write a breakaway of at least coulomb")
+            yield "has a breakaway below coulomb; write a breakaway of at least coulomb"
         if self.viscous is not None and self.viscous.value < 0.0:
-            raise problem('viscous friction must not be negative; write for example "200 N s/m"')
-        return self
+            yield 'viscous friction must not be negative; write for example "200 N s/m"'
 
 
 class RippleTable(StrictTable):
@@ -125,16 +123,10 @@ class DriveTable(StrictTable):
     torque_ripple: Annotated[list[RippleTable], Field(min_length=1, max_length=20)] | None = None
     """waves of the motor's torque: `[{ torque = "0.01 N m", per_turn = 8 }]`; used along a path, effect `torque_ripple`"""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if self.sampling is not None and self.dead_time is not None:
-            raise problem(
-                "gives both sampling and dead_time; the dead time of a sampled loop is 1.5 cycles, so keep one"
-            )
+            yield "gives both sampling and dead_time; the dead time of a sampled loop is 1.5 cycles, so keep one"
         if self.velocity_gain.value <= 0.0:
-            raise problem('velocity_gain must be above zero; write for example "2e4 N s/m"')
+            yield 'velocity_gain must be above zero; write for example "2e4 N s/m"'
         if self.scale is not None and self.encoder == "motor":
-            raise problem(
-                'names a scale, but the encoder is that of the motor; write encoder = "scale" or remove scale'
-            )
-        return self
+            yield 'names a scale, but the encoder is that of the motor; write encoder = "scale" or remove scale'

@@ -1,9 +1,10 @@
 """Schema of the errors of guides and drives: profiles along rails, screws and axes."""
 
+from collections.abc import Iterator
 from itertools import pairwise
-from typing import Annotated, Self
+from typing import Annotated
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from headstock.scene.reading.units import Quantity
 from headstock.scene.schema.types import (
@@ -12,10 +13,11 @@ from headstock.scene.schema.types import (
     PositiveAxisPosition,
     PositiveLength,
     StrictTable,
-    problem,
 )
 from headstock.scene.schema.types import Position as MachinePosition
 
+RAIL_KEYS = ("axial", "lateral", "normal", "roll", "pitch", "yaw")
+MOTION_KEYS = ("EX", "EY", "EZ", "EA", "EB", "EC")
 MOST_TERMS = 10_000
 Values = Annotated[list[AxisPosition], Field(min_length=2, max_length=MOST_TERMS)]
 
@@ -30,11 +32,9 @@ class ErrorWaveTable(StrictTable):
     phase: Angle = 0.0
     """phase at position zero"""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if self.period.value <= 0.0:
-            raise problem('its period must be above zero; write for example "2 mm"')
-        return self
+            yield 'its period must be above zero; write for example "2 mm"'
 
 
 class ErrorPointsTable(StrictTable):
@@ -45,16 +45,12 @@ class ErrorPointsTable(StrictTable):
     values: Values
     """values of the error, one per position"""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if len(self.at) != len(self.values):
-            raise problem(
-                f"has {len(self.at)} positions and {len(self.values)} values; write one value per position"
-            )
+            yield f"has {len(self.at)} positions and {len(self.values)} values; write one value per position"
         places = [place.value for place in self.at]
         if any(later <= earlier for earlier, later in pairwise(places)):
-            raise problem("its positions do not rise; sort them, each once")
-        return self
+            yield "its positions do not rise; sort them, each once"
 
 
 class ProfileTable(StrictTable):
@@ -70,20 +66,16 @@ class ProfileTable(StrictTable):
     waves: Annotated[list[ErrorWaveTable], Field(min_length=1, max_length=100)] | None = None
     """sum of `amplitude sin(2 pi s / period + phase)` over the position s"""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if self.points is None and self.polynomial is None and self.waves is None:
-            raise problem(
-                'has no values; write waves = [{ period = "400 mm", amplitude = "1 um" }], or points or polynomial'
-            )
+            yield 'has no values; write waves = [{ period = "400 mm", amplitude = "1 um" }], or points or polynomial'
         if (self.over is None) != (self.polynomial is None or len(self.polynomial) < 2):
-            raise problem(
+            yield (
                 "a polynomial of the position and the length of its terms go together; write"
                 ' polynomial = ["0 um", "2 um"] and over = "100 mm": 2 um per 100 mm'
             )
         if self.over is not None and self.over.value <= 0.0:
-            raise problem('over must be above zero; write for example "100 mm"')
-        return self
+            yield 'over must be above zero; write for example "100 mm"'
 
     def positions(self) -> list[tuple[tuple[str | int, ...], Quantity]]:
         """Every position or period, with its key."""
@@ -136,15 +128,7 @@ class BallPassingTable(StrictTable):
 
     def amplitudes(self) -> dict[str, Quantity]:
         """Those given, by direction."""
-        given = {
-            "axial": self.axial,
-            "lateral": self.lateral,
-            "normal": self.normal,
-            "roll": self.roll,
-            "pitch": self.pitch,
-            "yaw": self.yaw,
-        }
-        return {key: value for key, value in given.items() if value is not None}
+        return self.given(RAIL_KEYS)
 
 
 class RailErrorsTable(StrictTable):
@@ -171,15 +155,7 @@ class RailErrorsTable(StrictTable):
 
     def profiles(self) -> dict[str, ProfileTable]:
         """Those given, by direction."""
-        given = {
-            "axial": self.axial,
-            "lateral": self.lateral,
-            "normal": self.normal,
-            "roll": self.roll,
-            "pitch": self.pitch,
-            "yaw": self.yaw,
-        }
-        return {key: value for key, value in given.items() if value is not None}
+        return self.given(RAIL_KEYS)
 
 
 class AxisErrorsTable(StrictTable):
@@ -210,15 +186,7 @@ class AxisErrorsTable(StrictTable):
 
     def profiles(self) -> dict[str, ProfileTable]:
         """Those given, by symbol."""
-        given = {
-            "EX": self.EX,
-            "EY": self.EY,
-            "EZ": self.EZ,
-            "EA": self.EA,
-            "EB": self.EB,
-            "EC": self.EC,
-        }
-        return {key: value for key, value in given.items() if value is not None}
+        return self.given(MOTION_KEYS)
 
     def squareness(self) -> dict[str, float]:
         """Rotations of the line of motion about x, y and z, by symbol [rad]."""

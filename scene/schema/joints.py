@@ -1,8 +1,9 @@
 """Schema of joints: shafts of ball screws, carriages on rails, the joint itself."""
 
-from typing import Annotated, Literal, Self
+from collections.abc import Iterator
+from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from headstock.scene.schema.guide_errors import RailErrorsTable
 from headstock.scene.schema.types import (
@@ -26,7 +27,6 @@ from headstock.scene.schema.types import (
     PositiveStiffnessPerArea,
     StrictTable,
     Text,
-    problem,
 )
 
 
@@ -61,25 +61,20 @@ class ScrewTable(StrictTable):
     length: PositiveLength | None = None
     """length of the shaft between both fixed bearings; only with `second_end`, which needs it"""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if self.bore >= self.diameter:
-            raise problem(
-                f"its bore of {1e3 * self.bore:.6g} mm is not smaller than its diameter of {1e3 * self.diameter:.6g} mm"
-            )
+            yield f"its bore of {1e3 * self.bore:.6g} mm is not smaller than its diameter of {1e3 * self.diameter:.6g} mm"
         if (self.second_end is None) != (self.length is None):
-            raise problem(
-                'a second fixed bearing needs the shaft\'s length between both, and only it does; write second_end = "bed.bearing_2", length = "900 mm"'
+            yield (
+                "a second fixed bearing needs the shaft's length between both, and only it does;"
+                ' write second_end = "bed.bearing_2", length = "900 mm"'
             )
         if self.second_end is not None and self.floating_end is not None:
-            raise problem(
-                "a shaft between two bearings has its own length; remove floating_end or second_end"
-            )
+            yield "a shaft between two bearings has its own length; remove floating_end or second_end"
         if self.second_end is None and self.second_bearing is not None:
-            raise problem('there is no second bearing; write second_end = "bed.bearing_2" too')
+            yield 'there is no second bearing; write second_end = "bed.bearing_2" too'
         if self.coupling is not None and self.lead is None:
-            raise problem('a coupling deflects along the thread only; write lead = "10 mm" too')
-        return self
+            yield 'a coupling deflects along the thread only; write lead = "10 mm" too'
 
 
 class CarriagesTable(StrictTable):

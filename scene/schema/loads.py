@@ -1,8 +1,9 @@
 """Schema of supports, static loads and probes."""
 
-from typing import Annotated, Literal, Self
+from collections.abc import Iterator
+from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field
 
 from headstock.geometry.parts.components import NORMAL
 from headstock.scene.reading.units import show_value
@@ -73,25 +74,31 @@ class SupportTable(StrictTable):
         """The component it holds."""
         return (self.edge[0] if self.edge else self.face or self.at or "").partition(".")[0]
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if len(set(self.fix)) < len(self.fix):
-            raise problem("names a direction twice in fix")
+            yield "names a direction twice in fix"
         shapes = (self.disk, self.rect, self.strip)
         if self.edge is None:
-            _check_area(self.face, self.at, shapes)
-            return self
+            yield from _area_faults(self.face, self.at, shapes)
+            return
         for face in self.edge:
-            _check_area(face, None, shapes)
+            yield from _area_faults(face, None, shapes)
         if self.face is not None or self.at is not None or any(shapes):
-            raise problem("an edge is where two whole faces meet; remove face, at and shapes")
+            yield "an edge is where two whole faces meet; remove face, at and shapes"
         if len({face.partition(".")[0] for face in self.edge}) > 1:
-            raise problem(
-                'an edge lies between two faces of one component; write edge = ["plate.z-", "plate.x-"]'
-            )
+            yield 'an edge lies between two faces of one component; write edge = ["plate.z-", "plate.x-"]'
         if NORMAL in self.fix:
-            raise problem("an edge has no one normal; write directions such as x or [1, 0, 1]")
-        return self
+            yield "an edge has no one normal; write directions such as x or [1, 0, 1]"
+
+
+LoadKind = Literal["force", "traction", "pressure", "body", "displacement"]
+LOAD_KINDS: dict[LoadKind, tuple[str, ...]] = {
+    "force": ("force", "moment"),
+    "traction": ("traction",),
+    "pressure": ("pressure",),
+    "body": ("body",),
+    "displacement": ("displacement", "rotation"),
+}
 
 
 class LoadTable(StrictTable):
@@ -134,50 +141,27 @@ class LoadTable(StrictTable):
         return self.component or (self.face or self.at or "").partition(".")[0]
 
     @property
-    def kind(self) -> Literal["traction", "pressure", "body", "force", "displacement"]:
-        """What kind of load was written."""
-        if self.joint is not None:
-            return "displacement"
-        if self.traction is not None:
-            return "traction"
-        if self.pressure is not None:
-            return "pressure"
-        return "body" if self.body is not None else "force"
+    def kind(self) -> LoadKind:
+        """Which kind of load was written."""
+        return next(kind for kind, keys in LOAD_KINDS.items() if self.given(keys))
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        point_load = self.force is not None or self.moment is not None
-        kinds = [
-            point_load,
-            self.traction is not None,
-            self.pressure is not None,
-            self.body is not None,
-            self.displacement is not None or self.rotation is not None,
-        ]
-        if sum(kinds) != 1:
-            raise problem(
-                "needs exactly one of force (with moment), traction, pressure, body, displacement (with rotation)"
-            )
-        if self.joint is not None or kinds[-1]:
-            if self.joint is None or not kinds[-1] or self.face or self.at or self.component:
-                raise problem(
-                    'a displacement is given to a joint; write joint = "foot", displacement = ["0 um", "0 um", "-20 um"]'
-                )
-            return self
-        if point_load and self.at is None:
-            raise problem(
-                'a force or moment acts at an interface; write at = "component.interface"'
-            )
-        if self.body is not None:
-            if self.component is None or self.face is not None or self.at is not None:
-                raise problem('a body load acts on a whole component; write component = "name"')
-            return self
-        if self.component is not None:
-            raise problem(
-                '`component` goes with body loads; write face = "component.z+" or at = "component.interface"'
-            )
-        _check_area(self.face, self.at, (self.disk, self.rect, self.strip))
-        return self
+    def _faults(self) -> Iterator[str]:
+        kinds = [kind for kind, keys in LOAD_KINDS.items() if self.given(keys)]
+        if len(kinds) != 1:
+            yield "needs exactly one of force (with moment), traction, pressure, body, displacement (with rotation)"
+        places = self.given(("at", "face", "component", "joint")).keys()
+        if "joint" in places or "displacement" in kinds:
+            if places != {"joint"} or "displacement" not in kinds:
+                yield 'a displacement is given to a joint; write joint = "foot", displacement = ["0 um", "0 um", "-20 um"]'
+        elif "force" in kinds and "at" not in places:
+            yield 'a force or moment acts at an interface; write at = "component.interface"'
+        elif "body" in kinds:
+            if places != {"component"}:
+                yield 'a body load acts on a whole component; write component = "name"'
+        elif "component" in places:
+            yield '`component` goes with body loads; write face = "component.z+" or at = "component.interface"'
+        else:
+            yield from _area_faults(self.face, self.at, (self.disk, self.rect, self.strip))
 
 
 class ProbeTable(StrictTable):
@@ -191,8 +175,8 @@ class ProbeTable(StrictTable):
     """position in the component's frame"""
 
 
-def _check_area(face: str | None, at: str | None, shapes: tuple[object, ...]) -> None:
-    """Refuse an area that is given twice, not at all, or with two shapes.
+def _area_faults(face: str | None, at: str | None, shapes: tuple[object, ...]) -> Iterator[str]:
+    """Yield why an area is given twice, not at all, or with two shapes.
 
     Args:
         face: ``component.face``, where given.
@@ -200,13 +184,11 @@ def _check_area(face: str | None, at: str | None, shapes: tuple[object, ...]) ->
         shapes: Disk, rect and strip; None for those that are not given.
     """
     if (face is None) == (at is None):
-        raise problem('needs either face = "component.z-" or at = "component.interface"')
+        yield 'needs either face = "component.z-" or at = "component.interface"'
     if at is not None and any(shape is not None for shape in shapes):
-        raise problem("an interface brings its own patches; disk, rect and strip go with face")
+        yield "an interface brings its own patches; disk, rect and strip go with face"
     if sum(shape is not None for shape in shapes) > 1:
-        raise problem("an area is one of disk, rect, strip")
+        yield "an area is one of disk, rect, strip"
     text = face if face is not None else at or ""
     if text.count(".") != 1 or not all(text.split(".")):
-        raise problem(
-            f'{text!r:.80} names no component and area; write "component.z-" or "component.interface"'
-        )
+        yield f'{text!r:.80} names no component and area; write "component.z-" or "component.interface"'

@@ -1,8 +1,9 @@
 """Schema of a closed-loop mechanism: kind, dimensions, mounting, limits, lumped springs."""
 
-from typing import Annotated, Literal, Self
+from collections.abc import Iterator
+from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from headstock.scene.schema.components import Rotations
 from headstock.scene.schema.guide_errors import ProfileTable
@@ -18,9 +19,9 @@ from headstock.scene.schema.types import (
     PositiveLength,
     PositiveStiffness,
     StrictTable,
-    problem,
 )
 
+LEG_KEYS = ("leg_1", "leg_2", "leg_3")
 Pair = Annotated[list[Length], Field(min_length=2, max_length=2)]
 
 
@@ -72,8 +73,7 @@ class LegErrorsTable(StrictTable):
 
     def profiles(self) -> dict[str, ProfileTable]:
         """Those given, by leg."""
-        given = {"leg_1": self.leg_1, "leg_2": self.leg_2, "leg_3": self.leg_3}
-        return {leg: profile for leg, profile in given.items() if profile is not None}
+        return self.given(LEG_KEYS)
 
 
 class MechanismTable(StrictTable):
@@ -107,10 +107,6 @@ class MechanismTable(StrictTable):
     errors: LegErrorsTable | None = None
     """errors of the legs' screws in the lumped model, see [geometric errors](geometric_errors.md)"""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if self.model == "lumped" and self.springs is None:
-            raise problem(
-                'model = "lumped" needs its springs; write springs = { joint = "275 N/um", drive = "375 N/um", screw = "412 MN" }'
-            )
-        return self
+            yield 'model = "lumped" needs its springs; write springs = { joint = "275 N/um", drive = "375 N/um", screw = "412 MN" }'

@@ -3,10 +3,10 @@ analyses in poses.
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Literal, NamedTuple, Self
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Annotated, Any, Literal, NamedTuple
 
-from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
 
 from headstock.scene.reading.units import ANGLE, LENGTH, Quantity
 from headstock.scene.reading.watch_paths import MEASURED_NAMES, WatchError, parse_watch
@@ -47,17 +47,13 @@ def _check_watches(paths: list[str]) -> list[str]:
 Watches = Annotated[Names, AfterValidator(_check_watches)]
 
 
-def _check_lengths(vary: Mapping[str, Sequence[object]], *, pairwise: bool) -> None:
-    if not pairwise and math.prod(map(len, vary.values())) > MAX_POINTS:
-        raise problem(
-            f"has more than {MAX_POINTS} points; vary fewer keys at once, or write pairwise = true"
-        )
+def _length_faults(vary: Mapping[str, Sequence[object]], *, pairwise: bool) -> Iterator[str]:
     lengths = {key: len(values) for key, values in vary.items()}
+    if not pairwise and math.prod(lengths.values()) > MAX_POINTS:
+        yield f"has more than {MAX_POINTS} points; vary fewer keys at once, or write pairwise = true"
     if pairwise and len(set(lengths.values())) > 1:
         shown = ", ".join(f"{key} has {length}" for key, length in lengths.items())
-        raise problem(
-            f"pairwise combines the first values of all lists, then the second ones: lists must have equal lengths; {shown}"
-        )
+        yield f"pairwise combines the first values of all lists, then the second ones: lists must have equal lengths; {shown}"
 
 
 class FamilyTable(StrictTable):
@@ -77,10 +73,8 @@ class FamilyTable(StrictTable):
     """in a [cost study](studies.md#what-accuracy-costs): another model than the reference run (other interfaces, for instance); its
     difference is model spread, not error"""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        _check_lengths(self.vary, pairwise=self.pairwise)
-        return self
+    def _faults(self) -> Iterator[str]:
+        yield from _length_faults(self.vary, pairwise=self.pairwise)
 
 
 class StudyTable(StrictTable):
@@ -114,28 +108,22 @@ class StudyTable(StrictTable):
     reference_run: dict[str, Any] | None = None
     """settings of a run that all others are compared with: makes it a [cost study](studies.md#what-accuracy-costs)"""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if (self.vary is None) == (not self.families):
-            raise problem(
+            yield (
                 'needs either vary or families; write vary = { "components.NAME.mesh.size" = ["50 mm", "25 mm"] }'
                 if self.vary is None
                 else "gives both vary and families; move vary into a family"
             )
         if self.watch is None and self.reference is None:
-            raise problem('watches nothing; write watch = ["modal.frequencies_hz[0:6]", "seconds"]')
+            yield 'watches nothing; write watch = ["modal.frequencies_hz[0:6]", "seconds"]'
         if self.reference_run is not None and all(
             parse_watch(path).steps[0] in MEASURED_NAMES for path in self.watch or ()
         ):
-            raise problem(
-                'watches no result that could be compared with its reference run; write watch = ["modal.frequencies_hz[0:6]"]'
-            )
+            yield 'watches no result that could be compared with its reference run; write watch = ["modal.frequencies_hz[0:6]"]'
         if REFERENCE_RUN in self.families:
-            raise problem(
-                f"calls a family {REFERENCE_RUN!r}, which is the name of the run that the others are compared with"
-            )
-        _check_lengths(self.vary or {}, pairwise=self.pairwise)
-        return self
+            yield f"calls a family {REFERENCE_RUN!r}, which is the name of the run that the others are compared with"
+        yield from _length_faults(self.vary or {}, pairwise=self.pairwise)
 
 
 def _read_span(value: object) -> object:
@@ -209,23 +197,19 @@ class SweepTable(StrictTable):
     variant: Text | None = None
     """variant of the scene that is swept, `A+B` for several; it applies after one of the command line"""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        given = [key for key in ("axes", "poses", "path") if getattr(self, key) is not None]
+    def _faults(self) -> Iterator[str]:
+        given = self.given(("axes", "poses", "path"))
         if len(given) != 1:
             what = (
-                "gives neither axes nor poses nor path"
-                if not given
-                else f"gives {' and '.join(given)}; keep one"
+                f"gives {' and '.join(given)}; keep one"
+                if given
+                else "gives neither axes nor poses nor path"
             )
-            raise problem(f'{what}; write for example axes = {{ X = ["-100 mm", "100 mm", 21] }}')
+            yield f'{what}; write for example axes = {{ X = ["-100 mm", "100 mm", 21] }}'
         if (self.path is None) != (self.step is None) and not isinstance(self.path, str):
-            raise problem(
-                'path and step go together; write path = [{ X = "0 mm" }, { X = "100 mm" }] and step = "5 mm"'
-            )
+            yield 'path and step go together; write path = [{ X = "0 mm" }, { X = "100 mm" }] and step = "5 mm"'
         if self.step is not None and self.step.value <= 0.0:
-            raise problem("step must be above zero")
-        return self
+            yield "step must be above zero"
 
     def quantities(self) -> list[tuple[tuple[str | int, ...], str, Quantity]]:
         """Every position the table itself names: the rest of its key, its axis, its value."""

@@ -9,9 +9,9 @@ import itertools
 import math
 import re
 import textwrap
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from pydantic import (
@@ -24,6 +24,7 @@ from pydantic import (
     GetJsonSchemaHandler,
     JsonValue,
     StrictBool,
+    model_validator,
 )
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError
@@ -63,6 +64,22 @@ class StrictTable(BaseModel):
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
+
+    def _faults(self) -> Iterator[str]:
+        """Yield what is wrong with keys of which each is right by itself, and what to write; the
+        first one is reported.
+        """
+        yield from ()
+
+    @model_validator(mode="after")
+    def _refuse_faults(self) -> Self:
+        if fault := next(self._faults(), None):
+            raise problem(fault)
+        return self
+
+    def given(self, keys: Iterable[str]) -> dict[str, Any]:
+        """Values of those of some keys that are given."""
+        return {key: value for key in keys if (value := getattr(self, key)) is not None}
 
     @classmethod
     def __get_pydantic_json_schema__(
