@@ -10,7 +10,7 @@ from headstock.pipeline.stages.frf import peaks_have_tops
 from headstock.pipeline.stages.machine import damp_system
 from headstock.pipeline.stages.run_state import PoseModel
 from headstock.scene.analyses.lobes import LobesRequest
-from headstock.scene.reading.receptances import read_receptances
+from headstock.scene.reading.csv_files import read_receptances
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.damping import equivalent_viscous
 from headstock.solvers.linear.frequency_response import (

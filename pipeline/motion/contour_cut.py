@@ -10,7 +10,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.scene.analyses.contouring import ContouringRequest
-from headstock.scene.reading.forces import ForceRecord, resample_forces
+from headstock.scene.reading.csv_files import ForceRecord, resample_forces
 from headstock.solvers.milling.forces import Side, part_sign, repeated_forces
 from headstock.solvers.milling.regeneration import (
     RegenerativeCut,
@@ -62,7 +62,7 @@ def cut_contour(
         record: Measured forces in place of computed ones.
 
     Raises:
-        ForceFileError: The record does not cover the trajectory.
+        CsvError: The record does not cover the trajectory.
         ConvergenceError: The motion grows without bound.
     """
     times, size = motion.times, motion.mass.shape[-1]

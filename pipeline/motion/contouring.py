@@ -45,7 +45,7 @@ from headstock.pipeline.stages.better_machines import (
 from headstock.pipeline.stages.mechanism import placed_mechanism
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.scene.analyses.contouring import ContouringRequest
-from headstock.scene.reading.forces import ForceRecord, read_forces, resampling_loss
+from headstock.scene.reading.csv_files import ForceRecord, read_forces, resampling_loss
 from headstock.solvers.milling.border import find_border
 from headstock.solvers.milling.coefficients import CuttingCoefficients
 from headstock.solvers.milling.collocation import FINER, PeriodicCut, safe_depth

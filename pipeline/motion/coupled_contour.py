@@ -59,7 +59,7 @@ from headstock.pipeline.motion.trajectory import (
 )
 from headstock.pipeline.stages.run_state import RunState
 from headstock.scene.analyses.contouring import ContouringRequest
-from headstock.scene.reading.forces import ForceRecord
+from headstock.scene.reading.csv_files import ForceRecord
 from headstock.solvers.control.friction import friction_force
 from headstock.solvers.milling.path_drives import find_tool_positions
 from headstock.solvers.milling.stability import TipDynamics, tip_dynamics
@@ -173,7 +173,7 @@ def run_coupled_contour(
 
     Raises:
         PoseError: A mechanism cannot follow the path.
-        ForceFileError: The record does not cover it.
+        CsvError: The record does not cover it.
         ModelError: The machine is free to move.
     """
     course = beside or _lay_course(state, request)

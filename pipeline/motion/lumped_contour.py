@@ -28,7 +28,7 @@ from headstock.pipeline.motion.motors import (
 from headstock.pipeline.motion.traced_path import plan_request
 from headstock.pipeline.stages.lumped_machine import sample_leg_errors
 from headstock.scene.analyses.contouring import ContouringRequest
-from headstock.scene.reading.forces import ForceRecord
+from headstock.scene.reading.csv_files import ForceRecord
 from headstock.scene.scene import SceneMechanism
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.solvers.mechanisms.modes import (
@@ -78,7 +78,7 @@ def run_lumped_contour(
 
     Raises:
         PoseError: The path cannot be followed.
-        ForceFileError: The record does not cover it.
+        CsvError: The record does not cover it.
     """
     plan, fit = plan_request(
         request,

@@ -10,8 +10,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.scene.analyses.contouring import ContouringRequest
-from headstock.scene.reading.forces import ForceFileError
-from headstock.scene.reading.tool_positions import read_positions
+from headstock.scene.reading.csv_files import CsvError, read_history
 from headstock.solvers.milling.path_drives import smooth_samples
 from headstock.solvers.milling.tool_path import (
     ContourPlan,
@@ -60,25 +59,26 @@ def plan_request(
             planned path.
 
     Raises:
-        ForceFileError: The traces cannot be read or do not cover the path.
+        CsvError: The traces cannot be read or do not cover the path.
         ModelError: There are too few samples between knots.
         PoseError: A mechanism cannot follow the path.
     """
     plan = plan_contour(request.contour)
     if request.traces is None:
         return plan, None
-    record, end = read_positions(request.traces, names), plan.path.span[1]
-    if record.times[0] > 0.0 or record.times[-1] < end:
-        raise ForceFileError(
-            f"{request.traces}: positions were measured from {record.times[0]:g} to {record.times[-1]:g} s, and 0 to {end:.6g} s are needed"
+    measured, positions = read_history(request.traces, names)
+    end = plan.path.span[1]
+    if measured[0] > 0.0 or measured[-1] < end:
+        raise CsvError(
+            f"{request.traces}: positions were measured from {measured[0]:g} to {measured[-1]:g} s, and 0 to {end:.6g} s are needed"
         )
-    within = (record.times >= 0.0) & (record.times <= end)
+    within = (measured >= 0.0) & (measured <= end)
     # the samples next to both ends as well: the spline reaches over the path
     within[:-1] |= within[1:]
     within[1:] |= within[:-1]
-    times = record.times[within]
+    times = measured[within]
     planned = plan.path.at(times)
-    places = find_tool(record.positions[within], planned)
+    places = find_tool(positions[within], planned)
     law = smooth_samples(times, places, request.traces_knots)
     residual = np.linalg.norm(places - law(times), axis=1)
     cutting = (times > plan.enters) & (times < plan.leaves)

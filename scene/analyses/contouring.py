@@ -25,11 +25,10 @@ from headstock.scene.building.cutting import (
 )
 from headstock.scene.building.draft import Draft, SceneAnalysis, check_name
 from headstock.scene.building.drives import FRICTION
+from headstock.scene.reading.csv_files import MOST_CORNERS, CsvError, read_corners, read_history
 from headstock.scene.reading.files import resolve_file
 from headstock.scene.reading.findings import Findings
-from headstock.scene.reading.forces import ForceFileError
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.reading.tool_positions import MOST_CORNERS, read_corners, read_positions
 from headstock.scene.requests import Request
 from headstock.scene.scene import Scene
 from headstock.scene.schema.cutting import MillTable, ToolModeTable
@@ -216,7 +215,7 @@ def _build(table: ContouringTable, draft: Draft) -> ContouringRequest:
 
     Raises:
         ValueError: A file is missing or out of bounds, or the corners of a line are no contour.
-        ForceFileError: The file of corners cannot be used.
+        CsvError: The file of corners cannot be used.
     """
     scene = draft.table
     damping = scene.effects.get("damping", False)
@@ -250,7 +249,7 @@ def _build_contour(table: ContouringTable, folder: Path) -> SquareContour | Poly
 
     Raises:
         ValueError: Corners are not at one height, or the file is missing or out of bounds.
-        ForceFileError: The file of corners cannot be used.
+        CsvError: The file of corners cannot be used.
     """
     offset, part = 0.5 * table.mill.diameter, part_side(table)
     if table.side is not None and table.at is not None:
@@ -298,7 +297,7 @@ def _check_way(table: ContouringTable, folder: Path, findings: Findings) -> None
         )
     try:
         plan = plan_contour(_build_contour(table, folder))
-    except (ValueError, ForceFileError) as error:
+    except (ValueError, CsvError) as error:
         findings.add((*KEY, key), str(error))
         return
     if not plan.cuts:
@@ -397,16 +396,16 @@ def _check_traces(
     if request.traces is None:
         return None
     try:
-        record = read_positions(request.traces, names)
-    except ForceFileError as error:
+        times, positions = read_history(request.traces, names)
+    except CsvError as error:
         findings.add((*KEY, "traces"), str(error))
         return None
-    if record.times[0] > 0.0 or record.times[-1] < end:
+    if times[0] > 0.0 or times[-1] < end:
         findings.add(
             (*KEY, "traces"),
-            f"holds {record.times[0]:g} to {record.times[-1]:g} s, and the path takes 0 to {end:.6g} s; its time starts with the path",
+            f"holds {times[0]:g} to {times[-1]:g} s, and the path takes 0 to {end:.6g} s; its time starts with the path",
         )
-    return record.positions
+    return positions
 
 
 def _tool_point(scene: SceneTable, table: ContouringTable) -> str | None:

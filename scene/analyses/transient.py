@@ -19,15 +19,15 @@ from headstock.scene.building.draft import (
     check_pose_names,
 )
 from headstock.scene.building.drives import FRICTION, check_motors, check_sampling
-from headstock.scene.reading.files import resolve_file
-from headstock.scene.reading.findings import Findings
-from headstock.scene.reading.forces import (
-    ForceFileError,
+from headstock.scene.reading.csv_files import (
+    CsvError,
     ForceRecord,
-    read_columns,
+    read_history,
     resample_forces,
     resampling_loss,
 )
+from headstock.scene.reading.files import resolve_file
+from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import ANGULAR_IMPULSE, FORCE, IMPULSE, MOMENT
 from headstock.scene.requests import Motors, Request
@@ -62,7 +62,7 @@ from headstock.solvers.second_order import Channel
 
 KEY: KeyPath = ("analyses", "transient")
 RECORD_SUFFIXES = (".csv",)
-RECORD_COLUMNS = ("time", "value")
+RECORD_COLUMNS = ("value",)
 ON_GRID = 1e-6  # of a time step
 MUCH_LOST = 0.01  # of the rms of a record
 GRAVITY = "gravity"
@@ -242,7 +242,7 @@ def _build(table: TransientTable, draft: Draft) -> TransientRequest:
 
     Raises:
         ValueError: A record is missing or out of bounds.
-        ForceFileError: A record cannot be used.
+        CsvError: A record cannot be used.
     """
     scene = draft.table
     outputs = [one for one in table.outputs or () if one[0] not in scene.probes]
@@ -336,7 +336,7 @@ def _check_record(
     try:
         record = _read_record(load, folder)
         lost = _find_loss(record, load, table)
-    except (ValueError, ForceFileError) as error:
+    except (ValueError, CsvError) as error:
         findings.add(key, str(error))
         return
     if lost > MUCH_LOST:
@@ -372,21 +372,20 @@ def _build_history(load: TimedLoadTable, table: TransientTable, folder: Path) ->
 
 def _read_record(load: TimedLoadTable, folder: Path) -> ForceRecord:
     path = resolve_file(folder, load.file or "", RECORD_SUFFIXES, RECORD)
-    values = read_columns(path, RECORD_COLUMNS)
-    return ForceRecord(values[:, 0], values[:, 1:])
+    return ForceRecord(*read_history(path, RECORD_COLUMNS))
 
 
 def _grid_of(record: ForceRecord, load: TimedLoadTable, table: TransientTable) -> FloatArray:
     """Samples of the analysis that lie within a record, in its own time.
 
     Raises:
-        ForceFileError: There are none.
+        CsvError: There are none.
     """
     rate = table.samples_per_second
     ends = (record.times[[0, -1]] + load.start) * rate
     first, last = int(np.ceil(ends[0] - ON_GRID)), int(np.floor(ends[1] + ON_GRID))
     if last - first < 1:
-        raise ForceFileError(
+        raise CsvError(
             f"the record lasts {record.times[-1] - record.times[0]:g} s, less than a sample of the analysis at {rate:g} Hz; raise sampling"
         )
     grid = np.arange(first, last + 1) / rate - load.start

@@ -13,7 +13,7 @@ from headstock.geometry.mechanisms.tool_mechanism import TOOL_AXES
 from headstock.geometry.parts.solids import Solid
 from headstock.scene.expansion.overrides import split_variant
 from headstock.scene.reading.analysis_names import NAMES
-from headstock.scene.reading.axis_paths import AxisPath
+from headstock.scene.reading.csv_files import AxisPath
 from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath

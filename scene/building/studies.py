@@ -16,7 +16,7 @@ from headstock.geometry.machine.machine import Machine, find_limit_fault, positi
 from headstock.meshing.process.strangers import WAYPOINTS
 from headstock.scene.building.draft import Draft, check_name, check_variant
 from headstock.scene.expansion.overrides import AS_WRITTEN, path_exists
-from headstock.scene.reading.axis_paths import AxisPath, PathFileError, read_path
+from headstock.scene.reading.csv_files import AxisPath, CsvError, read_waypoints
 from headstock.scene.reading.files import resolve_file
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
@@ -161,8 +161,8 @@ def read_sweep_paths(scene: SceneTable, folder: Path, findings: Findings) -> dic
             continue
         key: KeyPath = ("sweeps", name, "path")
         try:
-            found[name] = read_path(resolve_file(folder, table.path, SUFFIXES, WAYPOINTS))
-        except (ValueError, PathFileError) as error:
+            found[name] = read_waypoints(resolve_file(folder, table.path, SUFFIXES, WAYPOINTS))
+        except (ValueError, CsvError) as error:
             findings.add(key, str(error))
             continue
         for column, axis in enumerate(found[name].axes):

@@ -25,8 +25,8 @@ from headstock.pipeline.planning.resources import peak_memory_mb
 from headstock.pipeline.storage.superelements import read_superelement, write_superelement
 from headstock.reduction.superelement import InterfaceMap, Superelement
 from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.csv_files import read_forces
 from headstock.scene.reading.findings import SceneError
-from headstock.scene.reading.forces import read_forces
 from headstock.studies.identification.target_files import load_targets
 from headstock.validation.parts.structured_meshes import lattice_mesh, straight_lattice
 

@@ -30,7 +30,7 @@ from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store
 from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.scene.building.loader import load_scene
-from headstock.scene.reading.forces import ForceFileError, ForceRecord
+from headstock.scene.reading.csv_files import CsvError, ForceRecord
 from headstock.solvers.mechanisms.dynamics import MechanismBody
 from headstock.solvers.mechanisms.modes import PoseDamping, linearise_poses, tool_compliance
 from headstock.solvers.milling.path_drives import follow_path
@@ -68,7 +68,7 @@ def test_measured_forces_that_are_the_computed_ones_give_the_same_motion(machine
     measured = run_lumped_contour(machine.scene, machine.model, request, record=record, until=0.5)
     # the mean over a step instead of the value in its middle
     assert np.abs(measured.gap - computed.gap).max() < 0.02 * np.ptp(computed.gap, axis=0).max()
-    with pytest.raises(ForceFileError, match="are needed"):
+    with pytest.raises(CsvError, match="are needed"):
         run_lumped_contour(machine.scene, machine.model, request, record=record, until=0.6)
 
 

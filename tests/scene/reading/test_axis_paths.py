@@ -9,8 +9,8 @@ import pytest
 
 from headstock.meshing.process.strangers import WAYPOINTS
 from headstock.scene.building.loader import load_scene
-from headstock.scene.reading import axis_paths
-from headstock.scene.reading.axis_paths import PathFileError, read_path
+from headstock.scene.reading import csv_files
+from headstock.scene.reading.csv_files import CsvError, read_waypoints
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.reading.units import ANGLE, LENGTH, parse_quantity
 from headstock.scene.studies import Sweep
@@ -36,7 +36,7 @@ def load_way(folder: Path, way: str) -> Sweep:
 def test_positions_are_the_numbers_that_a_scene_with_the_same_digits_has(tmp_path: Path) -> None:
     digits = ["0.1", "-37.123456789", "1e-7", "359.99", "0", "-0.0", "123456.7"]
     rows = "".join(f"{a}, {b}\r\n" for a, b in zip(digits, reversed(digits), strict=True))
-    path = read_path(write(tmp_path, f"\ufeffX [mm] ,B[deg]\r\n{rows}\r\n"))
+    path = read_waypoints(write(tmp_path, f"\ufeffX [mm] ,B[deg]\r\n{rows}\r\n"))
     assert path.axes == ("X", "B") and path.units == ("m", "rad")
     for column, unit, written in ((0, "mm", digits), (1, "deg", digits[::-1])):
         expected = [parse_quantity(f"{text} {unit}", LENGTH, ANGLE).value + 0.0 for text in written]
@@ -102,8 +102,8 @@ def test_a_file_that_is_no_way_is_refused_with_its_line(
     tmp_path: Path, text: str, message: str
 ) -> None:
     plain = ".*".join(re.escape(part) for part in message.split(".*"))
-    with pytest.raises(PathFileError, match=plain):
-        read_path(write(tmp_path, text))
+    with pytest.raises(CsvError, match=plain):
+        read_waypoints(write(tmp_path, text))
 
 
 def test_bytes_that_are_no_text_and_files_that_are_too_long_are_refused(
@@ -111,16 +111,16 @@ def test_bytes_that_are_no_text_and_files_that_are_too_long_are_refused(
 ) -> None:
     path = tmp_path / "way.csv"
     path.write_bytes(b"X [mm]\n1\n\xff\n")
-    with pytest.raises(PathFileError, match=r"way.csv cannot be read: .*utf-8"):
-        read_path(path)
-    with pytest.raises(PathFileError, match=r"gone.csv cannot be read"):
-        read_path(tmp_path / "gone.csv")
-    monkeypatch.setattr(axis_paths, "MOST_WAYPOINTS", 3)
-    with pytest.raises(PathFileError, match=r"way.csv:5: .* 3 waypoints"):
-        read_path(write(tmp_path, "X [mm]\n1\n2\n3\n4\n"))
-    monkeypatch.setattr(axis_paths, "WAYPOINTS", dataclasses.replace(WAYPOINTS, most_bytes=10))
-    with pytest.raises(PathFileError, match=r"way.csv has 1.5e-05 MB; a path may have 1e-05 MB"):
-        read_path(path)
+    with pytest.raises(CsvError, match=r"way.csv cannot be read: .*utf-8"):
+        read_waypoints(path)
+    with pytest.raises(CsvError, match=r"gone.csv cannot be read"):
+        read_waypoints(tmp_path / "gone.csv")
+    monkeypatch.setattr(csv_files, "MOST_WAYPOINTS", 3)
+    with pytest.raises(CsvError, match=r"way.csv:5: .* 3 waypoints"):
+        read_waypoints(write(tmp_path, "X [mm]\n1\n2\n3\n4\n"))
+    monkeypatch.setattr(csv_files, "WAYPOINTS", dataclasses.replace(WAYPOINTS, most_bytes=10))
+    with pytest.raises(CsvError, match=r"way.csv has 1.5e-05 MB; a path may have 1e-05 MB"):
+        read_waypoints(path)
 
 
 def test_huge_positions_are_no_trouble_where_an_axis_has_no_limits(tmp_path: Path) -> None:

@@ -7,14 +7,14 @@ import pytest
 from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.process.strangers import SMALL_BYTES
-from headstock.scene.reading.forces import (
-    ForceFileError,
+from headstock.scene.reading.csv_files import (
+    CsvError,
     ForceRecord,
+    read_corners,
     read_forces,
     resample_forces,
     resampling_loss,
 )
-from headstock.scene.reading.tool_positions import read_corners
 
 
 def write(folder: Path, times: FloatArray, forces: FloatArray) -> Path:
@@ -65,7 +65,7 @@ def test_impulse_is_kept_and_fast_oscillations_do_not_fold_back() -> None:
 ])  # fmt: skip
 def test_a_damaged_record_is_refused_by_name(tmp_path: Path, change: object, message: str) -> None:
     assert callable(change)
-    with pytest.raises(ForceFileError, match=message):
+    with pytest.raises(CsvError, match=message):
         read_forces(write(tmp_path, *change(TIMES, FORCES)))
 
 
@@ -76,14 +76,14 @@ def test_a_damaged_record_is_refused_by_name(tmp_path: Path, change: object, mes
 def test_a_file_that_is_no_record_is_refused(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "forces.csv"
     path.write_text(text)
-    with pytest.raises(ForceFileError, match=message):
+    with pytest.raises(CsvError, match=message):
         read_forces(path)
 
 
 def test_a_record_that_is_too_short_says_what_is_needed(tmp_path: Path) -> None:
-    with pytest.raises(ForceFileError, match=r"0\.099 s.* 0\.2 s"):
+    with pytest.raises(CsvError, match=r"0\.099 s.* 0\.2 s"):
         resample_forces(ForceRecord(TIMES, FORCES), np.linspace(0.0, 0.2, 50, dtype=np.float64))
-    with pytest.raises(ForceFileError, match="cannot be read"):
+    with pytest.raises(CsvError, match="cannot be read"):
         read_forces(tmp_path / "missing.csv")
 
 
@@ -108,10 +108,10 @@ def test_corners_beyond_their_number_or_size_are_refused_soon(tmp_path: Path) ->
     path = tmp_path / "corners.csv"
     path.write_text("x,y,z\n" + "0,1,2\n" * 1_000_000)
     start = time.process_time()
-    with pytest.raises(ForceFileError, match=r"corners.csv has 6 MB; a table of corners may"):
+    with pytest.raises(CsvError, match=r"corners.csv has 6 MB; a table of corners may"):
         read_corners(path)
     path.write_text("x,y,z\n" + "0,1,2\n" * 2001)
-    with pytest.raises(ForceFileError, match=r"corners.csv:2002: more than 2000 rows; leave out"):
+    with pytest.raises(CsvError, match=r"corners.csv:2002: more than 2000 rows; leave out"):
         read_corners(path)
     assert time.process_time() - start < 1.0
     path.write_text("x,y,z\n0,0,0\n1,0,0\n")
@@ -129,5 +129,5 @@ def test_a_long_record_is_read_apart_with_the_same_numbers_and_faults(tmp_path: 
     assert path.stat().st_size > SMALL_BYTES
     np.testing.assert_array_equal(read_forces(path).forces, rows)
     path.write_text("\n".join(["time,fx,fy,fz", *lines[:8000], "8,1,2", *lines[8001:]]))
-    with pytest.raises(ForceFileError, match=r"long.csv:8002 is no row of numbers: '8,1,2'"):
+    with pytest.raises(CsvError, match=r"long.csv:8002 is no row of numbers: '8,1,2'"):
         read_forces(path)
