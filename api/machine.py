@@ -24,10 +24,9 @@ from headstock.pipeline.storage.outputs import naming_output
 from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.scene.building.loader import build_scene, read_tables
 from headstock.scene.expansion.overrides import apply_settings, apply_variant
-from headstock.scene.reading.files import TomlTable, TomlValue
+from headstock.scene.reading.files import TomlTable, TomlValue, write_toml, write_value
 from headstock.scene.reading.findings import Findings, Problem, SceneError
 from headstock.scene.reading.keys import split_key
-from headstock.scene.reading.toml_text import write_toml, write_value
 from headstock.scene.scene import Scene
 from headstock.scene.schema.scene import complete_scene
 from headstock.scene.schema.validation import known_keys, validate_against

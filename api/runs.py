@@ -39,9 +39,8 @@ from headstock.pipeline.storage.provenance import Provenance, SceneChoice, trace
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import build_scene, load_scene, prepare_sweep
 from headstock.scene.expansion.includes import scene_content
-from headstock.scene.reading.files import TomlTable
+from headstock.scene.reading.files import TomlTable, write_toml
 from headstock.scene.reading.findings import Findings, SceneError, suggest_names
-from headstock.scene.reading.toml_text import write_toml
 from headstock.scene.reading.watch_paths import MEASURED_NAMES
 from headstock.scene.scene import Scene, keep_analyses, list_analyses, require_name
 from headstock.scene.studies import Study

@@ -33,8 +33,7 @@ from headstock.pipeline.storage.store import Store
 from headstock.pipeline.storage.superelements import write_superelement
 from headstock.scene.analyses.frf import FrfRequest
 from headstock.scene.reading.findings import Findings, SceneError
-from headstock.scene.requests import Analyses
-from headstock.scene.scene import Scene, require_name
+from headstock.scene.scene import Analyses, Scene, require_name
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.state_space import StateSpace, to_state_space
 from headstock.solvers.mpi import MPI

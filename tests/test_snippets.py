@@ -26,8 +26,8 @@ import typer
 from headstock.app.command_line import app
 from headstock.app.commands.options import split_list
 from headstock.scene.building.loader import build_scene, load_scene, read_tables
-from headstock.scene.reading.analysis_names import NAMES
 from headstock.scene.reading.findings import Findings, SceneError
+from headstock.scene.reading.names import NAMES
 from headstock.scene.scene import Scene
 from headstock.validation.case_registry import select_cases
 

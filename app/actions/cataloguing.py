@@ -19,12 +19,12 @@ from headstock.scene.expansion.catalogue import (
     CATALOGUE,
     FROM,
     CatalogueEntry,
+    CuttingMaterial,
     nearest_names,
     read_catalogue,
+    read_cutting_materials,
 )
-from headstock.scene.expansion.cutting_catalogue import CuttingMaterial, read_cutting_materials
-from headstock.scene.reading.files import TomlTable
-from headstock.scene.reading.toml_text import write_value
+from headstock.scene.reading.files import TomlTable, write_value
 from headstock.scene.schema.cutting import TYPICAL_RANGES, TYPICAL_RATIOS
 
 INTRODUCTION = """\

@@ -256,8 +256,7 @@ def schema(
 
 
 def _list_elements() -> list[str]:
-    from headstock.scene.expansion.catalogue import read_catalogue
-    from headstock.scene.expansion.cutting_catalogue import read_cutting_materials
+    from headstock.scene.expansion.catalogue import read_catalogue, read_cutting_materials
 
     return [*read_catalogue(), "cutting", *read_cutting_materials()]
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.frf import ResponseCurves
-from headstock.scene.requests import LOAD
+from headstock.scene.scene import LOAD
 from headstock.solvers.second_order import Channel, ComplexArray, Motion, name_channel
 
 MOST_FIELDS = 6  # rows and columns of a grid beyond this cannot be read

@@ -19,7 +19,7 @@ from headstock.pipeline.stages.machine import CoupledPose, couple_pose
 from headstock.pipeline.stages.run_state import ReducedComponent, RunState
 from headstock.reduction.coupling.dof_layout import turn_dofs
 from headstock.reduction.motions.body_motions import solve_machine_static
-from headstock.scene.requests import LOAD
+from headstock.scene.scene import LOAD
 from headstock.solvers.pairing.response_peaks import ResponsePeak
 from headstock.solvers.second_order import Channel
 

@@ -64,8 +64,7 @@ from headstock.pipeline.storage.store import Store
 from headstock.scene.analyses.frf import FrfRequest
 from headstock.scene.analyses.modal import ModalRequest
 from headstock.scene.analyses.static import StaticRequest
-from headstock.scene.requests import Analyses
-from headstock.scene.scene import AccuracyGoal, Scene
+from headstock.scene.scene import AccuracyGoal, Analyses, Scene
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
 

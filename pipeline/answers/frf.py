@@ -15,7 +15,7 @@ from headstock.pipeline.answers.probes import ProbeCurves, ProbeCurvesSummary, p
 from headstock.pipeline.answers.static import N_PER_UM, UM_PER_KN
 from headstock.pipeline.numbers.estimates import REDUCTION, Estimate, scale_shares
 from headstock.pipeline.numbers.numbers import Key, Number, Series, make_key
-from headstock.scene.requests import LOAD
+from headstock.scene.scene import LOAD
 from headstock.solvers.linear.frequency_response import convert_receptance
 from headstock.solvers.pairing.response_peaks import ResponseLevel, ResponsePeak
 from headstock.solvers.second_order import Channel, ComplexArray, Motion, name_channel

@@ -30,7 +30,7 @@ from headstock.pipeline.answers.probe_motions import (
 from headstock.pipeline.numbers.estimates import Estimate, scale_shares
 from headstock.pipeline.numbers.numbers import Key, Number, Series, make_key
 from headstock.pipeline.storage.json_texts import check_finite
-from headstock.scene.requests import Motors
+from headstock.scene.scene import Motors
 from headstock.solvers.linear.transient import EnergyBalance, TransientFigures
 from headstock.solvers.second_order import Channel, name_channel
 from headstock.solvers.watched_outputs import Extreme

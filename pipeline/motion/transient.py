@@ -37,7 +37,7 @@ from headstock.reduction.coupling.probes import PlacedProbe
 from headstock.reduction.estimates.mesh_errors import SILENT_SHARE
 from headstock.reduction.motions.compliance_budget import strain_energies
 from headstock.scene.analyses.transient import TimedLoad, TransientRequest
-from headstock.scene.requests import LOAD
+from headstock.scene.scene import LOAD
 from headstock.solvers.control.drive_loops import ClosedLoop, close_loops
 from headstock.solvers.control.drive_trains import DriveTrain
 from headstock.solvers.control.friction_loop import friction_channels

@@ -15,7 +15,7 @@ from headstock.meshing.process.strangers import RESULTS, SUMMARY, require_size
 from headstock.pipeline.numbers.numbers import Numbers
 from headstock.pipeline.storage.outputs import UnusableOutputError
 from headstock.pipeline.storage.records import RecordError, require_plain
-from headstock.scene.reading.renamed_names import RESULT_FORMAT
+from headstock.scene.reading.names import RESULT_FORMAT
 
 FORMAT = "headstock results"
 VERSION = 3

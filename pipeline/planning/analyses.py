@@ -41,8 +41,7 @@ from headstock.scene.analyses.path import PathRequest
 from headstock.scene.analyses.static import StaticRequest
 from headstock.scene.analyses.transient import TransientRequest
 from headstock.scene.analyses.volumetric import VolumetricRequest
-from headstock.scene.requests import Analyses
-from headstock.scene.scene import Scene
+from headstock.scene.scene import Analyses, Scene
 from headstock.solvers.milling.forces import MillingCut
 from headstock.solvers.milling.tool_path import plan_contour
 from headstock.solvers.paths.response import PADDING

@@ -20,8 +20,7 @@ from headstock.reduction.components.solver_choice import (
     predict_factor_entries,
 )
 from headstock.scene.analyses.modal import ModalRequest
-from headstock.scene.requests import Analyses
-from headstock.scene.scene import Scene
+from headstock.scene.scene import Analyses, Scene
 
 FEWEST_DEFAULT_MODES = 20
 # limit of the default: what these modes leave out of a response is in its ±

@@ -63,7 +63,7 @@ from headstock.reduction.estimates.response_errors import (
     soften_response,
 )
 from headstock.scene.analyses.frf import FrfRequest
-from headstock.scene.requests import LOAD
+from headstock.scene.scene import LOAD
 from headstock.solvers.control.closed_response import (
     ClosedResponse,
     control_forces,

@@ -31,7 +31,7 @@ from headstock.reduction.estimates.probe_errors import (
     moved_locally,
 )
 from headstock.reduction.motions.body_motions import solve_machine_static
-from headstock.scene.requests import LOAD
+from headstock.scene.scene import LOAD
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.frequency_response import FrequencyResponse
 from headstock.solvers.second_order import Channel, ComplexArray

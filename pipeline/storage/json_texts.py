@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.scene.reading.renamed_names import RESULT_FORMAT
+from headstock.scene.reading.names import RESULT_FORMAT
 from headstock.solvers.errors import AccuracyError
 
 type JsonValue = str | float | bool | None | Sequence[JsonValue] | Mapping[str, JsonValue]

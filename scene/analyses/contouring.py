@@ -29,8 +29,7 @@ from headstock.scene.reading.csv_files import MOST_CORNERS, CsvError, read_corne
 from headstock.scene.reading.files import resolve_file
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.requests import Request
-from headstock.scene.scene import Scene
+from headstock.scene.scene import Request, Scene
 from headstock.scene.schema.cutting import MillTable, ToolModeTable
 from headstock.scene.schema.effects import read_modal_damping, read_rayleigh_damping
 from headstock.scene.schema.scene import SceneTable

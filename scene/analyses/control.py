@@ -7,7 +7,7 @@ from headstock.scene.building.draft import Draft, SceneAnalysis, check_pose_name
 from headstock.scene.building.drives import DRIVE_CONTROL, check_sampling
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.requests import Request
+from headstock.scene.scene import Request
 from headstock.scene.schema.types import Names, PositiveFrequency, PositiveSpeed, RequestTable
 
 KEY: KeyPath = ("analyses", "control")

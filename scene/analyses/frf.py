@@ -6,12 +6,18 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from headstock.scene.building.channels import build_channels, check_probe_output
-from headstock.scene.building.draft import Draft, SceneAnalysis, check_channel, check_pose_names
+from headstock.scene.building.draft import (
+    Draft,
+    SceneAnalysis,
+    build_channels,
+    check_channel,
+    check_pose_names,
+    check_probe_output,
+)
 from headstock.scene.building.drives import check_motors, check_sampling
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.requests import LOAD, Motors, Request
+from headstock.scene.scene import LOAD, Motors, Request
 from headstock.scene.schema.types import (
     Between,
     ChannelName,

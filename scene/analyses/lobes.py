@@ -26,8 +26,7 @@ from headstock.scene.reading.files import resolve_file
 from headstock.scene.reading.findings import Findings, SceneError
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import ANGULAR_SPEED
-from headstock.scene.requests import Request
-from headstock.scene.scene import Scene
+from headstock.scene.scene import Request, Scene
 from headstock.scene.schema.cutting import MillTable, ToolModeTable
 from headstock.scene.schema.types import (
     THREE_NUMBERS,

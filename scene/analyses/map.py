@@ -8,7 +8,7 @@ from headstock.scene.building.draft import Draft, SceneAnalysis
 from headstock.scene.building.studies import build_grid, check_grid
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.requests import Request, describe_grid
+from headstock.scene.scene import Request, describe_grid
 from headstock.scene.schema.types import Between, RequestTable, Text, WholeNumber
 
 KEY: KeyPath = ("analyses", "map")

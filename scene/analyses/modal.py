@@ -8,7 +8,7 @@ from pydantic import Field
 
 from headstock.scene.building.draft import Draft, SceneAnalysis, check_pose_names
 from headstock.scene.reading.findings import Findings
-from headstock.scene.requests import Request
+from headstock.scene.scene import Request
 from headstock.scene.schema.types import (
     Count,
     Flag,

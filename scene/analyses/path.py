@@ -14,7 +14,6 @@ from headstock.geometry.machine.carriages import find_overhangs
 from headstock.geometry.machine.machine import MachinePath, Pose, place_components, show_position
 from headstock.geometry.mechanisms.tool_mechanism import TOOL_POINT
 from headstock.scene.building.axes import find_position_fault
-from headstock.scene.building.channels import build_channels
 from headstock.scene.building.cutting import (
     CUTTING_FORCE,
     build_cut,
@@ -23,7 +22,13 @@ from headstock.scene.building.cutting import (
     part_side,
     tooth_period,
 )
-from headstock.scene.building.draft import Draft, SceneAnalysis, check_channel, check_name
+from headstock.scene.building.draft import (
+    Draft,
+    SceneAnalysis,
+    build_channels,
+    check_channel,
+    check_name,
+)
 from headstock.scene.building.drives import (
     DRIVE_CONTROL,
     FRICTION,
@@ -34,8 +39,7 @@ from headstock.scene.building.drives import (
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import ANGULAR_SPEED, LENGTH, SPEED, Dimension
-from headstock.scene.requests import Request
-from headstock.scene.scene import Scene
+from headstock.scene.scene import Request, Scene
 from headstock.scene.schema.axes import PoseTable
 from headstock.scene.schema.cutting import MillTable
 from headstock.scene.schema.effects import GUIDE_ERRORS

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from headstock.scene.building.draft import Draft, SceneAnalysis, check_name, check_pose_names
 from headstock.scene.reading.findings import Findings
-from headstock.scene.requests import Request
+from headstock.scene.scene import Request
 from headstock.scene.schema.types import Names, RequestTable
 
 

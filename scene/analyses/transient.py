@@ -10,13 +10,14 @@ from pydantic import Field
 
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.process.strangers import RECORD
-from headstock.scene.building.channels import build_channels, check_probe_output
 from headstock.scene.building.draft import (
     Draft,
     SceneAnalysis,
+    build_channels,
     check_channel,
     check_name,
     check_pose_names,
+    check_probe_output,
 )
 from headstock.scene.building.drives import FRICTION, check_motors, check_sampling
 from headstock.scene.reading.csv_files import (
@@ -30,7 +31,7 @@ from headstock.scene.reading.files import resolve_file
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import ANGULAR_IMPULSE, FORCE, IMPULSE, MOMENT
-from headstock.scene.requests import Motors, Request
+from headstock.scene.scene import Motors, Request
 from headstock.scene.schema.types import (
     ChannelName,
     Name,

@@ -1,27 +1,28 @@
 """A scene while it is checked: tables that passed the schema, the names and files they refer to,
-and checks of a name.
+and checks of names and channels.
 """
 
 import functools
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from headstock.geometry.frames import DIRECTIONS
 from headstock.geometry.machine.joints import GROUND, JointEnd
 from headstock.geometry.mechanisms.tool_mechanism import TOOL_AXES
 from headstock.geometry.parts.solids import Solid
 from headstock.scene.expansion.overrides import split_variant
-from headstock.scene.reading.analysis_names import NAMES
 from headstock.scene.reading.csv_files import AxisPath
 from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import Findings, suggest_names
+from headstock.scene.reading.names import NAMES
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.requests import Request
-from headstock.scene.scene import Scene
+from headstock.scene.scene import Request, Scene
 from headstock.scene.schema.scene import SceneTable, load_record
 from headstock.scene.schema.types import RequestTable
 from headstock.scene.studies import Sweep
+from headstock.solvers.second_order import Channel
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,3 +200,21 @@ def is_known_end(end: JointEnd, scene: SceneTable) -> bool:
     return component is not None and (
         component.solid.superelement is not None or end.interface in component.interfaces
     )
+
+
+def build_channels(channels: Sequence[tuple[str, str]]) -> tuple[Channel, ...]:
+    """Every channel once, with its direction."""
+    found = [(name, dof) for name, given in channels for dof in ([given] if given else DIRECTIONS)]
+    return tuple(dict.fromkeys(found))
+
+
+def check_probe_output(
+    key: KeyPath, name: str, direction: str, draft: Draft, findings: Findings
+) -> None:
+    """Report a probe as an output that is a point as well, or has a direction."""
+    if name in draft.table.points:
+        findings.add(key, f"{name} is a point and a probe; rename one of them")
+    elif direction:
+        findings.add(
+            key, f'a probe shows displacement and stress in all directions; write "{name}" alone'
+        )

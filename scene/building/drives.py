@@ -1,4 +1,6 @@
-"""Drives: built from their tables, and what may be wrong with them, their effects and analyses."""
+"""Drives and effects: built from their tables, and what may be wrong with them and in analyses that
+they act in.
+"""
 
 import math
 
@@ -9,6 +11,7 @@ from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import DAMPING
 from headstock.scene.schema.drives import DriveTable, FrictionTable
+from headstock.scene.schema.effects import CONTOUR_EFFECTS, find_effect_fault
 from headstock.scene.schema.scene import SceneTable
 
 DRIVE_CONTROL, FRICTION, SCREW_INERTIA, TORQUE_RIPPLE = (
@@ -305,4 +308,36 @@ def _build_friction(table: FrictionTable) -> GuideFriction:
         stribeck_speed=table.stribeck_speed,
         viscous=0.0 if table.viscous is None else table.viscous.value,
         smoothing=table.smoothing,
+    )
+
+
+def check_effects(draft: Draft, findings: Findings) -> None:
+    """Report effects that cannot be switched on, and those of contours that nothing obeys."""
+    scene = draft.table
+    for name, value in scene.effects.items():
+        if fault := find_effect_fault(name, value):
+            findings.add(("effects", name), fault)
+    acting, on_path = scene.analyses.effects, "path" in scene.analyses.requested
+    if scene.mechanism is not None:
+        # its variants may name effects for contours that they leave out
+        acting |= {*CONTOUR_EFFECTS} - ({"regeneration"} if on_path else set())
+    for name in set(CONTOUR_EFFECTS) - acting:
+        if scene.effects.get(name):
+            findings.add(("effects", name), _explain_effect(name, on_path=on_path))
+
+
+def _explain_effect(name: str, *, on_path: bool) -> str:
+    """What to say of an effect that does not act."""
+    if name == "coriolis":
+        return (
+            "needs no switch here: linear axes do not turn what they carry, and what a guide that tilts does to a body that slides along it"
+            " is part of every way that follows its poses; remove it"
+        )
+    if name == "cutting_force":
+        return "acts in [analyses.contouring] and along [analyses.path], and this scene has neither; remove it"
+    if not on_path:
+        return "acts in [analyses.contouring] only, and this scene has none; remove it"
+    return (
+        "acts along contours, where teeth meet the waves of those before them; give the line of this path as polyline in [analyses.contouring],"
+        " or its corners in a CSV file as polyline_file, or remove the effect"
     )

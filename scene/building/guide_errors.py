@@ -9,7 +9,7 @@ from headstock.scene.building.joints import KINDS
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import ANGLE, LENGTH, Dimension, Quantity
-from headstock.scene.schema.axes import AxisTable
+from headstock.scene.schema.axes import LEG_KEYS, AxisTable
 from headstock.scene.schema.effects import GUIDE_ERRORS
 from headstock.scene.schema.guide_errors import (
     MOTION_KEYS,
@@ -19,7 +19,6 @@ from headstock.scene.schema.guide_errors import (
     RailErrorsTable,
 )
 from headstock.scene.schema.joints import JointTable
-from headstock.scene.schema.mechanism import LEG_KEYS
 from headstock.scene.schema.scene import SceneTable
 
 # what each kind of joint that slides holds on to

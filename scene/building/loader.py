@@ -30,8 +30,7 @@ from headstock.scene.building.components import (
 )
 from headstock.scene.building.cutting import check_cutting
 from headstock.scene.building.draft import Draft, collect_interfaces, collect_sections, list_records
-from headstock.scene.building.drives import build_drives, check_drives
-from headstock.scene.building.effects import check_effects
+from headstock.scene.building.drives import build_drives, check_drives, check_effects
 from headstock.scene.building.guide_errors import (
     build_axis_errors,
     build_leg_errors,
@@ -79,8 +78,14 @@ from headstock.scene.expansion.overrides import (
 )
 from headstock.scene.reading.files import MAX_DEPTH, TomlTable, TomlValue, nesting_depth
 from headstock.scene.reading.findings import Findings
-from headstock.scene.requests import Analyses
-from headstock.scene.scene import AccuracyGoal, CompareSettings, Limits, Scene, list_analyses
+from headstock.scene.scene import (
+    AccuracyGoal,
+    Analyses,
+    CompareSettings,
+    Limits,
+    Scene,
+    list_analyses,
+)
 from headstock.scene.schema.effects import (
     GRAVITY_STIFFENING,
     GUIDE_ERRORS,

@@ -18,9 +18,9 @@ from headstock.scene.building.draft import Draft
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.units import ANGLE, LENGTH, Quantity
 from headstock.scene.scene import LegSprings, SceneMechanism
+from headstock.scene.schema.axes import ExechonTable, MechanismTable
 from headstock.scene.schema.effects import GRAVITY_STIFFENING
 from headstock.scene.schema.loads import LoadTable
-from headstock.scene.schema.mechanism import ExechonTable, MechanismTable
 from headstock.scene.schema.scene import SceneTable
 
 

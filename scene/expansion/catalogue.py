@@ -1,6 +1,8 @@
-"""Typical machine elements by name: what ``from = "catalogue:guide_35"`` in a joint stands for.
+"""Typical machine elements and work materials by name: what ``from = "catalogue:guide_35"`` in a joint
+stands for, and ``material = "c45"`` where a scene has no ``[cutting.c45]``.
 
-The values are data, in ``catalogue.toml`` beside this file; a joint's own keys go before them.
+The values are data, in ``catalogue.toml`` and ``cutting_materials.toml`` beside this file; a joint's own keys
+go before them.
 """
 
 import difflib
@@ -9,7 +11,7 @@ import tomllib
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -17,10 +19,11 @@ from headstock.scene.reading.files import TomlTable, TomlValue
 from headstock.scene.reading.findings import Findings, show_key
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import show_value
+from headstock.scene.schema.cutting import CuttingTable
 from headstock.scene.schema.types import StrictTable
 
 FROM, CATALOGUE = "from", "catalogue:"
-DATA = Path(__file__).with_name("catalogue.toml")
+ELEMENTS = Path(__file__).with_name("catalogue.toml")
 NEAR = 0.6  # how alike a name is that was probably meant
 # keys of a screw that one stiffness of a bearing can stand for
 BEARINGS = ("bearing", "second_bearing")
@@ -87,7 +90,7 @@ class CatalogueEntry:
 @cache
 def read_catalogue() -> dict[str, CatalogueEntry]:
     """Every element by name, in the order of the file."""
-    families = tomllib.loads(DATA.read_text(encoding="utf-8"))
+    families = tomllib.loads(ELEMENTS.read_text(encoding="utf-8"))
     entries: dict[str, CatalogueEntry] = {}
     for stem, table in families.items():
         family = FamilyTable.model_validate(table)
@@ -253,3 +256,59 @@ def _assume(joint: TomlTable, entry: CatalogueEntry, key: KeyPath, findings: Fin
     ]
     but = f"; own values: {', '.join(replaced + own)}" if replaced or own else ""
     findings.assume(key, f"{CATALOGUE}{entry.name}, {entry.uncertainty()}{but}")
+
+
+MATERIALS = Path(__file__).with_name("cutting_materials.toml")
+
+
+class _GroupTable(StrictTable):
+    """What materials of one source have in common."""
+
+    title: str
+    source: str | None = None
+    ranges: dict[str, str] = {}
+
+
+class _FileTable(StrictTable):
+    """The file: materials have the keys of a scene, and ``title`` and ``group``."""
+
+    groups: dict[str, _GroupTable]
+    materials: Annotated[dict[str, dict[str, Any]], Field(min_length=1)]
+
+
+@dataclass(frozen=True, eq=False)
+class CuttingMaterial:
+    """A work material of the catalogue.
+
+    Attributes:
+        keys: Its coefficients as a scene writes them.
+    """
+
+    name: str
+    title: str
+    group: str
+    source: str
+    keys: TomlTable
+    table: CuttingTable
+
+    @property
+    def ranges(self) -> TomlTable:
+        """Half widths of ranges as written, by key."""
+        found = self.keys.get("ranges", {})
+        return found if isinstance(found, dict) else {}
+
+
+@cache
+def read_cutting_materials() -> dict[str, CuttingMaterial]:
+    """Every material by name, in the order of the file."""
+    file = _FileTable.model_validate(tomllib.loads(MATERIALS.read_text(encoding="utf-8")))
+    found = {}
+    for name, entry in file.materials.items():
+        keys: TomlTable = dict(entry)
+        title, group = str(keys.pop("title")), file.groups[str(keys.pop("group"))]
+        keys.setdefault("source", group.source or "")
+        if group.ranges:
+            keys.setdefault("ranges", dict(group.ranges))
+        table = CuttingTable.model_validate(keys)
+        found[name] = CuttingMaterial(name, title, group.title, table.source or "", keys, table)
+    return found

@@ -1,5 +1,5 @@
 """What a scene writes in short, in full: calculated values, entries that stand at several places,
-and elements of the catalogue.
+chains of masses and springs, and elements of the catalogue.
 
 A component, joint, interface or patch with ``places`` is one entry for each of them: ``x_pad`` with
 four becomes ``x_pad_1`` to ``x_pad_4``, ``column`` with a place ``left`` becomes ``column_left``;
@@ -12,9 +12,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 
+from pydantic import ValidationError
+
 from headstock.geometry.parts.solids import CENTER_FACE
 from headstock.scene.expansion.catalogue import fill_joints
-from headstock.scene.expansion.chains import expand_chains
 from headstock.scene.expansion.parameters import calculate_tables
 from headstock.scene.reading.files import (
     MAX_DEPTH,
@@ -25,6 +26,7 @@ from headstock.scene.reading.files import (
 from headstock.scene.reading.findings import Findings, show_key, suggest_names
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import LENGTH, UnitError, parse_quantity
+from headstock.scene.schema.joints import ChainTable
 
 PLACES, CARRIAGES, EACH = "places", "carriages", "each"
 SHAPES = ("rect", "disk", "strip")
@@ -391,3 +393,81 @@ def replaced(place: TomlValue, path: KeyPath, value: TomlValue) -> TomlValue:
 def _with(place: TomlTable, path: KeyPath, value: TomlValue) -> TomlTable:
     found = replaced(place, path, value)
     return found if isinstance(found, dict) else {}
+
+
+CHAINS = "chains"
+
+
+def expand_chains(full: TomlTable, findings: Findings) -> None:
+    """Add the components and joints of every chain to those of a scene; what is wrong with a chain
+    is left to the schema.
+
+    Args:
+        full: A scene with calculated values.
+        findings: Receives problems, and where each entry was written.
+    """
+    chains = full.get(CHAINS)
+    for name, chain in chains.items() if isinstance(chains, dict) else ():
+        try:
+            table = ChainTable.model_validate(chain)
+        except ValidationError:
+            continue
+        if not isinstance(chain, dict):
+            continue
+        for section, made in _list_parts(name, chain, table).items():
+            entries = full.get(section, {})
+            if not isinstance(entries, dict):
+                continue
+            for own in made.keys() & entries.keys():
+                findings.add(
+                    (section, own),
+                    f"chains.{name} makes an entry of this name too; rename one of them",
+                )
+            for own in made:
+                findings.written_at[(section, own)] = (CHAINS, name)
+            full[section] = entries | made
+
+
+def list_members(tables: TomlTable) -> dict[str, list[str]]:
+    """Names of the components and joints that the chains of a scene make, as far as they can be
+    told.
+    """
+    found: dict[str, list[str]] = {"components": [], "joints": []}
+    chains = tables.get(CHAINS)
+    for name, chain in chains.items() if isinstance(chains, dict) else ():
+        for section, key, form in (
+            ("components", "masses", "{}_{}"),
+            ("joints", "stiffness", "{}_spring_{}"),
+        ):
+            written = chain.get(key) if isinstance(chain, dict) else None
+            count = len(written) if isinstance(written, list) else 0
+            found[section] += [form.format(name, number + 1) for number in range(count)]
+    return found
+
+
+def _list_parts(name: str, chain: TomlTable, table: ChainTable) -> dict[str, TomlTable]:
+    """Components and joints as a scene has them: prismatic joints between masses, which leave each
+    the one motion, and a spring to the other end.
+    """
+    written = chain["stiffness"], chain["masses"], chain.get("damping")
+    springs, masses, dampers = (value if isinstance(value, list) else [] for value in written)
+    shared: TomlTable = {key: chain[key] for key in ("axis", "loss_factor") if key in chain}
+    components: TomlTable = {}
+    joints: TomlTable = {}
+    before = chain["from"]
+    for number, stiffness in enumerate(springs):
+        last = number == len(masses)
+        own = f"{name}_{number + 1}"
+        end = chain["to"] if last else f"{own}.{CENTER_FACE}"
+        if not last:
+            placed = {} if table.at is None else {"at": chain["at"]}
+            components[own] = {"solid": {"point_mass": masses[number]}, **placed}
+        joints[f"{name}_spring_{number + 1}"] = {
+            "between": [before, end],
+            "kind": "spring" if last else "prismatic",
+            "stiffness": {"x": stiffness},
+            **({"damping": {"x": dampers[number]}} if dampers else {}),
+            **shared,
+        }
+        before = end
+    return {"components": components, "joints": joints}

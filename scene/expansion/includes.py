@@ -6,14 +6,19 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from headstock.scene.expansion.chains import list_members
-from headstock.scene.expansion.expansion import EACH, place_names, split_dotted
+from headstock.scene.expansion.expansion import EACH, list_members, place_names, split_dotted
 from headstock.scene.expansion.parameters import MACHINE_SECTIONS, PARAMETERS
 from headstock.scene.reading.expressions import ExpressionError, is_expression, prefix_names
-from headstock.scene.reading.files import MAX_BYTES, TomlTable, TomlValue, read_scene, resolve_file
+from headstock.scene.reading.files import (
+    MAX_BYTES,
+    TomlTable,
+    TomlValue,
+    read_scene,
+    resolve_file,
+    write_toml,
+)
 from headstock.scene.reading.findings import Findings, Origin
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.reading.toml_text import write_toml
 from headstock.scene.reading.units import show_value
 from headstock.scene.schema.scene import MAX_INCLUDED, IncludeTable
 from headstock.scene.schema.validation import validate_tables

@@ -9,8 +9,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from headstock.scene.reading.analysis_names import NAMES
-from headstock.scene.reading.renamed_names import RESULT_KEYS
+from headstock.scene.reading.names import NAMES, RESULT_KEYS
 
 Step = str | int | slice
 Watched = str | int | float | bool | None

@@ -1,18 +1,26 @@
-"""Schema of axes, their positions, and the points at which results are wanted."""
+"""Schema of axes, their positions, the points at which results are wanted, and a closed-loop mechanism
+that moves them.
+"""
 
 from collections.abc import Iterator
 from typing import Annotated, Literal
 
 from pydantic import Field
 
-from headstock.scene.schema.guide_errors import AxisErrorsTable
+from headstock.scene.schema.components import Rotations
+from headstock.scene.schema.guide_errors import AxisErrorsTable, ProfileTable
 from headstock.scene.schema.types import (
     AxisPosition,
     Direction,
     End,
+    Length,
     Name,
     Names,
+    NotNegativeLength,
     Position,
+    PositiveForce,
+    PositiveLength,
+    PositiveStiffness,
     StrictTable,
     Text,
     one_of,
@@ -61,3 +69,94 @@ class PointTable(StrictTable):
     """where the workpiece is; results are tool relative to work"""
     offset: Position = Field(default=[0.0, 0.0, 0.0], validate_default=False)
     """rigid extension from there to the point, in the axes of the tool's component (of the work's where the tool is ground)"""
+
+
+LEG_KEYS = ("leg_1", "leg_2", "leg_3")
+Pair = Annotated[list[Length], Field(min_length=2, max_length=2)]
+
+
+class ExechonTable(StrictTable):
+    """Lengths of an Exechon: two UPR legs whose first axis is common (y), one SPR leg, a two-axis
+    wrist.
+    """
+
+    base: Position
+    """positions of the base joints: y of legs 1 and 2, x of leg 3"""
+    platform: Position
+    """positions of the platform joints: y of legs 1 and 2, x of leg 3"""
+    universal_offsets: Pair = [0.0, 0.0]
+    """distance between the two axes of the universal joints of legs 1 and 2"""
+    platform_heights: Pair = [0.0, 0.0]
+    """z of the platform joints of legs 1 and 2"""
+    wrist: Pair = [0.0, 0.0]
+    """x and z of the wrist centre on the platform"""
+    tool_length: NotNegativeLength = 0.0
+    """distance of the tool point from the wrist centre"""
+
+
+class SpringsTable(StrictTable):
+    """Springs of each leg: platform joint, and along the leg in series with it the drive and the
+    screw, softer as the leg grows.
+    """
+
+    joint: PositiveStiffness
+    """stiffness of the joint between leg and platform, along and across the leg"""
+    drive: PositiveStiffness
+    """stiffness of nut and bearings, along the leg"""
+    screw: PositiveForce
+    """Young's modulus times cross-section of the screw; divided by its free length it is the stiffness"""
+    screw_offset: Length = 0.0
+    """free length of the screw less the length of the leg"""
+
+
+class LegErrorsTable(StrictTable):
+    """Errors of the screws of the legs of a lumped mechanism over the length of the leg; used with
+    the effect `guide_errors`.
+    """
+
+    leg_1: ProfileTable | None = None
+    """how much longer leg 1 is than commanded, over its length"""
+    leg_2: ProfileTable | None = None
+    """how much longer leg 2 is than commanded, over its length"""
+    leg_3: ProfileTable | None = None
+    """how much longer leg 3 is than commanded, over its length"""
+
+    def profiles(self) -> dict[str, ProfileTable]:
+        """Those given, by leg."""
+        return self.given(LEG_KEYS)
+
+
+class MechanismTable(StrictTable):
+    """A closed-loop mechanism that carries components; the poses of the scene are then tool poses:
+    X, Y, Z, A, B.
+    """
+
+    kind: Literal["exechon"]
+    """`exechon`: two UPR legs on a common first axis, one SPR leg, a two-axis wrist"""
+    model: Literal["lumped", "components"] = "lumped"
+    """`lumped`: every component is rigid, the legs' springs are the only compliance; `components`: the components and joints of the scene
+    are the model"""
+    dimensions: ExechonTable
+    """dimensions of its bodies"""
+    at: Position = Field(default=[0.0, 0.0, 0.0], validate_default=False)
+    """position of its base in the machine frame: y along the common axis of legs 1 and 2, x to leg 3, z to the platform"""
+    rotate: Rotations = Field(default=[], validate_default=False)
+    """rotations of its base, one after the other"""
+    tool: Direction = (0.0, 0.0, -1.0)
+    """direction of the tool from the wrist to its tip, in poses without rotation"""
+    carries: dict[Name, Names]
+    """components by the body they are fixed to, in whose frame they are placed: `leg_1` turns with leg 1, `tip_1` is its sliding end, then
+    `platform`, `wrist_4`, `wrist_5`"""
+    limits: dict[Name, Annotated[list[AxisPosition], Field(min_length=2, max_length=2)]] = {}
+    """lowest and highest value of coordinates: lengths `q1 q2 q3`, wrist angles `g4 g5`, passive angles `phi th1 ps1 th2 ps2 a1 a2 a3 ps3`;
+    default: no limits"""
+    springs: SpringsTable | None = None
+    """stiffness of each leg; required by the lumped model"""
+    screw_lead: PositiveLength | None = None
+    """travel of a leg per turn of its motor; contours then report motor torques"""
+    errors: LegErrorsTable | None = None
+    """errors of the legs' screws in the lumped model, see [geometric errors](geometric_errors.md)"""
+
+    def _faults(self) -> Iterator[str]:
+        if self.model == "lumped" and self.springs is None:
+            yield 'model = "lumped" needs its springs; write springs = { joint = "275 N/um", drive = "375 N/um", screw = "412 MN" }'

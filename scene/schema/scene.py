@@ -7,17 +7,15 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, create_model, field_validator
 
-from headstock.scene.reading.analysis_names import NAMES
+from headstock.scene.reading.names import NAMES
 from headstock.scene.reading.units import ACCELERATION, RATE, TIME, show_value
-from headstock.scene.schema.axes import AxisTable, PointTable, PoseTable
-from headstock.scene.schema.chains import ChainTable
+from headstock.scene.schema.axes import AxisTable, MechanismTable, PointTable, PoseTable
 from headstock.scene.schema.components import ComponentTable, MaterialTable, OrientationTable
 from headstock.scene.schema.cutting import CuttingTable
 from headstock.scene.schema.drives import DriveTable
 from headstock.scene.schema.effects import EFFECT_NAMES, PLAIN_EFFECTS
-from headstock.scene.schema.joints import JointTable
+from headstock.scene.schema.joints import ChainTable, JointTable
 from headstock.scene.schema.loads import LoadTable, ProbeTable, SupportTable
-from headstock.scene.schema.mechanism import MechanismTable
 from headstock.scene.schema.studies import StudyTable, SweepTable
 from headstock.scene.schema.types import (
     MAX_POSES,

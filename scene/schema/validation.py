@@ -14,8 +14,8 @@ from pydantic_core import ErrorDetails
 from headstock.scene.reading.expressions import is_expression
 from headstock.scene.reading.files import TomlTable, TomlValue
 from headstock.scene.reading.findings import Findings, suggest_names
+from headstock.scene.reading.names import REMOVED_KEYS, SCENE_KEYS
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.reading.renamed_names import REMOVED_KEYS, SCENE_KEYS
 from headstock.scene.reading.units import show_value
 from headstock.scene.schema.scene import SceneTable, complete_scene
 

@@ -25,8 +25,7 @@ from headstock.reduction.superelement import Superelement
 from headstock.scene.analyses.modal import ModalRequest
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.keys import write_number
-from headstock.scene.requests import Analyses
-from headstock.scene.scene import Scene
+from headstock.scene.scene import Analyses, Scene
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root, share_from_root
 from headstock.studies.identification.cases import make_case

@@ -6,9 +6,8 @@ from typing import Union, get_args, get_origin, get_type_hints, is_typeddict
 
 from headstock.pipeline.preview.watched_numbers import find_name_fault
 from headstock.pipeline.results.summary import RunSummary
-from headstock.scene.reading.analysis_names import NAMES
 from headstock.scene.reading.findings import suggest_names
-from headstock.scene.reading.renamed_names import RESULT_KEYS
+from headstock.scene.reading.names import NAMES, RESULT_KEYS
 from headstock.scene.reading.watch_paths import MEASURED_NAMES, POSE_NAME, Step, parse_watch
 from headstock.scene.scene import Scene
 

@@ -26,8 +26,7 @@ from headstock.scene.analyses.frf import FrfRequest
 from headstock.scene.analyses.lobes import LobesRequest
 from headstock.scene.analyses.modal import ModalRequest
 from headstock.scene.analyses.static import StaticRequest
-from headstock.scene.requests import Analyses
-from headstock.scene.scene import Scene
+from headstock.scene.scene import Analyses, Scene
 from headstock.scene.studies import Sweep, describe_positions, sweep_neighbours, sweep_pose
 from headstock.solvers.pairing.mode_tracking import (
     SweptModes,

@@ -40,8 +40,7 @@ from headstock.reduction.components import elastic as elastic_reduction
 from headstock.reduction.superelement import Superelement
 from headstock.scene.analyses.modal import ModalRequest
 from headstock.scene.analyses.static import StaticRequest
-from headstock.scene.requests import Analyses
-from headstock.scene.scene import Scene
+from headstock.scene.scene import Analyses, Scene
 from scene_runs import run
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)

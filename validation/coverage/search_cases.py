@@ -28,8 +28,7 @@ from headstock.pipeline.storage.content_keys import code_fingerprint
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest
 from headstock.scene.analyses.modal import ModalRequest
-from headstock.scene.requests import Analyses
-from headstock.scene.scene import AccuracyGoal, Scene
+from headstock.scene.scene import AccuracyGoal, Analyses, Scene
 from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.mpi import MPI
 from headstock.validation.coverage.coverage_case import (

@@ -32,8 +32,7 @@ from headstock.pipeline.storage.content_keys import code_fingerprint
 from headstock.scene.analyses.modal import ModalRequest
 from headstock.scene.analyses.static import StaticRequest
 from headstock.scene.building.loader import load_scene
-from headstock.scene.requests import Analyses
-from headstock.scene.scene import AccuracyGoal, Scene
+from headstock.scene.scene import AccuracyGoal, Analyses, Scene
 from headstock.validation.coverage.coverage_case import keep_measured, make_key, run_afresh
 from headstock.validation.coverage.parts import draw_part
 from headstock.validation.machines.drawn_machines import HIGHEST_HZ, draw_machine

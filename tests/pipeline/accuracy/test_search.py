@@ -31,8 +31,7 @@ from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.scene.analyses.modal import ModalRequest
 from headstock.scene.analyses.static import StaticRequest
-from headstock.scene.requests import Analyses
-from headstock.scene.scene import AccuracyGoal, Limits, Scene
+from headstock.scene.scene import AccuracyGoal, Analyses, Limits, Scene
 from scene_runs import run
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]

@@ -35,8 +35,7 @@ from headstock.reduction.coupling.guide_errors import GUIDE_ERRORS
 from headstock.scene.analyses.path import PathRequest
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
-from headstock.scene.requests import Analyses
-from headstock.scene.scene import keep_analyses
+from headstock.scene.scene import Analyses, keep_analyses
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.drive_trains import FORCE
 from headstock.solvers.linear.state_space import StateSpace

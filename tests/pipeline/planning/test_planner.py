@@ -30,8 +30,7 @@ from headstock.scene.analyses.frf import FrfRequest
 from headstock.scene.analyses.modal import ModalRequest
 from headstock.scene.analyses.static import StaticRequest
 from headstock.scene.building.loader import load_scene
-from headstock.scene.requests import Analyses
-from headstock.scene.scene import Limits, Scene
+from headstock.scene.scene import Analyses, Limits, Scene
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
 INTERFACES = {"foot": Interface("foot", (Patch("z-"),)), "tip": Interface("tip", (Patch("z+"),))}

@@ -7,7 +7,7 @@ import pytest
 
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
-from headstock.scene.reading.renamed_names import RESULT_KEYS, SCENE_KEYS
+from headstock.scene.reading.names import RESULT_KEYS, SCENE_KEYS
 from headstock.scene.schema.validation import known_keys, unknown_key
 
 SCENE = """\

@@ -1,8 +1,18 @@
-"""Names of scene keys and of results that have changed, old to new: the one table of them.
+"""Names of the analyses, and names of scene keys and results that have changed."""
 
-An old scene key is an error that says the new one; ``watch`` paths of studies take old keys of
-results as well. ``docs/files.md`` shows both.
-"""
+NAMES = (
+    "static",
+    "modal",
+    "frf",
+    "map",
+    "contouring",
+    "path",
+    "control",
+    "volumetric",
+    "lobes",
+    "transient",
+)
+
 
 # by table of the schema, without ``Table``, and key
 SCENE_KEYS = {
