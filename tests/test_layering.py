@@ -51,8 +51,8 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "pairing": {"linear"},
         "mechanisms": set(),
         "control": {"linear"},
-        "paths": {"linear", "mechanisms", "control"},
-        "milling": {"linear", "mechanisms", "paths"},
+        "motion": {"linear", "mechanisms", "control"},
+        "milling": {"linear", "mechanisms", "motion"},
     },
     "reduction": {
         "components": set(),

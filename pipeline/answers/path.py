@@ -29,8 +29,8 @@ from headstock.pipeline.answers.probe_motions import (
 )
 from headstock.pipeline.numbers.estimates import Estimate, scale_shares
 from headstock.pipeline.numbers.numbers import Number, Series, make_key
-from headstock.solvers.paths.response import CruiseFigures, PathDeviation, ZoneFigures
-from headstock.solvers.paths.set_points import show_feed
+from headstock.solvers.motion.deviation import CruiseFigures, PathDeviation, ZoneFigures
+from headstock.solvers.motion.set_points import show_feed
 from headstock.solvers.second_order import Channel, name_channel
 from headstock.solvers.watched_outputs import Extreme
 

@@ -55,35 +55,35 @@ from headstock.reduction.motions.path_errors import (
 from headstock.scene.analyses.path import PathRequest
 from headstock.solvers.control.drive_loops import ENCODER, close_loops
 from headstock.solvers.control.drive_trains import FORCE, SCALE
-from headstock.solvers.control.driven_motion import DrivenMotion
-from headstock.solvers.control.friction_loop import friction_channels
 from headstock.solvers.control.stability import require_stable
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.state_space import Feedthrough
-from headstock.solvers.paths.controlled import (
+from headstock.solvers.motion.closed_loop import (
     ControlledPath,
-    solve_controlled_path,
-    solve_path_with_friction,
-)
-from headstock.solvers.paths.loads import cut_times, load_channels
-from headstock.solvers.paths.response import (
-    Disturbance,
-    PathDeviation,
-    PathModel,
-    solve_loop_loads,
-    solve_path,
-)
-from headstock.solvers.paths.set_points import SetPoint, sample_move
-from headstock.solvers.paths.varying_control import (
     LoopTable,
     VaryingLoop,
     loop_channels,
     make_loop_table,
+    solve_controlled_path,
+    solve_path_with_friction,
     solve_varying_control,
     solve_varying_friction,
 )
-from headstock.solvers.paths.varying_response import make_step_table, solve_varying_path
-from headstock.solvers.paths.varying_system import PosedModes, sample_plant, sample_system
+from headstock.solvers.motion.deviation import PathDeviation
+from headstock.solvers.motion.driven_motion import DrivenMotion
+from headstock.solvers.motion.exact import (
+    Disturbance,
+    PathModel,
+    make_step_table,
+    solve_loop_loads,
+    solve_path,
+    solve_varying_path,
+)
+from headstock.solvers.motion.friction_loop import friction_channels
+from headstock.solvers.motion.loads import cut_times, load_channels
+from headstock.solvers.motion.plant import PosedModes
+from headstock.solvers.motion.sampling import sample_plant, sample_system
+from headstock.solvers.motion.set_points import SetPoint, sample_move
 from headstock.solvers.second_order import Channel
 from headstock.solvers.watched_outputs import Extreme
 

@@ -19,7 +19,7 @@ from headstock.solvers.milling.regeneration import (
 )
 from headstock.solvers.milling.tool_dynamics import ToolMode, mount_modes
 from headstock.solvers.milling.tool_path import ContourPlan
-from headstock.solvers.paths.linear_motion import (
+from headstock.solvers.motion.alpha import (
     CompliantHistory,
     LinearMotion,
     chunk_slices,

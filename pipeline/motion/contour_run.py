@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.probe_motions import ProbeMotion
 from headstock.solvers.milling.tool_path import ContourPlan, TraceFit
-from headstock.solvers.paths.linear_motion import CompliantHistory, LinearMotion
+from headstock.solvers.motion.alpha import CompliantHistory, LinearMotion
 
 CORIOLIS = "coriolis"
 SETTLING = 0.3  # left out at both ends of each face [s]

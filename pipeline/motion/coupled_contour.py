@@ -60,7 +60,6 @@ from headstock.pipeline.motion.trajectory import (
 from headstock.pipeline.stages.run_state import RunState
 from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.scene.reading.csv_files import ForceRecord
-from headstock.solvers.control.friction import friction_force
 from headstock.solvers.milling.path_drives import find_tool_positions
 from headstock.solvers.milling.stability import TipDynamics, tip_dynamics
 from headstock.solvers.milling.tool_dynamics import mount_modes
@@ -71,19 +70,17 @@ from headstock.solvers.milling.tool_path import (
     ToolPath,
     TraceFit,
 )
-from headstock.solvers.paths.linear_motion import even_nodes
-from headstock.solvers.paths.sampled_motion import (
+from headstock.solvers.motion.alpha import even_nodes
+from headstock.solvers.motion.friction import friction_force
+from headstock.solvers.motion.plant import PlantChannels, SampledMotion
+from headstock.solvers.motion.plant_motion import (
     LOAD_SPACING,
-    MOST_SAMPLES,
     NODE_SPACING,
-    SampledMotion,
     follow_outputs,
     interpolate_smooth,
-    sample_motion,
-    vary_motion,
 )
-from headstock.solvers.paths.set_points import PathMotion
-from headstock.solvers.paths.varying_system import PlantChannels
+from headstock.solvers.motion.sampling import MOST_SAMPLES, sample_motion, vary_motion
+from headstock.solvers.motion.set_points import PathMotion
 from headstock.solvers.second_order import Channel
 
 POSES_PER_PIECE = 6  # of a trajectory, at the least, and as many again where they do not suffice

@@ -35,7 +35,7 @@ from headstock.reduction.coupling.guide_errors import GUIDE_ERRORS, has_errors
 from headstock.reduction.coupling.joint_forces import SPRING
 from headstock.reduction.motions.path_errors import pass_offsets
 from headstock.scene.scene import SceneMechanism
-from headstock.solvers.paths.set_points import PathMotion
+from headstock.solvers.motion.set_points import PathMotion
 from headstock.solvers.second_order import Channel
 
 STEPS_PER_WAVE = 48

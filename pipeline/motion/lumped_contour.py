@@ -48,11 +48,7 @@ from headstock.solvers.milling.path_drives import PathDrive, find_tool_positions
 from headstock.solvers.milling.stability import TipDynamics, tip_dynamics
 from headstock.solvers.milling.tool_dynamics import mount_modes
 from headstock.solvers.milling.tool_path import plan_contour
-from headstock.solvers.paths.linear_motion import (
-    CompliantHistory,
-    LinearMotion,
-)
-from headstock.solvers.paths.servo_motion import ServoMotion
+from headstock.solvers.motion.alpha import CompliantHistory, LinearMotion, ServoMotion
 
 NODE_SPACING = 4e-3
 LEGS = ("leg 1", "leg 2", "leg 3")

@@ -42,26 +42,22 @@ from headstock.reduction.coupling.error_travel import move_rows
 from headstock.reduction.coupling.path_loads import momentum_rows
 from headstock.scene.scene import SceneMechanism
 from headstock.solvers.control.drive_trains import SCALE
-from headstock.solvers.control.friction import CoordinateFriction, friction_force, stack_laws
 from headstock.solvers.mechanisms.partitioning import velocity_maps
 from headstock.solvers.milling.path_drives import move_markers
 from headstock.solvers.milling.tool_path import ToolPath
-from headstock.solvers.paths.linear_motion import (
+from headstock.solvers.motion.alpha import (
     CompliantHistory,
     LinearMotion,
+    ServoMotion,
     chunk_slices,
+    close_motors,
     even_nodes,
     interpolate_nodes,
 )
-from headstock.solvers.paths.sampled_motion import (
-    SampledHistory,
-    SampledMotion,
-    TrajectoryLoads,
-    follow_motion,
-)
-from headstock.solvers.paths.servo_motion import ServoMotion, close_motors
-from headstock.solvers.paths.set_points import PathMotion
-from headstock.solvers.paths.varying_system import SampledPlant
+from headstock.solvers.motion.friction import CoordinateFriction, friction_force, stack_laws
+from headstock.solvers.motion.plant import SampledMotion, SampledPlant
+from headstock.solvers.motion.plant_motion import SampledHistory, TrajectoryLoads, follow_motion
+from headstock.solvers.motion.set_points import PathMotion
 from headstock.solvers.second_order import Channel, Index
 
 FrictionSpeeds = Literal["set", "true"]

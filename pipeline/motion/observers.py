@@ -25,8 +25,8 @@ from headstock.pipeline.motion.trajectory import (
 from headstock.pipeline.stages.run_state import MachineParts, PoseModel
 from headstock.reduction.coupling.probes import PlacedProbe, carry_probe, moved_inertia
 from headstock.reduction.estimates.probe_errors import MOVED, SEEN
-from headstock.solvers.paths.linear_motion import apply_matrices
-from headstock.solvers.paths.sampled_motion import SampledHistory
+from headstock.solvers.motion.alpha import apply_matrices
+from headstock.solvers.motion.plant_motion import SampledHistory
 from headstock.solvers.second_order import Channel, Index
 
 RIDE = "travel"

@@ -30,15 +30,15 @@ from headstock.reduction.motions.path_errors import NODES, find_path_errors
 from headstock.scene.analyses.path import PathRequest
 from headstock.solvers.errors import ModelError, UnstableControlError
 from headstock.solvers.milling.coefficients import CuttingCoefficients
-from headstock.solvers.paths.response import (
+from headstock.solvers.motion.deviation import (
     PathDeviation,
     filter_deviation,
     measure_cruise,
     measure_zones,
-    slow_modes,
 )
-from headstock.solvers.paths.set_points import SetPoint, sample_move
-from headstock.solvers.paths.varying_system import PosedModes
+from headstock.solvers.motion.exact import slow_modes
+from headstock.solvers.motion.plant import PosedModes
+from headstock.solvers.motion.set_points import SetPoint, sample_move
 from headstock.solvers.watched_outputs import WatchedValues
 
 

@@ -35,16 +35,11 @@ from headstock.reduction.coupling.probes import PlacedProbe
 from headstock.scene.analyses.path import PathCut, PathRequest
 from headstock.solvers.errors import ModelError
 from headstock.solvers.milling.forces import cutting_forces, part_sign
-from headstock.solvers.paths.loads import PathLoads
-from headstock.solvers.paths.response import (
-    PathDeviation,
-    PathModel,
-    filter_deviation,
-    sample_times,
-)
-from headstock.solvers.paths.set_points import SetPoint
-from headstock.solvers.paths.varying_response import StepTable
-from headstock.solvers.paths.varying_system import VaryingSystem
+from headstock.solvers.motion.deviation import PathDeviation, filter_deviation
+from headstock.solvers.motion.exact import PathModel, StepTable
+from headstock.solvers.motion.loads import PathLoads
+from headstock.solvers.motion.plant import VaryingSystem
+from headstock.solvers.motion.set_points import SetPoint, sample_times
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 from headstock.solvers.watched_outputs import Extreme, Watch
 

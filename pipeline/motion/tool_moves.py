@@ -78,7 +78,7 @@ from headstock.scene.scene import SceneMechanism
 from headstock.solvers.milling.forces import cutting_forces
 from headstock.solvers.milling.straight_path import StraightPath, UnitTravel
 from headstock.solvers.milling.tool_path import PathPoints
-from headstock.solvers.paths.linear_motion import (
+from headstock.solvers.motion.alpha import (
     CompliantHistory,
     LinearMotion,
     chunk_slices,
@@ -86,10 +86,11 @@ from headstock.solvers.paths.linear_motion import (
     integrate_linear,
     interpolate_nodes,
 )
-from headstock.solvers.paths.response import PathDeviation
-from headstock.solvers.paths.sampled_motion import SampledHistory, SampledMotion, sample_motion
-from headstock.solvers.paths.set_points import SetPoint, sample_move
-from headstock.solvers.paths.varying_system import PlantChannels
+from headstock.solvers.motion.deviation import PathDeviation
+from headstock.solvers.motion.plant import PlantChannels, SampledMotion
+from headstock.solvers.motion.plant_motion import SampledHistory
+from headstock.solvers.motion.sampling import sample_motion
+from headstock.solvers.motion.set_points import SetPoint, sample_move
 from headstock.solvers.second_order import Channel
 from headstock.solvers.watched_outputs import Extreme, Watch
 

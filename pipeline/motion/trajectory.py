@@ -38,8 +38,8 @@ from headstock.scene.scene import SceneMechanism
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_lowest_modes
 from headstock.solvers.milling.path_drives import move_markers
 from headstock.solvers.milling.tool_path import PathPoints, ToolPath
-from headstock.solvers.paths.sampled_motion import TrajectoryLoads
-from headstock.solvers.paths.varying_system import PosedModes
+from headstock.solvers.motion.plant import PosedModes
+from headstock.solvers.motion.plant_motion import TrajectoryLoads
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 
 GRAVITY_LOAD: Channel = ("gravity", "load")

@@ -40,12 +40,6 @@ from headstock.scene.analyses.transient import TimedLoad, TransientRequest
 from headstock.scene.scene import LOAD
 from headstock.solvers.control.drive_loops import ClosedLoop, close_loops
 from headstock.solvers.control.drive_trains import DriveTrain
-from headstock.solvers.control.friction_loop import friction_channels
-from headstock.solvers.control.friction_transient import (
-    FrictionTransient,
-    sharpen_friction,
-    solve_friction_transient,
-)
 from headstock.solvers.control.stability import require_stable
 from headstock.solvers.errors import ConvergenceError, ModelError, UnstableControlError
 from headstock.solvers.linear.load_history import LoadHistory, SteppedLoads, step_loads
@@ -66,6 +60,12 @@ from headstock.solvers.linear.transient import (
     soften_system,
     solve_transient,
 )
+from headstock.solvers.motion.driven_motion import (
+    FrictionTransient,
+    sharpen_friction,
+    solve_friction_transient,
+)
+from headstock.solvers.motion.friction_loop import friction_channels
 from headstock.solvers.second_order import Channel, SecondOrderSystem, name_channel
 
 START: Channel = ("initial velocity", "momentum")

@@ -44,7 +44,7 @@ from headstock.scene.analyses.volumetric import VolumetricRequest
 from headstock.scene.scene import Analyses, Scene
 from headstock.solvers.milling.forces import MillingCut
 from headstock.solvers.milling.tool_path import plan_contour
-from headstock.solvers.paths.response import PADDING
+from headstock.solvers.motion.deviation import PADDING
 
 GRAVITY = "gravity"
 PROBED = 9  # numbers at a probe

@@ -52,7 +52,7 @@ from headstock.solvers.linear.static_response import solve_static
 from headstock.solvers.linear.symmetric_matrices import require_standing
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.solvers.mechanisms.modes import pose_system
-from headstock.solvers.paths.varying_system import PosedModes
+from headstock.solvers.motion.plant import PosedModes
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 
 SWING_SHARE = 0.5  # kinetic energy of the legs from which a mode is called theirs

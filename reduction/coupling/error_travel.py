@@ -26,7 +26,7 @@ from headstock.reduction.coupling.guide_errors import (
 from headstock.reduction.coupling.joint_springs import PlacedJoint, place_joints
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.errors import ModelError
-from headstock.solvers.paths.set_points import PathMotion
+from headstock.solvers.motion.set_points import PathMotion
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 
 PROBED = 401  # places of the path at which offsets are looked for

@@ -19,8 +19,8 @@ from headstock.solvers.control.drive_trains import (
 )
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.modal_analysis import ModalResult
-from headstock.solvers.paths.varying_control import RigidTravel
-from headstock.solvers.paths.varying_system import PosedModes
+from headstock.solvers.motion.closed_loop import RigidTravel
+from headstock.solvers.motion.plant import PosedModes
 from headstock.solvers.second_order import SecondOrderSystem
 
 PATH_INPUT = ("path", "acceleration")

@@ -31,8 +31,9 @@ from headstock.reduction.motions.body_motions import solve_machine_static
 from headstock.reduction.motions.tool_deviation import channel_rows
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.linear.state_space import Feedthrough
-from headstock.solvers.paths.response import Disturbance, PathDeviation, solve_loads
-from headstock.solvers.paths.set_points import PathMotion, SetPoint, sample_move
+from headstock.solvers.motion.deviation import PathDeviation
+from headstock.solvers.motion.exact import Disturbance, solve_loads
+from headstock.solvers.motion.set_points import PathMotion, SetPoint, sample_move
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 from headstock.solvers.watched_outputs import Watch
 

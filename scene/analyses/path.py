@@ -58,8 +58,8 @@ from headstock.scene.schema.types import (
     Text,
 )
 from headstock.solvers.milling.forces import MillingCut, Side
-from headstock.solvers.paths.response import LowPass
-from headstock.solvers.paths.set_points import Ramp, SetPoint, find_move_fault
+from headstock.solvers.motion.deviation import LowPass
+from headstock.solvers.motion.set_points import Ramp, SetPoint, find_move_fault
 from headstock.solvers.second_order import Channel
 
 KEY: KeyPath = ("analyses", "path")

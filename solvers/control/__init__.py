@@ -1,3 +1,1 @@
-"""Drives closed around a system: loops, dead time, margins, stability, friction in time. Never
-paths.
-"""
+"""Drives closed around a system: loops, dead time, margins, stability. Never motion in time."""

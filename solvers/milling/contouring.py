@@ -32,7 +32,7 @@ from headstock.solvers.mechanisms.partitioning import (
     partition_dynamics,
 )
 from headstock.solvers.milling.path_drives import PathDrive
-from headstock.solvers.paths.linear_motion import (
+from headstock.solvers.motion.alpha import (
     CompliantHistory,
     LinearMotion,
     chunk_slices,

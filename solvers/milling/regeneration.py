@@ -21,12 +21,7 @@ from headstock.solvers.milling.forces import (
     radius_differences,
     tooth_angles,
 )
-from headstock.solvers.paths.linear_motion import (
-    AlphaSteps,
-    CompliantHistory,
-    LinearMotion,
-    chunk_slices,
-)
+from headstock.solvers.motion.alpha import AlphaSteps, CompliantHistory, LinearMotion, chunk_slices
 
 WAVES = 3  # teeth that are looked back
 PASSES = 2

@@ -6,7 +6,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.milling.tool_path import PathPoints
-from headstock.solvers.paths.set_points import PathMotion, SetPoint, sample_move
+from headstock.solvers.motion.set_points import PathMotion, SetPoint, sample_move
 
 
 @dataclass(frozen=True, eq=False)

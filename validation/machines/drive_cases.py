@@ -28,8 +28,6 @@ from headstock.solvers.control.drive_loops import (
     find_velocity_lag,
 )
 from headstock.solvers.control.drive_trains import MOTOR, DriveTrain, free_motors
-from headstock.solvers.control.driven_motion import DrivenMotion, solve_motion
-from headstock.solvers.control.friction_loop import friction_channels
 from headstock.solvers.control.stability import (
     find_largest_gain,
     find_loop_poles,
@@ -37,6 +35,8 @@ from headstock.solvers.control.stability import (
 )
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.time_response import solve_time_response
+from headstock.solvers.motion.driven_motion import DrivenMotion, solve_motion
+from headstock.solvers.motion.friction_loop import friction_channels
 from headstock.solvers.mpi import MPI
 from headstock.solvers.second_order import Channel, ComplexArray, SecondOrderSystem
 from headstock.validation.references.rows import Target, ValidationRow, compare_bound, compare_value

@@ -46,11 +46,11 @@ from headstock.scene.scene import keep_analyses
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.modal_coordinates import undamped
+from headstock.solvers.motion.exact import PathModel, solve_path, solve_varying_path
+from headstock.solvers.motion.plant import PosedModes
+from headstock.solvers.motion.sampling import sample_system
+from headstock.solvers.motion.set_points import Ramp, SetPoint, list_breaks, sample_move
 from headstock.solvers.mpi import MPI
-from headstock.solvers.paths.response import PathModel, solve_path
-from headstock.solvers.paths.set_points import Ramp, SetPoint, list_breaks, sample_move
-from headstock.solvers.paths.varying_response import solve_varying_path
-from headstock.solvers.paths.varying_system import PosedModes, sample_system
 from headstock.solvers.second_order import Channel
 from headstock.validation.references.rows import ValidationRow, compare_bound, show
 

@@ -23,8 +23,8 @@ from headstock.solvers.milling.stability import (
     single_frequency_limit,
     tip_dynamics,
 )
+from headstock.solvers.motion.alpha import LinearMotion, Regeneration, integrate_linear
 from headstock.solvers.mpi import MPI
-from headstock.solvers.paths.linear_motion import LinearMotion, Regeneration, integrate_linear
 from headstock.validation.references.rows import Target, ValidationRow, compare_bound, compare_value
 
 SCENES = Path(__file__).parents[1] / "references" / "milling_limits"

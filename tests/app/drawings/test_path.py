@@ -10,8 +10,8 @@ from headstock.app.drawings.path import draw_path
 from headstock.app.texts.curves import thin_curve
 from headstock.app.views.path import path_stem, tabulate_path
 from headstock.pipeline.answers.path import PathCurves
-from headstock.solvers.paths.response import PathDeviation
-from headstock.solvers.paths.set_points import Ramp, SetPoint, sample_move
+from headstock.solvers.motion.deviation import PathDeviation
+from headstock.solvers.motion.set_points import Ramp, SetPoint, sample_move
 
 CHANNELS = (("tcp", "z"), ("tcp", "rx"))
 

@@ -36,9 +36,6 @@ from headstock.solvers.control.drive_loops import (
     set_channels,
 )
 from headstock.solvers.control.drive_trains import DriveTrain
-from headstock.solvers.control.driven_motion import solve_motion
-from headstock.solvers.control.friction import friction_force
-from headstock.solvers.control.friction_loop import friction_channels
 from headstock.solvers.linear.time_response import solve_stepped_response
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.solvers.mechanisms.generalized_alpha import MotionState
@@ -48,7 +45,10 @@ from headstock.solvers.mechanisms.partitioning import driven_forces
 from headstock.solvers.milling import contouring
 from headstock.solvers.milling.path_drives import PathDrive, follow_path
 from headstock.solvers.milling.tool_path import plan_contour
-from headstock.solvers.paths import sampled_motion
+from headstock.solvers.motion import plant_motion
+from headstock.solvers.motion.driven_motion import solve_motion
+from headstock.solvers.motion.friction import friction_force
+from headstock.solvers.motion.friction_loop import friction_channels
 from headstock.validation.mechanisms.motion import PartitionedMotion
 from headstock.validation.mechanisms.tripteor_machine import SCENE as TRIPTEOR
 from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
@@ -128,7 +128,7 @@ def test_legs_of_components_are_driven_along_the_contour_as_lumped_ones(
     for module in (contouring, coupled_contour):
         monkeypatch.setattr(module, "NODE_SPACING", 5e-3)
         monkeypatch.setattr(module, "LOAD_SPACING", 2e-4)
-    monkeypatch.setattr(sampled_motion, "LOAD_SPACING", 2e-4)
+    monkeypatch.setattr(plant_motion, "LOAD_SPACING", 2e-4)
     monkeypatch.setattr(lumped_contour, "NODE_SPACING", 1e-3)
     rubbing = "effects.friction=true"
     scene = load_prompt(tmp_path, "lumped+controlled", rubbing)

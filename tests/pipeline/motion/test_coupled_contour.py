@@ -42,12 +42,12 @@ from headstock.solvers.linear.damping import add_modal_damping
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.milling.forces import repeated_forces
 from headstock.solvers.milling.tool_path import plan_contour
-from headstock.solvers.paths.linear_motion import integrate_linear
-from headstock.solvers.paths.response import PathModel, sample_times
-from headstock.solvers.paths.sampled_motion import TrajectoryLoads, follow_motion, sample_motion
-from headstock.solvers.paths.set_points import Ramp, SetPoint, sample_move
-from headstock.solvers.paths.varying_response import make_step_table, solve_varying_path
-from headstock.solvers.paths.varying_system import PlantChannels, PosedModes, sample_system
+from headstock.solvers.motion.alpha import integrate_linear
+from headstock.solvers.motion.exact import PathModel, make_step_table, solve_varying_path
+from headstock.solvers.motion.plant import PlantChannels, PosedModes
+from headstock.solvers.motion.plant_motion import TrajectoryLoads, follow_motion
+from headstock.solvers.motion.sampling import sample_motion, sample_system
+from headstock.solvers.motion.set_points import Ramp, SetPoint, sample_move, sample_times
 from headstock.validation.mechanisms.tripteor_machine import SCENE as TRIPTEOR
 from headstock.validation.mechanisms.tripteor_machine import load_tripteor
 

@@ -26,7 +26,7 @@ from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.scene import Scene
 from headstock.solvers.milling.forces import cutting_forces
-from headstock.solvers.paths.set_points import SetPoint, sample_move
+from headstock.solvers.motion.set_points import SetPoint, sample_move
 
 ARM = Path(__file__).parents[2] / "data" / "turning_arm.toml"
 WEIGHT, RADIUS, ZETA = 5.0, 0.4, 0.05

@@ -46,8 +46,8 @@ from headstock.solvers.milling.contouring import linear_motion
 from headstock.solvers.milling.forces import cutting_forces
 from headstock.solvers.milling.path_drives import PathDrive, follow_path
 from headstock.solvers.milling.straight_path import StraightPath
-from headstock.solvers.paths.linear_motion import LinearMotion, integrate_linear, interpolate_nodes
-from headstock.solvers.paths.set_points import sample_move
+from headstock.solvers.motion.alpha import LinearMotion, integrate_linear, interpolate_nodes
+from headstock.solvers.motion.set_points import sample_move
 from headstock.validation.mechanisms.tripteor_machine import SCENE as TRIPTEOR
 from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
 

@@ -15,9 +15,10 @@ from headstock.reduction.coupling.path_loads import (
     turn_with_bodies,
 )
 from headstock.solvers.linear.modal_analysis import solve_modal
-from headstock.solvers.paths.linear_motion import integrate_linear
-from headstock.solvers.paths.sampled_motion import TrajectoryLoads, follow_motion, sample_motion
-from headstock.solvers.paths.varying_system import PlantChannels, PosedModes
+from headstock.solvers.motion.alpha import integrate_linear
+from headstock.solvers.motion.plant import PlantChannels, PosedModes
+from headstock.solvers.motion.plant_motion import TrajectoryLoads, follow_motion
+from headstock.solvers.motion.sampling import sample_motion
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 
 ACROSS, AXIAL = 0.8, 1.2  # moments of inertia of the rotor [kg m^2]

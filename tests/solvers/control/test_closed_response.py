@@ -16,13 +16,13 @@ from headstock.reduction.coupling.drives import find_moved_mass, make_rigid_trai
 from headstock.solvers.control.closed_response import control_forces, prepare_closed_frf
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.drive_trains import DriveTrain, free_motors
-from headstock.solvers.control.driven_motion import solve_motion
-from headstock.solvers.control.friction_loop import friction_channels
 from headstock.solvers.control.stability import find_loop_poles
 from headstock.solvers.errors import UnstableControlError
 from headstock.solvers.linear.frequency_response import evaluate_frf
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism, LumpedSprings, MechanismBody
 from headstock.solvers.mechanisms.modes import linearise_poses, marker_motion, pose_system
+from headstock.solvers.motion.driven_motion import solve_motion
+from headstock.solvers.motion.friction_loop import friction_channels
 from headstock.solvers.second_order import (
     ComplexArray,
     SecondOrderSystem,

@@ -8,7 +8,7 @@ from headstock.solvers.mechanisms.modes import PoseDamping
 from headstock.solvers.milling.contouring import linear_motion
 from headstock.solvers.milling.path_drives import PathDrive, follow_path, smooth_samples
 from headstock.solvers.milling.tool_path import SquareContour, plan_contour
-from headstock.solvers.paths.linear_motion import integrate_linear
+from headstock.solvers.motion.alpha import integrate_linear
 from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
 
 pytestmark = pytest.mark.hard("H34")

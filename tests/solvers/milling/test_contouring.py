@@ -39,7 +39,7 @@ from headstock.solvers.milling.regeneration import (
     integrate_regenerative,
 )
 from headstock.solvers.milling.tool_path import SquareContour, ToolPath, plan_contour
-from headstock.solvers.paths.linear_motion import (
+from headstock.solvers.motion.alpha import (
     CompliantHistory,
     LinearMotion,
     Regeneration,

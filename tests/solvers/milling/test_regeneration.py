@@ -11,7 +11,6 @@ from scipy.integrate import solve_ivp
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import GuideFriction
-from headstock.solvers.control.friction import CoordinateFriction, friction_force, stack_laws
 from headstock.solvers.errors import ModelError
 from headstock.solvers.milling.forces import (
     CuttingCoefficients,
@@ -27,7 +26,8 @@ from headstock.solvers.milling.regeneration import (
     integrate_regenerative,
 )
 from headstock.solvers.milling.stability import largest_multiplier, milling_gains, tip_dynamics
-from headstock.solvers.paths.linear_motion import LinearMotion, Regeneration, integrate_linear
+from headstock.solvers.motion.alpha import LinearMotion, Regeneration, integrate_linear
+from headstock.solvers.motion.friction import CoordinateFriction, friction_force, stack_laws
 
 pytestmark = pytest.mark.slow
 

@@ -7,15 +7,9 @@ import pytest
 
 from common import approx
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.paths.response import (
-    LowPass,
-    PathModel,
-    filter_deviation,
-    measure_zones,
-    sample_times,
-    solve_path,
-)
-from headstock.solvers.paths.set_points import Ramp, SetPoint
+from headstock.solvers.motion.deviation import LowPass, filter_deviation, measure_zones
+from headstock.solvers.motion.exact import PathModel, solve_path
+from headstock.solvers.motion.set_points import Ramp, SetPoint, sample_times
 from headstock.solvers.second_order import SecondOrderSystem
 
 SOURCE, TIP = ("path", "acceleration"), ("tip", "x")

@@ -12,11 +12,11 @@ from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl, GuideFriction
 from headstock.solvers.control.drive_loops import ClosedLoop, close_loops
-from headstock.solvers.control.driven_motion import solve_motion
-from headstock.solvers.control.friction import friction_force, friction_slope
-from headstock.solvers.control.friction_loop import friction_channels, make_friction_loop
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.time_response import solve_stepped_response, solve_time_response
+from headstock.solvers.motion.driven_motion import solve_motion
+from headstock.solvers.motion.friction import friction_force, friction_slope
+from headstock.solvers.motion.friction_loop import friction_channels, make_friction_loop
 from headstock.validation.machines.drive_cases import LOAD, TwoMasses, make_drive
 
 pytestmark = pytest.mark.slow

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.paths.set_points import SetPoint, sample_move
+from headstock.solvers.motion.set_points import SetPoint, sample_move
 from headstock.solvers.second_order import Channel
 
 

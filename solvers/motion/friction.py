@@ -15,6 +15,7 @@ from headstock.solvers.errors import ConvergenceError
 
 MOST_PASSES = 60
 SETTLED = 1e-13  # of the speeds at hand, or of the smoothing
+type FrictionLaw = GuideFriction | StackedFriction
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,9 +38,6 @@ def stack_laws(laws: Sequence[GuideFriction | None]) -> StackedFriction:
     names = [each.name for each in dataclasses.fields(StackedFriction)]
     known = [law or GuideFriction() for law in laws]
     return StackedFriction(*(np.array([getattr(law, name) for law in known]) for name in names))
-
-
-type FrictionLaw = GuideFriction | StackedFriction
 
 
 def friction_force(law: FrictionLaw, velocity: FloatArray) -> FloatArray:

@@ -14,7 +14,7 @@ linear parametric reduced-order models, SIAM J. Sci. Comput. 33, 2169 (consisten
 import dataclasses
 import functools
 import itertools
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray
-from headstock.solvers.errors import AccuracyError, ModelError
+from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.damping import equivalent_viscous
 from headstock.solvers.linear.modal_analysis import ModalResult, keep_lowest
 from headstock.solvers.linear.modal_coordinates import (
@@ -31,22 +31,15 @@ from headstock.solvers.linear.modal_coordinates import (
     keep_modes,
     to_modal_coordinates,
 )
-from headstock.solvers.paths.response import PathModel
 from headstock.solvers.second_order import Channel, Index, SecondOrderSystem
 
-FIRST_POSES = 5
-MOST_POSES = 257
-# of what is interpolated half-way between sampled poses, as a share of its size; 1/16 of it between
-# all
-TOLERANCE = 5e-5
 # of what the largest entries of inputs and outputs would do in the lowest elastic mode
 ROUNDOFF = 1e-9
-TURN_TOLERANCE = 1e-3  # of modes transported along the sampled poses before the last halving [rad]; 1/4 of it along all
 SEARCHED = (
     1.5  # the highest mode kept lies below the widest gap up to so many times the highest frequency
 )
-LEAST_HZ = 1.0
 HELD = 1e-9  # of the largest motion at a place, in m or rad: less is roundoff
+FIELDS = ("stiffness", "damping", "loads", "rows", "direct")
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,107 +259,6 @@ class PoseModes:
     feedthrough: FloatArray
 
 
-def sample_system(
-    place: Callable[[float], PosedModes], length: float, model: PathModel
-) -> VaryingSystem[SampledPose]:
-    """Sampled poses along a path, closer where splines through the others miss them.
-
-    Args:
-        place: The system at a position of the path [m].
-        length: Of the path [m].
-
-    Raises:
-        ModelError: A damper acts on a dof without mass.
-        AccuracyError: The greatest number of sampled poses does not suffice.
-    """
-    if model.up_to_hz is None:
-        raise ValueError("a system along a path keeps modes up to a frequency")
-    limit = 2.0 * np.pi * model.low_frequency_limit_hz
-
-    def turn_poses(
-        poses: Mapping[float, PoseModes], turns: Mapping[float, FloatArray]
-    ) -> dict[float, SampledPose]:
-        slow = int(np.count_nonzero(poses[_middle_of(poses)].coordinates.omega < limit))
-        return {place: _turn_pose(pose, turns[place], slow) for place, pose in poses.items()}
-
-    channels = PlantChannels(model.inputs, model.outputs, model.up_to_hz)
-    return _sample(place, length, channels, turn_poses, SampledPose)
-
-
-def sample_plant(
-    place: Callable[[float], PosedModes], length: float, channels: PlantChannels
-) -> VaryingSystem[SampledPlant]:
-    """The same of a system between any loads and motions.
-
-    Raises:
-        ModelError: A damper acts on a dof without mass.
-        AccuracyError: The greatest number of sampled poses does not suffice.
-    """
-
-    def turn_poses(
-        poses: Mapping[float, PoseModes], turns: Mapping[float, FloatArray]
-    ) -> dict[float, SampledPlant]:
-        return {place: turn_plant(pose, turns[place]) for place, pose in poses.items()}
-
-    make = functools.partial(SampledPlant, channels)
-    return _sample(place, length, channels, turn_poses, make)
-
-
-def _sample[S: PoseSample](
-    place: Callable[[float], PosedModes],
-    length: float,
-    channels: PlantChannels,
-    turn_poses: "Callable[[Mapping[float, PoseModes], Mapping[float, FloatArray]], dict[float, S]]",
-    make: Callable[..., S],
-) -> VaryingSystem[S]:
-    first = [float(value) for value in np.linspace(0.0, length, FIRST_POSES)]
-    poses = {position: look_at_pose(place(position), channels) for position in first}
-    wide = list(itertools.pairwise(first))
-    while True:
-        before, halves = list(poses), [0.5 * (low + high) for low, high in wide]
-        poses |= {position: look_at_pose(place(position), channels) for position in halves}
-        poses = dict(sorted(poses.items()))
-        kept, next_hz = _count_kept_modes(poses, channels.up_to_hz)
-        turns = transport_modes(poses, kept)
-        sampled_poses = turn_poses(poses, turns)
-        scales = _scales(sampled_poses)
-        splines = _interpolate({position: sampled_poses[position] for position in before})
-        misses = [
-            _misfit(splines, position, sampled_poses[position], scales) for position in halves
-        ]
-        rotation_error = _compare_transports(poses, turns, before)
-        wide = [
-            side
-            for span, half, miss in zip(wide, halves, misses, strict=True)
-            if miss > TOLERANCE
-            for side in _halve(span, half)
-        ]
-        if not wide and rotation_error > TURN_TOLERANCE:
-            wide = list(itertools.pairwise(poses))
-        if not wide:
-            return VaryingSystem(
-                np.array(list(poses)),
-                scales,
-                _interpolate(sampled_poses),
-                max(misses),
-                rotation_error,
-                next_hz,
-                make,
-            )
-        if len(poses) + len(wide) > MOST_POSES:
-            raise AccuracyError(
-                f"{len(poses)} poses along the path leave an error of {max(misses):.2g} between them (limit {TOLERANCE:g}), of "
-                f"{rotation_error:.2g} in the direction of modes (limit {TURN_TOLERANCE:g}); shorten the path, or write "
-                'pose_model = "frozen"'
-            )
-
-
-def _halve(
-    span: tuple[float, float], half: float
-) -> tuple[tuple[float, float], tuple[float, float]]:
-    return (span[0], half), (half, span[1])
-
-
 def look_at_pose(
     posed: PosedModes, channels: PlantChannels, *, all_modes: bool = True, least: int = 0
 ) -> PoseModes:
@@ -439,27 +331,6 @@ def _find_held_outputs(posed: PosedModes, channels: PlantChannels) -> NDArray[np
     )
 
 
-def _count_kept_modes(poses: Mapping[float, PoseModes], up_to_hz: float) -> tuple[int, float]:
-    """How many modes are kept everywhere: all up to a frequency, one at least, and on to the widest
-    gap; and the lowest frequency left out [Hz].
-    """
-    frequencies = [pose.coordinates.omega / (2.0 * np.pi) for pose in poses.values()]
-    most = min(len(part) for part in frequencies)
-    least = max(1, *(int(np.count_nonzero(part <= up_to_hz)) for part in frequencies))
-    if least >= most:
-        return most, np.inf
-    known = min(most, *(pose.motions.shape[1] for pose in poses.values()))
-    gaps = {}
-    for count in range(least, known + (known == most)):
-        gaps[count] = (
-            np.inf
-            if count == most
-            else min(float(part[count] / max(part[count - 1], LEAST_HZ)) for part in frequencies)
-        )
-    kept = max(gaps, key=lambda count: gaps[count]) if gaps else least
-    return kept, np.inf if kept == most else min(float(part[kept]) for part in frequencies)
-
-
 def _middle_of(positions: Iterable[float]) -> float:
     """Of rising positions the one nearest to the middle of the path."""
     known = list(positions)
@@ -489,37 +360,6 @@ def match_modes(before: PoseModes, after: PoseModes, kept: int) -> FloatArray:
     """
     left, _, right = np.linalg.svd(before.momenta[:, :kept].T @ after.motions[:, :kept])
     return np.asarray(left @ right)
-
-
-def _turn_pose(pose: PoseModes, turn: FloatArray, slow: int) -> SampledPose:
-    """A pose in parallel-transported modes.
-
-    Args:
-        turn: ``(m, m)`` modes are this times the transported ones.
-        slow: How many of the transported modes are low-frequency ones: the same along the path, so that
-            a mode whose frequency passes the limit is no step in what is interpolated.
-    """
-    kept = len(turn)
-    found = pose.coordinates
-    rows, loads = found.outputs[:, :kept] @ turn, turn.T @ found.inputs[:kept]
-    damping = np.zeros((kept, kept)) if found.viscous is None else found.viscous[:kept, :kept]
-    # matrices in the turned modes q = T q': T^T Omega^2 T is full where close modes mix, and smooth
-    # along the path
-    stiffness = turn.T @ (found.eigenvalues[:kept, None] * turn)
-    rest = (found.outputs[:, kept:] / found.eigenvalues[kept:]) @ found.inputs[kept:]
-    if not found.complete:
-        rest = rest + found.residual
-    held = np.linalg.solve(stiffness[slow:, slow:], loads[slow:])
-    return SampledPose(
-        stiffness=stiffness,
-        damping=turn.T @ damping @ turn,
-        loads=loads,
-        rows=rows,
-        low_frequency=np.where(np.arange(kept) < slow, rows, 0.0),
-        quasi_static=rest[:, 0] + rows[:, slow:] @ held[:, 0],
-        rest=rest,
-        reach=np.abs(rest) + np.abs(rows[:, slow:]) @ np.abs(held),
-    )
 
 
 def turn_plant(pose: PoseModes, turn: FloatArray) -> SampledPlant:
@@ -552,48 +392,6 @@ def turn_plant(pose: PoseModes, turn: FloatArray) -> SampledPlant:
     )
 
 
-def _scales(sampled_poses: Mapping[float, PoseSample]) -> FloatArray:
-    middle = sampled_poses[_middle_of(sampled_poses)]
-    return np.asarray(
-        np.sqrt(np.maximum(middle.stiffness.diagonal(), (2.0 * np.pi * LEAST_HZ) ** 2))
-    )
-
-
-def _interpolate(sampled_poses: Mapping[float, PoseSample]) -> dict[str, CubicSpline]:
-    names = ("stiffness", "damping", *next(iter(sampled_poses.values())).sizes())
-    positions = list(sampled_poses)
-    return {
-        name: CubicSpline(
-            positions,
-            np.array([getattr(sampled_pose, name) for sampled_pose in sampled_poses.values()]),
-        )
-        for name in names
-    }
-
-
-def _misfit(
-    splines: Mapping[str, CubicSpline],
-    position: float,
-    sampled_pose: PoseSample,
-    scales: FloatArray,
-) -> float:
-    """How far splines miss a sampled pose: matrices by the frequencies they make, the rest by its
-    largest entry.
-    """
-    root = np.sqrt(scales)
-    sizes = sampled_pose.sizes() | {
-        "stiffness": np.outer(scales, scales),
-        "damping": np.outer(root, root),
-    }
-    misses = [
-        np.abs(invert_sizes(sizes[name]) * (spline(position) - getattr(sampled_pose, name))).max(
-            initial=0.0
-        )
-        for name, spline in splines.items()
-    ]
-    return float(max(misses))
-
-
 def largest_entries(values: FloatArray) -> FloatArray:
     """The largest entry of each row."""
     return np.asarray(np.abs(values).max(axis=-1, keepdims=True, initial=0.0))
@@ -604,21 +402,57 @@ def invert_sizes(size: FloatArray) -> FloatArray:
     return np.asarray(np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0))
 
 
-def _compare_transports(
-    poses: Mapping[float, PoseModes], turns: Mapping[float, FloatArray], some: Sequence[float]
-) -> float:
-    """Largest difference between modes transported along some of the poses and those transported
-    along all.
+@dataclass(frozen=True, eq=False)
+class SampledMotion:
+    """A machine along its trajectory.
+
+    Attributes:
+        breaks: ``(b,)`` times at which pieces of the trajectory meet, its ends among them [s].
+        pieces: Of each piece, field of :class:`SampledPlant` to its spline over time.
+        poses: How many poses were taken.
+        modes: How many modes are kept.
+        error: Largest error of splines through the others at the poses added last; of splines
+            through all it is about a sixteenth.
+        rotation_error: What modes transported over steps of twice the length are turned by beside these [rad].
+        highest_hz: Highest natural frequency, anywhere on the trajectory, of a mode kept by half or more.
+        complete: No mode is left out or fades.
+        anchors: Times of a few poses to the momenta ``(n_all, m)`` of the transported modes there.
+        along: Places of the trajectory at times ``(n,)``, where it was not sampled by time; None where it
+            was.
     """
-    kept = len(next(iter(turns.values())))
-    middle = _middle_of(poses)
-    coarse = transport_modes(
-        {position: poses[position] for position in poses if position in some or position == middle},
-        kept,
-    )
-    # both as if they began in the same pose
-    back = coarse[middle].T @ turns[middle]
-    return max(
-        float(np.abs(turn @ back - turns[position]).max(initial=0.0))
-        for position, turn in coarse.items()
-    )
+
+    channels: PlantChannels
+    breaks: FloatArray
+    pieces: tuple[Mapping[str, CubicSpline], ...]
+    poses: int
+    modes: int
+    error: float
+    rotation_error: float
+    highest_hz: float
+    complete: bool
+    anchors: Mapping[float, FloatArray]
+    along: Callable[[FloatArray], FloatArray] | None = None
+
+    def at(self, times: FloatArray, *names: str) -> SampledPlant:
+        """The matrices at times ``(n,)`` [s]; of fields that are not named nothing.
+
+        Args:
+            times: Before the first and after the last one the outermost pose holds.
+            names: Of fields; all where none is named.
+        """
+        places = times if self.along is None else self.along(times)
+        inside = np.clip(places, self.breaks[0], self.breaks[-1])
+        piece_of = np.clip(
+            np.searchsorted(self.breaks, inside, side="right") - 1, 0, len(self.pieces) - 1
+        )
+
+        def find(name: str) -> FloatArray:
+            if names and name not in names:
+                return np.zeros(0)
+            shape = self.pieces[0][name].c.shape[2:]
+            found = np.empty((len(times), *shape))
+            for piece, splines in enumerate(self.pieces):
+                found[piece_of == piece] = splines[name](inside[piece_of == piece])
+            return found
+
+        return SampledPlant(self.channels, *(find(name) for name in FIELDS))

@@ -15,33 +15,26 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl, GuideFriction
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.drive_trains import DriveTrain, free_motors
-from headstock.solvers.control.friction import friction_force
-from headstock.solvers.control.friction_loop import friction_channels
 from headstock.solvers.linear.modal_analysis import solve_modal
-from headstock.solvers.paths.controlled import (
+from headstock.solvers.motion.closed_loop import (
     ControlledPath,
-    solve_controlled_path,
-    solve_path_with_friction,
-)
-from headstock.solvers.paths.loads import PathLoads
-from headstock.solvers.paths.response import PathDeviation, sample_times
-from headstock.solvers.paths.set_points import Ramp, SetPoint, sample_move
-from headstock.solvers.paths.varying_control import (
     RigidTravel,
     VaryingLoop,
     close_along,
     loop_channels,
     make_loop_table,
+    solve_controlled_path,
+    solve_path_with_friction,
     solve_varying_control,
     solve_varying_friction,
 )
-from headstock.solvers.paths.varying_system import (
-    PlantChannels,
-    PosedModes,
-    look_at_pose,
-    sample_plant,
-    turn_plant,
-)
+from headstock.solvers.motion.deviation import PathDeviation
+from headstock.solvers.motion.friction import friction_force
+from headstock.solvers.motion.friction_loop import friction_channels
+from headstock.solvers.motion.loads import PathLoads
+from headstock.solvers.motion.plant import PlantChannels, PosedModes, look_at_pose, turn_plant
+from headstock.solvers.motion.sampling import sample_plant
+from headstock.solvers.motion.set_points import Ramp, SetPoint, sample_move, sample_times
 from headstock.solvers.second_order import SecondOrderSystem
 
 pytestmark = pytest.mark.slow

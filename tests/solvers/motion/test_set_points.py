@@ -7,7 +7,7 @@ import pytest
 
 from common import approx
 from headstock.solvers.errors import ModelError
-from headstock.solvers.paths.set_points import (
+from headstock.solvers.motion.set_points import (
     Ramp,
     list_breaks,
     plan_move,

@@ -13,13 +13,6 @@ from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl, GuideFriction
 from headstock.solvers.control.drive_loops import close_loops
-from headstock.solvers.control.friction import friction_force
-from headstock.solvers.control.friction_loop import friction_channels
-from headstock.solvers.control.friction_transient import (
-    FrictionTransient,
-    sharpen_friction,
-    solve_friction_transient,
-)
 from headstock.solvers.linear.load_history import (
     LoadHistory,
     half_sine_load,
@@ -36,6 +29,13 @@ from headstock.solvers.linear.transient import (
     rest_positions,
     solve_transient,
 )
+from headstock.solvers.motion.driven_motion import (
+    FrictionTransient,
+    sharpen_friction,
+    solve_friction_transient,
+)
+from headstock.solvers.motion.friction import friction_force
+from headstock.solvers.motion.friction_loop import friction_channels
 from headstock.validation.machines.drive_cases import LOAD, TwoMasses, make_drive
 
 MASSES = TwoMasses(motor=80.0, load=120.0, stiffness=5e7, damping=2e3)

@@ -14,6 +14,7 @@ from typing import Literal
 
 import numpy as np
 import scipy  # whose interpolation, a third of a second, is loaded where it is used
+from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
@@ -21,6 +22,7 @@ from headstock.solvers.errors import ModelError
 RampKind = Literal["linear", "s_curve", "exponential"]
 # time constants after which an exponential ramp counts as ended: 0.7 % of the feed are left
 LAG_REACH = 5.0
+SAME_INSTANT = 1e-9  # a break so near to a sample, as a share of the step, is the sample
 
 
 @dataclass(frozen=True)
@@ -217,3 +219,36 @@ def _sample_lag(move: SetPoint, times: FloatArray) -> PathMotion:
         first - second for first, second in zip(*parts, strict=True)
     )
     return PathMotion(positions, speeds, accelerations)
+
+
+def sample_times(move: SetPoint, sampling_hz: float, settle: float) -> FloatArray:
+    """Evenly spaced instants ``(n,)`` [s] from the beginning of a move until its vibration has been
+    followed for long enough.
+
+    Args:
+        sampling_hz: Samples per second [Hz].
+        settle: Time after the end of the move [s].
+    """
+    return np.asarray(
+        np.arange(int(np.ceil((move.duration + settle) * sampling_hz - SAME_INSTANT)) + 1)
+        / sampling_hz,
+        dtype=float,
+    )
+
+
+def step_times(move: SetPoint, samples: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
+    """The samples and the breaks of a move together ``(m,)``, and which of them are samples
+    ``(n,)``.
+    """
+    breaks = list_breaks(move)
+    tolerance = SAME_INSTANT * float(samples[1] - samples[0])
+    nearest = np.abs(
+        samples[
+            np.clip(np.searchsorted(samples, breaks), 1, len(samples) - 1) - np.array([[0], [1]])
+        ]
+        - breaks
+    ).min(axis=0)
+    times = np.sort(
+        np.concatenate([samples, breaks[(nearest > tolerance) & (breaks < samples[-1])]])
+    )
+    return times, np.searchsorted(times, samples)

@@ -11,16 +11,16 @@ from common import present
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl, GuideFriction
 from headstock.solvers.control.drive_loops import close_loops
-from headstock.solvers.control.friction_loop import friction_channels
 from headstock.solvers.errors import ModelError
-from headstock.solvers.paths.controlled import (
+from headstock.solvers.motion.closed_loop import (
     ControlledPath,
     solve_controlled_path,
     solve_path_with_friction,
 )
-from headstock.solvers.paths.loads import PathLoads
-from headstock.solvers.paths.response import PathModel, solve_path
-from headstock.solvers.paths.set_points import Ramp, plan_move
+from headstock.solvers.motion.exact import PathModel, solve_path
+from headstock.solvers.motion.friction_loop import friction_channels
+from headstock.solvers.motion.loads import PathLoads
+from headstock.solvers.motion.set_points import Ramp, plan_move
 from headstock.solvers.second_order import SecondOrderSystem
 from headstock.solvers.watched_outputs import Watch
 from headstock.validation.machines.drive_cases import LOAD, TwoMasses, make_drive

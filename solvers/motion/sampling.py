@@ -1,17 +1,18 @@
-"""A machine along its trajectory through poses: its matrices in parallel-transported modes, sampled at times
-of the trajectory and joined by splines.
+"""A second-order system whose matrices change along a path: its modes, parallel-transported from
+pose to pose and interpolated between sampled poses.
 
-The trajectory is cut into pieces at its corners; every piece has its own splines, with twice as many poses
-until those half-way between are met. Modes beyond a frequency follow at once: what they add
-statically is sampled as well. Modes are transported from pose to pose as in
-:mod:`headstock.solvers.paths.varying_system`, along the whole trajectory.
-
-Modes cross that frequency, and each other about it, so that no number of modes is the same set in
-all poses. What moves a mode and what it moves therefore fade out smoothly above that frequency, and
-its static share takes over: a mode that leaves or joins those kept does so without any.
+In every pose the coordinates are the modes up to a frequency. Modes of neighbouring poses differ in
+sign, in order and, where two frequencies cross, altogether; turned to agree as well as they can
+(parallel transport in the mass product) they change as smoothly as the machine does, and the
+coupling of their speeds through the change of pose vanishes within them. What is left of it is of
+second order in the speed of the axis over the length in which a shape changes, and goes to modes
+beyond the highest frequency. Source: Amsallem and Farhat (2011), An online method for interpolating
+linear parametric reduced-order models, SIAM J. Sci. Comput. 33, 2169 (consistent coordinates); Kato
+(1950), On the adiabatic theorem (parallel transport).
 """
 
 import dataclasses
+import functools
 import itertools
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,20 +23,18 @@ from scipy.interpolate import CubicSpline
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import AccuracyError, ModelError
-from headstock.solvers.paths.linear_motion import (
-    CompliantHistory,
-    LinearMotion,
-    apply_matrices,
-    chunk_slices,
-    even_nodes,
-    interpolate_nodes,
-)
-from headstock.solvers.paths.varying_system import (
-    TURN_TOLERANCE,
+from headstock.solvers.motion.exact import PathModel
+from headstock.solvers.motion.plant import (
+    FIELDS,
     PlantChannels,
     PosedModes,
     PoseModes,
+    PoseSample,
+    SampledMotion,
     SampledPlant,
+    SampledPose,
+    VaryingSystem,
+    _middle_of,
     invert_sizes,
     largest_entries,
     look_at_pose,
@@ -43,94 +42,235 @@ from headstock.solvers.paths.varying_system import (
     transport_modes,
     turn_plant,
 )
-from headstock.solvers.second_order import Channel
-from headstock.solvers.watched_outputs import Watch
 
+FIRST_POSES = 5
+MOST_POSES = 257
+# of what is interpolated half-way between sampled poses, as a share of its size; 1/16 of it between
+# all
+TOLERANCE = 5e-5
+TURN_TOLERANCE = 1e-3  # of modes transported along the sampled poses before the last halving [rad]; 1/4 of it along all
+LEAST_HZ = 1.0
 MOST_SAMPLES = 400
 # of what splines miss half-way between poses, as a share of its size, before the last halving
 MISS_TOLERANCE = 1e-3
 FADED = 1.5  # times the frequency up to which modes are kept: there nothing is left of them
 ROUNDOFF = 1e-5  # an input so much smaller than the largest one moves nothing
-NODE_SPACING = 0.02
-LOAD_SPACING = 1e-3
-FIELDS = ("stiffness", "damping", "loads", "rows", "direct")
 ANCHORED = 4  # parts of a piece at whose ends a machine that differs little is looked at
 
 
-@dataclass(frozen=True, eq=False)
-class TrajectoryLoads:
-    """What acts on a machine along its trajectory.
+def sample_system(
+    place: Callable[[float], PosedModes], length: float, model: PathModel
+) -> VaryingSystem[SampledPose]:
+    """Sampled poses along a path, closer where splines through the others miss them.
 
-    Attributes:
-        at: Values ``(n, r)`` of these at times ``(n,)``.
-        weight: The one of gravity: what it moves alone is no deviation.
+    Args:
+        place: The system at a position of the path [m].
+        length: Of the path [m].
+
+    Raises:
+        ModelError: A damper acts on a dof without mass.
+        AccuracyError: The greatest number of sampled poses does not suffice.
+    """
+    if model.up_to_hz is None:
+        raise ValueError("a system along a path keeps modes up to a frequency")
+    limit = 2.0 * np.pi * model.low_frequency_limit_hz
+
+    def turn_poses(
+        poses: Mapping[float, PoseModes], turns: Mapping[float, FloatArray]
+    ) -> dict[float, SampledPose]:
+        slow = int(np.count_nonzero(poses[_middle_of(poses)].coordinates.omega < limit))
+        return {place: _turn_pose(pose, turns[place], slow) for place, pose in poses.items()}
+
+    channels = PlantChannels(model.inputs, model.outputs, model.up_to_hz)
+    return _sample(place, length, channels, turn_poses, SampledPose)
+
+
+def sample_plant(
+    place: Callable[[float], PosedModes], length: float, channels: PlantChannels
+) -> VaryingSystem[SampledPlant]:
+    """The same of a system between any loads and motions.
+
+    Raises:
+        ModelError: A damper acts on a dof without mass.
+        AccuracyError: The greatest number of sampled poses does not suffice.
     """
 
-    channels: tuple[Channel, ...]
-    at: Callable[[FloatArray], FloatArray]
-    weight: Channel
+    def turn_poses(
+        poses: Mapping[float, PoseModes], turns: Mapping[float, FloatArray]
+    ) -> dict[float, SampledPlant]:
+        return {place: turn_plant(pose, turns[place]) for place, pose in poses.items()}
 
-    def deviating(self, times: FloatArray) -> FloatArray:
-        """Return the values ``(n, r)`` at times ``(n,)``, zero of the weight."""
-        values = np.array(self.at(times))
-        values[:, self.channels.index(self.weight)] = 0.0
-        return values
+    make = functools.partial(SampledPlant, channels)
+    return _sample(place, length, channels, turn_poses, make)
 
 
-@dataclass(frozen=True, eq=False)
-class SampledMotion:
-    """A machine along its trajectory.
+def _sample[S: PoseSample](
+    place: Callable[[float], PosedModes],
+    length: float,
+    channels: PlantChannels,
+    turn_poses: "Callable[[Mapping[float, PoseModes], Mapping[float, FloatArray]], dict[float, S]]",
+    make: Callable[..., S],
+) -> VaryingSystem[S]:
+    first = [float(value) for value in np.linspace(0.0, length, FIRST_POSES)]
+    poses = {position: look_at_pose(place(position), channels) for position in first}
+    wide = list(itertools.pairwise(first))
+    while True:
+        before, halves = list(poses), [0.5 * (low + high) for low, high in wide]
+        poses |= {position: look_at_pose(place(position), channels) for position in halves}
+        poses = dict(sorted(poses.items()))
+        kept, next_hz = _count_kept_modes(poses, channels.up_to_hz)
+        turns = transport_modes(poses, kept)
+        sampled_poses = turn_poses(poses, turns)
+        scales = _scales(sampled_poses)
+        splines = _interpolate({position: sampled_poses[position] for position in before})
+        misses = [
+            _misfit(splines, position, sampled_poses[position], scales) for position in halves
+        ]
+        rotation_error = _compare_transports(poses, turns, before)
+        wide = [
+            side
+            for span, half, miss in zip(wide, halves, misses, strict=True)
+            if miss > TOLERANCE
+            for side in _halve_span(span, half)
+        ]
+        if not wide and rotation_error > TURN_TOLERANCE:
+            wide = list(itertools.pairwise(poses))
+        if not wide:
+            return VaryingSystem(
+                np.array(list(poses)),
+                scales,
+                _interpolate(sampled_poses),
+                max(misses),
+                rotation_error,
+                next_hz,
+                make,
+            )
+        if len(poses) + len(wide) > MOST_POSES:
+            raise AccuracyError(
+                f"{len(poses)} poses along the path leave an error of {max(misses):.2g} between them (limit {TOLERANCE:g}), of "
+                f"{rotation_error:.2g} in the direction of modes (limit {TURN_TOLERANCE:g}); shorten the path, or write "
+                'pose_model = "frozen"'
+            )
 
-    Attributes:
-        breaks: ``(b,)`` times at which pieces of the trajectory meet, its ends among them [s].
-        pieces: Of each piece, field of :class:`SampledPlant` to its spline over time.
-        poses: How many poses were taken.
-        modes: How many modes are kept.
-        error: Largest error of splines through the others at the poses added last; of splines
-            through all it is about a sixteenth.
-        rotation_error: What modes transported over steps of twice the length are turned by beside these [rad].
-        highest_hz: Highest natural frequency, anywhere on the trajectory, of a mode kept by half or more.
-        complete: No mode is left out or fades.
-        anchors: Times of a few poses to the momenta ``(n_all, m)`` of the transported modes there.
-        along: Places of the trajectory at times ``(n,)``, where it was not sampled by time; None where it
-            was.
+
+def _halve_span(
+    span: tuple[float, float], half: float
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    return (span[0], half), (half, span[1])
+
+
+def _count_kept_modes(poses: Mapping[float, PoseModes], up_to_hz: float) -> tuple[int, float]:
+    """How many modes are kept everywhere: all up to a frequency, one at least, and on to the widest
+    gap; and the lowest frequency left out [Hz].
     """
-
-    channels: PlantChannels
-    breaks: FloatArray
-    pieces: tuple[Mapping[str, CubicSpline], ...]
-    poses: int
-    modes: int
-    error: float
-    rotation_error: float
-    highest_hz: float
-    complete: bool
-    anchors: Mapping[float, FloatArray]
-    along: Callable[[FloatArray], FloatArray] | None = None
-
-    def at(self, times: FloatArray, *names: str) -> SampledPlant:
-        """The matrices at times ``(n,)`` [s]; of fields that are not named nothing.
-
-        Args:
-            times: Before the first and after the last one the outermost pose holds.
-            names: Of fields; all where none is named.
-        """
-        places = times if self.along is None else self.along(times)
-        inside = np.clip(places, self.breaks[0], self.breaks[-1])
-        piece_of = np.clip(
-            np.searchsorted(self.breaks, inside, side="right") - 1, 0, len(self.pieces) - 1
+    frequencies = [pose.coordinates.omega / (2.0 * np.pi) for pose in poses.values()]
+    most = min(len(part) for part in frequencies)
+    least = max(1, *(int(np.count_nonzero(part <= up_to_hz)) for part in frequencies))
+    if least >= most:
+        return most, np.inf
+    known = min(most, *(pose.motions.shape[1] for pose in poses.values()))
+    gaps = {}
+    for count in range(least, known + (known == most)):
+        gaps[count] = (
+            np.inf
+            if count == most
+            else min(float(part[count] / max(part[count - 1], LEAST_HZ)) for part in frequencies)
         )
+    kept = max(gaps, key=lambda count: gaps[count]) if gaps else least
+    return kept, np.inf if kept == most else min(float(part[kept]) for part in frequencies)
 
-        def find(name: str) -> FloatArray:
-            if names and name not in names:
-                return np.zeros(0)
-            shape = self.pieces[0][name].c.shape[2:]
-            found = np.empty((len(times), *shape))
-            for piece, splines in enumerate(self.pieces):
-                found[piece_of == piece] = splines[name](inside[piece_of == piece])
-            return found
 
-        return SampledPlant(self.channels, *(find(name) for name in FIELDS))
+def _turn_pose(pose: PoseModes, turn: FloatArray, slow: int) -> SampledPose:
+    """A pose in parallel-transported modes.
+
+    Args:
+        turn: ``(m, m)`` modes are this times the transported ones.
+        slow: How many of the transported modes are low-frequency ones: the same along the path, so that
+            a mode whose frequency passes the limit is no step in what is interpolated.
+    """
+    kept = len(turn)
+    found = pose.coordinates
+    rows, loads = found.outputs[:, :kept] @ turn, turn.T @ found.inputs[:kept]
+    damping = np.zeros((kept, kept)) if found.viscous is None else found.viscous[:kept, :kept]
+    # matrices in the turned modes q = T q': T^T Omega^2 T is full where close modes mix, and smooth
+    # along the path
+    stiffness = turn.T @ (found.eigenvalues[:kept, None] * turn)
+    rest = (found.outputs[:, kept:] / found.eigenvalues[kept:]) @ found.inputs[kept:]
+    if not found.complete:
+        rest = rest + found.residual
+    held = np.linalg.solve(stiffness[slow:, slow:], loads[slow:])
+    return SampledPose(
+        stiffness=stiffness,
+        damping=turn.T @ damping @ turn,
+        loads=loads,
+        rows=rows,
+        low_frequency=np.where(np.arange(kept) < slow, rows, 0.0),
+        quasi_static=rest[:, 0] + rows[:, slow:] @ held[:, 0],
+        rest=rest,
+        reach=np.abs(rest) + np.abs(rows[:, slow:]) @ np.abs(held),
+    )
+
+
+def _scales(sampled_poses: Mapping[float, PoseSample]) -> FloatArray:
+    middle = sampled_poses[_middle_of(sampled_poses)]
+    return np.asarray(
+        np.sqrt(np.maximum(middle.stiffness.diagonal(), (2.0 * np.pi * LEAST_HZ) ** 2))
+    )
+
+
+def _interpolate(sampled_poses: Mapping[float, PoseSample]) -> dict[str, CubicSpline]:
+    names = ("stiffness", "damping", *next(iter(sampled_poses.values())).sizes())
+    positions = list(sampled_poses)
+    return {
+        name: CubicSpline(
+            positions,
+            np.array([getattr(sampled_pose, name) for sampled_pose in sampled_poses.values()]),
+        )
+        for name in names
+    }
+
+
+def _misfit(
+    splines: Mapping[str, CubicSpline],
+    position: float,
+    sampled_pose: PoseSample,
+    scales: FloatArray,
+) -> float:
+    """How far splines miss a sampled pose: matrices by the frequencies they make, the rest by its
+    largest entry.
+    """
+    root = np.sqrt(scales)
+    sizes = sampled_pose.sizes() | {
+        "stiffness": np.outer(scales, scales),
+        "damping": np.outer(root, root),
+    }
+    misses = [
+        np.abs(invert_sizes(sizes[name]) * (spline(position) - getattr(sampled_pose, name))).max(
+            initial=0.0
+        )
+        for name, spline in splines.items()
+    ]
+    return float(max(misses))
+
+
+def _compare_transports(
+    poses: Mapping[float, PoseModes], turns: Mapping[float, FloatArray], some: Sequence[float]
+) -> float:
+    """Largest difference between modes transported along some of the poses and those transported
+    along all.
+    """
+    kept = len(next(iter(turns.values())))
+    middle = _middle_of(poses)
+    coarse = transport_modes(
+        {position: poses[position] for position in poses if position in some or position == middle},
+        kept,
+    )
+    # both as if they began in the same pose
+    back = coarse[middle].T @ turns[middle]
+    return max(
+        float(np.abs(turn @ back - turns[position]).max(initial=0.0))
+        for position, turn in coarse.items()
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -409,140 +549,3 @@ def _find_rotation_error(
         off = twice - match_modes(before.pose, after.pose, kept)
         total += float(np.abs(before.shares[:, None] * off * after.shares).max())
     return total
-
-
-def follow_motion(
-    sampled: SampledMotion,
-    times: FloatArray,
-    loads: TrajectoryLoads,
-    tool: Sequence[Channel],
-    *,
-    node_spacing: float = NODE_SPACING,
-    load_spacing: float = LOAD_SPACING,
-) -> LinearMotion:
-    """The linear system along a trajectory: matrices at nodes, loads of the rigid motion at finer ones.
-
-    Args:
-        times: ``(n,)`` even steps [s].
-        loads: That act on it, but for those on the tool.
-        tool: Its three inputs and outputs of force and motion.
-        node_spacing: Time between which matrices are linear [s].
-        load_spacing: Time between which loads are linear [s].
-    """
-    nodes, load_nodes = even_nodes(times, node_spacing), even_nodes(times, load_spacing)
-    found, moved = sampled.at(nodes), sampled.channels.rows.of(tool)
-    given = sampled.channels.columns.of(loads.channels)
-    acting, rests = [], []
-    for part in chunk_slices(len(load_nodes)):
-        now = load_nodes[part]
-        finer = sampled.at(now, "loads", "direct")
-        acting.append(apply_matrices(finer.loads[:, :, given], loads.at(now)))
-        # gravity alone is no deviation, also of the modes left out
-        beyond = finer.direct[:, moved][:, :, given]
-        rests.append(apply_matrices(beyond, loads.deviating(now)))
-    weight = loads.at(nodes)[:, loads.channels.index(loads.weight)]
-    return LinearMotion(
-        times=times,
-        nodes=nodes,
-        mass=np.broadcast_to(np.eye(sampled.modes), found.stiffness.shape),
-        damping=found.damping,
-        stiffness=found.stiffness,
-        tool=found.rows_of(tool),
-        gravity_deflection=np.asarray(
-            np.linalg.solve(
-                found.stiffness, found.loads_of([loads.weight]) * weight[:, None, None]
-            )[..., 0]
-        ),
-        load=interpolate_nodes(times, load_nodes, np.concatenate(acting)),
-        flexibility=found.direct_of(tool, tool),
-        rest=interpolate_nodes(times, load_nodes, np.concatenate(rests)),
-    )
-
-
-def interpolate_smooth(
-    given: Callable[[FloatArray], FloatArray], times: FloatArray, spacing: float = LOAD_SPACING
-) -> FloatArray:
-    """Values ``(n, r)`` at times ``(n,)`` of what is as smooth as the rigid motion: linear between
-    nodes so far apart, where these are fewer [s].
-    """
-    nodes = even_nodes(times, spacing)
-    return (
-        given(times) if len(nodes) >= len(times) else interpolate_nodes(times, nodes, given(nodes))
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class SampledHistory:
-    """What a machine did along its trajectory, and what acted on it beside its weight.
-
-    Attributes:
-        motion: The machine; its first coordinates are its modes.
-        plant: Its matrices at the nodes of the motion.
-        inputs: Where something acts.
-        acting: Values ``(m, k)`` of these in a part of the steps.
-    """
-
-    motion: LinearMotion
-    history: CompliantHistory
-    plant: SampledPlant
-    inputs: tuple[Channel, ...]
-    acting: Callable[[slice], FloatArray]
-
-    def observe(self, watch: Watch) -> FloatArray:
-        """Return what is watched ``(n, p)``, less what the weight alone does."""
-        motion, plant, states = self.motion, self.plant, self.history
-        modes = plant.rows.shape[2]
-        rows, direct = plant.rows_of(watch.channels), plant.direct_of(watch.channels, self.inputs)
-        added = [
-            (self._added_rows(watch.channels, outputs), values)
-            for outputs, values in (
-                (watch.rates, states.rate),
-                (watch.accelerations, states.acceleration),
-            )
-            if outputs
-        ]
-        found = np.empty((len(motion.times), len(watch.channels)))
-        for part in chunk_slices(len(motion.times)):
-            moved = states.compliant[part] - motion.deflect(part)
-            found[part] = apply_matrices(motion.between(rows, part), moved[:, :modes])
-            for others, values in added:
-                found[part] += apply_matrices(motion.between(others, part), values[part, :modes])
-            found[part] += apply_matrices(motion.between(direct, part), self.acting(part))
-        return found
-
-    def _added_rows(
-        self, channels: Sequence[Channel], outputs: Mapping[Channel, Channel]
-    ) -> FloatArray:
-        rows = np.zeros((len(self.motion.nodes), len(channels), self.plant.rows.shape[2]))
-        some = [number for number, channel in enumerate(channels) if channel in outputs]
-        rows[:, some] = self.plant.rows_of(outputs[channels[number]] for number in some)
-        return rows
-
-
-def follow_outputs(
-    sampled: SampledMotion,
-    times: FloatArray,
-    *,
-    outputs: Sequence[Channel],
-    coordinates: FloatArray,
-    acting: FloatArray,
-    inputs: Sequence[Channel],
-) -> FloatArray:
-    """Return outputs ``(n, p)`` of a machine along its trajectory.
-
-    Args:
-        times: ``(n,)`` [s].
-        outputs: ``p`` of them.
-        coordinates: ``(n, m)`` of its modes then.
-        acting: ``(n, k)`` values of inputs.
-    """
-    rows, columns = sampled.channels.rows.of(outputs), sampled.channels.columns.of(inputs)
-    parts = []
-    for part in chunk_slices(len(times)):
-        found = sampled.at(times[part], "rows", "direct")
-        direct = found.direct[:, rows][:, :, columns]
-        parts.append(
-            apply_matrices(found.rows[:, rows], coordinates[part])
-            + apply_matrices(direct, acting[part])
-        )
-    return np.concatenate(parts)

@@ -12,16 +12,18 @@ from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import AccuracyError
 from headstock.solvers.linear.modal_analysis import solve_modal
-from headstock.solvers.paths.loads import PathLoads
-from headstock.solvers.paths.response import PathDeviation, PathModel, sample_times, solve_path
-from headstock.solvers.paths.set_points import Ramp, SetPoint, sample_move
-from headstock.solvers.paths.varying_response import exact_step, make_step_table, solve_varying_path
-from headstock.solvers.paths.varying_system import (
-    PosedModes,
-    SampledPose,
-    VaryingSystem,
-    sample_system,
+from headstock.solvers.motion.deviation import PathDeviation
+from headstock.solvers.motion.exact import (
+    PathModel,
+    exact_step,
+    make_step_table,
+    solve_path,
+    solve_varying_path,
 )
+from headstock.solvers.motion.loads import PathLoads
+from headstock.solvers.motion.plant import PosedModes, SampledPose, VaryingSystem
+from headstock.solvers.motion.sampling import sample_system
+from headstock.solvers.motion.set_points import Ramp, SetPoint, sample_move, sample_times
 from headstock.solvers.second_order import SecondOrderSystem
 
 pytestmark = pytest.mark.slow

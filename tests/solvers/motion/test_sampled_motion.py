@@ -5,13 +5,8 @@ import pytest
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.linear.modal_analysis import solve_modal
-from headstock.solvers.paths.sampled_motion import (
-    ANCHORED,
-    MISS_TOLERANCE,
-    sample_motion,
-    vary_motion,
-)
-from headstock.solvers.paths.varying_system import PlantChannels, PosedModes
+from headstock.solvers.motion.plant import PlantChannels, PosedModes
+from headstock.solvers.motion.sampling import ANCHORED, MISS_TOLERANCE, sample_motion, vary_motion
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 
 TOOL: tuple[Channel, ...] = (("tcp", "x"), ("tcp", "y"), ("tcp", "z"))

@@ -1,0 +1,280 @@
+"""Deviation from a path in its parts, its low-pass, and its figures in each acceleration zone."""
+
+import dataclasses
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
+
+import numpy as np
+import scipy  # whose filters, a quarter of a second, are loaded where they are used
+
+from headstock.geometry.frames import FloatArray
+from headstock.solvers.motion.set_points import (
+    SetPoint,
+)
+from headstock.solvers.watched_outputs import WatchedValues
+
+FILTER_ORDER = 4
+FilterKind = Literal["zero_phase", "causal"]
+BAND = (
+    0.05  # settled: the residual vibration stays below this share of its largest value in the zone
+)
+PADDING = 5.0  # rest before and after a record, in periods of the low-pass
+LEAST_WAVES = 2.0  # of the time looked at, so that a wave counts as periodic
+FINER = 16  # frequencies looked at per one that the time tells apart
+
+
+@dataclass(frozen=True, eq=False)
+class PathDeviation:
+    """Deviation at the outputs, sampled; the three parts add up to the total.
+
+    Attributes:
+        times: ``(n,)`` [s].
+        total: ``(n, n_outputs)`` [m, rad].
+        quasi_static: ``(n, n_outputs)``: every mode that is faster than the ramp follows its load
+            at once.
+        low_frequency: ``(n, n_outputs)``: the slower modes, in which the machine sways on soft
+            mounts as a whole.
+        dynamic: ``(n, n_outputs)``: the residual vibration of the faster modes.
+        watched: What else was asked for, such as forces.
+    """
+
+    times: FloatArray
+    total: FloatArray
+    quasi_static: FloatArray
+    low_frequency: FloatArray
+    dynamic: FloatArray
+    watched: WatchedValues = field(default_factory=WatchedValues)
+
+    def __add__(self, other: "PathDeviation") -> "PathDeviation":
+        """Return two deviations of a linear machine together."""
+        return PathDeviation(
+            self.times,
+            self.total + other.total,
+            self.quasi_static + other.quasi_static,
+            self.low_frequency + other.low_frequency,
+            self.dynamic + other.dynamic,
+            self.watched + other.watched,
+        )
+
+
+@dataclass(frozen=True)
+class LowPass:
+    """A Butterworth low-pass of fourth order.
+
+    Attributes:
+        frequency_hz: Where it halves the power once through [Hz].
+        kind: ``zero_phase``: forwards and backwards, no delay and twice the order; ``causal``:
+            once, as an instrument does.
+    """
+
+    frequency_hz: float
+    kind: FilterKind = "zero_phase"
+
+
+@dataclass(frozen=True)
+class ZoneFigures:
+    """One output in one acceleration zone: the ramp, and the residual vibration after it.
+
+    Attributes:
+        begin: Of the ramp [s].
+        ramp_end: Its end [s].
+        end: Where the residual vibration is no longer looked at [s].
+        peak: Largest deviation, with its sign [m, rad].
+        peak_time: When [s].
+        span: Largest less smallest deviation.
+        ramp_peak: Largest deviation during the ramp, with its sign.
+        ramp_span: Largest less smallest during the ramp.
+        quasi_static: Largest quasi-static part, with its sign.
+        dynamic: Largest residual vibration.
+        rms: Of the deviation over the zone.
+        settling: How long after the ramp the residual vibration stays below a share of its largest
+            value [s]; None when it does not.
+    """
+
+    begin: float
+    ramp_end: float
+    end: float
+    peak: float
+    peak_time: float
+    span: float
+    ramp_peak: float
+    ramp_span: float
+    quasi_static: float
+    dynamic: float
+    rms: float
+    settling: float | None
+
+
+def filter_deviation(found: PathDeviation, low_pass: LowPass | None) -> PathDeviation:
+    """The deviation and its parts through a low-pass; the parts still add up. The machine rests
+    before the record begins.
+    """
+    if low_pass is None:
+        return found
+    rate = 1.0 / float(found.times[1] - found.times[0])
+    sections = scipy.signal.butter(FILTER_ORDER, low_pass.frequency_hz, fs=rate, output="sos")
+    padding = int(np.ceil(PADDING * rate / low_pass.frequency_hz))
+
+    def apply(values: FloatArray) -> FloatArray:
+        rest = np.zeros((padding, values.shape[1]))
+        padded = np.vstack([rest, values, np.repeat(values[-1:], padding, axis=0)])
+        run = (
+            scipy.signal.sosfilt
+            if low_pass.kind == "causal"
+            else lambda *args, axis: scipy.signal.sosfiltfilt(*args, axis=axis, padtype=None)
+        )
+        return np.asarray(run(sections, padded, axis=0)[padding:-padding])
+
+    parts = [apply(part) for part in (found.quasi_static, found.low_frequency, found.dynamic)]
+    return dataclasses.replace(
+        found,
+        total=np.sum(parts, axis=0),
+        quasi_static=parts[0],
+        low_frequency=parts[1],
+        dynamic=parts[2],
+    )
+
+
+def measure_zones(
+    found: PathDeviation, raw: PathDeviation, move: SetPoint, output: int, residual_time: float
+) -> tuple[ZoneFigures, ZoneFigures]:
+    """Figures of one output in both zones; a zone ends before the next one begins, or so long after
+    its ramp.
+
+    Args:
+        raw: Before the filter, which would round the corners of the quasi-static part and carry
+            residual vibration from one zone into another.
+        residual_time: How long after a ramp its residual vibration is looked at [s].
+    """
+    (first, first_end), (second, second_end) = move.zones
+    last, ahead = float(found.times[-1]), max(second, first_end)
+    return (
+        _measure(
+            found,
+            raw,
+            output,
+            _Zone(first, first_end, min(first_end + residual_time, ahead), ahead),
+        ),
+        _measure(
+            found,
+            raw,
+            output,
+            _Zone(second, second_end, min(second_end + residual_time, last), last),
+        ),
+    )
+
+
+@dataclass(frozen=True)
+class CruiseFigures:
+    """One output while the feed is constant: how straight the line is, and what repeats in it.
+
+    Attributes:
+        begin: When the residual vibration of the first ramp is no longer looked at [s].
+        end: When the second ramp begins [s].
+        variation: Largest less smallest deviation [m, rad].
+        straightness: The same about the least-squares line.
+        period: Of the strongest wave that fits at least twice [s].
+        distance: The same along the path [m].
+        amplitude: Of this wave [m, rad].
+    """
+
+    begin: float
+    end: float
+    variation: float
+    straightness: float
+    period: float
+    distance: float
+    amplitude: float
+
+
+def measure_cruise(
+    found: PathDeviation, move: SetPoint, output: int, residual_time: float
+) -> CruiseFigures | None:
+    """Figures of one output at constant feed; None where that is too short to tell.
+
+    Args:
+        residual_time: How long after the ramp its residual vibration is left out [s].
+
+    Source: the strongest wave by the least-squares spectrum of the values about their line (Lomb
+    1976).
+    """
+    begin, end = move.zones[0][1] + residual_time, move.zones[1][0]
+    inside = (found.times >= begin) & (found.times <= end)
+    times, values = found.times[inside], found.total[inside, output]
+    if len(times) < FINER:
+        return None
+    arms = times - times.mean()
+    rest = values - values.mean() - arms * float(arms @ values) / float(arms @ arms)
+    span = float(times[-1] - times[0])
+    # a fine grid of frequencies: the transform of the values with zeros behind them
+    size = FINER * len(rest)
+    spectrum = np.abs(np.fft.rfft(rest * np.hanning(len(rest)), size))
+    frequencies = np.fft.rfftfreq(size, span / (len(times) - 1))
+    known = frequencies >= LEAST_WAVES / span
+    best = float(frequencies[known][int(np.argmax(spectrum[known]))])
+    angles = 2.0 * np.pi * best * arms
+    waves = np.column_stack([np.ones_like(arms), arms, np.cos(angles), np.sin(angles)])
+    fitted = np.linalg.lstsq(waves, values)[0]
+    return CruiseFigures(
+        begin,
+        end,
+        variation=float(np.ptp(values)),
+        straightness=float(np.ptp(rest)),
+        period=1.0 / best,
+        distance=move.feed / best,
+        amplitude=float(np.hypot(fitted[2], fitted[3])),
+    )
+
+
+class _Zone(NamedTuple):
+    """Times of a ramp [s]: its begin and end, up to when its figures count, and until when nothing
+    else moves the machine.
+    """
+
+    begin: float
+    ramp_end: float
+    end: float
+    limit: float
+
+
+def _measure(found: PathDeviation, raw: PathDeviation, output: int, zone: _Zone) -> ZoneFigures:
+    begin, ramp_end, end = zone.begin, zone.ramp_end, zone.end
+    slack = 1e-9 * float(found.times[1] - found.times[0])
+
+    def within(start: float, stop: float) -> slice:
+        return slice(*np.searchsorted(found.times, [start - slack, stop + slack]))
+
+    whole, ramp = within(begin, end), within(begin, ramp_end)
+    values = found.total[whole, output]
+    largest = int(np.argmax(np.abs(values)))
+    return ZoneFigures(
+        begin,
+        ramp_end,
+        end,
+        peak=float(values[largest]),
+        peak_time=float(found.times[whole][largest]),
+        span=float(np.ptp(values)),
+        ramp_peak=_largest(found.total[ramp, output]),
+        ramp_span=float(np.ptp(found.total[ramp, output])),
+        quasi_static=_largest(raw.quasi_static[within(begin, ramp_end - 2.0 * slack), output]),
+        dynamic=float(np.abs(found.dynamic[whole, output]).max()),
+        rms=float(np.sqrt(np.mean(values**2))),
+        settling=_settle(raw, output, zone),
+    )
+
+
+def _settle(raw: PathDeviation, output: int, zone: _Zone) -> float | None:
+    """Time after a ramp from which the residual vibration stays small until the next ramp or the end; None
+    when it does not.
+    """
+    first, ended, last = np.searchsorted(raw.times, [zone.begin, zone.ramp_end, zone.limit - 1e-9])
+    residual = np.abs(raw.dynamic[first:last, output])
+    loud = np.flatnonzero(residual > BAND * residual.max(initial=0.0))
+    if not len(loud) or first + loud[-1] < ended:
+        return 0.0
+    following = first + int(loud[-1]) + 1
+    return None if following >= last else float(raw.times[following] - zone.ramp_end)
+
+
+def _largest(values: FloatArray) -> float:
+    return float(values[int(np.argmax(np.abs(values)))])

@@ -1,0 +1,408 @@
+"""A closed loop with friction in its guides, its steps, and how both change along a path: known at
+places, cubic between them.
+
+Within a step of size h the loop ``x' = A x + B u - G f(V x + W u)`` is linear but for the friction f. What
+is given, u, is a polynomial through Gauss points, f a parabola through three nodes: one matrix exponential
+then holds the step, however stiff the loop is, and only the forces at the nodes are unknown. Nodes at 1/6,
+2/3 and 1 are next to those of Radau IIA: a method of order four, A- and L-stable, so that stiff friction
+is followed without residual oscillation. They are twelfths of the step, as are all places at which a step is looked
+into, so that powers of one exponential give them all.
+
+Source: Hochbruck and Ostermann (2010), Exponential integrators, section 2.3 (collocation); Van Loan
+(1978), Computing integrals involving the matrix exponential.
+"""
+
+import functools
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from headstock.geometry.frames import FloatArray
+from headstock.solvers.control.drive_loops import ClosedLoop, force_channels, set_channels
+from headstock.solvers.control.drive_trains import SLIDE, DriveTrain
+from headstock.solvers.motion.friction import StackedFriction, stack_laws
+from headstock.solvers.second_order import Channel, Positions
+
+type InputRows = Mapping[Channel, FloatArray]
+IntArray = NDArray[np.intp]
+Given = Callable[[FloatArray], FloatArray]
+ABOUT = 4  # places about a position, between which a cubic is laid
+REMEMBERED = 128  # steps of one size in a pose
+PARTS = 12
+FORCED, CHECKED = (2, 8, 12), (0, 5, 10)  # where friction is collocated, and where it is checked
+NODES: FloatArray = np.arange(PARTS + 1, dtype=np.float64) / PARTS
+# where what is given is looked at, as shares of a step
+GIVEN: FloatArray = np.asarray(0.5 + 0.5 * np.polynomial.legendre.leggauss(5)[0], dtype=np.float64)
+LOOKED: FloatArray = np.array([0.01, 0.13, 0.36, 0.64, 0.87, 0.99])  # and where that is checked
+_HALF = np.array([41.0, 216.0, 27.0, 272.0, 27.0, 216.0, 41.0]) / (140.0 * PARTS)
+# closed Newton-Cotes of degree seven over each half of a step
+WEIGHTS: FloatArray = np.concatenate([_HALF[:-1], [2.0 * _HALF[-1]], _HALF[1:]])
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionLoop:
+    """``x' = A x + B S u - G f(V x + W u)``, ``y = C x + D u - H f``.
+
+    The machine's states are ``(s p, p')`` of each mode, so that a load enters as its work per
+    velocity. Where they are deviations from a motion, ``W u`` is the speed of that motion, and works
+    are those done on the deviations.
+
+    Attributes:
+        loop: Closed, with the loads that are given and those of friction among its inputs.
+        law: Of the guides that evaluate_friction.
+        slides: V ``(k, n)``: velocity in these guides.
+        drag: G ``(n, k)``.
+        passed: H ``(p, k)``.
+        acting: B ``(n, m)`` of all inputs but those of friction.
+        spread: S ``(m, q)``: these inputs of what is given over time.
+        d: D ``(p, q)`` of what is given.
+        pushing: ``(l, q)`` the loads among what is given.
+        reach: ``(l, m)`` motion, per state of the machine, that each of these pushes along.
+        weights: ``(m, m)`` of the machine's states in twice the energy.
+        dampers: ``(m, m)`` power lost in dampers.
+        guides: W ``(k, q)``.
+    """
+
+    loop: ClosedLoop
+    law: StackedFriction
+    slides: FloatArray
+    drag: FloatArray
+    passed: FloatArray
+    acting: FloatArray
+    spread: FloatArray
+    d: FloatArray
+    pushing: FloatArray
+    reach: FloatArray
+    weights: FloatArray
+    dampers: FloatArray
+    guides: FloatArray
+
+    @property
+    def size(self) -> int:
+        """Number of states."""
+        return len(self.loop.space.a)
+
+    @functools.cached_property
+    def b(self) -> FloatArray:
+        """Columns ``(n, q)`` of what is given over time."""
+        return np.asarray(self.acting @ self.spread)
+
+    def stored_energy(self, states: FloatArray) -> FloatArray:
+        """Kinetic and strain energy ``(...)`` [J]."""
+        machine = states[..., : self.loop.plant_size]
+        return np.asarray(0.5 * np.einsum("...i,...i", machine @ self.weights, machine))
+
+
+def friction_channels(trains: tuple[DriveTrain, ...]) -> tuple[Channel, ...]:
+    """Inputs where friction acts, with which a loop is to be closed."""
+    return tuple((train.name, SLIDE) for train in trains if train.friction is not None)
+
+
+def _other_inputs(loop: ClosedLoop) -> tuple[Channel, ...]:
+    """Inputs of a closed loop but those of friction: set points, then loads."""
+    channels = friction_channels(loop.trains)
+    return tuple(channel for channel in loop.space.inputs if channel not in channels)
+
+
+def spread_inputs(inputs: Sequence[Channel], given: InputRows) -> FloatArray:
+    """Return the inputs ``(m, q)`` of what is given over time, from the row ``(q,)`` of each; inputs
+    without a row are zero.
+    """
+    none = np.zeros_like(next(iter(given.values())))
+    return np.array([given.get(channel, none) for channel in inputs]).reshape(-1, len(none))
+
+
+def make_friction_loop(
+    loop: ClosedLoop, given: InputRows | None = None, guides: FloatArray | None = None
+) -> FrictionLoop:
+    """Take a closed loop apart.
+
+    Args:
+        loop: With ``friction_channels`` of its drives among its inputs.
+        given: Other inputs to their rows ``(q,)`` of what is given over time; None for these
+            themselves, in their order.
+        guides: ``(k, q)`` speed of each guide that what is given says; None for guides at rest.
+
+    Raises:
+        ValueError: It is closed without them.
+    """
+    space, plant = loop.space, loop.plant
+    channels, others = friction_channels(loop.trains), _other_inputs(loop)
+    if not set(channels) <= set(space.inputs):
+        raise ValueError(
+            f"a loop with friction is closed with {channels} among its inputs, not {space.inputs}"
+        )
+    if given is None:
+        given = dict(zip(others, np.eye(len(others)), strict=True))
+    spread, acting = spread_inputs(others, given), space.columns.of(others)
+    sets = set_channels(loop.trains)
+    loads = [channel for channel in others if channel not in sets]
+    friction_columns = space.columns.of(channels)
+    first, second = np.arange(0, loop.plant_size, 2), np.arange(1, loop.plant_size, 2)
+    weights = np.eye(loop.plant_size)
+    # a mode's states are (s p, p') with (s p)' = s p' and p'' = -K / s (s p)
+    weights[np.ix_(first, first)] = (
+        -plant.a[np.ix_(second, first)] / plant.a[first, second][:, None]
+    )
+    dampers = np.zeros((loop.plant_size, loop.plant_size))
+    dampers[np.ix_(second, second)] = -plant.a[np.ix_(second, second)]
+    slides = np.zeros((len(channels), len(space.a)))
+    slides[:, : loop.plant_size] = plant.c[plant.rows.of(channels)] @ plant.a
+    return FrictionLoop(
+        loop=loop,
+        law=stack_laws([train.friction for train in loop.trains if train.friction is not None]),
+        slides=slides,
+        drag=space.b[:, friction_columns],
+        passed=space.d[:, friction_columns],
+        acting=space.b[:, acting],
+        spread=spread,
+        d=space.d[:, acting] @ spread,
+        pushing=spread_inputs(loads, given),
+        reach=plant.b[:, plant.columns.of(loads)].T,
+        weights=weights,
+        dampers=dampers,
+        guides=np.zeros((len(channels), spread.shape[1])) if guides is None else guides,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class StepViews:
+    """What works of a step are made of, ``(13, r, p)`` at its twelfths, and its damping.
+
+    Columns are the state before the step, what is given and the friction at the nodes, as in
+    :class:`FrictionStep`.
+
+    Attributes:
+        sliding: Speed in each guide, of what moves.
+        reached: Motion that each load pushes along.
+        dampers: ``(p, p)`` what dampers take in the step, as a quadratic form.
+    """
+
+    sliding: FloatArray
+    guides: FloatArray
+    drives: FloatArray
+    motors: FloatArray
+    reached: FloatArray
+    loads: FloatArray
+    dampers: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionStep:
+    """A step of one size.
+
+    Attributes:
+        size: [s].
+        moved: ``(n + 6 k, n + 5 q)`` the state after the step, then speeds in the guides where
+            friction is collocated and where it is checked, of the state before it and what is given.
+        pushed: ``(n + 6 k, 3 k)`` the same of the friction where it is collocated.
+        missed: ``(n, 3 k)`` error of the state by what friction is off where it is checked.
+        softness: ``(k, k)`` speeds that friction all through the step takes off.
+    """
+
+    size: float
+    moved: FloatArray
+    pushed: FloatArray
+    missed: FloatArray
+    softness: FloatArray
+    views: StepViews
+
+
+def make_friction_step(model: FrictionLoop, size: float) -> FrictionStep:
+    """The step of a loop over ``size`` seconds."""
+    space, n, q, k = model.loop.space, model.size, model.b.shape[1], len(model.law)
+    own, given, friction_forces = slice(0, n), slice(n, n + q), n + len(GIVEN) * q
+    whole = friction_forces + len(FORCED) * k
+    # polynomials as their derivatives, each of which is the rate of the one before
+    growth = np.zeros((whole, whole))
+    growth[own, own] = size * space.a
+    growth[own, given] = size * model.acting @ model.spread
+    growth[own, friction_forces : friction_forces + k] = -size * model.drag
+    growth[n : friction_forces - q, n + q : friction_forces] = np.eye(friction_forces - q - n)
+    growth[friction_forces : whole - k, friction_forces + k :] = np.eye(whole - k - friction_forces)
+    part = scipy.linalg.expm(growth / PARTS)
+    # from values at the nodes to derivatives at the beginning
+    values = np.eye(whole)
+    values[n:friction_forces, n:friction_forces] = np.kron(_derivatives(GIVEN), np.eye(q))
+    values[friction_forces:, friction_forces:] = np.kron(
+        _derivatives(NODES[list(FORCED)]), np.eye(k)
+    )
+
+    machine, count = model.loop.plant_size, len(model.loop.trains)
+    forces = space.rows.of(force_channels(model.loop.trains))
+    loaded = len(model.pushing)
+    sizes = (k, k, count, count, loaded, loaded, machine)
+    ends = [0, *itertools.accumulate(sizes)]
+    sliding, guides, drives, motors, reached, loads, speeds = itertools.starmap(
+        slice, itertools.pairwise(ends)
+    )
+    first: FloatArray = np.zeros((ends[-1], whole))
+    first[sliding, own] = model.slides
+    first[guides, given] = model.guides
+    first[drives, own] = space.c[forces]
+    first[drives, given] = model.d[forces]
+    first[drives, friction_forces : friction_forces + k] = -model.passed[forces]
+    first[motors, own] = model.loop.rates
+    first[reached, :machine] = model.reach
+    first[loads, given] = model.pushing
+    first[speeds, :machine] = np.eye(machine)
+    seen: FloatArray = np.empty((PARTS + 1, *first.shape))
+    seen[0] = first
+    for number in range(PARTS):
+        seen[number + 1] = seen[number] @ part
+    seen = seen @ values
+    fourth = np.linalg.matrix_power(part, 4)
+    end = (fourth[own] @ fourth) @ fourth @ values
+    inner = seen[:, sliding] + seen[:, guides]
+    looked = np.concatenate([end, *inner[list(FORCED)], *inner[list(CHECKED)]])
+
+    reach: FloatArray = np.empty((PARTS + 1, n, k))
+    reach[PARTS] = -size * model.drag
+    for number in range(PARTS, 0, -1):
+        reach[number - 1] = part[own, own] @ reach[number]
+    at_checked = _lagrange(NODES[[*FORCED, *CHECKED]], NODES)[:, len(FORCED) :]
+    missed = np.einsum("j,jc,jnk->nck", WEIGHTS, at_checked, reach).reshape(n, -1)
+    over = looked[n + 2 * k : n + 3 * k, friction_forces:]
+    shaken = seen[:, speeds].reshape(-1, whole)
+    weighed = (model.dampers @ seen[:, speeds]) * (size * WEIGHTS[:, None, None])
+    return FrictionStep(
+        size=size,
+        moved=np.ascontiguousarray(looked[:, :friction_forces]),
+        pushed=np.ascontiguousarray(looked[:, friction_forces:]),
+        missed=missed,
+        softness=-over.reshape(k, len(FORCED), k).sum(axis=1),
+        views=StepViews(
+            sliding=seen[:, sliding],
+            guides=seen[:, guides],
+            drives=seen[:, drives],
+            motors=seen[:, motors],
+            reached=seen[:, reached],
+            loads=seen[:, loads],
+            dampers=shaken.T @ weighed.reshape(-1, whole),
+        ),
+    )
+
+
+def _derivatives(nodes: FloatArray) -> FloatArray:
+    """Derivatives at zero ``(m, m)`` of the polynomial through values at nodes ``(m,)``."""
+    factorials = np.array([math.factorial(order) for order in range(len(nodes))], dtype=float)
+    return np.asarray(np.linalg.inv(np.vander(nodes, increasing=True) / factorials))
+
+
+def _lagrange(nodes: FloatArray, places: FloatArray) -> FloatArray:
+    """Values ``(p, m)`` at places of the polynomials that are one at one node each."""
+    inverse = np.linalg.inv(np.vander(nodes, increasing=True))
+    return np.asarray(np.vander(places, len(nodes), increasing=True) @ inverse)
+
+
+LOOKS: FloatArray = _lagrange(GIVEN, LOOKED)
+
+
+CHECKS: FloatArray = _lagrange(NODES[list(FORCED)], NODES[list(CHECKED)])
+
+
+@functools.lru_cache(maxsize=64)
+def continue_forces(ratio: float) -> FloatArray:
+    """Friction ``(3, 3)`` where it is collocated in a step from that in the step before, by its
+    parabola.
+
+    Args:
+        ratio: Of the size of the step to that of the one before.
+    """
+    nodes = NODES[list(FORCED)]
+    return _lagrange(nodes, 1.0 + ratio * nodes)
+
+
+@functools.lru_cache(maxsize=4096)
+def narrow_given(level: int, number: int) -> FloatArray:
+    """What is given ``(5, 5)`` in one of ``2**level`` equal parts of a step from what is given in it."""
+    return _lagrange(GIVEN, (number + GIVEN) * 0.5**level)
+
+
+@dataclass(frozen=True, eq=False)
+class LoopTrack:
+    """A loop that may change along a path; between known places its matrices are cubics.
+
+    Attributes:
+        places: ``(p,)`` rising, one or at least four [m].
+        positions: Where it is at times ``(n,)`` [m].
+        rows: Which of its outputs are wanted; None for all.
+    """
+
+    places: FloatArray
+    loop_at: Callable[[float], FrictionLoop]
+    positions: Given
+    rows: Positions | None = None
+    _loops: dict[int, FrictionLoop] = field(default_factory=dict)
+    _steps: dict[tuple[int, str], FrictionStep] = field(default_factory=dict)
+
+    @property
+    def still(self) -> bool:
+        """Nothing changes."""
+        return len(self.places) == 1
+
+    def loop(self, number: int) -> FrictionLoop:
+        """The loop at one of the places."""
+        if number not in self._loops:
+            self._loops[number] = self.loop_at(float(self.places[number]))
+        return self._loops[number]
+
+    def step(self, number: int, size: float) -> FrictionStep:
+        """Its step there."""
+        key = number, f"{size:.9e}"
+        if key not in self._steps:
+            forget(self._steps)
+            self._steps[key] = make_friction_step(self.loop(number), size)
+        return self._steps[key]
+
+    def near(self, positions: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Places about positions ``(n,)``: the first of each, and the share ``(n, 4)`` that it and the
+        next ones have in a cubic through them.
+        """
+        if self.still:
+            return np.zeros(len(positions), dtype=np.intp), np.ones((len(positions), 1))
+        left = np.searchsorted(self.places, positions, side="right") - 1
+        firsts = np.clip(left - 1, 0, len(self.places) - ABOUT)
+        known = self.places[firsts[:, None] + np.arange(ABOUT)]
+        shares = np.ones((len(positions), ABOUT))
+        for own in range(ABOUT):
+            for other in set(range(ABOUT)) - {own}:
+                to_other = positions - known[:, other]
+                shares[:, own] *= to_other / (known[:, own] - known[:, other])
+        return firsts, shares
+
+    def blend(
+        self, positions: FloatArray, find: Callable[[FrictionLoop, slice | IntArray], FloatArray]
+    ) -> FloatArray:
+        """What loops say ``(n, ...)`` at positions ``(n,)``.
+
+        Args:
+            positions: Where [m].
+            find: What a loop says, of those of the positions that are named.
+        """
+        if self.still:
+            return find(self.loop(0), slice(None))
+        firsts, shares = self.near(positions)
+        parts, places = [], []
+        for first in np.unique(firsts):
+            which = np.flatnonzero(firsts == first)
+            own = [find(self.loop(int(first) + column), which) for column in range(ABOUT)]
+            parts.append(np.einsum("np,pn...->n...", shares[which], np.array(own)))
+            places.append(which)
+        return np.asarray(np.concatenate(parts)[np.argsort(np.concatenate(places))])
+
+
+def forget[K, V](known: dict[K, V]) -> None:
+    """Drop what has been known longest where that is much."""
+    if len(known) >= REMEMBERED:
+        del known[next(iter(known))]
+
+
+def still_track(model: FrictionLoop) -> LoopTrack:
+    """The track of a loop that does not change."""
+    return LoopTrack(np.zeros(1), lambda place: model, np.zeros_like)

@@ -1,3 +1,0 @@
-"""A tool that leaves its path while axes accelerate: set points, response, systems that vary along
-the way. Never the loops of drives themselves, which are in ``control``.
-"""
