@@ -139,6 +139,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     config.stash[STDERR] = os.dup(2)  # what tests print goes elsewhere from here on
+    # before much is there: it looks through all objects, and would not find the frozen holder
+    _try_nothing()
     if config.getoption("--quick"):
         left_out = " and ".join(f"not {kind}" for kind in SLOW_KINDS)
         config.option.markexpr = f"smoke or ({left_out})"
@@ -186,8 +188,6 @@ def _try_nothing(_nothing: None) -> None:
 def pytest_collection_finish() -> None:
     # what collecting made (4 000 tests, all their modules) stays for good: searching it for garbage
     # again and again would be a good part of what small tests cost
-    _try_nothing()  # hypothesis would not find the frozen holder of its generator
-    gc.collect()
     gc.freeze()
 
 

@@ -6,6 +6,7 @@ import gmsh
 import numpy as np
 import pytest
 
+from built_parts import built_part
 from common import approx
 from headstock.geometry.parts.components import Component, Patch
 from headstock.geometry.parts.solids import StepFile
@@ -36,24 +37,23 @@ def add_drilled_block() -> None:
     block = occ.addBox(0, 0, 0, 60, 40, 20)
     holes = [(3, occ.addCylinder(15, y, -1, 0, 0, 22, 6)) for y in (6.3, 20, 33.7)]
     occ.cut([(3, block)], holes)
-    occ.synchronize()
 
 
 @pytest.fixture
-def drilled(tmp_path: Path, kernel: None) -> Path:
-    add_drilled_block()
-    gmsh.write(str(tmp_path / "drilled.step"))
+def drilled(tmp_path: Path) -> Path:
+    with built_part(tmp_path / "drilled.step"):
+        add_drilled_block()
     return tmp_path / "drilled.step"
 
 
 @pytest.fixture
-def pair(tmp_path: Path, kernel: None) -> Path:
-    left = gmsh.model.occ.addBox(0, 0, 0, 10, 10, 10)
-    right = gmsh.model.occ.addBox(50, 0, 0, 20, 10, 10)
-    gmsh.model.occ.synchronize()
-    gmsh.model.setEntityName(3, left, "left")
-    gmsh.model.setEntityName(3, right, "right")
-    gmsh.write(str(tmp_path / "pair.step"))
+def pair(tmp_path: Path) -> Path:
+    with built_part(tmp_path / "pair.step"):
+        left = gmsh.model.occ.addBox(0, 0, 0, 10, 10, 10)
+        right = gmsh.model.occ.addBox(50, 0, 0, 20, 10, 10)
+        gmsh.model.occ.synchronize()
+        gmsh.model.setEntityName(3, left, "left")
+        gmsh.model.setEntityName(3, right, "right")
     return tmp_path / "pair.step"
 
 
@@ -75,6 +75,7 @@ def test_inverted_curved_elements_are_repaired_and_counted(
 
 def test_every_inverted_element_is_found_as_by_gmsh_itself(kernel: None) -> None:
     add_drilled_block()
+    gmsh.model.occ.synchronize()
     gmsh.option.setNumber("Mesh.MeshSizeMax", 6.0)
     gmsh.model.mesh.generate(3)
     gmsh.model.mesh.setOrder(2)
@@ -175,12 +176,9 @@ def test_files_that_are_no_solid_are_refused(
         describe_component(make_component(StepFile(path)))
 
 
-def test_file_of_surfaces_only_is_refused(
-    make_component: Make, tmp_path: Path, kernel: None
-) -> None:
-    gmsh.model.occ.addRectangle(0, 0, 0, 1, 1)
-    gmsh.model.occ.synchronize()
-    gmsh.write(str(tmp_path / "sheet.step"))
+def test_file_of_surfaces_only_is_refused(make_component: Make, tmp_path: Path) -> None:
+    with built_part(tmp_path / "sheet.step"):
+        gmsh.model.occ.addRectangle(0, 0, 0, 1, 1)
     with pytest.raises(MeshError, match=r"sheet.step.*no solid"):
         describe_component(make_component(StepFile(tmp_path / "sheet.step")))
 
@@ -278,12 +276,11 @@ def test_the_unit_of_a_header_is_named(tmp_path: Path, unit: str, name: str) -> 
     [(12e6, "12 m if the numbers are in µm"), (1e-5, "m if the numbers are in m")],
 )
 def test_a_part_of_kilometres_or_nanometres_is_refused_as_a_slip_of_units(
-    tmp_path: Path, kernel: None, diameter: float, likely: str
+    tmp_path: Path, diameter: float, likely: str
 ) -> None:
     path = tmp_path / "sphere.step"
-    gmsh.model.occ.addSphere(0, 0, 0, diameter / 2)
-    gmsh.model.occ.synchronize()
-    gmsh.write(str(path))
+    with built_part(path):
+        gmsh.model.occ.addSphere(0, 0, 0, diameter / 2)
     with pytest.raises(MeshError, match="slip of units") as error:
         survey_step(StepFile(path))
     assert likely in str(error.value)
@@ -305,14 +302,14 @@ def test_a_part_in_inches_that_reads_as_5_m_is_doubted_with_what_it_would_be_in_
 
 
 @pytest.fixture
-def stepped(tmp_path: Path, kernel: None) -> Path:
+def stepped(tmp_path: Path) -> Path:
     """A block of 60 x 40 x 20 on whose top a tool has left a step of 54 µm: five faces, four of
     them as narrow.
     """
-    occ = gmsh.model.occ
-    occ.cut([(3, occ.addBox(0, 0, 0, 60, 40, 20))], [(3, occ.addBox(20, 10, 19.946, 15, 10, 1))])
-    occ.synchronize()
-    gmsh.write(str(tmp_path / "stepped.step"))
+    with built_part(tmp_path / "stepped.step"):
+        occ = gmsh.model.occ
+        block, pocket = occ.addBox(0, 0, 0, 60, 40, 20), occ.addBox(20, 10, 19.946, 15, 10, 1)
+        occ.cut([(3, block)], [(3, pocket)])
     return tmp_path / "stepped.step"
 
 
@@ -364,19 +361,19 @@ def test_a_narrow_feature_that_an_interface_names_stays(
 
 
 @pytest.fixture
-def perforated(tmp_path: Path, kernel: None) -> Path:
+def perforated(tmp_path: Path) -> Path:
     """A plate of 300 x 200 x 10 with 96 holes of 4."""
-    occ = gmsh.model.occ
-    corners = [occ.addPoint(x, y, 0) for x, y in ((0, 0), (300, 0), (300, 200), (0, 200))]
-    outline = occ.addCurveLoop([occ.addLine(corners[i], corners[(i + 1) % 4]) for i in range(4)])
-    holes = [
-        occ.addCurveLoop([occ.addCircle(20 + 23.6 * i, 18 + 23.4 * j, 0, 2)])
-        for i in range(12)
-        for j in range(8)
-    ]
-    occ.extrude([(2, occ.addPlaneSurface([outline, *holes]))], 0, 0, 10)
-    occ.synchronize()
-    gmsh.write(str(tmp_path / "perforated.step"))
+    with built_part(tmp_path / "perforated.step"):
+        occ = gmsh.model.occ
+        corners = [occ.addPoint(x, y, 0) for x, y in ((0, 0), (300, 0), (300, 200), (0, 200))]
+        sides = [occ.addLine(corners[i], corners[(i + 1) % 4]) for i in range(4)]
+        holes = [
+            occ.addCurveLoop([occ.addCircle(20 + 23.6 * i, 18 + 23.4 * j, 0, 2)])
+            for i in range(12)
+            for j in range(8)
+        ]
+        surface = occ.addPlaneSurface([occ.addCurveLoop(sides), *holes])
+        occ.extrude([(2, surface)], 0, 0, 10)
     return tmp_path / "perforated.step"
 
 

@@ -6,6 +6,7 @@ import gmsh
 import numpy as np
 import pytest
 
+from built_parts import built_part
 from common import approx
 from headstock.geometry.parts.components import Component, Interface, Material, MeshSettings, Patch
 from headstock.geometry.parts.solids import StepFile
@@ -46,9 +47,9 @@ def build_block() -> int:
 
 
 @pytest.fixture
-def block(tmp_path: Path, kernel: None) -> Path:
-    build_block()
-    gmsh.write(str(tmp_path / "block.step"))
+def block(tmp_path: Path) -> Path:
+    with built_part(tmp_path / "block.step"):
+        build_block()
     return tmp_path / "block.step"
 
 

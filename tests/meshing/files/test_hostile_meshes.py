@@ -22,7 +22,7 @@ from headstock.meshing.files.exodus import read_exodus
 from headstock.meshing.files.writing import encode_mesh
 from headstock.meshing.process.strangers import files_beside
 
-pytestmark = [pytest.mark.hard("H46"), pytest.mark.workers, pytest.mark.process]
+pytestmark = [pytest.mark.hard("H46"), pytest.mark.process]
 
 STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
 STEP = "ENS_MAA/mesh/-0000000000000000001-0000000000000000001"
@@ -110,6 +110,7 @@ def test_arrays_of_another_size_than_stated_are_named(write: Callable[[str], Pat
         read_file(path)
 
 
+@pytest.mark.workers
 def test_a_bomb_of_compressed_zeros_is_stopped(write: Callable[[str], Path]) -> None:
     path = write("part.med")
     with h5py.File(path, "a") as file:
@@ -202,6 +203,7 @@ def test_without_netcdf_the_package_is_named(
         read_exodus(path)
 
 
+@pytest.mark.workers
 def test_a_damaged_part_ends_show_and_new_with_exit_code_2(
     write: Callable[[str], Path],
     tmp_path: Path,

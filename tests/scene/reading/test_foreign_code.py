@@ -20,7 +20,7 @@ from headstock.pipeline.storage.records import RecordError
 from headstock.pipeline.storage.superelements import read_superelement, write_superelement
 from headstock.scene.reading.units import LENGTH, UnitError, parse_quantity
 
-pytestmark = [pytest.mark.hard("H50"), pytest.mark.workers]
+pytestmark = pytest.mark.hard("H50")
 
 ROOT = Path(__file__).resolve().parents[3]
 LINKS = sorted((ROOT / ".typing" / "headstock").iterdir())
@@ -117,6 +117,7 @@ def test_a_gmsh_script_under_another_name_is_not_run(
     assert not mark.exists()
 
 
+@pytest.mark.workers
 @pytest.mark.process
 def test_a_configuration_of_gmsh_in_the_working_folder_or_home_is_not_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -139,6 +140,7 @@ class Bomb:
         return (exec, ("raise SystemExit('ran')",))
 
 
+@pytest.mark.workers
 @pytest.mark.process
 def test_objects_packed_into_a_superelement_file_stay_packed(tmp_path: Path) -> None:
     packed = np.frombuffer(pickle.dumps(Bomb()), dtype=np.uint8)
