@@ -139,8 +139,6 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     config.stash[STDERR] = os.dup(2)  # what tests print goes elsewhere from here on
-    # before much is there: it looks through all objects, and would not find the frozen holder
-    _try_nothing()
     if config.getoption("--quick"):
         left_out = " and ".join(f"not {kind}" for kind in SLOW_KINDS)
         config.option.markexpr = f"smoke or ({left_out})"
@@ -183,6 +181,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 @given(strategies.none())
 def _try_nothing(_nothing: None) -> None:
     """Let hypothesis make its generator of random numbers."""
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection() -> None:
+    # before much is there: it looks through all objects, and would not find the frozen holder
+    _try_nothing()
 
 
 def pytest_collection_finish() -> None:

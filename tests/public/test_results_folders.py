@@ -3,15 +3,13 @@
 import contextlib
 import hashlib
 import json
-import os
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 import headstock as hs
+from common import run_alone
 from fixture_machines import machine
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -33,13 +31,7 @@ def command(*words: str) -> Callable[[Path, Path], None]:
 
     def run(scene: Path, folder: Path) -> None:
         named = {"SCENE": str(scene), "FOLDER": str(folder)}
-        done = subprocess.run(
-            [ROOT / "headstock", *(named.get(word, word) for word in words)],
-            env=os.environ | {"HEADSTOCK_PYTHON": sys.executable},
-            capture_output=True,
-            text=True,
-            timeout=120,
-        )
+        done = run_alone(scene.parent, *(named.get(word, word) for word in words))
         assert done.returncode == 0 or "link" in done.stderr, done.stderr
 
     return run
