@@ -20,6 +20,8 @@ import scipy.linalg
 from mpi4py import MPI
 
 from headstock.app.command_line import main
+from headstock.app.pictures import pictures
+from headstock.app.pictures import worker as renderer
 from headstock.geometry.frames import BoolArray, FloatArray, rigid_map
 from headstock.geometry.parts.components import (
     Component,
@@ -39,6 +41,7 @@ from headstock.validation.parts.structured_meshes import (
     straight_lattice,
 )
 
+RUN_RENDERER = pictures._run
 STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
 # a side such as ``z+``, or from facet centres ``(n, 3)`` those wanted
 Choice = str | Callable[[FloatArray], BoolArray]
@@ -244,3 +247,17 @@ def work_here(
         arguments = [json.dumps(functions), json.dumps(words), str(os.dup(result.fileno()))]
         code = worker.main(["", *arguments])
     return WorkerEnd(code, said.getvalue(), limits, limits)
+
+
+def draw_here(kind: str, source: str, target: int, files: Sequence[int]) -> str | None:
+    """What `pictures._run` has drawn in a process of its own, in this one: loading VTK and matplotlib
+    there takes longer than drawing. A window still has its own.
+    """
+    if kind == "window":
+        return RUN_RENDERER(kind, source, target, files)
+    given = source if kind == "charts" else str(os.dup(int(source)))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(pictures.GL_WINDOW, "vtkEGLRenderWindow")
+        patch.setattr("signal.alarm", lambda seconds: 0)
+        renderer.main([kind, given, str(os.dup(target))])
+    return None

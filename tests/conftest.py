@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings, strategies
 
-from common import Dense, work_here
+from common import Dense, draw_here, work_here
 
 ROOT = Path(__file__).resolve().parent.parent
 ELASTIC = {"dolfinx", "petsc4py", "slepc4py"}
@@ -244,6 +244,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
             patch.setattr(os, "fsync", os.fstat)
             if item.get_closest_marker("workers") is None:
                 patch.setattr("headstock.meshing.process.running.call_apart", work_here)
+                patch.setattr("headstock.app.pictures.pictures._run", draw_here)
             return (yield)
     finally:
         running.clear()

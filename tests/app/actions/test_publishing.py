@@ -133,6 +133,7 @@ def test_pictures_of_an_unchanged_machine_come_from_the_store(
         draw_machine(MachineView(view.skins, {}, moved), Store(store_root))
 
 
+@pytest.mark.workers
 def test_a_report_without_pyvista_says_why_it_has_no_picture_and_still_has_charts(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -150,6 +151,7 @@ def test_a_report_without_pyvista_says_why_it_has_no_picture_and_still_has_chart
     }
 
 
+@pytest.mark.workers
 def test_a_renderer_that_ends_its_process_leaves_a_report_and_a_remark(
     folder: Path,
     tmp_path: Path,
@@ -168,6 +170,7 @@ def test_a_renderer_that_ends_its_process_leaves_a_report_and_a_remark(
     assert not (tmp_path / "x.png").exists()
 
 
+@pytest.mark.workers
 def test_without_opengl_the_missing_library_is_named(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
