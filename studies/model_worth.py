@@ -8,6 +8,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
@@ -15,21 +16,18 @@ from headstock.geometry.errors import HeadstockError
 from headstock.pipeline.accuracy.followed import MachineFamily
 from headstock.pipeline.numbers.estimates import show_share
 from headstock.pipeline.numbers.numbers import Numbers
-from headstock.pipeline.planning.budgets import BASE_MB
-from headstock.pipeline.planning.node_memory import node_memory_bytes
 from headstock.pipeline.planning.plan import StageRecord
 from headstock.pipeline.results.results import Results
-from headstock.pipeline.runner import run_scene
+from headstock.pipeline.runner import gather_results, run_stages
 from headstock.pipeline.stages.components import ELASTIC_MODULE
 from headstock.pipeline.stages.run_state import MachineParts
 from headstock.pipeline.stages.shared_components import expect_job, make_superelements, start_run
 from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.pipeline.storage.store import Store
-from headstock.scene.reading.findings import SceneError
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
-from headstock.solvers.shared_work import share_work, use_threads
-from headstock.studies.effects import LITTLE, MUCH, load_choice
+from headstock.solvers.shared_work import use_threads
+from headstock.studies.effects import LITTLE, MUCH
 from headstock.studies.followed_models import FollowedModel, follow_model
 from headstock.studies.kind_changes import Change, compare_kinds
 from headstock.studies.model_trials import (
@@ -39,10 +37,17 @@ from headstock.studies.model_trials import (
     are_alike,
     list_model_trials,
 )
-from headstock.studies.shared_runs import PlannedRun, plan_run
+from headstock.studies.shared_runs import (
+    PlannedRun,
+    deal_out,
+    load_choice,
+    plan_change,
+    plan_run,
+    repeat_quick,
+)
 
 CLEARLY = 0.05  # share of the time from which a change of it counts
-QUICK, REPEATS = 1.0, 3  # what takes less is repeated, for the least of its times [s]
+QUICK = 1.0  # what takes less is repeated, for the least of its times [s]
 WARM_UP = 30.0  # a component that is expected to take longer is not made beforehand [s]
 Action = Literal["keep", "third digit", "drop", "either", "take", "enough", "matters", "not tried"]
 
@@ -185,50 +190,53 @@ def try_models(
             ``SharedFailure``, as the other one.
     """
     comm = comm or MPI.COMM_SELF
-    base = make_on_root(comm, lambda: plan_run(load_choice(choice, ())))
+    base = make_on_root(comm, lambda: plan_run(load_choice(choice)))
     if trials is None:
         trials = make_on_root(comm, lambda: list_model_trials(base.scene, base.plan, kinds))
     if not trials:
         return []
-    planned = make_on_root(comm, lambda: [_plan(choice, trial) for trial in trials])
+    planned = make_on_root(comm, lambda: [plan_change(choice, trial.settings) for trial in trials])
+    obstacles = {
+        trial: run for trial, run in zip(trials, planned, strict=True) if isinstance(run, str)
+    }
     runs = [base, *(each for each in planned if isinstance(each, PlannedRun))]
-    names = [
-        trial.name for trial, each in zip(trials, planned, strict=True) if not isinstance(each, str)
-    ]
+    names = ["as written", *(trial.name for trial in trials if trial not in obstacles)]
     with _trial_store(comm, store) as cold:
         reduces = [stage.kind == "reduce" for each in runs for stage in each.plan.stages]
         if make_on_root(comm, lambda: any(reduces)):
             importlib.import_module(ELASTIC_MODULE)  # PETSc starts on all ranks together
-        bench = _Bench(base, cold, announce, threads=1 if comm.size > 1 else None)
-        bench.warm_up()
+        models = _Models(base, cold, threads=1 if comm.size > 1 else None)
+        models.warm_up(announce)
         announce("components as written")
-        records = _make_written(base, comm, cold)
+        records = _make_cold(base, comm, cold)
 
         def work(number: int, settle: Callable[[], None]) -> "_ModelRun | str":
-            announce(["as written", *names][number])
-            return bench.run(runs[number], is_base=number == 0)
+            announce(names[number])
+            try:
+                return models.run(runs[number])
+            except HeadstockError as error:
+                if number == 0:
+                    raise
+                return str(error)
 
-        done = share_work(
-            comm,
-            [expect_job(run.plan.stages) for run in runs],
-            work,
-            folder=store.root,
-            memory_mb=node_memory_bytes() / 1e6,
-            idle_mb=BASE_MB,
-        )
+        jobs = [expect_job(run.plan.stages) for run in runs]
+        done = deal_out(jobs, work, comm=comm, folder=store.root)
     if not done:  # on other ranks
         return []
-    written, others = done[0], iter(done[1:])
+    written, others = done[0], iter(zip(runs[1:], done[1:], strict=True))
     if isinstance(written, str):
         raise HeadstockError(written)
-    known = _Known(base, records)
+    prices = _Prices(base, records)
     findings = []
-    for trial, run in zip(trials, planned, strict=True):
-        tried = run if isinstance(run, str) else next(others)
+    for trial in trials:
+        if trial in obstacles:
+            findings.append(ModelFinding(trial, obstacle=obstacles[trial]))
+            continue
+        run, tried = next(others)
         findings.append(
-            ModelFinding(trial, obstacle=str(tried))
-            if isinstance(tried, str) or isinstance(run, str)
-            else _judge(trial, known, written, tried, run)
+            ModelFinding(trial, obstacle=tried)
+            if isinstance(tried, str)
+            else _compare(trial, prices, written, tried, run)
         )
     return findings
 
@@ -249,27 +257,33 @@ def _trial_store(comm: MPI.Comm, store: Store) -> Iterator[Store]:
             shutil.rmtree(root, ignore_errors=True)
 
 
-def _make_written(base: PlannedRun, comm: MPI.Comm, store: Store) -> tuple[StageRecord, ...]:
-    """Make the components as written in an empty store, again in others where that is quick; the
-    records of the quickest. Collective, empty on other ranks.
+def _make_cold(
+    planned: PlannedRun,
+    comm: MPI.Comm,
+    store: Store,
+    names: Collection[str] | None = None,
+    *,
+    kept: bool = True,
+) -> list[StageRecord]:
+    """Make components from an empty store, again where that is quick; the records of the quickest.
+    Collective, empty on other ranks.
+
+    Args:
+        store: In whose folder the empty ones lie.
+        names: Of the components; None for all.
+        kept: Put what is made into the store.
     """
-    runs: list[list[StageRecord]] = []
 
-    def is_quick() -> bool:
-        return _seconds(runs[-1]) < QUICK
+    def make(number: int) -> list[StageRecord]:
+        records: list[StageRecord] = []
+        with _trial_store(comm, store) as cold:
+            state = start_run(planned.scene, comm, cold, plan=planned.plan)
+            make_superelements(state, only=names, observer=records.append)
+            if kept and number == 0:
+                make_on_root(comm, lambda: _move_entries(cold, store))
+        return records
 
-    for number in range(REPEATS):
-        with contextlib.ExitStack() as stack:
-            place = store if number == 0 else stack.enter_context(_trial_store(comm, store))
-            records: list[StageRecord] = []
-            make_superelements(
-                start_run(base.scene, comm, place, plan=base.plan), observer=records.append
-            )
-        runs.append(records)
-        if not make_on_root(comm, is_quick):
-            break
-    quickest = min(runs, key=_seconds)
-    return tuple(quickest)
+    return min(repeat_quick(make, _seconds, quick=QUICK, comm=comm), key=_seconds)
 
 
 def _move_entries(source: Store, target: Store) -> None:
@@ -279,13 +293,6 @@ def _move_entries(source: Store, target: Store) -> None:
         if not place.exists():
             place.parent.mkdir(parents=True, exist_ok=True)
             path.replace(place)
-
-
-def _plan(choice: SceneChoice, trial: ModelTrial) -> PlannedRun | str:
-    try:
-        return plan_run(load_choice(choice, trial.settings))
-    except (SceneError, HeadstockError) as error:
-        return error.problems[0].message if isinstance(error, SceneError) else str(error)
 
 
 @dataclass(frozen=True, eq=False)
@@ -299,28 +306,18 @@ class _ModelRun:
     records: tuple[StageRecord, ...]
 
 
-class _Bench:
-    """Runs models of a machine on this rank alone.
+class _Models:
+    """Runs of models of a machine on this rank alone, beside the machine as written.
 
     Args:
-        announce: Called with what is run.
         threads: Of BLAS in every run, so that the processor seconds of ranks compare; None for
             those there are.
     """
 
-    def __init__(
-        self,
-        base: PlannedRun,
-        store: Store,
-        announce: Callable[[str], None],
-        *,
-        threads: int | None,
-    ) -> None:
-        self._base, self._store, self._announce = base, store, announce
-        self._threads = threads
-        self._written: tuple[Results, MachineFamily] | None = None
+    def __init__(self, base: PlannedRun, store: Store, *, threads: int | None) -> None:
+        self._base, self._store, self._threads = base, store, threads
 
-    def warm_up(self) -> None:
+    def warm_up(self, announce: Callable[[str], None]) -> None:
         """Reduce the quickest elastic component once, which loads and compiles what all take."""
         seconds = {
             stage.component: stage.estimated_seconds or 0.0
@@ -329,68 +326,32 @@ class _Bench:
         }
         quickest = min(seconds, key=lambda name: seconds[name], default=None)
         if quickest is not None and seconds[quickest] < WARM_UP:
-            self._announce("loading")
-            self._price(self._base, {quickest}, kept=False)
+            announce("loading")
+            _make_cold(self._base, MPI.COMM_SELF, self._store, {quickest}, kept=False)
 
-    def run(self, planned: PlannedRun, *, is_base: bool) -> "_ModelRun | str":
-        """A model's run, or why it failed.
+    @cached_property
+    def _written(self) -> tuple[Results, MachineFamily]:
+        return self._run(self._base), MachineFamily(self._restore(self._base))
+
+    def run(self, planned: PlannedRun) -> "_ModelRun":
+        """Run a model.
 
         Raises:
-            HeadstockError: The scene as written cannot be run.
+            HeadstockError: It, or the scene as written, cannot be run.
         """
         if self._threads is not None:
             use_threads(self._threads)
-        if self._written is None:
-            family = MachineFamily(self._restore(self._base))
-            self._written = (self._run(self._base), family)
-        own = self._base.plan.components
-        changed = {
-            name for name, part in planned.plan.components.items() if not are_alike(own[name], part)
-        }
-        try:
-            return self._repeat(planned, self._price(planned, changed), *self._written)
-        except HeadstockError as error:
-            if is_base:
-                raise
-            return str(error)
-
-    def _price(
-        self, planned: PlannedRun, names: Collection[str], *, kept: bool = True
-    ) -> list[StageRecord]:
-        """Make components from an empty store, again where that is quick; the records of the
-        quickest. They are ``kept`` in the store of the trials.
-        """
-        runs: list[list[StageRecord]] = []
-        for number in range(REPEATS):
-            records: list[StageRecord] = []
-            with tempfile.TemporaryDirectory(prefix="cold-", dir=self._store.root) as folder:
-                cold = Store(Path(folder))
-                state = start_run(planned.scene, MPI.COMM_SELF, cold, plan=planned.plan)
-                make_superelements(state, only=names, observer=records.append)
-                if kept and number == 0:
-                    _move_entries(cold, self._store)
-            runs.append(records)
-            if _seconds(records) >= QUICK:
-                break
-        return min(runs, key=_seconds)
-
-    def _repeat(
-        self,
-        planned: PlannedRun,
-        components: Sequence[StageRecord],
-        written: Results,
-        family: MachineFamily,
-    ) -> _ModelRun:
-        results = self._run(planned)
-        runs = [results.stages]
-        while len(runs) < REPEATS and _machine_seconds(results.stages) < QUICK:
-            runs.append(self._run(planned).stages)
-        machine = min(runs, key=_machine_seconds)
-        return _ModelRun(
-            results.numbers,
-            follow_model(written, family, family.change(self._restore(planned))),
-            (*components, *(record for record in machine if record.stage.component is None)),
+        written, family = self._written
+        changed = planned.plan.components.keys() - _find_alike(self._base, planned)
+        records = _make_cold(planned, MPI.COMM_SELF, self._store, changed)
+        runs = repeat_quick(
+            lambda number: self._run(planned),
+            lambda results: _seconds(_of_machine(results.stages)),
+            quick=QUICK,
         )
+        machine = min((_of_machine(results.stages) for results in runs), key=_seconds)
+        followed = follow_model(written, family, family.change(self._restore(planned)))
+        return _ModelRun(runs[0].numbers, followed, (*records, *machine))
 
     def _restore(self, planned: PlannedRun) -> MachineParts:
         """Return the components of a model, which the store has."""
@@ -399,29 +360,35 @@ class _Bench:
         return state.parts
 
     def _run(self, planned: PlannedRun) -> Results:
-        with tempfile.TemporaryDirectory(prefix="headstock-effects-") as folder:
-            return run_scene(planned.scene, Path(folder), comm=MPI.COMM_SELF, store=self._store)
+        records: list[StageRecord] = []
+        state = run_stages(planned.scene, MPI.COMM_SELF, self._store, observer=records.append)
+        return gather_results(state, tuple(records))
+
+
+def _find_alike(base: PlannedRun, other: PlannedRun) -> set[str]:
+    """Return the components of another model that are as written."""
+    written, parts = base.plan.components, other.plan.components
+    return {name for name, part in parts.items() if are_alike(written[name], part)}
 
 
 def _seconds(records: Sequence[StageRecord]) -> float:
     return sum(record.cpu_seconds for record in records)
 
 
-def _machine_seconds(records: Sequence[StageRecord]) -> float:
-    return _seconds([record for record in records if record.stage.component is None])
+def _of_machine(records: Sequence[StageRecord]) -> list[StageRecord]:
+    return [record for record in records if record.stage.component is None]
 
 
 @dataclass(frozen=True, eq=False)
-class _Known:
+class _Prices:
     """The machine as written, and the records of its components."""
 
     base: PlannedRun
-    records: tuple[StageRecord, ...]
+    records: Sequence[StageRecord]
 
-    def price(self, run: PlannedRun, records: Sequence[StageRecord]) -> RunPrice:
-        """Of a run by the records of what is not as written, and of the machine."""
-        own = self.base.plan.components
-        same = {name for name, part in run.plan.components.items() if are_alike(own[name], part)}
+    def find(self, run: PlannedRun, records: Sequence[StageRecord]) -> RunPrice:
+        """Return that of a run by the records of what is not as written, and of the machine."""
+        same = _find_alike(self.base, run)
         whole = [record for record in self.records if record.stage.component in same]
         whole += records
         return RunPrice(
@@ -430,12 +397,8 @@ class _Known:
         )
 
 
-def _judge(
-    trial: ModelTrial,
-    known: _Known,
-    written: _ModelRun,
-    tried: _ModelRun,
-    run: PlannedRun,
+def _compare(
+    trial: ModelTrial, prices: _Prices, written: _ModelRun, tried: _ModelRun, run: PlannedRun
 ) -> ModelFinding:
     # what is written is what is present; modes are followed by their shapes
     without, present = (
@@ -453,8 +416,8 @@ def _judge(
         tuple(sorted(changes, key=lambda change: -change.share)),
         tuple(tried.followed.missing),
         tuple(tried.followed.added),
-        known.price(known.base, written.records),
-        known.price(run, tried.records),
+        prices.find(prices.base, written.records),
+        prices.find(run, tried.records),
     )
 
 
