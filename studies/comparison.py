@@ -12,7 +12,7 @@ from headstock.pipeline.results.short_forms import ShortForm, list_few
 from headstock.pipeline.stages.run_state import PoseModel
 from headstock.reduction.motions.body_fields import BodyPlaces, choose_places, machine_field
 from headstock.solvers.pairing.mode_pairing import SAME_MODE, ModeSet, correlate_modes, pair_modes
-from headstock.studies.responses import ResponseEntry, compare_entries, overlay_responses
+from headstock.studies.responses import EntrySummary, compare_entries, overlay_responses
 from headstock.studies.variants import VariantSolution
 
 
@@ -67,7 +67,7 @@ class Comparison:
             variant)`` of single shapes; none of the reference.
         lines: Variant to its frequency response on lines that all have in common; none without
             one, and none of a variant with other inputs or outputs than the reference.
-        entries: Variant to what each entry of its response says.
+        entries: Variant to the numbers of each entry of its response, as ``compare.json`` has them.
         not_computed: Variant to why there is no such model, in plain words.
         columns: All variants, solved or not, in the order asked for.
         not_compared: What is not compared, and why, in plain words.
@@ -81,7 +81,7 @@ class Comparison:
     mac_threshold: float
     correlations: dict[str, FloatArray]
     lines: dict[str, ResponseCurves]
-    entries: dict[str, tuple[ResponseEntry, ...]]
+    entries: dict[str, list[EntrySummary]]
     not_computed: dict[str, str]
     columns: tuple[str, ...]
     not_compared: tuple[str, ...] = ()
@@ -156,24 +156,7 @@ def compare_variants(
         for name, part in by_name[best].machine.parts.superelements.items()
     }
     sets = {name: _mode_set(solution, places) for name, solution in by_name.items()}
-    families: list[_Family] = []
-    for name in order:
-        left = sets[name]
-        numbers = list(range(len(left.frequencies_hz)))
-        for family in families:
-            left, numbers = _enter_cells(family, name, left, numbers, SAME_MODE)
-        rows = [
-            ModeRow(by_name[name].named.names[i], name, {name: ModeCell(i, float(hz))})
-            for i, hz in zip(numbers, left.frequencies_hz, strict=True)
-        ]
-        families.append(_Family(rows, left))
-    every = [row for family in families for row in family.rows]
-    kept = [
-        row
-        for row in every
-        if any(cell.index < by_name[name].wanted for name, cell in row.cells.items())
-    ]
-    rows = sorted(kept, key=lambda row: row.frequency_hz)
+    rows = _gather_rows(by_name, sets, order)
     lines = overlay_responses(by_name, best)
     first = sets[best].field[:, : by_name[best].wanted]
     return Comparison(
@@ -181,7 +164,7 @@ def compare_variants(
         by_name[best].pose,
         best,
         by_name,
-        tuple(rows),
+        rows,
         SAME_MODE,
         correlations={
             name: correlate_modes(first, modes.field)
@@ -197,6 +180,32 @@ def compare_variants(
         not_computed=dict(cannot or {}),
         columns=tuple(columns) or tuple(by_name),
     )
+
+
+def _gather_rows(
+    solutions: Mapping[str, VariantSolution], sets: Mapping[str, ModeSet], order: Sequence[str]
+) -> tuple[ModeRow, ...]:
+    """Return the modes that some variant is asked for, rising: those of the first one with their
+    partners, then those that it lacks.
+    """
+    families: list[_Family] = []
+    for name in order:
+        left = sets[name]
+        numbers = list(range(len(left.frequencies_hz)))
+        for family in families:
+            left, numbers = _enter_cells(family, name, left, numbers, SAME_MODE)
+        rows = [
+            ModeRow(solutions[name].named.names[i], name, {name: ModeCell(i, float(hz))})
+            for i, hz in zip(numbers, left.frequencies_hz, strict=True)
+        ]
+        families.append(_Family(rows, left))
+    wanted = [
+        row
+        for family in families
+        for row in family.rows
+        if any(cell.index < solutions[name].wanted for name, cell in row.cells.items())
+    ]
+    return tuple(sorted(wanted, key=lambda row: row.frequency_hz))
 
 
 def full_dofs(solution: VariantSolution) -> int:

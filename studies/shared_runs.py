@@ -1,5 +1,6 @@
 """Runs of a scene and of changes of it: planned, or refused in words; dealt out to ranks; timed."""
 
+import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,9 +11,18 @@ from headstock.pipeline.planning.node_memory import node_memory_bytes
 from headstock.pipeline.planning.plan import Plan
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.stages.shared_components import expect_job, prepare_components, start_run
+from headstock.pipeline.storage.content_keys import (
+    PACKAGES,
+    REDUCTION_LIBRARIES,
+    canonical_json,
+    code_fingerprint,
+    file_digests,
+    library_versions,
+)
 from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.scene import Scene, keep_analyses
 from headstock.solvers.mpi import MPI
@@ -20,6 +30,8 @@ from headstock.solvers.ranks import make_on_root
 from headstock.solvers.shared_work import Job, share_work
 
 REPEATS = 3  # of a quick run
+# sections of a scene of no influence on what is found
+IRRELEVANT_SECTIONS = ("name", "studies", "sweeps", "variants", "compare")
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +79,29 @@ def plan_change(choice: SceneChoice, settings: Sequence[str]) -> PlannedRun | st
         if not settings:
             raise
         return error.problems[0].message if isinstance(error, SceneError) else str(error)
+
+
+def hash_dependencies(
+    folder: Path, raw: TomlTable, *, without: Sequence[str] = (), **more: object
+) -> str:
+    """Return the SHA-256 of everything results of a scene depend on: the scene, its files, this
+    program.
+
+    Args:
+        folder: Of the scene.
+        raw: As parsed.
+        without: Further sections of no influence.
+        more: What they depend on besides.
+    """
+    left_out = (*IRRELEVANT_SECTIONS, *without)
+    content = {
+        "scene": {key: value for key, value in raw.items() if key not in left_out},
+        "files": dict(file_digests(folder, raw)),
+        "algorithm": [code_fingerprint(package) for package in PACKAGES],
+        "libraries": library_versions(REDUCTION_LIBRARIES),
+        **more,
+    }
+    return hashlib.sha256(canonical_json(content).encode()).hexdigest()
 
 
 def repeat_quick[T](

@@ -202,7 +202,7 @@ def sweep(
 
     def action(comm: "MPI.Comm") -> int:
         from headstock.app.actions.sweeping import SweepRequest, parse_part, sweep_request
-        from headstock.studies.sweeps.slurm_jobs import SlurmOptions
+        from headstock.studies.sweeps.slurm import SlurmOptions
 
         options = SlurmOptions(tasks or 4, ranks or 1, partition, time_limit, tuple(sbatch or ()))
         chosen = choose_scene(scene, variant, set_)

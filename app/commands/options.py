@@ -143,7 +143,7 @@ def on_cluster(command: Callable[..., int]) -> Callable[..., int]:
 
         def action(comm: "MPI.Comm") -> int:
             from headstock.app.actions.cluster_jobs import command_on_slurm
-            from headstock.studies.sweeps.slurm_jobs import SlurmOptions
+            from headstock.studies.sweeps.slurm import SlurmOptions
 
             count = ranks if isinstance(ranks, int) else 1
             options = SlurmOptions(1, count, partition, time_limit, tuple(sbatch or ()))

@@ -13,8 +13,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from headstock.geometry.errors import HeadstockError
-from headstock.pipeline.planning.budgets import BASE_MB
-from headstock.pipeline.planning.node_memory import node_memory_bytes
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.planning.resources import Cost, measure, search_once, watch_memory
 from headstock.pipeline.results.results import Results
@@ -23,14 +21,6 @@ from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages.components import ELASTIC_MODULE
 from headstock.pipeline.stages.run_state import Announcer
 from headstock.pipeline.stages.shared_components import expect_job
-from headstock.pipeline.storage.content_keys import (
-    PACKAGES,
-    REDUCTION_LIBRARIES,
-    canonical_json,
-    code_fingerprint,
-    file_digests,
-    library_versions,
-)
 from headstock.pipeline.storage.outputs import OutputError
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import load_scene
@@ -44,7 +34,7 @@ from headstock.scene.studies import REFERENCE_RUN, Study, StudyPoint, expand_stu
 from headstock.solvers.errors import CompileError
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import SharedFailure, make_on_root
-from headstock.solvers.shared_work import Job, share_work
+from headstock.solvers.shared_work import Job
 from headstock.studies.parameters.records import (
     Measured,
     StudyRecord,
@@ -53,10 +43,9 @@ from headstock.studies.parameters.records import (
     read_records,
 )
 from headstock.studies.parameters.watches import find_watch_fault
+from headstock.studies.shared_runs import deal_out, hash_dependencies
 
 LOST_DISK = (errno.ENOSPC, errno.EIO, errno.EDQUOT, errno.EFBIG, errno.EROFS)
-# of no influence on a point's results
-IRRELEVANT_SECTIONS = ("name", "studies", "sweeps", "variants", "compare")
 ElementKind = tuple[str, str, int]  # fidelity, cells, order
 Measure = Callable[[Scene, Results], Measured]
 
@@ -251,13 +240,11 @@ def _deal_points(
         point = points[numbers[place]]
         return _compute_point(job, point, MPI.COMM_SELF, None, announce=lambda stage: settle())
 
-    share_work(
-        comm,
+    deal_out(
         [cost for cost, _ in expected],
         compute,
+        comm=comm,
         folder=folder,
-        memory_mb=node_memory_bytes() / 1e6,
-        idle_mb=BASE_MB,
         observer=lambda place, record: keep(numbers[place], record),
     )
 
@@ -280,22 +267,17 @@ def _point_key(job: StudyJob, point: StudyPoint, *, ranks: int) -> str:
     Args:
         ranks: MPI ranks: they are part of what seconds mean.
     """
-    content = {
-        "scene": {key: value for key, value in job.raw.items() if key not in IRRELEVANT_SECTIONS},
-        "files": dict(file_digests(job.path.parent, job.raw)),
-        "variant": [
-            read_entries(job.raw, "variants")[name] for name in split_variant(point.variant or None)
-        ],
-        "settings": dict(point.settings),
-        "analyses": sorted(point.analyses),
-        "timing": (job.study.cold, job.study.repeats, ranks)
-        if job.study.cold or job.study.repeats > 1
-        else None,
-        "measure": job.measure_name,
-        "algorithm": [code_fingerprint(package) for package in PACKAGES],
-        "libraries": library_versions(REDUCTION_LIBRARIES),
-    }
-    return hashlib.sha256(canonical_json(content).encode()).hexdigest()
+    cold = job.study.cold or job.study.repeats > 1
+    variants = read_entries(job.raw, "variants")
+    return hash_dependencies(
+        job.path.parent,
+        job.raw,
+        variant=[variants[name] for name in split_variant(point.variant or None)],
+        settings=dict(point.settings),
+        analyses=sorted(point.analyses),
+        timing=(job.study.cold, job.study.repeats, ranks) if cold else None,
+        measure=job.measure_name,
+    )
 
 
 def _finished_points(folder: Path, *, retry: bool) -> dict[str, StudyRecord]:

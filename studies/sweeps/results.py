@@ -16,10 +16,9 @@ from headstock.pipeline.answers.static import StaticAnswer
 from headstock.pipeline.numbers.estimates import Estimate
 from headstock.pipeline.numbers.numbers import Key, Number, Numbers, make_key
 from headstock.pipeline.results.short_forms import ShortForm, list_few
-from headstock.pipeline.stages.machine import couple_pose
-from headstock.pipeline.stages.mechanism import build_mechanism, place_pose
+from headstock.pipeline.stages.mechanism import pose_machine
 from headstock.pipeline.stages.modal import solve_pose_modes
-from headstock.pipeline.stages.run_state import MachineParts, PoseModel
+from headstock.pipeline.stages.run_state import MachineParts
 from headstock.pipeline.stages.static import solve_points
 from headstock.reduction.superelement import Superelement
 from headstock.scene.analyses.frf import FrfRequest
@@ -439,11 +438,6 @@ def _name_pose_modes(
         parts,
         scene=dataclasses.replace(parts.scene, analyses=Analyses(request, static)),
     )
-    model: PoseModel
-    if parts.scene.is_lumped:
-        superelements = parts.superelements
-        model = place_pose(alone, pose, build_mechanism(alone, superelements), superelements)
-    else:
-        model = couple_pose(alone, pose)
+    model = pose_machine(alone, pose)
     points = solve_points(model, () if static is None else static.at)
     return solve_pose_modes(model, request).answer, points.answer
