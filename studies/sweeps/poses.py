@@ -24,7 +24,7 @@ from headstock.pipeline.stages.mechanism import build_mechanism, place_pose, sce
 from headstock.pipeline.stages.run_state import MachineParts, PoseModel
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.coupling.dof_layout import turn_dofs
-from headstock.reduction.coupling.memo import CouplingMemo
+from headstock.reduction.coupling.elimination import CouplingMemo
 from headstock.reduction.motions.body_motions import join_names, split_number
 from headstock.reduction.motions.compliance_budget import point_budget
 from headstock.reduction.superelement import Superelement
