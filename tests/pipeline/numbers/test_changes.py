@@ -1,14 +1,10 @@
-"""Numbers of a changed machine: pairs of equal keys, the ± that follows by hand, refusals in words, and
-two ranks of which one body fails on rank 0 alone.
-"""
+"""Numbers of a changed machine: pairs of equal keys, the ± that follows by hand, refusals in words."""
 
 import math
-from pathlib import Path
 
-import change_program
 import pytest
 
-from common import approx, run_on_ranks
+from common import approx
 from headstock.pipeline.numbers.changes import (
     Change,
     Tried,
@@ -103,17 +99,3 @@ def test_a_refusal_is_an_outcome_and_a_change_of_nothing_is_none() -> None:
     assert isinstance(number, Number) and number.value == 50.0
     with pytest.raises(ValueError, match="falls apart"):
         try_changes(100.0, changes, lambda machine: hz(machine), refused=(KeyError,))
-
-
-@pytest.mark.mpi
-def test_on_two_ranks_one_body_that_fails_leaves_the_others(tmp_path: Path) -> None:
-    done = run_on_ranks(2, tmp_path, change_program.__file__)
-    assert done.returncode == 0, done.stderr[-2000:]
-    assert sorted(done.stdout.splitlines()) == [
-        "0 bed: no mesh",
-        "0 column: 48.0",
-        "0 table: 49.0",
-        "1 bed: ",
-        "1 column: ",
-        "1 table: ",
-    ]
