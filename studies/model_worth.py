@@ -21,7 +21,12 @@ from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import gather_results, run_stages
 from headstock.pipeline.stages.components import ELASTIC_MODULE
 from headstock.pipeline.stages.run_state import MachineParts
-from headstock.pipeline.stages.shared_components import expect_job, make_superelements, start_run
+from headstock.pipeline.stages.shared_components import (
+    deal_out,
+    expect_job,
+    make_superelements,
+    start_run,
+)
 from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.pipeline.storage.store import Store
 from headstock.solvers.mpi import MPI
@@ -39,7 +44,6 @@ from headstock.studies.model_trials import (
 )
 from headstock.studies.shared_runs import (
     PlannedRun,
-    deal_out,
     load_choice,
     plan_change,
     plan_run,

@@ -1,37 +1,26 @@
 """Runs of a scene and of changes of it: planned, or refused in words; dealt out to ranks; timed."""
 
-import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from headstock.geometry.errors import HeadstockError
-from headstock.pipeline.planning.budgets import BASE_MB
-from headstock.pipeline.planning.node_memory import node_memory_bytes
 from headstock.pipeline.planning.plan import Plan
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.stages.shared_components import expect_job, prepare_components, start_run
-from headstock.pipeline.storage.content_keys import (
-    PACKAGES,
-    REDUCTION_LIBRARIES,
-    canonical_json,
-    code_fingerprint,
-    file_digests,
-    library_versions,
+from headstock.pipeline.stages.shared_components import (
+    deal_out,
+    expect_job,
+    prepare_components,
+    start_run,
 )
 from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
-from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.scene import Scene, keep_analyses
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
-from headstock.solvers.shared_work import Job, share_work
 
 REPEATS = 3  # of a quick run
-# sections of a scene of no influence on what is found
-IRRELEVANT_SECTIONS = ("name", "studies", "sweeps", "variants", "compare")
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,29 +70,6 @@ def plan_change(choice: SceneChoice, settings: Sequence[str]) -> PlannedRun | st
         return error.problems[0].message if isinstance(error, SceneError) else str(error)
 
 
-def hash_dependencies(
-    folder: Path, raw: TomlTable, *, without: Sequence[str] = (), **more: object
-) -> str:
-    """Return the SHA-256 of everything results of a scene depend on: the scene, its files, this
-    program.
-
-    Args:
-        folder: Of the scene.
-        raw: As parsed.
-        without: Further sections of no influence.
-        more: What they depend on besides.
-    """
-    left_out = (*IRRELEVANT_SECTIONS, *without)
-    content = {
-        "scene": {key: value for key, value in raw.items() if key not in left_out},
-        "files": dict(file_digests(folder, raw)),
-        "algorithm": [code_fingerprint(package) for package in PACKAGES],
-        "libraries": library_versions(REDUCTION_LIBRARIES),
-        **more,
-    }
-    return hashlib.sha256(canonical_json(content).encode()).hexdigest()
-
-
 def repeat_quick[T](
     run: Callable[[int], T],
     seconds: Callable[[T], float],
@@ -122,32 +88,6 @@ def repeat_quick[T](
     runs = [run(0)]
     is_quick = make_on_root(comm, lambda: seconds(runs[0]) < quick)
     return runs + [run(number) for number in range(1, REPEATS if is_quick else least)]
-
-
-def deal_out[T](
-    jobs: Sequence[Job],
-    work: Callable[[int, Callable[[], None]], T],
-    *,
-    comm: MPI.Comm,
-    folder: Path,
-    observer: Callable[[int, T], None] = lambda number, result: None,
-) -> list[T]:
-    """Do each job on one rank, as many at once as memory lets; collective, empty on other ranks.
-
-    Args:
-        work: Takes the number of a job, and what settles others before each of its stages.
-        folder: Which all ranks reach.
-        observer: Called on rank 0 with the number of each job that is done and its result.
-    """
-    return share_work(
-        comm,
-        jobs,
-        work,
-        folder=folder,
-        memory_mb=node_memory_bytes() / 1e6,
-        idle_mb=BASE_MB,
-        observer=observer,
-    )
 
 
 def share_runs[T](

@@ -6,6 +6,7 @@ import importlib
 import os
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from headstock.pipeline.planning.budgets import BASE_MB
 from headstock.pipeline.planning.kernels import add_kernels, list_missing
@@ -156,6 +157,32 @@ def expect_job(stages: Sequence[Stage]) -> Job:
     )
 
 
+def deal_out[T](
+    jobs: Sequence[Job],
+    work: Callable[[int, Callable[[], None]], T],
+    *,
+    comm: MPI.Comm,
+    folder: Path,
+    observer: Callable[[int, T], None] = lambda number, result: None,
+) -> list[T]:
+    """Do each job on one rank, as many at once as memory lets; collective, empty on other ranks.
+
+    Args:
+        work: Takes the number of a job, and what settles others before each of its stages.
+        folder: Which all ranks reach.
+        observer: Called on rank 0 with the number of each job that is done and its result.
+    """
+    return share_work(
+        comm,
+        jobs,
+        work,
+        folder=folder,
+        memory_mb=node_memory_bytes() / 1e6,
+        idle_mb=BASE_MB,
+        observer=observer,
+    )
+
+
 @dataclass(frozen=True)
 class _Dealt:
     """A component that one rank reduces: the number of its run, and its name there."""
@@ -204,14 +231,8 @@ def _share_components(
         stored = not state.is_root and serving_keys(state.store, request)
         return SharedComponent(tuple(records), tuple(alone.warnings), None if stored else reduced)
 
-    shared = share_work(
-        first.comm,
-        [expect_job(each) for each in by_job],
-        reduce_one,
-        folder=first.store.root,
-        memory_mb=node_memory_bytes() / 1e6,
-        idle_mb=BASE_MB,
-    )
+    jobs = [expect_job(each) for each in by_job]
+    shared = deal_out(jobs, reduce_one, comm=first.comm, folder=first.store.root)
     for one, made in zip(dealt, shared, strict=False):  # none on other ranks
         state = states[one.run]
         for message in made.warnings:

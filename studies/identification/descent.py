@@ -106,12 +106,12 @@ def _propose_exchanges(problem: FitProblem, point: FitPoint) -> list[tuple[Pairi
 
 def _linearise(problem: FitProblem, point: FitPoint) -> list[_LinearCase]:
     scale, start, cases = problem.value_slopes(point.coordinates), 0, []
-    for state in point.states:
+    for state, pairing in zip(point.states, point.pairings, strict=True):
         targets = state.model.case.modes
         slopes = np.zeros((len(state.eigenvalues), len(scale)))
         for index, slope in state.by_parameter.items():
             slopes[:, index] = slope.eigenvalues / (2.0 * state.eigenvalues) * scale[index]
-        rows, size = mode_rows(state)
+        rows, size = mode_rows(state, pairing)
         cases.append(
             _LinearCase(
                 logs=np.log(state.frequencies_hz),

@@ -63,8 +63,8 @@ class KeyLaw:
         somewhere = None if self.calculated is None else self.calculated.somewhere[self.key]
         return self.written, tuple(rules), somewhere
 
-    def quasi_static(self, parameter: str) -> bool:
-        """Whether the number depends on a parameter."""
+    def depends_on(self, parameter: str) -> bool:
+        """Tell whether the number depends on a parameter."""
         return any(other.name == parameter for other, _ in self.rules) or (
             self.calculated is not None
             and self.key in self.calculated.followers.get(parameter, frozenset())
@@ -207,7 +207,7 @@ def _find_followers(
     between = {p.name: p.lower + SOMEWHERE * (p.upper - p.lower) for p in parameters}
     before = calculated.leaves(references)
     for name, value in between.items():
-        if any(law.quasi_static(name) for law in calculated.laws):
+        if any(law.depends_on(name) for law in calculated.laws):
             after = calculated.leaves({**references, name: value})
             if changed := sorted(map(show_key, before.keys() ^ after.keys())):
                 raise ParameterValueError(f"{changed[0]} is there with some values of {name} only")

@@ -8,10 +8,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy.linalg
 from pydantic import ValidationError
+from scipy.optimize import linear_sum_assignment
 
 from headstock.geometry.errors import HeadstockError
-from headstock.geometry.frames import Frame
+from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.joints import Joint
 from headstock.geometry.machine.machine import Machine
 from headstock.geometry.parts.components import (
@@ -43,10 +45,14 @@ from headstock.scene.reading.units import Quantity
 from headstock.scene.scene import Scene
 from headstock.scene.schema.components import ComponentTable, MaterialTable
 from headstock.studies.identification.key_laws import KeyLaw, ParameterValueError, find_laws
-from headstock.studies.identification.matched_modes import match_modes
 from headstock.studies.identification.targets import Parameter
 
 REMEMBERED = 64  # builds of one entry that are kept
+# neighbours nearer than this share of their frequency are turned together: two bending modes of a
+# square section are any two of their plane
+CLOSE = 0.02
+# how far apart in ln f two modes cost as much as no likeness at all
+FAR = 0.5
 
 
 @dataclass(eq=False)
@@ -178,7 +184,7 @@ class ParametricShape:
         if component.fidelity == "elastic":
             settings = ReductionSettings(modes=self.superelement.modal_count)
             made = self.reduce(dataclasses.replace(component, reduction=settings))
-            return component, match_modes(self.superelement, made)
+            return component, _match_modal_dofs(self.superelement, made)
         loads = self._loads()
         properties = describe_component(with_loaded_areas(component, loads))
         if component.fidelity == "polynomial":
@@ -432,4 +438,58 @@ def _find_touched(
 
 
 def _laws_of(parameter: str, laws: Iterable[KeyLaw]) -> list[KeyLaw]:
-    return [law for law in laws if law.quasi_static(parameter)]
+    return [law for law in laws if law.depends_on(parameter)]
+
+
+def _match_modal_dofs(before: Superelement, after: Superelement) -> Superelement:
+    """Return a component that was meshed and reduced anew with its modal dofs in the order and with
+    the signs they had before: only then have differences of its matrices a meaning.
+
+    Modes are compared by how they are coupled to the boundary through the mass matrix.
+
+    Args:
+        after: Of the changed component; as many boundary and modal dofs.
+    """
+    size, count = before.boundary_size, min(before.modal_count, after.modal_count)
+    if count == 0 or before.modal_count != after.modal_count:
+        return after
+    wanted, found = (
+        _couplings(part.mass[size:, :size], before.node_size) for part in (before, after)
+    )
+    logs = [np.log(part.modal_frequencies_hz) for part in (before, after)]
+    alike = np.abs(wanted @ found.T) / np.outer(_sizes(wanted), _sizes(found))
+    order = linear_sum_assignment(alike - np.abs(np.subtract.outer(*logs)) / FAR, maximize=True)[1]
+    turned = np.zeros((count, count))
+    start = 0
+    for end in range(1, count + 1):
+        if end == count or logs[0][end] - logs[0][end - 1] > CLOSE:
+            group = slice(start, end)
+            left, _, right = np.linalg.svd(wanted[group] @ found[order[group]].T)
+            turned[group, order[group]] = left @ right
+            start = end
+    turn = scipy.linalg.block_diag(np.eye(size), turned)
+    return dataclasses.replace(
+        after,
+        stiffness=turn @ after.stiffness @ turn.T,
+        mass=turn @ after.mass @ turn.T,
+        damping=None if after.damping is None else turn @ after.damping @ turn.T,
+        constraints=after.constraints @ turn.T,
+        recovery=None,
+        modal_frequencies_hz=after.modal_frequencies_hz[order],
+    )
+
+
+def _couplings(mass: FloatArray, nodes: int) -> FloatArray:
+    """Coupling of each mode ``(m, b)`` to the boundary; rotations at the scale of translations."""
+    scaled = mass.copy()
+    turns = np.arange(nodes) % 6 > 2
+    sizes = [float(np.linalg.norm(mass[:, :nodes][:, part])) for part in (~turns, turns)]
+    if min(sizes) > 0.0:
+        scaled[:, :nodes][:, turns] *= sizes[0] / sizes[1]
+    return scaled
+
+
+def _sizes(couplings: FloatArray) -> FloatArray:
+    """Length of each row, far above the noise of a mode that no boundary drives."""
+    sizes = np.linalg.norm(couplings, axis=1)
+    return np.asarray(np.maximum(sizes, 1e-6 * sizes.max(initial=np.finfo(float).tiny)))

@@ -2,21 +2,14 @@
 be fitted to it.
 """
 
-from collections.abc import Callable
 from typing import Annotated, Literal, Self
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from headstock.pipeline.storage.json_texts import JsonTable
 from headstock.scene.reading import units
 from headstock.scene.reading.keys import NUMBER
-from headstock.scene.reading.units import (
-    COMPLIANCE,
-    DIMENSIONS,
-    Quantity,
-    UnitError,
-    parse_quantity,
-)
+from headstock.scene.reading.units import COMPLIANCE, DIMENSIONS, Quantity
 from headstock.scene.schema.types import (
     Between,
     Count,
@@ -34,37 +27,22 @@ from headstock.scene.schema.types import (
     Text,
     describe_quantity,
     problem,
+    read_quantity,
 )
 
 MAX_STARTS = 4096
 
 
 def _read_any(value: object) -> Quantity:
-    if isinstance(value, Quantity):
-        return value
     if isinstance(value, int | float) and not isinstance(value, bool):
         return Quantity(float(value), NUMBER)
-    try:
-        return parse_quantity(value, *DIMENSIONS)
-    except UnitError as error:
-        raise problem(str(error)) from error
+    return read_quantity(*DIMENSIONS)(value)
 
 
-def _read_spread(*others: units.Dimension) -> Callable[[object], Quantity]:
-    def read(value: object) -> Quantity:
-        try:
-            found = (
-                value
-                if isinstance(value, Quantity)
-                else parse_quantity(value, units.RATIO, *others)
-            )
-        except UnitError as error:
-            raise problem(str(error)) from error
-        if not found.value > 0.0:
-            raise problem(f"is {found.value:g} but a standard deviation is above zero")
-        return found
-
-    return read
+def _require_spread(found: Quantity) -> Quantity:
+    if not found.value > 0.0:
+        raise problem(f"is {found.value:g} but a standard deviation is above zero")
+    return found
 
 
 AnyQuantity = Annotated[
@@ -74,37 +52,32 @@ AnyQuantity = Annotated[
 ]
 FrequencySpread = Annotated[
     Quantity,
-    BeforeValidator(_read_spread(units.FREQUENCY)),
+    BeforeValidator(read_quantity(units.RATIO, units.FREQUENCY)),
+    AfterValidator(_require_spread),
     describe_quantity(units.RATIO, units.FREQUENCY),
 ]
 ComplianceSpread = Annotated[
-    Quantity, BeforeValidator(_read_spread(COMPLIANCE)), describe_quantity(units.RATIO, COMPLIANCE)
+    Quantity,
+    BeforeValidator(read_quantity(units.RATIO, COMPLIANCE)),
+    AfterValidator(_require_spread),
+    describe_quantity(units.RATIO, COMPLIANCE),
 ]
-RatioSpread = Annotated[Quantity, BeforeValidator(_read_spread()), describe_quantity(units.RATIO)]
-
-
-def _read_compliance(value: object) -> float:
-    try:
-        return parse_quantity(value, COMPLIANCE).value
-    except UnitError as error:
-        raise problem(str(error)) from error
-
-
-def _read_measured(value: object) -> Quantity:
-    if isinstance(value, Quantity):
-        return value
-    try:
-        return parse_quantity(value, units.FREQUENCY, COMPLIANCE)
-    except UnitError as error:
-        raise problem(str(error)) from error
-
-
+RatioSpread = Annotated[
+    Quantity,
+    BeforeValidator(read_quantity(units.RATIO)),
+    AfterValidator(_require_spread),
+    describe_quantity(units.RATIO),
+]
 Measured = Annotated[
     Quantity,
-    BeforeValidator(_read_measured),
+    BeforeValidator(read_quantity(units.FREQUENCY, COMPLIANCE)),
     describe_quantity(units.FREQUENCY, COMPLIANCE),
 ]
-Compliance = Annotated[float, BeforeValidator(_read_compliance), describe_quantity(COMPLIANCE)]
+Compliance = Annotated[
+    float,
+    BeforeValidator(lambda value: read_quantity(COMPLIANCE)(value).value),
+    describe_quantity(COMPLIANCE),
+]
 Letter = Literal["x", "y", "z", "-x", "-y", "-z"]
 
 

@@ -2,6 +2,7 @@
 everything that is wrong.
 """
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +29,6 @@ from headstock.studies.identification.schema import (
 )
 from headstock.studies.identification.targets import (
     ComplianceTarget,
-    FitSettings,
     IdentificationTask,
     ModeLimit,
     ModeTarget,
@@ -46,7 +46,7 @@ LIMIT_TOLERANCE = 0.01
 def _read_case(
     name: str, table: CaseTable, scene: Scene, fit: FitTable, findings: Findings
 ) -> TargetCase:
-    """The targets of a case.
+    """Return the targets of a case.
 
     Args:
         findings: Where problems go.
@@ -58,7 +58,6 @@ def _read_case(
             (*key, "pose"),
             f"unknown pose {pose[:80]!r}; {suggest_names(pose, scene.poses, what='poses')}",
         )
-    floor = table.modes_above if table.modes_above is not None else fit.modes_above
     spread = _relative(table.tolerance, 1.0) or DEFAULT_TOLERANCE
     modes = [
         ModeTarget(f"{name} {frequency:g} Hz", frequency, spread, None, table.hold_out)
@@ -70,53 +69,42 @@ def _read_case(
     compliances = []
     for index, target in enumerate(table.compliances or ()):
         compliances.append(_read_compliance(name, target, spread, table.hold_out))
-        for part in ("point", "force_at"):
-            place = getattr(target, part)
+        for part, place in (("point", target.point), ("force_at", target.force_at)):
             if place is not None:
                 _check_place((*key, "compliances", index, part), place, scene, findings)
     for text, measured in (table.numbers or {}).items():
         path = (*key, "numbers", text)
         number = _read_number(text, measured, pose or next(iter(scene.poses)), path, findings)
-        if number is not None and number.kind == "frequency":
-            modes.append(
-                ModeTarget(
-                    f"{name} {text}",
-                    measured.value,
-                    spread,
-                    hold_out=table.hold_out,
-                    number=int(number["mode"]),
-                )
-            )
-        elif number is not None:
-            point, direction = str(number["point"]), str(number["direction"])
-            _check_place(path, point, scene, findings)
-            motion, force = (ObservedDof(point, "xyz".index(direction[end])) for end in (0, -1))
-            compliances.append(
-                ComplianceTarget(
-                    f"{name} {text}",
-                    motion,
-                    force,
-                    measured.value,
-                    spread,
-                    hold_out=table.hold_out,
-                )
-            )
+        if number is not None:
+            made = _aim_at(number, f"{name} {text}", measured.value, spread, table.hold_out)
+            if isinstance(made, ModeTarget):
+                modes.append(made)
+            else:
+                _check_place(path, made.motion.observer, scene, findings)
+                compliances.append(made)
     modes.sort(key=lambda mode: mode.frequency_hz)
+    floor = (table.modes_above if table.modes_above is not None else fit.modes_above) or 0.0
     for mode in modes:
-        if floor is not None and mode.frequency_hz <= floor:
+        if mode.frequency_hz <= floor:
             findings.add(
                 key,
                 f"{mode.frequency_hz:g} Hz lies below modes_above ({floor:g} Hz), so no mode can meet it; lower that",
             )
-    return TargetCase(
-        name,
-        table.variant,
-        pose,
-        floor or 0.0,
-        _fill_shapes(modes, scene),
-        tuple(compliances),
-        _read_limit(table.at_most),
-    )
+    shaped = tuple(_fill_shape(mode, scene) for mode in modes)
+    limit = _read_limit(table.at_most)
+    return TargetCase(name, table.variant, pose, floor, shaped, tuple(compliances), limit)
+
+
+def _aim_at(
+    number: Key, name: str, value: float, spread: float, hold_out: bool
+) -> ModeTarget | ComplianceTarget:
+    """Return the target of a measured number: a frequency or a compliance."""
+    if number.kind == "frequency":
+        mode = int(number["mode"])
+        return ModeTarget(name, value, spread, hold_out=hold_out, number=mode)
+    point, direction = str(number["point"]), str(number["direction"])
+    motion, force = (ObservedDof(point, "xyz".index(direction[end])) for end in (0, -1))
+    return ComplianceTarget(name, motion, force, value, spread, hold_out=hold_out)
 
 
 def _read_number(
@@ -168,8 +156,8 @@ def _read_mode(case: str, table: ModeTargetTable, spread: float, hold_out: bool)
 
 
 def _read_shape(table: ModeTargetTable) -> ShapeTarget | None:
-    """The shape as written; bodies a description is silent about are filled in by
-    ``_fill_shapes``.
+    """Return the shape as written; bodies a description is silent about are filled in by
+    ``_fill_shape``.
     """
     if table.vectors is not None:
         entries = [
@@ -193,34 +181,23 @@ def _read_shape(table: ModeTargetTable) -> ShapeTarget | None:
     )
 
 
-def _fill_shapes(modes: list[ModeTarget], scene: Scene) -> tuple[ModeTarget, ...]:
-    """Described shapes with every body: one that is not named stands still, one to be ignored is
-    left out.
+def _fill_shape(mode: ModeTarget, scene: Scene) -> ModeTarget:
+    """Return a mode whose described shape has every body: one that is not named stands still, one to
+    be ignored is left out.
     """
-    result = []
-    for mode in modes:
-        if mode.shape is not None and mode.shape.described:
-            named = {(body, dof): value for body, dof, value in mode.shape.entries if dof >= 0}
-            ignored = {body for body, dof, _ in mode.shape.entries if dof < 0}
-            dofs = [
-                dof
-                for kind in (range(3), range(3, 6))
-                for dof in kind
-                if any(d in kind for _, d in named)
-            ]
-            entries = tuple(
-                (body, dof, named.get((body, dof), 0.0))
-                for body in scene.machine.components
-                if body not in ignored
-                for dof in dofs
-            )
-            shape = ShapeTarget(entries, mode.shape.tolerance, described=True)
-            result.append(
-                ModeTarget(mode.name, mode.frequency_hz, mode.sigma, shape, mode.hold_out)
-            )
-        else:
-            result.append(mode)
-    return tuple(result)
+    if mode.shape is None or not mode.shape.described:
+        return mode
+    named = {(body, dof): value for body, dof, value in mode.shape.entries if dof >= 0}
+    ignored = {body for body, dof, _ in mode.shape.entries if dof < 0}
+    kinds = (range(3), range(3, 6))
+    dofs = [dof for kind in kinds if any(d in kind for _, d in named) for dof in kind]
+    entries = tuple(
+        (body, dof, named.get((body, dof), 0.0))
+        for body in scene.machine.components
+        if body not in ignored
+        for dof in dofs
+    )
+    return dataclasses.replace(mode, shape=dataclasses.replace(mode.shape, entries=entries))
 
 
 def _check_shape(key: KeyPath, table: ModeTargetTable, scene: Scene, findings: Findings) -> None:
@@ -330,15 +307,7 @@ def load_targets(
     parameters = read_parameters(table, scenes or {None: written}, findings)
     _check_amount(cases, parameters, findings)
     findings.raise_if_any()
-    fit = table.fit
-    settings = FitSettings(
-        fit.starts if starts is None else starts,
-        fit.seed,
-        fit.pairing,
-        fit.noise,
-        fit.method,
-        fit.evaluations,
-    )
+    settings = table.fit if starts is None else table.fit.model_copy(update={"starts": starts})
     return LoadedTask(
         IdentificationTask(table.name or path.stem, tuple(cases), parameters, settings),
         scenes,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from headstock.reduction.coupling.slopes import ObservedDof
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import Dimension
+from headstock.studies.identification.schema import FitTable
 
 
 @dataclass(frozen=True)
@@ -158,32 +159,10 @@ class Parameter:
 
 
 @dataclass(frozen=True)
-class FitSettings:
-    """How the fit is done.
-
-    Attributes:
-        starts: The first at the start values, the others spread by a Sobol sequence.
-        pairing: ``best``: at every step the cheapest pairing of targets and modes; ``track``: the
-            pairing found at the start of each run is followed by MAC from step to step.
-        noise: Where the size of the errors comes from: the ``stated`` tolerances or the
-            ``residuals``.
-        method: Of ``scipy.optimize.least_squares``.
-        evaluations: At most so many per start.
-    """
-
-    starts: int = 1
-    seed: int = 1
-    pairing: str = "best"
-    noise: str = "stated"
-    method: str = "trf"
-    evaluations: int = 200
-
-
-@dataclass(frozen=True)
 class IdentificationTask:
     """A checked target file."""
 
     name: str
     cases: tuple[TargetCase, ...]
     parameters: tuple[Parameter, ...]
-    settings: FitSettings
+    settings: FitTable

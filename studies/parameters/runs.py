@@ -20,7 +20,8 @@ from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages.components import ELASTIC_MODULE
 from headstock.pipeline.stages.run_state import Announcer
-from headstock.pipeline.stages.shared_components import expect_job
+from headstock.pipeline.stages.shared_components import deal_out, expect_job
+from headstock.pipeline.storage.content_keys import hash_dependencies
 from headstock.pipeline.storage.outputs import OutputError
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import load_scene
@@ -43,7 +44,6 @@ from headstock.studies.parameters.records import (
     read_records,
 )
 from headstock.studies.parameters.watches import find_watch_fault
-from headstock.studies.shared_runs import deal_out, hash_dependencies
 
 LOST_DISK = (errno.ENOSPC, errno.EIO, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 ElementKind = tuple[str, str, int]  # fidelity, cells, order

@@ -15,6 +15,7 @@ from headstock.geometry.machine.feed import NO_FEED
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.stages.run_state import MachineParts, Observer
 from headstock.pipeline.stages.shared_components import make_superelements, start_run
+from headstock.pipeline.storage.content_keys import hash_dependencies
 from headstock.pipeline.storage.outputs import OutputError
 from headstock.reduction.motions.tool_deviation import trace_feed
 from headstock.reduction.superelement import Superelement
@@ -23,7 +24,6 @@ from headstock.scene.scene import Scene
 from headstock.scene.studies import Sweep, describe_positions, sweep_pose
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root, share_from_root
-from headstock.studies.shared_runs import hash_dependencies
 from headstock.studies.sweeps.journals import (
     PoseResult,
     encode_result,

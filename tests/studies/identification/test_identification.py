@@ -53,9 +53,8 @@ def make_targets(folder: Path) -> str:
 
 
 def with_settings(problem: FitProblem, *, starts: int, pairing: str = "best") -> FitProblem:
-    return dataclasses.replace(
-        problem, settings=dataclasses.replace(problem.settings, starts=starts, pairing=pairing)
-    )
+    changed = {"starts": starts, "pairing": pairing}
+    return dataclasses.replace(problem, settings=problem.settings.model_copy(update=changed))
 
 
 def test_a_frequency_by_name_is_met_by_the_mode_of_its_number(tmp_path: Path) -> None:
