@@ -56,7 +56,7 @@ from headstock.studies.identification.target_files import load_targets
 from headstock.studies.parameters.runs import (
     StudyJob,
     StudyProgress,
-    check_points,
+    check_study,
     hash_scene,
     run_study,
 )
@@ -231,7 +231,7 @@ def study(
             overrides=choice.overrides,
         )
         with _naming_arguments() if name is None else contextlib.nullcontext():
-            check_points(job)
+            check_study(job)
         records = run_study(job, folder, comm=comm, observer=progress)
     return share_from_root(comm, tabulate_study(chosen, records) if comm.rank == 0 else None)
 

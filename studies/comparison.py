@@ -8,7 +8,7 @@ import numpy as np
 from headstock.geometry.frames import FloatArray, rigid_map
 from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.numbers.numbers import Numbers
-from headstock.pipeline.results.short_forms import ShortForm, list_few
+from headstock.pipeline.results.short_forms import Displayed, ShortForm, list_few
 from headstock.pipeline.stages.run_state import PoseModel
 from headstock.reduction.motions.body_fields import BodyPlaces, choose_places, machine_field
 from headstock.solvers.pairing.mode_pairing import SAME_MODE, ModeSet, correlate_modes, pair_modes
@@ -54,8 +54,8 @@ class ModeRow:
         return self.cells[self.origin].frequency_hz
 
 
-@dataclass(frozen=True, eq=False)
-class Comparison:
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(Displayed):
     """Variants side by side.
 
     Attributes:
@@ -90,13 +90,6 @@ class Comparison:
     def numbers(self) -> dict[str, Numbers]:
         """Variant to every number that was asked for, with its ±, by name."""
         return {name: solution.numbers for name, solution in self.solutions.items()}
-
-    def __repr__(self) -> str:
-        return self._short_form().text()
-
-    def _repr_html_(self) -> str:
-        """What a notebook shows."""
-        return self._short_form().html()
 
     def _short_form(self) -> ShortForm:
         facts = [

@@ -12,6 +12,7 @@ from headstock.meshing.components.meshing import automatic_size
 from headstock.pipeline.planning.plan import Plan
 from headstock.scene.analyses.path import PathRequest
 from headstock.scene.scene import Scene
+from headstock.studies.parameters.convergence import write_size
 
 ModelKind = Literal["elasticity", "interfaces", "modes", "mesh", "pose", "several"]
 MODEL_KINDS: tuple[ModelKind, ...] = ("elasticity", "interfaces", "modes", "mesh", "pose")
@@ -201,15 +202,11 @@ def _vary_mesh(part: Component, names: tuple[str, ...]) -> Iterator[ModelTrial]:
     size, rim = part.mesh.size or automatic_size(part), part.mesh.rim_size
     steps: tuple[tuple[float, Sense], ...] = ((1.0 / FINER, "simpler"), (FINER, "richer"))
     for factor, sense in steps:
-        other = _in_mm(factor * size)
+        other = write_size(factor * size)
         settings = _set(names, "mesh.size", f'"{other}"')
         if rim is not None:
-            settings += _set(names, "mesh.rim_size", f'"{_in_mm(factor * rim)}"')
-        yield ModelTrial("mesh", names, _in_mm(size), other, settings, sense)
-
-
-def _in_mm(size: float) -> str:
-    return f"{float(f'{1e3 * size:.3g}'):g} mm"
+            settings += _set(names, "mesh.rim_size", f'"{write_size(factor * rim)}"')
+        yield ModelTrial("mesh", names, write_size(size), other, settings, sense)
 
 
 def _vary_pose(scene: Scene) -> Iterator[ModelTrial]:

@@ -19,7 +19,7 @@ from headstock.app.charts.charts import (
 from headstock.app.charts.study import COLORS, LINE
 from headstock.app.pictures.libraries import Axes, Line2D
 from headstock.studies.parameters.convergence import Convergence
-from headstock.studies.parameters.limits import MeshNeed, relative_errors
+from headstock.studies.parameters.limits import MeshNeed, list_deviations
 
 SMALLEST = 1e-6  # a smaller error is drawn as that
 STAR: dict[str, Any] = {"marker": "*", "markersize": 13, "color": "#111111", "linestyle": ""}
@@ -34,7 +34,7 @@ def draw_convergence(found: Convergence, need: MeshNeed) -> bytes | None:
     lines = [
         (
             each.name,
-            [None if error is None else abs(error) for error in relative_errors(each, limit)],
+            [None if error is None else abs(error) for error in list_deviations(each, limit)],
         )
         for each, limit in zip(found.watched, found.limits, strict=True)
         if limit.order is not None

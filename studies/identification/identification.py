@@ -13,7 +13,7 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.results.short_forms import ShortForm, list_few
+from headstock.pipeline.results.short_forms import Displayed, ShortForm, list_few
 from headstock.pipeline.stages.components import ELASTIC_MODULE
 from headstock.pipeline.stages.shared_components import (
     make_superelements,
@@ -134,8 +134,8 @@ class TargetOutcome:
         return self.found / self.wanted - 1.0
 
 
-@dataclass(frozen=True, eq=False)
-class Identification:
+@dataclass(frozen=True, eq=False, repr=False)
+class Identification(Displayed):
     """What a fit found.
 
     Attributes:
@@ -156,13 +156,6 @@ class Identification:
     statistics: FitStatistics
     problem: FitProblem
     point: FitPoint
-
-    def __repr__(self) -> str:
-        return self._short_form().text()
-
-    def _repr_html_(self) -> str:
-        """What a notebook shows."""
-        return self._short_form().html()
 
     def _short_form(self) -> ShortForm:
         facts = [

@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 from headstock.geometry.errors import NumberNameError
 from headstock.pipeline.numbers.estimates import known_part
 from headstock.pipeline.numbers.numbers import Numbers
-from headstock.pipeline.results.short_forms import ShortForm, list_few
+from headstock.pipeline.results.short_forms import Displayed, ShortForm, list_few
 from headstock.pipeline.results.short_forms import show_value as show_cell
 from headstock.pipeline.storage.frames import Frame, frame_columns
 from headstock.scene.reading.files import TomlValue
@@ -161,8 +161,8 @@ class SizeSeries:
     extrapolation: Extrapolation
 
 
-@dataclass(frozen=True, eq=False)
-class StudyTable:
+@dataclass(frozen=True, eq=False, repr=False)
+class StudyTable(Displayed):
     """Everything a study shows.
 
     Attributes:
@@ -176,13 +176,6 @@ class StudyTable:
     columns: tuple[str, ...]
     rows: tuple[StudyRow, ...]
     series: tuple[SizeSeries, ...] = field(default=())
-
-    def __repr__(self) -> str:
-        return self._short_form().text()
-
-    def _repr_html_(self) -> str:
-        """What a notebook shows."""
-        return self._short_form().html()
 
     @property
     def numbers(self) -> tuple[Numbers, ...]:

@@ -15,7 +15,7 @@ from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.answers.static import StaticAnswer
 from headstock.pipeline.numbers.estimates import Estimate
 from headstock.pipeline.numbers.numbers import Key, Number, Numbers, make_key
-from headstock.pipeline.results.short_forms import ShortForm, list_few
+from headstock.pipeline.results.short_forms import Displayed, ShortForm, list_few
 from headstock.pipeline.stages.mechanism import pose_machine
 from headstock.pipeline.stages.modal import solve_pose_modes
 from headstock.pipeline.stages.run_state import MachineParts
@@ -85,8 +85,8 @@ class LimitMap:
         return known.min(axis=0) if len(known) else np.full(len(self.speeds), np.nan)
 
 
-@dataclass(frozen=True, eq=False)
-class SweepResults:
+@dataclass(frozen=True, eq=False, repr=False)
+class SweepResults(Displayed):
     """Everything a sweep found.
 
     Attributes:
@@ -122,13 +122,6 @@ class SweepResults:
     warnings: tuple[str, ...] = ()
     mode_names: tuple[str, ...] = ()
     sampled_errors: Mapping[int, Mapping[Key, Estimate]] = field(default_factory=dict)
-
-    def __repr__(self) -> str:
-        return self._short_form().text()
-
-    def _repr_html_(self) -> str:
-        """What a notebook shows."""
-        return self._short_form().html()
 
     def _short_form(self) -> ShortForm:
         states = {state: self.states.count(state) for state in dict.fromkeys(self.states)}
