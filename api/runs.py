@@ -49,8 +49,11 @@ from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root, share_from_root
 from headstock.studies.comparison import Comparison, compare_variants
 from headstock.studies.identification.descent import StartRecord
-from headstock.studies.identification.identification import Identification, prepare_problem
-from headstock.studies.identification.identification import identify as fit_parameters
+from headstock.studies.identification.identification import (
+    Identification,
+    fit_parameters,
+    prepare_problem,
+)
 from headstock.studies.identification.schema import MAX_STARTS
 from headstock.studies.identification.target_files import load_targets
 from headstock.studies.parameters.runs import (

@@ -239,7 +239,7 @@ HANDLERS: dict[str, Callable[[RunState, Stage], Outcome]] = {
 SHARED_STAGES = {"spread", "models", "joints"} | {each.kind for each in RECORDS if each.shared}
 
 
-def find_handler(kind: str) -> Callable[[RunState, Stage], Outcome]:
+def _find_handler(kind: str) -> Callable[[RunState, Stage], Outcome]:
     """Return what does the work of a stage of the machine."""
     if kind not in HANDLERS:
         (record,) = (each for each in RECORDS if each.kind == kind)
@@ -288,7 +288,7 @@ class _StageRunner:
         state.weigh_meshes(mesh_factors or {})
         for stage in plan.stages[:-1]:
             if stage.component is None:
-                work = functools.partial(self.run_stage, state, stage, find_handler(stage.kind))
+                work = functools.partial(self.run_stage, state, stage, _find_handler(stage.kind))
                 if stage.kind in SHARED_STAGES:
                     work()
                 else:

@@ -17,7 +17,7 @@ from headstock.studies.variants import VariantSolution
 
 
 @dataclass(frozen=True)
-class ModeCell:
+class _ModeCell:
     """A mode of one variant in its row.
 
     Attributes:
@@ -46,7 +46,7 @@ class ModeRow:
 
     name: str
     origin: str
-    cells: dict[str, ModeCell] = field(default_factory=dict)
+    cells: dict[str, _ModeCell] = field(default_factory=dict)
 
     @property
     def frequency_hz(self) -> float:
@@ -188,7 +188,7 @@ def _gather_rows(
         for family in families:
             left, numbers = _enter_cells(family, name, left, numbers, SAME_MODE)
         rows = [
-            ModeRow(solutions[name].named.names[i], name, {name: ModeCell(i, float(hz))})
+            ModeRow(solutions[name].named.names[i], name, {name: _ModeCell(i, float(hz))})
             for i, hz in zip(numbers, left.frequencies_hz, strict=True)
         ]
         families.append(_Family(rows, left))
@@ -253,7 +253,7 @@ def _enter_cells(
         row, hz = family.rows[pair.first], float(modes.frequencies_hz[pair.second])
         rigid = pair.second < modes.rigid_count or pair.first < family.modes.rigid_count
         deviation = None if rigid else hz / row.frequency_hz - 1.0
-        row.cells[name] = ModeCell(numbers[pair.second], hz, deviation, pair.correlation)
+        row.cells[name] = _ModeCell(numbers[pair.second], hz, deviation, pair.correlation)
     used = {pair.second for pair in pairs}
     kept = [i for i in range(len(numbers)) if i not in used]
     rigid_left = sum(i < modes.rigid_count for i in kept)

@@ -47,7 +47,7 @@ class LinkSummary(TypedDict):
     change_if_doubled: float
 
 
-class VariantPointSummary(TypedDict):
+class _VariantPointSummary(TypedDict):
     """Compliance of a variant at a point; directions x, y, z are keys of errors, budgets and
     links.
     """
@@ -140,14 +140,14 @@ class VariantSummary(FrequencyErrors):
     mode_names: list[str]
     strain_share: list[dict[str, float]]
     mac: list[list[float]]
-    static: dict[str, VariantPointSummary]
+    static: dict[str, _VariantPointSummary]
     frf: list[EntrySummary]
     others: dict[str, dict[str, OtherSummary]]
     effort: EffortSummary
     failures: list[str]
 
 
-class EffortsSummary(TypedDict):
+class _EffortsSummary(TypedDict):
     """Costs from an empty store: of each variant its ``first`` model, and one ``changed`` after
     it.
     """
@@ -169,7 +169,7 @@ class ComparisonSummary(TypedDict):
     not_computed: dict[str, str]
     verdicts: dict[str, VerdictSummary]
     not_compared: list[str]
-    effort: NotRequired[EffortsSummary]
+    effort: NotRequired[_EffortsSummary]
     provenance: NotRequired[ProvenanceSummary]
 
 
@@ -261,7 +261,7 @@ def _summarise_others(numbers: Numbers) -> dict[str, dict[str, OtherSummary]]:
 
 def _summarise_point(
     name: str, budget: PointBudget, solution: VariantSolution
-) -> VariantPointSummary:
+) -> _VariantPointSummary:
     what = f"static compliance at {name} in variant {solution.choice.name}"
     along = np.diag(budget.compliance)[:3]
     # a free direction has no number, and no error
@@ -303,7 +303,7 @@ def _summarise_link(link: WeakLink | None) -> LinkSummary | None:
 
 
 def summarise_effort(effort: Effort) -> EffortSummary:
-    """What it cost to get from the scene to the answers."""
+    """Return the cost from the scene to the answers."""
     return {
         "seconds": {step: round(value, 4) for step, value in effort.seconds.items()}
         | {"total": round(effort.total, 4)},

@@ -78,7 +78,7 @@ class EffectTrial:
 
     @property
     def advice(self) -> str:
-        """What to do with it."""
+        """Advice of a few words."""
         if self.obstacle:
             return "not tried"
         if self.largest == 0.0:

@@ -45,7 +45,7 @@ class ModelTrial:
 
     @property
     def subject(self) -> str:
-        """What is changed, in words."""
+        """The changed part in words."""
         names = ", ".join(self.bodies)
         return {
             "elasticity": names,
@@ -108,7 +108,7 @@ def _group_equals(scene: Scene) -> list[tuple[str, ...]]:
 
 
 def are_alike(first: Component, second: Component) -> bool:
-    """Whether two components are one model at two places."""
+    """Tell whether two components are one model at two places."""
     return all(getattr(first, field) == getattr(second, field) for field in SAME)
 
 

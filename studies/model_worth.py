@@ -67,7 +67,7 @@ Action = Literal["keep", "third digit", "drop", "either", "take", "enough", "mat
 
 
 @dataclass(frozen=True)
-class FollowedModel:
+class _FollowedModel:
     """What another model says of the modes and responses of a machine.
 
     Attributes:
@@ -84,13 +84,15 @@ class FollowedModel:
     lines: list[Change] = field(default_factory=list)
 
 
-def follow_model(written: Results, family: MachineFamily, model: ComparedMachine) -> FollowedModel:
+def _follow_model(
+    written: Results, family: MachineFamily, model: ComparedMachine
+) -> _FollowedModel:
     """Return what a model says of the modes and responses of the machine as written.
 
     Args:
         model: The other model, of the same family.
     """
-    found = FollowedModel()
+    found = _FollowedModel()
     for modes in written.modal:
         _follow_modes(modes, family, model, found)
     found.lines.extend(_compare_lines(response, model) for response in written.frf.values())
@@ -98,7 +100,7 @@ def follow_model(written: Results, family: MachineFamily, model: ComparedMachine
 
 
 def _follow_modes(
-    modes: PoseModes, family: MachineFamily, model: ComparedMachine, found: FollowedModel
+    modes: PoseModes, family: MachineFamily, model: ComparedMachine, found: _FollowedModel
 ) -> None:
     """Add the modes of a pose to what was found."""
     pose = modes.pose.name
@@ -202,7 +204,7 @@ class ModelFinding:
 
     @property
     def action(self) -> Action:
-        """What to do: keep what is written, drop it, or take what was tried."""
+        """Advice: keep what is written, drop it, or take what was tried."""
         if self.obstacle:
             return "not tried"
         if self.trial.sense == "richer":
@@ -397,7 +399,7 @@ class _ModelRun:
     """
 
     numbers: Numbers
-    followed: FollowedModel
+    followed: _FollowedModel
     records: tuple[StageRecord, ...]
 
 
@@ -445,7 +447,7 @@ class _Models:
             quick=QUICK,
         )
         machine = min((_of_machine(results.stages) for results in runs), key=_seconds)
-        followed = follow_model(written, family, family.change(self._restore(planned)))
+        followed = _follow_model(written, family, family.change(self._restore(planned)))
         return _ModelRun(runs[0].numbers, followed, (*records, *machine))
 
     def _restore(self, planned: PlannedRun) -> MachineParts:

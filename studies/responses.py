@@ -26,14 +26,14 @@ UNBOUNDED = (
 )
 
 
-class PeakSummary(TypedDict):
+class _PeakSummary(TypedDict):
     """A maximum of the size of a response: where [Hz], and its size [m/N, rad/N, ...]."""
 
     frequency_hz: float
     size: float
 
 
-class DifferenceSummary(TypedDict):
+class _DifferenceSummary(TypedDict):
     """How far a response is from that of a reference.
 
     Attributes:
@@ -78,8 +78,8 @@ class EntrySummary(TypedDict):
     most_negative_real: float | None
     most_negative_real_hz: float | None
     most_negative_real_error: float | None
-    peaks: list[PeakSummary]
-    difference: DifferenceSummary | None
+    peaks: list[_PeakSummary]
+    difference: _DifferenceSummary | None
     negligible: bool
     reason: str
 
@@ -173,7 +173,7 @@ def _start_entry(output: Channel, given: Channel, reason: str = "") -> EntrySumm
 
 
 def _describe_entry(
-    response: PoseResponse, row: int, column: int, difference: DifferenceSummary | None
+    response: PoseResponse, row: int, column: int, difference: _DifferenceSummary | None
 ) -> EntrySummary:
     curves = response.curves
     output, given = curves.outputs[row], curves.inputs[column]
@@ -231,7 +231,7 @@ def _usual_size(curves: ResponseCurves, tops: FloatArray, output: Channel, given
     return max(alike)
 
 
-def _list_peaks(frequencies_hz: FloatArray, sizes: FloatArray) -> list[PeakSummary]:
+def _list_peaks(frequencies_hz: FloatArray, sizes: FloatArray) -> list[_PeakSummary]:
     known = np.isfinite(sizes) & (sizes > 0.0)
     lines, logs = frequencies_hz[known], np.log(sizes[known])
     places, _ = scipy.signal.find_peaks(logs, prominence=np.log(PROMINENCE))
@@ -243,7 +243,7 @@ def _list_peaks(frequencies_hz: FloatArray, sizes: FloatArray) -> list[PeakSumma
 
 def _differ(
     frequencies_hz: FloatArray, mine: ComplexArray, other: ComplexArray
-) -> DifferenceSummary | None:
+) -> _DifferenceSummary | None:
     known = np.isfinite(mine) & np.isfinite(other)
     if not known.any() or not np.abs(other[known]).any():
         return None

@@ -9,7 +9,7 @@ from headstock.app.terminal.console import add_row, counted, make_console, make_
 from headstock.app.texts.bounded_values import show_bound, show_bounded
 from headstock.geometry.errors import NumberNameError
 from headstock.pipeline.numbers.estimates import Estimate
-from headstock.pipeline.numbers.folders import read_tables
+from headstock.pipeline.numbers.folders import read_number_tables
 from headstock.pipeline.numbers.numbers import Numbers
 from headstock.pipeline.storage.json_texts import dump_json
 from headstock.pipeline.storage.outputs import check_output, write_output
@@ -32,7 +32,7 @@ def list_numbers(
     for path in (csv_file, json_file):
         if path is not None:
             check_output(path)
-    tables = _select_numbers(read_tables(folder), pattern)
+    tables = _select_numbers(read_number_tables(folder), pattern)
     if csv_file is not None:
         write_output(csv_file, encode_csv(_tabulate(tables)))
     if json_file is not None:

@@ -31,7 +31,7 @@ from headstock.pipeline.answers.accuracy import BodyModel, ModelErrorsAnswer
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.answers.modal import PoseModes
-from headstock.pipeline.numbers.changes import Moved, compare, to_errors
+from headstock.pipeline.numbers.changes import Moved, compare_numbers, to_errors
 from headstock.pipeline.numbers.estimates import MODEL, Estimate, show_share
 from headstock.pipeline.numbers.numbers import Key, Number, make_key
 from headstock.pipeline.planning.plan import Stage
@@ -113,9 +113,9 @@ def compare_models(state: RunState, better: BetterBodies) -> Judged:
         moved = follow_numbers(answer, family.base, together, with_errors=True)
         if isinstance(answer, PoseModes) and moved.missing:
             missing.append(_name_missing(together, answer, moved.missing, several=several))
-        move = compare(base, moved.numbers)
+        move = compare_numbers(base, moved.numbers)
         moves = {
-            name: compare(base, follow_numbers(answer, family.base, machine).numbers)
+            name: compare_numbers(base, follow_numbers(answer, family.base, machine).numbers)
             for name, machine in alone.items()
         }
         for number in base:

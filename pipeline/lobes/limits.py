@@ -78,7 +78,7 @@ def choose_speeds(request: LobesRequest) -> BoolArray:
     return chosen
 
 
-def cuts_at_speeds(
+def _cuts_at_speeds(
     request: LobesRequest,
     tip: TipPoles,
     some: BoolArray,
@@ -108,7 +108,7 @@ def find_limits(
     """
     request = point.request
     safe = safe_depth(tip, request.cut_at(float(request.speeds[0])))
-    cuts = cuts_at_speeds(request, tip, choose_speeds(request))
+    cuts = _cuts_at_speeds(request, tip, choose_speeds(request))
     found = find_border(cuts, diagram.depths, safe=safe, deepest=request.deepest)
     depths, chatter = (
         np.array([getattr(each, name) for each in found]) for name in ("depth", "omega")
@@ -282,7 +282,7 @@ def _move_border(
     # limits go with the inverse of the coefficients, all else is a small change
     scale = 1.0 if coefficients is None else own.chip[0] / coefficients.chip[0]
     depth, chatter = np.full((2, len(some)), np.nan)
-    cuts = cuts_at_speeds(point.request, tip, some, coefficients)
+    cuts = _cuts_at_speeds(point.request, tip, some, coefficients)
     for place in np.flatnonzero(some):
         if (cut := cuts[place]) is not None:
             share = scale

@@ -169,7 +169,7 @@ def _solve_direction(
         if poles is None
         else find_limits(point, frame, turn_tip(poles, frame), diagram)
     )
-    lobes, owner = group_lobes(point, limits, frame, machine, whole=whole)
+    lobes, owner = _group_lobes(point, limits, frame, machine, whole=whole)
     own = DirectionLobes(
         name=travel.name,
         direction=travel.along,
@@ -224,7 +224,7 @@ def _warn_of_limits(
     return warnings
 
 
-def group_lobes(
+def _group_lobes(
     point: CuttingPoint,
     limits: Limits,
     frame: FloatArray,

@@ -99,7 +99,7 @@ class Moved:
     errors: Mapping[Key, Estimate]
 
 
-def compare(base: Iterable[Number], other: Iterable[Number]) -> Moved:
+def compare_numbers(base: Iterable[Number], other: Iterable[Number]) -> Moved:
     """Return how far numbers move; equal keys are a pair."""
     added = {number.key: number for number in other}
     errors = {key: number.error for key, number in added.items() if number.error is not None}
@@ -189,7 +189,9 @@ def estimate_changes(
         left_out: What is not looked at.
     """
     moves = {
-        each.owner: compare(base, each.outcome) for each in tried if isinstance(each.outcome, tuple)
+        each.owner: compare_numbers(base, each.outcome)
+        for each in tried
+        if isinstance(each.outcome, tuple)
     }
     moved = to_errors(base, moves, join="sum")
     silent = [Estimate({DISCRETISATION: None})] if unknown else []

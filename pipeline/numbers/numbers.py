@@ -53,7 +53,7 @@ class Key:
 
     @property
     def group(self) -> Kind:
-        """What its kind says."""
+        """Kind of the number."""
         return KINDS[self.kind]
 
     @property

@@ -75,7 +75,7 @@ class Repeated:
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """What is not in ±."""
+        """Texts of what ± leaves out."""
         return (*self.untried, *list_refused(self.tried))
 
     def estimate(self, base: Sequence[Number]) -> dict[Key, Estimate]:

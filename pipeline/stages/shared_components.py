@@ -68,7 +68,7 @@ def start_run(
 
 
 @dataclass(frozen=True, eq=False)
-class SharedComponent:
+class _SharedComponent:
     """What became of a component on the rank that reduced it.
 
     Attributes:
@@ -150,7 +150,7 @@ def prepare_components(states: Sequence[RunState]) -> None:
 
 
 def expect_job(stages: Sequence[Stage]) -> Job:
-    """What stages that one rank runs will cost."""
+    """Estimate the cost of stages that one rank runs."""
     return Job(
         sum(stage.estimated_seconds or 0.0 for stage in stages),
         max((stage.estimated_memory_mb or 0.0 for stage in stages), default=0.0),
@@ -208,7 +208,7 @@ def _share_components(
         importlib.import_module(ELASTIC_MODULE)
     by_job = [[stage for stage in stages[one.run] if stage.component == one.name] for one in dealt]
 
-    def reduce_one(number: int, settle: Callable[[], None]) -> SharedComponent:
+    def reduce_one(number: int, settle: Callable[[], None]) -> _SharedComponent:
         one = dealt[number]
         state = states[one.run]
         alone = start_run(state.scene, MPI.COMM_SELF, state.store, plan=state.plan)
@@ -229,7 +229,7 @@ def _share_components(
         reduced = alone.reduced[one.name]
         request = stored_request(alone, state.plan.components[one.name])
         stored = not state.is_root and serving_keys(state.store, request)
-        return SharedComponent(tuple(records), tuple(alone.warnings), None if stored else reduced)
+        return _SharedComponent(tuple(records), tuple(alone.warnings), None if stored else reduced)
 
     jobs = [expect_job(each) for each in by_job]
     shared = deal_out(jobs, reduce_one, comm=first.comm, folder=first.store.root)
@@ -244,7 +244,7 @@ def _share_components(
 
 
 def find_ranks(comm: MPI.Comm) -> RanksOnNodes:
-    """Where the ranks of a run are; collective."""
+    """Count the ranks of a run and those on a node; collective."""
     node, node_mb = find_node(comm), node_memory_bytes() / 1e6
     return RanksOnNodes(
         comm.size, comm.allreduce(node.ranks, op=MPI.MAX), comm.allreduce(node_mb, op=MPI.MIN)

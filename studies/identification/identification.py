@@ -227,7 +227,7 @@ def _tie_scenes(loaded: LoadedTask, store: Store) -> FitProblem:
     return problem
 
 
-def identify(
+def fit_parameters(
     problem: FitProblem,
     name: str,
     observer: Callable[[StartRecord], None] = lambda record: None,
@@ -256,7 +256,7 @@ def identify(
 def assess_starts(
     problem: FitProblem, name: str, starts: tuple[StartRecord, ...]
 ) -> Identification:
-    """What is known of the parameters at the best end of all starts.
+    """Assess the parameters at the best end of all starts.
 
     Args:
         problem: Prepared cases and parameters.

@@ -56,7 +56,7 @@ FAR = 0.5
 
 
 @dataclass(eq=False)
-class ParametricJoint:
+class _ParametricJoint:
     """A joint whose stiffness and place follow parameters."""
 
     written: Joint
@@ -94,7 +94,7 @@ class ParametricJoint:
 
 
 @dataclass(eq=False)
-class ParametricShape:
+class _ParametricShape:
     """What a component is made of: solid, interfaces, mass and material, wherever it stands. An
     elastic one whose shape follows a parameter is meshed and reduced anew.
 
@@ -132,7 +132,7 @@ class ParametricShape:
         return self._known[numbers]
 
     def content(self) -> tuple[object, ...]:
-        """What decides what is built, name and place left out; to be compared only."""
+        """Return what decides what is built, name and place left out; to be compared only."""
         entry = {
             key: value
             for key, value in read_entries(self.scene.raw, "components")[self.name].items()
@@ -208,7 +208,7 @@ class ParametricShape:
 
 
 @dataclass(frozen=True, eq=False)
-class ParametricComponent:
+class _ParametricComponent:
     """A component whose shape and place follow parameters.
 
     Attributes:
@@ -216,7 +216,7 @@ class ParametricComponent:
     """
 
     written: Component
-    shape: ParametricShape
+    shape: _ParametricShape
     laws: tuple[KeyLaw, ...]
 
     def build(self, values: Mapping[str, float]) -> tuple[Component, Superelement]:
@@ -240,7 +240,7 @@ class ParametricComponent:
 
 
 def moves(law: KeyLaw) -> bool:
-    """Whether a law is of a component's place and of nothing else."""
+    """Tell whether a law is of a component's place and of nothing else."""
     return law.key[0] == "components" and law.key[2] == "at"
 
 
@@ -287,7 +287,7 @@ def _explain(error: Exception) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class BuiltScene:
+class _BuiltScene:
     """A machine with the superelements of all of its components."""
 
     machine: Machine
@@ -295,7 +295,7 @@ class BuiltScene:
 
 
 @dataclass(frozen=True, eq=False)
-class Touched:
+class _Touched:
     """What a parameter changes.
 
     Attributes:
@@ -325,11 +325,11 @@ class ParametricScene:
     scene: Scene
     superelements: dict[str, Superelement]
     laws: tuple[KeyLaw, ...]
-    components: dict[str, ParametricComponent]
-    joints: dict[str, ParametricJoint]
-    touched: dict[str, Touched]
+    components: dict[str, _ParametricComponent]
+    joints: dict[str, _ParametricJoint]
+    touched: dict[str, _Touched]
 
-    def build(self, values: Mapping[str, float]) -> BuiltScene:
+    def build(self, values: Mapping[str, float]) -> _BuiltScene:
         """The machine and its superelements for given parameter values.
 
         Raises:
@@ -341,7 +341,7 @@ class ParametricScene:
         joints = self.scene.machine.joints | {
             name: joint.build(values) for name, joint in self.joints.items()
         }
-        return BuiltScene(
+        return _BuiltScene(
             dataclasses.replace(self.scene.machine, components=components, joints=joints),
             superelements,
         )
@@ -377,7 +377,7 @@ def make_parametric(
     components = {}
     for name, own in by_component.items():
         shape = _share_shape(
-            ParametricShape(
+            _ParametricShape(
                 scene,
                 name,
                 superelements[name],
@@ -386,9 +386,9 @@ def make_parametric(
             ),
             shapes,
         )
-        components[name] = ParametricComponent(scene.machine.components[name], shape, tuple(own))
+        components[name] = _ParametricComponent(scene.machine.components[name], shape, tuple(own))
     joints = {
-        name: ParametricJoint(scene.machine.joints[name], tuple(own))
+        name: _ParametricJoint(scene.machine.joints[name], tuple(own))
         for name, own in by_joint.items()
     }
     touched = {
@@ -398,7 +398,7 @@ def make_parametric(
     return ParametricScene(scene, superelements, laws, components, joints, touched)
 
 
-def _share_shape(shape: ParametricShape, known: list[ParametricShape]) -> ParametricShape:
+def _share_shape(shape: _ParametricShape, known: list[_ParametricShape]) -> _ParametricShape:
     """One that is made alike where there is one: it is built once for all."""
     content = shape.content()
     for other in known:
@@ -417,12 +417,12 @@ def _made_of(raw: TomlTable, material: str) -> list[str]:
 
 
 def _find_touched(
-    parameter: str, components: dict[str, ParametricComponent], joints: dict[str, ParametricJoint]
-) -> Touched:
+    parameter: str, components: dict[str, _ParametricComponent], joints: dict[str, _ParametricJoint]
+) -> _Touched:
     mine = {name: _laws_of(parameter, entry.laws) for name, entry in components.items()}
     moved = {name: _laws_of(parameter, entry.laws) for name, entry in joints.items()}
     found = tuple(name for name, laws in mine.items() if laws)
-    return Touched(
+    return _Touched(
         components=found,
         joints=tuple(name for name, laws in moved.items() if laws),
         stiffness_only=not found

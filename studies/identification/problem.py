@@ -56,7 +56,7 @@ def _pair_targets(state: CaseState) -> Pairing:
 
 
 def shape_costs(state: CaseState) -> FloatArray:
-    """What each target ``(t, m)`` would pay for the shape of each mode, and for another number than its
+    """Return what each target ``(t, m)`` would pay for the shape of each mode, and for another number than its
     own.
     """
     cost = np.zeros((len(state.model.case.modes), len(state.frequencies_hz)))
@@ -176,7 +176,7 @@ def _spread_slopes(
 
 
 def compliance_gap(target: ComplianceTarget, value: float) -> float:
-    """How far a compliance lies from its target, in standard deviations."""
+    """Return the distance of a compliance from its target in standard deviations."""
     if target.logarithmic:
         ratio = value / target.value
         return float(

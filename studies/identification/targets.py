@@ -103,7 +103,7 @@ class TargetCase:
 
     @property
     def most_modes(self) -> int:
-        """How many modes its targets take at least, those below the floor among them."""
+        """Number of modes that its targets take at least, those below the floor among them."""
         return max(len(self.modes), *(target.number or 0 for target in self.modes), 0)
 
     @property

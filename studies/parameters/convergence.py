@@ -415,7 +415,7 @@ def _with_mode(key: Key, partners: Mapping[int, int]) -> Key | None:
 
 
 def measure_fields(scene: Scene, results: Results) -> Measured:
-    """How the bodies move in each mode of the first pose, the same places on every mesh.
+    """Measure motions of the bodies in each mode of the first pose, at the same places on every mesh.
 
     Args:
         scene: Not needed; every measure of a study is given it.

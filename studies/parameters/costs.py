@@ -53,7 +53,7 @@ class CostPoint:
 
     @property
     def competes(self) -> bool:
-        """Whether it is one of those among which the cheapest is sought."""
+        """It is one of those among which the cheapest is sought."""
         return not self.automatic and not self.other_model
 
 

@@ -57,7 +57,7 @@ Measure = Callable[[Scene, Results], Measured]
 
 
 def blames_surroundings(error: BaseException) -> bool:
-    """Whether the same computation may well succeed once there is room on the disk, so that the
+    """Tell whether the same computation may well succeed once there is room on the disk, so that the
     error must not be kept as its result.
     """
     cause: BaseException | None = error

@@ -267,7 +267,7 @@ def tabulate_study(study: Study, records: Sequence[StudyRecord]) -> StudyTable:
 
 
 @dataclass(frozen=True)
-class VariedNumbers:
+class _VariedNumbers:
     """The values of a varied key as numbers: one per row of a table (None where a row has not the
     key), and their SI unit.
     """
@@ -276,7 +276,7 @@ class VariedNumbers:
     values: tuple[float | None, ...]
 
 
-def varied_numbers(table: StudyTable, key: str) -> VariedNumbers | None:
+def varied_numbers(table: StudyTable, key: str) -> _VariedNumbers | None:
     """The values of a varied key as numbers in SI; None where some are no single number, or their
     units differ in kind.
     """
@@ -287,7 +287,7 @@ def varied_numbers(table: StudyTable, key: str) -> VariedNumbers | None:
     units = {item.unit for item in read if item is not None and item.value is not None}
     if None in read or len(units) != 1:
         return None
-    return VariedNumbers(units.pop(), tuple(item.value for item in read if item is not None))
+    return _VariedNumbers(units.pop(), tuple(item.value for item in read if item is not None))
 
 
 @dataclass(frozen=True)
@@ -461,6 +461,6 @@ def shorten_columns(columns: Sequence[str]) -> dict[str, str]:
 
 
 def series_title(series: SizeSeries) -> str:
-    """What stays the same along a series, in a few words."""
+    """Return what stays the same along a series, in a few words."""
     words = [f"{key} = {show_value(value)}" for key, value in series.others.items()]
     return ", ".join([*([series.family] if series.family else []), *words])

@@ -67,7 +67,7 @@ class MachinePoses:
 
 
 def share_machine(parts: MachineParts, superelements: Mapping[str, Superelement]) -> MachinePoses:
-    """What all poses of the machine of a scene share."""
+    """Prepare what all poses of the machine of a scene share."""
     static, frf = parts.scene.analyses.get(StaticRequest), parts.scene.analyses.get(FrfRequest)
     lobes = parts.scene.analyses.get(LobesRequest)
     channels = {
@@ -214,7 +214,7 @@ def _add_limits(model: PoseModel, found: PoseResult) -> PoseResult:
 
 
 @dataclass(frozen=True, eq=False)
-class LumpedPoses:
+class _LumpedPoses:
     """What all poses of a lumped mechanism share.
 
     Attributes:
@@ -228,18 +228,18 @@ class LumpedPoses:
     own: Mapping[str, Frame]
 
 
-def share_mechanism(parts: MachineParts, superelements: Mapping[str, Superelement]) -> LumpedPoses:
-    """What all poses of the mechanism of a scene share."""
+def share_mechanism(parts: MachineParts, superelements: Mapping[str, Superelement]) -> _LumpedPoses:
+    """Prepare what all poses of the mechanism of a scene share."""
     own = {name: component.placement for name, component in parts.plan.components.items()}
-    return LumpedPoses(
+    return _LumpedPoses(
         parts, scene_mechanism(parts), build_mechanism(parts, superelements), superelements, own
     )
 
 
 def solve_lumped_poses(
-    shared: LumpedPoses, poses: list[Pose], positions: FloatArray, feeds: FloatArray
+    shared: _LumpedPoses, poses: list[Pose], positions: FloatArray, feeds: FloatArray
 ) -> list[PoseResult]:
-    """What the scene asks for in many poses.
+    """Compute what the scene asks for in many poses.
 
     Args:
         shared: What all poses share.
@@ -283,7 +283,7 @@ def solve_lumped_poses(
 
 
 def _solve_taken(
-    shared: LumpedPoses, states: FloatArray, positions: FloatArray
+    shared: _LumpedPoses, states: FloatArray, positions: FloatArray
 ) -> list[PoseResult]:
     """Modes and compliances in poses that the mechanism can take, ``(n, s)`` states and ``(n, k)``
     positions.
@@ -331,7 +331,7 @@ def _solve_taken(
     return found
 
 
-def _point_motion(shared: LumpedPoses, motions: SmallMotions, point: Point) -> FloatArray:
+def _point_motion(shared: _LumpedPoses, motions: SmallMotions, point: Point) -> FloatArray:
     """``(n, 3, c)`` translation of the tool of a point per compliant coordinate, ground frame of
     the chains.
     """
@@ -348,7 +348,7 @@ def _point_motion(shared: LumpedPoses, motions: SmallMotions, point: Point) -> F
 
 
 def _weakest_parts(
-    shared: LumpedPoses, states: FloatArray, energies: FloatArray
+    shared: _LumpedPoses, states: FloatArray, energies: FloatArray
 ) -> tuple[list[list[str]], FloatArray]:
     """Part with most of the strain energy ``(n, p, 3, c)`` of each unit force: names and shares,
     ``3 p`` per pose.

@@ -296,7 +296,7 @@ def _weigh_shapes(shapes: SingleArray, superelements: Mapping[str, Superelement]
     return weighed
 
 
-class PrincipalCompliance(NamedTuple):
+class _PrincipalCompliance(NamedTuple):
     """Largest motion per unit force ``(n,)`` [m/N], the force's direction ``(n, 3)`` and largest
     over smallest ``(n,)``.
     """
@@ -306,7 +306,7 @@ class PrincipalCompliance(NamedTuple):
     ratio: FloatArray
 
 
-def _principal_compliance(compliance: FloatArray) -> PrincipalCompliance:
+def _principal_compliance(compliance: FloatArray) -> _PrincipalCompliance:
     """Largest and smallest of the directions in which force and motion are parallel.
 
     The eigenvectors of the symmetric ``(n, 3, 3)`` are the directions in which force and motion are
@@ -324,7 +324,7 @@ def _principal_compliance(compliance: FloatArray) -> PrincipalCompliance:
     direction[known] = axis * np.sign(ahead)
     stiff = levels[:, 0] > 0.0
     ratio[known] = np.where(stiff, levels[:, 2] / np.where(stiff, levels[:, 0], 1.0), np.nan)
-    return PrincipalCompliance(largest, direction, ratio)
+    return _PrincipalCompliance(largest, direction, ratio)
 
 
 def _map_point(found: Sequence[PoseResult], place: int) -> PointMap:

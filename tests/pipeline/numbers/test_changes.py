@@ -8,7 +8,7 @@ from common import approx
 from headstock.pipeline.numbers.changes import (
     Change,
     Tried,
-    compare,
+    compare_numbers,
     estimate_changes,
     to_errors,
     try_changes,
@@ -26,22 +26,22 @@ def hz(*values: float) -> list[Number]:
 
 
 def test_equal_keys_are_a_pair() -> None:
-    moved = compare(hz(50.0, 80.0), [Number(FIRST, 48.0, "Hz"), Number(PEAK, 1.0, "m")])
+    moved = compare_numbers(hz(50.0, 80.0), [Number(FIRST, 48.0, "Hz"), Number(PEAK, 1.0, "m")])
     assert moved.difference == {FIRST: -2.0}
     assert moved.lost == {SECOND} and set(moved.added) == {PEAK}
-    assert compare(hz(50.0), hz(math.nan)).lost == {FIRST}
+    assert compare_numbers(hz(50.0), hz(math.nan)).lost == {FIRST}
 
 
 def test_a_deviation_is_compared_by_its_size() -> None:
-    moved = compare([Number(PEAK, -3e-6, "m")], [Number(PEAK, 5e-6, "m")])
+    moved = compare_numbers([Number(PEAK, -3e-6, "m")], [Number(PEAK, 5e-6, "m")])
     assert moved.difference[PEAK] == approx(2e-6)
 
 
 def test_errors_of_owners_add_up_and_forms_of_one_stand_for_each_other() -> None:
     base = hz(50.0, 80.0)
     moves = {
-        ("column", DISCRETISATION): compare(base, hz(49.0, 79.5)),
-        ("bed", DISCRETISATION): compare(base, hz(50.5)),
+        ("column", DISCRETISATION): compare_numbers(base, hz(49.0, 79.5)),
+        ("bed", DISCRETISATION): compare_numbers(base, hz(50.5)),
     }
     added = to_errors(base, moves, join="sum")
     assert added[FIRST].shares == {DISCRETISATION: 1.5}
@@ -75,7 +75,7 @@ def test_changes_count_as_often_as_their_kind_says() -> None:
 def test_a_model_replaces_the_errors_of_another() -> None:
     base = [Number(FIRST, 50.0, "Hz", Estimate({REDUCTION: 3.0})), *hz(50.0, 80.0)[1:]]
     better = Number(FIRST, 46.0, "Hz", Estimate({DISCRETISATION: 0.5}, ("the mesh of bed",)))
-    moves = {("", MODEL): compare(base, [better])}
+    moves = {("", MODEL): compare_numbers(base, [better])}
     found = to_errors(base, moves, join="replace", split=lambda key, size: {"column": size})
     assert found[FIRST] == Estimate(
         {MODEL: 4.0, DISCRETISATION: 0.5}, ("the mesh of bed",), {MODEL: {"column": 4.0}}
