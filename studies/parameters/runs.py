@@ -30,11 +30,10 @@ from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import load_scene
 from headstock.scene.expansion.includes import scene_content
 from headstock.scene.expansion.overrides import VARIANT_JOINER, split_variant
-from headstock.scene.reading.analysis_names import NAMES
 from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import Problem, SceneError, show_key, suggest_names
 from headstock.scene.reading.keys import read_entries
-from headstock.scene.reading.renamed_names import RESULT_KEYS
+from headstock.scene.reading.names import NAMES, RESULT_KEYS
 from headstock.scene.reading.watch_paths import MEASURED_NAMES, POSE_NAME, Step, parse_watch
 from headstock.scene.scene import Scene, keep_analyses
 from headstock.scene.studies import REFERENCE_RUN, Study, StudyPoint, expand_study, make_point

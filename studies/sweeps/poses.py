@@ -32,8 +32,7 @@ from headstock.scene.analyses.frf import FrfRequest
 from headstock.scene.analyses.lobes import LobesRequest
 from headstock.scene.analyses.modal import ModalRequest
 from headstock.scene.analyses.static import StaticRequest
-from headstock.scene.requests import LOAD
-from headstock.scene.scene import SceneMechanism
+from headstock.scene.scene import LOAD, SceneMechanism
 from headstock.solvers.linear.modal_analysis import keep_lowest, solve_lowest_modes
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.solvers.mechanisms.modes import (
