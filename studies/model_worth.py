@@ -3,10 +3,9 @@ its model; what to do about each.
 """
 
 import contextlib
-import importlib
 import shutil
 import tempfile
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -24,18 +23,19 @@ from headstock.pipeline.numbers.numbers import Number, Numbers, make_key
 from headstock.pipeline.planning.plan import StageRecord
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import gather_results, run_stages
-from headstock.pipeline.stages.components import ELASTIC_MODULE
 from headstock.pipeline.stages.frf import prepare_response
 from headstock.pipeline.stages.run_state import MachineParts
 from headstock.pipeline.stages.shared_components import (
     deal_out,
     expect_job,
+    load_elastic,
     make_superelements,
     start_run,
 )
 from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.pipeline.storage.store import Store
 from headstock.reduction.motions.mode_naming import name_modes
+from headstock.scene.expansion.overrides import AS_WRITTEN
 from headstock.solvers.linear.frequency_response import evaluate_frf
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
@@ -222,9 +222,9 @@ class ModelFinding:
         """One sentence: what it moves most, what it costs, what to do."""
         if self.obstacle:
             return f"not tried: {self.obstacle}"
-        return f"{self._tell_worth()}, {self._tell_price()}: {self._tell_action()}"
+        return f"{self._describe_worth()}, {self._describe_price()}: {self._describe_action()}"
 
-    def _tell_worth(self) -> str:
+    def _describe_worth(self) -> str:
         if self.missing:
             return f"lacks {_first_of(self.missing)}"
         if self.added:
@@ -233,13 +233,13 @@ class ModelFinding:
             return "moves nothing that was asked for"
         return f"moves {self.changes[0].label} by {show_share(self.worth)}"
 
-    def _tell_price(self) -> str:
+    def _describe_price(self) -> str:
         share = 100.0 * abs(self.saved_share)
         if abs(self.saved_share) < CLEARLY:
             return f"within {100.0 * CLEARLY:.0f} % of the time"
         return f"{share:.0f} % {'less' if self.saved_share > 0.0 else 'more'} time"
 
-    def _tell_action(self) -> str:
+    def _describe_action(self) -> str:
         written, tried = self.trial.written, self.trial.tried
         return {
             "keep": f"keep {written}",
@@ -293,15 +293,11 @@ def try_models(
     if not trials:
         return []
     planned = make_on_root(comm, lambda: [plan_change(choice, trial.settings) for trial in trials])
-    obstacles = {
-        trial: run for trial, run in zip(trials, planned, strict=True) if isinstance(run, str)
-    }
-    runs = [base, *(each for each in planned if isinstance(each, PlannedRun))]
-    names = ["as written", *(trial.name for trial in trials if trial not in obstacles)]
+    pairs = list(zip(trials, planned, strict=True))
+    runs = {trial.name: run for trial, run in pairs if isinstance(run, PlannedRun)}
+    runs, names = {AS_WRITTEN: base, **runs}, [AS_WRITTEN, *runs]
     with _trial_store(comm, store) as cold:
-        reduces = [stage.kind == "reduce" for each in runs for stage in each.plan.stages]
-        if make_on_root(comm, lambda: any(reduces)):
-            importlib.import_module(ELASTIC_MODULE)  # PETSc starts on all ranks together
+        load_elastic(stage for run in runs.values() for stage in run.plan.stages)
         models = _Models(base, cold, threads=1 if comm.size > 1 else None)
         models.warm_up(announce)
         announce("components as written")
@@ -310,32 +306,38 @@ def try_models(
         def work(number: int, settle: Callable[[], None]) -> "_ModelRun | str":
             announce(names[number])
             try:
-                return models.run(runs[number])
+                return models.run(runs[names[number]])
             except HeadstockError as error:
                 if number == 0:
                     raise
                 return str(error)
 
-        jobs = [expect_job(run.plan.stages) for run in runs]
+        jobs = [expect_job(run.plan.stages) for run in runs.values()]
         done = deal_out(jobs, work, comm=comm, folder=store.root)
     if not done:  # on other ranks
         return []
-    written, others = done[0], iter(zip(runs[1:], done[1:], strict=True))
+    prices, tried = _Prices(base, records), dict(zip(names, done, strict=True))
+    return [_make_finding(trial, run, tried, prices) for trial, run in pairs]
+
+
+def _make_finding(
+    trial: ModelTrial,
+    run: PlannedRun | str,
+    tried: Mapping[str, "_ModelRun | str"],
+    prices: "_Prices",
+) -> ModelFinding:
+    """Return what a change moves and costs, or why it could not be tried.
+
+    Args:
+        run: Of the changed scene, or why there is none.
+        tried: Name of a change to its run, or why that failed; of the scene as written, too.
+    """
+    written, other = tried[AS_WRITTEN], run if isinstance(run, str) else tried[trial.name]
     if isinstance(written, str):
         raise HeadstockError(written)
-    prices = _Prices(base, records)
-    findings = []
-    for trial in trials:
-        if trial in obstacles:
-            findings.append(ModelFinding(trial, obstacle=obstacles[trial]))
-            continue
-        run, tried = next(others)
-        findings.append(
-            ModelFinding(trial, obstacle=tried)
-            if isinstance(tried, str)
-            else _compare(trial, prices, written, tried, run)
-        )
-    return findings
+    if isinstance(run, str) or isinstance(other, str):
+        return ModelFinding(trial, obstacle=str(other))
+    return _compare(trial, prices, written, other, run)
 
 
 @contextlib.contextmanager

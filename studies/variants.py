@@ -93,20 +93,35 @@ class Effort:
     """What it cost to get from the scene file to the answers.
 
     Attributes:
-        seconds: Wall-clock time of each of ``STEPS`` [s].
-        cpu_seconds: Processor time of each, threads and child processes included [s].
+        costs: Of each of ``STEPS``, with threads and child processes.
         import_seconds: Time to load the finite element library, which is no part of the steps [s].
         reduced: Elastic components there are.
         stored: How many of them came from the store.
-        peak_rss_mb: Most memory of the process, or of one it started, in any step [MB].
     """
 
-    seconds: dict[str, float]
-    cpu_seconds: dict[str, float]
+    costs: Mapping[str, Cost]
     import_seconds: float = 0.0
     reduced: int = 0
     stored: int = 0
-    peak_rss_mb: float = 0.0
+
+    def add(self, step: str, cost: Cost) -> "Effort":
+        """Return it with another step."""
+        return dataclasses.replace(self, costs={**self.costs, step: cost})
+
+    @property
+    def seconds(self) -> dict[str, float]:
+        """Wall-clock time of each step [s]."""
+        return {step: self.costs.get(step, Cost()).seconds for step in STEPS}
+
+    @property
+    def cpu_seconds(self) -> dict[str, float]:
+        """Processor time of each step [s]."""
+        return {step: self.costs.get(step, Cost()).cpu_seconds for step in STEPS}
+
+    @property
+    def peak_rss_mb(self) -> float:
+        """Most memory of the process, or of one it started, in any step [MB]."""
+        return max(cost.peak_rss_mb for cost in self.costs.values())
 
     @property
     def total(self) -> float:
@@ -204,7 +219,7 @@ def solve_variant(
             comm, lambda: load_scene(path, variant=choice.variant, overrides=choice.overrides)
         )
         state = start_run(scene, comm, store)
-    effort = _add_steps(_make_components(state), {"load": loading})
+    effort = _make_components(state).add("load", loading)
     if not state.is_root:
         return None
     stands = _choose_pose(scene, pose)
@@ -285,7 +300,7 @@ def _answer(state: RunState, choice: VariantChoice, pose: Pose, effort: Effort) 
         wanted=wanted,
         points={},
         weak_links={},
-        effort=_add_steps(effort, {"couple": coupling, "modes": solving}),
+        effort=effort.add("couple", coupling).add("modes", solving),
         errors={
             make_key("frequency", pose=pose.name, mode=mode): error
             for mode, error in enumerate(
@@ -342,24 +357,12 @@ def _make_components(state: RunState) -> Effort:
 
     make_superelements(state, announce=import_elements, observer=records.append)
     stored = [record.cached for record in records if record.stage.kind == "reduce"]
-    nothing = dict.fromkeys(STEPS, 0.0)
-    return Effort(
-        nothing | {"components": sum(record.seconds for record in records)},
-        nothing | {"components": sum(record.cpu_seconds for record in records)},
-        sum(imports),
-        len(stored),
-        sum(stored),
+    cost = Cost(
+        sum(record.seconds for record in records),
+        sum(record.cpu_seconds for record in records),
         max((record.peak_rss_mb for record in records), default=0.0),
     )
-
-
-def _add_steps(effort: Effort, costs: dict[str, Cost]) -> Effort:
-    return dataclasses.replace(
-        effort,
-        seconds=effort.seconds | {step: cost.seconds for step, cost in costs.items()},
-        cpu_seconds=effort.cpu_seconds | {step: cost.cpu_seconds for step, cost in costs.items()},
-        peak_rss_mb=max(effort.peak_rss_mb, *(cost.peak_rss_mb for cost in costs.values())),
-    )
+    return Effort({"components": cost}, sum(imports), len(stored), sum(stored))
 
 
 def _solve_modes(
@@ -402,7 +405,7 @@ def _with_compliances(solution: VariantSolution, state: RunState) -> VariantSolu
         points=points,
         weak_links=links,
         errors={**solution.errors, **errors},
-        effort=_add_steps(solution.effort, {"static": cost}),
+        effort=solution.effort.add("static", cost),
     )
 
 
@@ -450,7 +453,7 @@ def _with_response(solution: VariantSolution, state: RunState) -> VariantSolutio
         # once more with its error estimate, which is no part of the cost
         response=respond(machine, model=model).answer,
         frf=model,
-        effort=_add_steps(solution.effort, {"frf": cost}),
+        effort=solution.effort.add("frf", cost),
     )
 
 
@@ -471,7 +474,7 @@ def _with_others(solution: VariantSolution, scene: Scene, store: Store) -> Varia
         solution,
         others=gather_results(state).numbers,
         failures=(*solution.failures, *state.failures),
-        effort=_add_steps(solution.effort, {"others": cost}),
+        effort=solution.effort.add("others", cost),
     )
 
 

@@ -3,8 +3,9 @@ out to the ranks, each is meshed and reduced on one.
 """
 
 import importlib
+import itertools
 import os
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -149,6 +150,12 @@ def prepare_components(states: Sequence[RunState]) -> None:
             make_superelements(state, only=large)
 
 
+def load_elastic(stages: Iterable[Stage]) -> None:
+    """Load the finite elements where a stage reduces with them: PETSc starts on all ranks together."""
+    if any(stage.kind == "reduce" for stage in stages):
+        importlib.import_module(ELASTIC_MODULE)
+
+
 def expect_job(stages: Sequence[Stage]) -> Job:
     """Estimate the cost of stages that one rank runs."""
     return Job(
@@ -203,10 +210,8 @@ def _share_components(
     first = states[0]
     held = find_ranks(first.comm)
     dealt = make_on_root(first.comm, lambda: _list_dealt(states, stages, held))
-    if dealt:
-        # PETSc starts on all ranks together
-        importlib.import_module(ELASTIC_MODULE)
     by_job = [[stage for stage in stages[one.run] if stage.component == one.name] for one in dealt]
+    load_elastic(itertools.chain.from_iterable(by_job))
 
     def reduce_one(number: int, settle: Callable[[], None]) -> _SharedComponent:
         one = dealt[number]

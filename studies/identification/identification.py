@@ -4,7 +4,6 @@ intervals.
 
 import dataclasses
 import functools
-import importlib
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -14,8 +13,8 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.results.short_forms import Displayed, ShortForm, list_few
-from headstock.pipeline.stages.components import ELASTIC_MODULE
 from headstock.pipeline.stages.shared_components import (
+    load_elastic,
     make_superelements,
     prepare_components,
     start_run,
@@ -192,9 +191,8 @@ def prepare_problem(loaded: LoadedTask, store: Store, comm: MPI.Comm) -> FitProb
     if comm.size > 1:
         scenes = [_with_modes(scene, loaded.task.cases) for scene in loaded.scenes.values()]
         plans = make_on_root(comm, lambda: [plan_scene(scene) for scene in scenes])
-        if any(stage.kind == "reduce" for plan in plans for stage in plan.stages):
-            # PETSc starts on all ranks together; a fit may mesh components anew on any of them
-            importlib.import_module(ELASTIC_MODULE)
+        # a fit may mesh components anew on any rank
+        load_elastic(stage for plan in plans for stage in plan.stages)
         states = [
             start_run(scene, comm, store, plan=plan)
             for scene, plan in zip(scenes, plans, strict=True)

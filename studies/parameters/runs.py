@@ -5,25 +5,24 @@
 import contextlib
 import errno
 import hashlib
-import importlib
 import os
 import tempfile
 import types
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple, Union, get_args, get_origin, get_type_hints, is_typeddict
 
 from headstock.geometry.errors import HeadstockError
+from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.planning.resources import Cost, measure, search_once, watch_memory
 from headstock.pipeline.preview.watched_numbers import find_name_fault
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import RunSummary, summarise
 from headstock.pipeline.runner import run_scene
-from headstock.pipeline.stages.components import ELASTIC_MODULE
 from headstock.pipeline.stages.run_state import Announcer
-from headstock.pipeline.stages.shared_components import deal_out, expect_job
+from headstock.pipeline.stages.shared_components import deal_out, expect_job, load_elastic
 from headstock.pipeline.storage.content_keys import hash_dependencies
 from headstock.pipeline.storage.outputs import OutputError
 from headstock.pipeline.storage.store import Store, default_store_root
@@ -40,7 +39,6 @@ from headstock.scene.studies import REFERENCE_RUN, Study, StudyPoint, expand_stu
 from headstock.solvers.errors import CompileError
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import SharedFailure, make_on_root
-from headstock.solvers.shared_work import Job
 from headstock.studies.parameters.records import (
     Measured,
     StudyRecord,
@@ -267,46 +265,74 @@ def run_study(
         HeadstockError: There is no room on the disk, or no compiler.
     """
     points = expand_study(job.study)
-    root = comm.rank == 0
-    keys = [_point_key(job, point, ranks=comm.size) for point in points] if root else []
-    known: dict[str, StudyRecord] = {}
-
-    def find_waiting() -> list[int]:
-        known.update(_finished_points(folder, retry=job.retry))
-        return [keys.index(key) for key in dict.fromkeys(keys) if key not in known]
-
-    waiting = make_on_root(comm, find_waiting)
-    finished = {key for key in keys if key in known}
-    records = open_records(folder) if root and waiting else contextlib.nullcontext()
+    keys = [_point_key(job, point, ranks=comm.size) for point in points] if comm.rank == 0 else []
+    study = _Points(points, keys, observer)
+    waiting = make_on_root(comm, lambda: study.resume(read_records(folder), retry=job.retry))
+    records = open_records(folder) if keys and waiting else contextlib.nullcontext()
     with search_once(), records as journal:
-
-        def report(number: int) -> None:
-            record = _label_record(known[keys[number]], points[number])
-            before = number not in waiting
-            observer(StudyProgress(number, len(points), points[number], record, known=before))
 
         def keep(number: int, record: StudyRecord) -> None:
             if journal is not None:
-                known[keys[number]] = replace(record, key=keys[number])
-                append_record(journal, known[keys[number]])
-                for other, key in enumerate(keys):
-                    if key == keys[number]:
-                        report(other)
+                append_record(journal, study.keep(number, record))
 
-        for number, key in enumerate(keys):
-            if key in finished:
-                report(number)
         if comm.size > 1 and waiting and not job.study.cold:
             _deal_points(job, comm, {number: points[number] for number in waiting}, folder, keep)
         else:
             warm: set[ElementKind] | None = set() if warm_up and job.study.cold else None
             for number in waiting:
                 keep(number, _compute_point(job, points[number], comm, warm))
-    return (
-        [_label_record(known[key], point) for key, point in zip(keys, points, strict=True)]
-        if root
-        else []
-    )
+    return study.list_records()
+
+
+@dataclass(frozen=True, eq=False)
+class _Points:
+    """Points of a study and what is known of them, on rank 0; equal points share a record.
+
+    Attributes:
+        keys: Of each point; none on other ranks.
+        observer: Called with each point that is finished.
+        known: Records by key.
+    """
+
+    points: Sequence[StudyPoint]
+    keys: Sequence[str]
+    observer: Callable[[StudyProgress], None]
+    known: dict[str, StudyRecord] = field(default_factory=dict)
+
+    def resume(self, records: Mapping[str, StudyRecord], *, retry: bool) -> list[int]:
+        """Take finished points from earlier records; the numbers of those that are to be computed.
+
+        Args:
+            retry: Points that failed are computed again.
+        """
+        done = {key: one for key, one in records.items() if one.status == "done" or not retry}
+        self.known.update(done)
+        waiting = [self.keys.index(key) for key in dict.fromkeys(self.keys) if key not in done]
+        self._report(done.keys())
+        return waiting
+
+    def keep(self, number: int, record: StudyRecord) -> StudyRecord:
+        """Take the record of a point, and return it with its key."""
+        key = self.keys[number]
+        self.known[key] = replace(record, key=key)
+        self._report({key}, computed=number)
+        return self.known[key]
+
+    def list_records(self) -> list[StudyRecord]:
+        """Return a record per point, in order."""
+        return [self._label(number) for number in range(len(self.keys))]
+
+    def _label(self, number: int) -> StudyRecord:
+        point = self.points[number]
+        record = self.known[self.keys[number]]
+        return replace(record, family=point.family, varied=dict(point.varied))
+
+    def _report(self, finished: Collection[str], *, computed: int | None = None) -> None:
+        for number, key in enumerate(self.keys):
+            if key in finished:
+                point, record = self.points[number], self._label(number)
+                known = number != computed
+                self.observer(StudyProgress(number, len(self.points), point, record, known))
 
 
 def _deal_points(
@@ -324,16 +350,14 @@ def _deal_points(
     """
     numbers = list(points)
     expected = make_on_root(comm, lambda: [_expect_point(job, point) for point in points.values()])
-    if any(elastic for _, elastic in expected):
-        # PETSc starts on all ranks together
-        importlib.import_module(ELASTIC_MODULE)
+    load_elastic(stage for stages in expected for stage in stages)
 
     def compute(place: int, settle: Callable[[], None]) -> StudyRecord:
         point = points[numbers[place]]
         return _compute_point(job, point, MPI.COMM_SELF, None, announce=lambda stage: settle())
 
     deal_out(
-        [cost for cost, _ in expected],
+        [expect_job(stages) for stages in expected],
         compute,
         comm=comm,
         folder=folder,
@@ -341,13 +365,12 @@ def _deal_points(
     )
 
 
-def _expect_point(job: StudyJob, point: StudyPoint) -> tuple[Job, bool]:
-    """What a point will cost, and whether it has elastic components."""
+def _expect_point(job: StudyJob, point: StudyPoint) -> tuple[Stage, ...]:
+    """Return the stages of a point; none where it cannot be planned."""
     try:
-        stages = plan_scene(_load_point(job, point)).stages
+        return plan_scene(_load_point(job, point)).stages
     except (HeadstockError, SceneError):
-        return Job(), False  # the point says so itself
-    return expect_job(stages), any(stage.kind == "reduce" for stage in stages)
+        return ()  # the point says so itself
 
 
 def _point_key(job: StudyJob, point: StudyPoint, *, ranks: int) -> str:
@@ -370,16 +393,6 @@ def _point_key(job: StudyJob, point: StudyPoint, *, ranks: int) -> str:
         timing=(job.study.cold, job.study.repeats, ranks) if cold else None,
         measure=job.measure_name,
     )
-
-
-def _finished_points(folder: Path, *, retry: bool) -> dict[str, StudyRecord]:
-    records = read_records(folder)
-    return {key: record for key, record in records.items() if record.status == "done" or not retry}
-
-
-def _label_record(record: StudyRecord, point: StudyPoint) -> StudyRecord:
-    # equal points of two families share a record
-    return replace(record, family=point.family, varied=dict(point.varied))
 
 
 def _load_point(job: StudyJob, point: StudyPoint) -> Scene:
