@@ -3,6 +3,7 @@ built anew.
 """
 
 import dataclasses
+import itertools
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -419,26 +420,28 @@ def _made_of(raw: TomlTable, material: str) -> list[str]:
 def _find_touched(
     parameter: str, components: dict[str, _ParametricComponent], joints: dict[str, _ParametricJoint]
 ) -> _Touched:
-    mine = {name: _laws_of(parameter, entry.laws) for name, entry in components.items()}
-    moved = {name: _laws_of(parameter, entry.laws) for name, entry in joints.items()}
-    found = tuple(name for name, laws in mine.items() if laws)
+    parts, links = _find_followers(parameter, components), _find_followers(parameter, joints)
+    elastic = [name for name in parts if components[name].written.fidelity == "elastic"]
     return _Touched(
-        components=found,
-        joints=tuple(name for name, laws in moved.items() if laws),
-        stiffness_only=not found
-        and all(law.key[2] == "stiffness" for laws in moved.values() for law in laws)
-        and all(joints[name].written.screw is None for name, laws in moved.items() if laws),
-        matrices=any(not moves(law) for laws in mine.values() for law in laws),
-        meshed=tuple(
-            name
-            for name, laws in mine.items()
-            if components[name].written.fidelity == "elastic" and any(map(_reshapes, laws))
-        ),
+        components=tuple(parts),
+        joints=tuple(links),
+        stiffness_only=not parts
+        and all(law.key[2] == "stiffness" for law in itertools.chain(*links.values()))
+        and all(joints[name].written.screw is None for name in links),
+        matrices=not all(map(moves, itertools.chain(*parts.values()))),
+        meshed=tuple(name for name in elastic if any(map(_reshapes, parts[name]))),
     )
 
 
-def _laws_of(parameter: str, laws: Iterable[KeyLaw]) -> list[KeyLaw]:
-    return [law for law in laws if law.depends_on(parameter)]
+def _find_followers(
+    parameter: str, entries: Mapping[str, _ParametricComponent] | Mapping[str, _ParametricJoint]
+) -> dict[str, list[KeyLaw]]:
+    """Return the laws of what depends on a parameter, by name."""
+    laws = {
+        name: [law for law in entry.laws if law.depends_on(parameter)]
+        for name, entry in entries.items()
+    }
+    return {name: found for name, found in laws.items() if found}
 
 
 def _match_modal_dofs(before: Superelement, after: Superelement) -> Superelement:

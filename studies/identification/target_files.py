@@ -3,7 +3,7 @@ everything that is wrong.
 """
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -69,19 +69,14 @@ def _read_case(
     compliances = []
     for index, target in enumerate(table.compliances or ()):
         compliances.append(_read_compliance(name, target, spread, table.hold_out))
-        for part, place in (("point", target.point), ("force_at", target.force_at)):
-            if place is not None:
-                _check_place((*key, "compliances", index, part), place, scene, findings)
-    for text, measured in (table.numbers or {}).items():
-        path = (*key, "numbers", text)
-        number = _read_number(text, measured, pose or next(iter(scene.poses)), path, findings)
-        if number is not None:
-            made = _aim_at(number, f"{name} {text}", measured.value, spread, table.hold_out)
-            if isinstance(made, ModeTarget):
-                modes.append(made)
-            else:
-                _check_place(path, made.motion.observer, scene, findings)
-                compliances.append(made)
+        _check_place((*key, "compliances", index, "point"), target.point, scene, findings)
+        if target.force_at is not None:
+            _check_place((*key, "compliances", index, "force_at"), target.force_at, scene, findings)
+    for number in _read_numbers(name, table, spread, pose, scene, findings):
+        if isinstance(number, ModeTarget):
+            modes.append(number)
+        else:
+            compliances.append(number)
     modes.sort(key=lambda mode: mode.frequency_hz)
     floor = (table.modes_above if table.modes_above is not None else fit.modes_above) or 0.0
     for mode in modes:
@@ -95,16 +90,29 @@ def _read_case(
     return TargetCase(name, table.variant, pose, floor, shaped, tuple(compliances), limit)
 
 
-def _aim_at(
-    number: Key, name: str, value: float, spread: float, hold_out: bool
-) -> ModeTarget | ComplianceTarget:
-    """Return the target of a measured number: a frequency or a compliance."""
-    if number.kind == "frequency":
-        mode = int(number["mode"])
-        return ModeTarget(name, value, spread, hold_out=hold_out, number=mode)
-    point, direction = str(number["point"]), str(number["direction"])
-    motion, force = (ObservedDof(point, "xyz".index(direction[end])) for end in (0, -1))
-    return ComplianceTarget(name, motion, force, value, spread, hold_out=hold_out)
+def _read_numbers(
+    case: str,
+    table: CaseTable,
+    spread: float,
+    pose: str | None,
+    scene: Scene,
+    findings: Findings,
+) -> Iterator[ModeTarget | ComplianceTarget]:
+    """Yield the targets of measured numbers: frequencies and compliances."""
+    for text, measured in (table.numbers or {}).items():
+        path: KeyPath = ("cases", case, "numbers", text)
+        key = _read_number(text, measured, pose or next(iter(scene.poses)), path, findings)
+        if key is None:
+            continue
+        name, hold_out = f"{case} {text}", table.hold_out
+        if key.kind == "frequency":
+            mode = int(key["mode"])
+            yield ModeTarget(name, measured.value, spread, hold_out=hold_out, number=mode)
+            continue
+        point, direction = str(key["point"]), str(key["direction"])
+        _check_place(path, point, scene, findings)
+        motion, force = (ObservedDof(point, "xyz".index(direction[end])) for end in (0, -1))
+        yield ComplianceTarget(name, motion, force, measured.value, spread, hold_out=hold_out)
 
 
 def _read_number(

@@ -5,7 +5,7 @@ go, and the numbers that are watched, modes paired by shape.
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -25,7 +25,7 @@ from headstock.pipeline.accuracy.settings import (
     grade_mesh,
     is_chosen,
 )
-from headstock.pipeline.numbers.numbers import Key, make_key
+from headstock.pipeline.numbers.numbers import Key, Numbers, make_key
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.views import ShiftArray
 from headstock.scene.reading.files import TomlValue
@@ -333,13 +333,8 @@ def watch_numbers(
     """
     finest, modes = records[-1].numbers, _first_modes(records[-1])
     partners = [_pair_modes(modes, _first_modes(record)) for record in records]
-    chosen = (
-        [number for pattern in patterns for number in finest.select(pattern).values()]
-        if patterns
-        else sorted(finest.values(), key=lambda number: number.key.kind != "frequency")
-    )
     pose = next((key["pose"] for key in finest if key.kind == "compliance"), "")
-    for key in dict.fromkeys(number.key for number in chosen if 0.0 < abs(number.value) < math.inf):
+    for key in _select_watched(finest, patterns):
         names = _name_watched(key, pose, modes)
         if names is None or (not patterns and names == _name_plainly(key)):
             continue
@@ -350,6 +345,16 @@ def watch_numbers(
             for record, other in zip(records, others, strict=True)
         )
         yield MeshedNumber(*names, tuple(numbers))
+
+
+def _select_watched(numbers: Numbers, patterns: Sequence[str]) -> Iterable[Key]:
+    """Return keys of numbers that are known and not zero: of patterns, or frequencies and all others."""
+    chosen = (
+        [number for pattern in patterns for number in numbers.select(pattern).values()]
+        if patterns
+        else sorted(numbers.values(), key=lambda number: number.key.kind != "frequency")
+    )
+    return dict.fromkeys(number.key for number in chosen if 0.0 < abs(number.value) < math.inf)
 
 
 def _name_plainly(key: Key) -> tuple[str, str]:

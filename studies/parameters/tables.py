@@ -327,24 +327,12 @@ def _make_row(study: Study, record: StudyRecord) -> StudyRow:
     units: dict[str, str] = {}
     problems: list[str] = []
     for text in study.watch:
-        path = parse_watch(text)
-        if path.steps[0] in MEASURED_NAMES:
-            measured = median_seconds(record, str(path.steps[0]))
-            values |= {} if measured is None else {text: measured[0]}
-        elif path.names_numbers and record.summary:
-            try:
-                for key, number in record.numbers.select(text).items():
-                    unit, factor = number.shown
-                    value = factor * number.value
-                    values[str(key)] = value if math.isfinite(value) else None
-                    units[str(key)] = unit
-            except NumberNameError as error:
-                problems.append(str(error))
-        elif record.summary:
-            try:
-                values |= read_watch(path, record.summary)
-            except WatchError as error:
-                problems.append(f"{text}: {error}")
+        try:
+            values |= _read_watched(text, record, units)
+        except NumberNameError as error:
+            problems.append(str(error))
+        except WatchError as error:
+            problems.append(f"{text}: {error}")
     known: dict[str, float] = {}
     unknown: list[str] = []
     for column in (name for name, value in values.items() if value is None):
@@ -353,6 +341,33 @@ def _make_row(study: Study, record: StudyRecord) -> StudyRow:
             known[column] = part
             unknown += lacking
     return StudyRow(record, values, units, tuple(problems), known, tuple(dict.fromkeys(unknown)))
+
+
+def _read_watched(text: str, record: StudyRecord, units: dict[str, str]) -> dict[str, Watched]:
+    """Return the watched values of a point by column.
+
+    Args:
+        units: Takes those of numbers.
+
+    Raises:
+        NumberNameError: No number has such a name.
+        WatchError: The path leads nowhere.
+    """
+    path = parse_watch(text)
+    if path.steps[0] in MEASURED_NAMES:
+        measured = median_seconds(record, str(path.steps[0]))
+        return {} if measured is None else {text: measured[0]}
+    if not record.summary:
+        return {}
+    if not path.names_numbers:
+        return read_watch(path, record.summary)
+    values: dict[str, Watched] = {}
+    for key, number in record.numbers.select(text).items():
+        unit, factor = number.shown
+        value = factor * number.value
+        values[str(key)] = value if math.isfinite(value) else None
+        units[str(key)] = unit
+    return values
 
 
 def known_head(column: str) -> str:

@@ -227,15 +227,9 @@ def collect_results(
         superelements: By component name, in the order of the shapes' dofs.
     """
     shapes = _stack_shapes(found)
-    modes = tracked = None
-    if shapes.shape[2]:
-        modes = SweptModes(
-            frequencies_hz=_pad([result.frequencies_hz for result in found]),
-            fields=shapes if scene.is_lumped else _weigh_shapes(shapes, superelements),
-            wanted=np.array([result.wanted for result in found], dtype=np.int64),
-            rigid=np.array([result.rigid_count for result in found], dtype=np.int64),
-        )
-        tracked = track_modes(modes, sweep_neighbours(sweep, modes.present))
+    fields = shapes if scene.is_lumped else _weigh_shapes(shapes, superelements)
+    modes = _stack_modes(found, fields) if shapes.shape[2] else None
+    tracked = modes and track_modes(modes, sweep_neighbours(sweep, modes.present))
     static, frf = scene.analyses.get(StaticRequest), scene.analyses.get(FrfRequest)
     channels = (
         () if frf is None else tuple(channel for channel in frf.inputs if channel in frf.outputs)
@@ -259,6 +253,15 @@ def collect_results(
         limits=_map_limits(scene.analyses.get(LobesRequest), found),
         limits_confirmed=all(result.limits_confirmed for result in found),
         warnings=remarks,
+    )
+
+
+def _stack_modes(found: Sequence[PoseResult], fields: SingleArray) -> SweptModes:
+    return SweptModes(
+        frequencies_hz=_pad([result.frequencies_hz for result in found]),
+        fields=fields,
+        wanted=np.array([result.wanted for result in found], dtype=np.int64),
+        rigid=np.array([result.rigid_count for result in found], dtype=np.int64),
     )
 
 
