@@ -236,13 +236,15 @@ HANDLERS: dict[str, Callable[[RunState, Stage], Outcome]] = {
     "joints": run_interfaces_stage,
 }
 # all ranks work on them
-SHARED_STAGES = {"spread", "models", "joints"} | {each.kind for each in RECORDS if each.shared}
+SHARED_STAGES = {"spread", "models", "joints"} | {
+    record.kind for record in RECORDS if record.shared
+}
 
 
 def _find_handler(kind: str) -> Callable[[RunState, Stage], Outcome]:
     """Return what does the work of a stage of the machine."""
     if kind not in HANDLERS:
-        (record,) = (each for each in RECORDS if each.kind == kind)
+        (record,) = (record for record in RECORDS if record.kind == kind)
         HANDLERS[kind] = load_named(record.solve)
     return HANDLERS[kind]
 

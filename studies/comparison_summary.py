@@ -349,7 +349,7 @@ def _evaluate_model(comparison: Comparison, solution: VariantSolution) -> Verdic
 def _compare_compliances(solution: VariantSolution, best: VariantSolution) -> dict[str, float]:
     deviations = {}
     for point in (name for name in best.points if name in solution.points):
-        pairs = (np.diag(each.points[point].compliance)[:3] for each in (solution, best))
+        pairs = (np.diag(variant.points[point].compliance)[:3] for variant in (solution, best))
         for direction, value, wanted in zip(DIRECTIONS, *pairs, strict=True):
             if wanted > 0.0 and not np.isnan(value):  # a free direction has none
                 deviations[f"{point} {direction}"] = float(value / wanted - 1.0)

@@ -116,9 +116,13 @@ def try_effects(
     comm = comm or MPI.COMM_SELF
     scene = make_on_root(comm, lambda: load_choice(choice))
     pairs = {effect: _switched_runs(effect, scene) for effect in EFFECT_NAMES}
-    switches = list(dict.fromkeys([(), *(each for pair in pairs.values() for each in pair)]))
-    planned = make_on_root(comm, lambda: {each: plan_change(choice, each) for each in switches})
-    runs = {each: run for each, run in planned.items() if isinstance(run, PlannedRun)}
+    switches = list(
+        dict.fromkeys([(), *(settings for pair in pairs.values() for settings in pair)])
+    )
+    planned = make_on_root(
+        comm, lambda: {settings: plan_change(choice, settings) for settings in switches}
+    )
+    runs = {settings: run for settings, run in planned.items() if isinstance(run, PlannedRun)}
     if comm.size > 1 and scene.accuracy is not None:
         run_stages(scene, comm, store)  # keeps what the settings it finds take
     warm: set[str] = set()

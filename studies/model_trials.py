@@ -135,10 +135,12 @@ def _vary_elasticity(part: Component, names: tuple[str, ...]) -> Iterator[ModelT
 
 def _vary_interfaces(part: Component, names: tuple[str, ...]) -> Iterator[ModelTrial]:
     """All interfaces but rails of one kind; those that are so already stay."""
-    fixed = {name: each for name, each in part.interfaces.items() if each.rail is None}
+    fixed = {
+        name: interface for name, interface in part.interfaces.items() if interface.rail is None
+    }
     words = {
-        name: f"flexible ({each.flexible})" if each.flexible else each.coupling
-        for name, each in fixed.items()
+        name: f"flexible ({interface.flexible})" if interface.flexible else interface.coupling
+        for name, interface in fixed.items()
     }
     kinds = {
         "rigid": '"rigid"',

@@ -127,7 +127,7 @@ def _compare_lines(response: PoseResponse, model: ComparedMachine) -> Change:
     curves = response.curves
     prepared = prepare_response(model.at(curves.pose))
     receptance = evaluate_frf(prepared, curves.frequencies_hz).receptance
-    own, other = (np.nan_to_num(each) for each in (curves.receptance, receptance))
+    own, other = (np.nan_to_num(values) for values in (curves.receptance, receptance))
     peaks = np.abs(own).max(axis=0)
     counted = peaks > NEGLIGIBLE * np.sqrt(np.outer(peaks.max(axis=1), peaks.max(axis=0)))
     off: FloatArray = np.where(
@@ -138,7 +138,7 @@ def _compare_lines(response: PoseResponse, model: ComparedMachine) -> Change:
         f"{' '.join(curves.outputs[output])} under {' '.join(curves.inputs[given])} at "
         f"{curves.frequencies_hz[line]:.4g} Hz"
     )
-    without, present = (float(abs(each[line, output, given])) for each in (other, own))
+    without, present = (float(abs(lines[line, output, given])) for lines in (other, own))
     entry = list(response.list_series())[output * len(curves.inputs) + given]
     return Change(
         make_key("response_line", pose=curves.pose, line=where),

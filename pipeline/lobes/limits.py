@@ -111,9 +111,9 @@ def find_limits(
     cuts = _cuts_at_speeds(request, tip, choose_speeds(request))
     found = find_border(cuts, diagram.depths, safe=safe, deepest=request.deepest)
     depths, chatter = (
-        np.array([getattr(each, name) for each in found]) for name in ("depth", "omega")
+        np.array([getattr(border, name) for border in found]) for name in ("depth", "omega")
     )
-    limited = np.array([each.limited for each in found])
+    limited = np.array([border.limited for border in found])
     eigenvalues = np.zeros(len(found), dtype=complex)
     if limited.any():
         eigenvalues[limited] = chatter_eigenvalues(
@@ -126,10 +126,10 @@ def find_limits(
     return Limits(
         depths,
         limited,
-        np.array([each.error if each.limited else np.nan for each in found]),
-        np.array([each.slope for each in found]),
+        np.array([border.error if border.limited else np.nan for border in found]),
+        np.array([border.slope for border in found]),
         chatter,
-        np.array([each.waves for each in found], dtype=np.intp),
+        np.array([border.waves for border in found], dtype=np.intp),
         eigenvalues,
     )
 

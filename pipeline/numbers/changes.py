@@ -189,9 +189,9 @@ def estimate_changes(
         left_out: What is not looked at.
     """
     moves = {
-        each.owner: compare_numbers(base, each.outcome)
-        for each in tried
-        if isinstance(each.outcome, tuple)
+        change.owner: compare_numbers(base, change.outcome)
+        for change in tried
+        if isinstance(change.outcome, tuple)
     }
     moved = to_errors(base, moves, join="sum")
     silent = [Estimate({DISCRETISATION: None})] if unknown else []
@@ -211,9 +211,9 @@ def estimate_changes(
 def list_refused(tried: Iterable[Tried]) -> tuple[str, ...]:
     """Return what of the changes could not be tried, and why."""
     return tuple(
-        f"{_describe(each.owner)}: {each.outcome}"
-        for each in tried
-        if isinstance(each.outcome, str)
+        f"{_describe(change.owner)}: {change.outcome}"
+        for change in tried
+        if isinstance(change.outcome, str)
     )
 
 

@@ -70,7 +70,7 @@ class Repeated:
     @property
     def sources(self) -> tuple[str, ...]:
         """Sources of error without which there are numbers."""
-        owners = [each.owner for each in self.tried if isinstance(each.outcome, tuple)]
+        owners = [change.owner for change in self.tried if isinstance(change.outcome, tuple)]
         return tuple(dict.fromkeys(source for _, source in owners))
 
     @property

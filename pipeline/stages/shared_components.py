@@ -236,7 +236,7 @@ def _share_components(
         stored = not state.is_root and serving_keys(state.store, request)
         return _SharedComponent(tuple(records), tuple(alone.warnings), None if stored else reduced)
 
-    jobs = [expect_job(each) for each in by_job]
+    jobs = [expect_job(own_stages) for own_stages in by_job]
     shared = deal_out(jobs, reduce_one, comm=first.comm, folder=first.store.root)
     for one, made in zip(dealt, shared, strict=False):  # none on other ranks
         state = states[one.run]

@@ -145,7 +145,7 @@ def _list_blocks(state: CaseState, pairing: Pairing) -> Iterator[_Block]:
 
 def _case_residuals(state: CaseState, pairing: Pairing) -> FloatArray:
     """Return the residuals of a case over their standard deviations."""
-    return np.concatenate([np.zeros(0), *(each.values for each in _list_blocks(state, pairing))])
+    return np.concatenate([np.zeros(0), *(block.values for block in _list_blocks(state, pairing))])
 
 
 def mode_rows(state: CaseState, pairing: Pairing) -> tuple[tuple[int | None, ...], int]:
@@ -153,15 +153,15 @@ def mode_rows(state: CaseState, pairing: Pairing) -> tuple[tuple[int | None, ...
     how many residuals there are.
     """
     blocks = list(_list_blocks(state, pairing))
-    ends = np.cumsum([0, *(len(each.values) for each in blocks)])
-    rows = iter(int(end) for each, end in zip(blocks, ends[:-1], strict=True) if each.frequency)
+    ends = np.cumsum([0, *(len(block.values) for block in blocks)])
+    rows = iter(int(end) for block, end in zip(blocks, ends[:-1], strict=True) if block.frequency)
     held_out = [target.hold_out for target in state.model.case.modes]
     return tuple(None if held else next(rows) for held in held_out), int(ends[-1])
 
 
 def _case_jacobian(state: CaseState, pairing: Pairing) -> FloatArray:
     """Return derivatives ``(r, p)`` of the residuals by the parameters' values."""
-    rows = [each.find_slopes() for each in _list_blocks(state, pairing)]
+    rows = [block.find_slopes() for block in _list_blocks(state, pairing)]
     return np.vstack([np.zeros((0, len(state.model.parameters))), *rows])
 
 

@@ -228,7 +228,7 @@ def run_convergence(
 def _extend(study: Study, series: MeshSeries, count: int) -> Study:
     """The study of the first few meshes."""
     settings = [series.settings(factor) for factor in series.factors]
-    columns = {key: tuple(each[key] for each in settings) for key in settings[0]}
+    columns = {key: tuple(one_mesh[key] for one_mesh in settings) for key in settings[0]}
     (family,) = study.families
     family = dataclasses.replace(
         family,
@@ -258,7 +258,7 @@ def _evaluate(
     costs = _gather_costs(done)
     chosen = tuple(record for _, record in done)
     watched = tuple(watch_numbers(chosen, goal.watch)) if chosen else ()
-    limits = tuple(find_limit(costs.factors, each) for each in watched)
+    limits = tuple(find_limit(costs.factors, number) for number in watched)
     found = Convergence(series, costs, chosen, watched, limits, failures=failed)
     return dataclasses.replace(found, end=_find_end(found, records, goal))
 

@@ -98,7 +98,7 @@ class MeshedNumber:
 
     def _scale(self, read: Callable[[Number], float | None]) -> tuple[float | None, ...]:
         found = [None if number is None else read(number) for number in self.numbers]
-        return tuple(None if each is None else self.finest.shown[1] * each for each in found)
+        return tuple(None if value is None else self.finest.shown[1] * value for value in found)
 
 
 @dataclass(frozen=True, eq=False)

@@ -419,10 +419,10 @@ def wait_for_array(
 def describe_states(states: Mapping[int, TaskState]) -> str:
     """Return how many tasks are in which state, and why some wait."""
     counts = Counter(
-        f"{each.state.lower()} ({each.reason})"
-        if each.state == "PENDING" and each.reason not in ("", "None")
-        else each.state.lower()
-        for each in states.values()
+        f"{task.state.lower()} ({task.reason})"
+        if task.state == "PENDING" and task.reason not in ("", "None")
+        else task.state.lower()
+        for task in states.values()
     )
     return ", ".join(f"{count} {text}" for text, count in sorted(counts.items()))
 
