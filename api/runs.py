@@ -54,8 +54,8 @@ from headstock.studies.identification.identification import (
     fit_parameters,
     prepare_problem,
 )
-from headstock.studies.identification.schema import MAX_STARTS
 from headstock.studies.identification.target_files import load_targets
+from headstock.studies.identification.targets import MAX_STARTS
 from headstock.studies.parameters.runs import (
     StudyJob,
     StudyProgress,

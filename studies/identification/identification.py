@@ -123,9 +123,9 @@ class TargetOutcome:
     wanted: float
     found: float
     residual: float
-    mac: float | None
-    mode: int
     hold_out: bool
+    mac: float | None = None
+    mode: int = 0
 
     @property
     def deviation(self) -> float:
@@ -345,42 +345,38 @@ def _at_bound(problem: FitProblem, coordinates: FloatArray, index: int) -> str:
 
 def _outcomes(point: FitPoint, index: int) -> list[TargetOutcome]:
     state, pairing = point.states[index], point.pairings[index]
-    case, found = state.model.case, []
+    case, outcomes = state.model.case, list[TargetOutcome]()
     for target, mode in zip(case.modes, pairing.modes, strict=True):
         frequency = float(state.frequencies_hz[mode])
         residual = float(np.log(frequency / target.frequency_hz) / target.sigma)
         mac = None if target.shape is None else float(compare_shape(state, target.shape)[mode])
-        found.append(
+        outcomes.append(
             TargetOutcome(
-                case.name,
-                target.name,
-                "frequency",
-                target.frequency_hz,
-                frequency,
-                residual,
-                mac,
-                mode + 1,
-                target.hold_out,
+                case=case.name,
+                name=target.name,
+                kind="frequency",
+                wanted=target.frequency_hz,
+                found=frequency,
+                residual=residual,
+                mac=mac,
+                mode=mode + 1,
+                hold_out=target.hold_out,
             )
         )
-    for number, compliance in enumerate(case.compliances):
-        value = float(state.compliances[number])
-        value = abs(value) if compliance.either_sign else value
-        gap = compliance_gap(compliance, value)
-        found.append(
+    for compliance, signed in zip(case.compliances, map(float, state.compliances), strict=True):
+        value = abs(signed) if compliance.either_sign else signed
+        outcomes.append(
             TargetOutcome(
-                case.name,
-                compliance.name,
-                "compliance",
-                compliance.value,
-                value,
-                gap,
-                None,
-                0,
-                compliance.hold_out,
+                case=case.name,
+                name=compliance.name,
+                kind="compliance",
+                wanted=compliance.value,
+                found=value,
+                residual=compliance_gap(compliance, value),
+                hold_out=compliance.hold_out,
             )
         )
-    return found
+    return outcomes
 
 
 def _extra_modes(point: FitPoint, index: int) -> tuple[float, ...]:

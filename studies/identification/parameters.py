@@ -23,14 +23,15 @@ from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import Dimension, Quantity
 from headstock.scene.scene import Scene
 from headstock.studies.identification.key_laws import ParameterValueError, find_laws, holds_number
-from headstock.studies.identification.schema import (
+from headstock.studies.identification.targets import (
+    KeyRule,
+    Parameter,
     ParameterTable,
     PowerRuleTable,
     SetRuleTable,
     ShiftRuleTable,
     TargetsTable,
 )
-from headstock.studies.identification.targets import KeyRule, Parameter
 
 Scenes = Mapping[str | None, Scene]
 Rule = SetRuleTable | PowerRuleTable | ShiftRuleTable

@@ -17,9 +17,9 @@ from headstock.studies.identification.cases import (
     slope_motions,
     solve_case,
 )
-from headstock.studies.identification.schema import FitTable
 from headstock.studies.identification.targets import (
     ComplianceTarget,
+    FitTable,
     Parameter,
     ShapeTarget,
 )

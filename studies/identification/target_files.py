@@ -19,22 +19,20 @@ from headstock.scene.reading.units import COMPLIANCE, FREQUENCY, RATIO, Quantity
 from headstock.scene.scene import Scene
 from headstock.scene.schema.validation import validate_against
 from headstock.studies.identification.parameters import read_parameters
-from headstock.studies.identification.schema import (
+from headstock.studies.identification.targets import (
     AtMostTable,
     CaseTable,
+    ComplianceTarget,
     ComplianceTargetTable,
     FitTable,
-    ModeTargetTable,
-    TargetsTable,
-)
-from headstock.studies.identification.targets import (
-    ComplianceTarget,
     IdentificationTask,
     ModeLimit,
     ModeTarget,
+    ModeTargetTable,
     Parameter,
     ShapeTarget,
     TargetCase,
+    TargetsTable,
 )
 
 DEFAULT_TOLERANCE = 0.01

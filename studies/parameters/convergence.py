@@ -344,7 +344,7 @@ def watch_numbers(
             None if other is None else record.numbers.get(other)
             for record, other in zip(records, others, strict=True)
         )
-        yield MeshedNumber(*names, tuple(numbers))
+        yield MeshedNumber(name=names[0], title=names[1], numbers=tuple(numbers))
 
 
 def _select_watched(numbers: Numbers, patterns: Sequence[str]) -> Iterable[Key]:

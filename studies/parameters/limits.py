@@ -178,7 +178,8 @@ def find_limit(factors: Sequence[float], series: MeshedNumber) -> Limit:
     ways = _find_ways(last)
     if isinstance(ways, str):
         return Limit(finest, max(SCATTER * spread, bound or 0.0), remark=ways)
-    return _bound_limit(last, *ways, fixed=series.fixed)
+    value, others = ways
+    return _bound_limit(last, value, others, fixed=series.fixed)
 
 
 def _find_ways(last: Sequence["_Mesh"]) -> tuple[float, list[float]] | str:
