@@ -72,7 +72,7 @@ def test_another_place_factorises_nothing(model: Model, monkeypatch: pytest.Monk
         raise AssertionError("a pose must not factorise or reduce anything")
 
     monkeypatch.setattr("headstock.solvers.elastic.factorization.Factorization.__init__", refuse)
-    monkeypatch.setattr(elastic, "reduce_operators", refuse)
+    monkeypatch.setattr(elastic, "_reduce_operators", refuse)
     places = np.linspace(-0.24, 0.24, 5)
     lowest = [answer_reduced(machine, parts, float(place))[1][0] for place in places]
     assert np.ptp(lowest) > 1.0
