@@ -28,7 +28,7 @@ from headstock.pipeline.stages.components import ELASTIC_MODULE
 from headstock.pipeline.stages.estimates import estimate_compliance_errors
 from headstock.pipeline.stages.frf import prepare_response, respond
 from headstock.pipeline.stages.machine import CoupledPose
-from headstock.pipeline.stages.mechanism import LUMPED, build_mechanism, place_pose
+from headstock.pipeline.stages.mechanism import LUMPED, build_lumped_model, place_pose
 from headstock.pipeline.stages.run_state import PoseModel, RunState
 from headstock.pipeline.stages.shared_components import make_superelements, start_run
 from headstock.pipeline.stages.static import solve_points
@@ -282,7 +282,7 @@ def _answer(
     parts, machine_of = state.parts, state.scene.machine
     with measure() as coupling:
         machine: PoseModel = (
-            place_pose(parts, pose, build_mechanism(parts, superelements), superelements)
+            place_pose(parts, pose, build_lumped_model(parts, superelements), superelements)
             if state.scene.is_lumped
             else CoupledPose(
                 parts, pose, couple(superelements, machine_of, pose, gravity=state.plan.gravity)

@@ -25,7 +25,7 @@ from headstock.app.terminal.guard import DONE, FAILED
 from headstock.geometry.parts.components import Fidelity
 from headstock.pipeline.numbers.folders import NUMBERS_FILE, encode_tables
 from headstock.pipeline.storage.json_texts import dump_summary
-from headstock.pipeline.storage.outputs import write_beside, write_output
+from headstock.pipeline.storage.outputs import write_named_files, write_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import load_scene
@@ -310,7 +310,7 @@ def _publish(
     tables[NUMBERS_FILE] = encode_tables(comparison.numbers)
     if lines:
         tables["responses.csv"] = encode_csv(tabulate_lines(lines))
-    remarks = write_beside(
+    remarks = write_named_files(
         folder, {f"{name}.png": image for name, image in figures.items()} | tables
     )
     write_output(folder / JSON_FILE, dump_summary(summary).encode())

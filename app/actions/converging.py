@@ -32,7 +32,7 @@ from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import (
     claim_output,
     prepare_output,
-    write_beside,
+    write_named_files,
     write_output,
 )
 from headstock.pipeline.storage.provenance import SceneChoice, trace_content
@@ -228,7 +228,7 @@ def _publish(
     ).summarise()
     figure = draw_convergence(advice.found, advice.needs[0])
     pictures = {} if figure is None else {"convergence.png": figure}
-    remarks = write_beside(folder, pictures)
+    remarks = write_named_files(folder, pictures)
     table, text = FILES
     write_output(folder / table, convergence_csv(advice.found))
     write_output(folder / text, dump_summary(listing).encode())

@@ -33,7 +33,7 @@ from headstock.pipeline.storage.json_texts import dump_json, dump_summary
 from headstock.pipeline.storage.outputs import (
     claim_output,
     prepare_output,
-    write_beside,
+    write_named_files,
     write_output,
 )
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
@@ -234,7 +234,7 @@ def _write_pictures(
     summary: SweepSummary, figures: dict[str, bytes], folder: Path, origin: Provenance | None
 ) -> list[str]:
     """Write pictures and page of a sweep; remarks for the user."""
-    remarks = write_beside(folder, {f"{name}.png": image for name, image in figures.items()})
+    remarks = write_named_files(folder, {f"{name}.png": image for name, image in figures.items()})
     words = None if origin is None else origin.summarise()
     write_output(folder / REPORT_FILE, render_sweep(summary, figures, words).encode())
     return remarks

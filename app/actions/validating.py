@@ -15,7 +15,7 @@ from rich.markup import escape
 from headstock.app.actions.running import require_ranks
 from headstock.app.terminal.console import make_console, print_remarks
 from headstock.app.terminal.guard import DONE, FAILED
-from headstock.pipeline.storage.outputs import claim_output, write_beside, write_output
+from headstock.pipeline.storage.outputs import claim_output, write_named_files, write_output
 from headstock.solvers.mpi import MPI
 from headstock.validation.case_registry import Case, SeedError, UnknownCaseError, run_validation
 from headstock.validation.references.rows import ValidationRow, rows_as_json
@@ -140,7 +140,7 @@ def _draw_figures(rows: Sequence[ValidationRow], output: Path) -> None:
     # matplotlib takes long to import: only where a folder for figures is asked for
     draw_axis_kit = importlib.import_module(FIGURES_MODULE).draw_axis_kit
     print_remarks(
-        write_beside(
+        write_named_files(
             output,
             {f"{name}.png": image for name, image in draw_axis_kit(rows).items()},
         )

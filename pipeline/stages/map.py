@@ -19,7 +19,7 @@ from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.scene.analyses.map import MapRequest
 from headstock.scene.scene import SceneMechanism
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
-from headstock.solvers.mechanisms.modes import linearise_poses, solve_pose_modes, tool_compliance
+from headstock.solvers.mechanisms.modes import linearise_poses, solve_lumped_modes, tool_compliance
 from headstock.solvers.mpi import MPI
 from headstock.solvers.pairing.mode_tracking import SweptModes, track_modes, tracked_frequencies
 
@@ -104,7 +104,7 @@ def _survey_rows(
     good = survey.within & np.isfinite(survey.condition)
     if good.any():
         motions = linearise_poses(model, survey.states[good])
-        modes = solve_pose_modes(motions)
+        modes = solve_lumped_modes(motions)
         turn = mechanism.mounted.mounting.rotation
         compliance = turn @ tool_compliance(model, motions)[:, :3, :3] @ turn.T
         found.condition[good] = survey.condition[good]

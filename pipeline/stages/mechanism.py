@@ -345,7 +345,7 @@ class LumpedPose:
         return f"platform {PLATFORM_MOTIONS[int(np.argmax(np.abs(own)))]} on {on}"
 
 
-def build_mechanism(
+def build_lumped_model(
     parts: MachineParts, superelements: Mapping[str, Superelement]
 ) -> CompliantMechanism:
     """Bodies and springs of the lumped mechanism of a scene, in every pose."""
@@ -368,7 +368,7 @@ def place_pose(
     """Close the loops of a lumped mechanism in a pose and make small motions about it.
 
     Args:
-        model: From :func:`build_mechanism`.
+        model: From :func:`build_lumped_model`.
         released: Lengths of legs that are free to grow.
 
     Raises:
@@ -391,7 +391,7 @@ def run_place_stage(state: RunState, stage: Stage) -> Outcome:
     model = place_pose(
         parts,
         state.plan.poses[pose_name(stage)],
-        build_mechanism(parts, parts.superelements),
+        build_lumped_model(parts, parts.superelements),
         parts.superelements,
     )
     stand = describe_state(scene_mechanism(parts), model.pose.name, model.placed.state)

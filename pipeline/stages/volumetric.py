@@ -39,7 +39,7 @@ from headstock.pipeline.stages.estimates import (
     estimate_measures,
     name_what_is_left_out,
 )
-from headstock.pipeline.stages.mechanism import LUMPED, build_mechanism, place_pose
+from headstock.pipeline.stages.mechanism import LUMPED, build_lumped_model, place_pose
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.coupling.elimination import CouplingMemo
@@ -127,7 +127,7 @@ def _place_deviations(
     machine, parts = state.scene.machine, state.parts
     superelements = parts.superelements
     if state.scene.is_lumped:
-        model = build_mechanism(parts, superelements)
+        model = build_lumped_model(parts, superelements)
 
         def place(pose: Pose) -> dict[str, _Judged]:
             placed = place_pose(parts, pose, model, superelements)

@@ -27,7 +27,7 @@ from headstock.pipeline.storage.records import (
     write_record,
     write_words,
 )
-from headstock.reduction.patch_shapes import PatchShapes, count_shapes, list_degrees
+from headstock.reduction.patch_shapes import PatchShapes, count_patch_shapes, list_degrees
 from headstock.reduction.rails import CONTROL_POINT_DOFS
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import dof_scale
@@ -366,7 +366,7 @@ def _fits(shapes: PatchShapes, superelement: Superelement) -> bool:
         and bool((shapes.half_lengths > 0.0).all())
         and shapes.normal in AXES
         and (shapes.hole is None or 0.0 <= shapes.hole < 1.0)
-        and 0 <= shapes.count == count_shapes(list_degrees(shapes.outline, shapes.count))
+        and 0 <= shapes.count == count_patch_shapes(list_degrees(shapes.outline, shapes.count))
         and first <= shapes.first
         and shapes.first + shapes.count <= superelement.boundary_size
     )

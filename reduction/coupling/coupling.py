@@ -37,7 +37,7 @@ from headstock.reduction.coupling.guide_errors import (
 from headstock.reduction.coupling.joint_springs import (
     PlacedJoint,
     express_in_free_coordinates,
-    floating_groups,
+    find_floating_groups,
     grade_springs,
     place_joints,
 )
@@ -175,7 +175,7 @@ def couple(
         loads |= displaced.loads
     system = _sum_system(machine, parts)
     warnings = grading.warnings + shapes.warnings + _redundancy_warnings(elimination, fixed.sources)
-    floating = floating_groups(
+    floating = find_floating_groups(
         machine, {name: part.supported for name, part in superelements.items()}
     )
     warnings += _floating_warnings(floating, machine) + warn_of_held_displacements(machine, reduced)

@@ -65,7 +65,7 @@ def place_drives(
     )
 
 
-def find_scales(
+def find_linear_scales(
     coupled: CoupledMachine, machine: Machine, drives: Iterable[Drive]
 ) -> list[FloatArray]:
     """Find what the linear scale of each drive reads with locked motors ``(n,)``."""

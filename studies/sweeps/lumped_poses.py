@@ -11,7 +11,7 @@ from headstock.geometry.machine.machine import Point, Pose
 from headstock.geometry.mechanisms.exechon import LEGS, survey_tool_poses
 from headstock.geometry.mechanisms.tool_mechanism import solve_pose, tool_pose
 from headstock.pipeline.stages.lumped_machine import SPRING_PARTS, series_parts
-from headstock.pipeline.stages.mechanism import build_mechanism, place_pose, scene_mechanism
+from headstock.pipeline.stages.mechanism import build_lumped_model, place_pose, scene_mechanism
 from headstock.pipeline.stages.run_state import MachineParts
 from headstock.reduction.superelement import Superelement
 from headstock.scene.analyses.frf import FrfRequest
@@ -24,7 +24,7 @@ from headstock.solvers.mechanisms.modes import (
     SmallMotions,
     linearise_poses,
     marker_motion,
-    solve_pose_modes,
+    solve_lumped_modes,
 )
 from headstock.studies.sweeps.journals import PoseResult
 from headstock.studies.sweeps.machine_poses import (
@@ -56,7 +56,7 @@ def share_mechanism(parts: MachineParts, superelements: Mapping[str, Superelemen
     """What all poses of the mechanism of a scene share."""
     own = {name: component.placement for name, component in parts.plan.components.items()}
     return LumpedPoses(
-        parts, scene_mechanism(parts), build_mechanism(parts, superelements), superelements, own
+        parts, scene_mechanism(parts), build_lumped_model(parts, superelements), superelements, own
     )
 
 
@@ -116,7 +116,7 @@ def _solve_taken(
     motions = linearise_poses(shared.model, states)
     found = [PoseResult(place) for place in positions]
     if (modal := analyses.get(ModalRequest)) is not None:
-        modes = solve_pose_modes(motions)
+        modes = solve_lumped_modes(motions)
         # amplitudes whose squares are the shares of the strain energy: orthonormal in every pose
         shapes = np.sqrt(modes.energy) * np.sign(modes.shapes)
         found = [

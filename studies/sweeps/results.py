@@ -17,7 +17,7 @@ from headstock.pipeline.numbers.estimates import Estimate
 from headstock.pipeline.numbers.numbers import Key, Number, Numbers, make_key
 from headstock.pipeline.results.short_forms import ShortForm, list_few
 from headstock.pipeline.stages.machine import couple_pose
-from headstock.pipeline.stages.mechanism import build_mechanism, place_pose
+from headstock.pipeline.stages.mechanism import build_lumped_model, place_pose
 from headstock.pipeline.stages.modal import solve_pose_modes
 from headstock.pipeline.stages.run_state import MachineParts, PoseModel
 from headstock.pipeline.stages.static import solve_points
@@ -442,7 +442,7 @@ def _name_pose_modes(
     model: PoseModel
     if parts.scene.is_lumped:
         superelements = parts.superelements
-        model = place_pose(alone, pose, build_mechanism(alone, superelements), superelements)
+        model = place_pose(alone, pose, build_lumped_model(alone, superelements), superelements)
     else:
         model = couple_pose(alone, pose)
     points = solve_points(model, () if static is None else static.at)

@@ -23,7 +23,7 @@ from headstock.geometry.mechanisms.exechon import (
 )
 from headstock.geometry.mechanisms.kinematics import cross, marker_bias, place_markers
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism, evaluate_dynamics
-from headstock.solvers.mechanisms.modes import linearise_poses, solve_pose_modes, tool_compliance
+from headstock.solvers.mechanisms.modes import linearise_poses, solve_lumped_modes, tool_compliance
 from headstock.solvers.mechanisms.partitioning import (
     Drive,
     PartitionedDynamics,
@@ -139,7 +139,7 @@ def check_mirror_symmetry(comm: MPI.Comm) -> list[ValidationRow]:
         for sign in (1.0, -1.0)
     ]
     motions = [linearise_poses(tripteor.model, states) for states in sides]
-    left, right = (solve_pose_modes(motion).frequencies_hz for motion in motions)
+    left, right = (solve_lumped_modes(motion).frequencies_hz for motion in motions)
     flip = np.diag([1.0, -1.0, 1.0])
     stiff, mirrored = (tool_compliance(tripteor.model, motion)[..., :3, :3] for motion in motions)
     return [
@@ -168,7 +168,7 @@ def check_limits(comm: MPI.Comm) -> list[ValidationRow]:
             compare_bound(case, f"static limit in {name}, relative", _relative(moved, linear), 1e-6)
         )
         frequencies = _swing_frequencies(model, state)
-        expected = solve_pose_modes(motions).frequencies_hz
+        expected = solve_lumped_modes(motions).frequencies_hz
         rows.append(
             compare_bound(
                 case, f"modal limit in {name}, relative", _relative(frequencies, expected), 1e-6
@@ -186,7 +186,7 @@ def check_three_models(comm: MPI.Comm) -> list[ValidationRow]:
     for name, start in tripteor.poses.items():
         rows += _compare_instant(case, tripteor, name, start)
     states = plane_states(tripteor, 4).reshape(16, -1)
-    chains = solve_pose_modes(linearise_poses(tripteor.model, states)).frequencies_hz
+    chains = solve_lumped_modes(linearise_poses(tripteor.model, states)).frequencies_hz
     absolute = np.array([_absolute_frequencies(tripteor, state) for state in states])
     rows.append(
         compare_bound(

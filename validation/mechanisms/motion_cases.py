@@ -17,7 +17,7 @@ from headstock.solvers.mechanisms.dynamics import CompliantMechanism, LumpedSpri
 from headstock.solvers.mechanisms.generalized_alpha import (
     AlphaScheme,
     MotionState,
-    integrate_motion,
+    integrate_constrained,
 )
 from headstock.solvers.mechanisms.partitioning import Drive
 from headstock.solvers.mpi import MPI
@@ -122,7 +122,7 @@ def check_constraint_drift(comm: MPI.Comm, count: int = 10_000) -> list[Validati
         if number % LOOK_EVERY == 0:
             seen.append(_violations(full, state))
 
-    integrate_motion(full, first, 48e-6, count, observe=observe)
+    integrate_constrained(full, first, 48e-6, count, observe=observe)
     position, velocity = np.array(seen).T
     return [
         compare_bound(
@@ -217,7 +217,7 @@ def _reference(
 def _integrate_reduced(
     motion: PartitionedMotion, start: tuple[FloatArray, FloatArray], step: float, count: int
 ) -> MotionState:
-    return integrate_motion(
+    return integrate_constrained(
         motion, motion.start(0.0, *start), step, count, observe=lambda state: None
     )
 
@@ -226,7 +226,7 @@ def _integrate_full(
     motion: PartitionedMotion, start: tuple[FloatArray, FloatArray], step: float, count: int
 ) -> MotionState:
     full, first = _full_problem(motion, start)
-    return integrate_motion(full, first, step, count, observe=lambda state: None)
+    return integrate_constrained(full, first, step, count, observe=lambda state: None)
 
 
 def _full_problem(
@@ -254,7 +254,7 @@ def _energy_error(
 
     first = motion.start(0.0, *start)
     observe(first)
-    last = integrate_motion(
+    last = integrate_constrained(
         motion, first, span / count, count, observe=observe, scheme=AlphaScheme(1.0)
     )
     gained = motion.energy(span, last.position, last.velocity) - motion.energy(0.0, *start)
@@ -412,7 +412,7 @@ def swing_through(span: float) -> Passage:
             )
         )
 
-    integrate_motion(
+    integrate_constrained(
         problem, start, STEP, round(span / STEP), observe=observe, scheme=AlphaScheme(1.0)
     )
     angles, energies, violations = np.array(seen).T

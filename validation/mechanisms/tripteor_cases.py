@@ -15,7 +15,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.exechon import survey_tool_poses
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.solvers.linear.modal_analysis import solve_modal
-from headstock.solvers.mechanisms.modes import linearise_poses, solve_pose_modes, tool_compliance
+from headstock.solvers.mechanisms.modes import linearise_poses, solve_lumped_modes, tool_compliance
 from headstock.solvers.mpi import MPI
 from headstock.solvers.pairing.mode_pairing import correlate_modes
 from headstock.validation.mechanisms.tripteor_legs import (
@@ -207,7 +207,7 @@ def _measured(pose: str) -> FloatArray:
 def _lumped_frequencies() -> dict[str, FloatArray]:
     lumped = load_tripteor()
     return {
-        pose: solve_pose_modes(linearise_poses(lumped.model, lumped.poses[pose])).frequencies_hz
+        pose: solve_lumped_modes(linearise_poses(lumped.model, lumped.poses[pose])).frequencies_hz
         for pose in POSES
     }
 
@@ -294,7 +294,7 @@ def check_paper_statements(comm: MPI.Comm) -> list[ValidationRow]:
     between = max(sum(f < measured[f"{name} mode 3"] * 0.9) for name, f in found.items())
     spread = 1.0 - float(found["config_3"][0] / found["config_2"][0])
     states = plane_states(tripteor, 21)
-    plane = solve_pose_modes(linearise_poses(tripteor.model, states)).frequencies_hz
+    plane = solve_lumped_modes(linearise_poses(tripteor.model, states)).frequencies_hz
     ratio = plane[..., 1] / plane[..., 0]
     trend = float(np.corrcoef(plane[..., 0].ravel(), states[..., :3].mean(axis=-1).ravel())[0, 1])
     rows = [
@@ -348,7 +348,7 @@ def check_modal_cost(comm: MPI.Comm) -> list[ValidationRow]:
     """
     case, tripteor = "tripteor-cost", load_tripteor()
     state = tripteor.poses["config_1"]
-    one = _least_time(lambda: solve_pose_modes(linearise_poses(tripteor.model, state)), 50)
+    one = _least_time(lambda: solve_lumped_modes(linearise_poses(tripteor.model, state)), 50)
     x, y = (np.linspace(-half, half, MAP_COUNT) for half in PLANE_HALF)
     grid = np.stack(
         [*np.meshgrid(x, y, indexing="ij"), np.full((MAP_COUNT, MAP_COUNT), PLANE_HEIGHT)], axis=-1
@@ -370,7 +370,7 @@ def check_modal_cost(comm: MPI.Comm) -> list[ValidationRow]:
 
 def _frequencies(tripteor: Tripteor) -> dict[str, FloatArray]:
     return {
-        name: solve_pose_modes(linearise_poses(tripteor.model, state)).frequencies_hz
+        name: solve_lumped_modes(linearise_poses(tripteor.model, state)).frequencies_hz
         for name, state in tripteor.poses.items()
     }
 
@@ -378,7 +378,7 @@ def _frequencies(tripteor: Tripteor) -> dict[str, FloatArray]:
 def _map_plane(tripteor: Tripteor, grid: FloatArray) -> None:
     survey = survey_tool_poses(tripteor.scene.mounted, grid, tripteor.scene.tool)
     motions = linearise_poses(tripteor.model, survey.states)
-    solve_pose_modes(motions)
+    solve_lumped_modes(motions)
     tool_compliance(tripteor.model, motions)
 
 

@@ -7,7 +7,7 @@ from headstock.geometry.frames import BoolArray, FloatArray, rigid_map
 from headstock.solvers.elastic.constrained_solver import (
     NEGLIGIBLE_ROUNDOFF,
     ConstrainedSolver,
-    rigid_motions,
+    rigid_node_motions,
 )
 from headstock.solvers.elastic.elasticity import ElasticOperators, assemble_elasticity
 from headstock.solvers.errors import ConvergenceError, ModelError
@@ -134,7 +134,7 @@ def test_reciprocity_holds_between_any_two_loads(operators: ElasticOperators) ->
 
 
 def test_rigid_motions_are_of_unit_size_and_free_of_force(operators: ElasticOperators) -> None:
-    motions = rigid_motions(operators)
+    motions = rigid_node_motions(operators)
     assert np.linalg.matrix_rank(motions) == 6
     assert np.abs(operators.apply_stiffness(motions)).max() < 1e-12 * operators.stiffness_scale
     np.testing.assert_allclose(
