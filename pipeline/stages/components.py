@@ -330,7 +330,7 @@ def _reduction_request(state: RunState, component: Component) -> ReductionReques
 
 
 def stored_request(state: RunState, component: Component) -> StoredRequest:
-    """What is requested from the store for a component."""
+    """Return the request to the store for a component."""
     supports, loads = component_supports(state, component), component_loads(state, component)
     request = _reduction_request(state, component)
     return StoredRequest(

@@ -238,7 +238,7 @@ class CoupledPose:
         return Released(released, trains, weight)
 
     def view(self) -> PoseView:
-        """What is drawn of the pose without motions."""
+        """Return what is drawn of the pose without motions."""
         return view_pose(self.coupled, self.parts.scene.machine)
 
     def shift_skins(self, skins: dict[str, Skin], motions: FloatArray) -> dict[str, ShiftArray]:

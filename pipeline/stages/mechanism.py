@@ -276,7 +276,7 @@ class LumpedPose:
         )
 
     def view(self) -> PoseView:
-        """What is drawn of the pose without motions."""
+        """Return what is drawn of the pose without motions."""
         points = {
             name: PointView(
                 str(point.tool),
