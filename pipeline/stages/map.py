@@ -14,7 +14,7 @@ from headstock.geometry.mechanisms.tool_mechanism import tool_pose
 from headstock.pipeline.answers.map import WorkspaceMap
 from headstock.pipeline.answers.static import N_PER_UM
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.stages.mechanism import placed_mechanism
+from headstock.pipeline.stages.mechanism import placed_mechanism, scene_mechanism
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.scene.analyses.map import MapRequest
 from headstock.scene.scene import SceneMechanism
@@ -208,13 +208,8 @@ def _correlation(first: FloatArray, second: FloatArray) -> float:
 
 def run_map_stage(state: RunState, stage: Stage) -> Outcome:
     """Survey the grid, shared out over the ranks."""
-    mechanism, request, placed = (
-        state.scene.mechanism,
-        state.scene.analyses.get(MapRequest),
-        placed_mechanism(state),
-    )
-    if mechanism is None or request is None:
-        raise ValueError("a map stage needs a mechanism and a map in the scene")
+    mechanism, placed = scene_mechanism(state.parts), placed_mechanism(state)
+    request = state.scene.analyses[MapRequest]
     model = state.comm.bcast(None if placed is None else placed.model, root=0)
     if model is None:
         raise ValueError("a map stage needs a placed mechanism")
