@@ -4,7 +4,7 @@ import pytest
 
 from headstock.validation.machines.contour_estimate_cases import SMOKE, check_contour_smoke
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.trials
 
 
 def test_errors_of_a_contour_cover_what_fine_meshes_say() -> None:
