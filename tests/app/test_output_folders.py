@@ -2,6 +2,7 @@
 just works.
 """
 
+import dataclasses
 from pathlib import Path
 
 import pytest
@@ -122,7 +123,9 @@ def test_a_validation_writes_its_figures_beside_those_of_the_user_and_not_throug
 ) -> None:
     shown = Target(1.0, "um/kN", float("nan"), "shown only")
     rows = [
-        compare_value(CASE, compliance_name(variant, kind, axis), 2.0, shown)
+        dataclasses.replace(
+            compare_value(compliance_name(variant, kind, axis), 2.0, shown), case=CASE
+        )
         for variant in VARIANTS
         for kind in FIDELITIES
         for axis in "xyz"

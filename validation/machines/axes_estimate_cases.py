@@ -25,7 +25,6 @@ from headstock.validation.coverage.coverage_case import UNSURE, CoverageCase
 from headstock.validation.machines.drawn_axes import draw_axes
 from headstock.validation.references.rows import ValidationRow
 
-CASE, SMOKE = "axes-estimates", "axes-estimates-smoke"
 SEEDS, SMOKE_SEED = range(5), 0  # the factor of paths was fitted on the first three
 FRESH = 5  # first seed of no machine above
 FINE_MODES = 40
@@ -60,12 +59,12 @@ class ComparedNumbers:
 
 def check_axes_estimates() -> list[ValidationRow]:
     """± of the maps and paths of five machines."""
-    return _evaluate_machines(CASE, list(SEEDS))
+    return _evaluate_machines(list(SEEDS))
 
 
 def check_axes_smoke() -> list[ValidationRow]:
     """Check one machine in the same way."""
-    return _evaluate_machines(SMOKE, [SMOKE_SEED])
+    return _evaluate_machines([SMOKE_SEED])
 
 
 def compare_new_axes(first: int) -> list[ValidationRow]:
@@ -74,20 +73,16 @@ def compare_new_axes(first: int) -> list[ValidationRow]:
     Args:
         first: Seed of the first of them, ``FRESH`` at least.
     """
-    return _evaluate_machines(CASE, list(range(first, first + len(SEEDS))))
+    return _evaluate_machines(list(range(first, first + len(SEEDS))))
 
 
-def _evaluate_machines(case: str, seeds: list[int]) -> list[ValidationRow]:
+def _evaluate_machines(seeds: list[int]) -> list[ValidationRow]:
     found = [_compare_axes(seed) for seed in seeds]
     machines = f"machines {seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else f"machine {seeds[0]}"
     return [
         row
         for kind in found[0]
-        for row in evaluate_numbers(
-            case,
-            f"{machines}, {kind}",
-            [each[kind] for each in found],
-        )
+        for row in evaluate_numbers(f"{machines}, {kind}", [each[kind] for each in found])
     ]
 
 
@@ -200,7 +195,7 @@ def list_sizes(numbers: Iterable[Number]) -> tuple[FloatArray, FloatArray]:
     return np.array(values), np.array(errors)
 
 
-def evaluate_numbers(case: str, what: str, machines: list[ComparedNumbers]) -> list[ValidationRow]:
+def evaluate_numbers(what: str, machines: list[ComparedNumbers]) -> list[ValidationRow]:
     """Check whether their ± covers the true errors, and how large it is compared with them."""
     values, errors, truth, doubt = (
         np.concatenate([np.abs(getattr(machine, field)) for machine in machines])
@@ -218,5 +213,5 @@ def evaluate_numbers(case: str, what: str, machines: list[ComparedNumbers]) -> l
         f"{sure.sum()} numbers, {len(sure) - sure.sum()} more not compared;"
         f" true errors up to {100.0 * shares.max():.2g} %, {100.0 * np.median(shares):.2g} % in the median"
     )
-    suite = CoverageCase(case, CLEAR, LARGEST_MEDIAN)
+    suite = CoverageCase(CLEAR, LARGEST_MEDIAN)
     return suite.evaluate(what, missed[sure], errors[sure], note, sizes=values[sure])

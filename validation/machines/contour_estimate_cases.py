@@ -23,7 +23,6 @@ from headstock.validation.machines.axes_estimate_cases import (
 from headstock.validation.machines.drawn_axes import draw_axes
 from headstock.validation.references.rows import ValidationRow
 
-CASE, SMOKE = "contour-estimates", "contour-estimates-smoke"
 LOOKED_AT, HELD_OUT, SMOKE_SEED = 0, 3, 1
 FRESH_CONTOURS = 5  # first seed of no machine above, nor of those of axes
 FACES, PROFILES, LIMITS = "gap and forces of faces", "profiles of faces", "limit depths of cut"
@@ -50,7 +49,7 @@ def check_contour_estimates() -> list[ValidationRow]:
 def check_contour_smoke() -> list[ValidationRow]:
     """Gap and forces of a short contour of one machine with one body that deforms."""
     found = _compare_contours(SMOKE_SEED, SMOKE_SETTINGS, SMOKE_ACROSS)
-    return evaluate_numbers(SMOKE, f"machine {SMOKE_SEED}, {FACES}", [found[FACES]])
+    return evaluate_numbers(f"machine {SMOKE_SEED}, {FACES}", [found[FACES]])
 
 
 def compare_new_contours(seed: int) -> list[ValidationRow]:
@@ -62,7 +61,7 @@ def compare_new_contours(seed: int) -> list[ValidationRow]:
     return [
         row
         for kind, found in _compare_contours(seed).items()
-        for row in evaluate_numbers(CASE, f"machine {seed}, {kind}", [found])
+        for row in evaluate_numbers(f"machine {seed}, {kind}", [found])
     ]
 
 

@@ -2,6 +2,8 @@
 mesh.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
@@ -19,7 +21,6 @@ from headstock.validation.machines.split_bodies import (
 )
 from headstock.validation.references.rows import ValidationRow, compare_bound, show
 
-CASE, SMOKE = "flexible-interfaces", "flexible-interfaces-smoke"
 WATCHED = 10
 GOAL = 2e-3
 # what modes left out may disturb the order of two bases by, over a frequency
@@ -69,32 +70,30 @@ SMOKE_BEAM = cut_box("beam, 2 parts", BEAM, (14, 3, 3), axis=0, parts=2)
 LAYERS = cut_box("plate of 2 layers", (0.3, 0.2, 0.02), (16, 12, 4), axis=2, parts=2)
 
 
-def check_flexible_interfaces() -> list[ValidationRow]:
+def check_flexible_interfaces() -> Iterator[ValidationRow]:
     """Ten frequencies of cut bodies in both forms with more and more shapes."""
-    rows: list[ValidationRow] = []
     for body in CUTS:
-        rows += _evaluate(CASE, body, "weak", SHAPES)
+        yield from _evaluate(body, "weak", SHAPES)
     for body in STEPS:
-        rows += _evaluate(CASE, body, None, SHAPES)
-    return rows + _evaluate(CASE, LAYERS, None, (*SHAPES, MANY_SHAPES))
+        yield from _evaluate(body, None, SHAPES)
+    yield from _evaluate(LAYERS, None, (*SHAPES, MANY_SHAPES))
 
 
 def check_flexible_smoke() -> list[ValidationRow]:
     """Check a beam in the same way."""
-    return _evaluate(SMOKE, SMOKE_BEAM, "weak", (0, 12, 30), modes=SMOKE_MODES)
+    return _evaluate(SMOKE_BEAM, "weak", (0, 12, 30), modes=SMOKE_MODES)
 
 
 def _evaluate(
-    case: str,
     body: SplitBody,
-    judged: Form | None,
+    required: Form | None,
     shapes: tuple[int, ...],
     *,
     modes: int = MODES,
-) -> list[ValidationRow]:
-    """Rows of a body, one form of which is judged."""
+) -> Iterator[ValidationRow]:
+    """Compare a body cut and joined with the whole one; one form of it has to reach the goal."""
     whole = find_whole_frequencies(body, WATCHED)
-    rows, finest = [], {}
+    finest = {}
     for form in FORMS:
         found, counts = _series(body, form, shapes, modes)
         errors = found / whole - 1.0
@@ -107,30 +106,23 @@ def _evaluate(
             for count, error in zip(counts, furthest, strict=True)
         )
         quantity = f"{body.name}, {form}, {counts[-1]} shapes: furthest of ten frequencies"
-        rows.append(
-            compare_bound(case, quantity, float(furthest[-1]), GOAL, note)
-            if form == judged
-            else show(case, quantity, float(furthest[-1]), "-", note)
+        yield (
+            compare_bound(quantity, furthest[-1], GOAL, note)
+            if form == required
+            else show(quantity, furthest[-1], "-", note)
         )
-        rows.append(
-            compare_bound(
-                case,
-                f"{body.name}, {form}: largest step in the wrong direction",
-                _find_wrong_step(errors, form),
-                DISTURBED,
-                "frequencies fall with more shapes" if form == "strong" else "frequencies rise",
-            )
+        yield compare_bound(
+            f"{body.name}, {form}: largest step in the wrong direction",
+            _find_wrong_step(errors, form),
+            DISTURBED,
+            "frequencies fall with more shapes" if form == "strong" else "frequencies rise",
         )
     if not body.finer:
-        rows.append(
-            compare_bound(
-                case,
-                f"{body.name}: by how much one part lies above the strong form",
-                float(max(0.0, -finest["strong"].min())),
-                DISTURBED,
-            )
+        yield compare_bound(
+            f"{body.name}: by how much one part lies above the strong form",
+            max(0.0, -finest["strong"].min()),
+            DISTURBED,
         )
-    return rows
 
 
 def _series(

@@ -7,6 +7,7 @@ methods.
 
 import dataclasses
 import time
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -50,65 +51,39 @@ def contour_request(material: str, model: str = "linear") -> ContouringRequest:
     )
 
 
-def check_contouring(comm: MPI.Comm) -> list[ValidationRow]:
+def check_contouring(comm: MPI.Comm) -> Iterator[ValidationRow]:
     """Check the whole contour, linear along the path, for two sets of coefficients; the orientation
     of x is assumed, so both are reported.
     """
-    case, tripteor = "tripteor-contouring", load_tripteor()
-    rows: list[ValidationRow] = []
+    tripteor = load_tripteor()
     for material in ("al7075-t6", "al7075-t6-dry"):
         begun = time.process_time()
         run = run_lumped_contour(tripteor.scene, tripteor.model, contour_request(material))
         seconds = time.process_time() - begun
-        rows += _face_rows(case, material, run)
-        rows += _leg_rows(case, material, tripteor, run)
-        rows += _profile_rows(case, material, run)
-        rows.append(
-            compare_bound(
-                case,
-                f"{material}: content above twice the highest mode",
-                high_share(run),
-                0.01,
-                "no filter",
-            )
+        yield from _face_rows(material, run)
+        yield from _leg_rows(material, tripteor, run)
+        yield from _profile_rows(material, run)
+        yield compare_bound(
+            f"{material}: content above twice the highest mode",
+            high_share(run),
+            0.01,
+            "no filter",
         )
-        rows.append(
-            compare_bound(
-                case,
-                f"{material}: linear contour, processor time [s]",
-                seconds,
-                10.0,
-                "the paper: 6 h",
-            )
+        yield compare_bound(
+            f"{material}: linear contour, processor time [s]", seconds, 10.0, "the paper: 6 h"
         )
-    rows.append(_step_row(case, tripteor, "linear", FINER_UNTIL))
-    gravity_deflection = 1e6 * np.abs(run.gravity_deflection[:, 0])
-    rows.append(
-        show(
-            case,
-            "deflection under gravity along x, minimum",
-            float(gravity_deflection.min()),
-            "um",
-            "subtracted from every gap",
-        )
-    )
-    rows.append(
-        show(
-            case,
-            "deflection under gravity along x, maximum",
-            float(gravity_deflection.max()),
-            "um",
-            "subtracted from every gap",
-        )
-    )
-    return rows
+    yield _step_row(tripteor, "linear", FINER_UNTIL)
+    sizes = 1e6 * np.abs(run.gravity_deflection[:, 0])
+    for name, size in (("minimum", sizes.min()), ("maximum", sizes.max())):
+        quantity = f"deflection under gravity along x, {name}"
+        yield show(quantity, size, "um", "subtracted from every gap")
 
 
 def check_nonlinear_contour(comm: MPI.Comm) -> list[ValidationRow]:
     """Check the start of the contour by the full equations, beside the linear model, and what the
     whole would cost.
     """
-    case, tripteor = "tripteor-contouring-nonlinear", load_tripteor()
+    tripteor = load_tripteor()
     linear = run_lumped_contour(
         tripteor.scene, tripteor.model, contour_request("al7075-t6"), until=SOME
     )
@@ -117,19 +92,17 @@ def check_nonlinear_contour(comm: MPI.Comm) -> list[ValidationRow]:
         tripteor.scene, tripteor.model, contour_request("al7075-t6", "nonlinear"), until=SOME
     )
     whole = (time.process_time() - begun) * 10.7 / SOME
-    fine = _step_row(case, tripteor, "nonlinear", SOME)
+    fine = _step_row(tripteor, "nonlinear", SOME)
     deflection = float(np.abs(full.gap + full.gravity_deflection).max())
     share = float(np.abs(full.gap - linear.gap).max()) / deflection
     return [
         compare_bound(
-            case,
             "linear off the nonlinear motion of the tool, of its whole deflection",
             share,
             0.01,
             "deflection under gravity included",
         ),
         compare_bound(
-            case,
             "nonlinear contour of 10.7 s, processor time scaled up [s]",
             whole,
             300.0,
@@ -143,7 +116,7 @@ def check_whole_nonlinear_contour(comm: MPI.Comm) -> list[ValidationRow]:
     """Check the whole contour by the full equations: gap on each face, no filter, cost, and how far
     the linear model is off.
     """
-    case, material, tripteor = "tripteor-contour-whole", "al7075-t6", load_tripteor()
+    material, tripteor = "al7075-t6", load_tripteor()
     linear = run_lumped_contour(tripteor.scene, tripteor.model, contour_request(material))
     begun = time.process_time()
     full = run_lumped_contour(
@@ -153,79 +126,54 @@ def check_whole_nonlinear_contour(comm: MPI.Comm) -> list[ValidationRow]:
     deflection = float(np.abs(full.gap + full.gravity_deflection).max())
     off = float(np.abs(full.gap - linear.gap).max())
     return [
-        *_face_rows(case, f"nonlinear, {material}", full),
+        *_face_rows(f"nonlinear, {material}", full),
+        compare_bound("content above twice the highest mode", high_share(full), 0.01, "no filter"),
+        compare_bound("processor time of 10.7 s of motion [s]", seconds, 300.0, "the paper: 6 h"),
         compare_bound(
-            case, "content above twice the highest mode", high_share(full), 0.01, "no filter"
-        ),
-        compare_bound(
-            case, "processor time of 10.7 s of motion [s]", seconds, 300.0, "the paper: 6 h"
-        ),
-        compare_bound(
-            case,
             "linear off the nonlinear motion of the tool, of its whole deflection",
             off / deflection,
             0.01,
         ),
-        show(case, "linear off the nonlinear gap, at most", 1e6 * off, "um"),
+        show("linear off the nonlinear gap, at most", 1e6 * off, "um"),
     ]
 
 
-def _face_rows(case: str, material: str, run: ContourRun) -> list[ValidationRow]:
-    rows, means = [], []
+def _face_rows(material: str, run: ContourRun) -> Iterator[ValidationRow]:
+    means = []
     for face in (1, 3):
         gap = 1e6 * run.gap[face_instants(run, face - 1), 0]
         means.append(abs(float(gap.mean())))
         note = f"mean {means[-1]:.2f} µm, peak to peak {np.ptp(gap):.2f} µm; the paper: about 10 µm after its filter"
-        rows.append(
-            compare_bound(
-                case,
-                f"{material}: |gap| along x on face {face} off {GAP_MIDDLE} µm [µm]",
-                abs(means[-1] - GAP_MIDDLE),
-                GAP_HALF,
-                note,
-            )
-        )
-    ratio = means[1] / means[0]
-    rows.append(
-        show(
-            case,
-            f"{material}: face 3 over face 1, x as assumed",
-            ratio,
-            "-",
-            "the paper: clearly larger on face 3",
-        )
-    )
+        off = f"{material}: |gap| along x on face {face} off {GAP_MIDDLE} µm [µm]"
+        yield compare_bound(off, abs(means[-1] - GAP_MIDDLE), GAP_HALF, note)
+    ratio, faces = means[1] / means[0], f"{material}: face 3 over face 1"
+    yield show(f"{faces}, x as assumed", ratio, "-", "the paper: clearly larger on face 3")
     note = "the paper does not tell which way x points"
-    rows.append(show(case, f"{material}: face 3 over face 1, x reversed", 1.0 / ratio, "-", note))
-    return rows
+    yield show(f"{faces}, x reversed", 1.0 / ratio, "-", note)
 
 
-def _profile_rows(case: str, material: str, run: ContourRun) -> list[ValidationRow]:
+def _profile_rows(material: str, run: ContourRun) -> Iterator[ValidationRow]:
     """Profiles of faces 1 and 3, of which figure 7 of the paper shows measured ones without numbers
     in its text.
     """
     faces, _ = mill_faces(contour_request(material), run)
     first, third = (face for face in faces if face.number in (1, 3))
-    rows = []
     for face in (first, third):
         found, gap = face.parameters, run.gap[face_instants(run, face.number - 1)]
         outward = float((gap @ run.plan.cuts[face.number - 1].outward).mean())
         note = f"Ra {1e6 * found.ra:.3f}, Wt {1e6 * found.wt:.3f}, mark at start {1e6 * face.marks[0]:.2f} µm; the paper: marks and about 10 µm"
-        rows.append(
-            compare_value(
-                case,
-                f"{material}: location error of face {face.number}, cusps left out",
-                1e6 * (found.location - face.cusp / 3.0),
-                Target(1e6 * outward, "um", 0.02, "mean gap"),
-                note,
-            )
+        yield compare_value(
+            f"{material}: location error of face {face.number}, cusps left out",
+            1e6 * (found.location - face.cusp / 3.0),
+            Target(1e6 * outward, "um", 0.02, "mean gap"),
+            note,
         )
     note = "the paper: vibration on face 3, seen and measured"
     ratio = first.parameters.wt / third.parameters.wt
-    return [*rows, compare_bound(case, f"{material}: Wt of face 1 over face 3", ratio, 1.0, note)]
+    yield compare_bound(f"{material}: Wt of face 1 over face 3", ratio, 1.0, note)
 
 
-def _step_row(case: str, tripteor: Tripteor, model: str, until: float) -> ValidationRow:
+def _step_row(tripteor: Tripteor, model: str, until: float) -> ValidationRow:
     """Change of the gap when the error of a step is a tenth and less."""
     request = contour_request("al7075-t6", model)
     coarse = run_lumped_contour(tripteor.scene, tripteor.model, request, until=until)
@@ -235,14 +183,11 @@ def _step_row(case: str, tripteor: Tripteor, model: str, until: float) -> Valida
     ]
     change = float(np.sqrt(((fine - coarse.gap) ** 2).mean() / (coarse.gap**2).mean()))
     return compare_bound(
-        case,
-        f"{model}: change of the gap with {FINER} times as many steps, of its rms",
-        change,
-        0.01,
+        f"{model}: change of the gap with {FINER} times as many steps, of its rms", change, 0.01
     )
 
 
-def _leg_rows(case: str, material: str, tripteor: Tripteor, run: ContourRun) -> list[ValidationRow]:
+def _leg_rows(material: str, tripteor: Tripteor, run: ContourRun) -> Iterator[ValidationRow]:
     """Return how much the force of leg 1's drive, and so its motor's torque, varies on faces 1 and
     3.
     """
@@ -251,34 +196,19 @@ def _leg_rows(case: str, material: str, tripteor: Tripteor, run: ContourRun) -> 
         places = np.flatnonzero(face_instants(run, face - 1))
         middle = (len(places) - LEG_STEPS) // 2
         spans.append(float(np.ptp(run.drives.forces(places[middle : middle + LEG_STEPS])[:, 0])))
-        rows = [
-            show(
-                case,
-                f"{material}: force of leg 1 varies on face 3 by",
-                spans[-1],
-                "N",
-                "peak to peak over 0.4 s",
-            )
-        ]
+    varies = f"{material}: force of leg 1 varies on face 3 by"
+    yield show(varies, spans[-1], "N", "peak to peak over 0.4 s")
     note = "claim: the torque of motor 1 varies more on face 3"
-    return [
-        *rows,
-        compare_bound(
-            case,
-            f"{material}: variation of leg 1 on face 1 over face 3",
-            spans[0] / spans[1],
-            1.0,
-            note,
-        ),
-    ]
+    yield compare_bound(
+        f"{material}: variation of leg 1 on face 1 over face 3", spans[0] / spans[1], 1.0, note
+    )
 
 
-def check_contour_stability(comm: MPI.Comm) -> list[ValidationRow]:
+def check_contour_stability(comm: MPI.Comm) -> Iterator[ValidationRow]:
     """Depth of cut at which each face of the paper's block chatters: does regeneration single out
     face 3?
     """
-    case, tripteor = "tripteor-stability", load_tripteor()
-    rows: list[ValidationRow] = []
+    tripteor = load_tripteor()
     for material in ("al7075-t6", "al7075-t6-dry", "al6061-t6"):
         request = contour_request(material)
         limits = []
@@ -290,9 +220,7 @@ def check_contour_stability(comm: MPI.Comm) -> list[ValidationRow]:
             note = (
                 "the paper cuts 10 mm: stable" if found.stable else "the paper cuts 10 mm: unstable"
             )
-            rows.append(
-                show(case, f"{material}: limit depth on face {face + 1}", limits[-1], "mm", note)
-            )
+            yield show(f"{material}: limit depth on face {face + 1}", limits[-1], "mm", note)
         tip = lumped_face_dynamics(tripteor.scene, tripteor.model, request, 2)
         second = (
             1e3
@@ -300,30 +228,21 @@ def check_contour_stability(comm: MPI.Comm) -> list[ValidationRow]:
             * single_frequency_limit(tip, milling_gains(request.cut, 96), request.cut.tooth_period)
         )
         target = Target(second, "mm", 0.02, "single frequency")
-        rows.append(
-            compare_value(
-                case,
-                f"{material}: limit depth on face 3, against a single frequency",
-                limits[2],
-                target,
-            )
+        yield compare_value(
+            f"{material}: limit depth on face 3, against a single frequency", limits[2], target
         )
-        rows.append(
-            show(
-                case,
-                f"{material}: limit depth of face 3 over face 1",
-                limits[2] / limits[0],
-                "-",
-                "no more than this",
-            )
+        yield show(
+            f"{material}: limit depth of face 3 over face 1",
+            limits[2] / limits[0],
+            "-",
+            "no more than this",
         )
-    rows += _damping_rows(case)
-    return rows
+    yield from _damping_rows()
 
 
-def _damping_rows(case: str) -> list[ValidationRow]:
-    """Return the window of damping in which face 3 chatters at 10 mm and face 1 does not."""
-    tripteor, rows = load_tripteor(), []
+def _damping_rows() -> Iterator[ValidationRow]:
+    """Find the window of damping in which face 3 chatters at 10 mm and face 1 does not."""
+    tripteor = load_tripteor()
     for material in ("al7075-t6", "al7075-t6-dry"):
         request = contour_request(material)
         borders = []
@@ -340,21 +259,9 @@ def _damping_rows(case: str) -> list[ValidationRow]:
                 stable = cut_multiplier(tip, request, request.cut.axial_depth) < 1.0
                 low, high = (low, zeta) if stable else (zeta, high)
             borders.append(0.5 * (low + high))
-            rows.append(
-                show(
-                    case,
-                    f"{material}: damping below which face {face + 1} chatters",
-                    100.0 * borders[-1],
-                    "%",
-                )
-            )
-        rows.append(
-            show(
-                case,
-                f"{material}: faces 3 and 1 differ in this window only",
-                100.0 * abs(borders[1] - borders[0]),
-                "%",
-                "of damping",
-            )
+            below = f"{material}: damping below which face {face + 1} chatters"
+            yield show(below, 100.0 * borders[-1], "%")
+        window = 100.0 * abs(borders[1] - borders[0])
+        yield show(
+            f"{material}: faces 3 and 1 differ in this window only", window, "%", "of damping"
         )
-    return rows

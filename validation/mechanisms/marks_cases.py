@@ -19,7 +19,6 @@ from headstock.validation.mechanisms.contouring_cases import contour_request
 from headstock.validation.mechanisms.tripteor_machine import load_tripteor
 from headstock.validation.references.rows import ValidationRow, show
 
-CASE = "tripteor-marks"
 # assumed, equal in both directions across the tool
 SPINDLE = ToolMode("spindle", 700.0, 0.03, 30e6, np.eye(3)[:, :2])
 TOOL = ToolMode("tool", 1800.0, 0.02, 15e6, np.eye(3)[:, :2])
@@ -74,12 +73,11 @@ def _enter_from_corners(request: ContouringRequest) -> PolylineContour:
     )
 
 
-def check_marks(comm: MPI.Comm) -> list[ValidationRow]:
+def check_marks(comm: MPI.Comm) -> Iterator[ValidationRow]:
     """Waviness of each face, beside it roughness, marks where the tool comes out of a corner, and
     location error; and limits of stability of the faces at the lowest and the highest x.
     """
     tripteor = load_tripteor()
-    rows: list[ValidationRow] = []
     for name, request in vary_contour():
         run = run_lumped_contour(tripteor.scene, tripteor.model, request)
         faces, _ = mill_faces(request, run)
@@ -88,10 +86,9 @@ def check_marks(comm: MPI.Comm) -> list[ValidationRow]:
             side = f"{'lowest' if outward.sum() < 0.0 else 'highest'} {'xy'[int(np.abs(outward).argmax())]}"
             found = face.parameters
             note = f"Ra {1e6 * found.ra:.3f}, at its start {1e6 * face.marks[0]:.2f}, location {1e6 * found.location:.1f} um"
-            rows.append(show(CASE, f"{name}: Wt at the {side}", 1e6 * found.wt, "um", note))
+            yield show(f"{name}: Wt at the {side}", 1e6 * found.wt, "um", note)
             if request.regeneration and side.endswith("x"):
                 tip = lumped_face_dynamics(tripteor.scene, tripteor.model, request, face.number - 1)
                 limit = face_stability(tip, request, face.number - 1).limit_depth
                 text = f"{name}: limit depth at the {side}"
-                rows.append(show(CASE, text, 1e3 * limit, "mm", "the cut is 10 mm deep"))
-    return rows
+                yield show(text, 1e3 * limit, "mm", "the cut is 10 mm deep")

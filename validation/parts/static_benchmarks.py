@@ -5,7 +5,7 @@ NAFEMS LE10.
 import dataclasses
 import math
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -43,54 +43,35 @@ PRESSURE = 1e6
 POINT_D = np.array([2.0, 0.0, THICKNESS])
 
 
-def check_straight_cantilever(comm: MPI.Comm) -> list[ValidationRow]:
+def check_straight_cantilever(comm: MPI.Comm) -> Iterator[ValidationRow]:
     """MacNeal and Harder's cantilever of six imported elements, regular and slanted by 45 degrees,
     under four end loads.
     """
-    rows: list[ValidationRow] = []
     reference = reference_case("straight-cantilever")
     for shape in TILT:
         found = _end_motions(shape, comm)
-        for row in compare_values("straight-cantilever", reference, found, tolerance=1.0 - LOWEST):
+        for row in compare_values(reference, found, tolerance=1.0 - LOWEST):
             ratio = row.value / row.reference
             note = f"{ratio:.3f} of the published value, good second-order elements give {LOWEST:.2f} to {HIGHEST:.2f}"
             passed = LOWEST <= ratio <= HIGHEST
-            rows.append(
-                dataclasses.replace(
-                    row, quantity=f"{shape} {row.quantity}", passed=passed, note=note
-                )
+            yield dataclasses.replace(
+                row, quantity=f"{shape} {row.quantity}", passed=passed, note=note
             )
         theory = Target(cantilever_twist(STRAIGHT, 1.0), "-", math.nan, "shown only")
-        rows.append(
-            compare_value(
-                "straight-cantilever", f"{shape} twist against Saint-Venant", found[3], theory
-            )
-        )
-    return rows
+        yield compare_value(f"{shape} twist against Saint-Venant", found[3], theory)
 
 
-def check_thick_plate(comm: MPI.Comm) -> list[ValidationRow]:
+def check_thick_plate(comm: MPI.Comm) -> Iterator[ValidationRow]:
     """LE10: stress at a point of a thick elliptic plate under pressure, on imported curved
     meshes.
     """
-    case = "le10"
     stresses = [_plate_stress(cells, comm) for cells in PLATE_CELLS]
-    rows = [
-        show(
-            case,
-            f"sigma_yy at D, {a} x {b} x {c} hex27",
-            value,
-            "MPa",
-            "falls towards the published value",
-        )
-        for (a, b, c), value in zip(PLATE_CELLS[:-1], stresses[:-1], strict=True)
-    ]
-    return [
-        *rows,
-        *compare_values(
-            case, reference_case("le10"), stresses[-1:], notes=["the finest of three meshes"]
-        ),
-    ]
+    for (a, b, c), value in zip(PLATE_CELLS[:-1], stresses[:-1], strict=True):
+        quantity = f"sigma_yy at D, {a} x {b} x {c} hex27"
+        yield show(quantity, value, "MPa", "falls towards the published value")
+    yield from compare_values(
+        reference_case("le10"), stresses[-1:], notes=["the finest of three meshes"]
+    )
 
 
 def _imported_mesh(
