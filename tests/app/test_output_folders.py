@@ -10,8 +10,7 @@ import pytest
 from headstock.app.charts.axis_kit import FIGURE_NAME
 from headstock.app.command_line import main
 from headstock.pipeline.storage.outputs import LIST_FILE
-from headstock.validation.machines.axis_kit_cases import CASE, FIDELITIES, compliance_name
-from headstock.validation.machines.axis_kit_models import VARIANTS
+from headstock.validation.machines.axis_kit_cases import CASE, FIDELITIES, VARIANTS, compliance_name
 from headstock.validation.references.rows import Target, compare_value
 
 # what each command writes into OUT whatever it computes

@@ -16,11 +16,16 @@ from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import keep_analyses
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.mechanisms.modes import linearise_poses, solve_lumped_modes
-from headstock.validation.mechanisms import tripteor_legs
+from headstock.validation.mechanisms import tripteor_machine
 from headstock.validation.mechanisms.tripod_beams import solve_tripod
 from headstock.validation.mechanisms.tripteor_cases import check_compliances
-from headstock.validation.mechanisms.tripteor_legs import LeggedTripteor, load_legs, solve_beams
-from headstock.validation.mechanisms.tripteor_machine import SCENE, load_tripteor
+from headstock.validation.mechanisms.tripteor_machine import (
+    SCENE,
+    LeggedTripteor,
+    load_legs,
+    load_tripteor,
+    solve_beams,
+)
 
 MEASURED = {
     "config_1": (46.2, 55.3, 71.3, 96.6),
@@ -72,7 +77,7 @@ def test_a_softer_second_road_is_seen(
     elastic: LeggedTripteor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        tripteor_legs,
+        tripteor_machine,
         "solve_tripod",
         lambda *parts, frame_stiffness, count: solve_tripod(
             *parts, frame_stiffness=0.99 * frame_stiffness, count=count

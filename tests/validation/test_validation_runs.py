@@ -15,8 +15,7 @@ from headstock.validation.case_registry import (
     select_cases,
 )
 from headstock.validation.coverage.cases import CALIBRATION, HOLD_OUT
-from headstock.validation.machines.axes_estimate_cases import SEEDS
-from headstock.validation.machines.contour_estimate_cases import HELD_OUT, LOOKED_AT
+from headstock.validation.machines.axes_estimate_cases import HELD_OUT, LOOKED_AT, SEEDS
 from headstock.validation.machines.model_choice_cases import MACHINES
 from headstock.validation.references.rows import ValidationRow, compare_bound
 

@@ -27,7 +27,7 @@ from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import AccuracyGoal, Scene
 from headstock.solvers.mpi import MPI
 from headstock.validation.coverage.coverage_case import CoverageCase
-from headstock.validation.machines.axis_kit_models import SCENE
+from headstock.validation.machines.axis_kit_cases import SCENE
 from headstock.validation.machines.drawn_machines import draw_machine
 from headstock.validation.references.rows import ValidationRow, compare_bound, show
 

@@ -1,8 +1,5 @@
 """Cutting on the lumped Tripteor: tool gap on each face of the contour of the paper (table 1,
-figures 5 to 9), and stability.
-
-Stability of regenerative cutting is checked by closed forms and by published cases with independent
-methods.
+figures 5 to 9), stability, and what marks one face and not the other.
 """
 
 import dataclasses
@@ -19,10 +16,9 @@ from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.scene.building.cutting import catalogue_coefficients
 from headstock.scene.building.loader import load_scene
 from headstock.solvers.mechanisms.modes import PoseDamping
-from headstock.solvers.milling.stability import (
-    milling_gains,
-    single_frequency_limit,
-)
+from headstock.solvers.milling.stability import milling_gains, single_frequency_limit
+from headstock.solvers.milling.tool_dynamics import ToolMode
+from headstock.solvers.milling.tool_path import PolylineContour, SquareContour
 from headstock.solvers.mpi import MPI
 from headstock.validation.mechanisms.tripteor_machine import SCENE, Tripteor, load_tripteor
 from headstock.validation.references.rows import (
@@ -38,6 +34,11 @@ SOME = 0.3  # of the nonlinear solution, shown beside the linear one [s]
 FINER = 4  # times as many steps: an error of second order falls to a sixteenth
 FINER_UNTIL = 0.8  # the tool is well into face 1 then [s]
 LEG_STEPS = 8192
+
+# assumed, equal in both directions across the tool
+SPINDLE = ToolMode("spindle", 700.0, 0.03, 30e6, np.eye(3)[:, :2])
+TOOL = ToolMode("tool", 1800.0, 0.02, 15e6, np.eye(3)[:, :2])
+AT_CORNERS = "both from a corner"
 
 
 def contour_request(material: str, model: str = "linear") -> ContouringRequest:
@@ -265,3 +266,72 @@ def _damping_rows() -> Iterator[ValidationRow]:
         yield show(
             f"{material}: faces 3 and 1 differ in this window only", window, "%", "of damping"
         )
+
+
+def vary_contour() -> Iterator[tuple[str, ContouringRequest]]:
+    """Return the paper's block, and what is changed of it: a name and a contour each."""
+    straight = contour_request("al7075-t6")
+    yield "straight into face 1", straight
+    corners = dataclasses.replace(straight, contour=_enter_from_corners(straight))
+    yield AT_CORNERS, corners
+    dry = contour_request("al7075-t6-dry")
+    yield "with axial force", dataclasses.replace(dry, contour=corners.contour)
+    yield "1 % damping", dataclasses.replace(corners, damping=PoseDamping((0.01,)))
+    mill = dataclasses.replace(corners.cut.mill, runout=5e-6)
+    yield (
+        "runout of 5 um",
+        dataclasses.replace(corners, cut=dataclasses.replace(corners.cut, mill=mill)),
+    )
+    waves = dataclasses.replace(corners, regeneration=True)
+    yield "regeneration", waves
+    modes = (SPINDLE, TOOL)
+    yield "spindle and tool", dataclasses.replace(corners, tool_modes=modes)
+    yield "spindle, tool and regeneration", dataclasses.replace(waves, tool_modes=modes)
+
+
+def _enter_from_corners(request: ContouringRequest) -> PolylineContour:
+    """Return a line around the block that begins on its last face, so that each of the others is
+    entered from a corner.
+
+    Raises:
+        ValueError: The contour is no block.
+    """
+    block = request.contour
+    if not isinstance(block, SquareContour):
+        raise ValueError("corners are those of a block")
+    reach, (x, y) = 0.5 * block.side + block.offset, block.center
+    corners = [
+        (x + reach * side, y + reach * end) for side, end in ((1, -1), (-1, -1), (-1, 1), (1, 1))
+    ]
+    # the tool leaves the last face beyond its end
+    corners.append((x + reach, y - reach - block.offset))
+    return PolylineContour(
+        points=tuple(corners),
+        feeds=(block.feed,) * 4,
+        radius=block.offset,
+        height=block.height,
+        offset=block.offset,
+        lead=block.lead,
+        window=block.window,
+    )
+
+
+def check_marks(comm: MPI.Comm) -> Iterator[ValidationRow]:
+    """Waviness of each face, beside it roughness, marks where the tool comes out of a corner, and
+    location error; and limits of stability of the faces at the lowest and the highest x.
+    """
+    tripteor = load_tripteor()
+    for name, request in vary_contour():
+        run = run_lumped_contour(tripteor.scene, tripteor.model, request)
+        faces, _ = mill_faces(request, run)
+        for face in faces:
+            outward = run.plan.cuts[face.number - 1].outward
+            side = f"{'lowest' if outward.sum() < 0.0 else 'highest'} {'xy'[int(np.abs(outward).argmax())]}"
+            found = face.parameters
+            note = f"Ra {1e6 * found.ra:.3f}, at its start {1e6 * face.marks[0]:.2f}, location {1e6 * found.location:.1f} um"
+            yield show(f"{name}: Wt at the {side}", 1e6 * found.wt, "um", note)
+            if request.regeneration and side.endswith("x"):
+                tip = lumped_face_dynamics(tripteor.scene, tripteor.model, request, face.number - 1)
+                limit = face_stability(tip, request, face.number - 1).limit_depth
+                text = f"{name}: limit depth at the {side}"
+                yield show(text, 1e3 * limit, "mm", "the cut is 10 mm deep")

@@ -33,15 +33,13 @@ from headstock.solvers.mechanisms.partitioning import (
 )
 from headstock.solvers.mpi import MPI
 from headstock.validation.mechanisms.absolute_bodies import (
+    BODY_NAMES,
     AbsoluteState,
     AbsoluteSystem,
-    linearise_rest,
-    solve_instant,
-)
-from headstock.validation.mechanisms.absolute_tripod import (
-    BODY_NAMES,
     LegStiffness,
     absolute_exechon,
+    linearise_rest,
+    solve_instant,
 )
 from headstock.validation.mechanisms.motion import ConstrainedMotion, DriveLaw, PartitionedMotion
 from headstock.validation.mechanisms.tripteor_machine import (
@@ -51,8 +49,13 @@ from headstock.validation.mechanisms.tripteor_machine import (
     plane_states,
     steady_force,
 )
-from headstock.validation.references.rows import Target, ValidationRow, compare_bound, compare_value
-from headstock.validation.references.values import reference_case
+from headstock.validation.references.rows import (
+    Target,
+    ValidationRow,
+    compare_bound,
+    compare_value,
+    reference_case,
+)
 
 STEP = 1e-40
 SMALL_FORCE = 1.0

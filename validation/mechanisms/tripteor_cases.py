@@ -18,28 +18,26 @@ from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.mechanisms.modes import linearise_poses, solve_lumped_modes, tool_compliance
 from headstock.solvers.mpi import MPI
 from headstock.solvers.pairing.mode_pairing import correlate_modes
-from headstock.validation.mechanisms.tripteor_legs import (
-    PLATFORM_PARTS,
-    LeggedTripteor,
-    load_legs,
-    solve_beams,
-)
 from headstock.validation.mechanisms.tripteor_machine import (
     PLANE_HALF,
     PLANE_HEIGHT,
+    PLATFORM_PARTS,
+    LeggedTripteor,
     Tripteor,
+    load_legs,
     load_tripteor,
     plane_states,
+    solve_beams,
 )
 from headstock.validation.references.rows import (
     Target,
     ValidationRow,
     compare_bound,
     compare_value,
+    reference_case,
     show,
     verdict,
 )
-from headstock.validation.references.values import reference_case
 
 COMPLIANCES = Path(__file__).with_name("tripteor_compliances.toml")
 POSES = ("config_1", "config_2", "config_3")

@@ -27,15 +27,22 @@ from headstock.validation.parts.component_models import (
     interface_compliance,
     shared_mesh,
 )
-from headstock.validation.references.bending import (
+from headstock.validation.references.beam_theory import (
+    EndConditions,
     cantilever_shear_deflection,
+    cantilever_twist,
+    clamped_clamped_torsion,
+    clamped_free_torsion,
     euler_bernoulli_frequencies,
     fixed_beam_deflection,
+    fixed_beam_twist,
     timoshenko_frequencies,
+    torsional_frequencies,
+    turn_section,
 )
-from headstock.validation.references.prismatic_beams import EndConditions, turn_section
 from headstock.validation.references.rows import (
     SHOWN_ONLY,
+    ReferenceCase,
     Target,
     ValidationRow,
     compare_bound,
@@ -43,16 +50,9 @@ from headstock.validation.references.rows import (
     compare_values,
     named_after,
     observe_order,
+    reference_case,
     show,
 )
-from headstock.validation.references.torsion import (
-    cantilever_twist,
-    clamped_clamped_torsion,
-    clamped_free_torsion,
-    fixed_beam_twist,
-    torsional_frequencies,
-)
-from headstock.validation.references.values import ReferenceCase, reference_case
 
 _SLICES = 12
 COUNT = 6

@@ -21,28 +21,26 @@ from headstock.geometry.parts.components import (
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.component_mesh import CellKind
 from headstock.solvers.mpi import MPI
-from headstock.validation.references.bending import (
+from headstock.validation.references.beam_theory import (
+    PrismaticBeam,
+    axial_extension,
+    axial_frequencies,
     cantilever_force_deflection,
     cantilever_moment_deflection,
     cantilever_shear_deflection,
-    euler_bernoulli_frequencies,
-    fixed_beam_deflection,
-    strip_frequencies,
-    timoshenko_frequencies,
-)
-from headstock.validation.references.prismatic_beams import PrismaticBeam, turn_section
-from headstock.validation.references.rows import ValidationRow, compare_values
-from headstock.validation.references.torsion import (
-    axial_extension,
-    axial_frequencies,
     cantilever_twist,
     clamped_clamped_torsion,
     clamped_free_torsion,
+    euler_bernoulli_frequencies,
+    fixed_beam_deflection,
     fixed_beam_twist,
+    strip_frequencies,
+    timoshenko_frequencies,
     torsion_constant,
     torsional_frequencies,
+    turn_section,
 )
-from headstock.validation.references.values import reference_case
+from headstock.validation.references.rows import ValidationRow, compare_values, reference_case
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
 CANTILEVER = PrismaticBeam(0.5, 0.1, 0.038, STEEL)

@@ -18,6 +18,7 @@ from headstock.validation.parts.component_models import (
     full_modes,
 )
 from headstock.validation.parts.structured_meshes import field_error, lattice_mesh, straight_lattice
+from headstock.validation.references.beam_theory import axial_frequencies
 from headstock.validation.references.rows import (
     Target,
     ValidationRow,
@@ -25,9 +26,8 @@ from headstock.validation.references.rows import (
     compare_value,
     compare_values,
     named_after,
+    reference_case,
 )
-from headstock.validation.references.torsion import axial_frequencies
-from headstock.validation.references.values import reference_case
 
 KINDS: tuple[CellKind, ...] = ("tet4", "hex8", "tet10", "hex27")
 SECOND_ORDER_KINDS: tuple[CellKind, ...] = ("tet10", "hex27")

@@ -3,8 +3,13 @@
 import dataclasses
 
 from headstock.app.charts.axis_kit import FIGURE_NAME, draw_axis_kit
-from headstock.validation.machines.axis_kit_cases import CASE, FIDELITIES, compliance_name
-from headstock.validation.machines.axis_kit_models import MEASURED_COMPLIANCE, VARIANTS
+from headstock.validation.machines.axis_kit_cases import (
+    CASE,
+    FIDELITIES,
+    MEASURED_COMPLIANCE,
+    VARIANTS,
+    compliance_name,
+)
 from headstock.validation.references.rows import Target, ValidationRow, compare_value
 
 

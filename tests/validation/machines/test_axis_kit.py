@@ -12,18 +12,16 @@ from headstock.studies.identification.target_files import load_targets
 from headstock.validation.machines.axis_kit_cases import (
     FEM_TOLERANCE,
     FIDELITY_TOLERANCE,
-    evaluate_table_3,
-    find_missing_motions,
-    pair_fidelities,
-    show_shapes,
-)
-from headstock.validation.machines.axis_kit_models import (
     MEASURED_MODES,
     SCENE,
     TABLE_3,
     TABLE_3_FEM,
     KitModel,
     KitWorkshop,
+    evaluate_table_3,
+    find_missing_motions,
+    pair_fidelities,
+    show_shapes,
 )
 
 

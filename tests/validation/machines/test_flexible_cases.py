@@ -8,13 +8,11 @@ from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.validation.machines import flexible_cases
 from headstock.validation.machines.flexible_cases import (
     CUTS,
+    EVERY_DIRECTION,
     STEPS,
+    SplitBody,
     _find_wrong_step,
     check_flexible_smoke,
-)
-from headstock.validation.machines.split_bodies import (
-    EVERY_DIRECTION,
-    SplitBody,
     find_joined_frequencies,
     join_parts,
 )

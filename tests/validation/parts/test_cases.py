@@ -8,8 +8,9 @@ from mpi4py import MPI
 
 from headstock.geometry.parts.components import Material
 from headstock.validation.case_registry import run_validation
-from headstock.validation.parts import modal_benchmarks
+from headstock.validation.parts import benchmarks
 from headstock.validation.parts.beam_cases import clamped_modes
+from headstock.validation.parts.benchmarks import check_block
 from headstock.validation.parts.closed_form_cases import (
     BLOCK,
     ROD,
@@ -17,7 +18,6 @@ from headstock.validation.parts.closed_form_cases import (
     column,
     mesh_settings,
 )
-from headstock.validation.parts.modal_benchmarks import check_block
 from headstock.validation.parts.order_cases import cube_error, rod_frequencies
 from headstock.validation.references.rows import rows_as_json
 
@@ -55,14 +55,14 @@ def test_first_order_elements_of_the_same_size_lock() -> None:
 
 def test_a_wrong_stiffness_fails_the_case(monkeypatch: pytest.MonkeyPatch) -> None:
     softer = Material("softer", 0.99 * 210e9, 0.3, 7850.0)
-    monkeypatch.setattr(modal_benchmarks, "STEEL", softer)
+    monkeypatch.setattr(benchmarks, "STEEL", softer)
     rows = run_validation(["square-column"], comm=MPI.COMM_SELF)
     assert any(not row.passed for row in rows)
 
 
 def test_a_wrong_spring_fails_the_block(monkeypatch: pytest.MonkeyPatch) -> None:
     stiffer = SprungBlock(BLOCK.size, BLOCK.mass, (1.2e4, 1.2e4, 1.8e4 * (1.0 + 1e-6)))
-    monkeypatch.setattr(modal_benchmarks, "BLOCK", stiffer)
+    monkeypatch.setattr(benchmarks, "BLOCK", stiffer)
     assert any(not row.passed for row in check_block(MPI.COMM_SELF))
 
 

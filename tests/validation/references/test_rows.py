@@ -8,6 +8,7 @@ import pytest
 
 from common import approx
 from headstock.validation.references.rows import (
+    ReferenceCase,
     Target,
     compare_bound,
     compare_order,
@@ -17,7 +18,6 @@ from headstock.validation.references.rows import (
     rows_as_json,
     show,
 )
-from headstock.validation.references.values import ReferenceCase
 
 CASE = ReferenceCase(
     "x", "X", "two numbers", "published", "a book", 1e-2, "none", "Hz", {"f1": 10.0, "f2": 20.0}

@@ -2,7 +2,7 @@
 
 import pytest
 
-from headstock.validation.machines.contour_estimate_cases import check_contour_smoke
+from headstock.validation.machines.axes_estimate_cases import check_contour_smoke
 
 pytestmark = pytest.mark.trials
 
