@@ -16,8 +16,8 @@ from headstock.pipeline.accuracy.followed import MachineFamily
 from headstock.pipeline.numbers.estimates import show_share
 from headstock.pipeline.numbers.numbers import Numbers
 from headstock.pipeline.planning.budgets import BASE_MB
-from headstock.pipeline.planning.node_memory import node_memory_bytes
 from headstock.pipeline.planning.plan import StageRecord
+from headstock.pipeline.planning.resources import node_memory_bytes
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages.components import ELASTIC_MODULE

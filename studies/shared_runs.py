@@ -4,9 +4,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from headstock.pipeline.planning.budgets import BASE_MB
-from headstock.pipeline.planning.node_memory import node_memory_bytes
 from headstock.pipeline.planning.plan import Plan
 from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.planning.resources import node_memory_bytes
 from headstock.pipeline.stages.shared_components import expect_job, prepare_components, start_run
 from headstock.pipeline.storage.store import Store
 from headstock.scene.scene import Scene

@@ -66,8 +66,8 @@ def plan(
         from headstock.app.terminal.console import print_remarks
         from headstock.app.terminal.progress import show_progress
         from headstock.app.terminal.summary import print_plan
-        from headstock.pipeline.planning.kernels import add_compiling
         from headstock.pipeline.planning.planner import plan_scene
+        from headstock.pipeline.planning.reductions import add_compiling
         from headstock.scene.analyses.lobes import require_feed_of_run
 
         chosen = choose_scene(scene, variant, set_, analysis)

@@ -35,7 +35,6 @@ from headstock.pipeline.motion.lumped_contour import lumped_face_dynamics, run_l
 from headstock.pipeline.motion.milled_faces import mill_faces
 from headstock.pipeline.numbers.numbers import Number
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.planning.repeats import ONCE
 from headstock.pipeline.stages.better_machines import (
     Repeated,
     repeat_at_ends,
@@ -44,6 +43,7 @@ from headstock.pipeline.stages.better_machines import (
 )
 from headstock.pipeline.stages.mechanism import placed_mechanism
 from headstock.pipeline.stages.run_state import Outcome, RunState
+from headstock.reduction.estimates.corrected_elements import ONCE
 from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.scene.reading.csv_files import ForceRecord, read_forces, resampling_loss
 from headstock.solvers.milling.border import find_border

@@ -23,9 +23,9 @@ from headstock.pipeline.motion.path_model import SolvedMoves, choose_model
 from headstock.pipeline.numbers.estimates import Estimate
 from headstock.pipeline.numbers.numbers import Key, Number
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.planning.repeats import EACH
 from headstock.pipeline.stages.better_machines import repeat_at_ends, repeat_without, silence
 from headstock.pipeline.stages.run_state import Outcome, RunState
+from headstock.reduction.estimates.corrected_elements import EACH
 from headstock.reduction.motions.path_errors import NODES, find_path_errors
 from headstock.scene.analyses.path import PathRequest
 from headstock.solvers.errors import ModelError, UnstableControlError

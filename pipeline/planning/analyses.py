@@ -30,7 +30,7 @@ from headstock.pipeline.planning.budgets import (
     transient_seconds,
 )
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.planning.repeats import EACH, ONCE, Improvement, list_repeats
+from headstock.reduction.estimates.corrected_elements import EACH, ONCE, Improvement, list_repeats
 from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.scene.analyses.control import ControlRequest
 from headstock.scene.analyses.frf import FrfRequest

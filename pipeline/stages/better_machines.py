@@ -15,7 +15,10 @@ from headstock.pipeline.numbers.estimates import (
     Estimate,
 )
 from headstock.pipeline.numbers.numbers import Key, Number
-from headstock.pipeline.planning.repeats import (
+from headstock.pipeline.stages.estimates import name_what_is_left_out
+from headstock.pipeline.stages.mechanism import LUMPED
+from headstock.pipeline.stages.run_state import RunState
+from headstock.reduction.estimates.corrected_elements import (
     BOTH_AT_ONCE,
     FINER_MESH,
     MORE_MODES,
@@ -23,9 +26,6 @@ from headstock.pipeline.planning.repeats import (
     Improvement,
     list_repeats,
 )
-from headstock.pipeline.stages.estimates import name_what_is_left_out
-from headstock.pipeline.stages.mechanism import LUMPED
-from headstock.pipeline.stages.run_state import RunState
 from headstock.solvers.errors import (
     AccuracyError,
     ConvergenceError,

@@ -36,7 +36,7 @@ from headstock.pipeline.storage.superelements import read_superelement
 from headstock.reduction.components.polynomial import reduce_polynomial
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.components.segmented import reduce_segmented, segment_skin
-from headstock.reduction.estimates.mesh_correction import correct_mesh
+from headstock.reduction.estimates.corrected_elements import correct_mesh
 from headstock.reduction.requests import (
     ReductionExtent,
     ReductionRequest,

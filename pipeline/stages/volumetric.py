@@ -43,7 +43,7 @@ from headstock.pipeline.stages.mechanism import LUMPED, build_lumped_model, plac
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.coupling.elimination import CouplingMemo
-from headstock.reduction.estimates.deviation_errors import DeviationChanges, estimate_deviation
+from headstock.reduction.estimates.static_errors import DeviationChanges, estimate_deviation
 from headstock.reduction.motions.tool_deviation import GEOMETRY, ToolDeviation, solve_deviation
 from headstock.scene.analyses.volumetric import VolumetricRequest
 from headstock.solvers.linear.volumetric import (

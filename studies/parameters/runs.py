@@ -14,9 +14,14 @@ from pathlib import Path
 
 from headstock.geometry.errors import HeadstockError
 from headstock.pipeline.planning.budgets import BASE_MB
-from headstock.pipeline.planning.node_memory import node_memory_bytes
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.planning.resources import Cost, measure, search_once, watch_memory
+from headstock.pipeline.planning.resources import (
+    Cost,
+    measure,
+    node_memory_bytes,
+    search_once,
+    watch_memory,
+)
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene

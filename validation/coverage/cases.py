@@ -23,8 +23,8 @@ from headstock.meshing.elements.error_sizes import spread_error
 from headstock.pipeline.accuracy.settings import give_sizes
 from headstock.reduction.components.elastic import find_cell_errors, reduce_elastic
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
+from headstock.reduction.estimates.corrected_elements import correct_mesh
 from headstock.reduction.estimates.frequency_errors import bound_frequency_errors, truncated_parts
-from headstock.reduction.estimates.mesh_correction import correct_mesh
 from headstock.reduction.estimates.mesh_errors import (
     compliance_mesh_errors,
     compliance_shape_errors,

@@ -20,7 +20,7 @@ from headstock.meshing.elements.topology import corner_count
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.coupling.probes import missing_of_loads, place_probe
-from headstock.reduction.estimates.probe_errors import (
+from headstock.reduction.estimates.static_errors import (
     MOVED,
     SEEN,
     WHOLE,
