@@ -207,16 +207,16 @@ def _widen(values: FloatArray | None, count: int, *axes: int) -> FloatArray | No
 
 
 @dataclass(frozen=True)
-class Improvement:
+class Refinement:
     """A source of error that a machine can be rid of, as far as its estimate says.
 
     Attributes:
-        improve: A superelement without it; itself where it has none.
+        refine: A superelement without it; itself where it has none.
         concerns: Whether a component may have it.
         apart: Looked at one component at a time: what two of them change may cancel by chance.
     """
 
-    improve: Callable[[Superelement], Superelement]
+    refine: Callable[[Superelement], Superelement]
     concerns: Callable[[Component], bool]
     apart: bool = False
 
@@ -229,24 +229,26 @@ def _is_curved(part: Component) -> bool:
     return part.fidelity == "elastic" and not isinstance(part.solid, Box)
 
 
-FINER_MESH = Improvement(with_finer_mesh, _is_discrete, apart=True)
-TRUE_FACES = Improvement(with_true_faces, _is_curved)
-MORE_MODES = Improvement(with_modes_left_out, _is_discrete)
+FINER_MESH = Refinement(with_finer_mesh, _is_discrete, apart=True)
+TRUE_FACES = Refinement(with_true_faces, _is_curved)
+MORE_MODES = Refinement(with_modes_left_out, _is_discrete)
 # meshes and reductions both make a machine too stiff
-BOTH_AT_ONCE = Improvement(lambda part: with_modes_left_out(with_finer_mesh(part)), _is_discrete)
-EACH = (FINER_MESH, TRUE_FACES, MORE_MODES)
-ONCE = (BOTH_AT_ONCE, TRUE_FACES)  # of long analyses
+FINER_WITH_MORE_MODES = Refinement(
+    lambda part: with_modes_left_out(with_finer_mesh(part)), _is_discrete
+)
+SEPARATE_REFINEMENTS = (FINER_MESH, TRUE_FACES, MORE_MODES)
+COMBINED_REFINEMENTS = (FINER_WITH_MORE_MODES, TRUE_FACES)  # of long analyses
 
 
-def list_repeats(
-    components: Mapping[str, Component], improvements: Sequence[Improvement]
-) -> list[tuple[Improvement, tuple[str, ...]]]:
-    """Once per improvement, or component that may have one: it and these components."""
-    found: list[tuple[Improvement, tuple[str, ...]]] = []
-    for each in improvements:
-        names = tuple(name for name, part in components.items() if each.concerns(part))
-        if each.apart:
-            found += [(each, (name,)) for name in names]
+def list_refinements(
+    components: Mapping[str, Component], refinements: Sequence[Refinement]
+) -> list[tuple[Refinement, tuple[str, ...]]]:
+    """Return each refinement with the components that it concerns, together or one at a time."""
+    pairs: list[tuple[Refinement, tuple[str, ...]]] = []
+    for refinement in refinements:
+        names = tuple(name for name, part in components.items() if refinement.concerns(part))
+        if refinement.apart:
+            pairs += [(refinement, (name,)) for name in names]
         elif names:
-            found.append((each, names))
-    return found
+            pairs.append((refinement, names))
+    return pairs

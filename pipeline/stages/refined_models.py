@@ -19,12 +19,12 @@ from headstock.pipeline.stages.estimates import name_what_is_left_out
 from headstock.pipeline.stages.mechanism import LUMPED
 from headstock.pipeline.stages.run_state import RunState
 from headstock.reduction.estimates.corrected_elements import (
-    BOTH_AT_ONCE,
     FINER_MESH,
+    FINER_WITH_MORE_MODES,
     MORE_MODES,
     TRUE_FACES,
-    Improvement,
-    list_repeats,
+    Refinement,
+    list_refinements,
 )
 from headstock.solvers.errors import (
     AccuracyError,
@@ -38,7 +38,7 @@ SOURCES = {
     FINER_MESH: DISCRETISATION,
     TRUE_FACES: CURVED_FACES,
     MORE_MODES: REDUCTION,
-    BOTH_AT_ONCE: f"{DISCRETISATION} and {REDUCTION}",
+    FINER_WITH_MORE_MODES: f"{DISCRETISATION} and {REDUCTION}",
 }
 NOT_ASKED = "any error, as the scene says estimate = false"
 
@@ -48,12 +48,12 @@ class Repeated[Found]:
     """An analysis that was repeated.
 
     Attributes:
-        better: What was found without each source of error.
+        refined: What was found without each source of error.
         unknown: Components whose mesh shows nothing of its error.
         left_out: What is not looked at.
     """
 
-    better: dict[Owner, Found]
+    refined: dict[Owner, Found]
     unknown: tuple[str, ...]
     left_out: tuple[str, ...]
 
@@ -62,13 +62,13 @@ class Repeated[Found]:
     ) -> dict[Key, Estimate]:
         """Return the ± of numbers whose analysis was repeated."""
         return estimate_changes(
-            base, self.better, unknown=bool(self.unknown), left_out=self.left_out
+            base, self.refined, unknown=bool(self.unknown), left_out=self.left_out
         )
 
 
-def repeat_without[Found](
+def repeat_with_refined[Found](
     state: RunState,
-    improvements: Sequence[Improvement],
+    refinements: Sequence[Refinement],
     solve: Callable[[RunState], Found],
     *,
     asked: bool,
@@ -83,13 +83,13 @@ def repeat_without[Found](
     if not asked:
         return Repeated({}, (), (NOT_ASKED,))
     left_out = list(name_what_is_left_out(state.parts).left_out)
-    better: dict[Owner, Found] = {}
-    for owner, machine in list_better_machines(state, improvements).items():
+    refined: dict[Owner, Found] = {}
+    for owner, machine in list_refined_models(state, refinements).items():
         try:
-            better[owner] = solve(machine)
+            refined[owner] = solve(machine)
         except (ModelError, UnstableControlError, ConvergenceError, AccuracyError) as error:
             left_out.append(f"{' of '.join(filter(None, owner[::-1]))}: {error}")
-    return Repeated(better, _find_silent_meshes(state), tuple(left_out))
+    return Repeated(refined, _find_silent_meshes(state), tuple(left_out))
 
 
 def repeat_at_ends[Found](
@@ -104,31 +104,31 @@ def repeat_at_ends[Found](
         solve: The analysis with other coefficients.
         found: What was repeated before.
     """
-    better, left_out = dict(found.better), list(found.left_out)
+    refined, left_out = dict(found.refined), list(found.left_out)
     for key in coefficients.ranges:
         try:
-            better[key, CUTTING] = solve(coefficients.farther_end(key))
+            refined[key, CUTTING] = solve(coefficients.farther_end(key))
         except (ModelError, UnstableControlError, ConvergenceError, AccuracyError) as error:
             left_out.append(f"{key} of the {CUTTING}: {error}")
-    return Repeated(better, found.unknown, tuple(left_out))
+    return Repeated(refined, found.unknown, tuple(left_out))
 
 
-def list_better_machines(
-    state: RunState, improvements: Sequence[Improvement]
+def list_refined_models(
+    state: RunState, refinements: Sequence[Refinement]
 ) -> dict[Owner, RunState]:
     """The run with superelements without each source of error; no entry of one that changes nothing."""
-    found = {}
-    for own, names in list_repeats(state.parts.plan.components, improvements):
-        better = {}
+    models = {}
+    for refinement, names in list_refinements(state.parts.plan.components, refinements):
+        refined = {}
         for name in names:
             part = state.reduced[name]
-            improved = own.improve(part.superelement)
-            if improved is not part.superelement:
-                better[name] = dataclasses.replace(part, superelement=improved)
-        if better:
-            replaced = dataclasses.replace(state, reduced={**state.reduced, **better})
-            found[names[0] if own.apart else "", SOURCES[own]] = silence(replaced)
-    return found
+            changed = refinement.refine(part.superelement)
+            if changed is not part.superelement:
+                refined[name] = dataclasses.replace(part, superelement=changed)
+        if refined:
+            replaced = dataclasses.replace(state, reduced={**state.reduced, **refined})
+            models[names[0] if refinement.apart else "", SOURCES[refinement]] = silence(replaced)
+    return models
 
 
 def _find_silent_meshes(state: RunState) -> tuple[str, ...]:
