@@ -8,7 +8,7 @@ from headstock.scene.building.drives import DRIVE_CONTROL, check_sampling
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.scene import Request
-from headstock.scene.schema.types import Names, PositiveFrequency, PositiveSpeed, RequestTable
+from headstock.scene.schema import types
 
 KEY: KeyPath = ("analyses", "control")
 
@@ -30,16 +30,16 @@ class ControlRequest(Request):
         return f"effect drive_control: loops of {', '.join(drives)} closed, poles up to {self.up_to_hz:g} Hz"
 
 
-class ControlTable(RequestTable):
+class ControlTable(types.RequestTable):
     """Closed-loop poles, margins, bandwidth and tracking error of the drives."""
 
     highest: ClassVar[str] = "up_to"
 
-    up_to: PositiveFrequency = 500.0
+    up_to: types.PositiveFrequency = 500.0
     """highest frequency of the poles listed"""
-    speed: PositiveSpeed = 0.05
+    speed: types.PositiveSpeed = 0.05
     """axis speed at which the lag is reported"""
-    poses: Names | None = None
+    poses: types.Names | None = None
     """poses in which it is computed; default: all of them"""
 
 

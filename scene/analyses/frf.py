@@ -18,20 +18,11 @@ from headstock.scene.building.drives import check_motors, check_sampling
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.scene import LOAD, Motors, Request
-from headstock.scene.schema.types import (
-    Between,
-    ChannelName,
-    Flag,
-    Frequency,
-    Names,
-    PositiveFrequency,
-    RequestTable,
-    WholeNumber,
-)
+from headstock.scene.schema import types
 from headstock.solvers.second_order import Channel, Motion
 
 KEY: KeyPath = ("analyses", "frf")
-Channels = Annotated[list[ChannelName], Field(min_length=1, max_length=100)]
+Channels = Annotated[list[types.ChannelName], Field(min_length=1, max_length=100)]
 
 
 @dataclass(frozen=True)
@@ -75,7 +66,7 @@ class FrfRequest(Request):
         return f"{self.motion}, {entries} from {self.from_hz:g} to {self.to_hz:g} Hz{under}{inside}"
 
 
-class FrfTable(RequestTable):
+class FrfTable(types.RequestTable):
     """Frequency response between points, or interfaces, from one frequency to another."""
 
     highest: ClassVar[str] = "to"
@@ -86,23 +77,23 @@ class FrfTable(RequestTable):
     outputs: Channels | None = None
     """where motion is computed, points and interfaces as in `inputs`, and probes by name; default: the inputs, for loads all points, and
     all probes"""
-    start: Annotated[Frequency, Field(alias="from")] = 0.0
+    start: Annotated[types.Frequency, Field(alias="from")] = 0.0
     """lowest frequency; the value at 0 Hz is the static compliance"""
-    to: PositiveFrequency
+    to: types.PositiveFrequency
     """highest frequency; fixed-interface modes are kept up to twelve times this"""
-    points: Annotated[WholeNumber, Between(2, 100_000)] = 401
+    points: Annotated[types.WholeNumber, types.Between(2, 100_000)] = 401
     """number of frequencies of the regular grid"""
     spacing: Literal["linear", "log"] = "linear"
     """spacing of the regular grid"""
-    adaptive: Flag = True
+    adaptive: types.Flag = True
     """adds points around every resonance, from its half-power width outwards"""
     motion: Literal["receptance", "mobility", "accelerance"] = "receptance"
     """quantity in tables and charts; `results.h5` always holds receptances"""
     motors: Motors = "locked"
     """`locked`: motors hold their position; `controlled`: the loops of all drives are closed; with the effect `drive_control`"""
-    fields_at: tuple[PositiveFrequency, ...] = ()
+    fields_at: tuple[types.PositiveFrequency, ...] = ()
     """frequencies at which `run --volume` writes displacement and stress of elastic components under every input"""
-    poses: Names | None = None
+    poses: types.Names | None = None
     """poses in which it is computed; default: all of them"""
 
     def _faults(self) -> Iterator[str]:

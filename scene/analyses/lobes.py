@@ -27,24 +27,8 @@ from headstock.scene.reading.findings import Findings, SceneError
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import ANGULAR_SPEED
 from headstock.scene.scene import Request, Scene
+from headstock.scene.schema import types
 from headstock.scene.schema.cutting import MillTable, ToolModeTable
-from headstock.scene.schema.types import (
-    THREE_NUMBERS,
-    Between,
-    Direction,
-    JsonForm,
-    Names,
-    NotNegativeShare,
-    PositiveAngularSpeed,
-    PositiveFrequency,
-    PositiveLength,
-    QuantityPattern,
-    RequestTable,
-    Text,
-    WholeNumber,
-    problem,
-    read_direction,
-)
 from headstock.scene.studies import Sweep
 from headstock.solvers.milling.coefficients import CuttingCoefficients
 from headstock.solvers.milling.forces import EndMill, MillingCut, Sense, Side
@@ -176,7 +160,7 @@ class LobesRequest(Request):
 
 def _read_speeds(value: object) -> object:
     if not isinstance(value, list) or len(value) != 3:
-        raise problem(
+        raise types.problem(
             'is not a span; write lowest, highest and number of speeds: ["2000 rpm", "12000 rpm", 400]'
         )
     return value
@@ -185,14 +169,14 @@ def _read_speeds(value: object) -> object:
 class SpeedsSpan(NamedTuple):
     """Lowest and highest speed of the spindle and the number of speeds."""
 
-    low: PositiveAngularSpeed
-    high: PositiveAngularSpeed
-    number: Annotated[WholeNumber, Between(2, MOST_SPEEDS)]
+    low: types.PositiveAngularSpeed
+    high: types.PositiveAngularSpeed
+    number: Annotated[types.WholeNumber, types.Between(2, MOST_SPEEDS)]
 
 
 def _check_span(span: SpeedsSpan) -> SpeedsSpan:
     if span.high <= span.low:
-        raise problem("ends at no higher speed than it begins; write the lowest speed first")
+        raise types.problem("ends at no higher speed than it begins; write the lowest speed first")
     return span
 
 
@@ -200,12 +184,12 @@ Speeds = Annotated[
     SpeedsSpan,
     BeforeValidator(_read_speeds),
     AfterValidator(_check_span),
-    JsonForm(
+    types.JsonForm(
         {
             "type": "array",
             "examples": [["2000 rpm", "12000 rpm", 400]],
             "prefixItems": [
-                *2 * [{"type": "string", "pattern": QuantityPattern((ANGULAR_SPEED,))}],
+                *2 * [{"type": "string", "pattern": types.QuantityPattern((ANGULAR_SPEED,))}],
                 {"type": "integer", "minimum": 2},
             ],
             "minItems": 3,
@@ -216,13 +200,13 @@ Speeds = Annotated[
 
 
 def _read_travel(value: object) -> object:
-    return value if value == FEED else read_direction(value)
+    return value if value == FEED else types.read_direction(value)
 
 
 TravelForm = Annotated[
     Literal["feed"] | tuple[float, float, float],
     BeforeValidator(_read_travel),
-    JsonForm(
+    types.JsonForm(
         {
             "description": "x, -z ..., three plain numbers, or feed",
             "examples": ["x", "feed", [1, 1, 0]],
@@ -233,51 +217,51 @@ TravelForm = Annotated[
                         *(f"{sign}{letter}" for sign in ("", "+", "-") for letter in "xyz"),
                     ]
                 },
-                THREE_NUMBERS,
+                types.THREE_NUMBERS,
             ],
         }
     ),
 ]
 
 
-class LobesTable(RequestTable):
+class LobesTable(types.RequestTable):
     """Stability lobes: limit depth of cut over the speed of the spindle."""
 
     speeds: Speeds
     """lowest and highest speed of the spindle, number of speeds"""
     mill: MillTable
     """the milling tool"""
-    radial_depth: PositiveLength
+    radial_depth: types.PositiveLength
     """depth of cut across the tool, at most its diameter"""
     sense: Literal["down", "up"] = "down"
     """`down` (climb): teeth leave at the finished face; `up` (conventional): they enter there"""
     part_side: Literal["right", "left"] | None = None
     """side of the travel on which the part lies; default: where a clockwise tool mills in this sense"""
-    material: Text
+    material: types.Text
     """workpiece material: of `[cutting.NAME]`, or of the [catalogue](cutting_coefficients.md)"""
-    feed_per_tooth: PositiveLength | None = None
+    feed_per_tooth: types.PositiveLength | None = None
     """where the tangent to Kienzle's force is taken: at the mean thickness of its chips"""
     directions: Annotated[list[TravelForm], Field(min_length=1, max_length=12)] = [
         (1.0, 0.0, 0.0),
         (0.0, 1.0, 0.0),
     ]
     """directions of the travel. `feed` is that of a path, see [lobes](lobes.md#over-the-workspace-and-along-a-path)"""
-    at: Text | None = None
+    at: types.Text | None = None
     """point where the tool is; default: the first one"""
-    up: Direction = (0.0, 0.0, 1.0)
+    up: types.Direction = (0.0, 0.0, 1.0)
     """direction from the tool's tip to its holder"""
-    up_to: PositiveFrequency = 1000.0
+    up_to: types.PositiveFrequency = 1000.0
     """modes of the machine are kept at least up to here; higher ones count where they can chatter, those of `tool_modes` always"""
-    deepest: PositiveLength = 0.05
+    deepest: types.PositiveLength = 0.05
     """depth of cut up to which a limit is looked for"""
     tool_modes: Annotated[list[ToolModeTable], Field(max_length=12)] = []
     """lumped modes of spindle and tool in a row, from the machine to the tip"""
-    tool_receptance: Text | None = None
+    tool_receptance: types.Text | None = None
     """measured receptances of the free assembly of spindle, holder and tool in their place: CSV with the columns
     `frequency,tip_re,tip_im,cross_re,cross_im,base_re,base_im` in Hz and m/N, equal in both directions across the tool"""
-    checked: NotNegativeShare = 1.0
+    checked: types.NotNegativeShare = 1.0
     """share of the speeds at which the limit is looked for, evenly spread; the others are hatched"""
-    poses: Names | None = None
+    poses: types.Names | None = None
     """poses in which it is computed; default: all of them"""
 
     def _faults(self) -> Iterator[str]:

@@ -9,7 +9,7 @@ from headstock.scene.building.studies import build_grid, check_grid
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.scene import Request, describe_grid
-from headstock.scene.schema.types import Between, RequestTable, Text, WholeNumber
+from headstock.scene.schema import types
 
 KEY: KeyPath = ("analyses", "map")
 MAX_POSES = 40_000
@@ -36,14 +36,14 @@ class MapRequest(Request):
         return f"modes, stiffness and condition number in {describe_grid(self.axes)}"
 
 
-class MapTable(RequestTable):
+class MapTable(types.RequestTable):
     """Modes, static stiffness and condition number of a lumped mechanism over the poses of a sweep
     along two or three axes.
     """
 
-    sweep: Text
+    sweep: types.Text
     """a sweep of `axes` in which two or three have several positions, at most 40 000 poses"""
-    count: Annotated[WholeNumber, Between(1, 6)] = 3
+    count: Annotated[types.WholeNumber, types.Between(1, 6)] = 3
     """number of natural frequencies; each mode is tracked by its shape"""
 
 

@@ -40,23 +40,11 @@ from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import ANGULAR_SPEED, LENGTH, SPEED, Dimension
 from headstock.scene.scene import Request, Scene
+from headstock.scene.schema import types
 from headstock.scene.schema.axes import PoseTable
 from headstock.scene.schema.cutting import MillTable
 from headstock.scene.schema.effects import GUIDE_ERRORS
 from headstock.scene.schema.scene import SceneTable
-from headstock.scene.schema.types import (
-    ChannelName,
-    Direction,
-    Flag,
-    PathFeed,
-    PositiveAngularSpeed,
-    PositiveFrequency,
-    PositiveLength,
-    PositiveTime,
-    RequestTable,
-    StrictTable,
-    Text,
-)
 from headstock.solvers.milling.forces import MillingCut, Side
 from headstock.solvers.motion.deviation import LowPass
 from headstock.solvers.motion.set_points import Ramp, SetPoint, find_move_fault
@@ -68,8 +56,8 @@ CUT: KeyPath = (*KEY, "cut")
 RAMP_BAND = 16.0
 RAMP_SAMPLES = 10.0  # on a ramp, that a remedy asks for
 TOOTH_HARMONICS = 10  # of the passing of teeth
-Channels = Annotated[list[ChannelName], Field(min_length=1, max_length=30)]
-Feeds = Annotated[list[PathFeed], Field(min_length=1, max_length=20)]
+Channels = Annotated[list[types.ChannelName], Field(min_length=1, max_length=30)]
+Feeds = Annotated[list[types.PathFeed], Field(min_length=1, max_length=20)]
 
 
 @dataclass(frozen=True)
@@ -125,63 +113,63 @@ class PathRequest(Request):
         return f"{', '.join(self.path.axes)} moves {length} at {feeds} {unit}, sampled at {self.sampling_hz:g} Hz{cut}"
 
 
-class PathCutTable(StrictTable):
+class PathCutTable(types.StrictTable):
     """Milling along a path; used with the effect `cutting_force`."""
 
     mill: MillTable
     """the milling tool"""
-    spindle: PositiveAngularSpeed
+    spindle: types.PositiveAngularSpeed
     """speed of the spindle"""
-    axial_depth: PositiveLength
+    axial_depth: types.PositiveLength
     """depth of cut along the tool"""
-    radial_depth: PositiveLength
+    radial_depth: types.PositiveLength
     """depth of cut across the tool, at most its diameter"""
     sense: Literal["down", "up"] = "down"
     """`down` (climb): teeth leave at the finished face; `up` (conventional): they enter there"""
     part_side: Literal["right", "left"] | None = None
     """side of the travel on which the part lies; default: where a clockwise tool mills in this sense"""
-    material: Text
+    material: types.Text
     """workpiece material: of `[cutting.NAME]`, or of the [catalogue](cutting_coefficients.md)"""
-    at: Text | None = None
+    at: types.Text | None = None
     """point where the tool is; default: the first one"""
-    up: Direction = (0.0, 0.0, 1.0)
+    up: types.Direction = (0.0, 0.0, 1.0)
     """direction from the tool's tip to its holder"""
 
 
-class PathTable(RequestTable):
+class PathTable(types.RequestTable):
     """How far a point leaves the straight line while axes accelerate to a feed and stop again."""
 
     start: Annotated[PoseTable, Field(alias="from", min_length=1)]
     """start position of the axes: `{ X = "-40 mm" }`"""
     to: Annotated[PoseTable, Field(min_length=1)]
     """end position; every axis, linear or rotary, has a constant share of the way"""
-    pose: Text | None = None
+    pose: types.Text | None = None
     """pose that gives the position of all other axes; default: zero"""
     feeds: Feeds
     """feed rates; the path is computed once for each; of the linear travel where a linear axis moves, else an angular speed such as `"3600
     deg/min"`"""
-    time_constant: PositiveTime
+    time_constant: types.PositiveTime
     """feed divided by acceleration; for exponential ramps the time constant of the lag"""
     ramp: Literal["linear", "s_curve", "exponential"] = "linear"
     """`linear`: constant acceleration; `s_curve`: its jerk limited too; `exponential`: a first-order lag"""
-    jerk_time: PositiveTime | None = None
+    jerk_time: types.PositiveTime | None = None
     """acceleration divided by jerk; required by an S-curve, and at most `time_constant`"""
     outputs: Channels | None = None
     """where the deviation is computed: `[["tcp", "z"]]`; default: all points in x, y and z"""
-    sampling: PositiveFrequency = 2500.0
+    sampling: types.PositiveFrequency = 2500.0
     """samples per second, more than twice `lowpass`"""
-    lowpass: PositiveFrequency | None = None
+    lowpass: types.PositiveFrequency | None = None
     """cut-off frequency of a fourth-order Butterworth low-pass filter applied to the deviation; default: none"""
     filter: Literal["zero_phase", "causal"] = "zero_phase"
     """`zero_phase`: forwards and backwards, without delay; `causal`: once, as a measuring instrument does"""
-    residual_time: PositiveTime = 0.3
+    residual_time: types.PositiveTime = 0.3
     """time after a ramp over which residual vibration is evaluated, also recorded after the end"""
     cut: PathCutTable | None = None
     """milling along the path; used with the effect `cutting_force`"""
     pose_model: Literal["pose_dependent", "frozen"] | None = None
     """`pose_dependent`: the machine's matrices change along the path; `frozen`: those at mid-path are used throughout; default:
     `pose_dependent`, but `frozen` for axes under control"""
-    estimate: Flag = True
+    estimate: types.Flag = True
     """± of its numbers, for which machines of components make the moves once more per mesh and for modes left out"""
 
     @property

@@ -32,23 +32,7 @@ from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import ANGULAR_IMPULSE, FORCE, IMPULSE, MOMENT
 from headstock.scene.scene import Motors, Request
-from headstock.scene.schema.types import (
-    ChannelName,
-    Name,
-    Names,
-    NotNegativeShare,
-    NotNegativeTime,
-    Number,
-    PositiveFrequency,
-    PositiveNumber,
-    PositiveTime,
-    RequestTable,
-    Speed,
-    StrictTable,
-    Text,
-    TimedLoadSize,
-    not_both,
-)
+from headstock.scene.schema import types
 from headstock.solvers.linear.load_history import (
     LoadHistory,
     half_sine_load,
@@ -67,7 +51,7 @@ RECORD_COLUMNS = ("value",)
 ON_GRID = 1e-6  # of a time step
 MUCH_LOST = 0.01  # of the rms of a record
 GRAVITY = "gravity"
-Channels = Annotated[list[ChannelName], Field(min_length=1, max_length=100)]
+Channels = Annotated[list[types.ChannelName], Field(min_length=1, max_length=100)]
 SAMPLES_PER_PERIOD = 20
 MOST_SAMPLES = 500_000
 # shape: keys it needs, and keys it may have
@@ -136,31 +120,31 @@ class TransientRequest(Request):
         return f"{', '.join(causes)}: {self.duration:g} s with modes up to {self.up_to_hz:g} Hz{under}{inside}"
 
 
-class TimedLoadTable(StrictTable):
+class TimedLoadTable(types.StrictTable):
     """A force, a moment or a load of `[loads]` that changes with time."""
 
-    model_config = not_both("at", "load")
+    model_config = types.not_both("at", "load")
 
     shape: Literal["step", "ramp", "half_sine", "sine", "impulse", "release", "file"]
     """`step` (with `time`: a pulse), `ramp` to its size in `time`, `half_sine` of the length `time`, `sine` of `frequency`, or for some
     `cycles`, `impulse`, `release` (has acted for long and is gone), `file`"""
-    at: ChannelName | None = None
+    at: types.ChannelName | None = None
     """point or interface and direction: `["tcp", "x"]`"""
-    size: TimedLoadSize | None = None
+    size: types.TimedLoadSize | None = None
     """force, moment, or impulse; values of a `file` are multiplied by it; default: `1 N` of a `file`, else required beside `at`"""
-    load: Text | None = None
+    load: types.Text | None = None
     """a load of `[loads]`, or `gravity`, in place of `at`"""
-    factor: Number | None = None
+    factor: types.Number | None = None
     """factor of that load; default: 1"""
-    start: NotNegativeTime = 0.0
+    start: types.NotNegativeTime = 0.0
     """when it begins to act, is released, or strikes"""
-    time: PositiveTime | None = None
+    time: types.PositiveTime | None = None
     """how long it rises or acts; required by `ramp` and `half_sine`; default: a `step` acts on"""
-    frequency: PositiveFrequency | None = None
+    frequency: types.PositiveFrequency | None = None
     """frequency of a `sine`, which needs it"""
-    cycles: PositiveNumber | None = None
+    cycles: types.PositiveNumber | None = None
     """how many cycles a `sine` has; default: it goes on"""
-    file: Text | None = None
+    file: types.Text | None = None
     """CSV file with the columns `time` [s] and `value`, linear between its samples and zero outside"""
 
     def _faults(self) -> Iterator[str]:
@@ -186,30 +170,30 @@ class TimedLoadTable(StrictTable):
                 yield f"shape {self.shape} has no {key}; remove it"
 
 
-class TransientTable(RequestTable):
+class TransientTable(types.RequestTable):
     """Motion of points under loads that change with time."""
 
-    loads: Annotated[dict[Name, TimedLoadTable], Field(max_length=100)] = {}
+    loads: Annotated[dict[types.Name, TimedLoadTable], Field(max_length=100)] = {}
     """forces, moments and loads of `[loads]` over time, by name"""
     velocity: Annotated[
-        dict[Text, Annotated[list[Speed], Field(min_length=3, max_length=3)]],
+        dict[types.Text, Annotated[list[types.Speed], Field(min_length=3, max_length=3)]],
         Field(max_length=1000),
     ] = {}
     """velocity of components before the time zero, machine axes: `{ table = ["100 mm/s", "0 m/s", "0 m/s"] }`; joints turn it into the
     motion with the same momentum"""
-    duration: PositiveTime
+    duration: types.PositiveTime
     """how long the motion is computed, from the time zero"""
-    up_to: PositiveFrequency = 1000.0
+    up_to: types.PositiveFrequency = 1000.0
     """modes up to this frequency vibrate; those above follow the loads at once"""
-    sampling: PositiveFrequency | None = None
+    sampling: types.PositiveFrequency | None = None
     """samples per second, more than twice `up_to`; default: 20 times `up_to`"""
-    settled: NotNegativeShare = 0.02
+    settled: types.NotNegativeShare = 0.02
     """share of the way to the rest position (of the peak, where there is no way) within which an output has settled"""
     outputs: Channels | None = None
     """where the motion is computed: `[["tcp", "z"], "fillet"]`, with a probe; default: all points in x, y, z and all probes"""
     motors: Motors = "locked"
     """as in `[analyses.frf]`; with the effect `friction` guides rub"""
-    poses: Names | None = None
+    poses: types.Names | None = None
     """poses in which it is computed; default: all of them"""
 
     @property

@@ -7,29 +7,22 @@ from typing import Annotated
 from pydantic import Field
 
 from headstock.scene.reading.units import Quantity
-from headstock.scene.schema.types import (
-    Angle,
-    AxisPosition,
-    PositiveAxisPosition,
-    PositiveLength,
-    StrictTable,
-)
-from headstock.scene.schema.types import Position as MachinePosition
+from headstock.scene.schema import types
 
 RAIL_KEYS = ("axial", "lateral", "normal", "roll", "pitch", "yaw")
 MOTION_KEYS = ("EX", "EY", "EZ", "EA", "EB", "EC")
 MOST_TERMS = 10_000
-Values = Annotated[list[AxisPosition], Field(min_length=2, max_length=MOST_TERMS)]
+Values = Annotated[list[types.AxisPosition], Field(min_length=2, max_length=MOST_TERMS)]
 
 
-class ErrorWaveTable(StrictTable):
+class ErrorWaveTable(types.StrictTable):
     """A wave along a rail, a screw or an axis."""
 
-    period: PositiveAxisPosition
+    period: types.PositiveAxisPosition
     """length of one wave"""
-    amplitude: AxisPosition
+    amplitude: types.AxisPosition
     """half of the wave's height"""
-    phase: Angle = 0.0
+    phase: types.Angle = 0.0
     """phase at position zero"""
 
     def _faults(self) -> Iterator[str]:
@@ -37,7 +30,7 @@ class ErrorWaveTable(StrictTable):
             yield 'its period must be above zero; write for example "2 mm"'
 
 
-class ErrorPointsTable(StrictTable):
+class ErrorPointsTable(types.StrictTable):
     """Measured values with straight lines between them."""
 
     at: Values
@@ -53,15 +46,17 @@ class ErrorPointsTable(StrictTable):
             yield "its positions do not rise; sort them, each once"
 
 
-class ProfileTable(StrictTable):
+class ProfileTable(types.StrictTable):
     """An error over the position: the sum of measured points, a polynomial and waves."""
 
     points: ErrorPointsTable | None = None
     """measured values with straight lines between them: `{ at = ["0 mm", "100 mm"], values = ["0 um", "2 um"] }`"""
-    polynomial: Annotated[list[AxisPosition], Field(min_length=1, max_length=12)] | None = None
+    polynomial: Annotated[list[types.AxisPosition], Field(min_length=1, max_length=12)] | None = (
+        None
+    )
     """coefficients of the powers 0, 1, 2, ... of the position over `over`: `["0 um", "2 um"]` with `over = "100 mm"` rises by 2 um per 100
     mm"""
-    over: PositiveAxisPosition | None = None
+    over: types.PositiveAxisPosition | None = None
     """position at which every term of the polynomial is its coefficient; required from the second coefficient on"""
     waves: Annotated[list[ErrorWaveTable], Field(min_length=1, max_length=100)] | None = None
     """sum of `amplitude sin(2 pi s / period + phase)` over the position s"""
@@ -106,24 +101,24 @@ class ProfileTable(StrictTable):
         return found
 
 
-class BallPassingTable(StrictTable):
+class BallPassingTable(types.StrictTable):
     """Waves that the balls of a carriage or a nut make as they enter and leave the load zone."""
 
-    period: PositiveLength
+    period: types.PositiveLength
     """travel from one ball to the next"""
-    phase: Angle = 0.0
+    phase: types.Angle = 0.0
     """phase where the carriage is at the origin of what it slides on; `each` gives carriages their own"""
-    axial: AxisPosition | None = None
+    axial: types.AxisPosition | None = None
     """amplitude along the screw"""
-    lateral: AxisPosition | None = None
+    lateral: types.AxisPosition | None = None
     """amplitude along the joint's y axis"""
-    normal: AxisPosition | None = None
+    normal: types.AxisPosition | None = None
     """amplitude along the joint's z axis"""
-    roll: AxisPosition | None = None
+    roll: types.AxisPosition | None = None
     """amplitude about the rail"""
-    pitch: AxisPosition | None = None
+    pitch: types.AxisPosition | None = None
     """amplitude about the joint's y axis"""
-    yaw: AxisPosition | None = None
+    yaw: types.AxisPosition | None = None
     """amplitude about the joint's z axis"""
 
     def amplitudes(self) -> dict[str, Quantity]:
@@ -131,7 +126,7 @@ class BallPassingTable(StrictTable):
         return self.given(RAIL_KEYS)
 
 
-class RailErrorsTable(StrictTable):
+class RailErrorsTable(types.StrictTable):
     """Errors of the rail or the screw that a joint slides along, in joint axes; used with the effect
     `guide_errors`.
     """
@@ -148,7 +143,7 @@ class RailErrorsTable(StrictTable):
     """angular error about the joint's y axis"""
     yaw: ProfileTable | None = None
     """angular error about the joint's z axis"""
-    length: PositiveLength | None = None
+    length: types.PositiveLength | None = None
     """length over which a carriage averages the profiles; default: its `length` on a rail, else it is a point"""
     ball_passing: BallPassingTable | None = None
     """waves of the carriage itself, which nothing averages"""
@@ -158,7 +153,7 @@ class RailErrorsTable(StrictTable):
         return self.given(RAIL_KEYS)
 
 
-class AxisErrorsTable(StrictTable):
+class AxisErrorsTable(types.StrictTable):
     """Error motions of an axis by the symbols of ISO 230-1 without its name: `EY` of axis `X` is
     `EYX`; used with the effect `guide_errors`.
     """
@@ -175,13 +170,13 @@ class AxisErrorsTable(StrictTable):
     """rotation about y of what the axis moves, over its position"""
     EC: ProfileTable | None = None
     """rotation about z of what the axis moves, over its position"""
-    EA0: Angle = 0.0
+    EA0: types.Angle = 0.0
     """squareness: rotation of the line of motion about x, from position zero; what moves keeps its orientation"""
-    EB0: Angle = 0.0
+    EB0: types.Angle = 0.0
     """squareness: rotation of the line of motion about y, as `EA0`"""
-    EC0: Angle = 0.0
+    EC0: types.Angle = 0.0
     """squareness: rotation of the line of motion about z, as `EA0`"""
-    at: MachinePosition | None = None
+    at: types.Position | None = None
     """functional point on what it moves, all axes at zero, to which EX, EY and EZ belong; default: the middle of its joints"""
 
     def profiles(self) -> dict[str, ProfileTable]:
