@@ -206,24 +206,19 @@ def _build(table: ContouringTable, draft: Draft) -> ContouringRequest:
     """
     scene = draft.table
     damping = scene.effects.get("damping", False)
-    return ContouringRequest(
+    return table.fill(
+        ContouringRequest,
         contour=_build_contour(table, draft.folder),
         cut=build_cut(scene, table, [table.feed * tooth_period(table)]),
-        model=table.model,
-        steps_per_turn=table.steps_per_turn,
         damping=PoseDamping(read_modal_damping(damping), read_rayleigh_damping(damping)),
-        material=table.material,
         forces=_find_file(draft.folder, table.forces),
         traces=_find_file(draft.folder, table.traces),
-        traces_knots=table.traces_knots,
         tool_modes=tuple(build_tool_mode(mode, UP) for mode in table.tool_modes),
         cutting=bool(scene.effects.get("cutting_force", False)),
         regeneration=bool(scene.effects.get("regeneration", False)),
         point=_tool_point(scene, table),
         modes_to_hz=table.modes_to or PASSINGS * table.spindle / (2.0 * math.pi) * table.mill.teeth,
         follows_pose=table.pose_model == "pose_dependent",
-        cut_off=table.cut_off,
-        estimate=table.estimate,
     )
 
 

@@ -116,18 +116,14 @@ def _build(table: FrfTable, draft: Draft) -> FrfRequest:
     moved = tuple(channel for channel in inputs if channel[1] != LOAD)
     outputs = [one for one in table.outputs or () if one[0] not in scene.probes]
     inside = [name for name, _ in table.outputs or () if name in scene.probes]
-    return FrfRequest(
+    return table.fill(
+        FrfRequest,
         inputs=inputs,
         outputs=build_channels(outputs) if outputs else moved or build_channels(every),
         probes=tuple(dict.fromkeys(inside if table.outputs else scene.probes)),
         to_hz=table.to,
         from_hz=table.start,
-        points=table.points,
-        spacing=table.spacing,
-        adaptive=table.adaptive,
-        motion=table.motion,
         poses=tuple(table.poses or draft.poses),
-        motors=table.motors,
         fields_at=tuple(dict.fromkeys(table.fields_at)),
     )
 

@@ -282,27 +282,22 @@ def _build(table: LobesTable, draft: Draft) -> LobesRequest:
     """
     scene = draft.table
     path = scene.analyses.get(PathTable)
-    return LobesRequest(
+    return table.fill(
+        LobesRequest,
         mill=build_mill(table.mill),
         coefficients=resolve_material(scene, table.material, table, _feeds_per_tooth(table)),
-        material=table.material,
-        radial_depth=table.radial_depth,
         speeds=np.linspace(
             table.speeds.low, table.speeds.high, table.speeds.number, dtype=np.float64
         ),
         directions=tuple(map(_build_travel, table.directions)),
         at=table.at or next(iter(scene.points)),
-        up=table.up,
         up_to_hz=table.up_to,
-        deepest=table.deepest,
         tool_modes=tuple(build_tool_mode(mode, table.up) for mode in table.tool_modes),
         tool_receptance=None
         if table.tool_receptance is None
         else resolve_file(draft.folder, table.tool_receptance, SUFFIXES, RECEPTANCES),
-        checked=table.checked,
         poses=tuple(table.poses or draft.poses),
         path=None if path is None else build_path(scene, path),
-        sense=table.sense,
         part=part_side(table),
     )
 

@@ -210,17 +210,16 @@ def _build(table: PathTable, draft: Draft) -> PathRequest:
     scene = draft.table
     line = build_path(scene, table)
     ramp = Ramp(table.ramp, table.time_constant, table.jerk_time or 0.0)
-    return PathRequest(
+    return table.fill(
+        PathRequest,
         path=line,
         moves=tuple(SetPoint(line.length, feed.value, ramp, line.unit) for feed in table.feeds),
         outputs=build_channels(table.outputs or [(name, "") for name in scene.points]),
         sampling_hz=table.sampling,
         low_pass=None if table.lowpass is None else LowPass(table.lowpass, table.filter),
-        residual_time=table.residual_time,
         band_hz=_find_band(scene, table),
         cut=_build_cut(scene, table),
         follows_pose=_follows_pose(scene, table),
-        estimate=table.estimate,
     )
 
 

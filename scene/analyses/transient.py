@@ -232,7 +232,8 @@ def _build(table: TransientTable, draft: Draft) -> TransientRequest:
     scene = draft.table
     outputs = [one for one in table.outputs or () if one[0] not in scene.probes]
     inside = [name for name, _ in table.outputs or () if name in scene.probes]
-    return TransientRequest(
+    return table.fill(
+        TransientRequest,
         loads=tuple(
             TimedLoad(
                 name,
@@ -246,12 +247,9 @@ def _build(table: TransientTable, draft: Draft) -> TransientRequest:
             name: (speeds[0], speeds[1], speeds[2]) for name, speeds in table.velocity.items()
         },
         outputs=build_channels(outputs or [(name, "") for name in scene.points]),
-        duration=table.duration,
         sampling_hz=table.samples_per_second,
         up_to_hz=table.up_to,
-        settled=table.settled,
         poses=tuple(table.poses or draft.poses),
-        motors=table.motors,
         probes=tuple(dict.fromkeys(inside if table.outputs else scene.probes)),
     )
 

@@ -110,13 +110,9 @@ def build_solid(table: SolidTable, folder: Path) -> Solid:
     if table.tube is not None:
         return Tube(table.tube.outer, table.tube.inner, table.tube.length)
     if table.plate is not None:
-        plate = table.plate
-        return Plate(_three(plate.size), plate.rib_height, plate.rib, plate.ribs_x, plate.ribs_y)
+        return table.plate.fill(Plate, rib_thickness=table.plate.rib)
     if table.column is not None:
-        c = table.column
-        return HollowColumn(
-            _three(c.size), c.wall, c.cap, c.rib, c.ribs_z, c.ribs_x, c.ribs_y, c.core_hole
-        )
+        return table.column.fill(HollowColumn)
     if table.step is not None:
         return StepFile(resolve_file(folder, table.step, FILE_SUFFIXES["step"]), table.solid)
     if table.mesh is not None:
@@ -286,37 +282,18 @@ def build_component(
         placement=build_frame(table.at, table.rotate),
         interfaces=interfaces,
         fidelity=table.fidelity,
-        mesh=_build_mesh_settings(table.mesh, sizes),
-        reduction=ReductionSettings(
-            table.reduction.modes_to,
-            table.reduction.modes,
-            table.reduction.verify,
-            table.reduction.eigensolver,
-            table.reduction.solver,
-            table.reduction.correct_mesh,
+        mesh=table.mesh.fill(
+            MeshSettings,
+            size=table.mesh.size if sizes is None else float(sizes.sizes.max()),
+            sizes=sizes,
         ),
-        segments=SegmentSettings(table.segments.count, table.segments.along),
+        reduction=table.reduction.fill(ReductionSettings, modes_to_hz=table.reduction.modes_to),
+        segments=table.segments.fill(SegmentSettings),
         mass=table.mass if table.solid.point_mass is None else table.solid.point_mass,
         free=free or table.free,
         rayleigh=RayleighDamping()
         if table.rayleigh is None
-        else RayleighDamping(table.rayleigh.alpha, table.rayleigh.beta),
-    )
-
-
-def _build_mesh_settings(table: MeshTable, sizes: SizeField | None) -> MeshSettings:
-    return MeshSettings(
-        table.size if sizes is None else float(sizes.sizes.max()),
-        table.order,
-        table.cells,
-        table.allow_locking,
-        table.across_patches,
-        growth=table.growth,
-        rim_size=table.rim_size,
-        smallest=table.smallest,
-        leave_out=table.leave_out,
-        details=table.details,
-        sizes=sizes,
+        else table.rayleigh.fill(RayleighDamping),
     )
 
 

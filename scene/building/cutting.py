@@ -100,7 +100,7 @@ USUAL_CHIPS = Chips(1e-4, 0.5, "assumed, as no feed per tooth is known")
 
 def build_mill(table: MillTable) -> EndMill:
     """The tool."""
-    return EndMill(table.diameter, table.teeth, table.helix, table.runout)
+    return table.fill(EndMill)
 
 
 def part_side(table: CutTable) -> Side:

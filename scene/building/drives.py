@@ -266,7 +266,7 @@ def _build_drive(name: str, table: DriveTable, scene: SceneTable, on: set[str]) 
         cycle=table.sampling or 0.0,
         acceleration_share=table.feed_forward.acceleration,
         ripple=tuple(
-            TorqueRipple(wave.torque, wave.per_turn, wave.phase)
+            wave.fill(TorqueRipple)
             for wave in (table.torque_ripple or () if TORQUE_RIPPLE in on else ())
         ),
     )
@@ -302,12 +302,10 @@ def _build_control(table: DriveTable, lead: float) -> AxisControl:
 
 
 def _build_friction(table: FrictionTable) -> GuideFriction:
-    return GuideFriction(
-        coulomb=table.coulomb,
+    return table.fill(
+        GuideFriction,
         breakaway=table.coulomb if table.breakaway is None else table.breakaway,
-        stribeck_speed=table.stribeck_speed,
         viscous=0.0 if table.viscous is None else table.viscous.value,
-        smoothing=table.smoothing,
     )
 
 

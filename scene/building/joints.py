@@ -351,19 +351,17 @@ def build_joint(name: str, table: JointTable) -> Joint:
         for dof in rule.keys[key]:
             damping[dof, dof] = 0.0 if dof in fixed else quantity.value
     first, second = table.between
-    return Joint(
+    return table.fill(
+        Joint,
         name=name,
         ends=(first, second),
-        kind=table.kind,
         rotation=joint_rotation(table),
         fixed=tuple(sorted(fixed)),
         stiffness=stiffness,
         damping=damping,
         point=None if table.at is None else np.array(table.at),
-        length=table.length,
         screw=None if table.screw is None else _build_shaft(table.screw),
-        loss_factor=table.loss_factor,
-        soft=table.soft,
+        errors=None,  # where the effect guide_errors is on, the loader adds them
         second_axis=np.array(table.normal)
         if table.kind == "universal" and table.normal is not None
         else None,

@@ -308,9 +308,7 @@ def _build_scene(draft: Draft, path: Path, findings: Findings, variant: str | No
             table.compare.reference,
         ),
         drives=build_drives(table),
-        accuracy=None
-        if table.accuracy is None
-        else AccuracyGoal(table.accuracy.to, table.accuracy.models, table.accuracy.interfaces),
+        accuracy=None if table.accuracy is None else table.accuracy.fill(AccuracyGoal),
         model_errors=table.model_errors,
         interface_errors=_compares_interfaces(table),
         modal_damping=read_modal_damping(table.effects.get("damping", False)),

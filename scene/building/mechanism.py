@@ -18,7 +18,7 @@ from headstock.scene.building.draft import Draft
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.units import ANGLE, LENGTH, Quantity
 from headstock.scene.scene import LegSprings, SceneMechanism
-from headstock.scene.schema.axes import ExechonTable, MechanismTable
+from headstock.scene.schema.axes import MechanismTable
 from headstock.scene.schema.effects import GRAVITY_STIFFENING
 from headstock.scene.schema.loads import LoadTable
 from headstock.scene.schema.scene import SceneTable
@@ -27,10 +27,8 @@ from headstock.scene.schema.scene import SceneTable
 def build_mechanism(table: MechanismTable) -> SceneMechanism:
     """The mechanism of a scene that has passed every check."""
     limits = {name: (low.value, high.value) for name, (low, high) in table.limits.items()}
-    mounted = MountedExechon(
-        _build_dimensions(table.dimensions), build_frame(table.at, table.rotate), limits
-    )
-    springs = None if table.springs is None else LegSprings(**table.springs.model_dump())
+    dimensions = table.dimensions.fill(ExechonDimensions)
+    mounted = MountedExechon(dimensions, build_frame(table.at, table.rotate), limits)
     return SceneMechanism(
         kind=table.kind,
         model=table.model,
@@ -39,20 +37,8 @@ def build_mechanism(table: MechanismTable) -> SceneMechanism:
         carries={
             component: marker for marker, names in table.carries.items() for component in names
         },
-        springs=springs,
+        springs=None if table.springs is None else table.springs.fill(LegSprings),
         screw_lead=table.screw_lead,
-    )
-
-
-def _build_dimensions(table: ExechonTable) -> ExechonDimensions:
-    """Dimensions of an Exechon."""
-    return ExechonDimensions(
-        base=(table.base[0], table.base[1], table.base[2]),
-        platform=(table.platform[0], table.platform[1], table.platform[2]),
-        universal_offsets=(table.universal_offsets[0], table.universal_offsets[1]),
-        platform_heights=(table.platform_heights[0], table.platform_heights[1]),
-        wrist=(table.wrist[0], table.wrist[1]),
-        tool_length=table.tool_length,
     )
 
 
@@ -70,7 +56,7 @@ def check_mechanism(draft: Draft, findings: Findings) -> None:
             ("orientation",),
             "a mechanism is placed by its own `at` and `rotate`; move orientation there",
         )
-    mechanism = exechon_mechanism(_build_dimensions(table.dimensions))
+    mechanism = exechon_mechanism(table.dimensions.fill(ExechonDimensions))
     _check_carried(table, mechanism, scene, findings)
     _check_limits(table, mechanism, findings)
     for name in set(scene.axes) & set(TOOL_AXES):

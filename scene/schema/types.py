@@ -3,6 +3,7 @@ references.
 """
 
 import ast
+import dataclasses
 import functools
 import inspect
 import itertools
@@ -11,7 +12,7 @@ import re
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self, cast
 
 import numpy as np
 from pydantic import (
@@ -80,6 +81,17 @@ class StrictTable(BaseModel):
     def given(self, keys: Iterable[str]) -> dict[str, Any]:
         """Values of those of some keys that are given."""
         return {key: value for key in keys if (value := getattr(self, key)) is not None}
+
+    def fill[Built](self, kind: type[Built], **others: object) -> Built:
+        """Build a dataclass whose fields have the values of the keys of their names, lists as tuples.
+
+        Args:
+            others: Its other fields, and those with another value.
+        """
+        names = {field.name for field in dataclasses.fields(cast(type[Any], kind))}
+        values = self.given((names & type(self).model_fields.keys()) - others.keys())
+        tuples = {name: tuple(value) for name, value in values.items() if isinstance(value, list)}
+        return kind(**values | tuples, **others)
 
     @classmethod
     def __get_pydantic_json_schema__(
