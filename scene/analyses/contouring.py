@@ -23,7 +23,7 @@ from headstock.scene.building.cutting import (
     part_side,
     tooth_period,
 )
-from headstock.scene.building.draft import Draft, SceneAnalysis, check_name
+from headstock.scene.building.draft import Draft, SceneAnalysis
 from headstock.scene.building.drives import FRICTION
 from headstock.scene.reading.csv_files import MOST_CORNERS, CsvError, read_corners, read_history
 from headstock.scene.reading.files import resolve_file
@@ -214,8 +214,8 @@ def _build(table: ContouringTable, draft: Draft) -> ContouringRequest:
         forces=_find_file(draft.folder, table.forces),
         traces=_find_file(draft.folder, table.traces),
         tool_modes=tuple(build_tool_mode(mode, UP) for mode in table.tool_modes),
-        cutting=bool(scene.effects.get("cutting_force", False)),
-        regeneration=bool(scene.effects.get("regeneration", False)),
+        cutting="cutting_force" in scene.active,
+        regeneration="regeneration" in scene.active,
         point=_tool_point(scene, table),
         modes_to_hz=table.modes_to or PASSINGS * table.spindle / (2.0 * math.pi) * table.mill.teeth,
         follows_pose=table.pose_model == "pose_dependent",
@@ -310,24 +310,24 @@ def _check_way(table: ContouringTable, folder: Path, findings: Findings) -> None
         )
 
 
-def _check(table: ContouringTable, draft: Draft, findings: Findings) -> None:
+def _check(table: ContouringTable, draft: Draft) -> None:
     """Report what is wrong with a contour, apart from places that it cannot reach."""
     scene = draft.table
-    _check_regeneration(scene, table, findings)
+    _check_regeneration(scene, table, draft.findings)
     if not scene.is_lumped:
-        _check_coupled(scene, table, draft, findings)
-    cutting = bool(scene.effects.get("cutting_force"))
+        _check_coupled(scene, table, draft)
+    cutting = "cutting_force" in scene.active
     if (table.material is not None and table.forces is not None) or (
         cutting and table.material is None and table.forces is None
     ):
-        findings.add(KEY, 'needs either the material that is cut, or forces = "measured.csv"')
-    _check_way(table, draft.folder, findings)
+        draft.add(KEY, 'needs either the material that is cut, or forces = "measured.csv"')
+    _check_way(table, draft.folder, draft.findings)
     for name, written in (("forces", table.forces), ("traces", table.traces)):
         try:
             _find_file(draft.folder, written)
         except ValueError as error:
-            findings.add((*KEY, name), str(error))
-    check_cutter(KEY, table, [table.feed * tooth_period(table)], draft, findings)
+            draft.add((*KEY, name), str(error))
+    check_cutter(KEY, table, [table.feed * tooth_period(table)], draft)
 
 
 def _check_scene(request: ContouringRequest, scene: Scene, findings: Findings) -> None:
@@ -395,18 +395,16 @@ def _tool_point(scene: SceneTable, table: ContouringTable) -> str | None:
     return table.point or next(iter(scene.points), None)
 
 
-def _check_coupled(
-    scene: SceneTable, table: ContouringTable, draft: Draft, findings: Findings
-) -> None:
+def _check_coupled(scene: SceneTable, table: ContouringTable, draft: Draft) -> None:
     if table.point is not None:
-        check_name((*KEY, "point"), table.point, "points", draft, findings)
+        draft.check_name((*KEY, "point"), table.point, "points")
     elif not scene.points:
-        findings.add(
+        draft.add(
             KEY,
             'no point says where the tool is; write [points] tcp = { tool = "spindle.tip", work = "table.top" }',
         )
-    if table.model != "linear" and not scene.effects.get(FRICTION):
-        findings.add(
+    if table.model != "linear" and FRICTION not in scene.active:
+        draft.add(
             (*KEY, "model"),
             "of a machine of components follows its friction alone, at the speeds of the motors, and nothing rubs here;"
             ' write [effects] friction = true with drive_control, or model = "linear"',
@@ -415,9 +413,9 @@ def _check_coupled(
 
 def _check_regeneration(scene: SceneTable, table: ContouringTable, findings: Findings) -> None:
     key = ("effects", "regeneration")
-    if not scene.effects.get("regeneration"):
+    if "regeneration" not in scene.active:
         return
-    if not scene.effects.get("cutting_force"):
+    if "cutting_force" not in scene.active:
         findings.add(
             key, "acts through cutting forces; write [effects] cutting_force = true as well"
         )

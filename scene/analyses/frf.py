@@ -10,12 +10,8 @@ from headstock.scene.building.draft import (
     Draft,
     SceneAnalysis,
     build_channels,
-    check_channel,
-    check_pose_names,
-    check_probe_output,
 )
 from headstock.scene.building.drives import check_motors, check_sampling
-from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.scene import LOAD, Motors, Request
 from headstock.scene.schema import types
@@ -128,48 +124,48 @@ def _build(table: FrfTable, draft: Draft) -> FrfRequest:
     )
 
 
-def _check(table: FrfTable, draft: Draft, findings: Findings) -> None:
+def _check(table: FrfTable, draft: Draft) -> None:
     """Report names that mean nothing."""
     for key, channels in (("inputs", table.inputs), ("outputs", table.outputs)):
         for index, (name, direction) in enumerate(channels or ()):
             place = (*KEY, key, index)
             if key == "inputs" and name in draft.sections.get("loads", ()):
-                _check_load_input(place, name, direction, table, draft, findings)
-            elif key == "outputs" and name in draft.sections.get("probes", ()):
-                check_probe_output(place, name, direction, draft, findings)
+                _check_load_input(place, name, direction, table, draft)
+            elif key == "outputs":
+                draft.check_output(place, name, direction)
             else:
-                check_channel(place, name, draft, findings)
-    check_pose_names((*KEY, "poses"), table.poses, draft, findings)
+                draft.check_channel(place, name)
+    draft.check_poses((*KEY, "poses"), table.poses)
 
 
 def _check_load_input(
-    key: KeyPath, name: str, direction: str, table: FrfTable, draft: Draft, findings: Findings
+    key: KeyPath, name: str, direction: str, table: FrfTable, draft: Draft
 ) -> None:
     load = draft.table.loads.get(name)
     if name in draft.table.points:
-        findings.add(key, f"{name} is a point and a load; rename one of them")
+        draft.add(key, f"{name} is a point and a load; rename one of them")
     elif direction:
-        findings.add(key, f'a load has its direction; write "{name}" alone')
+        draft.add(key, f'a load has its direction; write "{name}" alone')
     elif load is not None and load.joint is not None:
-        findings.add(key, "is a displacement, which is a static load only; write a force or moment")
+        draft.add(key, "is a displacement, which is a static load only; write a force or moment")
     outputs = [one for one, _ in table.outputs or () if one not in draft.table.probes]
     if not (draft.table.points or outputs):
-        findings.add(
+        draft.add(
             key,
             'there is no output for it at a point or an interface; write outputs = [["tcp", "z"]], or [points]',
         )
 
 
-def _check_complete(table: FrfTable, draft: Draft, findings: Findings) -> None:
+def _check_complete(table: FrfTable, draft: Draft) -> None:
     """Report that there is nothing to take a response of, and drives that cannot follow it."""
     if table.inputs is None and not draft.table.points:
-        findings.add(
+        draft.add(
             KEY,
             'there is no point to take a response at; write [points], or inputs = [["tcp", "x"]]',
         )
     if table.motors == "controlled":
-        check_motors(draft.table, "frf", findings)
-        check_sampling(draft.table, table.to, "frf", "to", findings)
+        check_motors(draft, "frf")
+        check_sampling(draft, table.to, "frf", "to")
 
 
 ANALYSIS = SceneAnalysis(

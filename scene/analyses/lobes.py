@@ -21,7 +21,7 @@ from headstock.scene.building.cutting import (
     part_side,
     resolve_material,
 )
-from headstock.scene.building.draft import Draft, SceneAnalysis, check_name, check_pose_names
+from headstock.scene.building.draft import Draft, SceneAnalysis
 from headstock.scene.reading.files import resolve_file
 from headstock.scene.reading.findings import Findings, SceneError
 from headstock.scene.reading.positions import KeyPath
@@ -315,17 +315,17 @@ def _build_travel(direction: str | tuple[float, float, float]) -> Travel:
     return Travel(" ".join(f"{value:.4g}" for value in direction), direction)
 
 
-def _check(table: LobesTable, draft: Draft, findings: Findings) -> None:
+def _check(table: LobesTable, draft: Draft) -> None:
     """Report names and files that do not exist, directions along the tool, and a machine without
     damping.
     """
     scene = draft.table
-    check_pose_names((*KEY, "poses"), table.poses, draft, findings)
+    draft.check_poses((*KEY, "poses"), table.poses)
     if table.at is not None:
-        check_name((*KEY, "at"), table.at, "points", draft, findings)
+        draft.check_name((*KEY, "at"), table.at, "points")
     elif not draft.sections.get("points"):
-        findings.add(KEY, 'there is no point where the tool cuts; write [points], or at = "tcp"')
-    _check_speeds(table, findings)
+        draft.add(KEY, 'there is no point where the tool cuts; write [points], or at = "tcp"')
+    _check_speeds(table, draft.findings)
     up = np.array(table.up) / np.linalg.norm(table.up)
     has_path = "path" in scene.analyses.requested or any(
         sweep.path is not None for sweep in scene.sweeps.values()
@@ -333,13 +333,13 @@ def _check(table: LobesTable, draft: Draft, findings: Findings) -> None:
     for index, direction in enumerate(table.directions):
         if isinstance(direction, str):
             if not has_path:
-                findings.add_for(
+                draft.findings.add_for(
                     "lobes",
                     (*KEY, "directions", index),
                     f"is the direction along a path, and the scene has none; write a sweep with a path, [analyses.path], or {FIXED}",
                 )
         elif fault := find_lead_fault(up, np.array(direction)):
-            findings.add(
+            draft.add(
                 (*KEY, "directions", index),
                 f"points along the tool, {fault}; write another direction, or another up",
             )
@@ -347,14 +347,14 @@ def _check(table: LobesTable, draft: Draft, findings: Findings) -> None:
         try:
             resolve_file(draft.folder, table.tool_receptance, SUFFIXES, RECEPTANCES)
         except ValueError as error:
-            findings.add((*KEY, "tool_receptance"), str(error))
-    if scene.effects.get("damping", False) is False:
-        findings.add(
+            draft.add((*KEY, "tool_receptance"), str(error))
+    if "damping" not in scene.active:
+        draft.add(
             KEY,
             "without damping every cut chatters; write [effects] damping = true and give joints or materials damping,"
             " or damping = { modal = 0.02 }",
         )
-    check_cutter(KEY, table, _feeds_per_tooth(table), draft, findings, always=True)
+    check_cutter(KEY, table, _feeds_per_tooth(table), draft, always=True)
 
 
 def _check_speeds(table: LobesTable, findings: Findings) -> None:

@@ -6,7 +6,6 @@ from typing import Annotated, ClassVar
 from headstock.geometry.frames import FloatArray
 from headstock.scene.building.draft import Draft, SceneAnalysis
 from headstock.scene.building.studies import build_grid, check_grid
-from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.scene import Request, describe_grid
 from headstock.scene.schema import types
@@ -53,19 +52,14 @@ def _build(table: MapTable, draft: Draft) -> MapRequest:
     return MapRequest(axes, fixed, table.count)
 
 
-def _check(table: MapTable, draft: Draft, findings: Findings) -> None:
+def _check(table: MapTable, draft: Draft) -> None:
     """Report a machine without a lumped mechanism, and a sweep that spans no map."""
     scene = draft.table
     if not scene.is_lumped:
-        findings.add(KEY, "a map needs a lumped mechanism; this scene has none")
-    sweep = scene.sweeps.get(table.sweep)
-    if sweep is None:
-        findings.add(
-            (*KEY, "sweep"),
-            f"unknown sweep {table.sweep[:80]!r}; {suggest_names(table.sweep, scene.sweeps, what='sweeps')}",
-        )
-        return
-    check_grid((*KEY, "sweep"), sweep, "a map", MAX_POSES, findings)
+        draft.add(KEY, "a map needs a lumped mechanism; this scene has none")
+    draft.findings.check_name((*KEY, "sweep"), table.sweep, scene.sweeps, "sweep", "sweeps")
+    if (sweep := scene.sweeps.get(table.sweep)) is not None:
+        check_grid((*KEY, "sweep"), sweep, "a map", MAX_POSES, draft.findings)
 
 
 ANALYSIS = SceneAnalysis(

@@ -6,8 +6,7 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
-from headstock.scene.building.draft import Draft, SceneAnalysis, check_pose_names
-from headstock.scene.reading.findings import Findings
+from headstock.scene.building.draft import Draft, SceneAnalysis
 from headstock.scene.scene import Request
 from headstock.scene.schema import types
 
@@ -83,9 +82,9 @@ def _build(table: ModalTable, draft: Draft) -> ModalRequest:
     )
 
 
-def _check(table: ModalTable, draft: Draft, findings: Findings) -> None:
+def _check(table: ModalTable, draft: Draft) -> None:
     """Report poses that do not exist."""
-    check_pose_names(("analyses", "modal", "poses"), table.poses, draft, findings)
+    draft.check_poses(("analyses", "modal", "poses"), table.poses)
 
 
 ANALYSIS = SceneAnalysis(

@@ -26,8 +26,6 @@ from headstock.scene.building.draft import (
     Draft,
     SceneAnalysis,
     build_channels,
-    check_channel,
-    check_name,
 )
 from headstock.scene.building.drives import (
     DRIVE_CONTROL,
@@ -36,7 +34,7 @@ from headstock.scene.building.drives import (
     check_sampling,
     driven_axis,
 )
-from headstock.scene.reading.findings import Findings, suggest_names
+from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import ANGULAR_SPEED, LENGTH, SPEED, Dimension
 from headstock.scene.scene import Request, Scene
@@ -225,7 +223,7 @@ def _build(table: PathTable, draft: Draft) -> PathRequest:
 
 def _build_cut(scene: SceneTable, table: PathTable) -> PathCut | None:
     """Build what is milled along the path, where the effect ``cutting_force`` is on."""
-    if table.cut is None or scene.effects.get(CUTTING_FORCE, False) is False:
+    if table.cut is None or CUTTING_FORCE not in scene.active:
         return None
     cut, at = table.cut, table.cut.at or next(iter(scene.points))
     return PathCut(build_cut(scene, cut, _feeds_per_tooth(table, cut)), at, cut.up, part_side(cut))
@@ -238,34 +236,34 @@ def _feeds_per_tooth(table: PathTable, cut: PathCutTable) -> list[float]:
     return [feed.value * tooth_period(cut) for feed in table.feeds]
 
 
-def _check(table: PathTable, draft: Draft, findings: Findings) -> None:
+def _check(table: PathTable, draft: Draft) -> None:
     """Report what is wrong with a path, apart from rails."""
     scene = draft.table
     for index, (name, _) in enumerate(table.outputs or ()):
-        check_channel((*KEY, "outputs", index), name, draft, findings)
+        draft.check_channel((*KEY, "outputs", index), name)
     if table.pose is not None:
-        check_name((*KEY, "pose"), table.pose, "poses", draft, findings)
+        draft.check_name((*KEY, "pose"), table.pose, "poses")
     for end, stops in (("from", table.start), ("to", table.to)):
         for axis in stops:
-            check_name((*KEY, end, axis), axis, "axes", draft, findings, "axis")
-    known = len(findings.problems)
+            draft.check_name((*KEY, end, axis), axis, "axes", "axis")
+    known = len(draft.findings.problems)
     if scene.mechanism is not None:
-        _check_tool_path(scene, table, findings)
+        _check_tool_path(scene, table, draft.findings)
     for end, stops in (("from", table.start), ("to", table.to)):
         for axis, value in stops.items():
             if axis not in scene.axes:
                 continue
             if fault := find_position_fault(axis, value, scene):
-                findings.add((*KEY, end, axis), fault)
+                draft.add((*KEY, end, axis), fault)
     if table.outputs is None and not scene.points:
-        findings.add(
+        draft.add(
             KEY,
             'there is no point whose deviation is wanted; write [points], or outputs = [["tcp", "z"]]',
         )
-    if len(findings.problems) == known:
-        _check_moves(scene, table, findings)
+    if len(draft.findings.problems) == known:
+        _check_moves(scene, table, draft.findings)
     if (cut := table.cut) is not None:
-        check_cutter(CUT, cut, _feeds_per_tooth(table, cut), draft, findings)
+        check_cutter(CUT, cut, _feeds_per_tooth(table, cut), draft)
 
 
 def _check_tool_path(scene: SceneTable, table: PathTable, findings: Findings) -> None:
@@ -284,14 +282,14 @@ def _check_tool_path(scene: SceneTable, table: PathTable, findings: Findings) ->
                 )
 
 
-def _check_complete(table: PathTable, draft: Draft, findings: Findings) -> None:
+def _check_complete(table: PathTable, draft: Draft) -> None:
     """Report a cut without a tool, and axes under control that no drive moves."""
     scene = draft.table
-    _check_cut(table, scene, findings)
-    if scene.effects.get(DRIVE_CONTROL, False) is False:
+    _check_cut(table, draft)
+    if DRIVE_CONTROL not in scene.active:
         return
     if table.lowpass is not None:
-        check_sampling(scene, table.lowpass, "path", "lowpass", findings)
+        check_sampling(draft, table.lowpass, "path", "lowpass")
     driven = {driven_axis(name, table) for name, table in scene.drives.items()}
     for axis, end in table.to.items():
         start = table.start.get(axis)
@@ -301,32 +299,29 @@ def _check_complete(table: PathTable, draft: Draft, findings: Findings) -> None:
             and axis not in driven
             and (start is None or start.value != end.value)
         ):
-            findings.add_for(
+            draft.findings.add_for(
                 "path",
                 ("analyses", "path", "to", axis),
                 f"axis {axis} moves under control, but no drive moves it; write [drives.{axis}]",
             )
 
 
-def _check_cut(table: PathTable, scene: SceneTable, findings: Findings) -> None:
+def _check_cut(table: PathTable, draft: Draft) -> None:
     """Report a cut without a tool, and the effect that needs a cut."""
-    cut = table.cut
-    cuts = scene.effects.get(CUTTING_FORCE, False) is not False
+    scene, cut = draft.table, table.cut
+    cuts = CUTTING_FORCE in scene.active
     elsewhere = scene.mechanism is not None or "contouring" in scene.analyses.requested
     if cuts and cut is None and not elsewhere:
-        findings.add(
+        draft.add(
             ("effects", CUTTING_FORCE),
             "nothing is milled; write [analyses.path.cut] with mill, spindle, depths and material",
         )
     if cut is None:
         return
-    if cut.at is not None and cut.at not in scene.points:
-        findings.add(
-            (*CUT, "at"),
-            f"unknown point {cut.at[:80]!r}; {suggest_names(cut.at, scene.points, what='points')}",
-        )
+    if cut.at is not None:
+        draft.findings.check_name((*CUT, "at"), cut.at, scene.points, "point", "points")
     elif not scene.points:
-        findings.add(CUT, "there is no point for the tool; write [points]")
+        draft.add(CUT, "there is no point for the tool; write [points]")
 
 
 def _check_scene(request: PathRequest, scene: Scene, findings: Findings) -> None:
@@ -437,7 +432,7 @@ def _list_waves(scene: SceneTable) -> list[float]:
         for drive in build_drives(scene).values()
         for wave in drive.ripple
     ]
-    if scene.mechanism is None or scene.effects.get(GUIDE_ERRORS, False) is False:
+    if scene.mechanism is None or GUIDE_ERRORS not in scene.active:
         return found
     legs = scene.mechanism.errors
     profiles = [] if legs is None else [*legs.profiles().values()]

@@ -14,10 +14,6 @@ from headstock.scene.building.draft import (
     Draft,
     SceneAnalysis,
     build_channels,
-    check_channel,
-    check_name,
-    check_pose_names,
-    check_probe_output,
 )
 from headstock.scene.building.drives import FRICTION, check_motors, check_sampling
 from headstock.scene.reading.csv_files import (
@@ -254,59 +250,56 @@ def _build(table: TransientTable, draft: Draft) -> TransientRequest:
     )
 
 
-def _check(table: TransientTable, draft: Draft, findings: Findings) -> None:
+def _check(table: TransientTable, draft: Draft) -> None:
     """Report names that do not exist, sizes of another kind than their direction, and records that
     cannot be used.
     """
     for name, load in table.loads.items():
-        _check_load((*KEY, "loads", name), load, draft, findings)
+        _check_load((*KEY, "loads", name), load, draft)
         if load.file is not None:
-            _check_record((*KEY, "loads", name, "file"), load, table, draft.folder, findings)
+            _check_record((*KEY, "loads", name, "file"), load, table, draft.folder, draft.findings)
     for name in table.velocity:
-        check_name((*KEY, "velocity", name), name, "components", draft, findings)
+        draft.check_name((*KEY, "velocity", name), name, "components")
     for index, (name, direction) in enumerate(table.outputs or ()):
-        if name in draft.sections.get("probes", ()):
-            check_probe_output((*KEY, "outputs", index), name, direction, draft, findings)
-        else:
-            check_channel((*KEY, "outputs", index), name, draft, findings)
-    check_pose_names((*KEY, "poses"), table.poses, draft, findings)
+        draft.check_output((*KEY, "outputs", index), name, direction)
+    draft.check_poses((*KEY, "poses"), table.poses)
     outputs = [one for one, _ in table.outputs or () if one not in draft.table.probes]
     if not outputs and not draft.table.points:
-        findings.add(
+        draft.add(
             KEY,
             'there is no point whose motion is wanted; write [points], or outputs = [["tcp", "z"]]',
         )
 
 
-def _check_motors(table: TransientTable, draft: Draft, findings: Findings) -> None:
+def _check_motors(table: TransientTable, draft: Draft) -> None:
     """Report drives that are not controlled, or sample too slowly."""
     if table.motors == "controlled":
-        check_motors(draft.table, "transient", findings)
-        check_sampling(draft.table, table.up_to, "transient", "up_to", findings)
+        check_motors(draft, "transient")
+        check_sampling(draft, table.up_to, "transient", "up_to")
 
 
-def _check_load(key: KeyPath, load: TimedLoadTable, draft: Draft, findings: Findings) -> None:
+def _check_load(key: KeyPath, load: TimedLoadTable, draft: Draft) -> None:
     if load.at is None:
         if load.load == GRAVITY:
-            if not draft.table.effects.get(GRAVITY):
-                findings.add((*key, "load"), "needs gravity; write [effects] gravity = true")
+            if GRAVITY not in draft.table.active:
+                draft.add((*key, "load"), "needs gravity; write [effects] gravity = true")
             return
-        check_name((*key, "load"), load.load or "", "loads", draft, findings)
+        draft.check_name((*key, "load"), load.load or "", "loads")
         named = draft.table.loads.get(load.load or "")
         if named is not None and named.joint is not None:
-            findings.add(
+            draft.add(
                 (*key, "load"),
                 "is a displacement, which is a static load only; write a force over time",
             )
         return
     name, direction = load.at
-    check_channel((*key, "at"), name, draft, findings)
+    draft.check_channel((*key, "at"), name)
     if load.size is None:
         return
     turns, strikes = direction.startswith("r"), load.shape == "impulse"
     wanted = (ANGULAR_IMPULSE if turns else IMPULSE) if strikes else MOMENT if turns else FORCE
     if load.size.dimension != wanted:
-        findings.add(
+        draft.add(
             (*key, "size"),
             f"is a {load.size.dimension.name}, and shape {load.shape} in {direction} takes a {wanted.name}; write for"
             f' example "{wanted.example}"',

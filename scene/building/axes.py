@@ -11,7 +11,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.joints import GROUND, Axis, Joint, connected_groups
 from headstock.geometry.machine.machine import Pose, find_limit_fault
 from headstock.geometry.parts.components import Support
-from headstock.scene.building.draft import Draft, check_name, is_known_end
+from headstock.scene.building.draft import Draft, is_known_end
 from headstock.scene.building.joints import build_joint, find_joint_faults, sound_joints
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
@@ -113,7 +113,7 @@ def _moved_components(
     return tuple(name for name in components if name in before and name not in after)
 
 
-def check_axes(draft: Draft, findings: Findings) -> None:
+def check_axes(draft: Draft) -> None:
     """Report what is wrong with axes, apart from what they move: names, limits, directions and
     guides.
     """
@@ -121,42 +121,38 @@ def check_axes(draft: Draft, findings: Findings) -> None:
     for name, axis in scene.axes.items():
         key: KeyPath = ("axes", name)
         for index, joint in enumerate(axis.joint_names()):
-            check_name(
-                (*key, "joints", index) if axis.joints else (*key, "joint"),
-                joint,
-                "joints",
-                draft,
-                findings,
+            draft.check_name(
+                (*key, "joints", index) if axis.joints else (*key, "joint"), joint, "joints"
             )
         for index, component in enumerate(axis.moves or ()):
-            check_name((*key, "moves", index), component, "components", draft, findings)
+            draft.check_name((*key, "moves", index), component, "components")
         limits, wrong = axis.limits or (), False
         for index, limit in enumerate(limits):
             if fault := _find_unit_fault(limit, axis):
                 wrong = True
-                findings.add((*key, "limits", index), fault)
+                draft.add((*key, "limits", index), fault)
         if limits and not wrong and limits[0].value >= limits[1].value:
-            findings.add((*key, "limits"), "the lower limit must be below the upper one")
+            draft.add((*key, "limits"), "the lower limit must be below the upper one")
         known = all(joint in scene.joints for joint in axis.joint_names())
         if axis.direction is None and known and not _guiding_joints(scene, axis):
-            findings.add(
+            draft.add(
                 (*key, "direction"),
                 "'direction' is missing and no joint of the axis gives one; write direction = \"x\"",
             )
-        _check_guides(name, axis, scene, findings)
+        _check_guides(name, axis, scene, draft.findings)
 
 
-def check_axis_moves(draft: Draft, findings: Findings) -> None:
+def check_axis_moves(draft: Draft) -> None:
     """Report axes that move nothing, and joints of theirs that are not between what moves and what
     stands.
     """
     scene, edges = draft.table, _edges(draft.table)
     for name, axis in scene.axes.items():
         if all(joint in edges for joint in axis.joint_names()):
-            _check_moves(("axes", name), axis, scene, edges, findings)
+            _check_moves(("axes", name), axis, scene, edges, draft.findings)
 
 
-def check_poses(draft: Draft, findings: Findings) -> None:
+def check_poses(draft: Draft) -> None:
     """Report poses, and positions in sweeps, of unknown axes, with a wrong unit or outside
     limits.
     """
@@ -170,12 +166,12 @@ def check_poses(draft: Draft, findings: Findings) -> None:
         ]
     for key, axis, value in values:
         # the two ends of a span are written under their axis
-        check_name(key[:4] if key[2] == "axes" else key, axis, "axes", draft, findings, "axis")
+        draft.check_name(key[:4] if key[2] == "axes" else key, axis, "axes", "axis")
         if axis in scene.axes and (fault := find_position_fault(axis, value, scene)):
-            findings.add(key, fault)
+            draft.add(key, fault)
 
 
-def check_floating(draft: Draft, findings: Findings) -> None:
+def check_floating(draft: Draft) -> None:
     """Report components without a chain of joints and supports to ground; a lumped mechanism has no
     joints.
     """
@@ -189,7 +185,7 @@ def check_floating(draft: Draft, findings: Findings) -> None:
         if any(scene.components[name].free for name in group):
             continue
         verb = "floats" if len(group) == 1 else "float together"
-        findings.add(
+        draft.add(
             ("components", group[0]),
             f"{', '.join(group)} {verb}: 6 rigid-body motions are free, since no joint or support leads to ground; connect "
             f'{"it" if len(group) == 1 else "one of them"} to "ground" or to a grounded component, or write free = true',

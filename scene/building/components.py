@@ -52,7 +52,7 @@ from headstock.meshing.sizing import (
     largest_extent,
     thinnest_feature,
 )
-from headstock.scene.building.draft import Draft, check_name
+from headstock.scene.building.draft import Draft
 from headstock.scene.reading.files import resolve_file
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
@@ -91,9 +91,6 @@ OWN_MESH_KEYS = (
     "sizes",
 )
 OTHER_SIZES = ("size", "growth", "rim_size")
-
-# whether it is broken, the key below mesh, and what to say
-type MeshRule = tuple[bool, str, str]
 
 
 def build_material(name: str, table: MaterialTable) -> Material:
@@ -448,33 +445,33 @@ def build_solids(scene: SceneTable, folder: Path, findings: Findings) -> dict[st
     return solids
 
 
-def check_presence(draft: Draft, findings: Findings) -> None:
+def check_presence(draft: Draft) -> None:
     """Report a scene without components."""
     if not draft.table.components:
-        findings.add(
+        draft.add(
             ("components",),
             "there are no components; write [components.NAME] with a solid and a material",
         )
 
 
-def check_components(draft: Draft, findings: Findings) -> None:
+def check_components(draft: Draft) -> None:
     """Report what is wrong with components: their materials, names, meshes, segments and
     patches.
     """
     for name, table in draft.table.components.items():
         key: KeyPath = ("components", name)
         if table.material is not None:
-            check_name((*key, "material"), table.material, "materials", draft, findings)
+            draft.check_name((*key, "material"), table.material, "materials")
         elif table.solid.superelement is None and table.solid.point_mass is None:
             known = suggest_names("", draft.sections.get("materials", ()), what="materials")
-            findings.add((*key, "material"), f"'material' is missing; {known}")
+            draft.add((*key, "material"), f"'material' is missing; {known}")
         if name == GROUND:
-            findings.add(
+            draft.add(
                 key,
                 'a component cannot be called "ground", the name of the foundation; choose another name',
             )
         if name in draft.solids:
-            _check_solid(key, table, draft.solids[name], findings)
+            _check_solid(key, table, draft.solids[name], draft.findings)
 
 
 def _check_solid(key: KeyPath, table: ComponentTable, solid: Solid, findings: Findings) -> None:
@@ -531,74 +528,51 @@ def _find_mesh_faults(table: ComponentTable, solid: Solid) -> Iterator[tuple[Key
         for key in OTHER_SIZES:
             if key in mesh.model_fields_set:
                 yield ("mesh", key), f"sizes gives them all; remove {key}, or sizes"
-    for applies, key, fault in (
-        *_rule_cells(mesh, table.solid.kind),
-        *_rule_sizes(mesh, solid),
-        *_rule_step_parts(mesh, solid),
+    for key, fault in (
+        *_hex_faults(mesh, table.solid.kind),
+        *_size_faults(mesh, solid),
+        *_step_part_faults(mesh, solid),
+        *_rim_faults(table),
     ):
-        if applies:
-            yield ("mesh", key), fault
-    yield from _find_rimless(table)
+        yield ("mesh", key), fault
 
 
-def _rule_cells(mesh: MeshTable, kind: str) -> Iterator[MeshRule]:
-    """Rules of hexes, which fill boxes with elements of one size."""
-    hexes = mesh.cells == "hex"
-    yield (
-        hexes and mesh.sizes is not None,
-        "cells",
-        'only tets take sizes from a file; write cells = "tet"',
-    )
-    yield (
-        hexes and kind != "box",
-        "cells",
-        f'hexes are made of boxes only, not of a {kind}; write cells = "tet"',
-    )
-    yield (
-        hexes and mesh.growth is not None,
-        "growth",
-        'only tets grow from rims; write cells = "tet", or remove growth',
-    )
+def _hex_faults(mesh: MeshTable, kind: str) -> Iterator[tuple[str, str]]:
+    """What is wrong with hexes, which fill boxes with elements of one size, by key."""
+    if mesh.cells != "hex":
+        return
+    if mesh.sizes is not None:
+        yield "cells", 'only tets take sizes from a file; write cells = "tet"'
+    if kind != "box":
+        yield "cells", f'hexes are made of boxes only, not of a {kind}; write cells = "tet"'
+    if mesh.growth is not None:
+        yield "growth", 'only tets grow from rims; write cells = "tet", or remove growth'
 
 
-def _rule_sizes(mesh: MeshTable, solid: Solid) -> Iterator[MeshRule]:
-    """Rules of the sizes at rims and at curved faces beside that of the part."""
-    rim, smallest, size = mesh.rim_size, mesh.smallest, mesh.size
-    yield (
-        rim is not None and mesh.growth is None,
-        "rim_size",
-        "has no effect without growth; write growth = 0.3 too",
-    )
-    yield (
-        rim is not None and size is not None and rim >= size,
-        "rim_size",
-        "is not smaller than size; write a smaller one, or remove rim_size and growth",
-    )
-    yield (
-        smallest is not None and (isinstance(solid, Box) or mesh.cells == "hex"),
-        "smallest",
-        "a box has no curved faces and no short edges; remove smallest",
-    )
-    yield (
-        smallest is not None and size is not None and smallest > size,
-        "smallest",
-        "is larger than size; write a smaller one, or remove it",
-    )
+def _size_faults(mesh: MeshTable, solid: Solid) -> Iterator[tuple[str, str]]:
+    """What is wrong with sizes at rims and at curved faces beside that of the part, by key."""
+    rim, smallest, size = mesh.rim_size, mesh.smallest, mesh.size or math.inf
+    if rim is not None and mesh.growth is None:
+        yield "rim_size", "has no effect without growth; write growth = 0.3 too"
+    if rim is not None and rim >= size:
+        yield (
+            "rim_size",
+            "is not smaller than size; write a smaller one, or remove rim_size and growth",
+        )
+    if smallest is not None and (isinstance(solid, Box) or mesh.cells == "hex"):
+        yield "smallest", "a box has no curved faces and no short edges; remove smallest"
+    if smallest is not None and smallest > size:
+        yield "smallest", "is larger than size; write a smaller one, or remove it"
 
 
-def _rule_step_parts(mesh: MeshTable, solid: Solid) -> Iterator[MeshRule]:
-    """Rules of what is left out of STEP parts."""
-    other = not isinstance(solid, StepFile)
-    yield (
-        other and mesh.leave_out is not None,
-        "leave_out",
-        "removes fillets and holes of STEP parts only; remove leave_out",
-    )
-    yield (
-        other and mesh.details is not None,
-        "details",
-        "closes holes, recesses and pads of STEP parts only; remove details",
-    )
+def _step_part_faults(mesh: MeshTable, solid: Solid) -> Iterator[tuple[str, str]]:
+    """What cannot be left out of a part that comes from no STEP file, by key."""
+    if isinstance(solid, StepFile):
+        return
+    if mesh.leave_out is not None:
+        yield "leave_out", "removes fillets and holes of STEP parts only; remove leave_out"
+    if mesh.details is not None:
+        yield "details", "closes holes, recesses and pads of STEP parts only; remove details"
 
 
 def _find_dense_patch(table: ComponentTable, patch: Patch, solid: Solid) -> str:
@@ -617,8 +591,8 @@ def _find_dense_patch(table: ComponentTable, patch: Patch, solid: Solid) -> str:
     return dense_patch_message(count, min(patch.size), across) if count > PATCH_CELLS else ""
 
 
-def _find_rimless(table: ComponentTable) -> Iterator[tuple[KeyPath, str]]:
-    """Rims that a mesh is to grow from where there are none."""
+def _rim_faults(table: ComponentTable) -> Iterator[tuple[str, str]]:
+    """What is wrong with rims that a mesh is to grow from where there are none, by key."""
     mesh, interfaces = table.mesh, table.interfaces.values()
     if mesh.growth is None:
         return
@@ -629,14 +603,14 @@ def _find_rimless(table: ComponentTable) -> Iterator[tuple[KeyPath, str]]:
         for patch in entry.patch_tables()
     )
     if mesh.rim_size is not None and not rigid:
-        yield ("mesh", "rim_size"), 'no interface has the coupling "rigid"; remove rim_size'
+        yield "rim_size", 'no interface has the coupling "rigid"; remove rim_size'
     elif mesh.rim_size is None and not imprinted:
         remedy = (
             'write rim_size = "2 mm", say, for those of rigid interfaces'
             if rigid
             else "remove growth"
         )
-        yield ("mesh", "growth"), f"there is no patch from whose rim elements could grow; {remedy}"
+        yield "growth", f"there is no patch from whose rim elements could grow; {remedy}"
 
 
 def _has_shape(table: ComponentTable) -> bool:

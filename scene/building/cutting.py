@@ -213,10 +213,10 @@ def find_lead_fault(up: FloatArray, travel: FloatArray) -> str:
     return f"at a lead angle of {lead:.3g} deg; a mill travels across its axis, up to {MOST_LEAD:g} deg"
 
 
-def check_cutting(draft: Draft, findings: Findings) -> None:
+def check_cutting(draft: Draft) -> None:
     """Warn of coefficients that no material has."""
     for name, table in draft.table.cutting.items():
-        _check_coefficients((SECTION, name), table, findings)
+        _check_coefficients((SECTION, name), table, draft.findings)
 
 
 def check_cutter(
@@ -224,7 +224,6 @@ def check_cutter(
     table: CutTable,
     feeds: Sequence[float],
     draft: Draft,
-    findings: Findings,
     *,
     always: bool = False,
 ) -> None:
@@ -238,7 +237,7 @@ def check_cutter(
     scene, material = draft.table, table.material
     written = draft.sections.get(SECTION, frozenset())
     if table.radial_depth > table.mill.diameter:
-        findings.add(
+        draft.add(
             (*key, "radial_depth"),
             f"is {1e3 * table.radial_depth:g} mm and the tool has {1e3 * table.mill.diameter:g} mm; take at most its diameter",
         )
@@ -249,22 +248,22 @@ def check_cutter(
         names = [*sorted(written), *read_cutting_materials()]
         hint = suggest_names(material, names, what="materials")
         example = material if material.isidentifier() else "NAME"
-        findings.add(
+        draft.add(
             (*key, "material"),
             f'there is no {material[:80]!r}; {hint}; or write [{SECTION}.{example}] with Ktc = "800 N/mm^2" and so on',
         )
         return
     coefficients = resolve_material(scene, material, table, feeds)
     own = scene.cutting.get(material)
-    cuts = always or scene.effects.get(CUTTING_FORCE, False) is not False
+    cuts = always or CUTTING_FORCE in scene.active
     # what was measured is not assumed, and what a scene writes is known; a tangent is told anyway
     told = coefficients.ranges if own is None else set(coefficients.ranges) - set(own.ranges)
     if cuts and (told or coefficients.chip_thickness is not None):
         given = f"[{SECTION}.{material}]" if own is not None else f"catalogue {material}"
-        findings.assume((*key, "material"), f"{given}: {coefficients.describe()}")
+        draft.findings.assume((*key, "material"), f"{given}: {coefficients.describe()}")
     for feed in feeds:
         if not THIN <= feed <= THICK:
-            findings.warn(
+            draft.findings.warn(
                 key,
                 f"the feed per tooth is {1e3 * feed:.3g} mm, outside {1e3 * THIN:g} to {1e3 * THICK:g} mm; check feed, spindle and teeth",
             )

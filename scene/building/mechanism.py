@@ -15,7 +15,7 @@ from headstock.geometry.mechanisms.mechanism import Mechanism
 from headstock.geometry.mechanisms.tool_mechanism import TOOL_AXES, TOOL_POINT, solve_pose
 from headstock.scene.building.components import build_frame
 from headstock.scene.building.draft import Draft
-from headstock.scene.reading.findings import Findings, suggest_names
+from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.units import ANGLE, LENGTH, Quantity
 from headstock.scene.scene import LegSprings, SceneMechanism
 from headstock.scene.schema.axes import MechanismTable
@@ -42,42 +42,42 @@ def build_mechanism(table: MechanismTable) -> SceneMechanism:
     )
 
 
-def check_mechanism(draft: Draft, findings: Findings) -> None:
+def check_mechanism(draft: Draft) -> None:
     """Report what is wrong with a mechanism, apart from poses that it cannot take, and with what is
     required of it.
     """
     scene = draft.table
     table = scene.mechanism
-    _check_stiffening(scene, findings)
+    _check_stiffening(scene, draft.findings)
     if table is None:
         return
     if "orientation" in scene.model_fields_set:
-        findings.add(
+        draft.add(
             ("orientation",),
             "a mechanism is placed by its own `at` and `rotate`; move orientation there",
         )
     mechanism = exechon_mechanism(table.dimensions.fill(ExechonDimensions))
-    _check_carried(table, mechanism, scene, findings)
-    _check_limits(table, mechanism, findings)
+    _check_carried(table, mechanism, scene, draft.findings)
+    _check_limits(table, mechanism, draft.findings)
     for name in set(scene.axes) & set(TOOL_AXES):
-        findings.add(
+        draft.add(
             ("axes", name),
             f"{name} is already a coordinate of the tool of the mechanism; remove this axis",
         )
-    _check_pose_units(scene, findings)
+    _check_pose_units(scene, draft.findings)
 
 
-def check_reach(draft: Draft, findings: Findings) -> None:
+def check_reach(draft: Draft) -> None:
     """Report poses that a mechanism cannot take; one with a fault of its own takes none."""
     table = draft.table.mechanism
-    if table is None or findings.concern("mechanism", "poses"):
+    if table is None or draft.findings.concern("mechanism", "poses"):
         return
     mechanism = build_mechanism(table)
     for name, positions in draft.table.poses.items():
         try:
             solve_pose(mechanism, {axis: value.value for axis, value in positions.items()})
         except PoseError as error:
-            findings.add(("poses", name), f"cannot be taken: {error}")
+            draft.add(("poses", name), f"cannot be taken: {error}")
 
 
 def _check_carried(
@@ -85,16 +85,16 @@ def _check_carried(
 ) -> None:
     seen: dict[str, str] = {}
     for marker, names in table.carries.items():
-        if marker not in mechanism.markers:
-            hint = suggest_names(marker, mechanism.markers, what="bodies of the mechanism")
-            findings.add(("mechanism", "carries", marker), f"unknown body {marker!r}; {hint}")
+        findings.check_name(
+            ("mechanism", "carries", marker),
+            marker,
+            mechanism.markers,
+            "body",
+            "bodies of the mechanism",
+        )
         for index, name in enumerate(names):
             key = ("mechanism", "carries", marker, index)
-            if name not in scene.components:
-                findings.add(
-                    key,
-                    f"unknown component {name[:80]!r}; {suggest_names(name, scene.components, what='components')}",
-                )
+            findings.check_name(key, name, scene.components, "component", "components")
             if name in seen:
                 findings.add(key, f"{name} is carried by {seen[name]} too; keep one")
             seen[name] = marker
@@ -129,11 +129,8 @@ def _check_limits(table: MechanismTable, mechanism: Mechanism, findings: Finding
     movable = (*mechanism.driven, *mechanism.passive)
     for name, values in table.limits.items():
         key = ("mechanism", "limits", name)
+        findings.check_name(key, name, movable, "coordinate", "coordinates")
         if name not in movable:
-            findings.add(
-                key,
-                f"unknown coordinate {name!r}; {suggest_names(name, movable, what='coordinates')}",
-            )
             continue
         wanted = LENGTH if name in LENGTHS else ANGLE
         if any(value.dimension != wanted for value in values):
@@ -161,8 +158,8 @@ def _check_pose_units(scene: SceneTable, findings: Findings) -> None:
 
 
 def _check_stiffening(scene: SceneTable, findings: Findings) -> None:
-    if not scene.effects.get(GRAVITY_STIFFENING):
+    if GRAVITY_STIFFENING not in scene.active:
         return
     key = ("effects", GRAVITY_STIFFENING)
-    if not scene.effects.get("gravity"):
+    if "gravity" not in scene.active:
         findings.add(key, "needs gravity; write [effects] gravity = true as well")

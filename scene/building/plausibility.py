@@ -24,7 +24,7 @@ MOST_MODES = 3000
 DEFORMING = ("elastic", "polynomial")
 
 
-def check_numbers(draft: Draft, findings: Findings) -> None:
+def check_numbers(draft: Draft) -> None:
     """Warn of materials, sizes and weights that no machine part has, and of elements that lock."""
     scene, solids = draft.table, draft.solids
     for name, material in scene.materials.items():
@@ -35,12 +35,12 @@ def check_numbers(draft: Draft, findings: Findings) -> None:
             hint = "check E and rho"
             if material.E < 1e7 or material.rho < 1e-3:
                 hint = "these look like mm-t-s numbers: write MPa and t/mm^3"
-            findings.warn(
+            draft.findings.warn(
                 (*key, "E"),
                 f"sound would travel at {speed:.3g} m/s, outside {low:g} to {high:g} m/s; {hint}",
             )
         if not DENSITIES[0] <= material.rho <= DENSITIES[1]:
-            findings.warn(
+            draft.findings.warn(
                 (*key, "rho"),
                 f"{material.rho:.3g} kg/m^3 is outside {DENSITIES[0]:g} to {DENSITIES[1]:g} kg/m^3",
             )
@@ -51,19 +51,19 @@ def check_numbers(draft: Draft, findings: Findings) -> None:
             SIZES[0] <= min(sizes) and max(sizes) >= LEAST_LENGTH and max(sizes) <= SIZES[1]
         ):
             text = " x ".join(f"{size:.3g}" for size in sizes)
-            findings.warn(
+            draft.findings.warn(
                 ("components", name, "solid"),
                 f"measures {text} m; a machine part is {LEAST_LENGTH:g} to {SIZES[1]:g} m long and no thinner than {SIZES[0]:g} m; check the units",
             )
-        _check_weight(name, solid, scene, findings)
+        _check_weight(name, solid, scene, draft.findings)
         if scene.components[name].mesh.order == 1 and scene.components[name].fidelity == "elastic":
-            findings.warn(
+            draft.findings.warn(
                 ("components", name, "mesh"),
                 "linear elements lock: they come out too stiff; order = 2 is the default",
             )
 
 
-def check_unused_interfaces(draft: Draft, findings: Findings) -> None:
+def check_unused_interfaces(draft: Draft) -> None:
     """Warn of areas of deforming bodies that are held rigid for nothing."""
     named = set(_texts({key: value for key, value in draft.raw.items() if key != "components"}))
     for name, component in draft.table.components.items():
@@ -74,7 +74,7 @@ def check_unused_interfaces(draft: Draft, findings: Findings) -> None:
         for interface in unused:
             table = component.interfaces[interface]
             if table.coupling == "rigid" and table.rail is None:
-                findings.warn(
+                draft.findings.warn(
                     ("components", name, "interfaces", interface),
                     f'nothing refers to "{name}.{interface}", which yet holds its area rigid and stiffens the part; '
                     'remove it, name it in a joint, point or load, or write coupling = "average"',
@@ -92,7 +92,7 @@ def _texts(value: object) -> Iterator[str]:
             yield from _texts(inner)
 
 
-def check_mode_counts(draft: Draft, findings: Findings) -> None:
+def check_mode_counts(draft: Draft) -> None:
     """How high an analysis looks: nobody can use the modes of a solid by the thousands.
 
     Source: Weyl (1911): the number of natural frequencies below ``f`` of a volume ``V`` grows like
@@ -116,7 +116,7 @@ def check_mode_counts(draft: Draft, findings: Findings) -> None:
     for name, limit in elastic.items():
         own = scene.components[name].reduction.modes_to
         if own is not None and own > limit:
-            findings.add(("components", name, "reduction", "modes_to"), _too_high(own, name, limit))
+            draft.add(("components", name, "reduction", "modes_to"), _too_high(own, name, limit))
     # a component with a cut-off or a number of modes of its own does not follow the analyses
     tables = scene.components
     following = {
@@ -127,7 +127,7 @@ def check_mode_counts(draft: Draft, findings: Findings) -> None:
     lowest = min(following, key=lambda name: following[name], default=None)
     for place, wanted in requested.items():
         if lowest is not None and wanted is not None and wanted > following[lowest]:
-            findings.add(place, _too_high(wanted, lowest, following[lowest]))
+            draft.add(place, _too_high(wanted, lowest, following[lowest]))
 
 
 def _check_weight(name: str, solid: Solid, scene: SceneTable, findings: Findings) -> None:

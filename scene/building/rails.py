@@ -76,19 +76,19 @@ def choose_control_points(scene: SceneTable, solids: dict[str, Solid]) -> dict[s
     return found
 
 
-def check_rails(draft: Draft, findings: Findings) -> None:
+def check_rails(draft: Draft) -> None:
     """Report what is wrong with rails and with joints on them, apart from poses."""
     scene, solids = draft.table, draft.solids
     riders = _carriage_joints(scene)
     for (component, name), joints in riders.items():
         if component in solids:
-            _check_rail(component, name, scene, solids[component], joints, findings)
+            _check_rail(component, name, scene, solids[component], joints, draft.findings)
     for name, joint in scene.joints.items():
         rails = [
             end for end in joint.between if (end.component or "", end.interface or "") in riders
         ]
         if fault := _find_joint_fault(joint, rails, scene):
-            findings.add(("joints", name, *fault[0]), fault[1])
+            draft.add(("joints", name, *fault[0]), fault[1])
 
 
 def check_carriages(scene: Scene, findings: Findings) -> None:

@@ -14,7 +14,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.carriages import find_overhangs
 from headstock.geometry.machine.machine import Machine, find_limit_fault, position_units
 from headstock.meshing.process.strangers import WAYPOINTS
-from headstock.scene.building.draft import Draft, check_name, check_variant
+from headstock.scene.building.draft import Draft
 from headstock.scene.expansion.overrides import AS_WRITTEN, path_exists
 from headstock.scene.reading.csv_files import AxisPath, CsvError, read_waypoints
 from headstock.scene.reading.files import resolve_file
@@ -72,23 +72,22 @@ def _build_poses(name: str, scene: SceneTable, paths: Mapping[str, AxisPath]) ->
     )
 
 
-def check_sweeps(draft: Draft, findings: Findings) -> None:
+def check_sweeps(draft: Draft) -> None:
     """Report sweeps that name unknown poses or have too many; positions are checked with those of
     poses.
     """
     scene = draft.table
     for name, table in scene.sweeps.items():
         for index, position in enumerate(table.poses or ()):
-            if isinstance(position, str) and position not in scene.poses:
-                hint = suggest_names(position, scene.poses, what="poses")
-                findings.add(
-                    ("sweeps", name, "poses", index), f"unknown pose {position[:80]!r}; {hint}"
-                )
-        check_variant(("sweeps", name, "variant"), table.variant, draft, findings)
+            if isinstance(position, str):
+                key: KeyPath = ("sweeps", name, "poses", index)
+                draft.findings.check_name(key, position, scene.poses, "pose", "poses")
+        draft.check_variant(("sweeps", name, "variant"), table.variant)
         if (count := _count_poses(name, scene, draft.paths)) > MAX_SWEEP_POSES:
-            key = "axes" if table.axes is not None else "step"
-            findings.add(
-                ("sweeps", name, key), f"has {count} poses; a sweep takes {MAX_SWEEP_POSES} at most"
+            part = "axes" if table.axes is not None else "step"
+            draft.add(
+                ("sweeps", name, part),
+                f"has {count} poses; a sweep takes {MAX_SWEEP_POSES} at most",
             )
 
 
@@ -252,29 +251,24 @@ def _build_family(name: str, family: FamilyTable, table: StudyTable) -> StudyFam
     )
 
 
-def check_studies(draft: Draft, findings: Findings) -> None:
+def check_studies(draft: Draft) -> None:
     """Report studies that vary, watch or compute what the scene does not have."""
     for name, study in draft.table.studies.items():
-        _check_study(name, study, draft, findings)
+        _check_study(name, study, draft)
 
 
-def check_comparison(draft: Draft, findings: Findings) -> None:
+def check_comparison(draft: Draft) -> None:
     """Report a comparison of unknown variants, or in an unknown pose."""
     table = draft.table.compare
     for index, choice in enumerate(table.variants or ()):
         if choice != AS_WRITTEN:
-            check_variant(
-                ("compare", "variants", index),
-                choice,
-                draft,
-                findings,
-                more=f"; {AS_WRITTEN!r} is the scene itself",
+            draft.check_variant(
+                ("compare", "variants", index), choice, more=f"; {AS_WRITTEN!r} is the scene itself"
             )
-    if table.pose is not None and (table.pose != "reference" or draft.sections.get("poses")):
-        check_name(("compare", "pose"), table.pose, "poses", draft, findings)
+    draft.check_pose(("compare", "pose"), table.pose)
 
 
-def _check_study(name: str, study: StudyTable, draft: Draft, findings: Findings) -> None:
+def _check_study(name: str, study: StudyTable, draft: Draft) -> None:
     scene = draft.table
     key: KeyPath = ("studies", name)
     named = [((*key, "families", family), table) for family, table in study.families.items()]
@@ -287,28 +281,24 @@ def _check_study(name: str, study: StudyTable, draft: Draft, findings: Findings)
                 if not (section in {"vary", "reference_run"} and path == VARIANT) and (
                     reason := path_exists(draft.written, path)
                 ):
-                    findings.add((*where, section, path), reason)
+                    draft.add((*where, section, path), reason)
         choices = [
             *varied.get(VARIANT, ()),
             *([reference[VARIANT]] if VARIANT in reference else []),
         ]
         for choice in choices:
-            check_variant(
-                (*where, "vary", VARIANT),
-                str(choice or ""),
-                draft,
-                findings,
-                more='; "" is the scene as written',
+            draft.check_variant(
+                (*where, "vary", VARIANT), str(choice or ""), more='; "" is the scene as written'
             )
         for analysis in table.analyses or ():
             requested = [name for name, request in scene.analyses if request is not None]
             if analysis not in requested:
-                findings.add(
+                draft.add(
                     (*where, "analyses"),
                     f"the scene has no [analyses.{analysis}]; it has: {', '.join(requested) or 'none'}",
                 )
     for index, watch in enumerate(study.watch or ()):
-        _check_watch((*key, "watch", index), watch, scene, findings)
+        _check_watch((*key, "watch", index), watch, scene, draft.findings)
 
 
 def _check_watch(key: KeyPath, watch: str, scene: SceneTable, findings: Findings) -> None:

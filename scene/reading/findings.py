@@ -176,6 +176,20 @@ class Findings:
         if self.assumptions.setdefault(show_key(self._written_key(key)), what) != what:
             self.assumptions[show_key(key)] = what
 
+    def check_name(
+        self, key: KeyPath, name: str, names: Iterable[str], kind: str, what: str, more: str = ""
+    ) -> None:
+        """Report a name that is none of those there are.
+
+        Args:
+            kind: Word for one of them.
+            what: Word for all of them, in the plural.
+            more: What else could be written there.
+        """
+        if name not in (names := list(names)):
+            hint = suggest_names(name, names, what=what)
+            self.add(key, f"unknown {kind} {name[:80]!r}; {hint}{more}")
+
     def concern(self, *sections: str) -> bool:
         """Whether a problem was found in one of the sections of the scene."""
         return any(problem.key.partition(".")[0] in sections for _, problem in self.problems)

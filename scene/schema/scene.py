@@ -307,6 +307,11 @@ class SceneTable(types.StrictTable):
     """accept that the whole machine is not connected to ground"""
 
     @property
+    def active(self) -> frozenset[str]:
+        """Effects that are switched on."""
+        return frozenset(name for name, value in self.effects.items() if value is not False)
+
+    @property
     def is_lumped(self) -> bool:
         """Whether the mechanism itself is the model: rigid bodies on lumped springs, and joints
         have no part in it.

@@ -4,6 +4,7 @@ a remedy.
 
 import difflib
 import functools
+import re
 import types
 from functools import cache
 from typing import Annotated, Union, get_args, get_origin
@@ -20,11 +21,7 @@ from headstock.scene.reading.units import show_value
 from headstock.scene.schema.scene import SceneTable, complete_scene
 
 # what pydantic puts among the keys: a faulty key, and which kind of value was taken
-TAGS = (
-    "[key]",
-    "[waypoints]",
-    "[file]",
-)
+_TAG = re.compile(r"(|literal|function-\w+)\[.*\]")
 _KINDS = {
     "string_type": 'is not text; write it in quotes, such as "text"',
     "bool_type": "is neither true nor false; write one of them without quotes",
@@ -109,7 +106,7 @@ def _unknown_key(root: type[BaseModel], path: KeyPath) -> str:
 
 
 def _report(root: type[BaseModel], detail: ErrorDetails, findings: Findings) -> None:
-    path: KeyPath = tuple(part for part in detail["loc"] if part not in TAGS)
+    path: KeyPath = tuple(part for part in detail["loc"] if not _TAG.fullmatch(str(part)))
     kind = detail["type"]
     value = detail.get("input")
     if is_expression(value):
