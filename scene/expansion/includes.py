@@ -19,7 +19,7 @@ from headstock.scene.reading.files import (
 )
 from headstock.scene.reading.findings import Findings, Origin
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.reading.units import show_value
+from headstock.scene.reading.units import quote_value
 from headstock.scene.schema.scene import MAX_INCLUDED, IncludeTable
 from headstock.scene.schema.validation import validate_tables
 
@@ -165,7 +165,7 @@ def _check_sections(tables: TomlTable, findings: Findings) -> None:
             )
         elif not isinstance(entries, dict):
             findings.add(
-                (section,), f"{show_value(entries)} is not a table; write [{section}.name]"
+                (section,), f"{quote_value(entries)} is not a table; write [{section}.name]"
             )
     findings.raise_if_any()
 
@@ -183,7 +183,7 @@ def _merge(
     for section, entries in tables.items():
         own = raw.setdefault(section, {})
         if not isinstance(own, dict) or not isinstance(entries, dict):
-            findings.add((section,), f"{show_value(own)} is not a table; write [{section}.name]")
+            findings.add((section,), f"{quote_value(own)} is not a table; write [{section}.name]")
             continue
         for name, value in entries.items():
             full = f"{entry.prefix}{name}"

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, Field
 
 from headstock.geometry.parts.components import NORMAL
-from headstock.scene.reading.units import show_value
+from headstock.scene.reading.units import quote_value
 from headstock.scene.schema import types
 from headstock.scene.schema.components import DiskTable, RectTable, StripTable
 
@@ -16,7 +16,7 @@ def _read_fixed(value: object) -> object:
         return value
     if not isinstance(value, list):
         raise types.problem(
-            f"{show_value(value)} is no direction that can be fixed; write x, y, z, {NORMAL}, or three plain numbers such as [1, 1, 0]"
+            f"{quote_value(value)} is no direction that can be fixed; write x, y, z, {NORMAL}, or three plain numbers such as [1, 1, 0]"
         )
     return types.read_direction(value)
 

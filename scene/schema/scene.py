@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, create_model, field_validator
 
 from headstock.scene.reading.names import NAMES
-from headstock.scene.reading.units import ACCELERATION, RATE, TIME, show_value
+from headstock.scene.reading.units import ACCELERATION, RATE, TIME, quote_value
 from headstock.scene.schema import types
 from headstock.scene.schema.axes import AxisTable, MechanismTable, PointTable, PoseTable
 from headstock.scene.schema.components import ComponentTable, MaterialTable, OrientationTable
@@ -198,7 +198,7 @@ Effects = Annotated[
 def _read_prefix(value: object) -> str:
     if not isinstance(value, str) or _PREFIX.fullmatch(value) is None:
         raise types.problem(
-            f'{show_value(value)} is no prefix of names; write letters, digits and _, beginning with a letter, at most 32, such as "spindle_"'
+            f'{quote_value(value)} is no prefix of names; write letters, digits and _, beginning with a letter, at most 32, such as "spindle_"'
         )
     return value
 

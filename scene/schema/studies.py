@@ -6,8 +6,10 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal, NamedTuple
 
+import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
 
+from headstock.geometry.frames import FloatArray
 from headstock.scene.reading.units import ANGLE, LENGTH, Quantity
 from headstock.scene.reading.watch_paths import MEASURED_NAMES, WatchError, parse_watch
 from headstock.scene.schema import types
@@ -126,9 +128,9 @@ class AxisSpan(NamedTuple):
     high: types.AxisPosition
     positions: types.Count
 
-    def ends(self) -> tuple[float, float]:
-        """Lowest and highest position in SI units."""
-        return self.low.value, self.high.value
+    def values(self) -> FloatArray:
+        """Positions ``(n,)``, evenly spread [m, rad]."""
+        return np.linspace(self.low.value, self.high.value, self.positions, dtype=np.float64)
 
 
 Span = Annotated[

@@ -44,7 +44,7 @@ from headstock.scene.reading.units import (
     UnitError,
     parse_quantity,
     quantity_pattern,
-    show_value,
+    quote_value,
 )
 
 MEANING = "meaning"  # keyword of the schema that pydantic makes of a table
@@ -237,7 +237,7 @@ class Between:
 
     def _check(self, value: float) -> float:
         if not self.low <= value <= self.high:
-            shown = show_value(value) if isinstance(value, int) else f"{value:g}"
+            shown = quote_value(value) if isinstance(value, int) else f"{value:g}"
             raise problem(f"is {shown} but must lie between {self.low:g} and {self.high:g}")
         return value
 
@@ -387,17 +387,17 @@ JointDamping = Annotated[
 def _read_number(value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise problem(
-            f"{show_value(value)} is not a plain number; write one without quotes and unit, such as 0.3"
+            f"{quote_value(value)} is not a plain number; write one without quotes and unit, such as 0.3"
         )
     if (isinstance(value, int) and abs(value) > 10**300) or not math.isfinite(value):
-        raise problem(f"{show_value(value)} is not finite; write an ordinary number")
+        raise problem(f"{quote_value(value)} is not finite; write an ordinary number")
     return float(value)
 
 
 def _read_whole(value: object) -> int:
     if isinstance(value, bool) or not isinstance(value, int):
         raise problem(
-            f"{show_value(value)} is not a whole number; write one without quotes, such as 1"
+            f"{quote_value(value)} is not a whole number; write one without quotes, such as 1"
         )
     return value
 
@@ -406,7 +406,7 @@ def _read_count(lowest: int, highest: int = MAX_COUNT) -> Callable[[object], int
     def read(value: object) -> int:
         value = _read_whole(value)
         if not lowest <= value <= highest:
-            raise problem(f"is {show_value(value)} but must lie between {lowest} and {highest}")
+            raise problem(f"is {quote_value(value)} but must lie between {lowest} and {highest}")
         return value
 
     return read
@@ -520,11 +520,11 @@ def _read_channel(value: object) -> tuple[str, str]:
         or not all(isinstance(part, str) for part in value)
     ):
         raise problem(
-            f'{show_value(value)} names no point and direction; write ["tcp", "x"], or "tcp" for x, y and z'
+            f'{quote_value(value)} names no point and direction; write ["tcp", "x"], or "tcp" for x, y and z'
         )
     if value[1] not in DOF_NAMES:
         raise problem(
-            f"{show_value(value[1])} is no direction; write one of {', '.join(DOF_NAMES)}"
+            f"{quote_value(value[1])} is no direction; write one of {', '.join(DOF_NAMES)}"
         )
     return value[0], value[1]
 
@@ -573,7 +573,7 @@ ChannelName = Annotated[
 def _read_name(value: object) -> str:
     if not isinstance(value, str) or _NAME.fullmatch(value) is None:
         raise problem(
-            f"{show_value(value)} is not a name; write letters, digits, _ and -, beginning with a letter, at most 64"
+            f"{quote_value(value)} is not a name; write letters, digits, _ and -, beginning with a letter, at most 64"
         )
     return value
 
@@ -616,7 +616,7 @@ def read_direction(value: object) -> tuple[float, float, float]:
         return x, y, z
     if not isinstance(value, list) or len(value) != 3:
         raise problem(
-            f'{show_value(value)} is not a direction; write "x", "-z" or three plain numbers such as [1, 0, 0]'
+            f'{quote_value(value)} is not a direction; write "x", "-z" or three plain numbers such as [1, 0, 0]'
         )
     vector = np.array([_read_number(item) for item in value])
     scale = float(np.abs(vector).max())
@@ -658,7 +658,9 @@ def _read_end(value: object) -> JointEnd:
     if value == GROUND:
         return JointEnd()
     if not isinstance(value, str) or value.count(".") != 1 or not all(value.split(".")):
-        raise problem(f'{show_value(value)} is not an end; write "component.interface" or "ground"')
+        raise problem(
+            f'{quote_value(value)} is not an end; write "component.interface" or "ground"'
+        )
     component, _, interface = value.partition(".")
     return JointEnd(component, interface)
 

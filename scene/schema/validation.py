@@ -17,7 +17,7 @@ from headstock.scene.reading.files import TomlTable, TomlValue
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.names import REMOVED_KEYS, SCENE_KEYS
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.reading.units import show_value
+from headstock.scene.reading.units import quote_value
 from headstock.scene.schema.scene import SceneTable, complete_scene
 
 # what pydantic puts among the keys: a faulty key, and which kind of value was taken
@@ -118,12 +118,12 @@ def _report(root: type[BaseModel], detail: ErrorDetails, findings: Findings) -> 
     elif kind == "literal_error":
         expected = str(detail.get("ctx", {}).get("expected", ""))
         findings.add(
-            path, f"{show_value(value)} is not one of {expected}{_closest(value, expected)}"
+            path, f"{quote_value(value)} is not one of {expected}{_closest(value, expected)}"
         )
     elif kind in ("too_short", "too_long"):
         findings.add(path, _length_message(detail))
     elif kind in _KINDS:
-        findings.add(path, f"{show_value(value)} {_KINDS[kind]}")
+        findings.add(path, f"{quote_value(value)} {_KINDS[kind]}")
     else:
         findings.add(path, str(detail["msg"]))
 
