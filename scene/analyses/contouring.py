@@ -119,6 +119,8 @@ class ContouringTable(types.RequestTable):
     follows.
     """
 
+    loads_probes = "by itself"
+
     model_config = types.one_of("side", "polyline", "polyline_file")
 
     side: types.PositiveLength | None = None

@@ -66,6 +66,7 @@ class FrfTable(types.RequestTable):
     """Frequency response between points, or interfaces, from one frequency to another."""
 
     highest: ClassVar[str] = "to"
+    loads_probes = "by itself"
 
     inputs: Channels | None = None
     """where loads act: `[["tcp", "x"]]`, a point or `component.interface` and one of `x y z rx ry rz`; a name alone means x, y and z; or a
@@ -110,13 +111,12 @@ def _build(table: FrfTable, draft: Draft) -> FrfRequest:
         [(n, LOAD if n in scene.loads else d) for n, d in table.inputs or every]
     )
     moved = tuple(channel for channel in inputs if channel[1] != LOAD)
-    outputs = [one for one in table.outputs or () if one[0] not in scene.probes]
-    inside = [name for name, _ in table.outputs or () if name in scene.probes]
+    outputs, probes = draft.split_outputs(table.outputs)
     return table.fill(
         FrfRequest,
         inputs=inputs,
-        outputs=build_channels(outputs) if outputs else moved or build_channels(every),
-        probes=tuple(dict.fromkeys(inside if table.outputs else scene.probes)),
+        outputs=outputs or moved or build_channels(every),
+        probes=probes,
         to_hz=table.to,
         from_hz=table.start,
         poses=tuple(table.poses or draft.poses),

@@ -13,7 +13,7 @@ from headstock.geometry.errors import PoseError
 from headstock.geometry.machine.carriages import find_overhangs
 from headstock.geometry.machine.machine import MachinePath, Pose, place_components, show_position
 from headstock.geometry.mechanisms.tool_mechanism import TOOL_POINT
-from headstock.scene.building.axes import find_position_fault
+from headstock.scene.building.axes import find_measure_fault, find_position_fault
 from headstock.scene.building.cutting import (
     CUTTING_FORCE,
     build_cut,
@@ -136,6 +136,8 @@ class PathCutTable(types.StrictTable):
 
 class PathTable(types.RequestTable):
     """How far a point leaves the straight line while axes accelerate to a feed and stop again."""
+
+    loads_probes = "by itself"
 
     start: Annotated[PoseTable, Field(alias="from", min_length=1)]
     """start position of the axes: `{ X = "-40 mm" }`"""
@@ -275,11 +277,8 @@ def _check_tool_path(scene: SceneTable, table: PathTable, findings: Findings) ->
                     (*KEY, end, axis),
                     "a path of a mechanism leads its tool along X, Y and Z; set other axes by pose",
                 )
-            elif value.dimension != LENGTH:
-                findings.add(
-                    (*KEY, end, axis),
-                    f'{axis} is measured as {LENGTH.name}; write for example "{LENGTH.example}"',
-                )
+            elif fault := find_measure_fault(axis, value, LENGTH):
+                findings.add((*KEY, end, axis), fault)
 
 
 def _check_complete(table: PathTable, draft: Draft) -> None:

@@ -21,6 +21,8 @@ class StaticRequest(Request):
 class StaticTable(RequestTable):
     """Compliance at points; without `at` at every point."""
 
+    loads_probes = "by the scene"
+
     at: Names | None = None
     """points at which it is computed; default: all of them"""
     poses: Names | None = None

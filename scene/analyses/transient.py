@@ -169,6 +169,8 @@ class TimedLoadTable(types.StrictTable):
 class TransientTable(types.RequestTable):
     """Motion of points under loads that change with time."""
 
+    loads_probes = "by itself"
+
     loads: Annotated[dict[types.Name, TimedLoadTable], Field(max_length=100)] = {}
     """forces, moments and loads of `[loads]` over time, by name"""
     velocity: Annotated[
@@ -226,8 +228,7 @@ def _build(table: TransientTable, draft: Draft) -> TransientRequest:
         CsvError: A record cannot be used.
     """
     scene = draft.table
-    outputs = [one for one in table.outputs or () if one[0] not in scene.probes]
-    inside = [name for name, _ in table.outputs or () if name in scene.probes]
+    outputs, probes = draft.split_outputs(table.outputs)
     return table.fill(
         TransientRequest,
         loads=tuple(
@@ -242,11 +243,11 @@ def _build(table: TransientTable, draft: Draft) -> TransientRequest:
         velocities={
             name: (speeds[0], speeds[1], speeds[2]) for name, speeds in table.velocity.items()
         },
-        outputs=build_channels(outputs or [(name, "") for name in scene.points]),
+        outputs=outputs or build_channels([(name, "") for name in scene.points]),
         sampling_hz=table.samples_per_second,
         up_to_hz=table.up_to,
         poses=tuple(table.poses or draft.poses),
-        probes=tuple(dict.fromkeys(inside if table.outputs else scene.probes)),
+        probes=probes,
     )
 
 

@@ -10,12 +10,13 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.joints import GROUND, Axis, Joint, connected_groups
 from headstock.geometry.machine.machine import Pose, find_limit_fault
+from headstock.geometry.mechanisms.tool_mechanism import TOOL_AXES, TOOL_POINT
 from headstock.geometry.parts.components import Support
 from headstock.scene.building.draft import Draft, is_known_end
 from headstock.scene.building.joints import build_joint, find_joint_faults, sound_joints
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.reading.units import ANGLE, LENGTH, Quantity
+from headstock.scene.reading.units import ANGLE, LENGTH, Dimension, Quantity
 from headstock.scene.schema.axes import AxisTable
 from headstock.scene.schema.scene import SceneTable
 from headstock.scene.schema.types import show_direction
@@ -117,8 +118,7 @@ def check_axes(draft: Draft) -> None:
     """Report what is wrong with axes, apart from what they move: names, limits, directions and
     guides.
     """
-    scene = draft.table
-    for name, axis in scene.axes.items():
+    for name, axis in draft.table.axes.items():
         key: KeyPath = ("axes", name)
         for index, joint in enumerate(axis.joint_names()):
             draft.check_name(
@@ -126,20 +126,14 @@ def check_axes(draft: Draft) -> None:
             )
         for index, component in enumerate(axis.moves or ()):
             draft.check_name((*key, "moves", index), component, "components")
-        limits, wrong = axis.limits or (), False
-        for index, limit in enumerate(limits):
-            if fault := _find_unit_fault(limit, axis):
-                wrong = True
+        limits = axis.limits or ()
+        faults = [_find_unit_fault(limit, axis) for limit in limits]
+        for index, fault in enumerate(faults):
+            if fault:
                 draft.add((*key, "limits", index), fault)
-        if limits and not wrong and limits[0].value >= limits[1].value:
+        if limits and not any(faults) and limits[0].value >= limits[1].value:
             draft.add((*key, "limits"), "the lower limit must be below the upper one")
-        known = all(joint in scene.joints for joint in axis.joint_names())
-        if axis.direction is None and known and not _guiding_joints(scene, axis):
-            draft.add(
-                (*key, "direction"),
-                "'direction' is missing and no joint of the axis gives one; write direction = \"x\"",
-            )
-        _check_guides(name, axis, scene, draft.findings)
+        _check_guides(name, axis, draft)
 
 
 def check_axis_moves(draft: Draft) -> None:
@@ -167,7 +161,12 @@ def check_poses(draft: Draft) -> None:
     for key, axis, value in values:
         # the two ends of a span are written under their axis
         draft.check_name(key[:4] if key[2] == "axes" else key, axis, "axes", "axis")
-        if axis in scene.axes and (fault := find_position_fault(axis, value, scene)):
+        fault = ""
+        if axis in scene.axes:
+            fault = find_position_fault(axis, value, scene)
+        elif axis in TOOL_AXES and scene.mechanism is not None:
+            fault = find_measure_fault(axis, value, LENGTH if axis in TOOL_POINT else ANGLE)
+        if fault:
             draft.add(key, fault)
 
 
@@ -205,6 +204,13 @@ def find_position_fault(axis: str, value: Quantity, scene: SceneTable) -> str:
         return ""
     low, high = (limit.value for limit in table.limits)
     return find_limit_fault(axis, value.value, low=low, high=high, unit=value.dimension.unit)
+
+
+def find_measure_fault(name: str, value: Quantity, wanted: Dimension) -> str:
+    """Say that a coordinate is measured in another dimension; empty where it is not."""
+    if value.dimension == wanted:
+        return ""
+    return f'{name} is measured as {wanted.name}; write for example "{wanted.example}"'
 
 
 def _find_unit_fault(value: Quantity, axis: AxisTable) -> str:
@@ -248,22 +254,29 @@ def _guiding_joints(scene: SceneTable, axis: AxisTable) -> dict[str, FloatArray]
     }
 
 
-def _check_guides(name: str, axis: AxisTable, scene: SceneTable, findings: Findings) -> None:
+def _check_guides(name: str, axis: AxisTable, draft: Draft) -> None:
     """Every guide, screw and bearing of an axis must let go of the motion that the axis makes."""
-    guides = _guiding_joints(scene, axis)
+    guides = _guiding_joints(draft.table, axis)
+    along = None if axis.direction is None else np.array(axis.direction)
+    if along is None and guides:
+        # without a direction of its own the axis has that of most of its joints
+        along = max(
+            guides.values(),
+            key=lambda guide: sum(abs(float(guide @ other)) for other in guides.values()),
+        )
+    elif along is None and all(joint in draft.table.joints for joint in axis.joint_names()):
+        draft.add(
+            ("axes", name, "direction"),
+            "'direction' is missing and no joint of the axis gives one; write direction = \"x\"",
+        )
     motion = "slides along" if axis.kind == "linear" else "turns about"
-    given = None if axis.direction is None else np.array(axis.direction)
-    # without a direction of its own the axis has that of most of its joints
-    votes = sorted(
-        guides.values(), key=lambda own: -sum(abs(float(own @ other)) for other in guides.values())
-    )
-    along = given if given is not None else votes[0] if votes else None
-    for joint, own in guides.items():
-        if along is not None and abs(own @ along) < PARALLEL:
-            findings.add(
+    for joint, guide in guides.items():
+        if along is not None and abs(guide @ along) < PARALLEL:
+            shown = show_direction(along)
+            draft.add(
                 ("joints", joint, "axis"),
-                f"{motion} {show_direction(own)}, but axis {name}, which it belongs to, moves along {show_direction(along)}: it would block the "
-                f"axis; write axis = {show_direction(along)}, or remove it from the joints of the axis",
+                f"{motion} {show_direction(guide)}, but axis {name}, which it belongs to, moves along {shown}: it would block the "
+                f"axis; write axis = {shown}, or remove it from the joints of the axis",
             )
 
 

@@ -494,19 +494,24 @@ def _check_solid(key: KeyPath, table: ComponentTable, solid: Solid, findings: Fi
         if table.fidelity != "rigid":
             findings.add((*key, "fidelity"), "a point mass is always rigid; remove fidelity")
             return
-    for interface, entry in table.interfaces.items():
-        if entry.flexible and (len(entry.patch_tables()) > 1 or entry.face in ("outer", "inner")):
-            findings.add(
-                (*key, "interfaces", interface, "coupling"),
-                "deforms in shapes over one flat patch; write one interface for each patch, or "
-                'coupling = "rigid" or "average"',
-            )
-        for index, patch in enumerate(entry.patch_tables()):
-            patch_key = ("patches", index) if entry.patches is not None else ()
-            if fault := find_patch_fault(patch, solid) or _find_dense_patch(
-                table, build_patch(patch, solid), solid
-            ):
-                findings.add((*key, "interfaces", interface, *patch_key), fault)
+    for name, interface in table.interfaces.items():
+        _check_interface((*key, "interfaces", name), interface, table, solid, findings)
+
+
+def _check_interface(
+    key: KeyPath, table: InterfaceTable, part: ComponentTable, solid: Solid, findings: Findings
+) -> None:
+    if table.flexible and (len(table.patch_tables()) > 1 or table.face in ("outer", "inner")):
+        findings.add(
+            (*key, "coupling"),
+            "deforms in shapes over one flat patch; write one interface for each patch, or "
+            'coupling = "rigid" or "average"',
+        )
+    for index, patch in enumerate(table.patch_tables()):
+        if fault := find_patch_fault(patch, solid) or _find_dense_patch(
+            part, build_patch(patch, solid), solid
+        ):
+            findings.add((*key, *(("patches", index) if table.patches is not None else ())), fault)
 
 
 def _find_mesh_faults(table: ComponentTable, solid: Solid) -> Iterator[tuple[KeyPath, str]]:

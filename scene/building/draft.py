@@ -117,6 +117,14 @@ class Draft:
                 f'a probe shows displacement and stress in all directions; write "{name}" alone',
             )
 
+    def split_outputs(
+        self, outputs: Sequence[tuple[str, str]] | None
+    ) -> tuple[tuple[Channel, ...], tuple[str, ...]]:
+        """Return the channels among outputs, and the probes: all of them where no output is named."""
+        inside = self.table.probes
+        probes = dict.fromkeys(name for name, _ in outputs if name in inside) if outputs else inside
+        return build_channels([one for one in outputs or () if one[0] not in inside]), (*probes,)
+
     def check_pose(self, key: KeyPath, pose: str | None) -> None:
         """Report a name that is no pose; a scene without poses has one that is called ``reference``."""
         if pose is not None and (pose != "reference" or self.sections.get("poses")):

@@ -13,7 +13,7 @@ from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import DAMPING
 from headstock.scene.schema.drives import DriveTable, FrictionTable
-from headstock.scene.schema.effects import CONTOUR_EFFECTS, find_effect_fault
+from headstock.scene.schema.effects import CONTOUR_EFFECTS, GRAVITY_STIFFENING, find_effect_fault
 from headstock.scene.schema.scene import SceneTable
 
 DRIVE_CONTROL, FRICTION, SCREW_INERTIA, TORQUE_RIPPLE = (
@@ -282,6 +282,10 @@ def check_effects(draft: Draft) -> None:
     for name, value in scene.effects.items():
         if fault := find_effect_fault(name, value):
             draft.add(("effects", name), fault)
+    if GRAVITY_STIFFENING in scene.active and "gravity" not in scene.active:
+        draft.add(
+            ("effects", GRAVITY_STIFFENING), "needs gravity; write [effects] gravity = true as well"
+        )
     acting, on_path = scene.analyses.effects, "path" in scene.analyses.requested
     if scene.mechanism is not None:
         # its variants may name effects for contours that they leave out

@@ -143,11 +143,10 @@ def check_joints(draft: Draft) -> None:
 
 def _check_layer_end(key: KeyPath, end: JointEnd, draft: Draft) -> None:
     """Elastic bodies need deformation shapes there, without which nothing says how they deform."""
-    component = draft.table.components.get(end.component or "")
-    entry = None if component is None else component.interfaces.get(end.interface or "")
-    if component is None or entry is None or component.fidelity != "elastic":
+    component, interface = draft.table.interface_at(end) or (None, None)
+    if component is None or interface is None or component.fidelity != "elastic":
         return
-    if component.solid.superelement is None and not entry.flexible:
+    if component.solid.superelement is None and not interface.flexible:
         draft.add(
             key,
             f"needs the deformation shapes of {end}; write coupling = {{ flexible = 24 }} there",
@@ -160,12 +159,11 @@ def _check_areas(name: str, joint: JointTable, draft: Draft) -> None:
     """
     areas: dict[str, Outline] = {}
     for end in joint.between:
-        component = draft.table.components.get(end.component or "")
-        entry = None if component is None else component.interfaces.get(end.interface or "")
+        component, interface = draft.table.interface_at(end) or (None, None)
         solid = draft.solids.get(end.component or "")
-        if component is None or entry is None or solid is None or not entry.flexible:
+        if component is None or interface is None or solid is None or not interface.flexible:
             continue
-        tables = entry.patch_tables()
+        tables = interface.patch_tables()
         outline = patch_outline(solid, build_patch(tables[0], solid)) if len(tables) == 1 else None
         if component.fidelity == "elastic" and outline is not None:
             areas[str(end)] = outline

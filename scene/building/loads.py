@@ -8,7 +8,7 @@ from headstock.geometry.machine.joints import JointEnd
 from headstock.geometry.machine.machine import JointDisplacement, Point
 from headstock.geometry.parts.components import Component, Load, Patch, Support
 from headstock.scene.building.components import bounding_box, build_patch, find_patch_fault
-from headstock.scene.building.draft import Draft
+from headstock.scene.building.draft import Draft, list_records
 from headstock.scene.building.joints import KINDS
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.schema.axes import PointTable
@@ -170,14 +170,19 @@ def check_probes(draft: Draft) -> None:
                 ("probes", name, "at"),
                 f"lies outside {probe.component}, which reaches over x, y, z from {ends} in its own frame",
             )
-    requested = scene.analyses.requested.keys()
-    if not scene.probes or requested & {"frf", "transient", "path", "contouring"}:
+    loaded = {table.loads_probes for table in scene.analyses.requested.values()}
+    if not scene.probes or "by itself" in loaded:
         return
-    if "static" not in requested:
+    if "by the scene" not in loaded:
+        *first, last = [
+            f"[analyses.{record.request.analysis}]"
+            for record in list_records()
+            if record.table.loads_probes
+        ]
         draft.add(
             ("probes",),
-            "probes show the response to static or harmonic loads, to loads over time and along paths and contours; add [analyses.static],"
-            " [analyses.frf], [analyses.transient], [analyses.path] or [analyses.contouring]",
+            "probes show the response to static or harmonic loads, to loads over time and along paths and contours; add"
+            f" {', '.join(first)} or {last}",
         )
     if not scene.loads and "gravity" not in scene.active:
         draft.add(("probes",), "nothing loads the machine; add [loads.NAME] or the effect gravity")

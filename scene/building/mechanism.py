@@ -12,14 +12,14 @@ from headstock.geometry.mechanisms.exechon import (
     exechon_mechanism,
 )
 from headstock.geometry.mechanisms.mechanism import Mechanism
-from headstock.geometry.mechanisms.tool_mechanism import TOOL_AXES, TOOL_POINT, solve_pose
+from headstock.geometry.mechanisms.tool_mechanism import TOOL_AXES, solve_pose
+from headstock.scene.building.axes import find_measure_fault
 from headstock.scene.building.components import build_frame
 from headstock.scene.building.draft import Draft
 from headstock.scene.reading.findings import Findings
-from headstock.scene.reading.units import ANGLE, LENGTH, Quantity
+from headstock.scene.reading.units import ANGLE, LENGTH
 from headstock.scene.scene import LegSprings, SceneMechanism
 from headstock.scene.schema.axes import MechanismTable
-from headstock.scene.schema.effects import GRAVITY_STIFFENING
 from headstock.scene.schema.loads import LoadTable
 from headstock.scene.schema.scene import SceneTable
 
@@ -48,7 +48,6 @@ def check_mechanism(draft: Draft) -> None:
     """
     scene = draft.table
     table = scene.mechanism
-    _check_stiffening(scene, draft.findings)
     if table is None:
         return
     if "orientation" in scene.model_fields_set:
@@ -64,7 +63,6 @@ def check_mechanism(draft: Draft) -> None:
             ("axes", name),
             f"{name} is already a coordinate of the tool of the mechanism; remove this axis",
         )
-    _check_pose_units(scene, draft.findings)
 
 
 def check_reach(draft: Draft) -> None:
@@ -133,33 +131,8 @@ def _check_limits(table: MechanismTable, mechanism: Mechanism, findings: Finding
         if name not in movable:
             continue
         wanted = LENGTH if name in LENGTHS else ANGLE
-        if any(value.dimension != wanted for value in values):
-            findings.add(
-                key, f'{name} is measured as {wanted.name}; write for example "{wanted.example}"'
-            )
+        faults = [find_measure_fault(name, value, wanted) for value in values]
+        if any(faults):
+            findings.add(key, max(faults))
         elif values[0].value >= values[1].value:
             findings.add(key, "the lower limit must be below the upper one")
-
-
-def _check_pose_units(scene: SceneTable, findings: Findings) -> None:
-    values: list[tuple[tuple[str | int, ...], str, Quantity]] = []
-    for pose, positions in scene.poses.items():
-        values += [(("poses", pose, axis), axis, value) for axis, value in positions.items()]
-    for sweep, table in scene.sweeps.items():
-        values += [
-            (("sweeps", sweep, *key), axis, value) for key, axis, value in table.quantities()
-        ]
-    for key, axis, value in values:
-        wanted = LENGTH if axis in TOOL_POINT else ANGLE
-        if axis in TOOL_AXES and value.dimension != wanted:
-            findings.add(
-                key, f'{axis} is measured as {wanted.name}; write for example "{wanted.example}"'
-            )
-
-
-def _check_stiffening(scene: SceneTable, findings: Findings) -> None:
-    if GRAVITY_STIFFENING not in scene.active:
-        return
-    key = ("effects", GRAVITY_STIFFENING)
-    if "gravity" not in scene.active:
-        findings.add(key, "needs gravity; write [effects] gravity = true as well")

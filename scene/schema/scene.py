@@ -7,11 +7,17 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, create_model, field_validator
 
+from headstock.geometry.machine.joints import JointEnd
 from headstock.scene.reading.names import NAMES
 from headstock.scene.reading.units import ACCELERATION, RATE, TIME, quote_value
 from headstock.scene.schema import types
 from headstock.scene.schema.axes import AxisTable, MechanismTable, PointTable, PoseTable
-from headstock.scene.schema.components import ComponentTable, MaterialTable, OrientationTable
+from headstock.scene.schema.components import (
+    ComponentTable,
+    InterfaceTable,
+    MaterialTable,
+    OrientationTable,
+)
 from headstock.scene.schema.cutting import CuttingTable
 from headstock.scene.schema.drives import DriveTable
 from headstock.scene.schema.effects import EFFECT_NAMES, PLAIN_EFFECTS
@@ -305,6 +311,12 @@ class SceneTable(types.StrictTable):
     the ± of frequencies, compliances and frequency responses, see [errors](errors.md#rigid-joints)"""
     free: types.Flag = False
     """accept that the whole machine is not connected to ground"""
+
+    def interface_at(self, end: JointEnd) -> tuple[ComponentTable, InterfaceTable] | None:
+        """Component and interface of an end; None for ground, and for what did not pass the schema."""
+        component = self.components.get(end.component or "")
+        interface = None if component is None else component.interfaces.get(end.interface or "")
+        return None if component is None or interface is None else (component, interface)
 
     @property
     def active(self) -> frozenset[str]:

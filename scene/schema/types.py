@@ -12,7 +12,7 @@ import re
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar, Self, cast
+from typing import Annotated, Any, ClassVar, Literal, Self, cast
 
 import numpy as np
 from pydantic import (
@@ -533,6 +533,7 @@ class RequestTable(StrictTable):
     """An analysis, which can be kept for when it is requested."""
 
     highest: ClassVar[str] = ""  # key of the highest frequency that is wanted
+    loads_probes: ClassVar[Literal["", "by the scene", "by itself"]] = ""  # so that they show much
 
     on_request: Flag = False
 
