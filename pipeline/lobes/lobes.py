@@ -6,8 +6,8 @@ Only rank 0 has anything to do.
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.machine.feed import NO_FEED
 from headstock.geometry.machine.machine import Pose, free_axes
+from headstock.geometry.machine.tool_travel import NO_FEED
 from headstock.pipeline.answers.lobes import HZ, RPM, DirectionLobes, PoseLobes
 from headstock.pipeline.lobes.chatter_sources import group_lobes
 from headstock.pipeline.lobes.cutting_point import (

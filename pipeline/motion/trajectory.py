@@ -13,7 +13,7 @@ from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.geometry.machine.joints import Axis
 from headstock.geometry.machine.machine import Machine, Pose
 from headstock.geometry.machine.tool_travel import ToolTravel
-from headstock.geometry.mechanisms.tool_mechanism import ToolMechanism
+from headstock.geometry.mechanisms.exechon import ToolMechanism
 from headstock.pipeline.motion.contour_run import CORIOLIS
 from headstock.pipeline.stages.machine import CoupledPose, damp_system, warn_of_no_damping
 from headstock.pipeline.stages.mechanism import LumpedPose, build_lumped_model, place_pose

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.mechanisms.exechon import survey_tool_poses
-from headstock.geometry.mechanisms.tool_mechanism import tool_pose
+from headstock.geometry.mechanisms.exechon import survey_tool_poses, tool_pose
 from headstock.pipeline.answers.map import WorkspaceMap
 from headstock.pipeline.answers.static import N_PER_UM
 from headstock.pipeline.planning.plan import Stage

@@ -11,8 +11,7 @@ from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray, Frame, 
 from headstock.geometry.machine.drives import Drive
 from headstock.geometry.machine.joints import JointEnd
 from headstock.geometry.machine.machine import Pose
-from headstock.geometry.mechanisms.exechon import LEGS, LENGTHS
-from headstock.geometry.mechanisms.tool_mechanism import solve_pose
+from headstock.geometry.mechanisms.exechon import LEGS, LENGTHS, solve_pose
 from headstock.geometry.parts.skins import Skin
 from headstock.pipeline.answers.mechanism import describe_state
 from headstock.pipeline.answers.static import PointCompliance

@@ -18,7 +18,7 @@ from headstock.geometry.machine.machine import (
     position_units,
     travel_directions,
 )
-from headstock.geometry.mechanisms.tool_mechanism import TOOL_AXES, TOOL_POINT
+from headstock.geometry.mechanisms.exechon import TOOL_AXES, TOOL_POINT
 from headstock.pipeline.answers.volumetric import (
     SYMBOLS,
     TOTAL,

@@ -12,7 +12,7 @@ from pydantic import Field
 from headstock.geometry.errors import PoseError
 from headstock.geometry.machine.carriages import find_overhangs
 from headstock.geometry.machine.machine import MachinePath, Pose, place_components, show_position
-from headstock.geometry.mechanisms.tool_mechanism import TOOL_POINT
+from headstock.geometry.mechanisms.exechon import TOOL_POINT
 from headstock.scene.building.axes import find_measure_fault, find_position_fault
 from headstock.scene.building.cutting import (
     CUTTING_FORCE,

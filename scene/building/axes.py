@@ -10,7 +10,7 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.joints import GROUND, Axis, Joint, connected_groups
 from headstock.geometry.machine.machine import Pose, find_limit_fault
-from headstock.geometry.mechanisms.tool_mechanism import TOOL_AXES, TOOL_POINT
+from headstock.geometry.mechanisms.exechon import TOOL_AXES, TOOL_POINT
 from headstock.geometry.parts.components import Support
 from headstock.scene.building.draft import Draft, is_known_end
 from headstock.scene.building.joints import build_joint, find_joint_faults, sound_joints

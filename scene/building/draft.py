@@ -10,7 +10,7 @@ from typing import Any
 
 from headstock.geometry.frames import DIRECTIONS
 from headstock.geometry.machine.joints import GROUND, JointEnd
-from headstock.geometry.mechanisms.tool_mechanism import TOOL_AXES
+from headstock.geometry.mechanisms.exechon import TOOL_AXES
 from headstock.geometry.parts.solids import Solid
 from headstock.scene.expansion.overrides import split_variant
 from headstock.scene.reading.csv_files import AxisPath

@@ -7,12 +7,13 @@ import numpy as np
 from headstock.geometry.errors import PoseError
 from headstock.geometry.mechanisms.exechon import (
     LENGTHS,
+    TOOL_AXES,
     ExechonDimensions,
     MountedExechon,
     exechon_mechanism,
+    solve_pose,
 )
 from headstock.geometry.mechanisms.mechanism import Mechanism
-from headstock.geometry.mechanisms.tool_mechanism import TOOL_AXES, solve_pose
 from headstock.scene.building.axes import find_measure_fault
 from headstock.scene.building.components import build_frame
 from headstock.scene.building.draft import Draft

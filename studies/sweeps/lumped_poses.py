@@ -8,8 +8,7 @@ import numpy as np
 from headstock.geometry.errors import PoseError
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.machine import Point, Pose
-from headstock.geometry.mechanisms.exechon import LEGS, survey_tool_poses
-from headstock.geometry.mechanisms.tool_mechanism import solve_pose, tool_pose
+from headstock.geometry.mechanisms.exechon import LEGS, solve_pose, survey_tool_poses, tool_pose
 from headstock.pipeline.stages.lumped_machine import SPRING_PARTS, series_parts
 from headstock.pipeline.stages.mechanism import build_lumped_model, place_pose, scene_mechanism
 from headstock.pipeline.stages.run_state import MachineParts

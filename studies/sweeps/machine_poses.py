@@ -7,9 +7,9 @@ import numpy as np
 
 from headstock.geometry.errors import HeadstockError, PoseError
 from headstock.geometry.frames import DIRECTIONS, FloatArray
-from headstock.geometry.machine.feed import NO_FEED
 from headstock.geometry.machine.machine import Pose
-from headstock.geometry.mechanisms.tool_mechanism import solve_pose
+from headstock.geometry.machine.tool_travel import NO_FEED
+from headstock.geometry.mechanisms.exechon import solve_pose
 from headstock.pipeline.answers.lobes import HZ
 from headstock.pipeline.answers.mechanism import describe_state
 from headstock.pipeline.lobes.cutting_point import lobes_request

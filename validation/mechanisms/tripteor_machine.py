@@ -11,9 +11,8 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.machine import Pose, place_components
-from headstock.geometry.mechanisms.exechon import LENGTHS, survey_tool_poses
+from headstock.geometry.mechanisms.exechon import LENGTHS, solve_pose, survey_tool_poses
 from headstock.geometry.mechanisms.kinematics import place_markers
-from headstock.geometry.mechanisms.tool_mechanism import solve_pose
 from headstock.geometry.parts.components import Component
 from headstock.meshing.components.meshing import describe_component, mesh_component
 from headstock.pipeline.planning.reductions import choose_reduction
