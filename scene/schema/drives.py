@@ -3,22 +3,9 @@
 from collections.abc import Iterator
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 
-from headstock.scene.reading import units
-from headstock.scene.reading.units import Quantity
 from headstock.scene.schema import types
-
-VelocityGain = Annotated[
-    Quantity,
-    BeforeValidator(types.read_quantity(units.DAMPING, units.ROTATIONAL_DAMPING)),
-    types.describe_quantity(units.DAMPING, units.ROTATIONAL_DAMPING, sign="positive"),
-]
-FrictionSlope = Annotated[
-    Quantity,
-    BeforeValidator(types.read_quantity(units.DAMPING)),
-    types.describe_quantity(units.DAMPING, sign="not negative"),
-]
 
 
 class FeedForwardTable(types.StrictTable):
@@ -41,7 +28,7 @@ class FrictionTable(types.StrictTable):
     """friction force at rest, at least `coulomb`; default: `coulomb`"""
     stribeck_speed: types.PositiveSpeed = 1e-3
     """speed at which the difference between `breakaway` and `coulomb` has fallen to 1/e"""
-    viscous: FrictionSlope | None = None
+    viscous: types.FrictionSlope | None = None
     """viscous friction per speed"""
     smoothing: types.PositiveSpeed = 1e-4
     """speed over which friction changes its sign: tanh(v / smoothing)"""
@@ -49,8 +36,6 @@ class FrictionTable(types.StrictTable):
     def _faults(self) -> Iterator[str]:
         if self.breakaway is not None and self.breakaway < self.coulomb:
             yield "has a breakaway below coulomb; write a breakaway of at least coulomb"
-        if self.viscous is not None and self.viscous.value < 0.0:
-            yield 'viscous friction must not be negative; write for example "200 N s/m"'
 
 
 class RippleTable(types.StrictTable):
@@ -85,7 +70,7 @@ class DriveTable(types.StrictTable):
     """torsional stiffness between motor and screw, unless the joint's `screw` gives it; default: rigid"""
     kv: types.PositiveRate
     """gain of the P position control, `"50 1/s"` or `"3 m/min/mm"`"""
-    velocity_gain: VelocityGain
+    velocity_gain: types.VelocityGain
     """proportional gain of the PI velocity control: force per speed of the axis, or torque per angular speed of the motor"""
     integral_time: types.PositiveTime | None = None
     """integral time of the PI velocity control; default: none, proportional only"""
@@ -109,7 +94,5 @@ class DriveTable(types.StrictTable):
     def _faults(self) -> Iterator[str]:
         if self.sampling is not None and self.dead_time is not None:
             yield "gives both sampling and dead_time; the dead time of a sampled loop is 1.5 cycles, so keep one"
-        if self.velocity_gain.value <= 0.0:
-            yield 'velocity_gain must be above zero; write for example "2e4 N s/m"'
         if self.scale is not None and self.encoder == "motor":
             yield 'names a scale, but the encoder is that of the motor; write encoder = "scale" or remove scale'

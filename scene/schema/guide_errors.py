@@ -6,6 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import Quantity
 from headstock.scene.schema import types
 
@@ -24,10 +25,6 @@ class ErrorWaveTable(types.StrictTable):
     """half of the wave's height"""
     phase: types.Angle = 0.0
     """phase at position zero"""
-
-    def _faults(self) -> Iterator[str]:
-        if self.period.value <= 0.0:
-            yield 'its period must be above zero; write for example "2 mm"'
 
 
 class ErrorPointsTable(types.StrictTable):
@@ -69,36 +66,23 @@ class ProfileTable(types.StrictTable):
                 "a polynomial of the position and the length of its terms go together; write"
                 ' polynomial = ["0 um", "2 um"] and over = "100 mm": 2 um per 100 mm'
             )
-        if self.over is not None and self.over.value <= 0.0:
-            yield 'over must be above zero; write for example "100 mm"'
 
-    def positions(self) -> list[tuple[tuple[str | int, ...], Quantity]]:
-        """Every position or period, with its key."""
-        found: list[tuple[tuple[str | int, ...], Quantity]] = []
+    def positions(self) -> Iterator[tuple[KeyPath, Quantity]]:
+        """Yield every position or period, with its key."""
         if self.points is not None:
-            found += [
-                (("points", "at", number), value) for number, value in enumerate(self.points.at)
-            ]
+            yield from ((("points", "at", index), one) for index, one in enumerate(self.points.at))
         if self.over is not None:
-            found.append((("over",), self.over))
-        for number, wave in enumerate(self.waves or ()):
-            found.append((("waves", number, "period"), wave.period))
-        return found
+            yield ("over",), self.over
+        for index, wave in enumerate(self.waves or ()):
+            yield ("waves", index, "period"), wave.period
 
-    def amounts(self) -> list[tuple[tuple[str | int, ...], Quantity]]:
-        """Every value of the error itself, with its key."""
-        found: list[tuple[tuple[str | int, ...], Quantity]] = []
-        if self.points is not None:
-            found += [
-                (("points", "values", number), value)
-                for number, value in enumerate(self.points.values)
-            ]
-        found += [
-            (("polynomial", number), value) for number, value in enumerate(self.polynomial or ())
-        ]
-        for number, wave in enumerate(self.waves or ()):
-            found.append((("waves", number, "amplitude"), wave.amplitude))
-        return found
+    def amounts(self) -> Iterator[tuple[KeyPath, Quantity]]:
+        """Yield every value of the error itself, with its key."""
+        values = [] if self.points is None else self.points.values
+        yield from ((("points", "values", index), one) for index, one in enumerate(values))
+        yield from ((("polynomial", index), one) for index, one in enumerate(self.polynomial or ()))
+        for index, wave in enumerate(self.waves or ()):
+            yield ("waves", index, "amplitude"), wave.amplitude
 
 
 class BallPassingTable(types.StrictTable):

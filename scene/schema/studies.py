@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
 
 from headstock.geometry.frames import FloatArray
+from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import ANGLE, LENGTH, Quantity
 from headstock.scene.reading.watch_paths import MEASURED_NAMES, WatchError, parse_watch
 from headstock.scene.schema import types
@@ -195,21 +196,13 @@ class SweepTable(types.StrictTable):
             yield f'{what}; write for example axes = {{ X = ["-100 mm", "100 mm", 21] }}'
         if (self.path is None) != (self.step is None) and not isinstance(self.path, str):
             yield 'path and step go together; write path = [{ X = "0 mm" }, { X = "100 mm" }] and step = "5 mm"'
-        if self.step is not None and self.step.value <= 0.0:
-            yield "step must be above zero"
 
-    def quantities(self) -> list[tuple[tuple[str | int, ...], str, Quantity]]:
-        """Every position the table itself names: the rest of its key, its axis, its value."""
-        found: list[tuple[tuple[str | int, ...], str, Quantity]] = []
+    def quantities(self) -> Iterator[tuple[KeyPath, str, Quantity]]:
+        """Yield every position the table itself names: the rest of its key, its axis, its value."""
         for axis, span in (self.axes or {}).items():
-            found += [
-                (("axes", axis, index), axis, value)
-                for index, value in enumerate((span.low, span.high))
-            ]
-        for key in ("poses", "path"):
-            for index, place in enumerate(
-                () if isinstance(self.path, str) else getattr(self, key) or ()
-            ):
+            yield ("axes", axis, 0), axis, span.low
+            yield ("axes", axis, 1), axis, span.high
+        for key, places in (("poses", self.poses), ("path", self.path)):
+            for index, place in enumerate(() if isinstance(places, str) else places or ()):
                 if not isinstance(place, str):
-                    found += [((key, index, axis), axis, value) for axis, value in place.items()]
-        return found
+                    yield from (((key, index, axis), axis, value) for axis, value in place.items())

@@ -143,18 +143,14 @@ def problem(message: str) -> PydanticCustomError:
     return PydanticCustomError("scene", "{message}", {"message": message})
 
 
-def read_quantity(*dimensions: Dimension) -> Callable[[object], Quantity]:
-    """A validator that reads a quantity of one of some dimensions."""
-
-    def read(value: object) -> Quantity:
-        if isinstance(value, Quantity):
-            return value
-        try:
-            return parse_quantity(value, *dimensions)
-        except UnitError as error:
-            raise problem(str(error)) from error
-
-    return read
+def _read_quantity(value: object, *dimensions: Dimension) -> Quantity:
+    """A quantity of one of some dimensions."""
+    if isinstance(value, Quantity):
+        return value
+    try:
+        return parse_quantity(value, *dimensions)
+    except UnitError as error:
+        raise problem(str(error)) from error
 
 
 @dataclass(frozen=True)
@@ -246,141 +242,120 @@ SIGN_WORDS: dict[Sign, str] = {"any": "", "positive": " above zero", "not negati
 
 
 def describe_quantity(*dimensions: Dimension, sign: Sign = "any") -> JsonForm:
-    """How such a quantity stands in the JSON schema."""
+    """Describe such a quantity for the JSON schema."""
     names = " or ".join(dimension.name for dimension in dimensions) + SIGN_WORDS[sign]
-    examples = [dimension.example for dimension in dimensions]
     return JsonForm(
         {
             "type": "string",
             "description": f"{names} with a unit",
-            "examples": examples,
+            "examples": [dimension.example for dimension in dimensions],
             "pattern": QuantityPattern(dimensions, sign),
         }
     )
 
 
-def _require(test: Callable[[float], bool], rule: str) -> Callable[[float], float]:
-    def check(value: float) -> float:
-        if not test(value):
-            raise problem(f"is {value:g} in SI units but {rule}")
-        return value
-
-    return check
-
-
 LEAST = 1e-30  # what is smaller is a slip of units, and its powers would vanish [SI]
 
 
-def _require_positive(quantity: Quantity) -> Quantity:
-    if not quantity.value >= LEAST:
-        raise problem(
-            f"is {quantity.value:g} in SI units but must be above zero ({LEAST:g} at least)"
-        )
-    return quantity
-
-
-_POSITIVE = _require(lambda value: value >= LEAST, f"must be above zero ({LEAST:g} at least)")
-_NOT_NEGATIVE = _require(lambda value: value >= 0.0, "must not be negative")
-_SIGNS = {"any": [], "positive": [_POSITIVE], "not negative": [_NOT_NEGATIVE]}
+def _check_sign(value: float, sign: Sign) -> float:
+    if sign == "positive" and not value >= LEAST:
+        raise problem(f"is {value:g} in SI units but must be above zero ({LEAST:g} at least)")
+    if sign == "not negative" and not value >= 0.0:
+        raise problem(f"is {value:g} in SI units but must not be negative")
+    return value
 
 
 @dataclass(frozen=True)
-class _InUnits(JsonForm):
-    """A quantity of a dimension becomes a number in SI units."""
+class _Measured(JsonForm):
+    """A text with a unit becomes a quantity of one of some dimensions."""
 
     form: Form = field(init=False)
-    dimension: Dimension
+    dimensions: tuple[Dimension, ...]
     sign: Sign = "any"
 
     def __post_init__(self) -> None:
-        """The text that it is written as."""
-        object.__setattr__(self, "form", describe_quantity(self.dimension, sign=self.sign).form)
+        form = describe_quantity(*self.dimensions, sign=self.sign).form
+        object.__setattr__(self, "form", form)
 
     def __get_pydantic_core_schema__(
         self, source: object, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
-        """The quantity read, then its sign."""
-        schema: CoreSchema = no_info_before_validator_function(self._read, handler(source))
-        for check in _SIGNS[self.sign]:
-            schema = no_info_after_validator_function(check, schema)
-        return schema
+        """The quantity read, and its sign."""
+        return no_info_before_validator_function(self._read, handler(source))
 
-    def _read(self, value: object) -> float:
-        return read_quantity(self.dimension)(value).value
+    def _read(self, value: object) -> Quantity | float:
+        quantity = _read_quantity(value, *self.dimensions)
+        _check_sign(quantity.value, self.sign)
+        return quantity
 
 
-Length = Annotated[float, _InUnits(units.LENGTH)]
-PositiveLength = Annotated[float, _InUnits(units.LENGTH, "positive")]
-NotNegativeLength = Annotated[float, _InUnits(units.LENGTH, "not negative")]
-Angle = Annotated[float, _InUnits(units.ANGLE)]
-Pressure = Annotated[float, _InUnits(units.PRESSURE)]
-PositivePressure = Annotated[float, _InUnits(units.PRESSURE, "positive")]
-PositiveDensity = Annotated[float, _InUnits(units.DENSITY, "positive")]
-PositiveMass = Annotated[float, _InUnits(units.MASS, "positive")]
-PositiveFrequency = Annotated[float, _InUnits(units.FREQUENCY, "positive")]
-Frequency = Annotated[float, _InUnits(units.FREQUENCY, "not negative")]
-PositiveTime = Annotated[float, _InUnits(units.TIME, "positive")]
-NotNegativeTime = Annotated[float, _InUnits(units.TIME, "not negative")]
-PositiveMemory = Annotated[float, _InUnits(units.MEMORY, "positive")]
-PositiveForce = Annotated[float, _InUnits(units.FORCE, "positive")]
-PositiveStiffness = Annotated[float, _InUnits(units.STIFFNESS, "positive")]
-PositiveStiffnessPerArea = Annotated[float, _InUnits(units.STIFFNESS_PER_AREA, "positive")]
-PositiveRotationalStiffness = Annotated[float, _InUnits(units.ROTATIONAL_STIFFNESS, "positive")]
-Force = Annotated[float, _InUnits(units.FORCE)]
-Speed = Annotated[float, _InUnits(units.SPEED)]
-PositiveSpeed = Annotated[float, _InUnits(units.SPEED, "positive")]
-PositiveAngularSpeed = Annotated[float, _InUnits(units.ANGULAR_SPEED, "positive")]
-Moment = Annotated[float, _InUnits(units.MOMENT)]
-PositiveMoment = Annotated[float, _InUnits(units.MOMENT, "positive")]
-Acceleration = Annotated[float, _InUnits(units.ACCELERATION)]
-PositiveInertia = Annotated[float, _InUnits(units.INERTIA, "positive")]
-NotNegativeInertia = Annotated[float, _InUnits(units.INERTIA, "not negative")]
-NotNegativeDamping = Annotated[float, _InUnits(units.DAMPING, "not negative")]
-PositiveRate = Annotated[float, _InUnits(units.RATE, "positive")]
-NotNegativeRate = Annotated[float, _InUnits(units.RATE, "not negative")]
-NotNegativeForce = Annotated[float, _InUnits(units.FORCE, "not negative")]
-SpecificForce = Annotated[float, _InUnits(units.SPECIFIC_FORCE)]
-PositiveSpecificForce = Annotated[float, _InUnits(units.SPECIFIC_FORCE, "positive")]
-EdgeForce = Annotated[float, _InUnits(units.EDGE_FORCE)]
-NotNegativeEdgeForce = Annotated[float, _InUnits(units.EDGE_FORCE, "not negative")]
+@dataclass(frozen=True)
+class _InUnits(_Measured):
+    """A text with a unit of a dimension becomes a number in SI units."""
+
+    def _read(self, value: object) -> Quantity | float:
+        quantity = super()._read(value)
+        return quantity.value if isinstance(quantity, Quantity) else quantity
+
+
+Length = Annotated[float, _InUnits((units.LENGTH,))]
+PositiveLength = Annotated[float, _InUnits((units.LENGTH,), "positive")]
+NotNegativeLength = Annotated[float, _InUnits((units.LENGTH,), "not negative")]
+Angle = Annotated[float, _InUnits((units.ANGLE,))]
+Pressure = Annotated[float, _InUnits((units.PRESSURE,))]
+PositivePressure = Annotated[float, _InUnits((units.PRESSURE,), "positive")]
+PositiveDensity = Annotated[float, _InUnits((units.DENSITY,), "positive")]
+PositiveMass = Annotated[float, _InUnits((units.MASS,), "positive")]
+PositiveFrequency = Annotated[float, _InUnits((units.FREQUENCY,), "positive")]
+Frequency = Annotated[float, _InUnits((units.FREQUENCY,), "not negative")]
+PositiveTime = Annotated[float, _InUnits((units.TIME,), "positive")]
+NotNegativeTime = Annotated[float, _InUnits((units.TIME,), "not negative")]
+PositiveMemory = Annotated[float, _InUnits((units.MEMORY,), "positive")]
+PositiveForce = Annotated[float, _InUnits((units.FORCE,), "positive")]
+PositiveStiffness = Annotated[float, _InUnits((units.STIFFNESS,), "positive")]
+PositiveStiffnessPerArea = Annotated[float, _InUnits((units.STIFFNESS_PER_AREA,), "positive")]
+PositiveRotationalStiffness = Annotated[float, _InUnits((units.ROTATIONAL_STIFFNESS,), "positive")]
+Force = Annotated[float, _InUnits((units.FORCE,))]
+Speed = Annotated[float, _InUnits((units.SPEED,))]
+PositiveSpeed = Annotated[float, _InUnits((units.SPEED,), "positive")]
+PositiveAngularSpeed = Annotated[float, _InUnits((units.ANGULAR_SPEED,), "positive")]
+Moment = Annotated[float, _InUnits((units.MOMENT,))]
+PositiveMoment = Annotated[float, _InUnits((units.MOMENT,), "positive")]
+Acceleration = Annotated[float, _InUnits((units.ACCELERATION,))]
+PositiveInertia = Annotated[float, _InUnits((units.INERTIA,), "positive")]
+NotNegativeInertia = Annotated[float, _InUnits((units.INERTIA,), "not negative")]
+NotNegativeDamping = Annotated[float, _InUnits((units.DAMPING,), "not negative")]
+PositiveRate = Annotated[float, _InUnits((units.RATE,), "positive")]
+NotNegativeRate = Annotated[float, _InUnits((units.RATE,), "not negative")]
+NotNegativeForce = Annotated[float, _InUnits((units.FORCE,), "not negative")]
+SpecificForce = Annotated[float, _InUnits((units.SPECIFIC_FORCE,))]
+PositiveSpecificForce = Annotated[float, _InUnits((units.SPECIFIC_FORCE,), "positive")]
+EdgeForce = Annotated[float, _InUnits((units.EDGE_FORCE,))]
+NotNegativeEdgeForce = Annotated[float, _InUnits((units.EDGE_FORCE,), "not negative")]
 TimedLoadSize = Annotated[
     Quantity,
-    BeforeValidator(read_quantity(units.FORCE, units.MOMENT, units.IMPULSE, units.ANGULAR_IMPULSE)),
-    describe_quantity(units.FORCE, units.MOMENT, units.IMPULSE, units.ANGULAR_IMPULSE),
+    _Measured((units.FORCE, units.MOMENT, units.IMPULSE, units.ANGULAR_IMPULSE)),
 ]
-PathFeed = Annotated[
-    Quantity,
-    BeforeValidator(read_quantity(units.SPEED, units.ANGULAR_SPEED)),
-    AfterValidator(_require_positive),
-    describe_quantity(units.SPEED, units.ANGULAR_SPEED, sign="positive"),
-]
-AxisPosition = Annotated[
-    Quantity,
-    BeforeValidator(read_quantity(units.LENGTH, units.ANGLE)),
-    describe_quantity(units.LENGTH, units.ANGLE),
-]
-PositiveAxisPosition = Annotated[  # tables say what is wrong with it
-    AxisPosition, describe_quantity(units.LENGTH, units.ANGLE, sign="positive")
-]
+PathFeed = Annotated[Quantity, _Measured((units.SPEED, units.ANGULAR_SPEED), "positive")]
+AxisPosition = Annotated[Quantity, _Measured((units.LENGTH, units.ANGLE))]
+PositiveAxisPosition = Annotated[Quantity, _Measured((units.LENGTH, units.ANGLE), "positive")]
+VelocityGain = Annotated[Quantity, _Measured((units.DAMPING, units.ROTATIONAL_DAMPING), "positive")]
+FrictionSlope = Annotated[Quantity, _Measured((units.DAMPING,), "not negative")]
+JointDamping = Annotated[Quantity, _Measured((units.DAMPING, units.ROTATIONAL_DAMPING))]
 
 
-def _read_joint_value(
-    translation: Dimension, rotation: Dimension
-) -> Callable[[object], Quantity | str]:
-    read = read_quantity(translation, rotation)
-    return lambda value: value if value == "rigid" and isinstance(value, str) else read(value)
+@dataclass(frozen=True)
+class _MeasuredOrRigid(_Measured):
+    """The same, or ``rigid``."""
+
+    def _read(self, value: object) -> Any:
+        return value if value == "rigid" and isinstance(value, str) else super()._read(value)
 
 
 JointStiffness = Annotated[
     Quantity | str,
-    BeforeValidator(_read_joint_value(units.STIFFNESS, units.ROTATIONAL_STIFFNESS)),
-    describe_quantity(units.STIFFNESS, units.ROTATIONAL_STIFFNESS),
+    _MeasuredOrRigid((units.STIFFNESS, units.ROTATIONAL_STIFFNESS)),
     OrForm({"const": "rigid"}),
-]
-JointDamping = Annotated[
-    Quantity,
-    BeforeValidator(read_quantity(units.DAMPING, units.ROTATIONAL_DAMPING)),
-    describe_quantity(units.DAMPING, units.ROTATIONAL_DAMPING),
 ]
 
 
@@ -414,7 +389,9 @@ def _read_count(lowest: int, highest: int = MAX_COUNT) -> Callable[[object], int
 
 Number = Annotated[float, BeforeValidator(_read_number), JsonForm({"type": "number"})]
 PositiveNumber = Annotated[
-    Number, AfterValidator(_POSITIVE), JsonForm({"type": "number", "exclusiveMinimum": 0.0})
+    Number,
+    AfterValidator(lambda value: _check_sign(value, "positive")),
+    JsonForm({"type": "number", "exclusiveMinimum": 0.0}),
 ]
 WholeNumber = Annotated[int, BeforeValidator(_read_whole), JsonForm({"type": "integer"})]
 Count = Annotated[int, BeforeValidator(_read_count(1)), JsonForm({"type": "integer", "minimum": 1})]
