@@ -158,14 +158,6 @@ class LobesRequest(Request):
         return f"limit depth at {len(self.speeds)} speeds from {low:g} to {high:g} rpm in {self.material}, {100.0 * self.immersion:.3g} % immersion"
 
 
-def _read_speeds(value: object) -> object:
-    if not isinstance(value, list) or len(value) != 3:
-        raise types.problem(
-            'is not a span; write lowest, highest and number of speeds: ["2000 rpm", "12000 rpm", 400]'
-        )
-    return value
-
-
 class SpeedsSpan(NamedTuple):
     """Lowest and highest speed of the spindle and the number of speeds."""
 
@@ -182,20 +174,9 @@ def _check_span(span: SpeedsSpan) -> SpeedsSpan:
 
 Speeds = Annotated[
     SpeedsSpan,
-    BeforeValidator(_read_speeds),
+    types.read_span('speeds: ["2000 rpm", "12000 rpm", 400]'),
     AfterValidator(_check_span),
-    types.JsonForm(
-        {
-            "type": "array",
-            "examples": [["2000 rpm", "12000 rpm", 400]],
-            "prefixItems": [
-                *2 * [{"type": "string", "pattern": types.QuantityPattern((ANGULAR_SPEED,))}],
-                {"type": "integer", "minimum": 2},
-            ],
-            "minItems": 3,
-            "maxItems": 3,
-        }
-    ),
+    types.describe_span((ANGULAR_SPEED,), ["2000 rpm", "12000 rpm", 400], 2),
 ]
 
 
@@ -210,15 +191,7 @@ TravelForm = Annotated[
         {
             "description": "x, -z ..., three plain numbers, or feed",
             "examples": ["x", "feed", [1, 1, 0]],
-            "anyOf": [
-                {
-                    "enum": [
-                        FEED,
-                        *(f"{sign}{letter}" for sign in ("", "+", "-") for letter in "xyz"),
-                    ]
-                },
-                types.THREE_NUMBERS,
-            ],
+            "anyOf": [{"enum": [FEED, *types.AXIS_DIRECTIONS]}, types.THREE_NUMBERS],
         }
     ),
 ]
@@ -309,10 +282,7 @@ def _feeds_per_tooth(table: LobesTable) -> list[float]:
 def _build_travel(direction: str | tuple[float, float, float]) -> Travel:
     if isinstance(direction, str):
         return Travel(direction)
-    for letter, value in zip("xyz", direction, strict=True):
-        if abs(value) > 1.0 - 1e-9:
-            return Travel(f"{'-' if value < 0.0 else ''}{letter}", direction)
-    return Travel(" ".join(f"{value:.4g}" for value in direction), direction)
+    return Travel(types.show_direction(direction).strip('"[]').replace(",", ""), direction)
 
 
 def _check(table: LobesTable, draft: Draft) -> None:

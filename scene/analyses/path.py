@@ -36,7 +36,7 @@ from headstock.scene.building.drives import (
 )
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.reading.units import ANGULAR_SPEED, LENGTH, SPEED, Dimension
+from headstock.scene.reading.units import ANGULAR_SPEED, LENGTH, SPEED, Dimension, Quantity
 from headstock.scene.scene import Request, Scene
 from headstock.scene.schema import types
 from headstock.scene.schema.axes import PoseTable
@@ -172,6 +172,11 @@ class PathTable(types.RequestTable):
     estimate: types.Flag = True
     """± of its numbers, for which machines of components make the moves once more per mesh and for modes left out"""
 
+    def stops(self) -> Iterator[tuple[KeyPath, str, Quantity]]:
+        """Yield every position of both ends: its key, its axis, its value."""
+        for end, positions in (("from", self.start), ("to", self.to)):
+            yield from (((*KEY, end, axis), axis, value) for axis, value in positions.items())
+
     @property
     def effects(self) -> frozenset[str]:
         """Axes rub, and a mill cuts."""
@@ -245,18 +250,14 @@ def _check(table: PathTable, draft: Draft) -> None:
         draft.check_channel((*KEY, "outputs", index), name)
     if table.pose is not None:
         draft.check_name((*KEY, "pose"), table.pose, "poses")
-    for end, stops in (("from", table.start), ("to", table.to)):
-        for axis in stops:
-            draft.check_name((*KEY, end, axis), axis, "axes", "axis")
+    for key, axis, _ in table.stops():
+        draft.check_name(key, axis, "axes", "axis")
     known = len(draft.findings.problems)
     if scene.mechanism is not None:
-        _check_tool_path(scene, table, draft.findings)
-    for end, stops in (("from", table.start), ("to", table.to)):
-        for axis, value in stops.items():
-            if axis not in scene.axes:
-                continue
-            if fault := find_position_fault(axis, value, scene):
-                draft.add((*KEY, end, axis), fault)
+        _check_tool_path(table, draft.findings)
+    for key, axis, value in table.stops():
+        if axis in scene.axes and (fault := find_position_fault(axis, value, scene)):
+            draft.add(key, fault)
     if table.outputs is None and not scene.points:
         draft.add(
             KEY,
@@ -268,17 +269,15 @@ def _check(table: PathTable, draft: Draft) -> None:
         check_cutter(CUT, cut, _feeds_per_tooth(table, cut), draft)
 
 
-def _check_tool_path(scene: SceneTable, table: PathTable, findings: Findings) -> None:
+def _check_tool_path(table: PathTable, findings: Findings) -> None:
     """Report what a path of the tool of a mechanism cannot have."""
-    for end, stops in (("from", table.start), ("to", table.to)):
-        for axis, value in stops.items():
-            if axis not in TOOL_POINT:
-                findings.add(
-                    (*KEY, end, axis),
-                    "a path of a mechanism leads its tool along X, Y and Z; set other axes by pose",
-                )
-            elif fault := find_measure_fault(axis, value, LENGTH):
-                findings.add((*KEY, end, axis), fault)
+    for key, axis, value in table.stops():
+        if axis not in TOOL_POINT:
+            findings.add(
+                key, "a path of a mechanism leads its tool along X, Y and Z; set other axes by pose"
+            )
+        elif fault := find_measure_fault(axis, value, LENGTH):
+            findings.add(key, fault)
 
 
 def _check_complete(table: PathTable, draft: Draft) -> None:

@@ -45,23 +45,14 @@ CUTTING_FORCE = "cutting_force"
 
 
 class CutTable(Protocol):
-    """The table of what cuts."""
+    """The table of what cuts: depth of cut across the tool [m], and the side of the part if it is
+    written.
+    """
 
-    @property
-    def mill(self) -> MillTable:
-        """The tool."""
-
-    @property
-    def radial_depth(self) -> float:
-        """Depth of cut across the tool [m]."""
-
-    @property
-    def sense(self) -> Sense:
-        """Down or up milling."""
-
-    @property
-    def part_side(self) -> Side | None:
-        """Where the part lies, if it is written."""
+    mill: MillTable
+    radial_depth: float
+    sense: Sense
+    part_side: Side | None
 
     @property
     def material(self) -> str | None:
@@ -69,15 +60,10 @@ class CutTable(Protocol):
 
 
 class MilledTable(CutTable, Protocol):
-    """The table of a cut at one speed of the spindle."""
+    """The table of a cut at one speed of the spindle [rad/s], with its depth along the tool [m]."""
 
-    @property
-    def spindle(self) -> float:
-        """Speed of the spindle [rad/s]."""
-
-    @property
-    def axial_depth(self) -> float:
-        """Depth of cut along the tool [m]."""
+    spindle: float
+    axial_depth: float
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
+from pydantic import AfterValidator, Discriminator, Field, Tag
 
 from headstock.geometry.frames import FloatArray
 from headstock.scene.reading.positions import KeyPath
@@ -114,14 +114,6 @@ class StudyTable(types.StrictTable):
         yield from _length_faults(self.vary or {}, pairwise=self.pairwise)
 
 
-def _read_span(value: object) -> object:
-    if not isinstance(value, list) or len(value) != 3:
-        raise types.problem(
-            'is not a span; write lowest, highest and number of positions: ["-100 mm", "100 mm", 21]'
-        )
-    return value
-
-
 class AxisSpan(NamedTuple):
     """Lowest and highest position of an axis and the number of positions."""
 
@@ -136,19 +128,8 @@ class AxisSpan(NamedTuple):
 
 Span = Annotated[
     AxisSpan,
-    BeforeValidator(_read_span),
-    types.JsonForm(
-        {
-            "type": "array",
-            "examples": [["-100 mm", "100 mm", 21]],
-            "prefixItems": [
-                *2 * [{"type": "string", "pattern": types.QuantityPattern((LENGTH, ANGLE))}],
-                {"type": "integer", "minimum": 1},
-            ],
-            "minItems": 3,
-            "maxItems": 3,
-        }
-    ),
+    types.read_span('positions: ["-100 mm", "100 mm", 21]'),
+    types.describe_span((LENGTH, ANGLE), ["-100 mm", "100 mm", 21], 1),
 ]
 
 

@@ -53,6 +53,7 @@ MAX_COUNT = 10_000_000
 MAX_RIBS = 200
 MAX_POSES = 1000
 THREE_NUMBERS = {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3}
+AXIS_DIRECTIONS = tuple(f"{sign}{letter}" for sign in ("", "+", "-") for letter in "xyz")
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]{0,63}")
 _DIRECTION = re.compile(r"([+-]?)([xyz])")
 
@@ -621,10 +622,7 @@ Direction = Annotated[
         {
             "description": "x, -z ... or three plain numbers",
             "examples": ["x", "-z", [1, 0, 0]],
-            "anyOf": [
-                {"enum": [f"{sign}{letter}" for sign in ("", "+", "-") for letter in "xyz"]},
-                THREE_NUMBERS,
-            ],
+            "anyOf": [{"enum": list(AXIS_DIRECTIONS)}, THREE_NUMBERS],
         }
     ),
 ]
@@ -655,3 +653,40 @@ End = Annotated[
         }
     ),
 ]
+
+
+def describe_span(
+    dimensions: tuple[Dimension, ...], example: list[FormValue], low: int
+) -> JsonForm:
+    """Describe a span of the lowest and the highest value and their number for the JSON schema.
+
+    Args:
+        low: The lowest number.
+    """
+    return JsonForm(
+        {
+            "type": "array",
+            "examples": [example],
+            "prefixItems": [
+                *2 * [{"type": "string", "pattern": QuantityPattern(dimensions)}],
+                {"type": "integer", "minimum": low},
+            ],
+            "minItems": 3,
+            "maxItems": 3,
+        }
+    )
+
+
+def read_span(what: str) -> BeforeValidator:
+    """Refuse what has not three entries.
+
+    Args:
+        what: What a span is of, and an example of one.
+    """
+
+    def read(value: object) -> object:
+        if not isinstance(value, list) or len(value) != 3:
+            raise problem(f"is not a span; write lowest, highest and number of {what}")
+        return value
+
+    return BeforeValidator(read)
