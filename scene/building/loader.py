@@ -195,11 +195,10 @@ def build_scene(
             "is read with the scene's file; write it there, not in a variant, a setting or Python",
         )
     for section in [name for name, value in raw.items() if nesting_depth(value) > MAX_DEPTH]:
-        findings.add(
-            (section,),
+        findings.refuse(
             f"holds values nested more than {MAX_DEPTH} deep; a scene needs no more than ten levels",
+            key=(section,),
         )
-        findings.raise_if_any()
     written, raw = raw, expand_scene(raw, findings)
     table = validate_tables(raw, findings)
     if table is None:

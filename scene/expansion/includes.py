@@ -124,23 +124,19 @@ class _Reader:
         try:
             path = resolve_file(self.folder, (place / entry.file).as_posix(), (".toml",))
         except ValueError as error:
-            findings.add(key, str(error))
-            findings.raise_if_any()
-            raise
+            findings.refuse(str(error), key=key)
         self.files += 1
         if problem := self._refuse(path, chain):
-            findings.add(key, problem)
-            findings.raise_if_any()
+            findings.refuse(problem, key=key)
         inner = Findings(str(Path(findings.path).parent / entry.file))
         tables = self.read(path, inner, (*chain, path))
         self.size += sum(len(line) + 1 for line in inner.lines)
         if self.size > MAX_INCLUDED_BYTES:
-            findings.add(
-                key,
+            findings.refuse(
                 f"makes the included files larger than {MAX_INCLUDED_BYTES >> 20} MiB together; "
                 "a scene holds no bulk data, refer to files instead",
+                key=key,
             )
-            findings.raise_if_any()
         _check_sections(tables, inner)
         _merge(raw, tables, entry, findings, inner)
 

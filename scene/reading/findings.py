@@ -6,6 +6,7 @@ import difflib
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import NoReturn
 
 from headstock.scene.reading.positions import KeyPath
 
@@ -164,6 +165,23 @@ class Findings:
         self.problems.append(
             (line or 0, Problem(self._place(origin), key, self._source_line(origin), message))
         )
+
+    def refuse(self, message: str, *, key: KeyPath = (), line: int | None = None) -> NoReturn:
+        """Report what keeps a file from being looked at any further.
+
+        Args:
+            message: What is wrong and what to write.
+            key: Of the file; empty for the file as a whole, or a line of it.
+
+        Raises:
+            SceneError: Always, with all that was found.
+        """
+        if key:
+            self.add(key, message)
+        else:
+            self.add_line(line, message)
+        self.raise_if_any()
+        raise AssertionError("a problem was added")
 
     def warn(self, key: KeyPath, message: str) -> None:
         """Report something that is allowed but looks wrong."""
