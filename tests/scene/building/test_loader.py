@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from headstock.app.actions.editor_schema import scene_schema
+from headstock.app.actions.schemas import scene_schema
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.joints import JointEnd
 from headstock.geometry.machine.machine import Machine, place_components
