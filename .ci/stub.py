@@ -8,7 +8,7 @@ from importlib import import_module
 from pathlib import Path
 
 import headstock
-from headstock.app.actions.editor_schema import plain_schema, rules_in
+from headstock.app.actions.schemas import plain_schema, rules_in
 from headstock.machine import Noun
 from headstock.pipeline.storage.json_texts import JsonTable, JsonValue
 

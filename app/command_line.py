@@ -7,6 +7,7 @@ import click
 import typer
 
 from headstock.app.commands import batch_commands, scene_commands, tool_commands
+from headstock.app.commands.options import CommandOptions, make_command
 from headstock.app.terminal.guard import find_home, hand_over, prepare_streams
 
 PROGRAM = "headstock"
@@ -19,27 +20,26 @@ Exit codes: 0 done, 1 a computation failed (named error), 2 bad input.
 """
 
 # in the order of the help
-COMMANDS = (
-    scene_commands.check,
-    scene_commands.plan,
-    scene_commands.run,
-    batch_commands.study,
-    batch_commands.converge,
-    batch_commands.sweep,
-    scene_commands.effects,
-    batch_commands.compare,
-    tool_commands.show,
-    tool_commands.new,
-    scene_commands.export,
-    tool_commands.validate,
-    batch_commands.identify,
-    tool_commands.report,
-    tool_commands.numbers,
-    tool_commands.doctor,
-    tool_commands.schema,
-    tool_commands.catalogue,
-    tool_commands.completion,
-)
+COMMANDS: dict[str, type[CommandOptions]] = {
+    "check": scene_commands.CheckOptions,
+    "plan": scene_commands.PlanOptions,
+    "run": scene_commands.RunOptions,
+    "study": batch_commands.StudyOptions,
+    "converge": batch_commands.ConvergeOptions,
+    "sweep": batch_commands.SweepOptions,
+    "effects": scene_commands.EffectsOptions,
+    "compare": batch_commands.CompareOptions,
+    "show": tool_commands.ShowOptions,
+    "new": tool_commands.NewOptions,
+    "export": scene_commands.ExportOptions,
+    "validate": tool_commands.ValidateOptions,
+    "identify": batch_commands.IdentifyOptions,
+    "report": tool_commands.ReportOptions,
+    "numbers": tool_commands.NumbersOptions,
+    "doctor": tool_commands.DoctorOptions,
+    "schema": tool_commands.SchemaOptions,
+    "catalogue": tool_commands.CatalogueOptions,
+}
 
 # help is plain text here, and typer would escape its brackets for rich all the same
 typer.core.rich = None  # type: ignore[assignment, attr-defined]
@@ -50,8 +50,9 @@ app = typer.Typer(
     add_completion=False,
     rich_markup_mode=None,
 )
-for command in COMMANDS:
-    app.command()(command)
+for name, kind in COMMANDS.items():
+    app.command(name)(make_command(kind))
+app.command("completion")(tool_commands.print_completion)
 app.command("test", context_settings={"ignore_unknown_options": True, "allow_extra_args": True})(
     tool_commands.refuse_test
 )
@@ -67,7 +68,7 @@ def _print_version(asked: bool) -> None:
 
 
 @app.callback(help=PROGRAM_HELP)
-def read_program_options(
+def _read_program_options(
     version: Annotated[
         bool,
         typer.Option(

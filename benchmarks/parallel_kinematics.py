@@ -19,7 +19,7 @@ import numpy as np
 from headstock.pipeline.motion.lumped_contour import run_lumped_contour
 from headstock.pipeline.stages.map import _map_workspace
 from headstock.scene.analyses.map import MapRequest
-from headstock.solvers.mechanisms.modes import linearise_poses, solve_pose_modes
+from headstock.solvers.mechanisms.modes import linearise_poses, solve_lumped_modes
 from headstock.validation.mechanisms.contouring_cases import contour_request
 from headstock.validation.mechanisms.tripteor_machine import PLANE_HALF, PLANE_HEIGHT, load_tripteor
 
@@ -58,7 +58,7 @@ def main() -> None:
     jobs = [
         (
             "modes of one configuration",
-            lambda: solve_pose_modes(linearise_poses(tripteor.model, state)),
+            lambda: solve_lumped_modes(linearise_poses(tripteor.model, state)),
             200,
             1.0,
             PAPER_MODES,

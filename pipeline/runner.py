@@ -25,9 +25,8 @@ from headstock.pipeline.accuracy.model_errors import (
     repeat_judgement,
     run_models_stage,
 )
-from headstock.pipeline.accuracy.remembered import remember_judged
-from headstock.pipeline.accuracy.replay import write_sizes
 from headstock.pipeline.accuracy.search import AccuracySearch, search_settings
+from headstock.pipeline.accuracy.search_records import remember_judged, write_sizes
 from headstock.pipeline.numbers.folders import RESULTS_FILE, SUMMARY_FILE
 from headstock.pipeline.planning.analyses import RECORDS, load_named
 from headstock.pipeline.planning.budgets import check_elapsed

@@ -73,7 +73,7 @@ def list_degrees(outline: Outline, most: int) -> list[tuple[int, int]]:
         sorted(pairs, key=pairs.__getitem__), key=lambda own: round(pairs[own] / TIE)
     ):
         added = list(level)
-        if count_shapes([*kept, *added]) > most:
+        if count_patch_shapes([*kept, *added]) > most:
             break
         kept += added
     return kept
@@ -107,7 +107,7 @@ def _round_pairs(hole: float, top: int) -> dict[tuple[int, int], float]:
     return {pair: cost(pair) for pair in every if cost(pair) <= top}
 
 
-def count_shapes(degrees: list[tuple[int, int]]) -> int:
+def count_patch_shapes(degrees: list[tuple[int, int]]) -> int:
     """Return the number of shapes of some degrees: three each, less the three rotations in the
     linear ones.
     """

@@ -10,7 +10,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import Drive
 from headstock.geometry.machine.guide_errors import ErrorProfile
 from headstock.geometry.machine.machine import Machine, Pose
-from headstock.geometry.mechanisms.tool_mechanism import ToolMechanism
+from headstock.geometry.mechanisms.exechon import ToolMechanism
 from headstock.geometry.parts.components import Fidelity
 from headstock.geometry.parts.solids import SuperelementFile
 from headstock.scene.reading.files import TomlTable

@@ -1,7 +1,6 @@
 """Studies and sweeps of a scene, and the points and poses they consist of."""
 
 import itertools
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
@@ -127,7 +126,7 @@ def list_varied(varied: Mapping[str, TomlValue]) -> list[str]:
     for key in varied:
         groups.setdefault(_without_owner(key), []).append(key)
     return [
-        f"{shorten_key(keys[0]) if len(keys) == 1 else name} = {', '.join(dict.fromkeys(show_value(varied[key]) for key in keys))}"
+        f"{shorten_key(keys[0]) if len(keys) == 1 else name} = {', '.join(dict.fromkeys(show_setting(varied[key]) for key in keys))}"
         for name, keys in groups.items()
     ]
 
@@ -143,10 +142,10 @@ def shorten_key(key: str) -> str:
     return key.removeprefix("components.").removeprefix("joints.")
 
 
-def show_value(value: TomlValue) -> str:
+def show_setting(value: TomlValue) -> str:
     """A varied value as a reader knows it from the scene."""
     if isinstance(value, list):
-        return ", ".join(map(show_value, value))
+        return ", ".join(map(show_setting, value))
     return (
         value
         if isinstance(value, str)
@@ -204,15 +203,8 @@ def make_list(
         labels: Names of the poses; empty for none.
     """
     axes, positions = _stack(places)
-    return Sweep(
-        name,
-        "list",
-        axes,
-        tuple(units[axis] for axis in axes),
-        positions,
-        (len(positions),),
-        tuple(labels),
-    )
+    shape, kinds = (len(positions),), tuple(units[axis] for axis in axes)
+    return Sweep(name, "list", axes, kinds, positions, shape, tuple(labels))
 
 
 def make_path(
@@ -230,47 +222,33 @@ def make_path(
         step: Largest distance of poses [m, rad].
         unit: ``m`` or ``rad``: that of the step.
     """
-    axes, corners = _stack(waypoints)
-    measured = np.array([units[axis] == unit for axis in axes])
+    axes, corners, counts = _divide_legs(units, waypoints, step, unit)
     places = [corners[:1]]
-    for number in range(1, len(corners)):
-        start, end = corners[number - 1 : number], corners[number : number + 1]
-        count = int(_count_steps((end - start)[:, measured], step)[0]) if math.isfinite(step) else 1
-        if count > 1:
-            places.append(start + np.arange(1, count)[:, None] / count * (end - start))
-        places.append(end)  # corners as they are written, not as the sum of a leg
+    for start, end, count in zip(corners[:-1], corners[1:], counts, strict=True):
+        # corners as they are written, not as the sum of a leg
+        places += [start + np.arange(1, count)[:, None] / count * (end - start), end[None]]
     positions = np.vstack(places)
-    return Sweep(
-        name, "path", axes, tuple(units[axis] for axis in axes), positions, (len(positions),)
-    )
+    kinds = tuple(units[axis] for axis in axes)
+    return Sweep(name, "path", axes, kinds, positions, (len(positions),))
 
 
 def count_path(
     units: dict[str, str], waypoints: list[dict[str, float]], step: float, unit: str
 ) -> int:
-    """How many poses a path has, without making them; infinite where a number is too large to
-    count.
+    """Count the poses of a path without making them, 1e15 at most; arguments as ``make_path``."""
+    _, _, counts = _divide_legs(units, waypoints, step, unit)
+    return 1 + int(min(counts.sum(), 1e15))
 
-    Args:
-        units: ``m`` or ``rad`` of each axis.
-        waypoints: Axis to position [m, rad], one per corner.
-        step: Largest distance of poses [m, rad].
-        unit: ``m`` or ``rad``: that of the step.
-    """
+
+def _divide_legs(
+    units: dict[str, str], waypoints: list[dict[str, float]], step: float, unit: str
+) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+    """Axes, corners ``(n, k)`` and the number of steps of each leg ``(n - 1,)`` of a path."""
     axes, corners = _stack(waypoints)
     measured = np.array([units.get(axis) == unit for axis in axes], dtype=bool)
-    if not math.isfinite(step):
-        return len(corners)
     with np.errstate(over="ignore"):
-        steps = _count_steps(np.diff(corners, axis=0)[:, measured], step)
-        return 1 + int(min(steps.sum(), 1e15))
-
-
-def _count_steps(legs: FloatArray, step: float) -> FloatArray:
-    """How many steps of at most ``step`` each leg takes, ``(n,)`` of ``(n, k)``."""
-    return np.asarray(
-        np.maximum(1.0, np.ceil(np.linalg.norm(legs, axis=1) / step * (1.0 - 1e-9))), dtype=float
-    )
+        lengths = np.linalg.norm(np.diff(corners, axis=0)[:, measured], axis=1)
+        return axes, corners, np.maximum(1.0, np.ceil(lengths / step * (1.0 - 1e-9)))
 
 
 def sweep_pose(sweep: Sweep, number: int) -> Pose:

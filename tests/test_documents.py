@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from headstock.app.actions.cataloguing import render_catalogue, render_cutting
-from headstock.app.actions.editor_schema import plain_schema, rules_in
-from headstock.app.actions.scene_reference import render_reference
+from headstock.app.actions.schemas import plain_schema, render_reference, rules_in
 from headstock.pipeline.results.files import read_mesh, read_summary
 from headstock.scene.expansion.catalogue import read_catalogue, read_cutting_materials
 from headstock.scene.schema.types import MEANING

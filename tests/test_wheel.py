@@ -173,10 +173,11 @@ def test_a_job_of_the_installed_package_is_started_by_the_python_it_is_installed
         "HEADSTOCK_STORE": str(tmp_path / "store"),
     }
     scene = ROOT / "tests" / "data" / "slide.toml"
-    for words in (
-        ["sweep", str(scene), "line", "-o", "swept", "--on", "slurm", "--tasks", "1"],
-        ["run", str(scene), "--no-figures", "-o", "run", "--on", "slurm"],
+    for words, bad in (
+        (["sweep", str(scene), "line", "-o", "swept", "--on", "slurm", "--no-wait"], "later"),
+        (["run", str(scene), "--no-figures", "-o", "run", "--on", "slurm"], ""),
     ):
+        (tmp_path / "bin" / "bad").write_text(bad)
         done = subprocess.run(
             [python, "-P", "-m", "headstock.app.start", *words],
             cwd=tmp_path,
@@ -193,7 +194,6 @@ def test_a_job_of_the_installed_package_is_started_by_the_python_it_is_installed
     for script in scripts:
         assert f"{python} -P -m headstock.app.start " in script.read_text()
         assert str(ROOT / "headstock") + " " not in script.read_text()
-    assert (tmp_path / "swept" / "sweep.h5").exists()
     assert (tmp_path / "run" / "summary.json").exists()
 
 

@@ -1,3 +1,3 @@
-"""What each command does, from its parsed options to an exit code. Never the declaration of an option
-or the drawing of anything.
+"""What each command does, from its options to an exit code. Never the declaration of an option or the
+drawing of anything.
 """

@@ -5,14 +5,12 @@ coefficients of usual work materials.
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
-from pathlib import Path
-from typing import TypedDict
 
 import click
 
+from headstock.app.commands.tool_commands import CatalogueOptions
 from headstock.app.terminal.console import add_row, make_console, make_table, print_table
-from headstock.pipeline.storage.json_texts import JsonValue, dump_json
-from headstock.pipeline.storage.outputs import write_output
+from headstock.pipeline.storage.json_texts import dump_json
 from headstock.scene.building.cutting import catalogue_coefficients
 from headstock.scene.building.joints import KINDS
 from headstock.scene.expansion.catalogue import (
@@ -115,49 +113,23 @@ six coefficients (Altintas 2012, section 2.8).
 """
 
 
-class EntrySummary(TypedDict):
-    """An element, with the keys of ``catalogue --json``."""
-
-    name: str
-    title: str
-    kind: str
-    size: str
-    stiffness: JsonValue
-    screw: JsonValue
-    stiffness_factor: float
-    rotation_factor: float
-    loss_factor: float
-    loss_factor_range: list[float]
-    preload: str
-    derived: str
-    source: list[str]
-    toml: str
-
-
-def list_catalogue(name: str | None, *, markdown: bool, json_file: Path | None) -> int:
+def catalogue_command(options: CatalogueOptions) -> int:
     """Print the catalogue, a family or one element.
 
-    Args:
-        name: Of an element, of a family (``guide``) or of a work material, or ``cutting`` for all of
-            these; None for all elements.
-        markdown: Print the page of the documentation instead.
-        json_file: Where the elements go too.
-
     Raises:
-        click.UsageError: There is no such element.
+        click.UsageError: There is no element, family or work material of the name.
     """
-    materials = _choose_materials(name)
+    materials = _choose_materials(options.name)
     if materials:
-        return _list_materials(materials, markdown=markdown, json_file=json_file)
-    entries = _choose(name)
-    if markdown:
+        return _list_materials(materials, options)
+    entries = _choose(options.name)
+    if options.markdown:
         click.echo(render_catalogue(read_catalogue().values()), nl=False)
     elif len(entries) == 1:
         click.echo("\n".join(_describe(entries[0])))
     else:
         _print_families(entries)
-    if json_file is not None:
-        write_output(json_file, dump_json([_summarise_entry(entry) for entry in entries]).encode())
+    options.write_json(dump_json([_summarise_entry(entry) for entry in entries]))
     return 0
 
 
@@ -166,10 +138,8 @@ def _choose_materials(name: str | None) -> list[CuttingMaterial]:
     return [*known.values()] if name == CUTTING else [known[name]] if name in known else []
 
 
-def _list_materials(
-    materials: Sequence[CuttingMaterial], *, markdown: bool, json_file: Path | None
-) -> int:
-    if markdown:
+def _list_materials(materials: Sequence[CuttingMaterial], options: CatalogueOptions) -> int:
+    if options.markdown:
         click.echo(render_cutting(materials), nl=False)
     else:
         for material in materials:
@@ -178,17 +148,16 @@ def _list_materials(
             click.echo("\n".join(_indented([numbers, f"source: {material.source}"])))
         if len(materials) == 1:
             click.echo(f"\nWith its values:\n\n{_paste_material(materials[0])}")
-    if json_file is not None:
-        summaries = [
-            {
-                "name": own.name,
-                "title": own.title,
-                "source": own.source,
-                "toml": _paste_material(own),
-            }
-            for own in materials
-        ]
-        write_output(json_file, dump_json(summaries).encode())
+    summaries = [
+        {
+            "name": material.name,
+            "title": material.title,
+            "source": material.source,
+            "toml": _paste_material(material),
+        }
+        for material in materials
+    ]
+    options.write_json(dump_json(summaries))
     return 0
 
 
@@ -335,7 +304,7 @@ def _toml(entry: CatalogueEntry, keys: TomlTable) -> Iterator[str]:
         yield f"{key} = {write_value(value)}"
 
 
-def _summarise_entry(entry: CatalogueEntry) -> EntrySummary:
+def _summarise_entry(entry: CatalogueEntry) -> dict[str, object]:
     """An element for other programs."""
     family = entry.family
     return {

@@ -1,52 +1,57 @@
-"""``headstock check`` and the rows of ``headstock plan``: what is wrong with a scene, and what it
-calls for; nothing is computed.
+"""``headstock check`` and ``headstock plan``: which scene a command line asks for, what is wrong with
+it, and what it calls for; nothing is computed.
 """
 
 import dataclasses
+import importlib
 from collections.abc import Sequence
-from pathlib import Path
-from typing import TypedDict
 
+import click
+
+from headstock.app.commands.scene_commands import CheckOptions, PlanOptions
 from headstock.app.terminal.console import counted, make_console, print_assumptions, print_remarks
+from headstock.app.terminal.guard import DONE
+from headstock.app.terminal.progress import show_progress
+from headstock.app.terminal.summary import print_plan
+from headstock.geometry.parts.components import Fidelity
+from headstock.pipeline.planning.reductions import add_compiling
 from headstock.pipeline.planning.plan import Plan
+from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.planning.rail_meshes import find_coarse_rails
 from headstock.pipeline.preview.doubts import doubt_machine
 from headstock.pipeline.preview.free_motions import free_motion_warnings
 from headstock.pipeline.preview.watched_numbers import find_unknown_numbers
-from headstock.pipeline.storage.json_texts import dump_summary
-from headstock.pipeline.storage.outputs import write_output
+from headstock.pipeline.storage.json_texts import dump_json, dump_summary
 from headstock.pipeline.storage.part_files import find_missing_patches
+from headstock.pipeline.storage.provenance import SceneChoice
+from headstock.scene.analyses.lobes import require_feed_of_run
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
+from headstock.scene.scene import Scene, deforming_parts, keep_analyses, list_analyses
+
+SEARCH_MODULE = "headstock.pipeline.accuracy.search"  # loads the solvers
 
 
-def check_scene(
-    path: Path, variant: str | None, overrides: Sequence[str], json_file: Path | None
-) -> int:
+def check_command(options: CheckOptions) -> int:
     """Load a scene and say what it holds.
-
-    Args:
-        overrides: ``KEY=VALUE`` of each ``--set``.
-        json_file: Where problems and warnings go too.
 
     Raises:
         SceneError: It has problems; they are in the JSON file too.
     """
     try:
-        scene = load_scene(path, variant=variant, overrides=overrides)
+        scene = load_chosen(options.chosen)
         problems, remarks = find_missing_patches(scene)
         coarse, perhaps = find_coarse_rails(scene)
         if problems := problems + coarse + find_unknown_numbers(scene):
             raise SceneError(problems)
     except SceneError as error:
-        found = [dataclasses.asdict(problem) for problem in error.problems]
-        _write(json_file, path, problems=found)
+        _write(options, problems=[dataclasses.asdict(problem) for problem in error.problems])
         raise
     machine = scene.machine
     console = make_console()
     parts = [counted(len(machine.components), "component"), counted(len(machine.joints), "joint")]
     parts += [counted(len(machine.axes), "axis", "axes"), counted(len(machine.points), "point")]
-    console.print(f"{path}: ok: {scene.name}: {', '.join(parts)}", markup=False)
+    console.print(f"{options.scene}: ok: {scene.name}: {', '.join(parts)}", markup=False)
     print_assumptions(scene.assumptions)
     lacking = [
         f"with --analysis {name}: {problem.place}: {problem.key}: {problem.message}"
@@ -62,43 +67,53 @@ def check_scene(
         *remarks,
     ]
     print_remarks(warnings)
-    _write(json_file, path, warnings=warnings, assumptions=scene.assumptions)
-    return 0
+    _write(options, warnings=warnings, assumptions=scene.assumptions)
+    return DONE
 
 
 def _write(
-    json_file: Path | None,
-    path: Path,
+    options: CheckOptions,
     *,
     problems: Sequence[object] = (),
     warnings: Sequence[str] = (),
     assumptions: Sequence[str] = (),
 ) -> None:
-    if json_file is not None:
-        content = {
-            "scene": str(path),
-            "ok": not problems,
-            "problems": list(problems),
-            "warnings": list(warnings),
-            **({"assumptions": list(assumptions)} if assumptions else {}),
-        }
-        write_output(json_file, dump_summary(content).encode())
+    content = {
+        "scene": str(options.scene),
+        "ok": not problems,
+        "problems": list(problems),
+        "warnings": list(warnings),
+        **({"assumptions": list(assumptions)} if assumptions else {}),
+    }
+    options.write_json(dump_summary(content))
 
 
-class StagePlan(TypedDict):
-    """A stage of a plan, with the keys of ``summary.json`` and the estimates."""
+def plan_command(options: PlanOptions) -> int:
+    """Print the stages of a run."""
+    chosen = options.chosen
+    if options.fidelity is not None:
+        chosen, kept = choose_fidelity(chosen, options.fidelity)
+        print_remarks(kept)
+    scene = load_chosen(chosen, options.accuracy)
+    require_feed_of_run(scene)
+    if scene.accuracy is None:
+        with show_progress() as progress:
 
-    stage: str
-    component: str | None
-    pose: str | None
-    reason: str
-    estimated_dofs: int | None
-    estimated_seconds: float | None
-    estimated_memory_mb: float | None
+            def announce(component: str) -> None:
+                progress.end()
+                progress.begin(f"survey of the surface of {component}")
+
+            planned = plan_scene(scene, survey=True, before_survey=announce)
+    else:
+        planned = importlib.import_module(SEARCH_MODULE).plan_first_round(scene)
+    planned = add_compiling(planned, scene)
+    print_plan(scene.name, planned)
+    options.write_json(dump_json(_list_stages(planned)))
+    return DONE
 
 
-def plan_rows(plan: Plan) -> list[StagePlan]:
-    """One row per stage."""
+def _list_stages(plan: Plan) -> list[dict[str, object]]:
+    """Return one row per stage, with the keys of ``summary.json`` and the estimates."""
     return [
         {
             "stage": stage.kind,
@@ -115,3 +130,84 @@ def plan_rows(plan: Plan) -> list[StagePlan]:
         }
         for stage in plan.stages
     ]
+
+
+def load_chosen(chosen: SceneChoice, accuracy: str | None = None) -> Scene:
+    """The scene that was chosen, with its analyses.
+
+    Args:
+        chosen: Scene, variant, settings and analyses.
+        accuracy: Asked for, as written; None for that of the scene.
+
+    Raises:
+        SceneError: The scene has problems.
+        click.UsageError: An analysis is none of the scene's.
+    """
+    scene = load_scene(chosen.path, variant=chosen.variant, overrides=chosen.overrides)
+    if accuracy is not None:
+        # what the scene allows beside the number stays as it is
+        key = "accuracy" if scene.accuracy is None else "accuracy.to"
+        scene = load_scene(
+            chosen.path,
+            variant=chosen.variant,
+            overrides=(*chosen.overrides, f"{key}={accuracy}"),
+        )
+    return _select_analyses(scene, chosen.analyses)
+
+
+def choose_fidelity(chosen: SceneChoice, fidelity: Fidelity) -> tuple[SceneChoice, list[str]]:
+    """A scene with every part that deforms at one fidelity, and a remark on each part that cannot
+    have it and keeps its own.
+
+    Args:
+        chosen: Scene, variant and settings; rigid and imported parts stay as they are there.
+
+    Raises:
+        SceneError: The scene has problems, or no part can have this fidelity.
+        click.UsageError: No part deforms.
+    """
+    scene = load_scene(chosen.path, variant=chosen.variant, overrides=chosen.overrides)
+    wanted = deforming_parts(scene)
+    if not wanted:
+        raise click.UsageError(
+            f"--fidelity {fidelity} changes nothing in {chosen.path}: all components are rigid or imported superelements; "
+            'write fidelity = "elastic" in [components.NAME] of those that deform, or --set components.NAME.fidelity=elastic'
+        )
+    made, remarks = _set_fidelity(chosen, wanted, fidelity), list[str]()
+    try:
+        load_scene(made.path, variant=made.variant, overrides=made.overrides)
+    except SceneError as error:
+        # the scene as chosen is sound, so every problem comes of the fidelity of some part
+        refused = {
+            name: problem.message
+            for problem in error.problems
+            for name in wanted
+            if f"{problem.key}.".startswith(f"components.{name}.")
+        }
+        able = [name for name in wanted if name not in refused]
+        if not refused or not able:
+            raise
+        made = _set_fidelity(chosen, able, fidelity)
+        load_scene(made.path, variant=made.variant, overrides=made.overrides)
+        remarks = [
+            f"components.{name} keeps fidelity = "
+            f'"{scene.machine.components[name].fidelity}": {message}'
+            for name, message in refused.items()
+        ]
+    return made, remarks
+
+
+def _set_fidelity(chosen: SceneChoice, names: list[str], fidelity: Fidelity) -> SceneChoice:
+    settings = (f"components.{name}.fidelity={fidelity}" for name in names)
+    return dataclasses.replace(chosen, overrides=(*chosen.overrides, *settings))
+
+
+def _select_analyses(scene: Scene, names: tuple[str, ...]) -> Scene:
+    """The scene with only the named analyses."""
+    present = list_analyses(scene)
+    for name in names:
+        if name not in present:
+            raise click.UsageError(
+                f"{scene.path} has no [analyses.{name}]; it has: {', '.join(present) or 'none'}"
+            )
+    return keep_analyses(scene, names) if names else scene

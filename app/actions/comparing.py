@@ -16,6 +16,8 @@ import click
 
 from headstock.app.actions.running import claim_on_root, require_ranks
 from headstock.app.charts.comparison import draw_comparison
+from headstock.app.commands.batch_commands import CompareOptions
+from headstock.app.commands.options import split_list
 from headstock.app.report.pages import render_comparison
 from headstock.app.tables.comparison import comparison_csv, tabulate_lines
 from headstock.app.tables.table import encode_csv
@@ -25,8 +27,8 @@ from headstock.app.terminal.guard import DONE, FAILED
 from headstock.geometry.parts.components import Fidelity
 from headstock.pipeline.numbers.folders import NUMBERS_FILE, encode_tables
 from headstock.pipeline.storage.json_texts import dump_summary
-from headstock.pipeline.storage.outputs import write_beside, write_output
-from headstock.pipeline.storage.provenance import Provenance, SceneChoice
+from headstock.pipeline.storage.outputs import write_output
+from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import suggest_names
@@ -56,43 +58,33 @@ PAGE_FILE, JSON_FILE = "compare.html", "compare.json"
 
 
 @dataclass(frozen=True, kw_only=True)
-class CompareRequest:
-    """What the command line asked for; the scene as written, since each column is a variant of
-    it.
-    """
+class _Request:
+    """What is compared: what the command line asked for, and what it leaves open as the scene has it."""
 
     scene: SceneChoice
-    output: Path | None = None
-    variants: tuple[str, ...] = ()
-    fidelities: tuple[str, ...] = ()
-    baseline: bool = True
-    pose: str | None = None
-    reference: str | None = None
-    ranks: int | None = None
-    effort: bool = False
-    change: tuple[str, ...] = ()
-    json_file: Path | None = None
+    variants: tuple[str, ...]
+    fidelities: tuple[str, ...]
+    baseline: bool
+    pose: str | None
+    reference: str | None
+    effort: bool
+    change: tuple[str, ...]
 
 
-def compare_request(
-    request: CompareRequest, comm: MPI.Comm, origin: Provenance | None = None
-) -> int:
+def compare_command(options: CompareOptions, comm: MPI.Comm) -> int:
     """Solve every variant on all ranks, print them side by side and write the files, with where
     they come from.
-
-    Args:
-        origin: Where the results come from.
 
     Raises:
         SceneError: A variant has problems.
         click.UsageError: An option does not fit.
         HeadstockError: A computation or a file failed.
     """
-    start = time.perf_counter()
-    require_ranks(request.ranks, comm)
-    request = make_on_root(comm, partial(_with_settings, request))
+    start, origin = time.perf_counter(), options.trace(comm.size)
+    require_ranks(options.ranks, comm)
+    request = make_on_root(comm, partial(_read_request, options))
     choices = make_on_root(comm, partial(_choose, request))
-    folder = request.output or Path("results") / f"{request.scene.path.stem}-compare"
+    folder = options.output or Path("results") / f"{options.scene.stem}-compare"
     with claim_on_root(comm, folder, (JSON_FILE, PAGE_FILE)):
         solved = _solve_all(request, choices, comm)
 
@@ -104,7 +96,7 @@ def compare_request(
                 summary["effort"] = {"change": list(request.change), "variants": efforts}
             if origin is not None:
                 summary["provenance"] = origin.summarise()
-            remarks = _publish(summary, comparison, folder, request.json_file)
+            remarks = _publish(summary, comparison, folder, options)
             print_comparison(summary)
             print_effort(summary)
             print_remarks(remarks)
@@ -117,29 +109,31 @@ def compare_request(
         return make_on_root(comm, publish)
 
 
-def _with_settings(request: CompareRequest) -> CompareRequest:
-    """What the command line leaves open, as the scene's own table has it."""
-    scene = load_scene(request.scene.path, overrides=request.scene.overrides)
+def _read_request(options: CompareOptions) -> _Request:
+    chosen = options.chosen
+    scene = load_scene(chosen.path, overrides=chosen.overrides)
     warn_of_unused_accuracy(scene)
     settings = scene.compare
+    variants, asked = split_list(options.variants), split_list(options.fidelity)
     # a scene without variants has its fidelities to compare
     fidelities = settings.fidelities or (
-        () if scene.variants or request.variants or settings.variants else FIDELITIES
+        () if scene.variants or variants or settings.variants else FIDELITIES
     )
-    return dataclasses.replace(
-        request,
-        variants=request.variants or settings.variants,
+    return _Request(
+        scene=chosen,
+        variants=variants or settings.variants,
         # a list of the scene is what its author wants to see
-        baseline=request.baseline and bool(request.variants or not settings.variants),
-        fidelities=request.fidelities or fidelities,
-        pose=request.pose or settings.pose,
+        baseline=options.baseline and bool(variants or not settings.variants),
+        fidelities=asked or fidelities,
+        pose=options.pose or settings.pose,
         # a reference of the scene may be no column of what was asked for on the command line
-        reference=request.reference
-        or (None if request.variants or request.fidelities else settings.reference),
+        reference=options.reference or (None if variants or asked else settings.reference),
+        effort=options.effort,
+        change=tuple(options.change or ()),
     )
 
 
-def _choose(request: CompareRequest) -> tuple[VariantChoice, ...]:
+def _choose(request: _Request) -> tuple[VariantChoice, ...]:
     known, path = get_args(Fidelity), request.scene.path
     for fidelity in request.fidelities:
         if fidelity not in known:
@@ -193,7 +187,7 @@ class _Solved:
 
 
 def _solve_all(
-    request: CompareRequest, choices: tuple[VariantChoice, ...], comm: MPI.Comm
+    request: _Request, choices: tuple[VariantChoice, ...], comm: MPI.Comm
 ) -> dict[str, _Solved]:
     """Every variant by name; complete on rank 0.
 
@@ -220,7 +214,7 @@ def _solve_all(
 
 
 def _compare(
-    request: CompareRequest, choices: tuple[VariantChoice, ...], solved: Mapping[str, _Solved]
+    request: _Request, choices: tuple[VariantChoice, ...], solved: Mapping[str, _Solved]
 ) -> Comparison:
     """Every variant side by side.
 
@@ -252,7 +246,7 @@ def _weigh(runs: Mapping[str, VariantSolution]) -> dict[str, EffortSummary]:
     return {name: summarise_effort(run.effort) for name, run in runs.items()}
 
 
-def _solve_runs(request: CompareRequest, choice: VariantChoice, comm: MPI.Comm) -> _Solved:
+def _solve_runs(request: _Request, choice: VariantChoice, comm: MPI.Comm) -> _Solved:
     """The models of a variant, or why there is none."""
     path = request.scene.path
     try:
@@ -297,24 +291,20 @@ def _publish(
     summary: ComparisonSummary,
     comparison: Comparison,
     folder: Path,
-    json_file: Path | None,
+    options: CompareOptions,
 ) -> list[str]:
-    """Write every file of a comparison; remarks for the user.
-
-    Args:
-        json_file: A copy of the summary, if one is wanted.
-    """
+    """Write every file of a comparison; remarks for the user."""
     lines = comparison.lines
     figures = draw_comparison(summary, lines)
     tables = {f"{name}.csv": table for name, table in comparison_csv(summary).items()}
     tables[NUMBERS_FILE] = encode_tables(comparison.numbers)
     if lines:
         tables["responses.csv"] = encode_csv(tabulate_lines(lines))
-    remarks = write_beside(
+    remarks = write_named_files(
         folder, {f"{name}.png": image for name, image in figures.items()} | tables
     )
-    write_output(folder / JSON_FILE, dump_summary(summary).encode())
+    text = dump_summary(summary)
+    write_output(folder / JSON_FILE, text.encode())
     write_output(folder / PAGE_FILE, render_comparison(summary, figures).encode())
-    if json_file is not None:
-        write_output(json_file, dump_summary(summary).encode())
+    options.write_json(text)
     return remarks

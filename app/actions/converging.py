@@ -2,16 +2,16 @@
 stopped goes on where it was.
 """
 
-import contextlib
-from dataclasses import dataclass
 from pathlib import Path
 
 import click
 
-from headstock.app.actions.running import require_ranks
+from headstock.app.actions.running import claim_on_root, require_ranks
 from headstock.app.actions.showing import STEP_SUFFIXES
 from headstock.app.actions.starting import write_part_scene
 from headstock.app.charts.convergence import draw_convergence
+from headstock.app.commands.batch_commands import ConvergeOptions
+from headstock.app.commands.options import read_percent, trace_command
 from headstock.app.terminal.console import print_remarks
 from headstock.app.terminal.convergence import (
     FILES,
@@ -29,15 +29,9 @@ from headstock.meshing.length_units import doubt_size
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.preview.watched_numbers import find_name_fault
 from headstock.pipeline.storage.json_texts import dump_summary
-from headstock.pipeline.storage.outputs import (
-    claim_output,
-    prepare_output,
-    write_beside,
-    write_output,
-)
-from headstock.pipeline.storage.provenance import SceneChoice, trace_content
+from headstock.pipeline.storage.outputs import prepare_output, write_named_files, write_output
+from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.scene.building.loader import load_scene
-from headstock.scene.expansion.includes import scene_content
 from headstock.scene.scene import Scene
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
@@ -61,23 +55,7 @@ WATCHED = ("static", "modal")
 ACCURACIES = (0.03, 0.01, 0.003, 0.001)  # of which the table tells what they take
 
 
-@dataclass(frozen=True, kw_only=True)
-class ConvergeRequest:
-    """What the command line asked for."""
-
-    scene: SceneChoice  # or a STEP file
-    goal: ConvergenceGoal
-    solid: int | str | None = None
-    free: bool = False
-    output: Path | None = None
-    ranks: int | None = None
-    retry: bool = False
-    json_file: Path | None = None
-    with_host: bool = True
-    command: tuple[str, ...] = ()
-
-
-def converge_request(request: ConvergeRequest, comm: MPI.Comm) -> int:
+def converge_command(options: ConvergeOptions, comm: MPI.Comm) -> int:
     """Compute meshes from coarse to fine on all ranks, print what they say and write it.
 
     Raises:
@@ -85,37 +63,39 @@ def converge_request(request: ConvergeRequest, comm: MPI.Comm) -> int:
         click.UsageError: There is nothing to mesh or to watch, or an option does not fit.
         HeadstockError: No mesh could be computed, or a file cannot be written.
     """
-    require_ranks(request.ranks, comm)
-    folder = request.output or Path("results") / f"{request.scene.path.stem}-converge"
-    chosen = make_on_root(comm, lambda: _choose_scene(request, folder))
-    job, series = make_on_root(comm, lambda: _make_job(chosen, request.goal, retry=request.retry))
-    with claim_output(folder, FILES) if comm.rank == 0 else contextlib.nullcontext():
-        found = run_convergence(job, series, request.goal, folder, comm=comm, observer=print_mesh)
-        trials = try_features(
-            job, found, request.goal, folder, comm=comm, observer=print_feature_trial
-        )
+    require_ranks(options.ranks, comm)
+    share = read_percent(options.accuracy)
+    goal = ConvergenceGoal(
+        share, options.most_dofs, options.most_seconds, tuple(options.watch or ())
+    )
+    folder = options.output or Path("results") / f"{options.scene.stem}-converge"
+    chosen = make_on_root(comm, lambda: _choose_scene(options, folder))
+    job, series = make_on_root(comm, lambda: _make_job(chosen, goal, retry=options.retry))
+    with claim_on_root(comm, folder, FILES):
+        found = run_convergence(job, series, goal, folder, comm=comm, observer=print_mesh)
+        trials = try_features(job, found, goal, folder, comm=comm, observer=print_feature_trial)
         if found is not None:
-            advice = MeshAdvice(found, _find_needs(found, request.goal), tuple(trials))
-            print_remarks(_publish(advice, chosen, folder, request, comm.size))
+            advice = MeshAdvice(found, _find_needs(found, goal), tuple(trials))
+            print_remarks(_publish(advice, chosen, folder, options, comm.size))
     return DONE
 
 
-def _choose_scene(request: ConvergeRequest, folder: Path) -> SceneChoice:
+def _choose_scene(options: ConvergeOptions, folder: Path) -> SceneChoice:
     """The scene; around a STEP part the one that ``new --part`` makes, in the output folder."""
-    chosen = request.scene
+    chosen, solid = options.chosen, options.solid_choice
     if chosen.path.suffix.lower() not in STEP_SUFFIXES:
-        if request.free or request.solid is not None:
+        if options.free or solid is not None:
             raise click.UsageError("--free and --solid go with a STEP file; a scene says it itself")
         return chosen
     try:
-        survey = survey_step(StepFile(chosen.path.absolute(), request.solid))
+        survey = survey_step(StepFile(chosen.path.absolute(), solid))
     except MeshError as error:
         raise click.UsageError(f"{error}; see what `headstock show {chosen.path}` says") from error
     doubt = doubt_size(chosen.path, max(survey.size))
     name = f"{chosen.path.stem}.toml"
-    text = write_part_scene(
-        chosen.path, survey, name, solid=request.solid, free=request.free
-    ).replace("#:schema ./scene.schema.json\n", "")
+    text = write_part_scene(chosen.path, survey, name, solid=solid, free=options.free).replace(
+        "#:schema ./scene.schema.json\n", ""
+    )
     prepare_output(folder, (name, chosen.path.name))
     write_output(folder / name, text.encode())
     write_output(folder / chosen.path.name, chosen.path.read_bytes())
@@ -215,24 +195,20 @@ def _find_needs(found: Convergence, goal: ConvergenceGoal) -> tuple[MeshNeed, ..
 
 
 def _publish(
-    advice: MeshAdvice, chosen: SceneChoice, folder: Path, request: ConvergeRequest, ranks: int
+    advice: MeshAdvice, chosen: SceneChoice, folder: Path, options: ConvergeOptions, ranks: int
 ) -> list[str]:
     """Write the files and print; remarks for the user."""
-    listing = list_convergence(advice, request.scene.path)
-    listing["provenance"] = trace_content(
-        chosen,
-        scene_content(chosen.path),
-        ranks=ranks,
-        command=request.command,
-        with_host=request.with_host,
-    ).summarise()
+    listing = list_convergence(advice, options.scene)
+    origin = trace_command(chosen, ranks=ranks, with_host=not options.no_host)
+    if origin is not None:
+        listing["provenance"] = origin.summarise()
     figure = draw_convergence(advice.found, advice.needs[0])
     pictures = {} if figure is None else {"convergence.png": figure}
-    remarks = write_beside(folder, pictures)
+    remarks = write_named_files(folder, pictures)
     table, text = FILES
     write_output(folder / table, convergence_csv(advice.found))
-    write_output(folder / text, dump_summary(listing).encode())
-    if request.json_file is not None:
-        write_output(request.json_file, dump_summary(listing).encode())
+    content = dump_summary(listing)
+    write_output(folder / text, content.encode())
+    options.write_json(content)
     print_convergence(advice, folder=folder, files=[POINTS_FILE, table, *pictures])
     return remarks

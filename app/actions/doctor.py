@@ -16,8 +16,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
+from headstock.app.commands.tool_commands import DoctorOptions
 from headstock.geometry.loading import OWN_FOLDER
-from headstock.pipeline.storage.outputs import write_output
 from headstock.pipeline.storage.provenance import PROJECT
 
 Status = Literal["ok", "missing", "warning"]
@@ -358,13 +358,13 @@ def _at_least(name: str, megabytes: int, wanted: int, remedy: str) -> Check:
     )
 
 
-def run_doctor(
-    json_file: Path | None, examine: Callable[[], list[Check]] = check_environment
+def doctor_command(
+    options: DoctorOptions, examine: Callable[[], list[Check]] = check_environment
 ) -> int:
-    """Print each check with its remedy and write them to a file if one is asked for.
+    """Print each check with its remedy, and write ``{"healthy": bool, "checks": [{name, found, status, remedy}]}``
+    where a file is asked for.
 
     Args:
-        json_file: Where to write ``{"healthy": bool, "checks": [{name, found, status, remedy}]}``.
         examine: What makes the checks.
 
     Returns:
@@ -374,9 +374,8 @@ def run_doctor(
     missing = [check.name for check in checks if check.status == "missing"]
     print(describe_checks(checks))
     print("all there" if not missing else f"missing: {', '.join(missing)}")
-    if json_file is not None:
-        content = {"healthy": not missing, "checks": [asdict(check) for check in checks]}
-        write_output(json_file, (json.dumps(content, indent=2) + "\n").encode())
+    content = {"healthy": not missing, "checks": [asdict(check) for check in checks]}
+    options.write_json(json.dumps(content, indent=2) + "\n")
     return 1 if missing else 0
 
 

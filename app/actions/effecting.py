@@ -5,15 +5,16 @@ its model changed; what each moves and costs, as a table and sentences.
 import os
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import click
 
-from headstock.app.actions.choosing import load_chosen
+from headstock.app.actions.checking import load_chosen
 from headstock.app.actions.publishing import EFFECTS_FILE, is_same_scene, renew_report
 from headstock.app.actions.running import require_ranks
 from headstock.app.charts.effects import draw_worth
+from headstock.app.commands.options import split_list
+from headstock.app.commands.scene_commands import EffectsOptions
 from headstock.app.report.pages import render_effects
 from headstock.app.report.report import Worth
 from headstock.app.terminal.guard import DONE
@@ -109,24 +110,7 @@ def _describe(change: Change) -> str:
     return f"{before} → {after} {shown['unit']} ({change.place})"
 
 
-@dataclass(frozen=True, kw_only=True)
-class EffectsRequest:
-    """What the command line asked for; ``only`` names some of ``KINDS``, all where it is empty."""
-
-    scene: SceneChoice
-    only: Sequence[str] = ()
-    listed: bool = False
-    write: bool = False
-    output: Path | None = None
-    force: bool = False
-    ranks: int | None = None
-    json_file: Path | None = None
-    page: Path | None = None
-    report: Path | None = None
-    origin: Provenance | None = None
-
-
-def effects_request(request: EffectsRequest, comm: MPI.Comm) -> int:
+def effects_command(options: EffectsOptions, comm: MPI.Comm) -> int:
     """Try every effect of a scene and every change of its model on all ranks and print them, those
     that matter most first.
 
@@ -135,52 +119,55 @@ def effects_request(request: EffectsRequest, comm: MPI.Comm) -> int:
         click.UsageError: An option does not fit.
         HeadstockError: The scene cannot be run as written.
     """
-    require_ranks(request.ranks, comm)
-    scene = make_on_root(comm, lambda: _load(request))
-    if request.listed:
-        return make_on_root(comm, lambda: _print_list(request, scene))
+    origin = options.trace(comm.size)
+    require_ranks(options.ranks, comm)
+    only = split_list(options.only) or KINDS
+    scene = make_on_root(comm, lambda: _load(options, only, origin))
+    if options.list_:
+        return make_on_root(comm, lambda: _print_list(only, scene))
     if comm.rank > 0:
-        _try_all(request, comm)
+        _try_all(options.chosen, only, comm)
         return make_on_root(comm, lambda: DONE)
     print(f"{scene.name}: one change at a time")
     with show_progress() as progress:
-        trials, findings = _try_all(request, comm, lambda text: progress.begin(text, 0.0))
+        trials, findings = _try_all(
+            options.chosen, only, comm, lambda text: progress.begin(text, 0.0)
+        )
     return make_on_root(
         comm,
-        lambda: _publish(request, scene, rank_trials(trials), rank_findings(findings)),
+        lambda: _publish(options, scene, rank_trials(trials), rank_findings(findings), origin),
     )
 
 
 def _try_all(
-    request: EffectsRequest,
+    chosen: SceneChoice,
+    only: Sequence[str],
     comm: MPI.Comm,
     announce: Callable[[str], None] = lambda text: None,
 ) -> tuple[list[EffectTrial], list[ModelFinding]]:
-    chosen, store = request.scene, Store(default_store_root())
-    kinds = [kind for kind in MODEL_KINDS if not request.only or kind in request.only]
+    store, kinds = Store(default_store_root()), [kind for kind in MODEL_KINDS if kind in only]
     trials, findings = [], []
-    if not request.only or EFFECTS in request.only:
+    if EFFECTS in only:
         trials = try_effects(chosen, store, comm=comm, announce=announce)
     if kinds:
         findings = try_models(chosen, store, kinds=kinds, comm=comm, announce=announce)
     return trials, findings
 
 
-def _load(request: EffectsRequest) -> Scene:
-    unknown = [kind for kind in request.only if kind not in KINDS]
+def _load(options: EffectsOptions, only: Sequence[str], origin: Provenance | None) -> Scene:
+    unknown = [kind for kind in only if kind not in KINDS]
     if unknown:
         raise click.UsageError(f"--only: {suggest_names(unknown[0], KINDS, what='kinds')}")
-    for file, option in ((request.json_file, "--json"), (request.page, "--page")):
+    for file, option in ((options.json, "--json"), (options.page, "--page")):
         if file is not None and not file.absolute().parent.is_dir():
             raise click.UsageError(f"there is no folder {file.parent} for {option}")
-    if request.report is not None:
-        _check_results(request.report, request.origin)
-    chosen = request.scene
-    if (request.output is not None or request.force) and not request.write:
+    if options.report is not None:
+        _check_results(options.report, origin)
+    if (options.output is not None or options.force) and not options.write:
         raise click.UsageError("-o FILE and --force go with --write")
-    if request.write:
-        _check_target(chosen, request.output, force=request.force)
-    return load_chosen(chosen)
+    if options.write:
+        _check_target(options.chosen, options.output, force=options.force)
+    return load_chosen(options.chosen)
 
 
 def _check_results(folder: Path, origin: Provenance | None) -> None:
@@ -197,22 +184,22 @@ def _check_results(folder: Path, origin: Provenance | None) -> None:
         )
 
 
-def _print_list(request: EffectsRequest, scene: Scene) -> int:
-    """What would be tried; nothing is computed."""
-    if not request.only or EFFECTS in request.only:
-        for effect in EFFECT_NAMES:
-            print(f"{effect}: {'off' if effect in scene.effects else 'on'}")
-    kinds = [kind for kind in MODEL_KINDS if not request.only or kind in request.only]
+def _print_list(only: Sequence[str], scene: Scene) -> int:
+    """Print what would be tried; nothing is computed."""
+    for effect in EFFECT_NAMES if EFFECTS in only else ():
+        print(f"{effect}: {'off' if effect in scene.effects else 'on'}")
+    kinds = [kind for kind in MODEL_KINDS if kind in only]
     for trial in list_model_trials(scene, plan_scene(scene), kinds):
         print(trial.name)
     return DONE
 
 
 def _publish(
-    request: EffectsRequest,
+    options: EffectsOptions,
     scene: Scene,
     ranked: Sequence[EffectTrial],
     findings: Sequence[ModelFinding],
+    origin: Provenance | None,
 ) -> int:
     if ranked:
         print("\nEffects switched on or off; processor seconds without meshing and reduction")
@@ -224,18 +211,18 @@ def _publish(
             " summary.json of a run tells body by body"
         )
     summary = summarise_effects(scene.name, ranked, findings)
-    if request.origin is not None:
-        summary["provenance"] = request.origin.summarise()
-    if request.json_file is not None:
-        write_output(request.json_file, dump_summary(summary).encode())
-    if request.page is not None:
+    if origin is not None:
+        summary["provenance"] = origin.summarise()
+    text = dump_summary(summary)
+    options.write_json(text)
+    if options.page is not None:
         page = render_effects(Worth(summary, draw_worth(summary)))
-        write_output(request.page, page.encode())
-    if request.report is not None:
-        write_output(request.report / EFFECTS_FILE, dump_summary(summary).encode())
-        print(f"\n{renew_report(request.report)}")
-    if request.write:
-        _write_good_enough(request.scene, scene, ranked, findings, request.output)
+        write_output(options.page, page.encode())
+    if options.report is not None:
+        write_output(options.report / EFFECTS_FILE, text.encode())
+        print(f"\n{renew_report(options.report)}")
+    if options.write:
+        _write_good_enough(options.chosen, scene, ranked, findings, options.output)
     return DONE
 
 

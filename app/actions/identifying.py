@@ -5,16 +5,16 @@ that the data leave open.
 import math
 import shlex
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
 from headstock.app.actions.running import claim_on_root, require_ranks
+from headstock.app.commands.batch_commands import IdentifyOptions
 from headstock.app.terminal.console import add_row, make_console, make_table, print_table
 from headstock.app.terminal.guard import DONE, FAILED
 from headstock.pipeline.answers.static import UM_PER_KN
 from headstock.pipeline.storage.json_texts import JsonTable, dump_summary
 from headstock.pipeline.storage.outputs import write_output
-from headstock.pipeline.storage.provenance import Provenance, SceneChoice
+from headstock.pipeline.storage.provenance import Provenance
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.keys import write_number
@@ -168,26 +168,9 @@ def _print_doubts(found: Identification) -> None:
         console.print(text, markup=False)
 
 
-@dataclass(frozen=True, kw_only=True)
-class IdentifyRequest:
-    """What the command line asked for."""
-
-    scene: SceneChoice
-    targets: Path
-    output: Path | None = None
-    starts: int | None = None
-    ranks: int | None = None
-    json_file: Path | None = None
-
-
-def identify_request(
-    request: IdentifyRequest, comm: MPI.Comm, origin: Provenance | None = None
-) -> int:
+def identify_command(options: IdentifyOptions, comm: MPI.Comm) -> int:
     """Fit a scene to a target file on all ranks, print what came out and write it; the scene is
     never touched.
-
-    Args:
-        origin: Where the results come from.
 
     Raises:
         SceneError: The scene or the target file has problems.
@@ -195,15 +178,18 @@ def identify_request(
         HeadstockError: A computation failed.
     """
     begin = time.perf_counter()
-    require_ranks(request.ranks, comm)
-    chosen = request.scene
+    origin = options.trace(comm.size)
+    require_ranks(options.ranks, comm)
     loaded = make_on_root(
         comm,
         lambda: load_targets(
-            request.targets, chosen.path, overrides=chosen.overrides, starts=request.starts
+            options.targets,
+            options.scene,
+            overrides=options.chosen.overrides,
+            starts=options.starts,
         ),
     )
-    output = request.output or Path("results") / f"{request.scene.path.stem}-{request.targets.stem}"
+    output = options.output or Path("results") / f"{options.scene.stem}-{options.targets.stem}"
     with claim_on_root(comm, output, (OVERRIDES_FILE, RECORD_FILE)):
         if comm.rank == 0:
             _print_task(loaded.task)
@@ -216,7 +202,7 @@ def identify_request(
             found = assess_starts(problem, loaded.task.name, starts)
             summary = summarise_identification(found)
             summary["seconds"] = time.perf_counter() - begin
-            _publish(request, found, summary, output, origin)
+            _publish(options, found, summary, output, origin)
             _print_identification(found, output)
             return DONE if found.converged else FAILED
 
@@ -224,7 +210,7 @@ def identify_request(
 
 
 def _publish(
-    request: IdentifyRequest,
+    options: IdentifyOptions,
     found: Identification,
     summary: JsonTable,
     output: Path,
@@ -238,19 +224,17 @@ def _publish(
     if origin is not None:
         summary["provenance"] = origin.summarise()
     with_folders = origin is None or origin.command is not None
-    command = _command(request, found.problem.settings.starts, with_folders=with_folders)
-    written = load_scene(request.scene.path, overrides=request.scene.overrides)
+    command = _command(options, found.problem.settings.starts, with_folders=with_folders)
+    written = load_scene(options.scene, overrides=options.chosen.overrides)
     write_output(output / OVERRIDES_FILE, render_overrides(found, written, command).encode())
-    write_output(output / RECORD_FILE, dump_summary(summary).encode())
-    if request.json_file is not None:
-        write_output(request.json_file, dump_summary(summary).encode())
+    text = dump_summary(summary)
+    write_output(output / RECORD_FILE, text.encode())
+    options.write_json(text)
 
 
-def _command(request: IdentifyRequest, starts: int, *, with_folders: bool) -> str:
+def _command(options: IdentifyOptions, starts: int, *, with_folders: bool) -> str:
     """How to get the same again."""
-    files = [
-        str(path) if with_folders else path.name for path in (request.scene.path, request.targets)
-    ]
+    files = [str(path) if with_folders else path.name for path in (options.scene, options.targets)]
     return shlex.join(
         [
             "./headstock",
@@ -258,6 +242,6 @@ def _command(request: IdentifyRequest, starts: int, *, with_folders: bool) -> st
             *files,
             "--starts",
             str(starts),
-            *(f"--set={text}" for text in request.scene.overrides),
+            *(f"--set={text}" for text in options.set_ or ()),
         ]
     )

@@ -1,11 +1,12 @@
 """``headstock numbers``: every number of a run with its name, unit and ±."""
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import cast
 
+from headstock.app.commands.tool_commands import NumbersOptions
 from headstock.app.tables.table import Cell, PlainTable, encode_csv
 from headstock.app.terminal.console import add_row, counted, make_console, make_table, print_table
+from headstock.app.terminal.guard import DONE
 from headstock.app.texts.bounded_values import show_bound, show_bounded
 from headstock.geometry.errors import NumberNameError
 from headstock.pipeline.numbers.estimates import Estimate
@@ -15,36 +16,27 @@ from headstock.pipeline.storage.json_texts import dump_json
 from headstock.pipeline.storage.outputs import check_output, write_output
 
 
-def list_numbers(
-    folder: Path, pattern: str | None, csv_file: Path | None, json_file: Path | None
-) -> int:
+def numbers_command(options: NumbersOptions) -> int:
     """Print the numbers of a run, or of every point or variant, and write them in SI units where files are named.
-
-    Args:
-        pattern: That names fit; None for all.
-        csv_file: None for none.
-        json_file: None for none.
 
     Raises:
         UnusableOutputError: There are no results of this version.
         NumberNameError: No name fits.
     """
-    for path in (csv_file, json_file):
-        if path is not None:
-            check_output(path)
-    tables = _select_numbers(read_number_tables(folder), pattern)
-    if csv_file is not None:
-        write_output(csv_file, encode_csv(_tabulate(tables)))
-    if json_file is not None:
-        listed = [
-            ({"of": label} if label else {}) | number.summarise()
-            for label, numbers in tables.items()
-            for number in numbers.values()
-        ]
-        write_output(json_file, dump_json(listed).encode())
+    if options.csv is not None:
+        check_output(options.csv)
+    tables = _select_numbers(read_number_tables(options.folder), options.pattern)
+    if options.csv is not None:
+        write_output(options.csv, encode_csv(_tabulate(tables)))
+    listed = [
+        ({"of": label} if label else {}) | number.summarise()
+        for label, numbers in tables.items()
+        for number in numbers.values()
+    ]
+    options.write_json(dump_json(listed))
     for label, numbers in tables.items():
         _print_numbers(numbers, label)
-    return 0
+    return DONE
 
 
 def _select_numbers(tables: Mapping[str, Numbers], pattern: str | None) -> dict[str, Numbers]:

@@ -1,22 +1,23 @@
 """``headstock run``: from a scene file to results, a printed summary and a report."""
 
 import contextlib
+import dataclasses
 import os
 import time
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import click
 
-from headstock.app.actions.choosing import load_chosen
+from headstock.app.actions.checking import choose_fidelity, load_chosen
 from headstock.app.actions.publishing import PARTS, publish_run
+from headstock.app.commands.options import trace_command
+from headstock.app.commands.scene_commands import RunOptions
 from headstock.app.terminal.console import counted, print_remarks
 from headstock.app.terminal.guard import DONE, FAILED
 from headstock.app.terminal.progress import show_progress
 from headstock.app.terminal.summary import print_header, print_stage, print_summary
 from headstock.app.views.view import FinishedRun
-from headstock.geometry.parts.components import Fidelity
 from headstock.geometry.parts.solids import MeshFile, StepFile
 from headstock.pipeline.numbers.folders import RESULTS_FILE, SUMMARY_FILE
 from headstock.pipeline.planning.budgets import BASE_MB
@@ -29,8 +30,8 @@ from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.json_texts import dump_summary
-from headstock.pipeline.storage.outputs import claim_output, write_output
-from headstock.pipeline.storage.provenance import Provenance, SceneChoice
+from headstock.pipeline.storage.outputs import claim_output
+from headstock.pipeline.storage.provenance import Provenance
 from headstock.scene.scene import Scene
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import find_node, make_on_root, share_from_root
@@ -39,25 +40,8 @@ from headstock.solvers.shared_work import NAMED_THREADS, free_cores
 DRAWING_SECONDS = 4.0
 
 
-@dataclass(frozen=True, kw_only=True)
-class RunRequest:
-    """What the command line asked for."""
-
-    scene: SceneChoice
-    output: Path | None = None
-    ranks: int | None = None
-    json_file: Path | None = None
-    figures: bool = True
-    accuracy: str | None = None
-    volume: bool = False
-    fidelity: Fidelity | None = None
-
-
-def run_request(request: RunRequest, comm: MPI.Comm, origin: Provenance | None = None) -> int:
+def run_command(options: RunOptions, comm: MPI.Comm) -> int:
     """Run a scene on all ranks and print what came out; where it comes from is written with it.
-
-    Args:
-        origin: Where the results come from.
 
     Raises:
         SceneError: The scene has problems.
@@ -65,27 +49,34 @@ def run_request(request: RunRequest, comm: MPI.Comm, origin: Provenance | None =
         HeadstockError: A computation failed.
     """
     start = time.perf_counter()
-    require_ranks(request.ranks, comm)
-    if request.json_file is not None and not request.json_file.absolute().parent.is_dir():
-        raise click.UsageError(f"there is no folder {request.json_file.parent} for --json")
-    scene = make_on_root(comm, lambda: load_chosen(request.scene, request.accuracy))
-    parts = filter(None, [scene.path.stem, request.scene.variant, request.fidelity])
-    output = request.output or Path("results") / "-".join(parts)
+    chosen, wanted = options.chosen, options.fidelity
+    if wanted is not None:
+        chosen, kept = make_on_root(comm, lambda: choose_fidelity(options.chosen, wanted))
+        if comm.rank == 0:
+            print_remarks(kept)
+    asked = () if options.accuracy is None else (f"accuracy={options.accuracy}",)
+    traced = dataclasses.replace(chosen, overrides=(*chosen.overrides, *asked))
+    origin = trace_command(traced, ranks=comm.size, with_host=not options.no_host)
+    require_ranks(options.ranks, comm)
+    if options.json is not None and not options.json.absolute().parent.is_dir():
+        raise click.UsageError(f"there is no folder {options.json.parent} for --json")
+    scene = make_on_root(comm, lambda: load_chosen(chosen, options.accuracy))
+    parts = filter(None, [scene.path.stem, options.variant, options.fidelity])
+    output = options.output or Path("results") / "-".join(parts)
     files = (RESULTS_FILE, SUMMARY_FILE, REPORT_FILE)
     with claim_on_root(comm, output, files, (*PARTS, VOLUME_FOLDER)):
         said = free_motion_warnings(scene) if comm.rank == 0 else ()
         if comm.rank == 0:
             print_header(scene, ranks=comm.size)
             print_remarks(said)
-        results = _run_with_progress(scene, output, comm, volume=request.volume, origin=origin)
+        results = _run_with_progress(scene, output, comm, volume=options.volume, origin=origin)
         if comm.rank == 0:
             summary = summarise(results)
             run = FinishedRun(summary, collect_curves(results.answers), results.view)
             with show_progress() as progress:
-                progress.begin("report", DRAWING_SECONDS if request.figures else 0.0)
-                remarks = publish_run(output, run, figures=request.figures)
-            if request.json_file is not None:
-                write_output(request.json_file, dump_summary(summary).encode())
+                progress.begin("report", 0.0 if options.no_figures else DRAWING_SECONDS)
+                remarks = publish_run(output, run, figures=not options.no_figures)
+            options.write_json(dump_summary(summary))
             print_remarks(remarks)
             print_summary(summary, seconds=time.perf_counter() - start, folder=output, said=said)
     return int(share_from_root(comm, FAILED if results.failures else DONE))

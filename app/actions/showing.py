@@ -8,9 +8,12 @@ from pathlib import Path
 import click
 import numpy as np
 
+from headstock.app.actions.checking import load_chosen
+from headstock.app.commands.tool_commands import ShowOptions
 from headstock.app.pictures.machine_sketch import label_machine
 from headstock.app.pictures.numbered import LabelledSurface, draw_numbered, show_numbered
 from headstock.app.terminal.console import add_row, make_console, make_table, print_table
+from headstock.app.terminal.guard import DONE
 from headstock.app.terminal.machine import list_machine, print_machine
 from headstock.geometry.parts.cad_faces import (
     CadFace,
@@ -27,7 +30,6 @@ from headstock.meshing.process.strangers import files_beside
 from headstock.pipeline.preview.rigid_view import view_rigid
 from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import check_output, prepare_output, write_output
-from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.units import LENGTH, UnitError, parse_quantity
 from headstock.scene.scene import Scene
 
@@ -37,24 +39,7 @@ FACES_SHOWN = 40
 SHORT_LINE = 100
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class ShowRequest:
-    """What the command line asked for."""
-
-    path: Path
-    variant: str | None = None
-    overrides: tuple[str, ...] = ()
-    pose: str | None = None
-    window: bool = False
-    picture: Path | None
-    solid: int | str | None
-    component: str | None
-    every_face: bool
-    json_file: Path | None
-    unit: str | None = None
-
-
-def show_file(request: ShowRequest) -> int:
+def show_command(options: ShowOptions) -> int:
     """Show a STEP or mesh file, a component of a scene that is read from one, or a scene.
 
     Raises:
@@ -62,29 +47,17 @@ def show_file(request: ShowRequest) -> int:
         MeshError: The file of the part cannot be read.
         click.UsageError: An option does not fit.
     """
-    if request.picture is not None:
-        prepare_output(request.picture.absolute().parent)
-        check_output(request.picture)
-    if request.path.suffix.lower() in PART_SUFFIXES:
-        if request.component is not None:
-            raise click.UsageError("--component goes with a scene; a STEP file takes --solid")
-        given = [name for name, value in _scene_options(request) if value]
-        if given:
-            raise click.UsageError(f"{given[0]} goes with a scene; {request.path.name} is a part")
-        solid, survey = survey_part(request.path, request.solid, request.unit)
-        return _show_part(solid, survey, request.path.stem, request)
-    scene = load_scene(request.path, variant=request.variant, overrides=request.overrides)
-    if request.component is None:
-        return _show_machine(
-            scene,
-            pose=request.pose,
-            picture=request.picture,
-            window=request.window,
-            json_file=request.json_file,
-        )
-    if request.pose is not None or request.window:
+    if options.output is not None:
+        prepare_output(options.output.absolute().parent)
+        check_output(options.output)
+    if options.scene.suffix.lower() in PART_SUFFIXES:
+        return _show_part_file(options)
+    scene = load_chosen(options.chosen)
+    if options.component is None:
+        return _show_machine(scene, options)
+    if options.pose is not None or options.window:
         raise click.UsageError("--pose and --window show the whole machine: leave --component out")
-    component = scene.machine.components.get(request.component)
+    component = scene.machine.components.get(options.component)
     if component is None or not isinstance(component.solid, StepFile | MeshFile):
         known = [
             name
@@ -92,34 +65,43 @@ def show_file(request: ShowRequest) -> int:
             if isinstance(part.solid, StepFile | MeshFile)
         ]
         raise click.UsageError(
-            f"no component {request.component!r} is read from a STEP or mesh file; those are: {', '.join(known) or 'none'}"
+            f"no component {options.component!r} is read from a STEP or mesh file; those are: {', '.join(known) or 'none'}"
         )
     part = component.solid
     survey = (
         survey_mesh(part, f"{part.unit:g} m") if isinstance(part, MeshFile) else survey_step(part)
     )
-    return _show_part(part, survey, component.name, request)
+    return _show_part(part, survey, component.name, options)
 
 
-def _show_machine(
-    scene: Scene, *, pose: str | None, picture: Path | None, window: bool, json_file: Path | None
-) -> int:
+def _show_part_file(options: ShowOptions) -> int:
+    if options.component is not None:
+        raise click.UsageError("--component goes with a scene; a STEP file takes --solid")
+    of_scenes = {
+        "--variant": options.variant,
+        "--set": options.set_,
+        "--pose": options.pose,
+        "--window": options.window,
+    }
+    given = [name for name, value in of_scenes.items() if value]
+    if given:
+        raise click.UsageError(f"{given[0]} goes with a scene; {options.scene.name} is a part")
+    solid, survey = survey_part(options.scene, options.solid_choice, options.unit)
+    return _show_part(solid, survey, options.scene.stem, options)
+
+
+def _show_machine(scene: Scene, options: ShowOptions) -> int:
     """List and draw components, joints, supports and points of a scene in a pose.
-
-    Args:
-        pose: Its name; None for the first.
-        picture: File to write; None for ``SCENE_machine.png``.
-        window: Open a window in place of writing a picture.
-        json_file: Write what is printed there, too.
 
     Raises:
         click.UsageError: There is no such pose, or no display for a window.
         DrawingError: pyvista is missing, or finds no OpenGL.
         HeadstockError: A part cannot be read or placed.
     """
+    pose = options.pose
     if pose is not None and pose not in scene.poses:
         raise click.UsageError(f"no pose {pose!r}; poses: {', '.join(scene.poses)}")
-    if window and not os.environ.get("DISPLAY"):
+    if options.window and not os.environ.get("DISPLAY"):
         raise click.UsageError(
             "--window needs a display, and DISPLAY is not set (over ssh: ssh -X); "
             "without --window a picture is written"
@@ -128,16 +110,15 @@ def _show_machine(
     view, supports = view_rigid(scene, chosen)
     placed = view.poses[chosen.name]
     print_machine(scene, chosen, view, supports)
-    if json_file is not None:
-        write_output(json_file, dump_summary(list_machine(scene, placed, supports)).encode())
+    options.write_json(dump_summary(list_machine(scene, placed, supports)))
     if not view.skins:
-        return 0
+        return DONE
     surface = label_machine(f"{scene.name}, pose {chosen.name}", view, placed, supports)
-    if window:
+    if options.window:
         show_numbered(surface)
     else:
-        _write_picture(surface, picture or Path(f"{scene.path.stem}_machine.png"))
-    return 0
+        _write_picture(surface, options.output or Path(f"{scene.path.stem}_machine.png"))
+    return DONE
 
 
 def _write_picture(surface: LabelledSurface, path: Path) -> None:
@@ -218,14 +199,14 @@ def patch_rows(found: LikelyInterface) -> list[str]:
 
 
 def _show_part(
-    solid: StepFile | MeshFile, survey: CadSurvey, name: str, request: ShowRequest
+    solid: StepFile | MeshFile, survey: CadSurvey, name: str, options: ShowOptions
 ) -> int:
     console = make_console()
     x, y, z = (1e3 * side for side in survey.size)
     unit = survey.unit or "not understood"
     title = f"{solid.path.name}: {len(survey.faces)} faces, {x:.4g} × {y:.4g} × {z:.4g} mm"
     console.print(f"{title} (unit of the file: {unit})", style="bold", markup=False)
-    if isinstance(solid, MeshFile) and request.component is None and request.unit is None:
+    if isinstance(solid, MeshFile) and options.component is None and options.unit is None:
         console.print(
             f"a mesh file names no unit: its lengths are taken as {unit}; --unit says otherwise",
             style="yellow",
@@ -235,7 +216,7 @@ def _show_part(
     if doubt is not None:
         console.print(f"warning: {doubt}", style="yellow", markup=False)
     _print_sets(survey)
-    _print_faces(survey, request.every_face)
+    _print_faces(survey, options.every_face)
     suggestions = part_suggestions(survey)
     if suggestions:
         console.print(
@@ -244,19 +225,18 @@ def _show_part(
         console.print(format_suggestions(name, suggestions), markup=False, soft_wrap=True)
     numbers = {face.number: str(face.number) for face in survey.faces}
     surface = LabelledSurface(survey.points, survey.triangles, survey.owners, numbers, title)
-    _write_picture(surface, request.picture or Path(f"{name}_faces.png"))
-    if request.json_file is not None:
-        content = {
-            "file": solid.path.name,
-            "unit": survey.unit,
-            "warnings": [] if doubt is None else [doubt],
-            "faces": [dataclasses.asdict(face) for face in survey.faces],
-            "holes": [dataclasses.asdict(hole) for hole in find_holes(survey.faces)],
-            "sets": [dataclasses.asdict(one) for one in survey.sets],
-            "suggested_interfaces": {found.name: list(found.faces) for found in suggestions},
-        }
-        write_output(request.json_file, dump_summary(content).encode())
-    return 0
+    _write_picture(surface, options.output or Path(f"{name}_faces.png"))
+    content = {
+        "file": solid.path.name,
+        "unit": survey.unit,
+        "warnings": [] if doubt is None else [doubt],
+        "faces": [dataclasses.asdict(face) for face in survey.faces],
+        "holes": [dataclasses.asdict(hole) for hole in find_holes(survey.faces)],
+        "sets": [dataclasses.asdict(one) for one in survey.sets],
+        "suggested_interfaces": {found.name: list(found.faces) for found in suggestions},
+    }
+    options.write_json(dump_summary(content))
+    return DONE
 
 
 def _print_sets(survey: CadSurvey) -> None:
@@ -317,12 +297,3 @@ def _describe_normal(face: CadFace) -> str:
 
 def _in_mm(values: Vector) -> str:
     return " ".join(f"{round(1e3 * value, 1) + 0.0:.1f}" for value in values)
-
-
-def _scene_options(request: ShowRequest) -> list[tuple[str, object]]:
-    return [
-        ("--variant", request.variant),
-        ("--set", request.overrides),
-        ("--pose", request.pose),
-        ("--window", request.window),
-    ]

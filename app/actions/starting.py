@@ -2,7 +2,6 @@
 own from a STEP or mesh file.
 """
 
-import dataclasses
 import os
 import shlex
 import shutil
@@ -12,7 +11,7 @@ from pathlib import Path
 
 import click
 
-from headstock.app.actions.editor_schema import scene_schema
+from headstock.app.actions.schemas import scene_schema
 from headstock.app.actions.showing import (
     PART_SUFFIXES,
     format_suggestions,
@@ -20,7 +19,9 @@ from headstock.app.actions.showing import (
     patch_rows,
     survey_part,
 )
+from headstock.app.commands.tool_commands import NewOptions
 from headstock.app.terminal.console import make_console
+from headstock.app.terminal.guard import DONE
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.parts.interface_suggestions import LikelyInterface, likely_interfaces
 from headstock.geometry.parts.solids import MeshFile
@@ -88,49 +89,39 @@ tip = { face = "z+", coupling = "average" }
 # pad = { face = "x+", rect = { center = ["0 mm", "300 mm"], size = ["60 mm", "80 mm"] } }"""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class StartRequest:
-    """What the command line asked for."""
-
-    folder: Path
-    part: Path | None
-    solid: int | str | None
-    unit: str | None = None
-
-
-def start_scene(request: StartRequest) -> int:
+def new_command(options: NewOptions) -> int:
     """Make a new folder with a scene, and with a copy of the part where one is given.
 
     Raises:
         click.UsageError: The folder is taken, or the part is no STEP or mesh file.
         HeadstockError: The part cannot be read or meshed, or has no two planes to hold it at.
     """
-    folder = request.folder.absolute() if request.folder.name in ("", "..") else request.folder
+    folder = options.folder.absolute() if options.folder.name in ("", "..") else options.folder
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise click.UsageError(
             f"{folder} exists and is not an empty folder; nothing was changed: choose another name"
         )
-    if request.part is not None and request.part.suffix.lower() not in PART_SUFFIXES:
+    if options.part is not None and options.part.suffix.lower() not in PART_SUFFIXES:
         raise click.UsageError(
-            f"{request.part.name} is no STEP or mesh file ({', '.join(PART_SUFFIXES)})"
+            f"{options.part.name} is no STEP or mesh file ({', '.join(PART_SUFFIXES)})"
         )
     files: list[Path] = []
     choice = None
-    if request.part is None:
+    if options.part is None:
         text, doubt = _box_scene(folder), None
     else:
-        solid, survey = survey_part(request.part, request.solid, request.unit)
-        unit = (request.unit or f"1 {survey.unit}") if isinstance(solid, MeshFile) else None
+        solid, survey = survey_part(options.part, options.solid_choice, options.unit)
+        unit = (options.unit or f"1 {survey.unit}") if isinstance(solid, MeshFile) else None
         text = write_part_scene(
-            request.part, survey, _scene_name(folder), solid=request.solid, unit=unit
+            options.part, survey, _scene_name(folder), solid=options.solid_choice, unit=unit
         )
         choice = _describe_choice(likely_interfaces(survey.faces))
-        files = [request.part]
+        files = [options.part]
         if isinstance(solid, MeshFile):
             files += solid.beside
-            doubt = _name_guess(request, survey)
+            doubt = _name_guess(options, survey)
         else:
-            doubt = doubt_size(request.part, max(survey.size))
+            doubt = doubt_size(options.part, max(survey.size))
     try:
         _fill_folder(folder, text, files)
     except OSError as error:
@@ -149,12 +140,12 @@ def start_scene(request: StartRequest) -> int:
         markup=False,
         soft_wrap=True,
     )
-    return 0
+    return DONE
 
 
-def _name_guess(request: StartRequest, survey: CadSurvey) -> str | None:
+def _name_guess(options: NewOptions, survey: CadSurvey) -> str | None:
     """A warning where the unit of a mesh file was guessed."""
-    if request.unit is not None:
+    if options.unit is not None:
         return None
     longest = max(survey.size)
     return (

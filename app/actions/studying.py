@@ -31,7 +31,7 @@ from headstock.pipeline.numbers.folders import NUMBERS_FILE, encode_tables
 from headstock.pipeline.numbers.numbers import Numbers
 from headstock.pipeline.storage.content_keys import code_fingerprint
 from headstock.pipeline.storage.json_texts import dump_summary
-from headstock.pipeline.storage.outputs import claim_output, write_beside, write_output
+from headstock.pipeline.storage.outputs import claim_output, write_named_files, write_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.watch_paths import parse_watch
@@ -159,7 +159,7 @@ def _publish(
         extra["study.png"] = figure
     points = {f"point {number}": each for number, each in enumerate(table.numbers, 1)}
     extra[NUMBERS_FILE] = encode_tables(points)
-    remarks = write_beside(folder, extra)
+    remarks = write_named_files(folder, extra)
     write_output(folder / TABLE_FILE, study_csv(table))
     if origin is not None:
         listing["provenance"] = origin.summarise()

@@ -2,19 +2,18 @@
 of an array job.
 """
 
-import contextlib
 import dataclasses
 import itertools
 import re
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
 import click
 
 from headstock.app.actions.cluster_jobs import ClusterRequest, sweep_on_slurm
-from headstock.app.actions.running import require_ranks
+from headstock.app.actions.running import claim_on_root, require_ranks
 from headstock.app.charts.sweep import draw_sweep
+from headstock.app.commands.batch_commands import SweepOptions
 from headstock.app.report.pages import render_sweep
 from headstock.app.tables.sweep_quantities import tabulate_sweep
 from headstock.app.tables.table import encode_csv
@@ -31,12 +30,11 @@ from headstock.pipeline.numbers.folders import NUMBERS_FILE, encode_tables
 from headstock.pipeline.results.files import REPORT_FILE
 from headstock.pipeline.storage.json_texts import dump_json, dump_summary
 from headstock.pipeline.storage.outputs import (
-    claim_output,
     prepare_output,
-    write_beside,
+    write_named_files,
     write_output,
 )
-from headstock.pipeline.storage.provenance import Provenance, SceneChoice
+from headstock.pipeline.storage.provenance import Provenance
 from headstock.scene.analyses.frf import FrfRequest
 from headstock.scene.analyses.lobes import LobesRequest
 from headstock.scene.analyses.modal import ModalRequest
@@ -49,17 +47,20 @@ from headstock.studies.sweeps.files import SWEEP_FILE, SweepSummary, summarise_s
 from headstock.studies.sweeps.journals import FOLDER, remove_other_journals
 from headstock.studies.sweeps.results import SweepResults, collect_results, name_tracked_modes
 from headstock.studies.sweeps.runs import Part, SweepJob, run_sweep, select_analyses, sweep_key
-from headstock.studies.sweeps.slurm import SlurmError, SlurmOptions
+from headstock.studies.sweeps.slurm import SlurmError
 
+ARRAY_TASKS = 4
 SUMMARY, CSV_FILE, ORIGIN_FILE = "sweep.json", "sweep.csv", "provenance.json"
 
 
-def parse_part(text: str) -> Part:
-    """``2/3`` as the second of three parts; ``0/3`` has no poses.
+def _read_part(text: str | None) -> Part:
+    """Read ``2/3`` as the second of three parts; ``0/3`` has no poses.
 
     Raises:
         click.UsageError: The text is no part.
     """
+    if text is None:
+        return Part()
     found = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text)
     if found is None or not 0 <= int(found[1]) <= int(found[2]):
         raise click.UsageError(f"--part {text[:40]!r} is no part; write for example 2/3")
@@ -95,52 +96,24 @@ def _compute_part(job: SweepJob, key: str | None, comm: MPI.Comm) -> int:
     return DONE
 
 
-@dataclass(frozen=True, kw_only=True)
-class SweepRequest:
-    """What the command line asked for; a part only in a task of an array job, whose key says what
-    was submitted.
-    """
-
-    scene: SceneChoice
-    name: str
-    output: Path | None = None
-    ranks: int | None = None
-    retry: bool = False
-    json_file: Path | None = None
-    cluster: SlurmOptions | None = None
-    wait: bool = True
-    part: Part | None = None
-    key: str | None = None
-
-
-def sweep_request(request: SweepRequest, comm: MPI.Comm, origin: Provenance | None = None) -> int:
+def sweep_command(options: SweepOptions, comm: MPI.Comm) -> int:
     """Run a sweep on all ranks, print what it found and write its files, and beside them where they
     come from.
-
-    Args:
-        origin: Where the results come from.
 
     Raises:
         SceneError: The scene or a pose of the sweep has problems, or it has no such sweep.
         click.UsageError: An option does not fit.
         HeadstockError: A component cannot be reduced, or a file cannot be written.
     """
-    start = time.perf_counter()
-    if request.cluster is not None:
-        return _sweep_elsewhere(request, request.cluster, comm, origin)
-    require_ranks(request.ranks, comm)
-    job = make_on_root(comm, lambda: _make_job(request))
-    if request.part is not None:
-        return _compute_part(job, request.key, comm)
-    with (
-        claim_output(
-            job.folder,
-            (SWEEP_FILE, SUMMARY, CSV_FILE, NUMBERS_FILE, ORIGIN_FILE, REPORT_FILE),
-            (FOLDER,),
-        )
-        if comm.rank == 0
-        else contextlib.nullcontext()
-    ):
+    start, origin = time.perf_counter(), options.trace(comm.size)
+    if options.on is not None:
+        return _sweep_elsewhere(options, comm)
+    require_ranks(options.ranks, comm)
+    job = make_on_root(comm, lambda: _make_job(options))
+    if options.part is not None:
+        return _compute_part(job, options.key, comm)
+    files = (SWEEP_FILE, SUMMARY, CSV_FILE, NUMBERS_FILE, ORIGIN_FILE, REPORT_FILE)
+    with claim_on_root(comm, job.folder, files, (FOLDER,)):
         if comm.rank == 0:
             print_sweep_header(job, ranks=comm.size)
         outcome = run_sweep(job, comm=comm, observer=print_stage)
@@ -156,7 +129,7 @@ def sweep_request(request: SweepRequest, comm: MPI.Comm, origin: Provenance | No
             )
             results = name_tracked_modes(outcome.parts, results)
             summary = summarise_sweep(results)
-            _write_numbers(summary, results, request, job.folder, origin)
+            _write_numbers(summary, results, options, job.folder, origin)
         figures = _draw_together(comm, summary, results)
         failed = False
         if summary is not None and results is not None:
@@ -174,19 +147,21 @@ def sweep_request(request: SweepRequest, comm: MPI.Comm, origin: Provenance | No
     return int(share_from_root(comm, FAILED if failed else DONE))
 
 
-def _sweep_elsewhere(
-    request: SweepRequest, options: SlurmOptions, comm: MPI.Comm, origin: Provenance | None
-) -> int:
-    here = dataclasses.replace(request, cluster=None, ranks=None, retry=False)
-    words = [word for text in request.scene.overrides for word in ("--set", text)]
-    words += ["--variant", request.scene.variant] if request.scene.variant else []
-    words += ["--retry"] if request.retry else []
+def _sweep_elsewhere(options: SweepOptions, comm: MPI.Comm) -> int:
+    here = dataclasses.replace(
+        options, on=None, tasks=None, partition=None, time_limit=None, sbatch=None, no_wait=False,
+        ranks=None, retry=False,
+    )  # fmt: skip
+    words = [word for text in options.set_ or () for word in ("--set", text)]
+    words += ["--variant", options.variant] if options.variant else []
+    words += ["--retry"] if options.retry else []
     cluster = ClusterRequest(
-        options=options, arguments=tuple(words), retry=request.retry, wait=request.wait
+        options=options.describe_job(options.tasks or ARRAY_TASKS, options.ranks),
+        arguments=tuple(words),
+        retry=options.retry,
+        wait=not options.no_wait,
     )
-    return sweep_on_slurm(
-        _make_job(request), cluster, comm, lambda: sweep_request(here, comm, origin)
-    )
+    return sweep_on_slurm(_make_job(options), cluster, comm, lambda: sweep_command(here, comm))
 
 
 def _draw_together(
@@ -208,7 +183,7 @@ def _draw_together(
 def _write_numbers(
     summary: SweepSummary,
     results: SweepResults,
-    request: SweepRequest,
+    options: SweepOptions,
     folder: Path,
     origin: Provenance | None,
 ) -> None:
@@ -220,12 +195,8 @@ def _write_numbers(
     write_sweep(folder, results)
     write_output(folder / NUMBERS_FILE, encode_tables({"": results.numbers}))
     write_output(folder / SUMMARY, dump_summary(summary).encode())
-    if request.json_file is not None:
-        # there alone, without a file of its origin beside it
-        write_output(
-            request.json_file,
-            dump_summary(summary if words is None else {**summary, "provenance": words}).encode(),
-        )
+    # there alone, without a file of its origin beside it
+    options.write_json(dump_summary(summary if words is None else {**summary, "provenance": words}))
     write_output(folder / CSV_FILE, encode_csv(tabulate_sweep(summary)))
 
 
@@ -233,17 +204,17 @@ def _write_pictures(
     summary: SweepSummary, figures: dict[str, bytes], folder: Path, origin: Provenance | None
 ) -> list[str]:
     """Write pictures and page of a sweep; remarks for the user."""
-    remarks = write_beside(folder, {f"{name}.png": image for name, image in figures.items()})
+    remarks = write_named_files(folder, {f"{name}.png": image for name, image in figures.items()})
     words = None if origin is None else origin.summarise()
     write_output(folder / REPORT_FILE, render_sweep(summary, figures, words).encode())
     return remarks
 
 
-def _make_job(request: SweepRequest) -> SweepJob:
-    chosen = request.scene
+def _make_job(options: SweepOptions) -> SweepJob:
+    chosen = options.chosen
     scene = load_scene(chosen.path, variant=chosen.variant, overrides=chosen.overrides)
-    require_name(scene, "sweeps", request.name, scene.sweeps)
-    scene = prepare_sweep(scene, request.name, overrides=chosen.overrides)
+    require_name(scene, "sweeps", options.name, scene.sweeps)
+    scene = prepare_sweep(scene, options.name, overrides=chosen.overrides)
     if (
         StaticRequest not in scene.analyses
         and ModalRequest not in scene.analyses
@@ -254,12 +225,12 @@ def _make_job(request: SweepRequest) -> SweepJob:
             f"{chosen.path} asks for nothing to compute in a pose; write [analyses.static] or [analyses.modal]"
         )
     warn_of_unused_accuracy(scene)
-    stem = "-".join(filter(None, [chosen.path.stem, request.name, chosen.variant]))
-    folder = request.output or Path("results") / stem
+    stem = "-".join(filter(None, [chosen.path.stem, options.name, chosen.variant]))
+    folder = options.output or Path("results") / stem
     return SweepJob(
         select_analyses(scene),
-        scene.sweeps[request.name],
+        scene.sweeps[options.name],
         folder,
-        request.part or Part(),
-        request.retry,
+        _read_part(options.part),
+        options.retry,
     )

@@ -12,10 +12,10 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from headstock.app.actions.running import require_ranks
+from headstock.app.actions.running import claim_on_root, require_ranks
+from headstock.app.commands.tool_commands import ValidateOptions
 from headstock.app.terminal.console import make_console, print_remarks
 from headstock.app.terminal.guard import DONE, FAILED
-from headstock.pipeline.storage.outputs import claim_output, write_beside, write_output
 from headstock.solvers.mpi import MPI
 from headstock.validation.case_registry import Case, SeedError, UnknownCaseError, run_validation
 from headstock.validation.references.rows import ValidationRow, rows_as_json
@@ -88,28 +88,14 @@ def _error(value: float) -> str:
     return f"{100 * value:.3g} %" if abs(value) >= 1e-5 else f"{value:.1e}"
 
 
-def validate_cases(
-    names: Sequence[str],
-    json_file: Path | None,
-    ranks: int | None,
-    comm: MPI.Comm,
-    output: Path | None = None,
-    seed: int | None = None,
-) -> int:
+def validate_command(options: ValidateOptions, comm: MPI.Comm) -> int:
     """Compute the rows of cases and groups, print them, draw what has a figure, and fail when a row
     falls short.
-
-    Args:
-        names: Cases or groups; all where it is empty.
-        json_file: Where the rows go too.
-        ranks: How many ranks were asked for.
-        output: Folder for figures of cases.
-        seed: Where cases that draw what they compare begin; None for what they compare as a rule.
 
     Raises:
         click.UsageError: A name is unknown, or a case cannot begin at the seed.
     """
-    require_ranks(ranks, comm)
+    require_ranks(options.ranks, comm)
     console = make_console(stderr=True)
 
     def report_progress(case: Case, rows: Sequence[ValidationRow]) -> None:
@@ -120,17 +106,17 @@ def validate_cases(
                 + (f", [red]{failed} failed[/red]" if failed else "")
             )
 
-    with (
-        claim_output(output) if output is not None and comm.rank == 0 else contextlib.nullcontext()
-    ):
+    output = options.output
+    with contextlib.nullcontext() if output is None else claim_on_root(comm, output):
         try:
-            rows = run_validation(names, comm=comm, on_case=report_progress, seed=seed)
+            rows = run_validation(
+                options.cases or [], comm=comm, on_case=report_progress, seed=options.seed
+            )
         except (UnknownCaseError, SeedError) as error:
             raise click.UsageError(str(error)) from error
         if comm.rank == 0:
             _print_validation(make_console(), rows)
-            if json_file is not None:
-                write_output(json_file, rows_as_json(rows).encode())
+            options.write_json(rows_as_json(rows))
             if output is not None:
                 _draw_figures(rows, output)
     return DONE if all(row.passed for row in rows) else FAILED
@@ -140,7 +126,7 @@ def _draw_figures(rows: Sequence[ValidationRow], output: Path) -> None:
     # matplotlib takes long to import: only where a folder for figures is asked for
     draw_axis_kit = importlib.import_module(FIGURES_MODULE).draw_axis_kit
     print_remarks(
-        write_beside(
+        write_named_files(
             output,
             {f"{name}.png": image for name, image in draw_axis_kit(rows).items()},
         )

@@ -7,8 +7,13 @@ import numpy as np
 from headstock.app.charts.charts import INK, calm_axes, encode_figure, new_figure
 from headstock.app.pictures.libraries import Axes
 from headstock.pipeline.results.views import COLORS
-from headstock.validation.machines.axis_kit_cases import CASE, FIDELITIES, compliance_name
-from headstock.validation.machines.axis_kit_models import MEASURED_COMPLIANCE, VARIANTS
+from headstock.validation.machines.axis_kit_cases import (
+    CASE,
+    FIDELITIES,
+    MEASURED_COMPLIANCE,
+    VARIANTS,
+    compliance_name,
+)
 from headstock.validation.references.rows import ValidationRow
 
 FIGURE_NAME = "axis_construction_kit_figures_17_18"

@@ -21,7 +21,7 @@ from headstock.app.charts.charts import (
 )
 from headstock.app.pictures.libraries import Axes, Line2D, NullFormatter, NullLocator, withStroke
 from headstock.scene.reading.units import DIMENSIONS, read_unit, unit_of
-from headstock.scene.studies import shorten_key, show_value
+from headstock.scene.studies import shorten_key, show_setting
 from headstock.studies.parameters.costs import CostPoint, pareto_front, read_cost
 from headstock.studies.parameters.tables import (
     MESH_SIZE,
@@ -156,7 +156,9 @@ def _choose_axis(table: StudyTable) -> _Axis | None:
     values = {
         key: list(
             dict.fromkeys(
-                show_value(row.record.varied[key]) for row in table.rows if key in row.record.varied
+                show_setting(row.record.varied[key])
+                for row in table.rows
+                if key in row.record.varied
             )
         )
         for key in table.varied
@@ -177,7 +179,7 @@ def _choose_axis(table: StudyTable) -> _Axis | None:
             logarithmic=False,
         )
     rows = [
-        (show_value(row.record.varied[key]), number)
+        (show_setting(row.record.varied[key]), number)
         for row, number in zip(table.rows, found.values, strict=True)
         if number is not None
     ]
@@ -202,7 +204,7 @@ def _draw_panel(
 ) -> None:
     for number, rows in enumerate(lines.values()):
         points = sorted(
-            (axis.places[show_value(row.record.varied[axis.key])], row.values[column])
+            (axis.places[show_setting(row.record.varied[axis.key])], row.values[column])
             for row in rows
             if _is_drawn(row, column)
         )
@@ -246,7 +248,7 @@ def _lines(table: StudyTable, key: str) -> dict[str, Sequence[StudyRow]]:
         varied = row.record.varied
         if key in varied:
             words = [
-                f"{shorten_key(other)} = {show_value(value)}"
+                f"{shorten_key(other)} = {show_setting(value)}"
                 for other, value in varied.items()
                 if other != key
             ]

@@ -1,3 +1,3 @@
-"""Signatures and help texts of the commands; heavy modules are imported inside them. Never the work
-itself.
+"""Options and help texts of the commands, declared once; heavy modules are loaded where they are used. Never
+the work itself.
 """

@@ -1,14 +1,13 @@
-"""Commands that run a scene many times: study, converge, sweep, compare, identify. Heavy modules are imported
-by the command that needs them.
-"""
+"""Options of commands that run a scene many times: study, converge, sweep, compare, identify."""
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
-import click
 import typer
 
 from headstock.app.commands.options import (
+    ClusterOptions,
     Debug,
     JsonFile,
     NoHost,
@@ -16,346 +15,212 @@ from headstock.app.commands.options import (
     On,
     Overrides,
     Partition,
+    PartOptions,
     Ranks,
     Sbatch,
     SceneFile,
+    SceneOptions,
     TimeLimit,
     Variant,
-    check_cluster,
-    choose_scene,
-    on_cluster,
+    flag,
+    option,
+    output_option,
     read_percent,
-    read_solid,
-    split_list,
-    trace_command,
 )
-from headstock.app.terminal.guard import run_guarded
 
-if TYPE_CHECKING:
-    from headstock.solvers.mpi import MPI
-
-StudyFolder = Annotated[
-    Path | None,
-    typer.Option("-o", "--output", metavar="DIR", help="Folder of results [results/SCENE-NAME]."),
-]
+_Folder = Annotated[Path | None, output_option("DIR", "Folder of results [results/SCENE-NAME].")]
 
 
-@on_cluster
-def study(
-    scene: SceneFile,
-    name: Annotated[str, typer.Argument(metavar="NAME", help="One of the scene's [studies.NAME].")],
-    output: StudyFolder = None,
-    variant: Variant = None,
-    set_: Overrides = None,
-    ranks: Ranks = None,
-    cold: Annotated[
-        bool,
-        typer.Option(
-            "--cold",
-            help="Compute every point from an empty store, so that its seconds are complete.",
-        ),
-    ] = False,
-    repeats: Annotated[
-        int | None,
-        typer.Option(
-            "--repeats",
-            metavar="N",
-            min=1,
-            max=100,
-            help="Runs per point, for median and spread of the times.",
-        ),
-    ] = None,
-    retry: Annotated[bool, typer.Option("--retry", help="Compute failed points again.")] = False,
-    no_host: NoHost = False,
-    json: JsonFile = None,
-    debug: Debug = False,
-) -> int:
+@dataclass(frozen=True, kw_only=True)
+class StudyOptions(SceneOptions):
     """Vary keys of a scene and watch results; a stopped study continues."""
 
-    def action(comm: "MPI.Comm") -> int:
-        from headstock.app.actions.studying import StudyRequest, study_request
+    action = "studying:study_command"
+    collective = as_one_job = True
+    scene: SceneFile
+    name: Annotated[str, typer.Argument(metavar="NAME", help="One of the scene's [studies.NAME].")]
+    output: _Folder = None
+    variant: Variant = None
+    set_: Overrides = None
+    ranks: Ranks = None
+    cold: Annotated[
+        bool,
+        flag(
+            "--cold", "Compute every point from an empty store, so that its seconds are complete."
+        ),
+    ] = False
+    repeats: Annotated[
+        int | None,
+        option(
+            "--repeats", "N", "Runs per point, for median and spread of the times.", min=1, max=100
+        ),
+    ] = None
+    retry: Annotated[bool, flag("--retry", "Compute failed points again.")] = False
+    no_host: NoHost = False
+    json: JsonFile = None
+    debug: Debug = False
 
-        chosen = choose_scene(scene, variant, set_)
-        origin = trace_command(chosen, ranks=comm.size, with_host=not no_host)
-        request = StudyRequest(
-            scene=chosen,
-            name=name,
-            output=output,
-            ranks=ranks,
-            cold=cold,
-            repeats=repeats,
-            retry=retry,
-            json_file=json,
-        )
-        return study_request(request, comm, origin)
 
-    return run_guarded(action, debug=debug)
+@dataclass(frozen=True, kw_only=True)
+class ConvergeOptions(SceneOptions, PartOptions):
+    """Find how fine the mesh of a part or a machine must be; a stopped series continues."""
 
-
-@on_cluster
-def converge(
+    action = "converging:converge_command"
+    collective = as_one_job = True
     scene: Annotated[
         Path, typer.Argument(metavar="FILE", help="Scene (.toml) or STEP part (.step, .stp).")
-    ],
+    ]
     output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o", "--output", metavar="DIR", help="Folder of results [results/NAME-converge]."
-        ),
-    ] = None,
+        Path | None, output_option("DIR", "Folder of results [results/NAME-converge].")
+    ] = None
     accuracy: Annotated[
-        str,
-        typer.Option(
-            "--accuracy", metavar="SHARE", help="Largest relative error of every number, as in 1%."
-        ),
-    ] = "1 %",
+        str, option("--accuracy", "SHARE", "Largest relative error of every number, as in 1%.")
+    ] = "1 %"
     watch: Annotated[
         list[str] | None,
-        typer.Option(
+        option(
             "--watch",
-            metavar="NAME",
-            help="Numbers to watch, such as frequency or 'compliance(*point=tcp*)' [frequencies, compliances].",
+            "NAME",
+            "Numbers to watch, such as frequency or 'compliance(*point=tcp*)' [frequencies, compliances].",
         ),
-    ] = None,
+    ] = None
     most_dofs: Annotated[
-        int,
-        typer.Option(
-            "--most-dofs", metavar="N", min=1000, help="Approximate dofs of the finest mesh."
-        ),
-    ] = 300_000,
+        int, option("--most-dofs", "N", "Approximate dofs of the finest mesh.", min=1000)
+    ] = 300_000
     most_seconds: Annotated[
-        float,
-        typer.Option(
-            "--most-seconds", metavar="S", min=1.0, help="Approximate time of all meshes together."
-        ),
-    ] = 600.0,
+        float, option("--most-seconds", "S", "Approximate time of all meshes together.", min=1.0)
+    ] = 600.0
     free: Annotated[
-        bool,
-        typer.Option("--free", help="Compute a STEP part without supports, not fixed at one end."),
-    ] = False,
+        bool, flag("--free", "Compute a STEP part without supports, not fixed at one end.")
+    ] = False
     solid: Annotated[
-        str | None,
-        typer.Option("--solid", metavar="NAME|N", help="Which solid of a STEP file with several."),
-    ] = None,
-    variant: Variant = None,
-    set_: Overrides = None,
-    ranks: Ranks = None,
-    retry: Annotated[bool, typer.Option("--retry", help="Compute failed meshes again.")] = False,
-    no_host: NoHost = False,
-    json: JsonFile = None,
-    debug: Debug = False,
-) -> int:
-    """Find how fine the mesh of a part or a machine must be; a stopped series continues."""
-    share = read_percent(accuracy)
-    words = click.get_current_context().find_root().obj
+        str | None, option("--solid", "NAME|N", "Which solid of a STEP file with several.")
+    ] = None
+    variant: Variant = None
+    set_: Overrides = None
+    ranks: Ranks = None
+    retry: Annotated[bool, flag("--retry", "Compute failed meshes again.")] = False
+    no_host: NoHost = False
+    json: JsonFile = None
+    debug: Debug = False
 
-    def action(comm: "MPI.Comm") -> int:
-        from headstock.app.actions.converging import ConvergeRequest, converge_request
-        from headstock.studies.parameters.convergence import ConvergenceGoal
-
-        request = ConvergeRequest(
-            scene=choose_scene(scene, variant, set_),
-            goal=ConvergenceGoal(share, most_dofs, most_seconds, tuple(watch or ())),
-            solid=read_solid(solid),
-            free=free,
-            output=output,
-            ranks=ranks,
-            retry=retry,
-            json_file=json,
-            with_host=not no_host,
-            command=words,
-        )
-        return converge_request(request, comm)
-
-    return run_guarded(action, debug=debug)
+    def __post_init__(self) -> None:
+        """Refuse an accuracy that is no share, before anything is loaded."""
+        read_percent(self.accuracy)
 
 
-def sweep(
-    scene: SceneFile,
-    name: Annotated[str, typer.Argument(metavar="NAME", help="One of the scene's [sweeps.NAME].")],
-    output: StudyFolder = None,
-    variant: Variant = None,
-    set_: Overrides = None,
-    ranks: Ranks = None,
-    retry: Annotated[bool, typer.Option("--retry", help="Compute failed poses again.")] = False,
-    on: On = None,
+@dataclass(frozen=True, kw_only=True)
+class SweepOptions(SceneOptions, ClusterOptions):
+    """Repeat a scene's analyses in every pose of a sweep; a stopped sweep continues."""
+
+    action = "sweeping:sweep_command"
+    collective = True
+    scene: SceneFile
+    name: Annotated[str, typer.Argument(metavar="NAME", help="One of the scene's [sweeps.NAME].")]
+    output: _Folder = None
+    variant: Variant = None
+    set_: Overrides = None
+    ranks: Ranks = None
+    retry: Annotated[bool, flag("--retry", "Compute failed poses again.")] = False
+    on: On = None
     tasks: Annotated[
-        int | None,
-        typer.Option("--tasks", metavar="N", min=1, max=1000, help="With --on: array tasks [4]."),
-    ] = None,
-    partition: Partition = None,
-    time_limit: TimeLimit = None,
-    sbatch: Sbatch = None,
-    no_wait: NoWait = False,
+        int | None, option("--tasks", "N", "With --on: array tasks [4].", min=1, max=1000)
+    ] = None
+    partition: Partition = None
+    time_limit: TimeLimit = None
+    sbatch: Sbatch = None
+    no_wait: NoWait = False
     part: Annotated[
         str | None, typer.Option("--part", hidden=True, help="K/N: only this share of the poses.")
-    ] = None,
+    ] = None
     key: Annotated[
         str | None, typer.Option("--key", hidden=True, help="Of the sweep that was submitted.")
-    ] = None,
-    no_host: NoHost = False,
-    json: JsonFile = None,
-    debug: Debug = False,
-) -> int:
-    """Repeat a scene's analyses in every pose of a sweep; a stopped sweep continues."""
-    check_cluster(on, tasks, partition, time_limit, sbatch, no_wait)
-
-    def action(comm: "MPI.Comm") -> int:
-        from headstock.app.actions.sweeping import SweepRequest, parse_part, sweep_request
-        from headstock.studies.sweeps.slurm import SlurmOptions
-
-        options = SlurmOptions(tasks or 4, ranks or 1, partition, time_limit, tuple(sbatch or ()))
-        chosen = choose_scene(scene, variant, set_)
-        origin = trace_command(chosen, ranks=comm.size, with_host=not no_host)
-        request = SweepRequest(
-            scene=chosen,
-            name=name,
-            output=output,
-            ranks=ranks,
-            retry=retry,
-            json_file=json,
-            cluster=options if on else None,
-            wait=not no_wait,
-            part=parse_part(part) if part else None,
-            key=key,
-        )
-        return sweep_request(request, comm, origin)
-
-    return run_guarded(action, debug=debug)
+    ] = None
+    no_host: NoHost = False
+    json: JsonFile = None
+    debug: Debug = False
 
 
-@on_cluster
-def compare(
-    scene: SceneFile,
-    variants: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--variants",
-            metavar="A,B,C",
-            help="Variants [all]; A+B applies A, then B; 'as written' is the scene itself.",
-        ),
-    ] = None,
-    baseline: Annotated[
-        bool,
-        typer.Option(
-            "--baseline/--no-baseline",
-            help="Compare the variants with the scene as written, or not.",
-        ),
-    ] = True,
-    fidelity: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--fidelity",
-            metavar="A,B",
-            help="Fidelities of the elastic parts: rigid, segmented, elastic [all three without variants].",
-        ),
-    ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o", "--output", metavar="DIR", help="Folder of results [results/SCENE-compare]."
-        ),
-    ] = None,
-    pose: Annotated[
-        str | None, typer.Option("--pose", metavar="NAME", help="Pose [the first].")
-    ] = None,
-    reference: Annotated[
-        str | None,
-        typer.Option(
-            "--reference", metavar="NAME", help="Column to compare with [the most detailed]."
-        ),
-    ] = None,
-    effort: Annotated[
-        bool,
-        typer.Option(
-            "--effort", help="Start each variant from an empty store, and show its times."
-        ),
-    ] = False,
-    change: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--change",
-            metavar="NAME",
-            help="With --effort: also the times after this variant or KEY=VALUE; repeatable.",
-        ),
-    ] = None,
-    set_: Overrides = None,
-    ranks: Ranks = None,
-    no_host: NoHost = False,
-    json: JsonFile = None,
-    debug: Debug = False,
-) -> int:
+@dataclass(frozen=True, kw_only=True)
+class CompareOptions(SceneOptions):
     """Compare lumped models with finite elements, or variants of a scene: modes paired by shape,
     compliances, responses, weak links, seconds.
     """
 
-    def action(comm: "MPI.Comm") -> int:
-        from headstock.app.actions.comparing import CompareRequest, compare_request
+    action = "comparing:compare_command"
+    collective = as_one_job = True
+    scene: SceneFile
+    variants: Annotated[
+        list[str] | None,
+        option(
+            "--variants",
+            "A,B,C",
+            "Variants [all]; A+B applies A, then B; 'as written' is the scene itself.",
+        ),
+    ] = None
+    baseline: Annotated[
+        bool,
+        flag(
+            "--baseline/--no-baseline",
+            "Compare the variants with the scene as written, or not.",
+        ),
+    ] = True
+    fidelity: Annotated[
+        list[str] | None,
+        option(
+            "--fidelity",
+            "A,B",
+            "Fidelities of the elastic parts: rigid, segmented, elastic [all three without variants].",
+        ),
+    ] = None
+    output: Annotated[
+        Path | None, output_option("DIR", "Folder of results [results/SCENE-compare].")
+    ] = None
+    pose: Annotated[str | None, option("--pose", "NAME", "Pose [the first].")] = None
+    reference: Annotated[
+        str | None, option("--reference", "NAME", "Column to compare with [the most detailed].")
+    ] = None
+    effort: Annotated[
+        bool, flag("--effort", "Start each variant from an empty store, and show its times.")
+    ] = False
+    change: Annotated[
+        list[str] | None,
+        option(
+            "--change",
+            "NAME",
+            "With --effort: also the times after this variant or KEY=VALUE; repeatable.",
+        ),
+    ] = None
+    set_: Overrides = None
+    ranks: Ranks = None
+    no_host: NoHost = False
+    json: JsonFile = None
+    debug: Debug = False
 
-        chosen = choose_scene(scene, None, set_)
-        origin = trace_command(chosen, ranks=comm.size, with_host=not no_host)
-        request = CompareRequest(
-            scene=chosen,
-            output=output,
-            variants=split_list(variants),
-            fidelities=split_list(fidelity),
-            baseline=baseline,
-            pose=pose,
-            reference=reference,
-            ranks=ranks,
-            effort=effort,
-            change=tuple(change or ()),
-            json_file=json,
-        )
-        return compare_request(request, comm, origin)
 
-    return run_guarded(action, debug=debug)
+@dataclass(frozen=True, kw_only=True)
+class IdentifyOptions(SceneOptions):
+    """Fit parameters of a scene to measured frequencies, shapes and compliances; the scene file is
+    not changed.
+    """
 
-
-@on_cluster
-def identify(
-    scene: SceneFile,
+    action = "identifying:identify_command"
+    collective = as_one_job = True
+    scene: SceneFile
     targets: Annotated[
         Path,
         typer.Argument(
             metavar="TARGETS", help="Target file (.toml): what was measured, what may be fitted."
         ),
-    ],
+    ]
     output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o", "--output", metavar="DIR", help="Folder of results [results/SCENE-TARGETS]."
-        ),
-    ] = None,
+        Path | None, output_option("DIR", "Folder of results [results/SCENE-TARGETS].")
+    ] = None
     starts: Annotated[
-        int | None,
-        typer.Option(
-            "--starts", metavar="N", min=1, max=4096, help="Number of starts [from the file]."
-        ),
-    ] = None,
-    set_: Overrides = None,
-    ranks: Ranks = None,
-    no_host: NoHost = False,
-    json: JsonFile = None,
-    debug: Debug = False,
-) -> int:
-    """Fit parameters of a scene to measured frequencies, shapes and compliances; the scene file is
-    not changed.
-    """
-
-    def action(comm: "MPI.Comm") -> int:
-        from headstock.app.actions.identifying import IdentifyRequest, identify_request
-
-        chosen = choose_scene(scene, None, set_)
-        origin = trace_command(chosen, ranks=comm.size, with_host=not no_host)
-        request = IdentifyRequest(
-            scene=chosen,
-            targets=targets,
-            output=output,
-            starts=starts,
-            ranks=ranks,
-            json_file=json,
-        )
-        return identify_request(request, comm, origin)
-
-    return run_guarded(action, debug=debug)
+        int | None, option("--starts", "N", "Number of starts [from the file].", min=1, max=4096)
+    ] = None
+    set_: Overrides = None
+    ranks: Ranks = None
+    no_host: NoHost = False
+    json: JsonFile = None
+    debug: Debug = False

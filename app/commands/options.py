@@ -1,10 +1,11 @@
-"""Arguments and options that commands share, and how their texts are read."""
+"""Options that commands share, and the command that typer makes of a dataclass of options."""
 
-import functools
+import importlib
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
+from dataclasses import MISSING, Field, dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import click
 import typer
@@ -14,6 +15,9 @@ from headstock.app.terminal.guard import run_guarded
 if TYPE_CHECKING:
     from headstock.pipeline.storage.provenance import Provenance, SceneChoice
     from headstock.solvers.mpi import MPI
+    from headstock.studies.sweeps.slurm import SlurmOptions
+
+SUBMIT = "cluster_jobs:command_on_slurm"
 
 
 def _check_file(path: Path | None) -> Path | None:
@@ -29,43 +33,43 @@ def _check_file(path: Path | None) -> Path | None:
     return path
 
 
+def option(name: str, metavar: str, words: str, **more: Any) -> Any:
+    """Make an option with a value, and what the help says of it."""
+    return typer.Option(name, metavar=metavar, help=words, **more)
+
+
+def output_option(metavar: str, words: str) -> Any:
+    """Make ``-o``."""
+    return typer.Option("-o", "--output", metavar=metavar, help=words)
+
+
+def flag(name: str, words: str) -> Any:
+    """Make an option without a value."""
+    return typer.Option(name, help=words)
+
+
 SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (.toml).")]
 Variant = Annotated[
-    str | None,
-    typer.Option(
-        "--variant", metavar="NAME", help="Apply a variant of the scene; A+B applies A, then B."
-    ),
+    str | None, option("--variant", "NAME", "Apply a variant of the scene; A+B applies A, then B.")
 ]
 Overrides = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the scene; repeatable."),
+    list[str] | None, option("--set", "KEY=VALUE", "Override a key of the scene; repeatable.")
 ]
 JsonFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--json", metavar="FILE", callback=_check_file, help="Also write the output as JSON."
-    ),
+    Path | None, option("--json", "FILE", "Also write the output as JSON.", callback=_check_file)
 ]
-Debug = Annotated[bool, typer.Option("--debug", help="Show tracebacks.")]
-Ranks = Annotated[
-    int | None,
-    typer.Option("--ranks", metavar="N", min=1, help="MPI ranks; the launcher starts them."),
-]
-NoHost = Annotated[
-    bool, typer.Option("--no-host", help="Leave host and command line out of the files.")
-]
+Debug = Annotated[bool, flag("--debug", "Show tracebacks.")]
+Ranks = Annotated[int | None, option("--ranks", "N", "MPI ranks; the launcher starts them.", min=1)]
+NoHost = Annotated[bool, flag("--no-host", "Leave host and command line out of the files.")]
 Names = Annotated[
-    list[str] | None,
-    typer.Option("--analysis", metavar="NAME", help="Run this analysis only; repeatable."),
+    list[str] | None, option("--analysis", "NAME", "Run this analysis only; repeatable.")
 ]
-
-
 Accuracy = Annotated[
     str | None,
-    typer.Option(
+    option(
         "--accuracy",
-        metavar="SHARE",
-        help="Choose meshes and modes for this largest relative error, such as 1%.",
+        "SHARE",
+        "Choose meshes and modes for this largest relative error, such as 1%.",
     ),
 ]
 Fidelities = Annotated[
@@ -76,123 +80,187 @@ Fidelities = Annotated[
         help="Fidelity of all parts that are not rigid in the scene.",
     ),
 ]
-On = Annotated[
+Solid = Annotated[
     str | None,
-    typer.Option("--on", metavar="slurm", help="Compute in a job of this cluster."),
+    option(
+        "--solid",
+        "NAME|N",
+        "Which solid of a STEP file, set of cells of a mesh file, or * for all.",
+    ),
 ]
-Partition = Annotated[
-    str | None, typer.Option("--partition", metavar="NAME", help="With --on: partition.")
-]
+Unit = Annotated[str | None, option("--unit", "LENGTH", "Length unit of a mesh file, as 1 mm.")]
+On = Annotated[str | None, option("--on", "slurm", "Compute in a job of this cluster.")]
+Partition = Annotated[str | None, option("--partition", "NAME", "With --on: partition.")]
 TimeLimit = Annotated[
-    str | None,
-    typer.Option("--time", metavar="LIMIT", help="With --on: time limit per task, as in 0:30:00."),
+    str | None, option("--time", "LIMIT", "With --on: time limit per task, as in 0:30:00.")
 ]
 Sbatch = Annotated[
     list[str] | None,
-    typer.Option(
+    option(
         "--sbatch",
-        metavar="OPTION",
-        help="With --on: option of sbatch, as in --sbatch=--account=ours; repeatable.",
+        "OPTION",
+        "With --on: option of sbatch, as in --sbatch=--account=ours; repeatable.",
     ),
 ]
 NoWait = Annotated[
-    bool,
-    typer.Option("--no-wait", help="With --on: submit only; the same command again collects."),
+    bool, flag("--no-wait", "With --on: submit only; the same command again collects.")
 ]
-CLUSTER_OPTIONS = {
-    "on": (On, None),
-    "partition": (Partition, None),
-    "time_limit": (TimeLimit, None),
-    "sbatch": (Sbatch, None),
-    "no_wait": (NoWait, False),
-}
 
 
-def check_cluster(on: str | None, *others: object) -> None:
-    """Refuse an unknown cluster, and options of a cluster without one.
+class CommandOptions:
+    """Options of a command, declared once for the command line and for what it does; the docstring of
+    the class is the help of the command.
 
-    Raises:
-        click.UsageError: They do not fit.
+    Attributes:
+        action: ``MODULE:FUNCTION`` in ``app/actions``, which takes the options and returns an exit code.
+        collective: It also takes the ranks that compute together.
+        as_one_job: It may also be computed as one job of a cluster, with the options for it.
     """
-    if on not in (None, "slurm"):
-        raise click.UsageError(f"--on {on} is not known; write --on slurm")
-    if on is None and any(others):
-        raise click.UsageError(
-            "--tasks, --partition, --time, --sbatch and --no-wait go with --on slurm"
-        )
+
+    action: ClassVar[str]
+    collective: ClassVar[bool] = False
+    as_one_job: ClassVar[bool] = False
+    ranks: int | None = None
+    json: Path | None = None
+    debug: bool = False
+
+    def write_json(self, text: str) -> None:
+        """Write what was printed, where ``--json`` names a file."""
+        if self.json is not None:
+            from headstock.pipeline.storage.outputs import write_output
+
+            write_output(self.json, text.encode())
 
 
-def on_cluster(command: Callable[..., int]) -> Callable[..., int]:
-    """A command that may also be computed as one job of a cluster, with the options for it."""
+class SceneOptions(CommandOptions):
+    """Options of a command on a scene."""
 
-    @functools.wraps(command)
-    def with_cluster(
-        *,
-        on: str | None = None,
-        partition: str | None = None,
-        time_limit: str | None = None,
-        sbatch: list[str] | None = None,
-        no_wait: bool = False,
-        **arguments: object,
-    ) -> int:
-        check_cluster(on, partition, time_limit, sbatch, no_wait)
-        if on is None:
-            return command(**arguments)
-        ranks = arguments.get("ranks")
-        words = click.get_current_context().find_root().obj
+    scene: Path
+    set_: list[str] | None
+    variant: str | None = None
+    analysis: list[str] | None = None
+    no_host: bool = False
 
-        def action(comm: "MPI.Comm") -> int:
-            from headstock.app.actions.cluster_jobs import command_on_slurm
-            from headstock.studies.sweeps.slurm import SlurmOptions
+    @property
+    def chosen(self) -> "SceneChoice":
+        """What the command line says of the scene, as one thing."""
+        from headstock.pipeline.storage.provenance import SceneChoice
 
-            count = ranks if isinstance(ranks, int) else 1
-            options = SlurmOptions(1, count, partition, time_limit, tuple(sbatch or ()))
-            return command_on_slurm(words, options, comm.size, wait=not no_wait)
+        overrides, analyses = tuple(self.set_ or ()), tuple(self.analysis or ())
+        return SceneChoice(self.scene, self.variant, overrides, analyses)
 
-        return run_guarded(action, debug=bool(arguments.get("debug")))
+    def trace(self, ranks: int = 1) -> "Provenance | None":
+        """Return where results of the command come from; None without a scene that can be read."""
+        return trace_command(self.chosen, ranks=ranks, with_host=not self.no_host)
 
-    signature = inspect.signature(command)
-    added = [
-        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=kind)
-        for name, (kind, default) in CLUSTER_OPTIONS.items()
-    ]
+
+class PartOptions(CommandOptions):
+    """Options of a command on the file of a part."""
+
+    solid: str | None
+
+    @property
+    def solid_choice(self) -> int | str | None:
+        """Number of a solid, or its name."""
+        text = self.solid
+        return int(text) if text is not None and text.isdecimal() else text
+
+
+class ClusterOptions:
+    """What a command line says of a cluster."""
+
+    on: str | None
+    partition: str | None
+    time_limit: str | None
+    sbatch: list[str] | None
+    no_wait: bool
+    tasks: int | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse an unknown cluster, and options of a cluster without one.
+
+        Raises:
+            click.UsageError: They do not fit.
+        """
+        if self.on not in (None, "slurm"):
+            raise click.UsageError(f"--on {self.on} is not known; write --on slurm")
+        others = (self.tasks, self.partition, self.time_limit, self.sbatch, self.no_wait)
+        if self.on is None and any(others):
+            raise click.UsageError(
+                "--tasks, --partition, --time, --sbatch and --no-wait go with --on slurm"
+            )
+
+    def describe_job(self, tasks: int, ranks: int | None) -> "SlurmOptions":
+        """Return what Slurm is asked for."""
+        from headstock.studies.sweeps.slurm import SlurmOptions
+
+        more = tuple(self.sbatch or ())
+        return SlurmOptions(tasks, ranks or 1, self.partition, self.time_limit, more)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _JobOptions(ClusterOptions):
+    """Options of the job of a whole command."""
+
+    on: On = None
+    partition: Partition = None
+    time_limit: TimeLimit = None
+    sbatch: Sbatch = None
+    no_wait: NoWait = False
+
+
+def make_command(kind: type[CommandOptions]) -> Callable[..., int]:
+    """Return the function that typer makes a command of; its parameters are the fields of the options."""
+    of_job = fields(_JobOptions) if kind.as_one_job else ()
+
+    def command(**arguments: Any) -> int:
+        job = _JobOptions(**{item.name: arguments.pop(item.name) for item in of_job})
+        options = kind(**arguments)
+
+        def act(*comm: "MPI.Comm") -> int:
+            if job.on is None:
+                return _load_action(kind.action)(options, *comm)
+            described, words = job.describe_job(1, options.ranks), command_words()
+            return _load_action(SUBMIT)(words, described, comm[0].size, wait=not job.no_wait)
+
+        if kind.collective:
+            return run_guarded(lambda comm: act(comm), debug=options.debug)
+        return run_guarded(lambda: act(), debug=options.debug)
+
+    declared: tuple[Field[Any], ...] = fields(kind)  # type: ignore[arg-type]
     # typer reads the options of a command from its signature
-    with_cluster.__signature__ = signature.replace(  # type: ignore[attr-defined]
-        parameters=[*signature.parameters.values(), *added]
+    command.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
+        [
+            inspect.Parameter(
+                item.name,
+                inspect.Parameter.KEYWORD_ONLY,
+                default=inspect.Parameter.empty if item.default is MISSING else item.default,
+                annotation=item.type,
+            )
+            for item in (*declared, *of_job)
+        ]
     )
-    return with_cluster
+    command.__doc__ = kind.__doc__
+    return command
 
 
-def write_json_file(
-    path: Path | None, content: Mapping[str, object] | Sequence[Mapping[str, object]]
-) -> None:
-    """Write what was printed, where a file was named."""
-    if path is not None:
-        from headstock.pipeline.storage.json_texts import dump_json
-        from headstock.pipeline.storage.outputs import write_output
-
-        write_output(path, dump_json(content).encode())
+def _load_action(place: str) -> Callable[..., int]:
+    module, _, name = place.partition(":")
+    action: Callable[..., int] = getattr(
+        importlib.import_module(f"headstock.app.actions.{module}"), name
+    )
+    return action
 
 
-def choose_scene(
-    scene: Path,
-    variant: str | None,
-    overrides: Sequence[str] | None,
-    analyses: Sequence[str] | None = None,
-) -> "SceneChoice":
-    """What a command line says of a scene, as one thing.
-
-    Args:
-        overrides: ``KEY=VALUE`` of each ``--set``.
-        analyses: Of each ``--analysis``; all where there is none.
-    """
-    from headstock.pipeline.storage.provenance import SceneChoice
-
-    return SceneChoice(scene, variant, tuple(overrides or ()), tuple(analyses or ()))
+def command_words() -> tuple[str, ...] | None:
+    """Return the words of the present command line; None without one."""
+    context = click.get_current_context(silent=True)
+    words: tuple[str, ...] | None = None if context is None else context.find_root().obj
+    return words
 
 
 def trace_command(choice: "SceneChoice", *, ranks: int = 1, with_host: bool) -> "Provenance | None":
-    """Where the results of the present command come from; None where there is no scene that
+    """Return where the results of the present command come from; None where there is no scene that
     can be read, which is said elsewhere.
 
     Args:
@@ -204,22 +272,15 @@ def trace_command(choice: "SceneChoice", *, ranks: int = 1, with_host: bool) -> 
 
     if not choice.path.is_file():
         return None
-    context = click.get_current_context(silent=True)
-    words = None if context is None else context.find_root().obj
     try:
         content = scene_content(choice.path)
     except (OSError, SceneError):
         return None
-    return trace_content(choice, content, ranks=ranks, command=words, with_host=with_host)
-
-
-def read_solid(text: str | None) -> int | str | None:
-    """A number of a solid, or its name."""
-    return int(text) if text is not None and text.isdecimal() else text
+    return trace_content(choice, content, ranks=ranks, command=command_words(), with_host=with_host)
 
 
 def read_percent(text: str) -> float:
-    """A share such as ``1 %`` or ``0.01``, above 0 and below 1."""
+    """Read a share such as ``1 %`` or ``0.01``, above 0 and below 1."""
     number, percent, _ = text.strip().partition("%")
     try:
         share = float(number) / (100.0 if percent else 1.0)
@@ -231,6 +292,6 @@ def read_percent(text: str) -> float:
 
 
 def split_list(texts: list[str] | None) -> tuple[str, ...]:
-    """The parts of ``A, B,C``, of an option given once or more often."""
+    """Return the parts of ``A, B,C``, of an option given once or more often."""
     parts = (part.strip() for text in texts or [] for part in text.split(","))
     return tuple(part for part in parts if part)

@@ -1,145 +1,82 @@
-"""Commands beside a scene: parts, validation, reports, the environment. Heavy modules are imported
-by the command that needs them.
-"""
+"""Options of commands beside a scene: parts, validation, reports, the environment."""
 
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import click
 import typer
 
 from headstock.app.commands.options import (
+    CommandOptions,
     Debug,
     JsonFile,
     Overrides,
+    PartOptions,
     Ranks,
+    SceneOptions,
+    Solid,
+    Unit,
     Variant,
-    read_solid,
-    write_json_file,
+    flag,
+    option,
+    output_option,
 )
-from headstock.app.terminal.guard import run_guarded
-
-if TYPE_CHECKING:
-    from headstock.solvers.mpi import MPI
 
 
-class SchemaKind(StrEnum):
-    """Files that have a schema."""
-
-    scene = "scene"
-    targets = "targets"
-
-
-def show(
-    file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="STEP or mesh file, or scene (.toml).")
-    ],
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o", "--output", metavar="PNG", help="Picture [NAME_faces.png or NAME_machine.png]."
-        ),
-    ] = None,
-    variant: Variant = None,
-    set_: Overrides = None,
-    pose: Annotated[
-        str | None, typer.Option("--pose", metavar="NAME", help="Pose of a scene [the first].")
-    ] = None,
-    window: Annotated[
-        bool, typer.Option("--window", help="Show the machine in an interactive window.")
-    ] = False,
-    solid: Annotated[
-        str | None,
-        typer.Option(
-            "--solid",
-            metavar="NAME|N",
-            help="Which solid of a STEP file, set of cells of a mesh file, or * for all.",
-        ),
-    ] = None,
-    unit: Annotated[
-        str | None,
-        typer.Option("--unit", metavar="LENGTH", help="Length unit of a mesh file, as 1 mm."),
-    ] = None,
-    component: Annotated[
-        str | None,
-        typer.Option("--component", metavar="NAME", help="This component of a scene."),
-    ] = None,
-    every_face: Annotated[
-        bool, typer.Option("--all", help="List every face, not only the largest.")
-    ] = False,
-    json: JsonFile = None,
-    debug: Debug = False,
-) -> int:
+@dataclass(frozen=True, kw_only=True)
+class ShowOptions(SceneOptions, PartOptions):
     """Draw a part with numbered faces and suggest interfaces, or the machine of a scene with
     its joints and points, before anything is computed.
     """
 
-    def action() -> int:
-        from headstock.app.actions.showing import ShowRequest, show_file
+    action = "showing:show_command"
+    scene: Annotated[
+        Path, typer.Argument(metavar="FILE", help="STEP or mesh file, or scene (.toml).")
+    ]
+    output: Annotated[
+        Path | None, output_option("PNG", "Picture [NAME_faces.png or NAME_machine.png].")
+    ] = None
+    variant: Variant = None
+    set_: Overrides = None
+    pose: Annotated[str | None, option("--pose", "NAME", "Pose of a scene [the first].")] = None
+    window: Annotated[bool, flag("--window", "Show the machine in an interactive window.")] = False
+    solid: Solid = None
+    unit: Unit = None
+    component: Annotated[
+        str | None, option("--component", "NAME", "This component of a scene.")
+    ] = None
+    every_face: Annotated[bool, flag("--all", "List every face, not only the largest.")] = False
+    json: JsonFile = None
+    debug: Debug = False
 
-        return show_file(
-            ShowRequest(
-                path=file,
-                variant=variant,
-                overrides=tuple(set_ or ()),
-                pose=pose,
-                window=window,
-                picture=output,
-                solid=read_solid(solid),
-                component=component,
-                every_face=every_face,
-                json_file=json,
-                unit=unit,
-            )
-        )
 
-    return run_guarded(action, debug=debug)
-
-
-def new(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder to make.")],
-    part: Annotated[
-        Path | None,
-        typer.Option(
-            "--part", metavar="FILE", help="STEP or mesh file to start from; it is copied."
-        ),
-    ] = None,
-    solid: Annotated[
-        str | None,
-        typer.Option(
-            "--solid",
-            metavar="NAME|N",
-            help="Which solid of a STEP file, set of cells of a mesh file, or * for all.",
-        ),
-    ] = None,
-    unit: Annotated[
-        str | None,
-        typer.Option("--unit", metavar="LENGTH", help="Length unit of a mesh file, as 1 mm."),
-    ] = None,
-    debug: Debug = False,
-) -> int:
+@dataclass(frozen=True, kw_only=True)
+class NewOptions(PartOptions):
     """Make a folder with a commented scene that can be run."""
 
-    def action() -> int:
-        from headstock.app.actions.starting import StartRequest, start_scene
+    action = "starting:new_command"
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder to make.")]
+    part: Annotated[
+        Path | None, option("--part", "FILE", "STEP or mesh file to start from; it is copied.")
+    ] = None
+    solid: Solid = None
+    unit: Unit = None
+    debug: Debug = False
 
-        return start_scene(
-            StartRequest(folder=folder, part=part, solid=read_solid(solid), unit=unit)
-        )
 
-    return run_guarded(action, debug=debug)
+@dataclass(frozen=True, kw_only=True)
+class ValidateOptions(CommandOptions):
+    """Compare computed numbers with closed forms and published values."""
 
-
-def validate(
+    action = "validating:validate_command"
+    collective = True
     cases: Annotated[
         list[str] | None,
         typer.Argument(metavar="[CASE]...", help="Cases or groups; all when none is named."),
-    ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", metavar="DIR", help="Folder for figures of cases."),
-    ] = None,
+    ] = None
+    output: Annotated[Path | None, output_option("DIR", "Folder for figures of cases.")] = None
     seed: Annotated[
         int | None,
         typer.Option(
@@ -147,36 +84,21 @@ def validate(
             min=0,
             help="Compare what is drawn from this seed on (coverage, model-estimates): what no factor was fitted on.",
         ),
-    ] = None,
-    json: JsonFile = None,
-    ranks: Ranks = None,
-    debug: Debug = False,
-) -> int:
-    """Compare computed numbers with closed forms and published values."""
-
-    def action(comm: "MPI.Comm") -> int:
-        from headstock.app.actions.validating import validate_cases
-
-        return validate_cases(cases or [], json, ranks, comm, output, seed)
-
-    return run_guarded(action, debug=debug)
+    ] = None
+    json: JsonFile = None
+    ranks: Ranks = None
+    debug: Debug = False
 
 
-def report(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of results.")],
-    debug: Debug = False,
-) -> int:
+@dataclass(frozen=True, kw_only=True)
+class ReportOptions(CommandOptions):
     """Write the report of a finished run again, with a PNG of every mode and chart in
     DIR/figures.
     """
 
-    def action() -> int:
-        from headstock.app.actions.publishing import renew_report
-
-        typer.echo(renew_report(folder))
-        return 0
-
-    return run_guarded(action, debug=debug)
+    action = "publishing:report_command"
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of results.")]
+    debug: Debug = False
 
 
 def _complete_numbers(ctx: click.Context, incomplete: str) -> list[str]:
@@ -191,10 +113,14 @@ def _complete_numbers(ctx: click.Context, incomplete: str) -> list[str]:
         return []
 
 
-def numbers(
+@dataclass(frozen=True, kw_only=True)
+class NumbersOptions(CommandOptions):
+    """List every number of a finished run, study, sweep or comparison with its name, unit and ±, and what is not in ±."""
+
+    action = "numbering:numbers_command"
     folder: Annotated[
         Path, typer.Argument(metavar="RESULTS", help="Folder of a run, study, sweep or comparison.")
-    ],
+    ]
     pattern: Annotated[
         str | None,
         typer.Argument(
@@ -202,57 +128,39 @@ def numbers(
             help="Names to list: one, a kind (frequency), or with * and ? (compliance(*point=tcp*)) [all].",
             autocompletion=_complete_numbers,
         ),
-    ] = None,
-    csv: Annotated[
-        Path | None, typer.Option("--csv", metavar="FILE", help="Write them as CSV, in SI units.")
-    ] = None,
-    json: JsonFile = None,
-    debug: Debug = False,
-) -> int:
-    """List every number of a finished run, study, sweep or comparison with its name, unit and ±, and what is not in ±."""
-
-    def action() -> int:
-        from headstock.app.actions.numbering import list_numbers
-
-        return list_numbers(folder, pattern, csv, json)
-
-    return run_guarded(action, debug=debug)
+    ] = None
+    csv: Annotated[Path | None, option("--csv", "FILE", "Write them as CSV, in SI units.")] = None
+    json: JsonFile = None
+    debug: Debug = False
 
 
-def doctor(json: JsonFile = None, debug: Debug = False) -> int:
+@dataclass(frozen=True, kw_only=True)
+class DoctorOptions(CommandOptions):
     """Check the environment: libraries, MPI, memory, caches."""
 
-    def action() -> int:
-        from headstock.app.actions.doctor import run_doctor
-
-        return run_doctor(json)
-
-    return run_guarded(action, debug=debug)
+    action = "doctor:doctor_command"
+    json: JsonFile = None
+    debug: Debug = False
 
 
-def schema(
-    kind: Annotated[
-        SchemaKind, typer.Argument(help="Of scene files, or of target files (targets).")
-    ] = SchemaKind.scene,
-    markdown: Annotated[
-        bool, typer.Option("--markdown", help="Print the scene reference instead.")
-    ] = False,
-    json: JsonFile = None,
-    debug: Debug = False,
-) -> int:
+class _SchemaKind(StrEnum):
+    """Files that have a schema."""
+
+    scene = "scene"
+    targets = "targets"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SchemaOptions(CommandOptions):
     """Print the JSON schema of scene files, or of target files, for editors."""
 
-    def action() -> int:
-        from headstock.app.actions.editor_schema import plain_schema, scene_schema, targets_schema
-        from headstock.app.actions.scene_reference import render_reference
-        from headstock.pipeline.storage.json_texts import dump_json
-
-        content = scene_schema() if kind is SchemaKind.scene else targets_schema()
-        typer.echo(render_reference(plain_schema()) if markdown else dump_json(content), nl=False)
-        write_json_file(json, content)
-        return 0
-
-    return run_guarded(action, debug=debug)
+    action = "schemas:schema_command"
+    kind: Annotated[
+        _SchemaKind, typer.Argument(help="Of scene files, or of target files (targets).")
+    ] = _SchemaKind.scene
+    markdown: Annotated[bool, flag("--markdown", "Print the scene reference instead.")] = False
+    json: JsonFile = None
+    debug: Debug = False
 
 
 def _list_elements() -> list[str]:
@@ -261,7 +169,13 @@ def _list_elements() -> list[str]:
     return [*read_catalogue(), "cutting", *read_cutting_materials()]
 
 
-def catalogue(
+@dataclass(frozen=True, kw_only=True)
+class CatalogueOptions(CommandOptions):
+    """List typical machine elements (guides, screws, bearings, mounts) that joints take by name:
+    stiffness, damping, range and source; or cutting coefficients of work materials.
+    """
+
+    action = "cataloguing:catalogue_command"
     name: Annotated[
         str | None,
         typer.Argument(
@@ -269,30 +183,19 @@ def catalogue(
             help="Element (guide_35), family (guide), or cutting for work materials; all.",
             autocompletion=_list_elements,
         ),
-    ] = None,
+    ] = None
     markdown: Annotated[
-        bool, typer.Option("--markdown", help="Print the page of the documentation instead.")
-    ] = False,
-    json: JsonFile = None,
-    debug: Debug = False,
-) -> int:
-    """List typical machine elements (guides, screws, bearings, mounts) that joints take by name:
-    stiffness, damping, range and source; or cutting coefficients of work materials.
-    """
-
-    def action() -> int:
-        from headstock.app.actions.cataloguing import list_catalogue
-
-        return list_catalogue(name, markdown=markdown, json_file=json)
-
-    return run_guarded(action, debug=debug)
+        bool, flag("--markdown", "Print the page of the documentation instead.")
+    ] = False
+    json: JsonFile = None
+    debug: Debug = False
 
 
 def _list_shells() -> list[str]:
     return ["bash", "zsh", "fish"]
 
 
-def completion(
+def print_completion(
     shell: Annotated[
         str, typer.Argument(metavar="SHELL", help="bash, zsh or fish.", autocompletion=_list_shells)
     ],
@@ -300,7 +203,7 @@ def completion(
     """Print a script that completes commands with the Tab key: source <(./headstock completion
     bash).
     """
-    from headstock.app.actions.shell_completion import SCRIPTS
+    from headstock.app.commands.shell_completion import SCRIPTS
 
     if shell not in SCRIPTS:
         raise click.UsageError(

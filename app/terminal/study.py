@@ -23,7 +23,7 @@ from headstock.app.texts.bounded_values import AND_MORE, show_bound, show_bounde
 from headstock.pipeline.storage.provenance import ProvenanceSummary
 from headstock.scene.reading.files import TomlValue
 from headstock.scene.reading.watch_paths import MEASURED_NAMES, Watched
-from headstock.scene.studies import describe_point, list_varied, shorten_key, show_value
+from headstock.scene.studies import describe_point, list_varied, shorten_key, show_setting
 from headstock.studies.parameters.costs import CostPoint, cheapest_within, weigh_costs
 from headstock.studies.parameters.records import POINTS_FILE, Measured, StudyRecord
 from headstock.studies.parameters.runs import StudyProgress
@@ -279,7 +279,7 @@ def study_csv(table: StudyTable) -> bytes:
     numbers = {key: varied_numbers(table, key) for key in table.varied}
     written = [
         [
-            show_value(row.record.varied[key]) if key in row.record.varied else None
+            show_setting(row.record.varied[key]) if key in row.record.varied else None
             for row in table.rows
         ]
         for key in table.varied
@@ -457,7 +457,7 @@ def _print_rows(console: Console, table: StudyTable) -> None:
     )
     for row in table.rows:
         varied = (
-            show_value(row.record.varied[key]) if key in row.record.varied else "" for key in keys
+            show_setting(row.record.varied[key]) if key in row.record.varied else "" for key in keys
         )
         values = (_show_cell(row, column, repeats=table.study.repeats) for column in table.columns)
         add_row(shown, *([row.record.family] if families else []), *varied, *values)

@@ -16,8 +16,7 @@ from PIL import Image
 from headstock.app.pictures.picture import Marks, Picture, frame_picture
 from headstock.app.pictures.pictures import draw_pictures
 from headstock.geometry.frames import FloatArray, frame_axes
-from headstock.geometry.parts.skins import Skin, join_skins
-from headstock.geometry.parts.solid_skins import solid_skin
+from headstock.geometry.parts.skins import Skin, join_skins, solid_skin
 from headstock.geometry.parts.solids import Box, Solid, Tube
 from headstock.scene.building.joints import KINDS
 

@@ -13,7 +13,7 @@ import numpy as np
 from headstock.geometry.frames import FloatArray, Frame, compose_frames, rotation_about
 from headstock.geometry.machine.guide_errors import AxisErrors
 from headstock.geometry.machine.joints import Axis, Joint, JointEnd
-from headstock.geometry.mechanisms.tool_mechanism import (
+from headstock.geometry.mechanisms.exechon import (
     TOOL_AXES,
     TOOL_POINT,
     ToolMechanism,

@@ -6,7 +6,7 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Patch
 from headstock.geometry.parts.curved_patches import STEEPEST, CurvedPatch, lay_patch
-from headstock.meshing.cad.shapes import add_prism
+from headstock.meshing.cad.shapes import add_prism, face_curves, total_area
 from headstock.meshing.errors import PartFileError
 
 SAMPLES = 12  # along each parameter of a face, to see how it bends
@@ -59,7 +59,7 @@ def cut_curved_face(face: int, patch: Patch, extent: float, unit: float) -> list
     faces = [int(tag) for dim, tag in pieces if dim == 2]
     if not faces:
         return []
-    cut = sum(float(occ.getMass(2, tag)) for tag in faces)
+    cut = total_area(faces)
     asked = _measure_under(face, laid)
     if abs(cut - asked) > AREA_TOLERANCE * asked:
         raise PartFileError(
@@ -189,10 +189,7 @@ def _choose_pieces(pieces: list[int], laid: CurvedPatch) -> list[int]:
     gaps = {tag: float(occ.getDistance(0, middle, 2, tag)[0]) for tag in pieces}
     occ.remove([(0, middle)])
     joined = [min(pieces, key=lambda tag: gaps[tag])]
-    rims = {
-        tag: {abs(curve) for _, curve in gmsh.model.getBoundary([(2, tag)], oriented=False)}
-        for tag in pieces
-    }
+    rims = {tag: face_curves(tag) for tag in pieces}
     for tag in joined:
         joined += [other for other in pieces if other not in joined and rims[other] & rims[tag]]
     return [tag for tag in pieces if facing[tag] or tag in joined]

@@ -7,14 +7,8 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.cad_faces import CadFace, FaceKind, Vector, fit_cylinder
-from headstock.meshing.cad.meshing import (
-    TRIANGLE,
-    boundary_faces,
-    open_kernel,
-    read_solid,
-    shape_bounds,
-)
-from headstock.meshing.cad.shapes import build_shape
+from headstock.meshing.cad.meshing import TRIANGLE, open_kernel, require_shape, shape_bounds
+from headstock.meshing.cad.shapes import boundary_faces, build_shape, read_nodes
 from headstock.meshing.component_mesh import IntArray
 from headstock.meshing.process.job import MeshData, MeshJob
 
@@ -36,7 +30,7 @@ def survey_shape(job: MeshJob) -> MeshData:
         meshed) and ``faces``.
     """
     with open_kernel():
-        volume = build_shape(read_solid(job))
+        volume = build_shape(require_shape(job))
         low, high = shape_bounds(volume)
         extent = float((high - low).max())
         for name, value in (
@@ -51,10 +45,7 @@ def survey_shape(job: MeshJob) -> MeshData:
             Exception
         ) as error:  # gmsh raises the bare class; faces that did mesh can still be shown
             gmsh.logger.write(str(error), "warning")
-        tags, coordinates, _ = gmsh.model.mesh.getNodes()
-        row = np.zeros(int(tags.max(initial=0)) + 1, dtype=np.int64)
-        row[tags] = np.arange(len(tags))
-        points = coordinates.reshape(-1, 3)
+        points, row = read_nodes()
         facets: dict[str, IntArray] = {}
         faces: list[CadFace] = []
         for number, tag in enumerate(boundary_faces(volume), 1):

@@ -7,11 +7,13 @@ The kernel, changing a shape, gives its faces new tags: they are recognised by w
 import dataclasses
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
+from typing import TypeGuard
 
 import gmsh
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.meshing.cad.shapes import boundary_faces, face_curves
 from headstock.meshing.component_mesh import LeftOut
 from headstock.meshing.errors import MeshError
 
@@ -58,6 +60,15 @@ class PlainShape:
         new = dict(zip(self.numbers, now, strict=False))
         faces = [new.get(tag, GONE) for tag in self.faces]
         return dataclasses.replace(self, volume=volume, faces=faces + list(now[len(new) :]))
+
+    def keeps(self, named: Collection[int], count: int) -> bool:
+        """Return whether faces are still there.
+
+        Args:
+            named: Numbers that ``face:N`` has for them.
+            count: Number of faces that such numbers count.
+        """
+        return all(self.faces[number - 1] != GONE for number in named if 0 < number <= count)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +172,6 @@ def _find_slivers(faces: Sequence[int], size: float) -> list[_Sliver]:
 
 def remove_narrow_features(
     shape: PlainShape,
-    list_boundary: Callable[[int], list[int]],
     *,
     width: float,
     named: Collection[int],
@@ -172,7 +182,6 @@ def remove_narrow_features(
 
     Args:
         shape: With its faces as ``face:N`` counts them.
-        list_boundary: Tags of the faces of a volume.
         width: Narrower faces go, and those that they alone surround.
         named: Numbers of faces that something refers to and that must stay.
         unit: Length of the model's unit [m].
@@ -186,28 +195,18 @@ def remove_narrow_features(
     narrow = {faces[face.number - 1] for face in _measure_faces(faces) if face.width < width}
     if not narrow:
         return shape
-    around = {
-        face: {abs(curve) for _, curve in gmsh.model.getBoundary([(2, face)], oriented=False)}
-        for face in faces
-    }
-    edges = set().union(*(around[face] for face in narrow))
-    feature = narrow | {face for face in faces if around[face] <= edges}
+    feature = _surround(faces, narrow)
     gone = sorted(numbers[face] for face in feature)
     if len(feature) > len(faces) / 2 or set(gone) & set(named):
         return shape
     faces_before = [know_face(face) for face in faces]
     before = float(gmsh.model.occ.getMass(3, shape.volume))
-    try:
-        volumes = gmsh.model.occ.defeature([shape.volume], sorted(feature))
-    except Exception:  # gmsh raises the bare class
+    left = _take_off(shape.volume, feature)
+    change = np.inf if left is None else float(gmsh.model.occ.getMass(3, left)) / before - 1.0
+    if left is None or not abs(change) <= NARROW_CHANGE:
         return None
-    gmsh.model.occ.synchronize()
-    left = [tag for dim, tag in volumes if dim == 3]
-    change = float(gmsh.model.occ.getMass(3, left[0])) / before - 1.0 if len(left) == 1 else np.inf
-    if not abs(change) <= NARROW_CHANGE:
-        return None
-    now = shape.followed(left[0], follow_faces(faces_before, list_boundary(left[0])))
-    if any(now.faces[number - 1] == GONE for number in named if 0 < number <= len(shape.faces)):
+    now = shape.followed(left, follow_faces(faces_before, boundary_faces(left)))
+    if not now.keeps(named, len(shape.faces)):
         return None
     what = f"{len(gone)} of {len(shape.faces)} faces{quote_faces(gone)}, narrower than {width * unit:.2g} m or surrounded by such faces"
     remark = f"{what}, are left out of the mesh; the volume changes by {change:.1e} (mesh.smallest)"
@@ -274,7 +273,6 @@ def _measure_faces(faces: Sequence[int]) -> list[_Sliver]:
 def leave_out_features(
     shape: PlainShape,
     rebuild: Callable[[], int],
-    list_boundary: Callable[[int], list[int]],
     *,
     radius: float,
     named: Collection[int],
@@ -289,7 +287,6 @@ def leave_out_features(
         shape: With its faces as ``face:N`` counts them.
         rebuild: Builds the same volume anew, after the kernel spoiled it, and returns its tag; those
             of its faces are the same as before.
-        list_boundary: Tags of the faces of a volume.
         radius: Largest radius that goes, in the unit of the model.
         named: Numbers of faces that something refers to and that must stay.
         unit: Length of the model's unit [m].
@@ -304,21 +301,16 @@ def leave_out_features(
     while features:
         gone = set().union(*features)
         left = _take_off(volume, gone) if len(gone) <= LARGEST_SHARE * len(faces) else None
-        if left is not None and _is_sound(left, whole):
-            now = shape.followed(left, follow_faces(before, list_boundary(left)))
-            if all(
-                now.faces[number - 1] != GONE for number in named if 0 < number <= len(shape.faces)
-            ):
+        if _is_sound(left, whole):
+            now = shape.followed(left, follow_faces(before, boundary_faces(left)))
+            if now.keeps(named, len(shape.faces)):
                 change = _volume_share(left, whole) - 1.0
                 counted = [numbers[face] for face in gone]
                 remark = _describe(counted, len(shape.faces), radius * unit, change, refused)
                 return dataclasses.replace(now, remarks=[*shape.remarks, remark])
             break
         # which of them it is nobody says: each by itself, on a shape built anew
-        good: list[set[int]] = []
-        for feature in features:
-            left = _take_off(rebuild(), feature)
-            good += [feature] if left is not None and _is_sound(left, whole) else []
+        good = [one for one in features if _is_sound(_take_off(rebuild(), one), whole)]
         volume = rebuild()
         if len(good) == len(features):
             break  # they go one by one, not together
@@ -335,14 +327,9 @@ def _find_features(faces: Sequence[int], radius: float) -> list[set[int]]:
     groups.
     """
     small = {face for face in faces if face_radius(face) <= radius * (1.0 + 1e-6)}
-    around = {
-        face: {abs(curve) for _, curve in gmsh.model.getBoundary([(2, face)], oriented=False)}
-        for face in faces
-    }
-    edges = set().union(*(around[face] for face in small))
-    inside = {face for face in faces if around[face] and around[face] <= edges}
+    around = {face: face_curves(face) for face in faces}
     groups: list[set[int]] = []
-    for face in sorted(small | inside):
+    for face in sorted(_surround(faces, small)):
         touching = [
             group for group in groups if any(around[face] & around[other] for other in group)
         ]
@@ -350,6 +337,16 @@ def _find_features(faces: Sequence[int], radius: float) -> list[set[int]]:
             groups.remove(group)
         groups.append({face}.union(*touching))
     return groups
+
+
+def _surround(faces: Sequence[int], small: Collection[int]) -> set[int]:
+    """Return small faces and those that they alone surround."""
+    edges = set().union(*(face_curves(face) for face in small))
+    return {
+        face
+        for face in faces
+        if face in small or ((curves := face_curves(face)) and curves <= edges)
+    }
 
 
 def _take_off(volume: int, feature: Iterable[int]) -> int | None:
@@ -363,8 +360,8 @@ def _take_off(volume: int, feature: Iterable[int]) -> int | None:
     return left[0] if len(left) == 1 else None
 
 
-def _is_sound(volume: int, whole: float) -> bool:
-    return abs(_volume_share(volume, whole) - 1.0) <= LARGEST_CHANGE
+def _is_sound(volume: int | None, whole: float) -> TypeGuard[int]:
+    return volume is not None and abs(_volume_share(volume, whole) - 1.0) <= LARGEST_CHANGE
 
 
 def _volume_share(volume: int, whole: float) -> float:

@@ -13,7 +13,7 @@ from headstock.geometry.parts.curved_patches import plane_axes, strip_axes
 from headstock.geometry.parts.patches import FACE_DIRECTIONS
 from headstock.geometry.parts.solids import Tube
 from headstock.meshing.cad.curved_imprints import cut_curved_face
-from headstock.meshing.cad.shapes import add_prism
+from headstock.meshing.cad.shapes import add_prism, boundary_faces, total_area
 from headstock.meshing.errors import MeshError, PartFileError, PatchError
 
 END_TOLERANCE = 1e-6
@@ -232,7 +232,7 @@ def _find_overhang(faces: list[int], pieces: dict[int, int], patch: Patch) -> li
     if len(faces) > 1 or normal is None or patch.shape not in ("disk", "rect"):
         return []
     asked = np.pi * patch.size[0] ** 2 / 4 if patch.shape == "disk" else np.prod(patch.size)
-    taken = sum(float(gmsh.model.occ.getMass(2, piece)) for piece in pieces)
+    taken = total_area(pieces)
     if taken >= (1.0 - OVERHANG) * asked:
         return []
     angles = np.pi * (np.arange(RIM_PLACES) + 0.5) / (RIM_PLACES / 2)
@@ -296,9 +296,7 @@ def _fragment_faces(
         raise MeshError(
             "imprinting the patches changed the solid; move patches that touch edges or each other slightly"
         )
-    boundary = sorted(
-        abs(tag) for _, tag in gmsh.model.getBoundary([(3, shape.volume)], oriented=False)
-    )
+    boundary = boundary_faces(shape.volume)
     children = {
         tag: [child for dim, child in parts if dim == 2]
         for tag, parts in zip(pieces, mapping[1:], strict=True)
@@ -307,11 +305,25 @@ def _fragment_faces(
     centers = np.array([occ.getCenterOfMass(2, tag) for tag in boundary])
     for tag, middle in middles.items():
         children[tag] = [boundary[int(np.argmin(np.linalg.norm(centers - middle, axis=1)))]]
+    _check_areas(children, areas, boundary, shape.unit)
+    return children
+
+
+def _check_areas(
+    children: dict[int, list[int]], areas: dict[int, float], boundary: list[int], unit: float
+) -> None:
+    """Refuse imprints that changed the area of a face.
+
+    Args:
+        children: Faces that each became.
+        areas: What each had.
+        boundary: Faces of the volume.
+        unit: Length of the model's unit [m].
+    """
     for tag, parts in children.items():
-        area = sum(float(occ.getMass(2, child)) for child in parts if child in boundary)
+        area = total_area([child for child in parts if child in boundary])
         if abs(area - areas[tag]) > IMPRINT_TOLERANCE * areas[tag]:
             raise MeshError(
-                f"a patch of {areas[tag] * shape.unit**2:.6g} m^2 became {area * shape.unit**2:.6g} m^2 when imprinted; move "
+                f"a patch of {areas[tag] * unit**2:.6g} m^2 became {area * unit**2:.6g} m^2 when imprinted; move "
                 "patches that touch edges or each other slightly"
             )
-    return children

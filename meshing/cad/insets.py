@@ -5,7 +5,7 @@ whole inner loops of plane faces. Without those loops the planes close over it: 
 other faces stay the same, and a feature's volume is that between its faces and the loops.
 """
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import gmsh
@@ -13,6 +13,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.cad.features import GONE, PlainShape, quote_faces
+from headstock.meshing.cad.shapes import boundary_faces, face_curves, total_area
 from headstock.meshing.component_mesh import LeftOut
 
 LONGEST = 2.0  # times the width allowed: how long a loop, and how wide inside, a feature may be
@@ -64,7 +65,6 @@ class _Feature:
 
 def close_planes(
     volume: int,
-    list_boundary: Callable[[int], list[int]],
     *,
     width: float,
     named: Collection[int],
@@ -74,7 +74,6 @@ def close_planes(
     """Close plane faces over the features within them that are narrower than a width.
 
     Args:
-        list_boundary: Tags of the faces of a volume, in the order in which ``face:N`` counts them.
         width: Widest features that go.
         named: Numbers of faces that something refers to and that must stay.
         ends: Axis and coordinate of planes in which faces must stay.
@@ -83,14 +82,8 @@ def close_planes(
     Returns:
         None where the kernel spoiled the volume: it must be built anew.
     """
-    faces = list_boundary(volume)
-    kept = {faces[number - 1] for number in named if 0 < number <= len(faces)}
-    kept |= {face for face in faces if _lies_in(face, ends)}
-    features = [
-        feature
-        for feature in _find_features(faces, width)
-        if not feature.faces & kept and _is_small(feature, width)
-    ]
+    faces = boundary_faces(volume)
+    features = _choose_features(faces, width, named, ends)
     if not features:
         return PlainShape(volume, faces, [])
     before = float(gmsh.model.occ.getMass(3, volume))
@@ -105,15 +98,8 @@ def close_planes(
     consistent = abs(float(left_out.volumes.sum()) + change) <= VOLUME_TOLERANCE * before
     if not consistent or abs(change) > LARGEST_CHANGE * before:
         return None
-    occ = gmsh.model.occ
-    occ.remove([(3, volume), *((3, solid) for solid in solids)], recursive=False)
-    occ.synchronize()
-    used = list_boundary(left)
-    same = _match_faces(closed.values(), used)
-    occ.remove([entry for entry in occ.getEntities(2) if entry[1] not in set(used)], recursive=True)
-    occ.synchronize()
-    now = [same.get(closed.get(face, GONE), GONE) for face in faces]
-    if set(now) - {GONE} != set(used):
+    now = _replace_volume(volume, solids, left, [closed.get(face, GONE) for face in faces])
+    if set(now) - {GONE} != set(boundary_faces(left)):
         return None
     gone = [number for number, tag in enumerate(now, 1) if tag == GONE]
     return PlainShape(
@@ -124,29 +110,56 @@ def close_planes(
     )
 
 
+def _choose_features(
+    faces: Sequence[int], width: float, named: Collection[int], ends: Collection[tuple[int, float]]
+) -> list[_Feature]:
+    """Return the features that are closed; see ``close_planes``."""
+    kept = {faces[number - 1] for number in named if 0 < number <= len(faces)}
+    kept |= {face for face in faces if _lies_in(face, ends)}
+    features = _find_features(faces, width)
+    return [one for one in features if not one.faces & kept and _is_small(one, width)]
+
+
+def _replace_volume(
+    volume: int, solids: Sequence[int], left: int, faces: Sequence[int]
+) -> list[int]:
+    """Remove what a volume was made of but what is left of it; return the tags of faces now, some of
+    which get another one when a volume is made of them: their curves stay.
+    """
+    occ = gmsh.model.occ
+    occ.remove([(3, volume), *((3, solid) for solid in solids)], recursive=False)
+    occ.synchronize()
+    used = set(boundary_faces(left))
+    known = set(faces) & used
+    changed = {frozenset(face_curves(face)): face for face in used - known}
+    now = [
+        face if face in known or face == GONE else changed.get(frozenset(face_curves(face)), GONE)
+        for face in faces
+    ]
+    occ.remove([entry for entry in occ.getEntities(2) if entry[1] not in used], recursive=True)
+    occ.synchronize()
+    return now
+
+
 def _find_features(faces: Sequence[int], width: float) -> list[_Feature]:
     """Find the faces that loops which are narrow enough part from the largest piece of the
     shape.
     """
-    around = {face: _curves(face) for face in faces}
+    around = {face: face_curves(face) for face in faces}
     loops = [loop for face in faces for loop in _inner_loops(face, around[face], width)]
     cuts = {curve: loop for loop in loops for curve in loop.curves}
-    areas = {face: float(gmsh.model.occ.getMass(2, face)) for face in faces}
-    while True:
-        pieces = _connect(around, cuts)
-        body = max(pieces, key=lambda piece: sum(areas[face] for face in piece))
-        nested = {loop for loop in cuts.values() if loop.plane not in body}
-        if not nested:
-            break
+    pieces = _connect(around, cuts)
+    body = max(pieces, key=total_area)
+    while any(loop.plane not in body for loop in cuts.values()):
         # a bore in the floor of a counterbore goes with it
-        cuts = {curve: loop for curve, loop in cuts.items() if loop not in nested}
+        cuts = {curve: loop for curve, loop in cuts.items() if loop.plane in body}
+        pieces = _connect(around, cuts)
+        body = max(pieces, key=total_area)
     features = []
-    for piece in pieces:
-        if piece is body:
-            continue
-        curves = set().union(*(around[face] for face in piece))
-        feature_loops = dict.fromkeys(cuts[curve] for curve in sorted(curves) if curve in cuts)
-        features.append(_Feature(frozenset(piece), tuple(feature_loops)))
+    for piece in (piece for piece in pieces if piece is not body):
+        curves = sorted(set().union(*(around[face] for face in piece)) & cuts.keys())
+        loops_of = dict.fromkeys(cuts[curve] for curve in curves)
+        features.append(_Feature(frozenset(piece), tuple(loops_of)))
     return features
 
 
@@ -168,10 +181,6 @@ def _connect(around: dict[int, set[int]], cuts: dict[int, _Loop]) -> list[set[in
             edge += sorted(neighbours)
         pieces.append(piece)
     return pieces
-
-
-def _curves(face: int) -> set[int]:
-    return {abs(curve) for _, curve in gmsh.model.getBoundary([(2, face)], oriented=False)}
 
 
 def _inner_loops(face: int, curves: set[int], width: float) -> list[_Loop]:
@@ -260,19 +269,6 @@ def _close(faces: Sequence[int], features: Sequence[_Feature]) -> dict[int, int]
 def _span(curves: tuple[int, ...]) -> float:
     loop = _measure_loop(0, curves)
     return float(np.linalg.norm(loop.high - loop.low))
-
-
-def _match_faces(before: Collection[int], now: Collection[int]) -> dict[int, int]:
-    """Return the new tags of faces, of which some get another one when a volume is made of them:
-    their curves stay.
-    """
-    same = {face: face for face in set(before) & set(now)}
-    left = {frozenset(_curves(face)): face for face in set(now) - set(before)}
-    for face in set(before) - set(now):
-        other = left.get(frozenset(_curves(face)))
-        if other is not None:
-            same[face] = other
-    return same
 
 
 def _describe_features(features: Sequence[_Feature], solids: Sequence[int]) -> LeftOut:

@@ -22,7 +22,13 @@ from headstock.meshing.cad.features import (
 )
 from headstock.meshing.cad.imprints import Imprints, OpenShape, imprint_patches
 from headstock.meshing.cad.insets import close_planes
-from headstock.meshing.cad.shapes import Shape, build_shape
+from headstock.meshing.cad.shapes import (
+    Shape,
+    boundary_faces,
+    build_shape,
+    read_nodes,
+    total_area,
+)
 from headstock.meshing.cad.sizes import (
     SizePlan,
     add_grading_fields,
@@ -86,7 +92,7 @@ def mesh_shape(job: MeshJob) -> MeshData:
         MeshError: The shape cannot be built, imprinted, meshed or would need too many cells.
     """
     with open_kernel():
-        solid = read_solid(job)
+        solid = require_shape(job)
         volume = build_shape(solid)
         size = _element_size(job, solid, volume)
         as_shown = boundary_faces(volume)
@@ -156,7 +162,7 @@ def open_kernel() -> Iterator[None]:
         gmsh.finalize()
 
 
-def read_solid(job: MeshJob) -> Shape:
+def require_shape(job: MeshJob) -> Shape:
     """Return the solid of a job that has a CAD shape."""
     if isinstance(job.solid, MeshFile):
         raise MeshError("a mesh file has no CAD shape")
@@ -195,13 +201,7 @@ def _element_size(job: MeshJob, solid: Shape, volume: int) -> float:
 
 
 def _mean_thickness(volume: int) -> float:
-    surface = sum(float(gmsh.model.occ.getMass(2, tag)) for tag in boundary_faces(volume))
-    return 2.0 * float(gmsh.model.occ.getMass(3, volume)) / surface
-
-
-def boundary_faces(volume: int) -> list[int]:
-    """Return the tags of a volume's faces in the order in which ``face:N`` counts them."""
-    return sorted(abs(tag) for _, tag in gmsh.model.getBoundary([(3, volume)], oriented=False))
+    return 2.0 * float(gmsh.model.occ.getMass(3, volume)) / total_area(boundary_faces(volume))
 
 
 def _plan_sizes(
@@ -251,7 +251,6 @@ def _remove_features(job: MeshJob, solid: StepFile, volume: int, size: float) ->
         width = DETAIL_SHARE * size if job.details is None else job.details
         closed = close_planes(
             volume,
-            boundary_faces,
             width=width,
             named=_named_faces(job),
             ends=_named_ends(job, volume),
@@ -265,11 +264,9 @@ def _remove_features(job: MeshJob, solid: StepFile, volume: int, size: float) ->
     shape = close(volume)
     named = _named_faces(job)
     if job.leave_out is not None:
-        return leave_out_features(
-            shape, rebuild, boundary_faces, radius=job.leave_out, named=named, unit=job.unit
-        )
+        return leave_out_features(shape, rebuild, radius=job.leave_out, named=named, unit=job.unit)
     width = NARROW_SHARE * _smallest(job, size)
-    plain = remove_narrow_features(shape, boundary_faces, width=width, named=named, unit=job.unit)
+    plain = remove_narrow_features(shape, width=width, named=named, unit=job.unit)
     return close(build_anew().volume) if plain is None else plain
 
 
@@ -497,11 +494,9 @@ def _try_algorithm(algorithm: int) -> float:
 
 def _worst_triangle() -> float:
     """Return the height of the flattest triangle of the meshed faces over its longest side."""
-    tags, coordinates, _ = gmsh.model.mesh.getNodes()
+    points, row = read_nodes()
     _, nodes = gmsh.model.mesh.getElementsByType(TRIANGLE[1])
-    row = np.zeros(int(tags.max()) + 1, dtype=np.int64)
-    row[tags] = np.arange(len(tags))
-    corners = coordinates.reshape(-1, 3)[row[nodes].reshape(-1, 3)]
+    corners = points[row[nodes].reshape(-1, 3)]
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     doubled = np.linalg.norm(
         np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
@@ -510,15 +505,11 @@ def _worst_triangle() -> float:
 
 
 def _worst_quality() -> float:
-    tags, coordinates, _ = gmsh.model.mesh.getNodes()
     _, nodes = gmsh.model.mesh.getElementsByType(TETRAHEDRON[1])
     if not len(nodes):
         return 0.0
-    row = np.zeros(int(tags.max()) + 1, dtype=np.int64)
-    row[tags] = np.arange(len(tags))
-    return float(
-        scaled_jacobians(coordinates.reshape(-1, 3), row[nodes].reshape(-1, 4), "tet4").min()
-    )
+    points, row = read_nodes()
+    return float(scaled_jacobians(points, row[nodes].reshape(-1, 4), "tet4").min())
 
 
 def _point_owners(data: MeshData, numbers: dict[int, int]) -> IntArray:
@@ -544,15 +535,13 @@ def _collect(
     # straight cells are raised to the second order, and checked, by `finish_mesh` in the parent
     # process
     order = 1 if job.straight else job.order
-    tags, coordinates, _ = gmsh.model.mesh.getNodes()
+    points, row = read_nodes()
     _, cell_nodes = gmsh.model.mesh.getElementsByType(TETRAHEDRON[order], volume)
     per_cell = 4 if order == 1 else 10
     used = np.unique(cell_nodes)
-    row_of = np.full(int(tags.max()) + 1, -1, dtype=np.int64)
+    row_of = np.full(len(row), -1, dtype=np.int64)
     row_of[used] = np.arange(len(used))
-    row = np.zeros(int(tags.max()) + 1, dtype=np.int64)
-    row[tags] = np.arange(len(tags))
-    points = coordinates.reshape(-1, 3)[row[used]]
+    points = points[row[used]]
     facets = {name: _face_corners(row_of, tags_of, order) for name, tags_of in faces.items()}
     kind: CellKind = "tet4" if order == 1 else "tet10"
     curved = _curved_facets(boundary_faces(volume), row_of, points, order)

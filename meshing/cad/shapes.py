@@ -1,13 +1,16 @@
 """CAD shapes of solids in the open gmsh model (OpenCASCADE kernel)."""
 
 import re
+from collections.abc import Collection
 from pathlib import Path
 
 import gmsh
+import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.patches import column_cells, planar_boxes
 from headstock.geometry.parts.solids import Box, HollowColumn, Plate, StepFile, Tube
+from headstock.meshing.component_mesh import IntArray
 from headstock.meshing.errors import MeshError, PartFileError
 from headstock.meshing.length_units import STEP_UNIT, doubt_size
 
@@ -210,3 +213,28 @@ def _one_volume(shapes: DimTags) -> int:
             f"the solid falls into {len(volumes)} parts; check wall, rib and hole sizes"
         )
     return int(volumes[0])
+
+
+def boundary_faces(volume: int) -> list[int]:
+    """Return the tags of a volume's faces in the order in which ``face:N`` counts them."""
+    return sorted(abs(tag) for _, tag in gmsh.model.getBoundary([(3, volume)], oriented=False))
+
+
+def face_curves(face: int) -> set[int]:
+    """Return the tags of the curves around a face."""
+    return {abs(curve) for _, curve in gmsh.model.getBoundary([(2, face)], oriented=False)}
+
+
+def total_area(faces: Collection[int]) -> float:
+    """Return the area of faces together."""
+    return sum(float(gmsh.model.occ.getMass(2, face)) for face in faces)
+
+
+def read_nodes() -> tuple[FloatArray, IntArray]:
+    """Return the nodes of the open mesh ``(n, 3)``, and the row of each by its tag, -1 for tags of
+    none.
+    """
+    tags, coordinates, _ = gmsh.model.mesh.getNodes()
+    row = np.full(int(tags.max(initial=0)) + 1, -1, dtype=np.int64)
+    row[tags] = np.arange(len(tags))
+    return coordinates.reshape(-1, 3), row

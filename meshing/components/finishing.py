@@ -46,7 +46,7 @@ from headstock.meshing.elements.surface import (
     match_facets,
     measure_gaps,
 )
-from headstock.meshing.elements.topology import cell_family, corner_count, shape_functions
+from headstock.meshing.elements.topology import cell_family, cell_shape_functions, corner_count
 from headstock.meshing.errors import MeshError, MeshQualityError, PatchError
 from headstock.meshing.files.patches import available_names, select_facets, set_nodes
 from headstock.meshing.process.job import MeshData
@@ -439,7 +439,7 @@ def _place_features(
     volumes = (left_out.volumes[:, None] * SIMPSON).ravel()
     return MissingVolumes(
         candidates[rows, best],
-        shape_functions(kind, nearest[:, 1:]),
+        cell_shape_functions(kind, nearest[:, 1:]),
         volumes,
         np.repeat(left_out.strengths, len(SIMPSON)),
     )

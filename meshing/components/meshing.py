@@ -96,8 +96,6 @@ def mesh_component(
             raise MeshError(f"{what}: {budget_message(count, size)}")
     if component.mesh.cells == "hex":
         return finish_mesh(_mesh_grid(component, groups, what), component, groups)
-    imprinted = any(patch.shape != "whole" for patches in groups.values() for patch in patches)
-    may_refine = imprinted or not has_plane_faces_only(component)
     for refinement in REFINEMENTS[:-1]:
         try:
             return finish_mesh(
@@ -106,7 +104,7 @@ def mesh_component(
                 groups,
             )
         except MeshQualityError:
-            if not may_refine:
+            if not _needs_survey(component, groups):
                 raise
     return finish_mesh(
         _run_shape_job(component, groups, time_limit=time_limit, refinement=REFINEMENTS[-1]),
@@ -205,45 +203,40 @@ def estimate_mesh(
     Raises:
         MeshError: A STEP file cannot be read, or a patch does not exist.
     """
-    solid, sizes = component.solid, component.mesh.sizes
-    if sizes is not None:
-        return MeshEstimate(sizes.cells, volume=float(sizes.volumes.sum()))
-    if isinstance(solid, MeshFile | SuperelementFile | PointMass) or component.mesh.cells == "hex":
-        return MeshEstimate(
-            _count_hex_cells(component, supports, loads)
-            if component.mesh.cells == "hex"
-            else _estimate_cells(component),
-            volume=solid_volume(solid) if isinstance(solid, PlanarSolid | Tube) else None,
-        )
+    solid, settings = component.solid, component.mesh
+    if settings.sizes is not None:
+        return MeshEstimate(settings.sizes.cells, volume=float(settings.sizes.volumes.sum()))
+    volume = solid_volume(solid) if isinstance(solid, PlanarSolid | Tube) else None
+    if settings.cells == "hex":
+        return MeshEstimate(_count_hex_cells(component, supports, loads), volume=volume)
+    if isinstance(solid, MeshFile | SuperelementFile | PointMass):
+        return MeshEstimate(_estimate_cells(component))
     groups = patch_groups(component, supports, loads)
-    imprinted = any(patch.shape != "whole" for patches in groups.values() for patch in patches)
-    if survey and (
-        imprinted or not has_plane_faces_only(component) or component.mesh.growth is not None
-    ):
+    if survey and (settings.growth is not None or _needs_survey(component, groups)):
         known = {} if known is None else known
         job = format_job(_shape_job(component, groups, task="estimate"))
         if job not in known:
             if before_survey is not None:
                 before_survey()
             data = _run_shape_job(component, groups, task="estimate", time_limit=SURVEY_TIME_LIMIT)
-            known[job] = MeshEstimate(
-                data.estimate,
-                data.nodes,
-                None if data.properties is None else data.properties.volume,
-            )
+            surveyed = None if data.properties is None else data.properties.volume
+            known[job] = MeshEstimate(data.estimate, data.nodes, surveyed)
         return known[job]
-    if isinstance(solid, StepFile):
-        return MeshEstimate(_estimate_cells(component))
-    cells, across = _estimate_cells(component), component.mesh.across_patches
-    if component.mesh.growth is None:
-        size = element_size(component)
-        patch_cells = [
-            count_patch_cells(patch, solid, across=across, size=size)
-            for patches in groups.values()
-            for patch in patches
-        ]
-        cells += int(sum(patch_cells))
-    return MeshEstimate(cells, volume=solid_volume(solid))
+    cells = _estimate_cells(component)
+    if not isinstance(solid, StepFile) and settings.growth is None:
+        across, size = settings.across_patches, element_size(component)
+        patches = [patch for group in groups.values() for patch in group]
+        cells += int(
+            sum(count_patch_cells(patch, solid, across=across, size=size) for patch in patches)
+        )
+    return MeshEstimate(cells, volume=volume)
+
+
+def _needs_survey(component: Component, groups: Groups) -> bool:
+    """Return whether a solid has curved faces or imprints, which take cells of their own."""
+    return not has_plane_faces_only(component) or any(
+        patch.shape != "whole" for patches in groups.values() for patch in patches
+    )
 
 
 def _count_hex_cells(
@@ -433,11 +426,15 @@ def _shape_job(
         if isinstance(solid, StepFile)
         else round_length(largest_extent(solid)) / JOB_EXTENT
     )
-    size = (
-        None
-        if isinstance(solid, StepFile) and component.mesh.size is None
-        else _wanted_size(component)
-    )
+    settings = component.mesh
+
+    def in_unit(length: float | None) -> float | None:
+        return None if length is None else round_length(length / scale)
+
+    if not isinstance(solid, StepFile):
+        size: float | None = element_size(component)
+    else:
+        size = None if settings.size is None else round_length(settings.size)
     return MeshJob(
         task,
         solid if isinstance(solid, StepFile) else _scaled_solid(solid, scale),
@@ -446,37 +443,23 @@ def _shape_job(
             for name, patches in groups.items()
         },
         unit=scale,
-        size=None if size is None else round_length(size / scale),
+        size=in_unit(size),
         refinement=refinement,
-        across_patches=component.mesh.across_patches,
-        growth=component.mesh.growth,
+        across_patches=settings.across_patches,
+        growth=settings.growth,
         rims=tuple(
             name
             for name in groups
             if name in component.interfaces and component.interfaces[name].coupling == "rigid"
         ),
-        rim_size=None
-        if component.mesh.rim_size is None
-        else round_length(component.mesh.rim_size / scale),
-        smallest=None
-        if component.mesh.smallest is None
-        else round_length(component.mesh.smallest / scale),
-        leave_out=None
-        if component.mesh.leave_out is None
-        else round_length(component.mesh.leave_out / scale),
-        details=None
-        if component.mesh.details is None
-        else round_length(component.mesh.details / scale),
-        order=component.mesh.order,
+        rim_size=in_unit(settings.rim_size),
+        smallest=in_unit(settings.smallest),
+        leave_out=in_unit(settings.leave_out),
+        details=in_unit(settings.details),
+        order=settings.order,
         straight=has_plane_faces_only(component),
-        sizes=None if component.mesh.sizes is None else component.mesh.sizes.scaled(scale),
+        sizes=None if settings.sizes is None else settings.sizes.scaled(scale),
     )
-
-
-def _wanted_size(component: Component) -> float:
-    if isinstance(component.solid, StepFile):
-        return round_length(component.mesh.size or 0.0)
-    return element_size(component)
 
 
 def _scaled_solid(solid: ParametricSolid, scale: float) -> ParametricSolid:

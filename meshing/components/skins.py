@@ -9,8 +9,7 @@ from typing import cast
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.parts.skins import Skin, sharp_edges
-from headstock.geometry.parts.solid_skins import solid_skin
+from headstock.geometry.parts.skins import Skin, sharp_edges, solid_skin
 from headstock.geometry.parts.solids import MeshFile, Solid, StepFile
 from headstock.meshing.component_mesh import CellKind, ComponentMesh, IntArray
 from headstock.meshing.components.meshing import read_mesh_file

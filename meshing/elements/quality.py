@@ -14,9 +14,9 @@ from headstock.meshing.component_mesh import CellKind, IntArray
 from headstock.meshing.elements.topology import (
     cell_family,
     cell_order,
+    cell_shape_functions,
     corner_count,
     reference_nodes,
-    shape_functions,
     shape_gradients,
 )
 
@@ -65,7 +65,7 @@ def integrate_mesh(points: FloatArray, cells: IntArray, kind: CellKind) -> Volum
     """
     origin = points.mean(axis=0)  # far-off meshes would cancel otherwise
     nodes, weights = _quadrature(kind, 5)
-    values = shape_functions(kind, nodes)
+    values = cell_shape_functions(kind, nodes)
     volume, first, second = 0.0, np.zeros(3), np.zeros((3, 3))
     for start in range(0, len(cells), CHUNK):
         part = cells[start : start + CHUNK]

@@ -131,7 +131,7 @@ def _monomials(kind: CellKind, points: FloatArray, derivative: int | None = None
     return result
 
 
-def shape_functions(kind: CellKind, points: FloatArray) -> FloatArray:
+def cell_shape_functions(kind: CellKind, points: FloatArray) -> FloatArray:
     """Return the shape functions at reference points ``(n, 3)``: ``(n, nodes per cell)``."""
     return np.asarray(
         np.linalg.solve(_monomials(kind, reference_nodes(kind)).T, _monomials(kind, points).T).T,

@@ -4,7 +4,7 @@ Source: Abaqus Analysis User's Guide, "Three-dimensional solid element library".
 """
 
 from collections import Counter
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -66,39 +66,43 @@ class _Assembly:
 
     def mesh(self) -> RawMesh:
         """Return the mesh of the deck."""
-        raw, deck = self.raw, self.deck
         self._merge_ties()
         for one in self.instances:
-            for kind, elements in one.scope.elements.items():
-                if elements.family is not None and elements.nodes:
-                    rows = np.array(
-                        [
-                            self._rows(one, nodes, f"{kind} {number}")
-                            for number, nodes in elements.nodes.items()
-                        ]
-                    )
-                    numbers = np.array(list(elements.nodes), dtype=np.int64)
-                    cells = raw.add_solids(
-                        elements.family, rows, edges=VTK_EDGES[elements.family], numbers=numbers
-                    )
-                    one.cells |= dict(zip(elements.nodes, map(int, cells), strict=True))
-        solid = [one for one in self.instances if one.cells]
+            self._add_cells(one)
+        several = sum(bool(one.cells) for one in self.instances) > 1
         for one in self.instances:
-            if one.cells and len(solid) > 1:
-                raw.add_group(one.name, np.array(list(one.cells.values())))
+            if several:
+                self.raw.add_group(one.name, np.array(list(one.cells.values()), dtype=np.int64))
             self._add_sets(one)
             self._add_sections(one)
         self._count_sheets()
+        self.raw.left_out.update(self.deck.left_out)
+        self.raw.notes += self._list_notes()
+        return self.raw
+
+    def _add_cells(self, one: Instance) -> None:
+        for kind, elements in one.scope.elements.items():
+            if elements.family is None or not elements.nodes:
+                continue
+            rows = [
+                self._rows(one, nodes, f"{kind} {number}")
+                for number, nodes in elements.nodes.items()
+            ]
+            numbers = np.array(list(elements.nodes), dtype=np.int64)
+            cells = self.raw.add_solids(
+                elements.family, np.array(rows), edges=VTK_EDGES[elements.family], numbers=numbers
+            )
+            one.cells |= dict(zip(elements.nodes, map(int, cells), strict=True))
+
+    def _list_notes(self) -> Iterator[str]:
+        name, deck = self.path.name, self.deck
         if deck.repeated:
-            raw.notes.append(f"{self.path.name} defines {deck.repeated} elements twice alike")
+            yield f"{name} defines {deck.repeated} elements twice alike"
         used = {id(one.scope.elements) for one in self.instances}
-        for name, scope in deck.parts.items():
-            if id(scope.elements) not in used and any(
-                kind.family for kind in scope.elements.values()
-            ):
-                raw.notes.append(f"{self.path.name}: part {name} stands in no instance: left out")
-        raw.left_out.update(deck.left_out)
-        return raw
+        for part, scope in deck.parts.items():
+            solid = any(elements.family for elements in scope.elements.values())
+            if solid and id(scope.elements) not in used:
+                yield f"{name}: part {part} stands in no instance: left out"
 
     def _rows(self, one: Instance, nodes: Sequence[int], what: str) -> list[int]:
         try:
@@ -145,44 +149,35 @@ class _Assembly:
                 else:
                     yield owner, item
 
+    def _cells(self, members: Sequence[tuple[Instance, int]]) -> IntArray:
+        """Return the solid cells ``(n,)`` among members of a set of elements."""
+        cells = [owner.cells[number] for owner, number in members if number in owner.cells]
+        return np.array(cells, dtype=np.int64)
+
     def _add_sets(self, one: Instance) -> None:
         raw, scope = self.raw, one.scope
         for name in scope.surfaces:
             facets, nodes = self._surface(one, name)
             for corners in (3, 4):
-                rows = [facet[:corners] for facet in facets if len(facet) == corners]
-                if rows:
-                    raw.add_facets(
-                        self._name(one, name),
-                        "triangle" if corners == 3 else "quad",
-                        np.array(rows),
-                    )
-            if nodes:
-                raw.add_nodes(self._name(one, name), np.array(nodes))
+                sides = [facet[:corners] for facet in facets if len(facet) == corners]
+                raw.add_facets(self._name(one, name), np.array(sides, dtype=np.int64))
+            raw.add_nodes(self._name(one, name), np.array(nodes, dtype=np.int64))
         for name in scope.node_sets:
-            set_rows = [
-                self.alias[owner.rows[number]]
-                for owner, number in self._members(one, name, "node")
-                if number in owner.rows
-            ]
-            if set_rows and name not in scope.internal:
-                raw.add_nodes(self._name(one, name), np.array(set_rows))
-        for name in scope.element_sets:
-            if name in scope.internal:
-                continue
+            rows = self._node_rows(self._members(one, name, "node"))
+            if name not in scope.internal:
+                raw.add_nodes(self._name(one, name), rows)
+        for name in (name for name in scope.element_sets if name not in scope.internal):
             members = list(self._members(one, name, "element"))
-            cells = [owner.cells[number] for owner, number in members if number in owner.cells]
-            raw.add_group(self._name(one, name), np.array(cells, dtype=np.int64))
-            if name in scope.surfaces:
-                continue
-            for owner, number in members:
+            raw.add_group(self._name(one, name), self._cells(members))
+            for owner, number in members if name not in scope.surfaces else ():
                 if number in owner.scope.numbers and number not in owner.cells:
                     sheet = self._rows(owner, owner.scope.numbers[number], str(number))
-                    raw.add_facets(
-                        self._name(one, name),
-                        "triangle" if len(sheet) == 3 else "quad",
-                        np.array([sheet]),
-                    )
+                    raw.add_facets(self._name(one, name), np.array([sheet]))
+
+    def _node_rows(self, members: Iterable[tuple[Instance, int]]) -> IntArray:
+        """Return the rows ``(n,)`` of nodes of instances, as far as they are defined."""
+        rows = [self.alias[owner.rows[number]] for owner, number in members if number in owner.rows]
+        return np.array(rows, dtype=np.int64)
 
     def _name(self, one: Instance, name: str) -> str:
         """Return what a set is called: by its instance where several have one of that name."""
@@ -198,32 +193,32 @@ class _Assembly:
                 members = list(self._members(one, name, "element"))
             except MeshError as error:
                 raise MeshError(f"{line}: *SOLID SECTION: {error}") from error
-            cells = [owner.cells[number] for owner, number in members if number in owner.cells]
-            if not cells:
+            cells = self._cells(members)
+            if not len(cells):
                 # plane elements have a solid section too
                 for owner, number in members:
                     owner.sheets.add(number)
-            layers: dict[Hashable, str] = {}
-            for material in materials:
-                values = self.deck.materials.get(material.upper(), {})
-                elastic, density = values.get("ELASTIC", ()), values.get("DENSITY", ())
-                shown = [material]
-                shown += [f"E = {elastic[0]:g}, nu = {elastic[1]:g}"] if len(elastic) > 1 else []
-                shown += [f"density = {density[0]:g}"] if density else []
-                key = (elastic, density) if elastic else material.upper()
-                layers[key] = ", ".join(shown)
-            if len(layers) > 1 and cells:
+            layers = dict(map(self._describe_material, materials))
+            if len(layers) > 1 and len(cells):
                 raise MeshError(
                     f"{line}: *SOLID SECTION, ELSET={name} is a composite section: materials {', '.join(materials)}; "
                     "a component has one material: give the section one with MATERIAL=, or mesh each layer with "
                     "solids and a section of their own"
                 )
-            self.raw.add_section(
-                self._name(one, name), np.array(cells, dtype=np.int64), layers[key], key
-            )
+            key, text = layers.popitem()
+            self.raw.add_section(self._name(one, name), cells, text, key)
         for name in one.scope.shells:
             for owner, number in self._members(one, name, "element") if name else ():
                 owner.sheets.add(number)
+
+    def _describe_material(self, name: str) -> tuple[Hashable, str]:
+        """Return what is equal for equal materials, and a material with its values for messages."""
+        values = self.deck.materials.get(name.upper(), {})
+        elastic, density = values.get("ELASTIC", ()), values.get("DENSITY", ())
+        shown = [name]
+        shown += [f"E = {elastic[0]:g}, nu = {elastic[1]:g}"] if len(elastic) > 1 else []
+        shown += [f"density = {density[0]:g}"] if density else []
+        return (elastic, density) if elastic else name.upper(), ", ".join(shown)
 
     def _count_sheets(self) -> None:
         """Count surface elements that are more than faces of solids: those with a section, and those
@@ -254,28 +249,22 @@ class _Assembly:
         nodes: list[int] = []
         for block in one.scope.surfaces[name]:
             kind = block.options.get("TYPE", "ELEMENT").upper()
-            # others are combined of surfaces, or analytical
-            for row in (
-                block.rows if kind in SURFACE_KINDS and "COMBINE" not in block.options else ()
-            ):
+            if kind not in SURFACE_KINDS or "COMBINE" in block.options:
+                continue  # combined of surfaces, or analytical
+            for row in block.rows:
                 target, label = ([word.upper() for word in row] + [""])[:2]
                 owner, rest = self._find(one, target)
-                if kind == "NODE":
-                    owners = (
-                        [(owner, int(rest))]
-                        if rest.isdigit()
-                        else list(self._members(owner, rest, "node"))
-                    )
-                    nodes += [self.alias[a.rows[n]] for a, n in owners if n in a.rows]
-                    continue
                 if rest.isdigit():
                     members = [(owner, int(rest))]
-                elif rest in owner.scope.element_sets:
-                    members = list(self._members(owner, rest, "element"))
+                elif kind == "NODE" or rest in owner.scope.element_sets:
+                    members = list(self._members(owner, rest, kind.lower()))
                 else:
                     raise MeshError(
                         f"{block.place}: surface {name} names an unknown element set {target!r}"
                     )
+                if kind == "NODE":
+                    nodes += self._node_rows(members).tolist()
+                    continue
                 free = self._free_faces(members) if not label else set()
                 for a, number in members:
                     facets += self._faces(block, a, number, label, free)

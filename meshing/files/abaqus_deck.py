@@ -5,7 +5,7 @@ Source: Abaqus Keywords Reference Guide; Analysis User's Guide, "Three-dimension
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -43,6 +43,7 @@ CONSTRAINTS = frozenset(
      "EMBEDDED ELEMENT", "SHELL TO SOLID COUPLING")
 )  # fmt: skip
 MESH_KEYWORDS = ("NODE", "ELEMENT", "NSET", "ELSET", "SURFACE", "SYSTEM")
+SCOPES = ("PART", "INSTANCE", "ASSEMBLY", "END PART", "END INSTANCE", "END ASSEMBLY")
 SHELL_SECTIONS = ("SHELL SECTION", "SHELL GENERAL SECTION", "MEMBRANE SECTION")
 LONGEST_RANGE = 10_000_000
 
@@ -252,45 +253,46 @@ class DeckReader:
         return self.deck
 
     def _take(self, block: Block) -> None:
-        deck, keyword, options = self.deck, block.keyword, block.options
-        if keyword in ("PART", "INSTANCE", "ASSEMBLY", "END PART", "END INSTANCE", "END ASSEMBLY"):
-            self.scope, self.system = deck.root, None
-            if keyword == "PART":
-                self.scope = deck.parts[block.option("NAME").upper()] = _Scope()
-            elif keyword == "INSTANCE":
-                self.scope = self._start_instance(block)
-        elif keyword == "SYSTEM":
-            self.system = _read_system(block)
-        elif keyword == "NODE":
-            self._add_nodes(block)
-        elif keyword == "ELEMENT":
-            self._add_elements(block)
-        elif keyword == "NGEN":
-            self._generate_nodes(block)
-        elif keyword == "ELGEN":
-            self._generate_elements(block)
-        elif keyword in ("NSET", "ELSET"):
-            self._add_set(block)
-        elif keyword == "SURFACE":
-            self.scope.surfaces.setdefault(block.option("NAME").upper(), []).append(block)
-        elif keyword == "SOLID SECTION":
-            materials = [options.get("MATERIAL", options.get("COMPOSITE", ""))]
-            if "COMPOSITE" in options:
-                # a layer a line: thickness, integration points, material
-                layers = [row[2] for row in block.rows if len(row) > 2 and row[2]]
-                materials = list({name.upper(): name for name in layers}.values()) or materials
-            self.scope.sections.append((block.option("ELSET").upper(), materials, block.place))
-        elif keyword in SHELL_SECTIONS:
-            self.scope.shells.append(options.get("ELSET", "").upper())
-        elif keyword == "MATERIAL":
-            self.material = deck.materials.setdefault(block.option("NAME").upper(), {})
-        elif keyword in ("ELASTIC", "DENSITY"):
-            self.material.setdefault(keyword, tuple(_numbers(block.rows)))
-        elif keyword == "TIE":
-            pairs = [row for row in block.rows if len(row) > 1]
-            deck.ties += [(row[0].upper(), row[1].upper(), block.place) for row in pairs]
+        keyword = block.keyword
+        if keyword in TAKEN:
+            TAKEN[keyword](self, block)
         elif keyword in CONSTRAINTS:
-            deck.left_out[f"*{keyword}"] += 1
+            self.deck.left_out[f"*{keyword}"] += 1
+
+    def _change_scope(self, block: Block) -> None:
+        self.scope, self.system = self.deck.root, None
+        if block.keyword == "PART":
+            self.scope = self.deck.parts[block.option("NAME").upper()] = _Scope()
+        elif block.keyword == "INSTANCE":
+            self.scope = self._start_instance(block)
+
+    def _set_system(self, block: Block) -> None:
+        self.system = _read_system(block)
+
+    def _add_surface(self, block: Block) -> None:
+        self.scope.surfaces.setdefault(block.option("NAME").upper(), []).append(block)
+
+    def _add_section(self, block: Block) -> None:
+        options = block.options
+        materials = [options.get("MATERIAL", options.get("COMPOSITE", ""))]
+        if "COMPOSITE" in options:
+            # a layer a line: thickness, integration points, material
+            layers = [row[2] for row in block.rows if len(row) > 2 and row[2]]
+            materials = list({name.upper(): name for name in layers}.values()) or materials
+        self.scope.sections.append((block.option("ELSET").upper(), materials, block.place))
+
+    def _add_shell(self, block: Block) -> None:
+        self.scope.shells.append(block.options.get("ELSET", "").upper())
+
+    def _start_material(self, block: Block) -> None:
+        self.material = self.deck.materials.setdefault(block.option("NAME").upper(), {})
+
+    def _add_property(self, block: Block) -> None:
+        self.material.setdefault(block.keyword, tuple(_numbers(block.rows)))
+
+    def _add_tie(self, block: Block) -> None:
+        pairs = [row for row in block.rows if len(row) > 1]
+        self.deck.ties += [(row[0].upper(), row[1].upper(), block.place) for row in pairs]
 
     def _start_instance(self, block: Block) -> _Scope:
         if "LIBRARY" in block.options or "INSTANCE" in block.options:
@@ -368,6 +370,14 @@ class DeckReader:
             between = (1.0 - shares) * ends[0] + shares * ends[1]
             self._place_nodes(block, numbers, np.concatenate([ends[:1], between, ends[1:]]))
 
+    def _define(self, elements: _Elements, number: int, nodes: list[int]) -> bool:
+        """Take an element; return whether it was defined before, alike."""
+        repeated = number in self.scope.numbers
+        if repeated and self.scope.numbers[number] != nodes:
+            raise ValueError(f"element {number} is defined twice")
+        self.scope.numbers[number] = elements.nodes[number] = nodes
+        return repeated
+
     def _generate_elements(self, block: Block) -> None:
         """Generate elements like a given one, in up to three directions, each with its steps of
         nodes and of elements.
@@ -379,59 +389,54 @@ class DeckReader:
             kind = next((e for e in self.scope.elements.values() if master in e.nodes), None)
             if kind is None:
                 raise ValueError(f"there is no solid or surface element {master}")
-            sizes = [words[start : start + 3] for start in (1, 4, 7)]
-            if (
-                min(map(min, sizes)) < 1
-                or np.prod([float(size[0]) for size in sizes]) > LONGEST_RANGE
-            ):
+            counts, node_steps, steps = (np.array(words[start:10:3]) for start in (1, 2, 3))
+            if min(words[1:10]) < 1 or np.prod(counts, dtype=float) > LONGEST_RANGE:
                 raise ValueError("its counts and steps are no whole numbers above zero")
-            for counts in np.ndindex(*(size[0] for size in sizes)):
-                number = master + sum(n * size[2] for n, size in zip(counts, sizes, strict=True))
-                step = sum(n * size[1] for n, size in zip(counts, sizes, strict=True))
-                nodes = [node + step for node in kind.nodes[master]]
-                if self.scope.numbers.setdefault(number, nodes) != nodes:
-                    raise ValueError(f"element {number} is defined twice")
-                kind.nodes[number] = nodes
+            for place in np.ndindex(*counts):
+                number, shift = master + int(place @ steps), int(place @ node_steps)
+                self._define(kind, number, [node + shift for node in kind.nodes[master]])
                 made.append(number)
         self._name_elements(block, made)
 
     def _add_elements(self, block: Block) -> None:
         kind = block.option("TYPE").upper()
-        solid, surface = _SOLID.match(kind), _SURFACE.match(kind)
-        if solid is None and surface is None:
-            if not _OTHER.match(kind):
-                raise MeshError(
-                    f"{block.place}: elements of type {kind} are not read; solids are C3D4, C3D5, C3D6, C3D8, C3D10, "
-                    "C3D13, C3D15, C3D20 and C3D27 with what follows in letters"
-                )
-            # a line that ends in a comma goes on in the next
-            starts = [0, *(at for at, row in enumerate(block.rows[:-1], 1) if row[-1])]
-            first_numbers = [int(block.rows[at][0]) for at in starts if block.rows]
-            self.deck.left_out[kind] += len(first_numbers)
-            self.scope.others.update(first_numbers)
-            self._name_elements(block, first_numbers)
-            return
-        if solid is not None:
+        if solid := _SOLID.match(kind):
             count = used = int(solid[1])
+        elif surface := _SURFACE.match(kind):
+            count, used = SURFACE_NODES[surface[1]]
         else:
-            count, used = SURFACE_NODES[surface[1] if surface is not None else ""]
+            self._leave_out(block, kind)
+            return
         numbers = [int(word) for row in block.rows for word in row if word]
         if len(numbers) % (count + 1):
             raise ValueError(
                 f"{kind} needs {count} nodes per element; {len(numbers)} numbers do not divide into elements"
             )
-        family = SOLID_COUNTS[count] if solid is not None else None
+        family = SOLID_COUNTS[count] if solid else None
         elements = self.scope.elements.setdefault(kind, _Elements(family))
-        members = []
-        for start in range(0, len(numbers), count + 1):
-            number, nodes = numbers[start], numbers[start + 1 : start + 1 + used]
-            if number in self.scope.numbers:
-                if self.scope.numbers[number] != nodes:
-                    raise ValueError(f"element {number} is defined twice")
-                self.deck.repeated += 1
-            self.scope.numbers[number] = elements.nodes[number] = nodes
-            members.append(number)
+        members = numbers[:: count + 1]
+        for row, number in enumerate(members):
+            first = row * (count + 1) + 1
+            self.deck.repeated += self._define(elements, number, numbers[first : first + used])
         self._name_elements(block, members)
+
+    def _leave_out(self, block: Block, kind: str) -> None:
+        """Count elements without a volume.
+
+        Raises:
+            MeshError: They are of no known type.
+        """
+        if not _OTHER.match(kind):
+            raise MeshError(
+                f"{block.place}: elements of type {kind} are not read; solids are C3D4, C3D5, C3D6, C3D8, C3D10, "
+                "C3D13, C3D15, C3D20 and C3D27 with what follows in letters"
+            )
+        # a line that ends in a comma goes on in the next
+        starts = [0, *(at for at, row in enumerate(block.rows[:-1], 1) if row[-1])]
+        numbers = [int(block.rows[at][0]) for at in starts if block.rows]
+        self.deck.left_out[kind] += len(numbers)
+        self.scope.others.update(numbers)
+        self._name_elements(block, numbers)
 
     def _name_elements(self, block: Block, numbers: Sequence[int]) -> None:
         if "ELSET" in block.options:
@@ -456,6 +461,26 @@ class DeckReader:
         sets.setdefault(name, []).append(_Members(block.place, instance, tuple(items)))
         if "INTERNAL" in block.options:
             self.scope.internal.add(name)
+
+
+# what is done with the block of each keyword that is read
+TAKEN: dict[str, Callable[[DeckReader, Block], None]] = {
+    **dict.fromkeys(SCOPES, DeckReader._change_scope),
+    "SYSTEM": DeckReader._set_system,
+    "NODE": DeckReader._add_nodes,
+    "ELEMENT": DeckReader._add_elements,
+    "NGEN": DeckReader._generate_nodes,
+    "ELGEN": DeckReader._generate_elements,
+    "NSET": DeckReader._add_set,
+    "ELSET": DeckReader._add_set,
+    "SURFACE": DeckReader._add_surface,
+    "SOLID SECTION": DeckReader._add_section,
+    **dict.fromkeys(SHELL_SECTIONS, DeckReader._add_shell),
+    "MATERIAL": DeckReader._start_material,
+    "ELASTIC": DeckReader._add_property,
+    "DENSITY": DeckReader._add_property,
+    "TIE": DeckReader._add_tie,
+}
 
 
 def _read_system(block: Block) -> tuple[FloatArray, FloatArray] | None:

@@ -24,7 +24,7 @@ from headstock.meshing.files.solid_cells import (
 from headstock.meshing.files.topology_checks import (
     check_one_solid,
     drop_repeated_cells,
-    list_faces,
+    list_cell_faces,
     turn_cells,
 )
 from headstock.meshing.process.job import MeshData, pack_data, parse_job
@@ -256,7 +256,7 @@ def _find_cut(
     """
     wanted = len(FACETS["tet" if kind.startswith("tet") else "hex"][0])
     rims = []
-    for faces in (list_faces(every), list_faces(rest)):
+    for faces in (list_cell_faces(every), list_cell_faces(rest)):
         order, starts, lengths = faces.runs()
         rims.append(np.hstack([faces.nodes, faces.keys])[order[starts[lengths == 1]]])
     both = np.concatenate(rims)

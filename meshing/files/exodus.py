@@ -170,7 +170,7 @@ def _add_side_set(
         cell_nodes, numbers = cells[elements[inside] - start], sides[inside]
         start += len(cells)
         if not is_solid(kind):
-            raw.add_facets(label, kind, cell_nodes)
+            raw.add_sheets(label, kind, cell_nodes)
             continue
         table = SIDES.get(kind.rstrip("0123456789"), ())
         if inside.any() and (not table or not 1 <= numbers.min() <= numbers.max() <= len(table)):
@@ -178,8 +178,7 @@ def _add_side_set(
                 f"{path.name}: side set {label} names sides that a {kind} does not have"
             )
         for number, corners in enumerate(table, 1):
-            chosen = cell_nodes[numbers == number][:, list(corners)]
-            raw.add_facets(label, "triangle" if len(corners) == 3 else "quad", chosen)
+            raw.add_facets(label, cell_nodes[numbers == number][:, list(corners)])
     if len(elements) and not 0 <= elements.min() <= elements.max() < start:
         raise MeshError(f"{path.name}: side set {label} names elements that the file does not hold")
 

@@ -6,6 +6,7 @@ meshio's reader of MED knows no 27-node hexes, and fails at families without gro
 """
 
 import math
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -118,6 +119,38 @@ def read_xdmf(path: Path, *beside: Path) -> RawMesh:
     Raises:
         MeshError: The file holds cells that are not read, or reaches for other files.
     """
+    root = _parse_xdmf(path)
+    reader = _GuardedXdmf(path, beside)
+    raw: RawMesh | None = None
+    pending = []
+    for grid in root.iter("Grid"):
+        topology = grid.find("Topology")
+        if grid.get("GridType", "Uniform") != "Uniform" or topology is None:
+            continue  # a field on a mesh that another grid holds
+        blocks = list(_xdmf_cells(reader, topology))
+        geometry = grid.find("Geometry")
+        if not any(is_solid(kind) for kind, _ in blocks):
+            pending.append((grid, geometry, blocks))
+        elif raw is None:
+            if geometry is None:
+                raise MeshError(f"{path.name}: the grid with the solid cells has no coordinates")
+            raw = RawMesh(_xdmf_points(reader, geometry))
+            _add_tags(reader, grid, blocks, raw, [raw.add_cells(*block) for block in blocks])
+        elif geometry is None:
+            _add_tags(reader, grid, blocks, raw, [_find_cells(raw, *block) for block in blocks])
+        else:
+            raise MeshError(f"{path.name} holds several meshes; write one")
+    if raw is None:
+        return RawMesh(np.zeros((0, 3)))
+    for grid, geometry, blocks in pending:
+        if geometry is not None:
+            places = _same_places(raw.points, _xdmf_points(reader, geometry))
+            blocks = [(kind, _renumber(places, nodes)) for kind, nodes in blocks]
+        _add_tags(reader, grid, blocks, raw, [])
+    return raw
+
+
+def _parse_xdmf(path: Path) -> ElementTree.Element:
     text = path.read_bytes()
     try:
         _refuse_entities(text, path.name)
@@ -126,37 +159,7 @@ def read_xdmf(path: Path, *beside: Path) -> RawMesh:
         raise MeshError(f"{path.name} is no XML, or is cut short: {error}") from error
     if root.tag != "Xdmf":
         raise MeshError(f"{path.name} is no XDMF file: it begins with {root.tag[:80]!r}")
-    reader = _GuardedXdmf(path, beside)
-    grids = [grid for grid in root.iter("Grid") if grid.get("GridType", "Uniform") == "Uniform"]
-    raw: RawMesh | None = None
-    pending = []
-    for grid in grids:
-        topology = grid.find("Topology")
-        if topology is None:
-            continue  # a field on a mesh that another grid holds
-        blocks = list(_xdmf_cells(reader, topology))
-        if not any(is_solid(kind) for kind, _ in blocks):
-            pending.append((grid, blocks))
-            continue
-        if raw is not None:
-            if grid.find("Geometry") is not None:
-                raise MeshError(f"{path.name} holds several meshes; write one")
-            _add_tags(reader, grid, blocks, raw, [_find_cells(raw, *block) for block in blocks])
-            continue
-        geometry = grid.find("Geometry")
-        if geometry is None:
-            raise MeshError(f"{path.name}: the grid with the solid cells has no coordinates")
-        raw = RawMesh(_xdmf_points(reader, geometry))
-        _add_tags(reader, grid, blocks, raw, [raw.add_cells(*block) for block in blocks])
-    if raw is None:
-        return RawMesh(np.zeros((0, 3)))
-    for grid, blocks in pending:
-        geometry = grid.find("Geometry")
-        if geometry is not None:
-            places = _same_places(raw.points, _xdmf_points(reader, geometry))
-            blocks = [(kind, _renumber(places, nodes)) for kind, nodes in blocks]
-        _add_tags(reader, grid, blocks, raw, [])
-    return raw
+    return root
 
 
 def _refuse_entities(text: bytes, name: str) -> None:
@@ -251,6 +254,32 @@ def _add_tags(
         raw: What takes the sets.
         cells: What the cells of each block count as among the solid ones; none of surface elements.
     """
+    for name, tags in _read_tags(reader, grid, [len(nodes) for _, nodes in blocks]):
+        solid = [(index, own) for index, own in zip(cells, tags, strict=False) if len(index)]
+        values = np.unique(np.concatenate([own for _, own in solid])) if solid else ()
+        for value in values if 1 < len(values) <= MOST_GROUPS else ():
+            chosen = np.concatenate([index[own == value] for index, own in solid])
+            raw.add_section(f"{name}_{value}", chosen, "", None)
+        sheets = [
+            (kind, nodes, own)
+            for (kind, nodes), own in zip(blocks, tags, strict=True)
+            if kind.startswith(tuple(MESHIO_FACETS))
+        ]
+        values = np.unique(np.concatenate([own for _, _, own in sheets])) if sheets else ()
+        for value in values:
+            for kind, nodes, own in sheets:
+                label = name if len(values) == 1 else f"{name}_{value}"
+                raw.add_sheets(label, kind, nodes[own == value])
+
+
+def _read_tags(
+    reader: _GuardedXdmf, grid: ElementTree.Element, counts: Sequence[int]
+) -> Iterator[tuple[str, list[IntArray]]]:
+    """Yield the name and the integer values of each field on the cells of a grid, by block of cells.
+
+    Args:
+        counts: Number of cells of each block.
+    """
     for attribute in grid.findall("Attribute"):
         if attribute.get("Center") != "Cell":
             continue
@@ -258,28 +287,11 @@ def _add_tags(
         if not np.issubdtype(values.dtype, np.integer):
             continue
         name = attribute.get("Name", "tags")
-        if len(values) != sum(len(nodes) for _, nodes in blocks):
+        if len(values) != sum(counts):
             raise MeshError(
                 f"{reader.filename.name}: {name} has {len(values)} values, the grid other many cells"
             )
-        owners = np.split(values, np.cumsum([len(nodes) for _, nodes in blocks])[:-1])
-        solid = [(own, tags) for own, tags in zip(cells, owners, strict=False) if len(own)]
-        numbers = np.unique(np.concatenate([tags for _, tags in solid])) if solid else ()
-        for value in numbers if 1 < len(numbers) <= MOST_GROUPS else ():
-            own = np.concatenate([index[tags == value] for index, tags in solid])
-            raw.add_section(f"{name}_{value}", own, "", None)
-        tagged = [
-            (kind, nodes, tags)
-            for (kind, nodes), tags in zip(blocks, owners, strict=True)
-            if kind.startswith(tuple(MESHIO_FACETS))
-        ]
-        if not tagged:
-            continue
-        tag_values = np.unique(np.concatenate([tags for _, _, tags in tagged]))
-        for value in tag_values:
-            for kind, nodes, tags in tagged:
-                label = name if len(tag_values) == 1 else f"{name}_{value}"
-                raw.add_facets(label, kind, nodes[tags == value])
+        yield name, np.split(values, np.cumsum(counts)[:-1])
 
 
 def _same_places(points: FloatArray, others: FloatArray) -> IntArray:
@@ -320,16 +332,9 @@ def read_med(path: Path) -> RawMesh:
             raise MeshError(f"{path.name}: its coordinates are not three per node")
         raw = RawMesh(flat.reshape(3, -1).T.astype(float))
         families = file.get(f"FAS/{name}")
-        groups = {
-            kind: _med_groups(families[kind]) if families is not None and kind in families else {}
-            for kind in (NODE_FAMILIES, CELL_FAMILIES)
-        }
-        if "FAM" in step["NOE"]:
-            tags = _read_plain(step, "NOE/FAM")
-            for number, names in groups[NODE_FAMILIES].items():
-                for group in names:
-                    raw.add_nodes(group, np.flatnonzero(tags == number))
-        solids: dict[str, list[IntArray]] = {}
+        for members, group in _med_members(step["NOE"], families, NODE_FAMILIES):
+            raw.add_nodes(group, members)
+        solids: defaultdict[str, list[IntArray]] = defaultdict(list)
         for code, cells in step["MAI"].items():
             kind = MED_KINDS.get(code)
             if kind is None:
@@ -338,18 +343,26 @@ def read_med(path: Path) -> RawMesh:
                 raise MeshError(f"{path.name}: cells of the type {code!r} are not read")
             nodes = _read_plain(cells, "NOD").reshape(_node_count(kind), -1).T.astype(np.int64) - 1
             numbers = raw.add_cells(kind, nodes)
-            if "FAM" not in cells:
-                continue
-            tags = _read_plain(cells, "FAM")
-            for number, names in groups[CELL_FAMILIES].items():
-                for group in names:
-                    if is_solid(kind):
-                        solids.setdefault(group, []).append(numbers[tags == number])
-                    else:
-                        raw.add_facets(group, kind, nodes[tags == number])
+            for members, group in _med_members(cells, families, CELL_FAMILIES):
+                if is_solid(kind):
+                    solids[group].append(numbers[members])
+                else:
+                    raw.add_sheets(group, kind, nodes[members])
     for group, parts in solids.items():
         raw.add_section(group, np.concatenate(parts), "", None)
     return raw
+
+
+def _med_members(
+    holder: h5py.Group, families: h5py.Group | None, kind: str
+) -> Iterator[tuple[IntArray, str]]:
+    """Yield the nodes or cells of each family, counted from 0, with each group it belongs to."""
+    if "FAM" not in holder or families is None or kind not in families:
+        return
+    tags = _read_plain(holder, "FAM")
+    for number, names in _med_groups(families[kind]).items():
+        for name in names:
+            yield np.flatnonzero(tags == number), name
 
 
 def _med_groups(families: h5py.Group) -> dict[int, list[str]]:

@@ -5,7 +5,7 @@ Source: MSC Nastran Quick Reference Guide, "Format of Bulk Data Entries".
 
 import re
 from collections import Counter, defaultdict
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -133,6 +133,22 @@ def read_nastran(path: Path) -> RawMesh:
         MeshError: A card cannot be read, is not known, or refers to another file.
     """
     text = path.read_text(encoding="utf-8-sig", errors="replace")
+    cards, left_out = _sort_cards(path, text)
+    nodes = _Nodes(path, cards)
+    raw = RawMesh(nodes.positions(), left_out=left_out)
+    _add_solids(raw, nodes, cards)
+    _add_surfaces(raw, nodes, cards)
+    for name, members in _node_sets(text, cards, nodes):
+        raw.add_nodes(name, members)
+    return raw
+
+
+def _sort_cards(path: Path, text: str) -> tuple[Mapping[str, Sequence[_Card]], Counter[str]]:
+    """Return the cards that are read by name, and how many elements of each other kind there are.
+
+    Raises:
+        MeshError: A card is not known.
+    """
     cards: defaultdict[str, list[_Card]] = defaultdict(list)
     left_out: Counter[str] = Counter()
     for card in _join_lines(path, _bulk_lines(path, text)):
@@ -144,30 +160,7 @@ def read_nastran(path: Path) -> RawMesh:
             raise MeshError(
                 f"{card.place}: {card.name} is not known; solids are read from CTETRA, CPYRAM, CPENTA and CHEXA"
             )
-    nodes = _Nodes(path, cards)
-    raw = RawMesh(nodes.positions())
-    _add_solids(raw, nodes, cards)
-    shells = {card.integer(0) for name in SHELL_PROPERTIES for card in cards[name]}
-    for name, count in SURFACES.items():
-        surfaces: defaultdict[int, list[list[int]]] = defaultdict(list)
-        unnamed = _unnamed_properties(cards[name], shells)
-        corners = 3 if count in (3, 6) else 4
-        for card in cards[name]:
-            card_property = card.integer(1, card.integer(0))
-            surfaces[card_property].append(
-                [nodes.row(card, 2 + corner) for corner in range(corners)]
-            )
-            left_out[name] += card_property in shells
-        for number, rows in surfaces.items():
-            if number in unnamed:
-                continue
-            kind = "triangle" if corners == 3 else "quad"
-            raw.add_facets(f"property_{number}", kind, np.array(rows, dtype=np.int64))
-    raw.left_out = +left_out
-    for name, members in _node_sets(text, cards, nodes):
-        if len(members):
-            raw.add_nodes(name, members)
-    return raw
+    return cards, left_out
 
 
 def _unnamed_properties(elements: Sequence[_Card], known: Collection[int]) -> set[int]:
@@ -182,13 +175,12 @@ def _unnamed_properties(elements: Sequence[_Card], known: Collection[int]) -> se
     } - set(known)
 
 
-def _bulk_lines(path: Path, text: str) -> Iterator[_Line]:
-    """Yield the lines of the bulk data section, or of the whole file where none begins.
+def _find_bulk(path: Path, rows: Sequence[str]) -> int:
+    """Find how many lines stand before the bulk data.
 
     Raises:
-        MeshError: A line refers to another file, or is of no known format.
+        MeshError: There are several sections of it, or a line refers to another file.
     """
-    rows = text.splitlines()
     begin = 0
     for number, row in enumerate(rows, 1):
         words = row.partition("$")[0].upper().split()
@@ -203,6 +195,17 @@ def _bulk_lines(path: Path, text: str) -> Iterator[_Line]:
                     f"{path.name}:{number}: several bulk data sections are not read; write one part alone"
                 )
             begin = number
+    return begin
+
+
+def _bulk_lines(path: Path, text: str) -> Iterator[_Line]:
+    """Yield the lines of the bulk data section, or of the whole file where none begins.
+
+    Raises:
+        MeshError: A line refers to another file, or is of no known format.
+    """
+    rows = text.splitlines()
+    begin = _find_bulk(path, rows)
     before: _Line | None = None
     steps: list[str] = []
     for number, row in enumerate(rows[begin:], begin + 1):
@@ -285,6 +288,30 @@ def _split_line(path: Path, number: int, line: str) -> _Line:
     )
 
 
+def _link_lines(path: Path, lines: Sequence[_Line]) -> dict[int, int]:
+    """Return which line continues which.
+
+    Raises:
+        MeshError: A line continues none.
+    """
+    marks: dict[str, int] = {}
+    for row, line in enumerate(lines):
+        if line.mark:
+            marks[line.mark] = -1 if line.mark in marks else row
+    following: dict[int, int] = {}
+    for row, line in enumerate(lines):
+        if line.name:
+            continue
+        before = row - 1
+        if line.label and (before < 0 or lines[before].mark != line.label):
+            continued = marks.get(line.label, -1)
+            before = before if continued in (-1, row) else continued
+        if before < 0 or before in following:
+            raise MeshError(f"{path.name}:{line.number}: there is no card that this line continues")
+        following[before] = row
+    return following
+
+
 def _join_lines(path: Path, lines: Iterator[_Line]) -> Iterator[_Card]:
     """Yield the cards with the lines that continue them, which follow, or stand elsewhere and are
     found by their mark.
@@ -293,21 +320,7 @@ def _join_lines(path: Path, lines: Iterator[_Line]) -> Iterator[_Card]:
         MeshError: A line continues none.
     """
     every = list(lines)
-    marks: dict[str, int] = {}
-    for row, line in enumerate(every):
-        if line.mark:
-            marks[line.mark] = -1 if line.mark in marks else row
-    following: dict[int, int] = {}
-    for row, line in enumerate(every):
-        if line.name:
-            continue
-        before = row - 1
-        if line.label and (before < 0 or every[before].mark != line.label):
-            continued = marks.get(line.label, -1)
-            before = before if continued in (-1, row) else continued
-        if before < 0 or before in following:
-            raise MeshError(f"{path.name}:{line.number}: there is no card that this line continues")
-        following[before] = row
+    following = _link_lines(path, every)
     for row, line in enumerate(every):
         if not line.name:
             continue
@@ -450,55 +463,67 @@ def _system_entry(card: _Card, start: int) -> tuple[str, list[int], list[float]]
     return card.name, [card.integer(1)], [card.real(2 + i) for i in range(9)]
 
 
+def _add_surfaces(raw: RawMesh, nodes: _Nodes, cards: Mapping[str, Sequence[_Card]]) -> None:
+    """Add surface elements to the set of their property, and count those with a thickness."""
+    shells = {card.integer(0) for name in SHELL_PROPERTIES for card in cards.get(name, ())}
+    for name, count in SURFACES.items():
+        elements = cards.get(name, ())
+        surfaces: defaultdict[int, list[list[int]]] = defaultdict(list)
+        corners = range(2, 5 if count in (3, 6) else 6)
+        for card in elements:
+            number = card.integer(1, card.integer(0))
+            surfaces[number].append([nodes.row(card, field) for field in corners])
+            if number in shells:
+                raw.left_out[name] += 1
+        for number in surfaces.keys() & _unnamed_properties(elements, shells):
+            del surfaces[number]
+        for number, rows in surfaces.items():
+            raw.add_facets(f"property_{number}", np.array(rows, dtype=np.int64))
+
+
 def _add_solids(raw: RawMesh, nodes: _Nodes, cards: Mapping[str, Sequence[_Card]]) -> None:
     """Add solid cells, and which property and material they have."""
-    properties: dict[int, list[IntArray]] = {}
+    properties: defaultdict[int, list[IntArray]] = defaultdict(list)
     solids = {card.integer(0): card for card in cards.get("PSOLID", ())}
-    values = {card.integer(0): card for card in cards.get("MAT1", ())}
+    materials = {card.integer(0): card for card in cards.get("MAT1", ())}
     for name, (family, most) in SOLIDS.items():
-        solid_cards = cards.get(name, ())
-        first = CORNERS[family]
-        rows = np.full((len(solid_cards), most), -1, dtype=np.int64)
-        numbers, owners = (np.zeros(len(solid_cards), dtype=np.int64) for _ in range(2))
-        for row_index, card in enumerate(solid_cards):
-            nodes_of = [nodes.row(card, index) for index in range(2, len(card.fields))]
-            if (
-                any(row >= 0 for row in nodes_of[most:])
-                or min([*nodes_of[:first], len(nodes_of) - first]) < 0
-            ):
-                raise MeshError(
-                    f"{card.place}: {name} {card.integer(0)} needs {first} corners and has at most {most} nodes"
-                )
-            rows[row_index, : len(nodes_of[:most])] = nodes_of[:most]
-            numbers[row_index] = card.integer(0)
-            owners[row_index] = card.integer(1, card.integer(0))
-        unnamed = _unnamed_properties(solid_cards, solids)
-        for chosen in ((rows[:, first:] >= 0).any(axis=1), (rows[:, first:] < 0).all(axis=1)):
-            block = rows[chosen]
-            straight = len(block) and (block[:, first:] < 0).all()
+        elements, first = cards.get(name, ()), CORNERS[family]
+        rows = np.array([_cell_nodes(nodes, card, first, most) for card in elements])
+        rows = rows.reshape(-1, most)
+        numbers = np.array([card.integer(0) for card in elements], dtype=np.int64)
+        owners = np.array([card.integer(1, card.integer(0)) for card in elements], dtype=np.int64)
+        unnamed = _unnamed_properties(elements, solids)
+        curved = (rows[:, first:] >= 0).any(axis=1)
+        for chosen, block in ((curved, rows), (~curved, rows[:, :first])):
             cells = raw.add_solids(
-                family,
-                block[:, :first] if straight else block,
-                edges=upright_first(family),
-                numbers=numbers[chosen],
+                family, block[chosen], edges=upright_first(family), numbers=numbers[chosen]
             )
             for number in set(map(int, owners[chosen])) - unnamed:
-                properties.setdefault(number, []).append(cells[owners[chosen] == number])
+                properties[number].append(cells[owners[chosen] == number])
     _refuse_repeated_numbers(nodes.path, raw)
     for number, parts in properties.items():
-        cells = np.concatenate(parts)
-        if number not in solids:
-            raw.add_section(f"property_{number}", cells, "", None)
-            continue
-        material = solids[number].integer(1)
-        if material not in values:
-            raw.add_section(f"property_{number}", cells, f"material {material}", material)
-            continue
-        card = values[material]
-        shown = {"E": 1, "nu": 3, "density": 4}
-        words = ", ".join(f"{word} = {card.real(at):g}" for word, at in shown.items())
-        key = tuple(card.real(at) for at in range(1, 5))
-        raw.add_section(f"property_{number}", cells, f"material {material}: {words}", key)
+        material = None if number not in solids else solids[number].integer(1)
+        text = "" if material is None else f"material {material}"
+        key: Hashable = material
+        if material is not None and (card := materials.get(material)):
+            shown = {"E": 1, "nu": 3, "density": 4}
+            text += ": " + ", ".join(f"{word} = {card.real(at):g}" for word, at in shown.items())
+            key = tuple(card.real(at) for at in range(1, 5))
+        raw.add_section(f"property_{number}", np.concatenate(parts), text, key)
+
+
+def _cell_nodes(nodes: _Nodes, card: _Card, corners: int, most: int) -> list[int]:
+    """Return the rows ``(most,)`` of the nodes of a cell, -1 where there is none.
+
+    Raises:
+        MeshError: It lacks a corner, or has more.
+    """
+    rows = [nodes.row(card, index) for index in range(2, len(card.fields))]
+    if max(rows[most:], default=-1) >= 0 or min([*rows[:corners], len(rows) - corners]) < 0:
+        raise MeshError(
+            f"{card.place}: {card.name} {card.integer(0)} needs {corners} corners and has at most {most} nodes"
+        )
+    return (rows + [-1] * most)[:most]
 
 
 def _refuse_repeated_numbers(path: Path, raw: RawMesh) -> None:

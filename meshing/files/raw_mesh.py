@@ -192,7 +192,12 @@ class RawMesh:
             return np.zeros(0, dtype=np.int64)
         return self.add_solids(family, nodes)
 
-    def add_facets(self, name: str, kind: str, nodes: IntArray) -> None:
+    def add_facets(self, name: str, corners: IntArray) -> None:
+        """Add facets with corners ``(n, 3 or 4)`` to a named set."""
+        if len(corners):
+            self.facets.setdefault(_clean_name(name), []).append(corners)
+
+    def add_sheets(self, name: str, kind: str, nodes: IntArray) -> None:
         """Add surface elements to a named set; elements of other kinds are passed over.
 
         Args:
@@ -200,12 +205,13 @@ class RawMesh:
             nodes: ``(n, k)``, corners first.
         """
         corners = MESHIO_FACETS.get(kind.rstrip("0123456789"))
-        if corners is not None and len(nodes):
-            self.facets.setdefault(_clean_name(name), []).append(nodes[:, :corners])
+        if corners is not None:
+            self.add_facets(name, nodes[:, :corners])
 
     def add_nodes(self, name: str, nodes: IntArray) -> None:
-        """Add nodes to a named set."""
-        self.node_sets.setdefault(_clean_name(name), []).append(nodes)
+        """Add nodes ``(n,)`` to a named set."""
+        if len(nodes):
+            self.node_sets.setdefault(_clean_name(name), []).append(nodes)
 
     def add_group(self, name: str, cells: IntArray) -> None:
         """Add solid cells to a named set.

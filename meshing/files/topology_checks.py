@@ -66,7 +66,7 @@ class _Faces:
         return np.asarray(following < self.nodes[rows, (first - 1) % count])
 
 
-def list_faces(every: Sequence[SolidCells]) -> _Faces:
+def list_cell_faces(every: Sequence[SolidCells]) -> _Faces:
     """Return the faces of cells; a face that collapses to a triangle is one, to less is none."""
     nodes, owners = [], []
     for cells in every:
@@ -153,7 +153,7 @@ def turn_cells(
     volumes = [signed_volumes(points, cells) for cells in every]
     if all((part >= 0.0).all() for part in volumes):
         return list(every), []
-    faces = list_faces(every)
+    faces = list_cell_faces(every)
     order, starts, lengths = faces.runs()
     pairs = starts[lengths == 2]
     one, two = order[pairs], order[pairs + 1]
@@ -197,7 +197,7 @@ def check_one_solid(
     owners = np.concatenate([cells.index[cut.rows] for cells, cut in zip(every, cuts, strict=True)])
     # tets may stand behind the two halves of a face of a hex
     pieces = [SolidCells("tet", np.pad(tets, ((0, 0), (0, 6)), constant_values=-1), owners)]
-    faces = list_faces(every if len(every) == 1 else pieces)
+    faces = list_cell_faces(every if len(every) == 1 else pieces)
     order, starts, lengths = faces.runs()
     crowded = np.flatnonzero(lengths > 2)
     if len(crowded):
@@ -239,7 +239,7 @@ def _check_cuts(path: Path, every: Sequence[SolidCells], numbers: IntArray, piec
     """
     order, starts, lengths = pieces.runs()
     open_triangles = {tuple(map(int, key)) for key in pieces.keys[order[starts[lengths == 1]], 1:]}
-    faces = list_faces(every)
+    faces = list_cell_faces(every)
     order, starts, lengths = faces.runs()
     rim = order[starts[lengths == 1]]
     for row in rim[faces.nodes[rim, 3] >= 0]:

@@ -38,12 +38,12 @@ from headstock.pipeline.stages.run_state import (
 )
 from headstock.pipeline.stages.shared_components import make_superelements
 from headstock.reduction.coupling.coupling import couple
-from headstock.reduction.estimates.interface_errors import (
+from headstock.reduction.estimates.model_errors import (
     FormResponse,
     bound_response_changes,
     shape_energies,
+    split_change,
 )
-from headstock.reduction.estimates.model_errors import split_change
 from headstock.scene.analyses.frf import FrfRequest
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.frequency_response import (

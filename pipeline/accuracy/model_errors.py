@@ -19,8 +19,8 @@ from headstock.pipeline.accuracy.followed import (
     list_damping_errors,
     list_followed,
 )
-from headstock.pipeline.accuracy.remembered import Judged
 from headstock.pipeline.accuracy.rounds import describe_settings, replace_components
+from headstock.pipeline.accuracy.search_records import Judged
 from headstock.pipeline.accuracy.settings import (
     COARSE_ACCURACY,
     MODE_MARGIN,

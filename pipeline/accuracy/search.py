@@ -23,19 +23,19 @@ from headstock.pipeline.accuracy.quantities import (
     Quantity,
     count_safely,
 )
-from headstock.pipeline.accuracy.remembered import (
-    Judged,
-    Remembered,
-    recall_judged,
-    recall_search,
-    remember_search,
-)
-from headstock.pipeline.accuracy.replay import list_values
 from headstock.pipeline.accuracy.rounds import (
     History,
     describe_settings,
     judge_round,
     replace_components,
+)
+from headstock.pipeline.accuracy.search_records import (
+    Judged,
+    Remembered,
+    list_values,
+    recall_judged,
+    recall_search,
+    remember_search,
 )
 from headstock.pipeline.accuracy.settings import (
     COARSE_ACCURACY,

@@ -7,7 +7,7 @@ from typing import ClassVar, TypedDict
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.mechanisms.tool_mechanism import TOOL_POINT
+from headstock.geometry.mechanisms.exechon import TOOL_POINT
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.numbers.numbers import Number, Series, make_key
 from headstock.pipeline.storage.json_texts import check_finite

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from typing import ClassVar, TypedDict
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.mechanisms.exechon import LENGTHS, condition_numbers
-from headstock.geometry.mechanisms.tool_mechanism import ToolMechanism
+from headstock.geometry.mechanisms.exechon import LENGTHS, ToolMechanism, condition_numbers
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.numbers.numbers import Number, make_key
 

@@ -25,7 +25,7 @@ from headstock.pipeline.stages.estimates import name_what_is_left_out
 from headstock.pipeline.stages.frf import find_error_sources
 from headstock.pipeline.stages.machine import damp_system
 from headstock.pipeline.stages.run_state import PoseModel
-from headstock.reduction.estimates.limit_errors import Border, find_border_changes
+from headstock.reduction.estimates.figure_errors import Border, find_border_changes
 from headstock.reduction.estimates.response_errors import SystemChange, project_response
 from headstock.scene.analyses.lobes import LobesRequest
 from headstock.solvers.linear.modal_analysis import solve_modal

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.machine.feed import NO_FEED
 from headstock.geometry.machine.machine import Pose, free_axes
+from headstock.geometry.machine.tool_travel import NO_FEED
 from headstock.pipeline.answers.lobes import HZ, RPM, DirectionLobes, Lobe, PoseLobes
 from headstock.pipeline.lobes.cutting_point import (
     CuttingPoint,

@@ -44,7 +44,7 @@ from headstock.reduction.coupling.path_loads import (
     stack_modes,
 )
 from headstock.reduction.coupling.probes import travel_inertia
-from headstock.reduction.estimates.probe_errors import SEEN
+from headstock.reduction.estimates.static_errors import SEEN
 from headstock.reduction.motions.path_errors import (
     STEPS_PER_WAVE,
     PathErrors,

@@ -34,15 +34,15 @@ from headstock.pipeline.motion.coupled_contour import (
 from headstock.pipeline.motion.lumped_contour import lumped_face_dynamics, run_lumped_contour
 from headstock.pipeline.motion.milled_faces import mill_faces
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.planning.repeats import ONCE
-from headstock.pipeline.stages.better_machines import (
+from headstock.pipeline.stages.mechanism import placed_mechanism
+from headstock.pipeline.stages.refined_models import (
     Repeated,
     repeat_at_ends,
-    repeat_without,
+    repeat_with_refined,
     silence,
 )
-from headstock.pipeline.stages.mechanism import placed_mechanism
 from headstock.pipeline.stages.run_state import Outcome, RunState
+from headstock.reduction.estimates.corrected_elements import COMBINED_REFINEMENTS
 from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.scene.reading.csv_files import ForceRecord, read_forces, resampling_loss
 from headstock.solvers.milling.border import find_border
@@ -184,9 +184,9 @@ def _repeat_contour(
     """Return the numbers of the contour once more, on the machine with finer meshes and more modes, with
     the true curved faces, and with cutting coefficients at the ends of their ranges.
     """
-    found = repeat_without(
+    found = repeat_with_refined(
         state,
-        ONCE,
+        COMBINED_REFINEMENTS,
         lambda machine: tuple(_mill(machine, request, record, trajectory).answer.list_numbers()),
         asked=request.estimate,
     )

@@ -11,8 +11,7 @@ import scipy  # whose interpolation, a third of a second, is loaded where it is 
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.geometry.machine.machine import Pose
-from headstock.geometry.mechanisms.exechon import LEGS, LENGTHS
-from headstock.geometry.mechanisms.tool_mechanism import solve_pose
+from headstock.geometry.mechanisms.exechon import LEGS, LENGTHS, solve_pose
 from headstock.pipeline.motion.probe_motions import probe_values
 from headstock.pipeline.motion.trajectory import (
     PosedErrors,

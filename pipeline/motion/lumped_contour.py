@@ -34,7 +34,7 @@ from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.solvers.mechanisms.modes import (
     linearise_poses,
     marker_motion,
-    solve_pose_modes,
+    solve_lumped_modes,
 )
 from headstock.solvers.milling.contouring import (
     FreeLegs,
@@ -127,7 +127,7 @@ def run_lumped_contour(
         moved = cut.tip
     history = cut.history
     gravity_deflection = motion.tool_motion(motion.deflect()) @ turn.T
-    modes = solve_pose_modes(linearise_poses(model, drive.states[:: max(1, len(nodes) // 20)]))
+    modes = solve_lumped_modes(linearise_poses(model, drive.states[:: max(1, len(nodes) // 20)]))
     highest = float(modes.frequencies_hz.max())
     return ContourRun(
         times=times,

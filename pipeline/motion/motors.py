@@ -37,7 +37,7 @@ from headstock.pipeline.motion.trajectory import (
 )
 from headstock.pipeline.stages.mechanism import LumpedPose
 from headstock.pipeline.stages.run_state import MachineParts, PoseModel, RunState
-from headstock.reduction.coupling.drives import find_scales, scale_rows
+from headstock.reduction.coupling.drives import find_linear_scales, scale_rows
 from headstock.reduction.coupling.error_travel import move_rows
 from headstock.reduction.coupling.path_loads import momentum_rows
 from headstock.scene.scene import SceneMechanism
@@ -264,7 +264,7 @@ class TrajectoryMotors:
 def _scale_rows(model: PoseModel, drives: Sequence[Drive]) -> list[FloatArray]:
     """What the linear scale of each drive reads with locked motors ``(n,)``."""
     if not isinstance(model, LumpedPose):
-        return find_scales(coupled_machine(model), model.parts.scene.machine, drives)
+        return find_linear_scales(coupled_machine(model), model.parts.scene.machine, drives)
     unit = np.eye(len(model.system.mass))
     # a scale reads the leg up to its joint at the platform, its spring along itself included
     return [unit[2 * LENGTHS.index(drive.axis) + 1] for drive in drives]

@@ -24,7 +24,7 @@ from headstock.pipeline.motion.trajectory import (
 )
 from headstock.pipeline.stages.run_state import MachineParts, PoseModel
 from headstock.reduction.coupling.probes import PlacedProbe, carry_probe, moved_inertia
-from headstock.reduction.estimates.probe_errors import MOVED, SEEN
+from headstock.reduction.estimates.static_errors import MOVED, SEEN
 from headstock.solvers.motion.alpha import apply_matrices
 from headstock.solvers.motion.plant_motion import SampledHistory
 from headstock.solvers.second_order import Channel, Index

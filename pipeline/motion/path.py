@@ -23,9 +23,9 @@ from headstock.pipeline.motion.path_model import SolvedMoves, choose_model
 from headstock.pipeline.numbers.estimates import Estimate
 from headstock.pipeline.numbers.numbers import Key, Number
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.planning.repeats import EACH
-from headstock.pipeline.stages.better_machines import repeat_at_ends, repeat_without, silence
+from headstock.pipeline.stages.refined_models import repeat_at_ends, repeat_with_refined, silence
 from headstock.pipeline.stages.run_state import Outcome, RunState
+from headstock.reduction.estimates.corrected_elements import SEPARATE_REFINEMENTS
 from headstock.reduction.motions.path_errors import NODES, find_path_errors
 from headstock.scene.analyses.path import PathRequest
 from headstock.solvers.errors import ModelError, UnstableControlError
@@ -182,8 +182,11 @@ def _estimate_errors(
     def list_numbers(moves: SolvedMoves) -> tuple[Number, ...]:
         return tuple(list_run_numbers(_run_moves(frozen, moves)))
 
-    found = repeat_without(
-        state, EACH, lambda machine: list_numbers(solve(machine, frozen)), asked=request.estimate
+    found = repeat_with_refined(
+        state,
+        SEPARATE_REFINEMENTS,
+        lambda machine: list_numbers(solve(machine, frozen)),
+        asked=request.estimate,
     )
     if request.cut is not None and request.estimate:
         found = repeat_at_ends(

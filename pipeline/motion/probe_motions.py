@@ -19,7 +19,7 @@ from headstock.pipeline.stages.run_state import MachineParts
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.probes import PlacedProbe, place_probe
 from headstock.reduction.estimates.mesh_errors import SILENT_SHARE
-from headstock.reduction.estimates.probe_errors import (
+from headstock.reduction.estimates.static_errors import (
     MOVED,
     SEEN,
     STRESSED,

@@ -13,8 +13,7 @@ import scipy  # whose interpolation, a third of a second, is loaded where it is 
 
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.machine.drives import Drive
-from headstock.geometry.mechanisms.exechon import LENGTHS
-from headstock.geometry.mechanisms.tool_mechanism import tool_pose
+from headstock.geometry.mechanisms.exechon import LENGTHS, tool_pose
 from headstock.pipeline.answers.motion_forces import PathForces
 from headstock.pipeline.answers.path import FollowedPoses
 from headstock.pipeline.answers.probe_motions import ProbeMotion

@@ -13,10 +13,10 @@ from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.geometry.machine.joints import Axis
 from headstock.geometry.machine.machine import Machine, Pose
 from headstock.geometry.machine.tool_travel import ToolTravel
-from headstock.geometry.mechanisms.tool_mechanism import ToolMechanism
+from headstock.geometry.mechanisms.exechon import ToolMechanism
 from headstock.pipeline.motion.contour_run import CORIOLIS
 from headstock.pipeline.stages.machine import CoupledPose, damp_system, warn_of_no_damping
-from headstock.pipeline.stages.mechanism import LumpedPose, build_mechanism, place_pose
+from headstock.pipeline.stages.mechanism import LumpedPose, build_lumped_model, place_pose
 from headstock.pipeline.stages.run_state import MachineParts, PoseModel, RunState
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.coupling.elimination import CouplingMemo
@@ -312,7 +312,7 @@ def model_builder(state: RunState) -> Callable[[Pose], PoseModel]:
     """What puts the machine of a scene, lumped or of components, into a pose."""
     parts, memo = state.parts, CouplingMemo()
     if state.scene.is_lumped:
-        lumped = build_mechanism(parts, parts.superelements)
+        lumped = build_lumped_model(parts, parts.superelements)
         return lambda pose: place_pose(parts, pose, lumped, parts.superelements)
 
     def build(pose: Pose) -> CoupledPose:

@@ -30,7 +30,12 @@ from headstock.pipeline.planning.budgets import (
     transient_seconds,
 )
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.planning.repeats import EACH, ONCE, Improvement, list_repeats
+from headstock.reduction.estimates.corrected_elements import (
+    COMBINED_REFINEMENTS,
+    SEPARATE_REFINEMENTS,
+    Refinement,
+    list_refinements,
+)
 from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.scene.analyses.control import ControlRequest
 from headstock.scene.analyses.frf import FrfRequest
@@ -193,7 +198,9 @@ def _plan_contour(machine: PlannedMachine, contour: ContouringRequest, what: str
         nonlinear=contour.model == "nonlinear",
         regenerative=regenerative,
     )
-    again = _count_repeats(machine.components, ONCE, contour.cut if contour.cutting else None)
+    again = _count_repeats(
+        machine.components, COMBINED_REFINEMENTS, contour.cut if contour.cutting else None
+    )
     again *= contour.estimate
     times = 1.0 + again * (1.0 if regenerative else CONTOUR_AGAIN)
     return Stage(
@@ -206,20 +213,20 @@ def _plan_contour(machine: PlannedMachine, contour: ContouringRequest, what: str
 
 
 def _count_repeats(
-    components: Mapping[str, Component], improvements: Sequence[Improvement], cut: MillingCut | None
+    components: Mapping[str, Component], refinements: Sequence[Refinement], cut: MillingCut | None
 ) -> int:
     """How often an analysis is repeated for its ±: without each source of error, and for each range of
     the coefficients of its cut.
     """
     ranges = 0 if cut is None else len(cut.coefficients.ranges)
-    return len(list_repeats(components, improvements)) + ranges
+    return len(list_refinements(components, refinements)) + ranges
 
 
 def _plan_path(machine: PlannedMachine, path: PathRequest, what: str) -> Stage:
     """Return the path, repeated in the pose of the middle for its ±."""
     scene, dofs = machine.scene, machine.dofs
     cut = None if path.cut is None else path.cut.cut
-    repeats = path.estimate * _count_repeats(machine.components, EACH, cut)
+    repeats = path.estimate * _count_repeats(machine.components, SEPARATE_REFINEMENTS, cut)
     samples = [(move.duration + path.residual_time) * path.sampling_hz for move in path.moves]
     # before and after a record a low-pass rests for some of its periods
     rest = 0.0 if path.low_pass is None else 2.0 * PADDING / path.low_pass.frequency_hz

@@ -38,15 +38,15 @@ from headstock.pipeline.planning.budgets import (
     write_seconds,
 )
 from headstock.pipeline.planning.interfaces import find_glued_joints, has_choice
-from headstock.pipeline.planning.node_memory import (
-    RanksOnNodes,
-    check_memory,
-)
 from headstock.pipeline.planning.plan import Plan, Stage
 from headstock.pipeline.planning.rail_meshes import find_coarse_rails
 from headstock.pipeline.planning.reductions import (
     choose_reduction,
     choose_solver,
+)
+from headstock.pipeline.planning.resources import (
+    RanksOnNodes,
+    check_memory,
 )
 from headstock.pipeline.storage.content_keys import superelement_key
 from headstock.reduction.components.solver_choice import (

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.machine import Machine
 from headstock.geometry.parts.components import Component, Material
-from headstock.geometry.parts.skins import IntArray, Skin, split_skin
-from headstock.geometry.parts.solid_skins import inertia_skin, solid_skin
+from headstock.geometry.parts.skins import IntArray, Skin, inertia_skin, solid_skin, split_skin
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.dof_layout import DofLayout, locate_interface, turn_dofs
 from headstock.reduction.motions.body_fields import carried_motion

@@ -36,7 +36,7 @@ from headstock.pipeline.storage.superelements import read_superelement
 from headstock.reduction.components.polynomial import reduce_polynomial
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.components.segmented import reduce_segmented, segment_skin
-from headstock.reduction.estimates.mesh_correction import correct_mesh
+from headstock.reduction.estimates.corrected_elements import correct_mesh
 from headstock.reduction.requests import (
     ReductionExtent,
     ReductionRequest,
@@ -210,36 +210,25 @@ def _choose_by_mesh(
     return dataclasses.replace(component, reduction=settings), why
 
 
-def _run_rigid_stage(state: RunState, stage: Stage) -> Outcome:
+def _make_rigid(state: RunState, component: Component) -> str:
     """Make a rigid superelement from a component's mass properties."""
-    if state.is_root:
-        component = _component(state, stage)
-        loads = component_loads(state, component)
-        described = with_loaded_areas(component, loads)
-        superelement = reduce_rigid(
-            component, describe_solid(described, state.store, state.warn), loads
-        )
-        state.reduced[component.name] = ReducedComponent(
-            superelement, skin=_file_skin(state, component)
-        )
-        return Outcome(detail=f"{superelement.mass_kg:.4g} kg")
-    return Outcome()
+    loads = component_loads(state, component)
+    described = with_loaded_areas(component, loads)
+    superelement = reduce_rigid(
+        component, describe_solid(described, state.store, state.warn), loads
+    )
+    skin = _file_skin(state, component)
+    state.reduced[component.name] = ReducedComponent(superelement, skin=skin)
+    return f"{superelement.mass_kg:.4g} kg"
 
 
-def _run_segment_stage(state: RunState, stage: Stage) -> Outcome:
+def _make_segments(state: RunState, component: Component) -> str:
     """Cut a component into a row of rigid segments on beam springs."""
-    if state.is_root:
-        component = _component(state, stage)
-        superelement = reduce_segmented(
-            component,
-            describe_solid(component, state.store, state.warn),
-            component_loads(state, component),
-        )
-        state.reduced[component.name] = ReducedComponent(
-            superelement, skin=_bending_skin(component)
-        )
-        return Outcome(detail=f"{superelement.mass_kg:.4g} kg, {component.segments.count} segments")
-    return Outcome()
+    properties = describe_solid(component, state.store, state.warn)
+    superelement = reduce_segmented(component, properties, component_loads(state, component))
+    skin = _bending_skin(component)
+    state.reduced[component.name] = ReducedComponent(superelement, skin=skin)
+    return f"{superelement.mass_kg:.4g} kg, {component.segments.count} segments"
 
 
 def _bending_skin(component: Component) -> Skin:
@@ -267,28 +256,33 @@ def _run_polynomial_stage(state: RunState, stage: Stage) -> Outcome:
     return Outcome(detail=_describe(superelement))
 
 
-def _run_load_stage(state: RunState, stage: Stage) -> Outcome:
+def _load_file(state: RunState, component: Component) -> str:
     """Read an imported superelement and check it like one of our own."""
-    if state.is_root:
-        component = _component(state, stage)
-        superelement = dataclasses.replace(
-            read_superelement(cast(SuperelementFile, component.solid).path),
-            name=component.name,
-            probes={},
-        )
-        check_superelement(superelement, rounding=FILE_ROUNDING)
-        state.reduced[component.name] = _as_asked(component, ReducedComponent(superelement))
-        return Outcome(detail=_describe(superelement))
-    return Outcome()
+    read = read_superelement(cast(SuperelementFile, component.solid).path)
+    superelement = dataclasses.replace(read, name=component.name, probes={})
+    check_superelement(superelement, rounding=FILE_ROUNDING)
+    state.reduced[component.name] = _as_asked(component, ReducedComponent(superelement))
+    return _describe(superelement)
+
+
+def _run_on_root(
+    make: Callable[[RunState, Component], str],
+) -> Callable[[RunState, Stage], Outcome]:
+    """Return a stage of what rank 0 alone makes of a component, and says of it."""
+
+    def run(state: RunState, stage: Stage) -> Outcome:
+        return Outcome(detail=make(state, _component(state, stage))) if state.is_root else Outcome()
+
+    return run
 
 
 COMPONENT_STAGES: dict[str, Callable[[RunState, Stage], Outcome]] = {
     "mesh": _run_mesh_stage,
     "reduce": _run_reduce_stage,
-    "rigid": _run_rigid_stage,
-    "segment": _run_segment_stage,
+    "rigid": _run_on_root(_make_rigid),
+    "segment": _run_on_root(_make_segments),
     "expand": _run_polynomial_stage,
-    "load": _run_load_stage,
+    "load": _run_on_root(_load_file),
 }
 
 
@@ -330,7 +324,7 @@ def _reduction_request(state: RunState, component: Component) -> ReductionReques
 
 
 def stored_request(state: RunState, component: Component) -> StoredRequest:
-    """What is requested from the store for a component."""
+    """Return the request to the store for a component."""
     supports, loads = component_supports(state, component), component_loads(state, component)
     request = _reduction_request(state, component)
     return StoredRequest(

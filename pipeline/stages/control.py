@@ -112,9 +112,7 @@ def run_control_stage(state: RunState, stage: Stage) -> Outcome:
     """
     if not state.is_root:
         return Outcome()
-    request, pose = state.scene.analyses.get(ControlRequest), pose_name(stage)
-    if request is None:
-        raise ValueError("a control stage needs an analysis in the scene")
+    request, pose = state.scene.analyses[ControlRequest], pose_name(stage)
     driven = drive_machine(pose_model(state), state.warn)
     trains = driven.trains
     loop = close_loops(driven.system, trains)

@@ -50,9 +50,9 @@ from headstock.pipeline.stages.run_state import (
 )
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.probes import PlacedProbe, component_factors, place_probe
+from headstock.reduction.estimates.figure_errors import find_peak_errors
 from headstock.reduction.estimates.frequency_errors import truncated_parts
 from headstock.reduction.estimates.mesh_errors import meshed_parts
-from headstock.reduction.estimates.peak_errors import find_peak_errors
 from headstock.reduction.estimates.response_errors import (
     ErrorSources,
     ResponseErrors,

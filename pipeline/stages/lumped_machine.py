@@ -313,7 +313,7 @@ def leg_offsets(placed: PlacedMechanism, errors: Mapping[int, ErrorProfile]) -> 
 
 
 def sample_leg_errors(errors: Mapping[int, ErrorProfile], lengths: FloatArray) -> FloatArray:
-    """What legs are too long by at their lengths ``(n, k)``, a column each [m].
+    """Return what legs are too long by at their lengths ``(n, k)``, a column each [m].
 
     Args:
         errors: Number of a leg, 0..2, to the error of its length over its length.

@@ -12,7 +12,7 @@ import numpy as np
 from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray, Frame
 from headstock.geometry.machine.drives import Drive
 from headstock.geometry.machine.machine import Pose
-from headstock.geometry.mechanisms.tool_mechanism import solve_pose
+from headstock.geometry.mechanisms.exechon import solve_pose
 from headstock.geometry.parts.skins import Skin
 from headstock.meshing.components.skins import PIXEL, skin_size, thin_skin
 from headstock.pipeline.answers.mechanism import describe_state
@@ -238,7 +238,7 @@ class CoupledPose:
         return Released(released, trains, weight)
 
     def view(self) -> PoseView:
-        """What is drawn of the pose without motions."""
+        """Return what is drawn of the pose without motions."""
         return view_pose(self.coupled, self.parts.scene.machine)
 
     def shift_skins(self, skins: dict[str, Skin], motions: FloatArray) -> dict[str, ShiftArray]:

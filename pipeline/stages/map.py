@@ -9,17 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.mechanisms.exechon import survey_tool_poses
-from headstock.geometry.mechanisms.tool_mechanism import tool_pose
+from headstock.geometry.mechanisms.exechon import survey_tool_poses, tool_pose
 from headstock.pipeline.answers.map import WorkspaceMap
 from headstock.pipeline.answers.static import N_PER_UM
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.stages.mechanism import placed_mechanism
+from headstock.pipeline.stages.mechanism import placed_mechanism, scene_mechanism
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.scene.analyses.map import MapRequest
 from headstock.scene.scene import SceneMechanism
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
-from headstock.solvers.mechanisms.modes import linearise_poses, solve_pose_modes, tool_compliance
+from headstock.solvers.mechanisms.modes import linearise_poses, solve_lumped_modes, tool_compliance
 from headstock.solvers.mpi import MPI
 from headstock.solvers.pairing.mode_tracking import SweptModes, track_modes, tracked_frequencies
 
@@ -104,7 +103,7 @@ def _survey_rows(
     good = survey.within & np.isfinite(survey.condition)
     if good.any():
         motions = linearise_poses(model, survey.states[good])
-        modes = solve_pose_modes(motions)
+        modes = solve_lumped_modes(motions)
         turn = mechanism.mounted.mounting.rotation
         compliance = turn @ tool_compliance(model, motions)[:, :3, :3] @ turn.T
         found.condition[good] = survey.condition[good]
@@ -208,13 +207,8 @@ def _correlation(first: FloatArray, second: FloatArray) -> float:
 
 def run_map_stage(state: RunState, stage: Stage) -> Outcome:
     """Survey the grid, shared out over the ranks."""
-    mechanism, request, placed = (
-        state.scene.mechanism,
-        state.scene.analyses.get(MapRequest),
-        placed_mechanism(state),
-    )
-    if mechanism is None or request is None:
-        raise ValueError("a map stage needs a mechanism and a map in the scene")
+    mechanism, placed = scene_mechanism(state.parts), placed_mechanism(state)
+    request = state.scene.analyses[MapRequest]
     model = state.comm.bcast(None if placed is None else placed.model, root=0)
     if model is None:
         raise ValueError("a map stage needs a placed mechanism")

@@ -11,8 +11,7 @@ from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray, Frame, 
 from headstock.geometry.machine.drives import Drive
 from headstock.geometry.machine.joints import JointEnd
 from headstock.geometry.machine.machine import Pose
-from headstock.geometry.mechanisms.exechon import LEGS, LENGTHS
-from headstock.geometry.mechanisms.tool_mechanism import solve_pose
+from headstock.geometry.mechanisms.exechon import LEGS, LENGTHS, solve_pose
 from headstock.geometry.parts.skins import Skin
 from headstock.pipeline.answers.mechanism import describe_state
 from headstock.pipeline.answers.static import PointCompliance
@@ -277,7 +276,7 @@ class LumpedPose:
         )
 
     def view(self) -> PoseView:
-        """What is drawn of the pose without motions."""
+        """Return what is drawn of the pose without motions."""
         points = {
             name: PointView(
                 str(point.tool),
@@ -346,7 +345,7 @@ class LumpedPose:
         return f"platform {PLATFORM_MOTIONS[int(np.argmax(np.abs(own)))]} on {on}"
 
 
-def build_mechanism(
+def build_lumped_model(
     parts: MachineParts, superelements: Mapping[str, Superelement]
 ) -> CompliantMechanism:
     """Bodies and springs of the lumped mechanism of a scene, in every pose."""
@@ -369,7 +368,7 @@ def place_pose(
     """Close the loops of a lumped mechanism in a pose and make small motions about it.
 
     Args:
-        model: From :func:`build_mechanism`.
+        model: From :func:`build_lumped_model`.
         released: Lengths of legs that are free to grow.
 
     Raises:
@@ -393,7 +392,7 @@ def pose_machine(parts: MachineParts, pose: Pose) -> PoseModel:
     if not parts.scene.is_lumped:
         return couple_pose(parts, pose)
     superelements = parts.superelements
-    return place_pose(parts, pose, build_mechanism(parts, superelements), superelements)
+    return place_pose(parts, pose, build_lumped_model(parts, superelements), superelements)
 
 
 def run_place_stage(state: RunState, stage: Stage) -> Outcome:
@@ -402,7 +401,7 @@ def run_place_stage(state: RunState, stage: Stage) -> Outcome:
         return Outcome()
     parts, pose = state.parts, state.plan.poses[pose_name(stage)]
     superelements = parts.superelements
-    model = place_pose(parts, pose, build_mechanism(parts, superelements), superelements)
+    model = place_pose(parts, pose, build_lumped_model(parts, superelements), superelements)
     stand = describe_state(scene_mechanism(parts), model.pose.name, model.placed.state)
     state.model = model
     add_view(state)

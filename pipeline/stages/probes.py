@@ -22,7 +22,7 @@ from headstock.pipeline.stages.machine import DAMPING
 from headstock.pipeline.stages.run_state import MachineParts, Outcome, RunState, pose_name
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.probes import PlacedProbe, missing_of_loads, place_probe
-from headstock.reduction.estimates.probe_errors import (
+from headstock.reduction.estimates.static_errors import (
     MOVED,
     SEEN,
     STRESSED,

@@ -10,14 +10,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from headstock.pipeline.planning.budgets import BASE_MB
-from headstock.pipeline.planning.kernels import add_kernels, list_missing
-from headstock.pipeline.planning.node_memory import (
+from headstock.pipeline.planning.plan import Plan, Stage, StageRecord
+from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.planning.reductions import add_kernels, list_missing
+from headstock.pipeline.planning.resources import (
     RanksOnNodes,
     check_memory,
     node_memory_bytes,
 )
-from headstock.pipeline.planning.plan import Plan, Stage, StageRecord
-from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.stages.components import (
     COMPONENT_STAGES,
     ELASTIC_MODULE,

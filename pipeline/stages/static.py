@@ -26,10 +26,8 @@ def run_static_stage(state: RunState, stage: Stage) -> Outcome:
     """
     if not state.is_root:
         return Outcome()
-    model, request = pose_model(state), state.scene.analyses.get(StaticRequest)
-    if request is None:
-        raise ValueError("a static stage needs a static analysis in the scene")
-    solved = solve_points(model, request.at)
+    model = pose_model(state)
+    solved = solve_points(model, state.scene.analyses[StaticRequest].at)
     answer, pose = solved.answer, model.pose.name
     if not answer.points:
         return Outcome(

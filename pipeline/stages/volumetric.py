@@ -18,7 +18,7 @@ from headstock.geometry.machine.machine import (
     position_units,
     travel_directions,
 )
-from headstock.geometry.mechanisms.tool_mechanism import TOOL_AXES, TOOL_POINT
+from headstock.geometry.mechanisms.exechon import TOOL_AXES, TOOL_POINT
 from headstock.pipeline.answers.volumetric import (
     SYMBOLS,
     TOTAL,
@@ -39,11 +39,11 @@ from headstock.pipeline.stages.estimates import (
     estimate_measures,
     name_what_is_left_out,
 )
-from headstock.pipeline.stages.mechanism import LUMPED, build_mechanism, place_pose
+from headstock.pipeline.stages.mechanism import LUMPED, build_lumped_model, place_pose
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.coupling.elimination import CouplingMemo
-from headstock.reduction.estimates.deviation_errors import DeviationChanges, estimate_deviation
+from headstock.reduction.estimates.static_errors import DeviationChanges, estimate_deviation
 from headstock.reduction.motions.tool_deviation import GEOMETRY, ToolDeviation, solve_deviation
 from headstock.scene.analyses.volumetric import VolumetricRequest
 from headstock.solvers.linear.volumetric import (
@@ -127,7 +127,7 @@ def _place_deviations(
     machine, parts = state.scene.machine, state.parts
     superelements = parts.superelements
     if state.scene.is_lumped:
-        model = build_mechanism(parts, superelements)
+        model = build_lumped_model(parts, superelements)
 
         def place(pose: Pose) -> dict[str, _Judged]:
             placed = place_pose(parts, pose, model, superelements)

@@ -83,10 +83,8 @@ def mesh_key(component: Component, supports: Sequence[Support], loads: Sequence[
         supports: On this component; their patches count.
         loads: On this component; their patches count.
     """
-    return _digest(
+    return _mesh_digest(
         {
-            "algorithm": [code_fingerprint(package) for package in MESH_CODE],
-            "libraries": library_versions(MESH_LIBRARIES),
             "solid": _solid_content(component),
             "settings": component.mesh,
             "interfaces": {
@@ -105,10 +103,8 @@ def mesh_key(component: Component, supports: Sequence[Support], loads: Sequence[
 
 def skin_key(component: Component) -> str:
     """Key of what is drawn of a solid from a file."""
-    return _digest(
+    return _mesh_digest(
         {
-            "algorithm": [code_fingerprint(package) for package in MESH_CODE],
-            "libraries": library_versions(MESH_LIBRARIES),
             "skin of": _solid_content(component),
         }
     )
@@ -116,10 +112,8 @@ def skin_key(component: Component) -> str:
 
 def properties_key(component: Component) -> str:
     """Key of the mass properties of a solid and of its interfaces."""
-    return _digest(
+    return _mesh_digest(
         {
-            "algorithm": [code_fingerprint(package) for package in MESH_CODE],
-            "libraries": library_versions(MESH_LIBRARIES),
             "properties of": _solid_content(component),
             # an imported mesh is judged and described with its settings
             "settings": component.mesh,
@@ -135,10 +129,8 @@ def thinned_skin_key(skin: Skin, *, largest: int, pixel: float) -> str:
         largest: How many triangles are requested.
         pixel: Largest invisible deviation [m].
     """
-    return _digest(
+    return _mesh_digest(
         {
-            "algorithm": [code_fingerprint(package) for package in MESH_CODE],
-            "libraries": library_versions(MESH_LIBRARIES),
             "coarser than": skin,
             "largest": largest,
             "pixel": pixel,
@@ -272,6 +264,13 @@ def canonical_json(value: object) -> str:
 
 def _digest(content: Mapping[str, object]) -> str:
     return hashlib.sha256(canonical_json(content).encode()).hexdigest()
+
+
+def _mesh_digest(content: Mapping[str, object]) -> str:
+    """Return the digest of what meshing makes of something, with this program and its libraries."""
+    fingerprints = [code_fingerprint(package) for package in MESH_CODE]
+    libraries = library_versions(MESH_LIBRARIES)
+    return _digest({"algorithm": fingerprints, "libraries": libraries, **content})
 
 
 def _canonical(value: object) -> JsonValue:

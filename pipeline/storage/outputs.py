@@ -183,7 +183,7 @@ def write_output(path: Path, content: bytes) -> None:
         pending.publish()
 
 
-def write_beside(folder: Path, files: Mapping[str, bytes]) -> list[str]:
+def write_named_files(folder: Path, files: Mapping[str, bytes]) -> list[str]:
     """Write files whose names follow from what was computed; where a file of the user has the name,
     under another name beside it.
 
@@ -207,7 +207,7 @@ def replace_outputs(folder: Path, part: str, files: Mapping[str, bytes]) -> list
         folder: Of the output; it holds the list.
 
     Returns:
-        A remark for each that got another name, as in ``write_beside``, and for each of an earlier
+        A remark for each that got another name, as in ``write_named_files``, and for each of an earlier
         run that is kept.
 
     Raises:

@@ -43,7 +43,7 @@ def describe_solid(
 
 
 def find_missing_patches(scene: Scene) -> tuple[list[Problem], list[str]]:
-    """What is wrong with the mesh files of a scene and the patches on them, and remarks on files
+    """Find what is wrong with the mesh files of a scene and the patches on them, and remark on files
     that could not be read for another reason; STEP files are left to the mesher.
     """
     problems, remarks = [], []

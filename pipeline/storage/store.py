@@ -81,39 +81,32 @@ def list_keys(store: Store, kind: type, prefix: str) -> list[str]:
 def read_entry[T](store: Store, key: str, kind: type[T]) -> StoreRead[T]:
     """The record stored under a key, verified; a missing entry is no warning."""
     path = _entry_path(store, _folder(kind), key)
+
+    def refuse(why: str) -> StoreRead[T]:
+        return StoreRead(None, f"store entry {path.name[:12]} {why}")
+
     try:
         content = _read_own_file(path)
     except FileNotFoundError:
         return StoreRead(None)
     except OSError as error:
-        return StoreRead(
-            None, f"store entry {path.name[:12]} is not used: {error.strerror or error}"
-        )
+        return refuse(f"is not used: {error.strerror or error}")
     stated, payload = content[:USER_BLOCK].rstrip(b"\0"), memoryview(content)[USER_BLOCK:]
-    own, _, digest = stated.rpartition(b" sha256 ")
-    if not own.startswith(SIGNATURE) or digest != _digest(own, payload):
-        return StoreRead(
-            None,
-            f"store entry {path.name[:12]} is damaged (its digest differs) and is computed anew",
-        )
-    if own != _head(_folder(kind), key):
-        found = own.removeprefix(SIGNATURE).decode("ascii", "replace")
-        return StoreRead(
-            None,
-            f"store entry {path.name[:12]} holds another entry ({found[:80]}) and is computed anew",
-        )
+    head, _, digest = stated.rpartition(b" sha256 ")
+    if not head.startswith(SIGNATURE) or digest != _digest(head, payload):
+        return refuse("is damaged (its digest differs) and is computed anew")
+    if head != _head(_folder(kind), key):
+        other = head.removeprefix(SIGNATURE).decode("ascii", "replace")
+        return refuse(f"holds another entry ({other[:80]}) and is computed anew")
     try:
         with h5py.File(io.BytesIO(content), "r") as file:
             require_plain(file)
             return StoreRead(read_record(file["record"], kind))
     except MemoryError:
         raise
-    except (
-        Exception
-    ) as error:  # the digest is right but the content is foreign: h5py raises almost anything
-        return StoreRead(
-            None, f"store entry {path.name[:12]} is of another layout and is computed anew: {error}"
-        )
+    # the digest is right but the content is foreign: h5py raises almost anything
+    except Exception as error:
+        return refuse(f"is of another layout and is computed anew: {error}")
 
 
 def write_entry(store: Store, key: str, record: "DataclassInstance") -> str | None:

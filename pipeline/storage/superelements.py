@@ -27,7 +27,7 @@ from headstock.pipeline.storage.records import (
     write_record,
     write_words,
 )
-from headstock.reduction.patch_shapes import count_shapes, list_degrees
+from headstock.reduction.patch_shapes import PatchShapes, count_patch_shapes, list_degrees
 from headstock.reduction.rails import CONTROL_POINT_DOFS
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import dof_scale
@@ -43,6 +43,15 @@ LONGEST_NAME = 200
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 MARKUP = set("<>&\"'`\\")
 CONSISTENCY = 1e-6  # relative, between numbers that say the same
+AXES = (0, 1, 2)
+MATRICES = ("stiffness", "mass", "damping")
+ERROR_MATRICES = (
+    "missing_energy",
+    "shape_stiffness",
+    "shape_mass",
+    "left_out_stiffness",
+    "left_out_mass",
+)
 # a process that waits uses no processor time; a busy machine gives one little of it
 WALL_SECONDS = 60
 
@@ -199,6 +208,10 @@ def _check_meaning(path: str, superelement: Superelement) -> None:
         _check_semidefinite(path, "missing_energy", errors.missing_energy, scale)
     truncation = errors.truncation
     if truncation is not None:
+        if not truncation.limit > 0.0:
+            raise RecordError(
+                f"{path}: truncation/limit is {truncation.limit}; it must be above zero"
+            )
         scale = scale[: superelement.boundary_size]
         _check_semidefinite(path, "truncation/first", truncation.first, scale)
         _check_semidefinite(path, "truncation/second", truncation.second, scale)
@@ -239,22 +252,14 @@ def _check_places(path: str, superelement: Superelement) -> None:
         f"interface {name!r}": interface_map.frame.origin
         for name, interface_map in superelement.interface_maps.items()
     }
-    for number, control_point in enumerate(superelement.control_points):
-        if (
-            control_point.axis not in (0, 1, 2)
-            or control_point.point.shape != (3,)
-            or not np.isfinite(control_point.point).all()
-        ):
+    for number, control in enumerate(superelement.control_points):
+        sound = control.point.shape == (3,) and np.isfinite(control.point).all()
+        if control.axis not in AXES or not sound:
             raise RecordError(f"{path}: control point {number} has no place along an axis")
-        places[f"control point {number}"] = control_point.point
+        places[f"control point {number}"] = control.point
     for name, rail in superelement.rails.items():
-        ends = np.array([rail.low, rail.high, rail.blur, *rail.knots])
-        if (
-            rail.axis not in (0, 1, 2)
-            or not np.isfinite(ends).all()
-            or rail.blur < 0.0
-            or not rail.low < rail.high
-        ):
+        finite = np.isfinite([rail.low, rail.high, rail.blur, *rail.knots]).all()
+        if rail.axis not in AXES or not (finite and rail.low < rail.high and rail.blur >= 0.0):
             raise RecordError(f"{path}: rail {name!r} has no ends along an axis")
         if (np.diff(rail.knots) < 0.0).any():
             raise RecordError(f"{path}: the knots of rail {name!r} do not rise")
@@ -291,51 +296,9 @@ def _lowest_share(matrix: FloatArray, size: FloatArray, scale: FloatArray) -> fl
 
 
 def _check_shapes(path: str, superelement: Superelement) -> None:
-    size = len(superelement.labels)
-    recovery, errors = superelement.recovery, superelement.errors
-    expected = {
-        "stiffness": (superelement.stiffness, (size, size)),
-        "mass": (superelement.mass, (size, size)),
-        "damping": (superelement.damping, (size, size)),
-        "missing_energy": (errors.missing_energy, (size, size)),
-        "shape_stiffness": (errors.shape_stiffness, (size, size)),
-        "shape_mass": (errors.shape_mass, (size, size)),
-        "left_out_stiffness": (errors.left_out_stiffness, (size, size)),
-        "left_out_mass": (errors.left_out_mass, (size, size)),
-        "constraints": (superelement.constraints, (len(superelement.constraints), size)),
-        "modal_frequencies_hz": (
-            superelement.modal_frequencies_hz,
-            (size - superelement.boundary_size,),
-        ),
-        "center_of_mass": (superelement.center_of_mass, (3,)),
-        "inertia": (superelement.inertia, (3, 3)),
-    }
-    if recovery is not None:
-        expected["recovery/points"] = (recovery.points, (len(recovery.points), 3))
-        expected["recovery/basis"] = (recovery.basis, (3 * len(recovery.points), size))
-    for name, load in superelement.loads.items():
-        expected[f"loads/{name}"] = (load.vector, (size,))
-        expected[f"loads/{name}/missing"] = (load.missing, (size,))
-        if load.particular is not None:
-            expected[f"loads/{name}/particular"] = (
-                load.particular,
-                (0 if recovery is None else 3 * len(recovery.points),),
-            )
-    if errors.truncation is not None:
-        boundary = (superelement.boundary_size, superelement.boundary_size)
-        expected["truncation/first"] = (errors.truncation.first, boundary)
-        expected["truncation/second"] = (errors.truncation.second, boundary)
-        if not errors.truncation.limit > 0.0:
-            raise RecordError(
-                f"{path}: truncation/limit is {errors.truncation.limit}; it must be above zero"
-            )
-    for name, rail in superelement.rails.items():
-        expected[f"rails/{name}/control"] = (
-            rail.control,
-            (CONTROL_POINT_DOFS * (len(rail.knots) - DEGREE - 1), size),
-        )
-        expected[f"rails/{name}/center"] = (rail.center, (3,))
-    for name, (array, shape) in expected.items():
+    """Refuse arrays whose shapes do not fit the labels, or that hold what is no number."""
+    size, nodes = len(superelement.labels), len(superelement.frames)
+    for name, (array, shape) in _list_arrays(superelement).items():
         if array is not None and array.shape != shape:
             raise RecordError(
                 f"{path}: {name} has shape {array.shape}, {shape} fits its {size} labels"
@@ -343,23 +306,67 @@ def _check_shapes(path: str, superelement: Superelement) -> None:
         if array is not None and not np.isfinite(array).all():
             raise RecordError(f"{path}: {name} holds values that are not finite")
     for name, interface_map in superelement.interface_maps.items():
-        if not 0 <= interface_map.node < len(superelement.frames):
+        if not 0 <= interface_map.node < nodes:
             raise RecordError(
-                f"{path}: interface {name!r} sits on node {interface_map.node}; there are {len(superelement.frames)}"
+                f"{path}: interface {name!r} sits on node {interface_map.node}; there are {nodes}"
             )
         shapes = interface_map.shapes
-        if shapes is not None and not (
-            shapes.center.shape == (3,)
-            and shapes.half_lengths.shape == (2,)
-            and np.isfinite(shapes.center).all()
-            and (shapes.half_lengths > 0.0).all()
-            and np.isfinite(shapes.half_lengths).all()
-            and shapes.normal in (0, 1, 2)
-            and (shapes.hole is None or 0.0 <= shapes.hole < 1.0)
-            and 0 <= shapes.count == count_shapes(list_degrees(shapes.outline, shapes.count))
-            and superelement.boundary_size - superelement.shape_size <= shapes.first
-            and shapes.first + shapes.count <= superelement.boundary_size
-        ):
+        if shapes is not None and not _fits(shapes, superelement):
             raise RecordError(
                 f"{path}: the deformation shapes of interface {name!r} do not fit its {size} labels"
             )
+
+
+def _list_arrays(
+    superelement: Superelement,
+) -> dict[str, tuple[FloatArray | None, tuple[int, ...]]]:
+    """Return the arrays of a superelement by name, and the shape that fits its labels."""
+    size, boundary = len(superelement.labels), superelement.boundary_size
+    recovery, errors, truncation = (
+        superelement.recovery,
+        superelement.errors,
+        superelement.errors.truncation,
+    )
+    points = 0 if recovery is None else len(recovery.points)
+    arrays: dict[str, tuple[FloatArray | None, tuple[int, ...]]] = {
+        name: (getattr(holder, name), (size, size))
+        for holder, names in ((superelement, MATRICES), (errors, ERROR_MATRICES))
+        for name in names
+    }
+    arrays |= {
+        "constraints": (superelement.constraints, (len(superelement.constraints), size)),
+        "modal_frequencies_hz": (superelement.modal_frequencies_hz, (size - boundary,)),
+        "center_of_mass": (superelement.center_of_mass, (3,)),
+        "inertia": (superelement.inertia, (3, 3)),
+    }
+    if recovery is not None:
+        arrays["recovery/points"] = recovery.points, (points, 3)
+        arrays["recovery/basis"] = recovery.basis, (3 * points, size)
+    if truncation is not None:
+        arrays["truncation/first"] = truncation.first, (boundary, boundary)
+        arrays["truncation/second"] = truncation.second, (boundary, boundary)
+    for name, load in superelement.loads.items():
+        arrays[f"loads/{name}"] = load.vector, (size,)
+        arrays[f"loads/{name}/missing"] = load.missing, (size,)
+        arrays[f"loads/{name}/particular"] = load.particular, (3 * points,)
+    for name, rail in superelement.rails.items():
+        controlled = CONTROL_POINT_DOFS * (len(rail.knots) - DEGREE - 1)
+        arrays[f"rails/{name}/control"] = rail.control, (controlled, size)
+        arrays[f"rails/{name}/center"] = rail.center, (3,)
+    return arrays
+
+
+def _fits(shapes: PatchShapes, superelement: Superelement) -> bool:
+    """Return whether deformation shapes are those of a patch, and have their dofs."""
+    first = superelement.boundary_size - superelement.shape_size
+    return (
+        shapes.center.shape == (3,)
+        and shapes.half_lengths.shape == (2,)
+        and bool(np.isfinite([*shapes.center, *shapes.half_lengths]).all())
+        and bool((shapes.half_lengths > 0.0).all())
+        and shapes.normal in AXES
+        and (shapes.hole is None or 0.0 <= shapes.hole < 1.0)
+        and 0 <= shapes.count == count_patch_shapes(list_degrees(shapes.outline, shapes.count))
+        and first <= shapes.first
+        and shapes.first + shapes.count <= superelement.boundary_size
+    )

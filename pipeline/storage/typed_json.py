@@ -89,7 +89,7 @@ def decode_value(
     classes: Mapping[str, type[Any]],
     fetch: Callable[[str], AnyArray] = _fetch_nothing,
 ) -> Any:
-    """What ``encode_value`` made JSON of.
+    """Return what ``encode_value`` made JSON of.
 
     Args:
         classes: By name; no others come out.
@@ -167,7 +167,7 @@ def dump_coded(coded: Coded) -> bytes:
 
 
 def find_fault(value: object, hint: Any, where: str = "") -> str | None:
-    """What is not as a hint says, with its key; None where everything is.
+    """Find what is not as a hint says, with its key; None where everything is.
 
     Keys that a ``TypedDict`` does not know are passed over. JSON has lists for tuples.
 

@@ -23,7 +23,7 @@ from headstock.reduction.components.rail_fits import RailFit, fit_rail
 from headstock.reduction.components.supports import HeldPoints, hold_points
 from headstock.reduction.patch_shapes import (
     PatchShapes,
-    count_shapes,
+    count_patch_shapes,
     list_degrees,
     shape_fields,
 )
@@ -258,7 +258,7 @@ def _lay_out_shapes(component: Component, node: _BoundaryNode, first: int) -> Pa
     else:
         # as the mesh has it: other faces, and strips that end with theirs
         outline = Outline(0.5 * extents[axes])
-    count = count_shapes(list_degrees(outline, node.flexible))
+    count = count_patch_shapes(list_degrees(outline, node.flexible))
     return PatchShapes(
         center,
         normal,

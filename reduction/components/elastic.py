@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -74,6 +75,7 @@ from headstock.solvers.recovery.free_sides import find_free_sides
 # abruptly, which smoothed stresses hide: cells there showed half as much as others do
 RIM_WEIGHT, PAD_RIM_WEIGHT, AVERAGING_RIM_WEIGHT = 2.5, 1.8, 2.0
 FLAT = 0.87  # cosine between normals on both sides of a rim where the surface goes on
+ROW_OF_ELEMENTS = "its mesh is a row of single elements, whose errors cannot be estimated; write a smaller mesh size"
 ELASTIC_ERRORS = (ModelError, ConvergenceError, AccuracyError)
 
 
@@ -118,7 +120,7 @@ def reduce_elastic(
         operators = assemble_elasticity(
             mesh, material, comm=comm, with_mass=with_mass, with_corners=method == "iterative"
         )
-        return reduce_operators(
+        return _reduce_operators(
             component, mesh, operators, supports, loads, request=request, probes=probes
         )
     except SharedFailure as failure:
@@ -149,7 +151,7 @@ def _method(component: Component, mesh: ComponentMesh) -> SolverMethod:
     return choose_method(component.reduction, entries).method
 
 
-def reduce_operators(
+def _reduce_operators(
     component: Component,
     mesh: ComponentMesh | None,
     operators: ElasticOperators,
@@ -196,29 +198,14 @@ def reduce_operators(
         watched = watch_dofs(solver, places, (psi, modes.shapes), modes.eigenvalues, particular)
         truncation = measure_truncation(solver, psi, modes) if request.modes is not None else None
         residual = max(solver.largest_residual, modes.residual)
-    warnings, errors = remarks + result.warnings, ErrorEstimates()
-    recovery, extra, smoothing = None, None, None
-    size = len(result.stiffness)
+    recovered = _Recovered()
     if request.recovery:
         fields = _order_fields(operators, np.hstack([psi, modes.shapes, particular, watched.moved]))
-        has_errors = request.errors and make_of_mesh(comm, mesh, detects_errors)
-        if request.errors:
-            errors, extra = _estimate_errors(
-                component, mesh, operators, result, fields if has_errors else None
-            )
-            if not has_errors:
-                warnings += (
-                    "its mesh is a row of single elements, whose errors cannot be estimated; write a smaller mesh size",
-                )
-        gathered = _gather_field(fields)
-        if gathered is not None and mesh is not None:
-            recovery = Recovery(np.ascontiguousarray(gathered[:, :size]), mesh.points)
-        if has_errors and places:
-            smoothing = make_of_mesh(
-                comm,
-                mesh,
-                lambda whole: _smooth_probes(component, whole, result, places, gathered),
-            )
+        recovered = _recover_fields(
+            component, mesh, operators, result, fields, places, estimated=request.errors
+        )
+    size, missing = len(result.stiffness), recovered.missing
+    of_loads, of_probes = (None, None) if missing is None else np.split(missing, [len(vectors)])
     return dataclasses.replace(
         result,
         stiffness=make_of_mesh(
@@ -228,15 +215,15 @@ def reduce_operators(
                 result, whole.points, basis.held, scale=operators.stiffness_scale
             ),
         ),
-        recovery=recovery,
+        recovery=recovered.recovery,
         residual=residual,
-        errors=dataclasses.replace(errors, truncation=truncation),
-        warnings=warnings,
+        errors=dataclasses.replace(recovered.errors, truncation=truncation),
+        warnings=remarks + result.warnings + recovered.warnings,
         loads={
             name: StaticLoad(
                 reduced[:, column],
                 _gather_field(_order_fields(operators, particular[:, [column]])),
-                None if extra is None else extra[column, :size],
+                None if of_loads is None else of_loads[column, :size],
             )
             for column, name in enumerate(vectors)
         },
@@ -244,10 +231,67 @@ def reduce_operators(
             places,
             watched,
             list(vectors),
-            smoothing,
-            None if extra is None else extra[len(vectors) :, : size + len(vectors)],
+            recovered.smoothing,
+            None if of_probes is None else of_probes[:, : size + len(vectors)],
         ),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Recovered:
+    """What the displacement fields of a superelement's dofs, loads and probes show.
+
+    Attributes:
+        recovery: Motion of the mesh; None on other ranks than 0.
+        missing: ``(loads + probes, n + loads + probes)`` energy products of the errors of their fields
+            with those of all; None where nobody knows.
+        smoothing: By probe, what recovery changes in the stresses of dofs and loads; None where
+            nobody knows.
+    """
+
+    recovery: Recovery | None = None
+    errors: ErrorEstimates = field(default_factory=ErrorEstimates)
+    missing: FloatArray | None = None
+    smoothing: dict[str, FloatArray] | None = None
+    warnings: tuple[str, ...] = ()
+
+
+def _recover_fields(
+    component: Component,
+    mesh: ComponentMesh | None,
+    operators: ElasticOperators,
+    element: Superelement,
+    fields: RowBlocks,
+    places: Mapping[str, ProbePlace],
+    *,
+    estimated: bool,
+) -> _Recovered:
+    """Recover motions of the mesh from displacement fields of dofs, loads and probes.
+
+    Args:
+        places: Of the probes.
+        estimated: Estimate the errors of the mesh.
+    """
+    comm = operators.comm
+    errors, missing, warnings, smoothing = ErrorEstimates(), None, (), None
+    shown = estimated and make_of_mesh(comm, mesh, detects_errors)
+    if estimated:
+        errors, missing = _estimate_errors(
+            component, mesh, operators, element, fields if shown else None
+        )
+        warnings = () if shown else (ROW_OF_ELEMENTS,)
+    gathered = _gather_field(fields)
+    if shown and places:
+        smoothing = make_of_mesh(
+            comm,
+            mesh,
+            lambda whole: _smooth_probes(component, whole, element, places, gathered),
+        )
+    recovery = None
+    if gathered is not None and mesh is not None:
+        dofs = len(element.stiffness)
+        recovery = Recovery(np.ascontiguousarray(gathered[:, :dofs]), mesh.points)
+    return _Recovered(recovery, errors, missing, smoothing, warnings)
 
 
 def _smooth_probes(

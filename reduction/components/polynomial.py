@@ -15,8 +15,7 @@ import scipy.sparse
 from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray, Frame, rigid_transfer
 from headstock.geometry.parts.components import Component, Load, Patch
 from headstock.geometry.parts.mass_properties import SolidProperties
-from headstock.geometry.parts.patch_samples import Order, sample_patches
-from headstock.geometry.parts.patches import PlanarSolid, in_plane_axes
+from headstock.geometry.parts.patches import Order, PlanarSolid, in_plane_axes, sample_patches
 from headstock.geometry.parts.prismatic_bars import PrismaticBar, prismatic_bar
 from headstock.geometry.parts.solids import Box, Plate, Tube
 from headstock.reduction.components.interface_patches import MeshPatch

@@ -11,8 +11,12 @@ import numpy as np
 from headstock.geometry.frames import FloatArray, Frame, rigid_map, rigid_transfer
 from headstock.geometry.parts.components import Component, Interface, Material, Patch
 from headstock.geometry.parts.mass_properties import SolidProperties
-from headstock.geometry.parts.patch_samples import PatchSamples, sample_patches
-from headstock.geometry.parts.patches import PlanarSolid, in_plane_axes
+from headstock.geometry.parts.patches import (
+    PatchSamples,
+    PlanarSolid,
+    in_plane_axes,
+    sample_patches,
+)
 from headstock.geometry.parts.prismatic_bars import PrismaticBar, patch_span, shear_coefficient
 from headstock.geometry.parts.solids import Tube
 from headstock.reduction.superelement import InterfaceMap

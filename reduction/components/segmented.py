@@ -16,8 +16,7 @@ from headstock.geometry.parts.components import Component, Load
 from headstock.geometry.parts.mass_properties import SolidProperties
 from headstock.geometry.parts.patches import PlanarSolid
 from headstock.geometry.parts.prismatic_bars import prismatic_bar
-from headstock.geometry.parts.skins import Skin
-from headstock.geometry.parts.solid_skins import prism_skin
+from headstock.geometry.parts.skins import Skin, prism_skin
 from headstock.geometry.parts.solids import Tube
 from headstock.reduction.components.segment_chain import (
     SegmentedBar,

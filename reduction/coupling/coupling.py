@@ -1,7 +1,6 @@
 """Superelements and joints of a machine in one pose, coupled to one second-order system."""
 
 import dataclasses
-import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -38,17 +37,14 @@ from headstock.reduction.coupling.guide_errors import (
 from headstock.reduction.coupling.joint_springs import (
     PlacedJoint,
     express_in_free_coordinates,
-    floating_groups,
+    find_floating_groups,
     grade_springs,
     place_joints,
 )
 from headstock.reduction.coupling.matrices import (
     ComponentMatrices,
+    CoupledParts,
     component_matrices,
-    sum_damping,
-    sum_hysteretic,
-    sum_mass,
-    sum_stiffness,
 )
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.linear.symmetric_matrices import require_standing
@@ -153,99 +149,49 @@ def couple(
     memo = memo or CouplingMemo()
     placements = place_components(machine, pose)
     layout = lay_out_dofs(superelements, {name: placements[name] for name in superelements})
-    rayleigh = _rayleigh_dampings(machine, superelements)
+    rayleigh = _sum_rayleigh(machine, superelements)
     matrices = component_matrices(layout, memo, rayleigh)
     springs = place_joints(machine, layout)
     shapes = couple_shapes(machine, layout)
-    constraints, sources = _constraint_rows(layout, matrices, springs, shapes)
+    fixed = _list_fixed_rows(layout, matrices, springs, shapes)
     grading = grade_springs(springs, layout, matrices.stiffnesses, memo)
     elimination = eliminate_constraints(
-        constraints,
+        fixed.constraints,
         grading.group_rows(springs),
         scale_dofs(layout),
         shared_groups=len(grading.deformations),
         memo=memo,
     )
     reduced = tuple(express_in_free_coordinates(spring, elimination) for spring in springs)
-    basis = elimination.basis
-    floating = floating_groups(
-        machine, {name: part.supported for name, part in superelements.items()}
-    )
-    channels = machine_channels(layout, machine, basis, memo.channels)
-    loads = machine_loads(layout, machine, matrices, basis, gravity)
-    fixed = FixedRows(
-        springs,
-        constraints,
-        len(constraints) - len(shapes.rows) - sum(len(spring.fixed) for spring in springs),
-    )
-    displace = functools.partial(
-        solve_error_loads,
-        fixed=fixed,
-        reduced=reduced,
-        layout=layout,
-        matrices=matrices,
-        basis=basis,
-    )
+    parts = CoupledParts(layout, matrices, elimination, reduced, grading, memo)
+    loads = machine_loads(layout, machine, matrices, parts.basis, gravity)
     errors = displaced = None
     if has_errors(machine):
         places = find_places(machine, pose.positions, layout, springs)
-        errors = displace(find_offsets(machine, places))
+        errors = solve_error_loads(find_offsets(machine, places), parts, fixed)
         loads[GUIDE_ERRORS] = errors.load
     if machine.displacements:
-        displaced = displace(find_displacements(machine, springs))
+        displaced = solve_error_loads(find_displacements(machine, springs), parts, fixed)
         loads |= displaced.loads
-    system = SecondOrderSystem(
-        mass=sum_mass(layout, matrices, elimination, memo),
-        damping=sum_damping(layout, matrices, elimination, reduced),
-        stiffness=sum_stiffness(layout, matrices, elimination, reduced, grading, memo=memo),
-        inputs=channels,
-        outputs=channels,
-        labels=memo.recall(
-            "labels",
-            (basis, *superelements.values()),
-            lambda: _label_coordinates(layout, basis),
-        ),
-        hysteretic=sum_hysteretic(
-            layout,
-            matrices,
-            elimination,
-            reduced,
-            grading,
-            {name: machine.components[name].material.loss_factor for name in superelements}
-            | {name: joint.loss_factor for name, joint in machine.joints.items()},
-        ),
+    system = _sum_system(machine, parts)
+    warnings = grading.warnings + shapes.warnings + _redundancy_warnings(elimination, fixed.sources)
+    floating = find_floating_groups(
+        machine, {name: part.supported for name, part in superelements.items()}
     )
+    warnings += _floating_warnings(floating, machine) + warn_of_held_displacements(machine, reduced)
     if machine.gravity_stiffening:
-        released = geometric is not None  # then drives hold what springs alone do not
-        if geometric is None:
-            geometric = find_gravity_stiffness(
-                system,
-                machine,
-                layout,
-                matrices,
-                springs=springs,
-                constraints=constraints,
-                basis=basis,
-            )
-        added = basis.T @ geometric @ basis
-        if not released:
-            require_standing(system.stiffness, added)
-        system = dataclasses.replace(system, stiffness=system.stiffness + added)
+        system, geometric = _stiffen_by_gravity(system, machine, parts, fixed, geometric)
+        warnings += warn_of_stress(machine, layout)
     return CoupledMachine(
         system=system,
-        basis=basis,
+        basis=parts.basis,
         layout=layout,
         matrices=matrices,
         joint_springs=reduced,
         loads=loads,
         floating=floating,
         redundant_constraints=len(elimination.redundant),
-        warnings=grading.warnings
-        + shapes.warnings
-        + _redundancy_warnings(elimination, sources)
-        + _floating_warnings(floating, machine)
-        + warn_of_held_displacements(machine, reduced)
-        + (warn_of_stress(machine, layout) if machine.gravity_stiffening else ()),
+        warnings=warnings,
         errors=errors,
         displaced=displaced,
         rayleigh=rayleigh,
@@ -254,28 +200,66 @@ def couple(
     )
 
 
-def _rayleigh_dampings(
+def _sum_system(machine: Machine, parts: CoupledParts) -> SecondOrderSystem:
+    """Return the equations of motion, with every point and interface as input and output."""
+    layout, basis, memo = parts.layout, parts.basis, parts.memo
+    channels = machine_channels(layout, machine, basis, memo.channels)
+    loss_factors = {name: machine.components[name].material.loss_factor for name in layout.offsets}
+    loss_factors |= {name: joint.loss_factor for name, joint in machine.joints.items()}
+    return SecondOrderSystem(
+        mass=parts.sum_mass(),
+        damping=parts.sum_damping(),
+        stiffness=parts.sum_stiffness(),
+        inputs=channels,
+        outputs=channels,
+        labels=memo.recall(
+            "labels",
+            (basis, *layout.superelements.values()),
+            lambda: _label_coordinates(layout, basis),
+        ),
+        hysteretic=parts.sum_hysteretic(loss_factors),
+    )
+
+
+def _stiffen_by_gravity(
+    system: SecondOrderSystem,
+    machine: Machine,
+    parts: CoupledParts,
+    fixed: FixedRows,
+    geometric: FloatArray | None,
+) -> tuple[SecondOrderSystem, FloatArray]:
+    """Return the system with the geometric stiffness of the machine's weight, and that in stacked
+    dofs ``(n_all, n_all)``; see ``couple``.
+    """
+    stacked = geometric
+    if stacked is None:
+        stacked = find_gravity_stiffness(system, machine, parts, fixed)
+    added = parts.basis.T @ stacked @ parts.basis
+    if geometric is None:  # otherwise drives hold what springs alone do not
+        require_standing(system.stiffness, added)
+    return dataclasses.replace(system, stiffness=system.stiffness + added), stacked
+
+
+def _sum_rayleigh(
     machine: Machine, superelements: Mapping[str, Superelement]
 ) -> dict[str, RayleighDamping]:
-    """Return the Rayleigh damping of every component: its own and that of the whole machine."""
-    every, by_component = (
-        machine.rayleigh,
-        {n: machine.components[n].rayleigh for n in superelements},
-    )
+    """Return the Rayleigh damping of every component: that of the component and of the machine."""
+    whole = machine.rayleigh
+    parts = {name: machine.components[name].rayleigh for name in superelements}
     return {
-        name: RayleighDamping(every.alpha + part.alpha, every.beta + part.beta)
-        for name, part in by_component.items()
+        name: RayleighDamping(whole.alpha + part.alpha, whole.beta + part.beta)
+        for name, part in parts.items()
     }
 
 
-def _constraint_rows(
+def _list_fixed_rows(
     layout: DofLayout,
     matrices: ComponentMatrices,
     springs: tuple[PlacedJoint, ...],
     shapes: ShapeRows,
-) -> tuple[FloatArray, tuple[str, ...]]:
-    """Return the rows ``(m, n_all)`` that must vanish, and where each comes from. Shared interfaces
-    first: joints count as redundant.
+) -> FixedRows:
+    """Return the rows ``(m, n_all)`` that must vanish. Shared interfaces first: joints count as
+    redundant.
 
     A dof of an interface that its component does not resist (the rotation of a line about itself,
     of a point mass about any axis) is fixed only if no joint acts on it: otherwise it follows what
@@ -297,11 +281,12 @@ def _constraint_rows(
         block[:, layout.offsets[name]] = component_rows
         rows.append(block)
         sources += [f"component {name}"] * len(component_rows)
+    first = len(sources)
     for spring in springs:
         rows.append(spring.rows[list(spring.fixed)])
         sources += [f"joint {spring.name}"] * len(spring.fixed)
     sources += [f"joint {name}" for name in shapes.joints]
-    return np.vstack([*rows, shapes.rows]), tuple(sources)
+    return FixedRows(springs, np.vstack([*rows, shapes.rows]), tuple(sources), first)
 
 
 def _find_unseen(rotations: FloatArray) -> FloatArray:

@@ -13,8 +13,7 @@ from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.geometry.machine.drives import AxisControl, Drive
 from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine
-from headstock.geometry.mechanisms.exechon import LENGTHS
-from headstock.geometry.mechanisms.tool_mechanism import ToolMechanism
+from headstock.geometry.mechanisms.exechon import LENGTHS, ToolMechanism
 from headstock.reduction.coupling.channels import point_rows
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.dof_layout import motion_rows
@@ -65,7 +64,7 @@ def place_drives(
     )
 
 
-def find_scales(
+def find_linear_scales(
     coupled: CoupledMachine, machine: Machine, drives: Iterable[Drive]
 ) -> list[FloatArray]:
     """Find what the linear scale of each drive reads with locked motors ``(n,)``."""

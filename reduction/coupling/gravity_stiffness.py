@@ -22,8 +22,9 @@ from headstock.geometry.machine.machine import Machine
 from headstock.geometry.mechanisms.kinematics import skew_matrices
 from headstock.reduction.coupling.channels import GRAVITY, machine_loads
 from headstock.reduction.coupling.dof_layout import DofLayout, motion_rows, turn_dofs
+from headstock.reduction.coupling.guide_errors import FixedRows
 from headstock.reduction.coupling.joint_springs import PlacedJoint, leading_end
-from headstock.reduction.coupling.matrices import ComponentMatrices
+from headstock.reduction.coupling.matrices import ComponentMatrices, CoupledParts
 from headstock.reduction.superelement_checks import rigid_motions
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.static_response import solve_balanced
@@ -71,24 +72,14 @@ class _Contact:
 
 
 def find_gravity_stiffness(
-    system: SecondOrderSystem,
-    machine: Machine,
-    layout: DofLayout,
-    matrices: ComponentMatrices,
-    *,
-    springs: tuple[PlacedJoint, ...],
-    constraints: FloatArray,
-    basis: FloatArray,
+    system: SecondOrderSystem, machine: Machine, parts: CoupledParts, fixed: FixedRows
 ) -> FloatArray:
     """Find the geometric stiffness ``(n_all, n_all)`` in stacked dofs [N/m].
 
     Args:
         machine: Its joints and components, and gravity.
-        layout: Places of the components' dofs among the ``n_all`` stacked ones.
-        matrices: Matrices of each component in machine axes.
-        springs: Joints as placed, rows ``(6, n_all)``.
-        constraints: ``(m, n_all)`` rows that vanish.
-        basis: ``(n_all, n)`` stacked dofs per free coordinate.
+        parts: Components and joints of the system.
+        fixed: What was eliminated, and the joints as placed.
 
     Raises:
         ModelError: The machine is statically unstable, or falls.
@@ -96,6 +87,7 @@ def find_gravity_stiffness(
     Source: Geradin and Rixen (2015), section 1.4.2 (geometric stiffness of prestressed systems),
     with joint forces as Lagrange multipliers.
     """
+    layout, matrices, basis, springs = parts.layout, parts.matrices, parts.basis, fixed.springs
     weight = machine_loads(
         layout, machine, matrices, np.eye(layout.size), np.array(machine.gravity)
     )[GRAVITY]
@@ -115,17 +107,15 @@ def find_gravity_stiffness(
     pulls = [(spring.stiffness @ (spring.rows @ moved))[:6] for spring in springs]
     for spring in springs:
         given -= spring.rows.T @ (spring.stiffness @ (spring.rows @ moved))
-    held = np.linalg.lstsq(constraints.T, given, rcond=None)[0]
-    # constraints of joints stand behind those of components, in the order of the joints
-    counts = [len(spring.fixed) for spring in springs]
-    row = _first_joint_row(constraints, springs)
+    held = np.linalg.lstsq(fixed.constraints.T, given, rcond=None)[0]
+    row = fixed.first
     bodies = {name: _component_bodies(name, machine, layout, matrices) for name in layout.offsets}
     contacts = []
     extra = np.zeros((layout.size, layout.size))
-    for spring, pull, count in zip(springs, pulls, counts, strict=True):
+    for spring, pull in zip(springs, pulls, strict=True):
         forces = pull.copy()
-        forces[list(spring.fixed)] += held[row : row + count]
-        row += count
+        forces[list(spring.fixed)] += held[row : row + len(spring.fixed)]
+        row += len(spring.fixed)
         contacts.append(_joint_contact(spring, forces, machine, layout, bodies))
         if machine.joints[spring.name].second_axis is not None:
             # axes of a cross: x stays with the first end, z with the second, and (x . z) vanishes
@@ -151,15 +141,6 @@ def warn_of_stress(machine: Machine, layout: DofLayout) -> tuple[str, ...]:
     return (
         f"gravity_stiffening takes {', '.join(elastic)} as rigid between joints: what the stress under gravity does to their deformation is left out; "
         "segments count it",
-    )
-
-
-def _first_joint_row(constraints: FloatArray, springs: tuple[PlacedJoint, ...]) -> int:
-    fixed = [spring.rows[list(spring.fixed)] for spring in springs]
-    rows = np.vstack([np.zeros((0, constraints.shape[1])), *fixed])
-    starts = range(len(constraints) - len(rows) + 1)
-    return next(
-        start for start in starts if np.array_equal(constraints[start : start + len(rows)], rows)
     )
 
 

@@ -22,7 +22,7 @@ from headstock.reduction.coupling.dof_layout import (
     scale_dofs,
 )
 from headstock.reduction.coupling.joint_springs import PlacedJoint
-from headstock.reduction.coupling.matrices import ComponentMatrices
+from headstock.reduction.coupling.matrices import CoupledParts
 from headstock.solvers.errors import ModelError
 
 GUIDE_ERRORS = "guide_errors"
@@ -89,12 +89,14 @@ class FixedRows:
     Attributes:
         springs: Every joint with rows ``(6 + m, n_all)`` of the stacked dofs.
         constraints: Rows ``(c, n_all)`` that were eliminated.
+        sources: Component or joint that each of them comes from, as messages name it.
         first: Where the fixed directions of the joints begin among them, in the order of
             ``springs``.
     """
 
     springs: tuple[PlacedJoint, ...]
     constraints: FloatArray
+    sources: tuple[str, ...]
     first: int
 
     def values(self, by_joint: Mapping[str, FloatArray]) -> FloatArray:
@@ -251,31 +253,24 @@ def warn_of_held_displacements(machine: Machine, reduced: Sequence[PlacedJoint])
 
 
 def solve_error_loads(
-    offsets: Mapping[str, Mapping[str, FloatArray]],
-    *,
-    fixed: FixedRows,
-    reduced: Sequence[PlacedJoint],
-    layout: DofLayout,
-    matrices: ComponentMatrices,
-    basis: FloatArray,
+    offsets: Mapping[str, Mapping[str, FloatArray]], parts: CoupledParts, fixed: FixedRows
 ) -> ErrorLoads:
     """Return the loads of offsets, and the motions that fixed directions make.
 
     Args:
         offsets: ``(6,)`` by source and joint, joint axes.
-        fixed: What was eliminated.
-        reduced: Every joint with rows in free coordinates.
-        matrices: Of the components, machine axes.
-        basis: ``(n_all, n)`` stacked dofs per free coordinate.
+        parts: Of the machine in the same pose.
+        fixed: What was eliminated there.
 
     Raises:
         ModelError: Errors of fixed joints contradict each other.
     """
     loads: dict[str, FloatArray] = {}
     particular: dict[str, FloatArray] = {}
+    layout, basis = parts.layout, parts.basis
     for source, by_joint in offsets.items():
         load = np.zeros(basis.shape[1])
-        for spring in reduced:
+        for spring in parts.springs:
             if spring.name in by_joint:
                 load += spring.rows[:6].T @ (spring.stiffness[:6, :6] @ by_joint[spring.name])
         wanted = fixed.values(by_joint)
@@ -283,8 +278,8 @@ def solve_error_loads(
             moved = follow_fixed(fixed.constraints, wanted[:, None], layout)[:, 0]
             particular[source] = moved
             for name, dofs in layout.offsets.items():
-                load -= basis[dofs].T @ (matrices.stiffnesses[name] @ moved[dofs])
-            for spring, free in zip(fixed.springs, reduced, strict=True):
+                load -= basis[dofs].T @ (parts.matrices.stiffnesses[name] @ moved[dofs])
+            for spring, free in zip(fixed.springs, parts.springs, strict=True):
                 load -= free.rows.T @ (spring.stiffness @ (spring.rows @ moved))
         loads[source] = load
     error_loads = ErrorLoads(loads, particular)

@@ -269,7 +269,9 @@ def place_joints(machine: Machine, layout: DofLayout) -> tuple[PlacedJoint, ...]
     return tuple(place_joint(joint, machine, layout) for joint in machine.joints.values())
 
 
-def floating_groups(machine: Machine, fixed: Mapping[str, bool]) -> tuple[tuple[str, ...], ...]:
+def find_floating_groups(
+    machine: Machine, fixed: Mapping[str, bool]
+) -> tuple[tuple[str, ...], ...]:
     """Return the groups of components that hang together by joints but not with ground.
 
     Args:

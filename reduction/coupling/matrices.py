@@ -1,7 +1,8 @@
 """Mass, stiffness and damping of a coupled machine in its free coordinates."""
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -104,122 +105,114 @@ def _turn_component(
     )
 
 
-def sum_stiffness(
-    layout: DofLayout,
-    matrices: ComponentMatrices,
-    elimination: Elimination,
-    springs: Sequence[PlacedJoint],
-    grading: SpringGrading,
-    weights: Mapping[str, float] | None = None,
-    memo: CouplingMemo | None = None,
-) -> FloatArray:
-    """Return the stiffness ``(n, n)`` of components and joints, each times its weight where weights
-    are given.
+@dataclass(frozen=True, eq=False)
+class CoupledParts:
+    """Components and joints of a machine in its free coordinates, whose matrices are sums over both.
 
-    A stiff spring enters only the coordinates that stretch its group or a stiffer one: in the
-    others its row is zero but for roundoff, which times its stiffness would drown a soft spring.
-
-    Args:
+    Attributes:
         layout: Places of the components' dofs among the ``n_all`` stacked ones.
-        matrices: Matrices of each component in machine axes.
+        matrices: Of each component in machine axes.
         elimination: Free coordinates, and which spring groups each of them stretches.
-        springs: Every joint, its rows already in the free coordinates, ``(6, n)``.
+        springs: Every joint, its rows in the free coordinates, ``(6, n)``.
         grading: Groups of springs of like stiffness.
-        weights: Factor by name of component and joint, such as loss factors; None for 1.
-        memo: Keeps the components' sum for the next pose; None for no memory. Not used with
-            weights.
+        memo: Keeps the components' sums for the next pose.
     """
-    weigh = _unit_weight if weights is None else weights.__getitem__
-    if weights is None:
-        total = _sum_components(layout, matrices.stiffnesses, elimination, memo, "stiffness")
-    else:
-        total = _sum_components(
-            layout,
-            {name: weigh(name) * part for name, part in matrices.stiffnesses.items()},
-            elimination,
-        )
-    if not grading.groups:
-        for spring in springs:
-            _add_spring(total, spring, weigh(spring.name) * spring.stiffness)
-        return _symmetric_if(
-            total, all(np.array_equal(s.stiffness, s.stiffness.T) for s in springs)
-        )
-    rows = {spring.name: spring.rows for spring in springs}
-    for index, group in enumerate(
-        (*grading.groups, grading.soft), start=1 + len(grading.deformations)
-    ):
-        sees = (
-            (elimination.levels > 0) & (elimination.levels <= index)
-            if group is not grading.soft
-            else True
-        )
-        stretch = np.where(sees, [part.direction @ rows[part.joint] for part in group], 0.0)
-        total += stretch.T @ (
-            np.array([weigh(part.joint) * part.stiffness for part in group])[:, None] * stretch
-        )
-    return symmetrise(total)
 
+    layout: DofLayout
+    matrices: ComponentMatrices
+    elimination: Elimination
+    springs: tuple[PlacedJoint, ...]
+    grading: SpringGrading
+    memo: CouplingMemo
 
-def sum_hysteretic(
-    layout: DofLayout,
-    matrices: ComponentMatrices,
-    elimination: Elimination,
-    springs: Sequence[PlacedJoint],
-    grading: SpringGrading,
-    loss_factors: Mapping[str, float],
-) -> FloatArray | None:
-    """Return the imaginary part ``(n, n)`` of the complex stiffness: loss factor times stiffness of
-    each part [N/m]; None without any.
+    @property
+    def basis(self) -> FloatArray:
+        """Stacked dofs per free coordinate, ``(n_all, n)``."""
+        return self.elimination.basis
 
-    Args:
-        layout: Places of the components' dofs among the ``n_all`` stacked ones.
-        matrices: Matrices of each component in machine axes.
-        elimination: Free coordinates, and which spring groups each of them stretches.
-        springs: Every joint, its rows already in the free coordinates, ``(6, n)``.
-        grading: Groups of springs of like stiffness.
-        loss_factors: ``eta`` by name of component and joint.
-    """
-    if not any(loss_factors.values()):
-        return None
-    return sum_stiffness(layout, matrices, elimination, springs, grading, loss_factors)
+    def sum_stiffness(self, weights: Mapping[str, float] | None = None) -> FloatArray:
+        """Return the stiffness ``(n, n)``, each part times its weight where weights are given [N/m].
 
+        A stiff spring enters only the coordinates that stretch its group or a stiffer one: in the
+        others its row is zero but for roundoff, which times its stiffness would drown a soft spring.
 
-def sum_mass(
-    layout: DofLayout,
-    matrices: ComponentMatrices,
-    elimination: Elimination,
-    memo: CouplingMemo | None = None,
-) -> FloatArray:
-    """Return the mass ``(n, n)`` of the components.
+        Args:
+            weights: Factor by name of component and joint, such as loss factors; None for 1.
+        """
+        if weights is None:
+            total = self._sum_components(self.matrices.stiffnesses, "stiffness")
+            weights = defaultdict(lambda: 1.0)
+        else:
+            stiffnesses = self.matrices.stiffnesses.items()
+            total = self._sum_components({name: weights[name] * part for name, part in stiffnesses})
+        if not self.grading.groups:
+            for spring in self.springs:
+                _add_spring(total, spring, weights[spring.name] * spring.stiffness)
+            symmetric = all(np.array_equal(s.stiffness, s.stiffness.T) for s in self.springs)
+            return symmetrise(total) if symmetric else total
+        rows = {spring.name: spring.rows for spring in self.springs}
+        levels, grading = self.elimination.levels, self.grading
+        for index, group in enumerate(
+            (*grading.groups, grading.soft), start=1 + len(grading.deformations)
+        ):
+            sees = (levels > 0) & (levels <= index) if group is not grading.soft else True
+            stretch = np.where(sees, [part.direction @ rows[part.joint] for part in group], 0.0)
+            stiffness = np.array([weights[part.joint] * part.stiffness for part in group])
+            total += stretch.T @ (stiffness[:, None] * stretch)
+        return symmetrise(total)
 
-    Args:
-        layout: Places of the components' dofs among the ``n_all`` stacked ones.
-        matrices: Matrices of each component in machine axes.
-        memo: Keeps the components' sum for the next pose; None for no memory.
-    """
-    return _sum_components(layout, matrices.masses, elimination, memo, "mass")
+    def sum_hysteretic(self, loss_factors: Mapping[str, float]) -> FloatArray | None:
+        """Return the imaginary part ``(n, n)`` of the complex stiffness: loss factor times stiffness of
+        each part [N/m]; None without any.
 
+        Args:
+            loss_factors: ``eta`` by name of component and joint.
+        """
+        return self.sum_stiffness(loss_factors) if any(loss_factors.values()) else None
 
-def sum_damping(
-    layout: DofLayout,
-    matrices: ComponentMatrices,
-    elimination: Elimination,
-    springs: Sequence[PlacedJoint],
-) -> FloatArray | None:
-    """Return the viscous damping ``(n, n)`` of components and joints, or None without any.
+    def sum_mass(self) -> FloatArray:
+        """Return the mass ``(n, n)`` of the components."""
+        return self._sum_components(self.matrices.masses, "mass")
 
-    Args:
-        layout: Places of the components' dofs among the ``n_all`` stacked ones.
-        matrices: Matrices of each component in machine axes.
-        springs: Every joint, its rows already in the free coordinates, ``(6, n)``.
-    """
-    dampers = [spring for spring in springs if np.any(spring.damping)]
-    if not matrices.dampings and not dampers:
-        return None
-    total = _sum_components(layout, matrices.dampings, elimination)
-    for spring in dampers:
-        _add_spring(total, spring, spring.damping)
-    return _symmetric_if(total, all(np.array_equal(s.damping, s.damping.T) for s in dampers))
+    def sum_damping(self) -> FloatArray | None:
+        """Return the viscous damping ``(n, n)`` of components and joints, or None without any."""
+        dampers = [spring for spring in self.springs if np.any(spring.damping)]
+        if not self.matrices.dampings and not dampers:
+            return None
+        total = self._sum_components(self.matrices.dampings)
+        for spring in dampers:
+            _add_spring(total, spring, spring.damping)
+        symmetric = all(np.array_equal(s.damping, s.damping.T) for s in dampers)
+        return symmetrise(total) if symmetric else total
+
+    def _sum_components(self, matrices: Mapping[str, FloatArray], what: str = "") -> FloatArray:
+        """Return ``T^T A T``; coordinates whose diagonal is roundoff of its terms are set to zero.
+
+        The block of the coordinates that all poses share is kept in the memo under ``what``.
+        """
+        basis, unshared = self.basis, np.flatnonzero(~self.elimination.shared)
+        shared = np.flatnonzero(self.elimination.shared)
+        make = functools.partial(_sum_shared, self.layout, matrices, basis, shared)
+        made_of = (basis[:, shared], shared, *matrices.values())
+        kept = self.memo.recall(f"sum of {what}", made_of, make) if what else make()
+        total, terms = kept.total.copy(), kept.terms.copy()
+        for name, matrix in matrices.items():
+            block = basis[self.layout.offsets[name]]
+            columns = np.any(block != 0.0, axis=0)
+            mine, others = (places[columns[places]] for places in (unshared, shared))
+            if not len(mine):
+                continue
+            part = block[:, mine]
+            moved = matrix @ part
+            across = block[:, others].T @ moved
+            total[np.ix_(others, mine)] += across
+            total[np.ix_(mine, others)] += across.T
+            total[np.ix_(mine, mine)] += part.T @ moved
+            terms[mine] += _sum_terms(part, matrix)
+        noise = np.abs(total.diagonal()) <= ROUNDOFF * terms
+        total[noise, :] = 0.0
+        total[:, noise] = 0.0
+        return symmetrise(total)
 
 
 def _add_spring(total: FloatArray, spring: PlacedJoint, matrix: FloatArray) -> None:
@@ -227,42 +220,6 @@ def _add_spring(total: FloatArray, spring: PlacedJoint, matrix: FloatArray) -> N
     columns = np.flatnonzero(spring.rows.any(axis=0))
     acting = spring.rows[:, columns]
     total[np.ix_(columns, columns)] += acting.T @ matrix @ acting
-
-
-def _sum_components(
-    layout: DofLayout,
-    matrices: Mapping[str, FloatArray],
-    elimination: Elimination,
-    memo: CouplingMemo | None = None,
-    what: str = "",
-) -> FloatArray:
-    """Return ``T^T A T``; coordinates whose diagonal is roundoff of its terms are set to zero.
-
-    The block of the coordinates that all poses share is kept in the memo.
-    """
-    basis, unshared = elimination.basis, np.flatnonzero(~elimination.shared)
-    shared = np.flatnonzero(elimination.shared)
-    make = functools.partial(_sum_shared, layout, matrices, basis, shared)
-    made_of = (basis[:, shared], shared, *matrices.values())
-    kept = make() if memo is None else memo.recall(f"sum of {what}", made_of, make)
-    total, terms = kept.total.copy(), kept.terms.copy()
-    for name, matrix in matrices.items():
-        block = basis[layout.offsets[name]]
-        columns = np.any(block != 0.0, axis=0)
-        mine, others = (places[columns[places]] for places in (unshared, shared))
-        if not len(mine):
-            continue
-        part = block[:, mine]
-        moved = matrix @ part
-        across = block[:, others].T @ moved
-        total[np.ix_(others, mine)] += across
-        total[np.ix_(mine, others)] += across.T
-        total[np.ix_(mine, mine)] += part.T @ moved
-        terms[mine] += _sum_terms(part, matrix)
-    noise = np.abs(total.diagonal()) <= ROUNDOFF * terms
-    total[noise, :] = 0.0
-    total[:, noise] = 0.0
-    return symmetrise(total)
 
 
 class _SharedSum(NamedTuple):
@@ -315,15 +272,7 @@ def _is_identity(part: FloatArray) -> bool:
     )
 
 
-def _unit_weight(name: str) -> float:
-    return 1.0
-
-
 def _congruence(turn: FloatArray, matrix: FloatArray) -> FloatArray:
     # axis-parallel components, which are most, need no products
     turned = matrix if _is_identity(turn) else turn.T @ matrix @ turn
     return np.asarray(0.5 * (turned + turned.T))
-
-
-def _symmetric_if(matrix: FloatArray, symmetric: bool) -> FloatArray:
-    return symmetrise(matrix) if symmetric else matrix

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray
-from headstock.geometry.machine.feed import Feed, find_feed
 from headstock.geometry.machine.joints import JointEnd
 from headstock.geometry.machine.machine import Machine, Pose
+from headstock.geometry.machine.tool_travel import Feed, find_feed
 from headstock.reduction.coupling.channels import GRAVITY, point_rows
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.dof_layout import locate_interface, motion_rows

@@ -23,31 +23,17 @@ from headstock.scene.building.cutting import (
     part_side,
     tooth_period,
 )
-from headstock.scene.building.draft import Draft, SceneAnalysis, check_name
+from headstock.scene.building.draft import Draft, SceneAnalysis
 from headstock.scene.building.drives import FRICTION
 from headstock.scene.reading.csv_files import MOST_CORNERS, CsvError, read_corners, read_history
 from headstock.scene.reading.files import resolve_file
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.scene import Request, Scene
+from headstock.scene.schema import types
 from headstock.scene.schema.cutting import MillTable, ToolModeTable
 from headstock.scene.schema.effects import read_modal_damping, read_rayleigh_damping
 from headstock.scene.schema.scene import SceneTable
-from headstock.scene.schema.types import (
-    Between,
-    Flag,
-    NotNegativeLength,
-    Position,
-    PositiveAngularSpeed,
-    PositiveFrequency,
-    PositiveLength,
-    PositiveSpeed,
-    PositiveTime,
-    RequestTable,
-    Text,
-    WholeNumber,
-    one_of,
-)
 from headstock.solvers.mechanisms.modes import PoseDamping
 from headstock.solvers.milling.forces import MillingCut
 from headstock.solvers.milling.tool_dynamics import ToolMode
@@ -128,68 +114,72 @@ class ContouringRequest(Request):
         return f"tool gap {describe_contour(self.contour)}, {self.model}, {source}"
 
 
-class ContouringTable(RequestTable):
+class ContouringTable(types.RequestTable):
     """A square block milled around from outside, or a line of corners that the tool's centre
     follows.
     """
 
-    model_config = one_of("side", "polyline", "polyline_file")
+    loads_probes = "by itself"
 
-    side: PositiveLength | None = None
+    model_config = types.one_of("side", "polyline", "polyline_file")
+
+    side: types.PositiveLength | None = None
     """side of the finished block, gone around clockwise seen from above if it lies on the right of the travel"""
-    at: Position | None = None
+    at: types.Position | None = None
     """centre of the block and height of the tool point: in the machine frame of a mechanism; of axes, how far the tool stands from its
     work, counted from its position with all axes at zero, as a program has it; required with `side`"""
-    polyline: Annotated[list[Position], Field(min_length=2, max_length=MOST_CORNERS)] | None = None
+    polyline: (
+        Annotated[list[types.Position], Field(min_length=2, max_length=MOST_CORNERS)] | None
+    ) = None
     """in place of a block: corners that the tool's centre follows, at one height, in the places of `at`"""
-    polyline_file: Text | None = None
+    polyline_file: types.Text | None = None
     """the same from a CSV file with the columns `x,y,z` in m, and `feed` to each corner in m/s if it differs"""
-    corner_radius: NotNegativeLength = 0.0
+    corner_radius: types.NotNegativeLength = 0.0
     """radius of arcs around the corners of a polyline; sharp ones are rounded by the averages"""
-    feed: PositiveSpeed
+    feed: types.PositiveSpeed
     """feed rate of the tool's centre along the path"""
-    spindle: PositiveAngularSpeed
+    spindle: types.PositiveAngularSpeed
     """speed of the spindle"""
     mill: MillTable
     """the milling tool"""
-    axial_depth: PositiveLength
+    axial_depth: types.PositiveLength
     """depth of cut along the tool"""
-    radial_depth: PositiveLength
+    radial_depth: types.PositiveLength
     """depth of cut across the tool, at most its diameter"""
     sense: Literal["down", "up"] = "down"
     """`down` (climb): teeth leave at the finished face; `up` (conventional): they enter there"""
     part_side: Literal["right", "left"] | None = None
     """side of the travel on which the part lies; default: where a clockwise tool mills in this sense"""
-    material: Text | None = None
+    material: types.Text | None = None
     """workpiece material, in place of measured `forces`: of `[cutting.NAME]`, or of the [catalogue](cutting_coefficients.md)"""
-    forces: Text | None = None
+    forces: types.Text | None = None
     """measured forces in place of computed ones: CSV with the columns `time,fx,fy,fz` in s and N, on the tool, machine frame; each time
     step takes their mean over it"""
-    traces: Text | None = None
+    traces: types.Text | None = None
     """measured positions that the drives follow in place of the computed path: CSV with the columns `time` in s and in m `q1,q2,q3` of the
     legs of a mechanism or the names of the axes; its time starts with the path"""
-    traces_knots: PositiveTime = 0.01
+    traces_knots: types.PositiveTime = 0.01
     """spacing of the knots of the spline through measured positions; noise between them is left out"""
-    lead: NotNegativeLength = 0.02
+    lead: types.NotNegativeLength = 0.02
     """length of the straight path before and after the block"""
-    averaging: PositiveTime = 0.01
+    averaging: types.PositiveTime = 0.01
     """length of each of three moving averages that limit the jerk"""
     model: Literal["linear", "nonlinear"] = "linear"
     """`linear`: matrices along the path; `nonlinear`: the full equations of a lumped mechanism, and on any machine friction at the speeds
     of the motors"""
-    steps_per_turn: Annotated[WholeNumber, Between(24, 2000)] = 96
+    steps_per_turn: Annotated[types.WholeNumber, types.Between(24, 2000)] = 96
     """time steps per turn of the spindle"""
-    point: Text | None = None
+    point: types.Text | None = None
     """where the tool is, against the work; default: the scene's first point"""
-    modes_to: PositiveFrequency | None = None
+    modes_to: types.PositiveFrequency | None = None
     """modes of a machine of components kept in time; those above follow at once; default: twice the frequency at which teeth pass"""
     pose_model: Literal["pose_dependent", "frozen"] = "pose_dependent"
     """`pose_dependent`: matrices of a machine of components change along the way; `frozen`: those of the middle of face 1"""
     tool_modes: Annotated[list[ToolModeTable], Field(max_length=12)] = []
     """lumped modes of spindle and tool as those of `[analyses.lobes]`, across the z axis unless they have a direction"""
-    cut_off: PositiveLength = 0.8e-3
+    cut_off: types.PositiveLength = 0.8e-3
     """wavelength between roughness and waviness of the milled faces (Gaussian filter of ISO 16610-21)"""
-    estimate: Flag = True
+    estimate: types.Flag = True
     """± of its numbers, for which machines of components go the contour once or twice more"""
 
     @property
@@ -218,24 +208,19 @@ def _build(table: ContouringTable, draft: Draft) -> ContouringRequest:
     """
     scene = draft.table
     damping = scene.effects.get("damping", False)
-    return ContouringRequest(
+    return table.fill(
+        ContouringRequest,
         contour=_build_contour(table, draft.folder),
         cut=build_cut(scene, table, [table.feed * tooth_period(table)]),
-        model=table.model,
-        steps_per_turn=table.steps_per_turn,
         damping=PoseDamping(read_modal_damping(damping), read_rayleigh_damping(damping)),
-        material=table.material,
         forces=_find_file(draft.folder, table.forces),
         traces=_find_file(draft.folder, table.traces),
-        traces_knots=table.traces_knots,
         tool_modes=tuple(build_tool_mode(mode, UP) for mode in table.tool_modes),
-        cutting=bool(scene.effects.get("cutting_force", False)),
-        regeneration=bool(scene.effects.get("regeneration", False)),
+        cutting="cutting_force" in scene.active,
+        regeneration="regeneration" in scene.active,
         point=_tool_point(scene, table),
         modes_to_hz=table.modes_to or PASSINGS * table.spindle / (2.0 * math.pi) * table.mill.teeth,
         follows_pose=table.pose_model == "pose_dependent",
-        cut_off=table.cut_off,
-        estimate=table.estimate,
     )
 
 
@@ -327,24 +312,24 @@ def _check_way(table: ContouringTable, folder: Path, findings: Findings) -> None
         )
 
 
-def _check(table: ContouringTable, draft: Draft, findings: Findings) -> None:
+def _check(table: ContouringTable, draft: Draft) -> None:
     """Report what is wrong with a contour, apart from places that it cannot reach."""
     scene = draft.table
-    _check_regeneration(scene, table, findings)
+    _check_regeneration(scene, table, draft.findings)
     if not scene.is_lumped:
-        _check_coupled(scene, table, draft, findings)
-    cutting = bool(scene.effects.get("cutting_force"))
+        _check_coupled(scene, table, draft)
+    cutting = "cutting_force" in scene.active
     if (table.material is not None and table.forces is not None) or (
         cutting and table.material is None and table.forces is None
     ):
-        findings.add(KEY, 'needs either the material that is cut, or forces = "measured.csv"')
-    _check_way(table, draft.folder, findings)
+        draft.add(KEY, 'needs either the material that is cut, or forces = "measured.csv"')
+    _check_way(table, draft.folder, draft.findings)
     for name, written in (("forces", table.forces), ("traces", table.traces)):
         try:
             _find_file(draft.folder, written)
         except ValueError as error:
-            findings.add((*KEY, name), str(error))
-    check_cutter(KEY, table, [table.feed * tooth_period(table)], draft, findings)
+            draft.add((*KEY, name), str(error))
+    check_cutter(KEY, table, [table.feed * tooth_period(table)], draft)
 
 
 def _check_scene(request: ContouringRequest, scene: Scene, findings: Findings) -> None:
@@ -412,18 +397,16 @@ def _tool_point(scene: SceneTable, table: ContouringTable) -> str | None:
     return table.point or next(iter(scene.points), None)
 
 
-def _check_coupled(
-    scene: SceneTable, table: ContouringTable, draft: Draft, findings: Findings
-) -> None:
+def _check_coupled(scene: SceneTable, table: ContouringTable, draft: Draft) -> None:
     if table.point is not None:
-        check_name((*KEY, "point"), table.point, "points", draft, findings)
+        draft.check_name((*KEY, "point"), table.point, "points")
     elif not scene.points:
-        findings.add(
+        draft.add(
             KEY,
             'no point says where the tool is; write [points] tcp = { tool = "spindle.tip", work = "table.top" }',
         )
-    if table.model != "linear" and not scene.effects.get(FRICTION):
-        findings.add(
+    if table.model != "linear" and FRICTION not in scene.active:
+        draft.add(
             (*KEY, "model"),
             "of a machine of components follows its friction alone, at the speeds of the motors, and nothing rubs here;"
             ' write [effects] friction = true with drive_control, or model = "linear"',
@@ -432,9 +415,9 @@ def _check_coupled(
 
 def _check_regeneration(scene: SceneTable, table: ContouringTable, findings: Findings) -> None:
     key = ("effects", "regeneration")
-    if not scene.effects.get("regeneration"):
+    if "regeneration" not in scene.active:
         return
-    if not scene.effects.get("cutting_force"):
+    if "cutting_force" not in scene.active:
         findings.add(
             key, "acts through cutting forces; write [effects] cutting_force = true as well"
         )

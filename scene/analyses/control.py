@@ -3,12 +3,11 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from headstock.scene.building.draft import Draft, SceneAnalysis, check_pose_names
+from headstock.scene.building.draft import Draft, SceneAnalysis
 from headstock.scene.building.drives import DRIVE_CONTROL, check_sampling
-from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.scene import Request
-from headstock.scene.schema.types import Names, PositiveFrequency, PositiveSpeed, RequestTable
+from headstock.scene.schema import types
 
 KEY: KeyPath = ("analyses", "control")
 
@@ -30,16 +29,16 @@ class ControlRequest(Request):
         return f"effect drive_control: loops of {', '.join(drives)} closed, poles up to {self.up_to_hz:g} Hz"
 
 
-class ControlTable(RequestTable):
+class ControlTable(types.RequestTable):
     """Closed-loop poles, margins, bandwidth and tracking error of the drives."""
 
     highest: ClassVar[str] = "up_to"
 
-    up_to: PositiveFrequency = 500.0
+    up_to: types.PositiveFrequency = 500.0
     """highest frequency of the poles listed"""
-    speed: PositiveSpeed = 0.05
+    speed: types.PositiveSpeed = 0.05
     """axis speed at which the lag is reported"""
-    poses: Names | None = None
+    poses: types.Names | None = None
     """poses in which it is computed; default: all of them"""
 
 
@@ -48,18 +47,18 @@ def _build(table: ControlTable, draft: Draft) -> ControlRequest:
     return ControlRequest(table.up_to, table.speed, tuple(table.poses or draft.poses))
 
 
-def _check(table: ControlTable, draft: Draft, findings: Findings) -> None:
+def _check(table: ControlTable, draft: Draft) -> None:
     """Report poses that do not exist."""
-    check_pose_names((*KEY, "poses"), table.poses, draft, findings)
+    draft.check_poses((*KEY, "poses"), table.poses)
 
 
-def _check_drives(table: ControlTable, draft: Draft, findings: Findings) -> None:
+def _check_drives(table: ControlTable, draft: Draft) -> None:
     """Report drives that are not controlled, or sample too slowly."""
-    if draft.table.effects.get(DRIVE_CONTROL, False) is False:
-        findings.add_for(
+    if DRIVE_CONTROL not in draft.table.active:
+        draft.findings.add_for(
             "control", KEY, "drives are not controlled; write [effects] drive_control = true"
         )
-    check_sampling(draft.table, table.up_to, "control", "up_to", findings)
+    check_sampling(draft, table.up_to, "control", "up_to")
 
 
 ANALYSIS = SceneAnalysis(

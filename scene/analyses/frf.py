@@ -10,28 +10,15 @@ from headstock.scene.building.draft import (
     Draft,
     SceneAnalysis,
     build_channels,
-    check_channel,
-    check_pose_names,
-    check_probe_output,
 )
 from headstock.scene.building.drives import check_motors, check_sampling
-from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.scene import LOAD, Motors, Request
-from headstock.scene.schema.types import (
-    Between,
-    ChannelName,
-    Flag,
-    Frequency,
-    Names,
-    PositiveFrequency,
-    RequestTable,
-    WholeNumber,
-)
+from headstock.scene.schema import types
 from headstock.solvers.second_order import Channel, Motion
 
 KEY: KeyPath = ("analyses", "frf")
-Channels = Annotated[list[ChannelName], Field(min_length=1, max_length=100)]
+Channels = Annotated[list[types.ChannelName], Field(min_length=1, max_length=100)]
 
 
 @dataclass(frozen=True)
@@ -75,10 +62,11 @@ class FrfRequest(Request):
         return f"{self.motion}, {entries} from {self.from_hz:g} to {self.to_hz:g} Hz{under}{inside}"
 
 
-class FrfTable(RequestTable):
+class FrfTable(types.RequestTable):
     """Frequency response between points, or interfaces, from one frequency to another."""
 
     highest: ClassVar[str] = "to"
+    loads_probes = "by itself"
 
     inputs: Channels | None = None
     """where loads act: `[["tcp", "x"]]`, a point or `component.interface` and one of `x y z rx ry rz`; a name alone means x, y and z; or a
@@ -86,23 +74,23 @@ class FrfTable(RequestTable):
     outputs: Channels | None = None
     """where motion is computed, points and interfaces as in `inputs`, and probes by name; default: the inputs, for loads all points, and
     all probes"""
-    start: Annotated[Frequency, Field(alias="from")] = 0.0
+    start: Annotated[types.Frequency, Field(alias="from")] = 0.0
     """lowest frequency; the value at 0 Hz is the static compliance"""
-    to: PositiveFrequency
+    to: types.PositiveFrequency
     """highest frequency; fixed-interface modes are kept up to twelve times this"""
-    points: Annotated[WholeNumber, Between(2, 100_000)] = 401
+    points: Annotated[types.WholeNumber, types.Between(2, 100_000)] = 401
     """number of frequencies of the regular grid"""
     spacing: Literal["linear", "log"] = "linear"
     """spacing of the regular grid"""
-    adaptive: Flag = True
+    adaptive: types.Flag = True
     """adds points around every resonance, from its half-power width outwards"""
     motion: Literal["receptance", "mobility", "accelerance"] = "receptance"
     """quantity in tables and charts; `results.h5` always holds receptances"""
     motors: Motors = "locked"
     """`locked`: motors hold their position; `controlled`: the loops of all drives are closed; with the effect `drive_control`"""
-    fields_at: tuple[PositiveFrequency, ...] = ()
+    fields_at: tuple[types.PositiveFrequency, ...] = ()
     """frequencies at which `run --volume` writes displacement and stress of elastic components under every input"""
-    poses: Names | None = None
+    poses: types.Names | None = None
     """poses in which it is computed; default: all of them"""
 
     def _faults(self) -> Iterator[str]:
@@ -123,66 +111,61 @@ def _build(table: FrfTable, draft: Draft) -> FrfRequest:
         [(n, LOAD if n in scene.loads else d) for n, d in table.inputs or every]
     )
     moved = tuple(channel for channel in inputs if channel[1] != LOAD)
-    outputs = [one for one in table.outputs or () if one[0] not in scene.probes]
-    inside = [name for name, _ in table.outputs or () if name in scene.probes]
-    return FrfRequest(
+    outputs, probes = draft.split_outputs(table.outputs)
+    return table.fill(
+        FrfRequest,
         inputs=inputs,
-        outputs=build_channels(outputs) if outputs else moved or build_channels(every),
-        probes=tuple(dict.fromkeys(inside if table.outputs else scene.probes)),
+        outputs=outputs or moved or build_channels(every),
+        probes=probes,
         to_hz=table.to,
         from_hz=table.start,
-        points=table.points,
-        spacing=table.spacing,
-        adaptive=table.adaptive,
-        motion=table.motion,
         poses=tuple(table.poses or draft.poses),
-        motors=table.motors,
         fields_at=tuple(dict.fromkeys(table.fields_at)),
     )
 
 
-def _check(table: FrfTable, draft: Draft, findings: Findings) -> None:
+def _check(table: FrfTable, draft: Draft) -> None:
     """Report names that mean nothing."""
     for key, channels in (("inputs", table.inputs), ("outputs", table.outputs)):
         for index, (name, direction) in enumerate(channels or ()):
             place = (*KEY, key, index)
             if key == "inputs" and name in draft.sections.get("loads", ()):
-                _check_load_input(place, name, direction, table, draft, findings)
-            elif key == "outputs" and name in draft.sections.get("probes", ()):
-                check_probe_output(place, name, direction, draft, findings)
+                _check_load_input(place, name, direction, table, draft)
+            elif key == "outputs":
+                draft.check_output(place, name, direction)
             else:
-                check_channel(place, name, draft, findings)
-    check_pose_names((*KEY, "poses"), table.poses, draft, findings)
+                draft.check_channel(place, name)
+    draft.check_poses((*KEY, "poses"), table.poses)
 
 
 def _check_load_input(
-    key: KeyPath, name: str, direction: str, table: FrfTable, draft: Draft, findings: Findings
+    key: KeyPath, name: str, direction: str, table: FrfTable, draft: Draft
 ) -> None:
     load = draft.table.loads.get(name)
     if name in draft.table.points:
-        findings.add(key, f"{name} is a point and a load; rename one of them")
+        draft.add(key, f"{name} is a point and a load; rename one of them")
     elif direction:
-        findings.add(key, f'a load has its direction; write "{name}" alone')
+        draft.add(key, f'a load has its direction; write "{name}" alone')
     elif load is not None and load.joint is not None:
-        findings.add(key, "is a displacement, which is a static load only; write a force or moment")
+        draft.add(key, "is a displacement, which is a static load only; write a force or moment")
     outputs = [one for one, _ in table.outputs or () if one not in draft.table.probes]
     if not (draft.table.points or outputs):
-        findings.add(
+        draft.add(
             key,
             'there is no output for it at a point or an interface; write outputs = [["tcp", "z"]], or [points]',
         )
 
 
-def _check_complete(table: FrfTable, draft: Draft, findings: Findings) -> None:
+def _check_complete(table: FrfTable, draft: Draft) -> None:
     """Report that there is nothing to take a response of, and drives that cannot follow it."""
     if table.inputs is None and not draft.table.points:
-        findings.add(
+        draft.add(
             KEY,
             'there is no point to take a response at; write [points], or inputs = [["tcp", "x"]]',
         )
     if table.motors == "controlled":
-        check_motors(draft.table, "frf", findings)
-        check_sampling(draft.table, table.to, "frf", "to", findings)
+        check_motors(draft, "frf")
+        check_sampling(draft, table.to, "frf", "to")
 
 
 ANALYSIS = SceneAnalysis(

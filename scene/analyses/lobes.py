@@ -21,30 +21,14 @@ from headstock.scene.building.cutting import (
     part_side,
     resolve_material,
 )
-from headstock.scene.building.draft import Draft, SceneAnalysis, check_name, check_pose_names
+from headstock.scene.building.draft import Draft, SceneAnalysis
 from headstock.scene.reading.files import resolve_file
 from headstock.scene.reading.findings import Findings, SceneError
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import ANGULAR_SPEED
 from headstock.scene.scene import Request, Scene
+from headstock.scene.schema import types
 from headstock.scene.schema.cutting import MillTable, ToolModeTable
-from headstock.scene.schema.types import (
-    THREE_NUMBERS,
-    Between,
-    Direction,
-    JsonForm,
-    Names,
-    NotNegativeShare,
-    PositiveAngularSpeed,
-    PositiveFrequency,
-    PositiveLength,
-    QuantityPattern,
-    RequestTable,
-    Text,
-    WholeNumber,
-    problem,
-    read_direction,
-)
 from headstock.scene.studies import Sweep
 from headstock.solvers.milling.coefficients import CuttingCoefficients
 from headstock.solvers.milling.forces import EndMill, MillingCut, Sense, Side
@@ -174,110 +158,83 @@ class LobesRequest(Request):
         return f"limit depth at {len(self.speeds)} speeds from {low:g} to {high:g} rpm in {self.material}, {100.0 * self.immersion:.3g} % immersion"
 
 
-def _read_speeds(value: object) -> object:
-    if not isinstance(value, list) or len(value) != 3:
-        raise problem(
-            'is not a span; write lowest, highest and number of speeds: ["2000 rpm", "12000 rpm", 400]'
-        )
-    return value
-
-
 class SpeedsSpan(NamedTuple):
     """Lowest and highest speed of the spindle and the number of speeds."""
 
-    low: PositiveAngularSpeed
-    high: PositiveAngularSpeed
-    number: Annotated[WholeNumber, Between(2, MOST_SPEEDS)]
+    low: types.PositiveAngularSpeed
+    high: types.PositiveAngularSpeed
+    number: Annotated[types.WholeNumber, types.Between(2, MOST_SPEEDS)]
 
 
 def _check_span(span: SpeedsSpan) -> SpeedsSpan:
     if span.high <= span.low:
-        raise problem("ends at no higher speed than it begins; write the lowest speed first")
+        raise types.problem("ends at no higher speed than it begins; write the lowest speed first")
     return span
 
 
 Speeds = Annotated[
     SpeedsSpan,
-    BeforeValidator(_read_speeds),
+    types.read_span('speeds: ["2000 rpm", "12000 rpm", 400]'),
     AfterValidator(_check_span),
-    JsonForm(
-        {
-            "type": "array",
-            "examples": [["2000 rpm", "12000 rpm", 400]],
-            "prefixItems": [
-                *2 * [{"type": "string", "pattern": QuantityPattern((ANGULAR_SPEED,))}],
-                {"type": "integer", "minimum": 2},
-            ],
-            "minItems": 3,
-            "maxItems": 3,
-        }
-    ),
+    types.describe_span((ANGULAR_SPEED,), ["2000 rpm", "12000 rpm", 400], 2),
 ]
 
 
 def _read_travel(value: object) -> object:
-    return value if value == FEED else read_direction(value)
+    return value if value == FEED else types.read_direction(value)
 
 
 TravelForm = Annotated[
     Literal["feed"] | tuple[float, float, float],
     BeforeValidator(_read_travel),
-    JsonForm(
+    types.JsonForm(
         {
             "description": "x, -z ..., three plain numbers, or feed",
             "examples": ["x", "feed", [1, 1, 0]],
-            "anyOf": [
-                {
-                    "enum": [
-                        FEED,
-                        *(f"{sign}{letter}" for sign in ("", "+", "-") for letter in "xyz"),
-                    ]
-                },
-                THREE_NUMBERS,
-            ],
+            "anyOf": [{"enum": [FEED, *types.AXIS_DIRECTIONS]}, types.THREE_NUMBERS],
         }
     ),
 ]
 
 
-class LobesTable(RequestTable):
+class LobesTable(types.RequestTable):
     """Stability lobes: limit depth of cut over the speed of the spindle."""
 
     speeds: Speeds
     """lowest and highest speed of the spindle, number of speeds"""
     mill: MillTable
     """the milling tool"""
-    radial_depth: PositiveLength
+    radial_depth: types.PositiveLength
     """depth of cut across the tool, at most its diameter"""
     sense: Literal["down", "up"] = "down"
     """`down` (climb): teeth leave at the finished face; `up` (conventional): they enter there"""
     part_side: Literal["right", "left"] | None = None
     """side of the travel on which the part lies; default: where a clockwise tool mills in this sense"""
-    material: Text
+    material: types.Text
     """workpiece material: of `[cutting.NAME]`, or of the [catalogue](cutting_coefficients.md)"""
-    feed_per_tooth: PositiveLength | None = None
+    feed_per_tooth: types.PositiveLength | None = None
     """where the tangent to Kienzle's force is taken: at the mean thickness of its chips"""
     directions: Annotated[list[TravelForm], Field(min_length=1, max_length=12)] = [
         (1.0, 0.0, 0.0),
         (0.0, 1.0, 0.0),
     ]
     """directions of the travel. `feed` is that of a path, see [lobes](lobes.md#over-the-workspace-and-along-a-path)"""
-    at: Text | None = None
+    at: types.Text | None = None
     """point where the tool is; default: the first one"""
-    up: Direction = (0.0, 0.0, 1.0)
+    up: types.Direction = (0.0, 0.0, 1.0)
     """direction from the tool's tip to its holder"""
-    up_to: PositiveFrequency = 1000.0
+    up_to: types.PositiveFrequency = 1000.0
     """modes of the machine are kept at least up to here; higher ones count where they can chatter, those of `tool_modes` always"""
-    deepest: PositiveLength = 0.05
+    deepest: types.PositiveLength = 0.05
     """depth of cut up to which a limit is looked for"""
     tool_modes: Annotated[list[ToolModeTable], Field(max_length=12)] = []
     """lumped modes of spindle and tool in a row, from the machine to the tip"""
-    tool_receptance: Text | None = None
+    tool_receptance: types.Text | None = None
     """measured receptances of the free assembly of spindle, holder and tool in their place: CSV with the columns
     `frequency,tip_re,tip_im,cross_re,cross_im,base_re,base_im` in Hz and m/N, equal in both directions across the tool"""
-    checked: NotNegativeShare = 1.0
+    checked: types.NotNegativeShare = 1.0
     """share of the speeds at which the limit is looked for, evenly spread; the others are hatched"""
-    poses: Names | None = None
+    poses: types.Names | None = None
     """poses in which it is computed; default: all of them"""
 
     def _faults(self) -> Iterator[str]:
@@ -298,27 +255,22 @@ def _build(table: LobesTable, draft: Draft) -> LobesRequest:
     """
     scene = draft.table
     path = scene.analyses.get(PathTable)
-    return LobesRequest(
+    return table.fill(
+        LobesRequest,
         mill=build_mill(table.mill),
         coefficients=resolve_material(scene, table.material, table, _feeds_per_tooth(table)),
-        material=table.material,
-        radial_depth=table.radial_depth,
         speeds=np.linspace(
             table.speeds.low, table.speeds.high, table.speeds.number, dtype=np.float64
         ),
         directions=tuple(map(_build_travel, table.directions)),
         at=table.at or next(iter(scene.points)),
-        up=table.up,
         up_to_hz=table.up_to,
-        deepest=table.deepest,
         tool_modes=tuple(build_tool_mode(mode, table.up) for mode in table.tool_modes),
         tool_receptance=None
         if table.tool_receptance is None
         else resolve_file(draft.folder, table.tool_receptance, SUFFIXES, RECEPTANCES),
-        checked=table.checked,
         poses=tuple(table.poses or draft.poses),
         path=None if path is None else build_path(scene, path),
-        sense=table.sense,
         part=part_side(table),
     )
 
@@ -330,23 +282,20 @@ def _feeds_per_tooth(table: LobesTable) -> list[float]:
 def _build_travel(direction: str | tuple[float, float, float]) -> Travel:
     if isinstance(direction, str):
         return Travel(direction)
-    for letter, value in zip("xyz", direction, strict=True):
-        if abs(value) > 1.0 - 1e-9:
-            return Travel(f"{'-' if value < 0.0 else ''}{letter}", direction)
-    return Travel(" ".join(f"{value:.4g}" for value in direction), direction)
+    return Travel(types.show_direction(direction).strip('"[]').replace(",", ""), direction)
 
 
-def _check(table: LobesTable, draft: Draft, findings: Findings) -> None:
+def _check(table: LobesTable, draft: Draft) -> None:
     """Report names and files that do not exist, directions along the tool, and a machine without
     damping.
     """
     scene = draft.table
-    check_pose_names((*KEY, "poses"), table.poses, draft, findings)
+    draft.check_poses((*KEY, "poses"), table.poses)
     if table.at is not None:
-        check_name((*KEY, "at"), table.at, "points", draft, findings)
+        draft.check_name((*KEY, "at"), table.at, "points")
     elif not draft.sections.get("points"):
-        findings.add(KEY, 'there is no point where the tool cuts; write [points], or at = "tcp"')
-    _check_speeds(table, findings)
+        draft.add(KEY, 'there is no point where the tool cuts; write [points], or at = "tcp"')
+    _check_speeds(table, draft.findings)
     up = np.array(table.up) / np.linalg.norm(table.up)
     has_path = "path" in scene.analyses.requested or any(
         sweep.path is not None for sweep in scene.sweeps.values()
@@ -354,13 +303,13 @@ def _check(table: LobesTable, draft: Draft, findings: Findings) -> None:
     for index, direction in enumerate(table.directions):
         if isinstance(direction, str):
             if not has_path:
-                findings.add_for(
+                draft.findings.add_for(
                     "lobes",
                     (*KEY, "directions", index),
                     f"is the direction along a path, and the scene has none; write a sweep with a path, [analyses.path], or {FIXED}",
                 )
         elif fault := find_lead_fault(up, np.array(direction)):
-            findings.add(
+            draft.add(
                 (*KEY, "directions", index),
                 f"points along the tool, {fault}; write another direction, or another up",
             )
@@ -368,14 +317,14 @@ def _check(table: LobesTable, draft: Draft, findings: Findings) -> None:
         try:
             resolve_file(draft.folder, table.tool_receptance, SUFFIXES, RECEPTANCES)
         except ValueError as error:
-            findings.add((*KEY, "tool_receptance"), str(error))
-    if scene.effects.get("damping", False) is False:
-        findings.add(
+            draft.add((*KEY, "tool_receptance"), str(error))
+    if "damping" not in scene.active:
+        draft.add(
             KEY,
             "without damping every cut chatters; write [effects] damping = true and give joints or materials damping,"
             " or damping = { modal = 0.02 }",
         )
-    check_cutter(KEY, table, _feeds_per_tooth(table), draft, findings, always=True)
+    check_cutter(KEY, table, _feeds_per_tooth(table), draft, always=True)
 
 
 def _check_speeds(table: LobesTable, findings: Findings) -> None:

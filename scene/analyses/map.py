@@ -6,10 +6,9 @@ from typing import Annotated, ClassVar
 from headstock.geometry.frames import FloatArray
 from headstock.scene.building.draft import Draft, SceneAnalysis
 from headstock.scene.building.studies import build_grid, check_grid
-from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.scene import Request, describe_grid
-from headstock.scene.schema.types import Between, RequestTable, Text, WholeNumber
+from headstock.scene.schema import types
 
 KEY: KeyPath = ("analyses", "map")
 MAX_POSES = 40_000
@@ -36,14 +35,14 @@ class MapRequest(Request):
         return f"modes, stiffness and condition number in {describe_grid(self.axes)}"
 
 
-class MapTable(RequestTable):
+class MapTable(types.RequestTable):
     """Modes, static stiffness and condition number of a lumped mechanism over the poses of a sweep
     along two or three axes.
     """
 
-    sweep: Text
+    sweep: types.Text
     """a sweep of `axes` in which two or three have several positions, at most 40 000 poses"""
-    count: Annotated[WholeNumber, Between(1, 6)] = 3
+    count: Annotated[types.WholeNumber, types.Between(1, 6)] = 3
     """number of natural frequencies; each mode is tracked by its shape"""
 
 
@@ -53,19 +52,14 @@ def _build(table: MapTable, draft: Draft) -> MapRequest:
     return MapRequest(axes, fixed, table.count)
 
 
-def _check(table: MapTable, draft: Draft, findings: Findings) -> None:
+def _check(table: MapTable, draft: Draft) -> None:
     """Report a machine without a lumped mechanism, and a sweep that spans no map."""
     scene = draft.table
     if not scene.is_lumped:
-        findings.add(KEY, "a map needs a lumped mechanism; this scene has none")
-    sweep = scene.sweeps.get(table.sweep)
-    if sweep is None:
-        findings.add(
-            (*KEY, "sweep"),
-            f"unknown sweep {table.sweep[:80]!r}; {suggest_names(table.sweep, scene.sweeps, what='sweeps')}",
-        )
-        return
-    check_grid((*KEY, "sweep"), sweep, "a map", MAX_POSES, findings)
+        draft.add(KEY, "a map needs a lumped mechanism; this scene has none")
+    draft.findings.check_name((*KEY, "sweep"), table.sweep, scene.sweeps, "sweep", "sweeps")
+    if (sweep := scene.sweeps.get(table.sweep)) is not None:
+        check_grid((*KEY, "sweep"), sweep, "a map", MAX_POSES, draft.findings)
 
 
 ANALYSIS = SceneAnalysis(

@@ -7,18 +7,9 @@ from typing import Annotated, ClassVar
 from pydantic import Field
 
 from headstock.geometry.frames import FloatArray
-from headstock.scene.building.draft import Draft, SceneAnalysis, check_pose_names
-from headstock.scene.reading.findings import Findings
+from headstock.scene.building.draft import Draft, SceneAnalysis
 from headstock.scene.scene import Request
-from headstock.scene.schema.types import (
-    Count,
-    Flag,
-    Frequency,
-    Names,
-    PositiveFrequency,
-    RequestTable,
-    not_both,
-)
+from headstock.scene.schema import types
 
 DEFAULT_MODES = 6
 
@@ -64,24 +55,24 @@ class ModalRequest(Request):
         return min(wanted, max(rigid_count, below))
 
 
-class ModalTable(RequestTable):
+class ModalTable(types.RequestTable):
     """Natural frequencies and modes; six of them unless `count` or `up_to` is given; `from` and
     `up_to` are a window of frequencies.
     """
 
     highest: ClassVar[str] = "up_to"
 
-    model_config = not_both("count", "up_to")
+    model_config = types.not_both("count", "up_to")
 
-    count: Count | None = None
+    count: types.Count | None = None
     """number of modes; default: 6, or all up to `up_to`"""
-    start: Annotated[Frequency, Field(alias="from")] = 0.0
+    start: Annotated[types.Frequency, Field(alias="from")] = 0.0
     """lowest frequency of a window that ends at `up_to`; modes below keep their numbers and are not listed"""
-    up_to: PositiveFrequency | None = None
+    up_to: types.PositiveFrequency | None = None
     """all modes up to this frequency, in place of `count`"""
-    poses: Names | None = None
+    poses: types.Names | None = None
     """poses in which it is computed; default: all of them"""
-    spread: Flag = False
+    spread: types.Flag = False
     """solve again with all interfaces rigid and with all averaging: gives a range for each frequency"""
 
     def _faults(self) -> Iterator[str]:
@@ -106,9 +97,9 @@ def _build(table: ModalTable, draft: Draft) -> ModalRequest:
     )
 
 
-def _check(table: ModalTable, draft: Draft, findings: Findings) -> None:
+def _check(table: ModalTable, draft: Draft) -> None:
     """Report poses that do not exist."""
-    check_pose_names(("analyses", "modal", "poses"), table.poses, draft, findings)
+    draft.check_poses(("analyses", "modal", "poses"), table.poses)
 
 
 ANALYSIS = SceneAnalysis(

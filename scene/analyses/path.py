@@ -12,8 +12,8 @@ from pydantic import Field
 from headstock.geometry.errors import PoseError
 from headstock.geometry.machine.carriages import find_overhangs
 from headstock.geometry.machine.machine import MachinePath, Pose, place_components, show_position
-from headstock.geometry.mechanisms.tool_mechanism import TOOL_POINT
-from headstock.scene.building.axes import find_position_fault
+from headstock.geometry.mechanisms.exechon import TOOL_POINT
+from headstock.scene.building.axes import find_measure_fault, find_position_fault
 from headstock.scene.building.cutting import (
     CUTTING_FORCE,
     build_cut,
@@ -26,8 +26,6 @@ from headstock.scene.building.draft import (
     Draft,
     SceneAnalysis,
     build_channels,
-    check_channel,
-    check_name,
 )
 from headstock.scene.building.drives import (
     DRIVE_CONTROL,
@@ -36,27 +34,15 @@ from headstock.scene.building.drives import (
     check_sampling,
     driven_axis,
 )
-from headstock.scene.reading.findings import Findings, suggest_names
+from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.reading.units import ANGULAR_SPEED, LENGTH, SPEED, Dimension
+from headstock.scene.reading.units import ANGULAR_SPEED, LENGTH, SPEED, Dimension, Quantity
 from headstock.scene.scene import Request, Scene
+from headstock.scene.schema import types
 from headstock.scene.schema.axes import PoseTable
 from headstock.scene.schema.cutting import MillTable
 from headstock.scene.schema.effects import GUIDE_ERRORS
 from headstock.scene.schema.scene import SceneTable
-from headstock.scene.schema.types import (
-    ChannelName,
-    Direction,
-    Flag,
-    PathFeed,
-    PositiveAngularSpeed,
-    PositiveFrequency,
-    PositiveLength,
-    PositiveTime,
-    RequestTable,
-    StrictTable,
-    Text,
-)
 from headstock.solvers.milling.forces import MillingCut, Side
 from headstock.solvers.motion.deviation import LowPass
 from headstock.solvers.motion.set_points import Ramp, SetPoint, find_move_fault
@@ -68,8 +54,8 @@ CUT: KeyPath = (*KEY, "cut")
 RAMP_BAND = 16.0
 RAMP_SAMPLES = 10.0  # on a ramp, that a remedy asks for
 TOOTH_HARMONICS = 10  # of the passing of teeth
-Channels = Annotated[list[ChannelName], Field(min_length=1, max_length=30)]
-Feeds = Annotated[list[PathFeed], Field(min_length=1, max_length=20)]
+Channels = Annotated[list[types.ChannelName], Field(min_length=1, max_length=30)]
+Feeds = Annotated[list[types.PathFeed], Field(min_length=1, max_length=20)]
 
 
 @dataclass(frozen=True)
@@ -125,64 +111,71 @@ class PathRequest(Request):
         return f"{', '.join(self.path.axes)} moves {length} at {feeds} {unit}, sampled at {self.sampling_hz:g} Hz{cut}"
 
 
-class PathCutTable(StrictTable):
+class PathCutTable(types.StrictTable):
     """Milling along a path; used with the effect `cutting_force`."""
 
     mill: MillTable
     """the milling tool"""
-    spindle: PositiveAngularSpeed
+    spindle: types.PositiveAngularSpeed
     """speed of the spindle"""
-    axial_depth: PositiveLength
+    axial_depth: types.PositiveLength
     """depth of cut along the tool"""
-    radial_depth: PositiveLength
+    radial_depth: types.PositiveLength
     """depth of cut across the tool, at most its diameter"""
     sense: Literal["down", "up"] = "down"
     """`down` (climb): teeth leave at the finished face; `up` (conventional): they enter there"""
     part_side: Literal["right", "left"] | None = None
     """side of the travel on which the part lies; default: where a clockwise tool mills in this sense"""
-    material: Text
+    material: types.Text
     """workpiece material: of `[cutting.NAME]`, or of the [catalogue](cutting_coefficients.md)"""
-    at: Text | None = None
+    at: types.Text | None = None
     """point where the tool is; default: the first one"""
-    up: Direction = (0.0, 0.0, 1.0)
+    up: types.Direction = (0.0, 0.0, 1.0)
     """direction from the tool's tip to its holder"""
 
 
-class PathTable(RequestTable):
+class PathTable(types.RequestTable):
     """How far a point leaves the straight line while axes accelerate to a feed and stop again."""
+
+    loads_probes = "by itself"
 
     start: Annotated[PoseTable, Field(alias="from", min_length=1)]
     """start position of the axes: `{ X = "-40 mm" }`"""
     to: Annotated[PoseTable, Field(min_length=1)]
     """end position; every axis, linear or rotary, has a constant share of the way"""
-    pose: Text | None = None
+    pose: types.Text | None = None
     """pose that gives the position of all other axes; default: zero"""
     feeds: Feeds
     """feed rates; the path is computed once for each; of the linear travel where a linear axis moves, else an angular speed such as `"3600
     deg/min"`"""
-    time_constant: PositiveTime
+    time_constant: types.PositiveTime
     """feed divided by acceleration; for exponential ramps the time constant of the lag"""
     ramp: Literal["linear", "s_curve", "exponential"] = "linear"
     """`linear`: constant acceleration; `s_curve`: its jerk limited too; `exponential`: a first-order lag"""
-    jerk_time: PositiveTime | None = None
+    jerk_time: types.PositiveTime | None = None
     """acceleration divided by jerk; required by an S-curve, and at most `time_constant`"""
     outputs: Channels | None = None
     """where the deviation is computed: `[["tcp", "z"]]`; default: all points in x, y and z"""
-    sampling: PositiveFrequency = 2500.0
+    sampling: types.PositiveFrequency = 2500.0
     """samples per second, more than twice `lowpass`"""
-    lowpass: PositiveFrequency | None = None
+    lowpass: types.PositiveFrequency | None = None
     """cut-off frequency of a fourth-order Butterworth low-pass filter applied to the deviation; default: none"""
     filter: Literal["zero_phase", "causal"] = "zero_phase"
     """`zero_phase`: forwards and backwards, without delay; `causal`: once, as a measuring instrument does"""
-    residual_time: PositiveTime = 0.3
+    residual_time: types.PositiveTime = 0.3
     """time after a ramp over which residual vibration is evaluated, also recorded after the end"""
     cut: PathCutTable | None = None
     """milling along the path; used with the effect `cutting_force`"""
     pose_model: Literal["pose_dependent", "frozen"] | None = None
     """`pose_dependent`: the machine's matrices change along the path; `frozen`: those at mid-path are used throughout; default:
     `pose_dependent`, but `frozen` for axes under control"""
-    estimate: Flag = True
+    estimate: types.Flag = True
     """± of its numbers, for which machines of components make the moves once more per mesh and for modes left out"""
+
+    def stops(self) -> Iterator[tuple[KeyPath, str, Quantity]]:
+        """Yield every position of both ends: its key, its axis, its value."""
+        for end, positions in (("from", self.start), ("to", self.to)):
+            yield from (((*KEY, end, axis), axis, value) for axis, value in positions.items())
 
     @property
     def effects(self) -> frozenset[str]:
@@ -222,23 +215,22 @@ def _build(table: PathTable, draft: Draft) -> PathRequest:
     scene = draft.table
     line = build_path(scene, table)
     ramp = Ramp(table.ramp, table.time_constant, table.jerk_time or 0.0)
-    return PathRequest(
+    return table.fill(
+        PathRequest,
         path=line,
         moves=tuple(SetPoint(line.length, feed.value, ramp, line.unit) for feed in table.feeds),
         outputs=build_channels(table.outputs or [(name, "") for name in scene.points]),
         sampling_hz=table.sampling,
         low_pass=None if table.lowpass is None else LowPass(table.lowpass, table.filter),
-        residual_time=table.residual_time,
         band_hz=_find_band(scene, table),
         cut=_build_cut(scene, table),
         follows_pose=_follows_pose(scene, table),
-        estimate=table.estimate,
     )
 
 
 def _build_cut(scene: SceneTable, table: PathTable) -> PathCut | None:
     """Build what is milled along the path, where the effect ``cutting_force`` is on."""
-    if table.cut is None or scene.effects.get(CUTTING_FORCE, False) is False:
+    if table.cut is None or CUTTING_FORCE not in scene.active:
         return None
     cut, at = table.cut, table.cut.at or next(iter(scene.points))
     return PathCut(build_cut(scene, cut, _feeds_per_tooth(table, cut)), at, cut.up, part_side(cut))
@@ -251,60 +243,51 @@ def _feeds_per_tooth(table: PathTable, cut: PathCutTable) -> list[float]:
     return [feed.value * tooth_period(cut) for feed in table.feeds]
 
 
-def _check(table: PathTable, draft: Draft, findings: Findings) -> None:
+def _check(table: PathTable, draft: Draft) -> None:
     """Report what is wrong with a path, apart from rails."""
     scene = draft.table
     for index, (name, _) in enumerate(table.outputs or ()):
-        check_channel((*KEY, "outputs", index), name, draft, findings)
+        draft.check_channel((*KEY, "outputs", index), name)
     if table.pose is not None:
-        check_name((*KEY, "pose"), table.pose, "poses", draft, findings)
-    for end, stops in (("from", table.start), ("to", table.to)):
-        for axis in stops:
-            check_name((*KEY, end, axis), axis, "axes", draft, findings, "axis")
-    known = len(findings.problems)
+        draft.check_name((*KEY, "pose"), table.pose, "poses")
+    for key, axis, _ in table.stops():
+        draft.check_name(key, axis, "axes", "axis")
+    known = len(draft.findings.problems)
     if scene.mechanism is not None:
-        _check_tool_path(scene, table, findings)
-    for end, stops in (("from", table.start), ("to", table.to)):
-        for axis, value in stops.items():
-            if axis not in scene.axes:
-                continue
-            if fault := find_position_fault(axis, value, scene):
-                findings.add((*KEY, end, axis), fault)
+        _check_tool_path(table, draft.findings)
+    for key, axis, value in table.stops():
+        if axis in scene.axes and (fault := find_position_fault(axis, value, scene)):
+            draft.add(key, fault)
     if table.outputs is None and not scene.points:
-        findings.add(
+        draft.add(
             KEY,
             'there is no point whose deviation is wanted; write [points], or outputs = [["tcp", "z"]]',
         )
-    if len(findings.problems) == known:
-        _check_moves(scene, table, findings)
+    if len(draft.findings.problems) == known:
+        _check_moves(scene, table, draft.findings)
     if (cut := table.cut) is not None:
-        check_cutter(CUT, cut, _feeds_per_tooth(table, cut), draft, findings)
+        check_cutter(CUT, cut, _feeds_per_tooth(table, cut), draft)
 
 
-def _check_tool_path(scene: SceneTable, table: PathTable, findings: Findings) -> None:
+def _check_tool_path(table: PathTable, findings: Findings) -> None:
     """Report what a path of the tool of a mechanism cannot have."""
-    for end, stops in (("from", table.start), ("to", table.to)):
-        for axis, value in stops.items():
-            if axis not in TOOL_POINT:
-                findings.add(
-                    (*KEY, end, axis),
-                    "a path of a mechanism leads its tool along X, Y and Z; set other axes by pose",
-                )
-            elif value.dimension != LENGTH:
-                findings.add(
-                    (*KEY, end, axis),
-                    f'{axis} is measured as {LENGTH.name}; write for example "{LENGTH.example}"',
-                )
+    for key, axis, value in table.stops():
+        if axis not in TOOL_POINT:
+            findings.add(
+                key, "a path of a mechanism leads its tool along X, Y and Z; set other axes by pose"
+            )
+        elif fault := find_measure_fault(axis, value, LENGTH):
+            findings.add(key, fault)
 
 
-def _check_complete(table: PathTable, draft: Draft, findings: Findings) -> None:
+def _check_complete(table: PathTable, draft: Draft) -> None:
     """Report a cut without a tool, and axes under control that no drive moves."""
     scene = draft.table
-    _check_cut(table, scene, findings)
-    if scene.effects.get(DRIVE_CONTROL, False) is False:
+    _check_cut(table, draft)
+    if DRIVE_CONTROL not in scene.active:
         return
     if table.lowpass is not None:
-        check_sampling(scene, table.lowpass, "path", "lowpass", findings)
+        check_sampling(draft, table.lowpass, "path", "lowpass")
     driven = {driven_axis(name, table) for name, table in scene.drives.items()}
     for axis, end in table.to.items():
         start = table.start.get(axis)
@@ -314,32 +297,29 @@ def _check_complete(table: PathTable, draft: Draft, findings: Findings) -> None:
             and axis not in driven
             and (start is None or start.value != end.value)
         ):
-            findings.add_for(
+            draft.findings.add_for(
                 "path",
                 ("analyses", "path", "to", axis),
                 f"axis {axis} moves under control, but no drive moves it; write [drives.{axis}]",
             )
 
 
-def _check_cut(table: PathTable, scene: SceneTable, findings: Findings) -> None:
+def _check_cut(table: PathTable, draft: Draft) -> None:
     """Report a cut without a tool, and the effect that needs a cut."""
-    cut = table.cut
-    cuts = scene.effects.get(CUTTING_FORCE, False) is not False
+    scene, cut = draft.table, table.cut
+    cuts = CUTTING_FORCE in scene.active
     elsewhere = scene.mechanism is not None or "contouring" in scene.analyses.requested
     if cuts and cut is None and not elsewhere:
-        findings.add(
+        draft.add(
             ("effects", CUTTING_FORCE),
             "nothing is milled; write [analyses.path.cut] with mill, spindle, depths and material",
         )
     if cut is None:
         return
-    if cut.at is not None and cut.at not in scene.points:
-        findings.add(
-            (*CUT, "at"),
-            f"unknown point {cut.at[:80]!r}; {suggest_names(cut.at, scene.points, what='points')}",
-        )
+    if cut.at is not None:
+        draft.findings.check_name((*CUT, "at"), cut.at, scene.points, "point", "points")
     elif not scene.points:
-        findings.add(CUT, "there is no point for the tool; write [points]")
+        draft.add(CUT, "there is no point for the tool; write [points]")
 
 
 def _check_scene(request: PathRequest, scene: Scene, findings: Findings) -> None:
@@ -450,7 +430,7 @@ def _list_waves(scene: SceneTable) -> list[float]:
         for drive in build_drives(scene).values()
         for wave in drive.ripple
     ]
-    if scene.mechanism is None or scene.effects.get(GUIDE_ERRORS, False) is False:
+    if scene.mechanism is None or GUIDE_ERRORS not in scene.active:
         return found
     legs = scene.mechanism.errors
     profiles = [] if legs is None else [*legs.profiles().values()]

@@ -3,8 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from headstock.scene.building.draft import Draft, SceneAnalysis, check_name, check_pose_names
-from headstock.scene.reading.findings import Findings
+from headstock.scene.building.draft import Draft, SceneAnalysis
 from headstock.scene.scene import Request
 from headstock.scene.schema.types import Names, RequestTable
 
@@ -22,6 +21,8 @@ class StaticRequest(Request):
 class StaticTable(RequestTable):
     """Compliance at points; without `at` at every point."""
 
+    loads_probes = "by the scene"
+
     at: Names | None = None
     """points at which it is computed; default: all of them"""
     poses: Names | None = None
@@ -33,19 +34,19 @@ def _build(table: StaticTable, draft: Draft) -> StaticRequest:
     return StaticRequest(tuple(table.at or draft.table.points), tuple(table.poses or draft.poses))
 
 
-def _check(table: StaticTable, draft: Draft, findings: Findings) -> None:
+def _check(table: StaticTable, draft: Draft) -> None:
     """Report points and poses that do not exist."""
     for index, point in enumerate(table.at or ()):
-        check_name(("analyses", "static", "at", index), point, "points", draft, findings)
-    check_pose_names(("analyses", "static", "poses"), table.poses, draft, findings)
+        draft.check_name(("analyses", "static", "at", index), point, "points")
+    draft.check_poses(("analyses", "static", "poses"), table.poses)
 
 
-def _check_subject(table: StaticTable, draft: Draft, findings: Findings) -> None:
+def _check_subject(table: StaticTable, draft: Draft) -> None:
     """Report that there is nothing to compute a compliance of."""
     scene = draft.table
     if table.at is None and not scene.points and not scene.loads:
         example = 'tcp = { tool = "component.interface", work = "ground" }'
-        findings.add(
+        draft.add(
             ("analyses", "static"),
             f"there is no point to compute a compliance at; write [points] {example}",
         )

@@ -14,10 +14,6 @@ from headstock.scene.building.draft import (
     Draft,
     SceneAnalysis,
     build_channels,
-    check_channel,
-    check_name,
-    check_pose_names,
-    check_probe_output,
 )
 from headstock.scene.building.drives import FRICTION, check_motors, check_sampling
 from headstock.scene.reading.csv_files import (
@@ -32,23 +28,7 @@ from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import ANGULAR_IMPULSE, FORCE, IMPULSE, MOMENT
 from headstock.scene.scene import Motors, Request
-from headstock.scene.schema.types import (
-    ChannelName,
-    Name,
-    Names,
-    NotNegativeShare,
-    NotNegativeTime,
-    Number,
-    PositiveFrequency,
-    PositiveNumber,
-    PositiveTime,
-    RequestTable,
-    Speed,
-    StrictTable,
-    Text,
-    TimedLoadSize,
-    not_both,
-)
+from headstock.scene.schema import types
 from headstock.solvers.linear.load_history import (
     LoadHistory,
     half_sine_load,
@@ -67,7 +47,7 @@ RECORD_COLUMNS = ("value",)
 ON_GRID = 1e-6  # of a time step
 MUCH_LOST = 0.01  # of the rms of a record
 GRAVITY = "gravity"
-Channels = Annotated[list[ChannelName], Field(min_length=1, max_length=100)]
+Channels = Annotated[list[types.ChannelName], Field(min_length=1, max_length=100)]
 SAMPLES_PER_PERIOD = 20
 MOST_SAMPLES = 500_000
 # shape: keys it needs, and keys it may have
@@ -136,31 +116,31 @@ class TransientRequest(Request):
         return f"{', '.join(causes)}: {self.duration:g} s with modes up to {self.up_to_hz:g} Hz{under}{inside}"
 
 
-class TimedLoadTable(StrictTable):
+class TimedLoadTable(types.StrictTable):
     """A force, a moment or a load of `[loads]` that changes with time."""
 
-    model_config = not_both("at", "load")
+    model_config = types.not_both("at", "load")
 
     shape: Literal["step", "ramp", "half_sine", "sine", "impulse", "release", "file"]
     """`step` (with `time`: a pulse), `ramp` to its size in `time`, `half_sine` of the length `time`, `sine` of `frequency`, or for some
     `cycles`, `impulse`, `release` (has acted for long and is gone), `file`"""
-    at: ChannelName | None = None
+    at: types.ChannelName | None = None
     """point or interface and direction: `["tcp", "x"]`"""
-    size: TimedLoadSize | None = None
+    size: types.TimedLoadSize | None = None
     """force, moment, or impulse; values of a `file` are multiplied by it; default: `1 N` of a `file`, else required beside `at`"""
-    load: Text | None = None
+    load: types.Text | None = None
     """a load of `[loads]`, or `gravity`, in place of `at`"""
-    factor: Number | None = None
+    factor: types.Number | None = None
     """factor of that load; default: 1"""
-    start: NotNegativeTime = 0.0
+    start: types.NotNegativeTime = 0.0
     """when it begins to act, is released, or strikes"""
-    time: PositiveTime | None = None
+    time: types.PositiveTime | None = None
     """how long it rises or acts; required by `ramp` and `half_sine`; default: a `step` acts on"""
-    frequency: PositiveFrequency | None = None
+    frequency: types.PositiveFrequency | None = None
     """frequency of a `sine`, which needs it"""
-    cycles: PositiveNumber | None = None
+    cycles: types.PositiveNumber | None = None
     """how many cycles a `sine` has; default: it goes on"""
-    file: Text | None = None
+    file: types.Text | None = None
     """CSV file with the columns `time` [s] and `value`, linear between its samples and zero outside"""
 
     def _faults(self) -> Iterator[str]:
@@ -186,30 +166,32 @@ class TimedLoadTable(StrictTable):
                 yield f"shape {self.shape} has no {key}; remove it"
 
 
-class TransientTable(RequestTable):
+class TransientTable(types.RequestTable):
     """Motion of points under loads that change with time."""
 
-    loads: Annotated[dict[Name, TimedLoadTable], Field(max_length=100)] = {}
+    loads_probes = "by itself"
+
+    loads: Annotated[dict[types.Name, TimedLoadTable], Field(max_length=100)] = {}
     """forces, moments and loads of `[loads]` over time, by name"""
     velocity: Annotated[
-        dict[Text, Annotated[list[Speed], Field(min_length=3, max_length=3)]],
+        dict[types.Text, Annotated[list[types.Speed], Field(min_length=3, max_length=3)]],
         Field(max_length=1000),
     ] = {}
     """velocity of components before the time zero, machine axes: `{ table = ["100 mm/s", "0 m/s", "0 m/s"] }`; joints turn it into the
     motion with the same momentum"""
-    duration: PositiveTime
+    duration: types.PositiveTime
     """how long the motion is computed, from the time zero"""
-    up_to: PositiveFrequency = 1000.0
+    up_to: types.PositiveFrequency = 1000.0
     """modes up to this frequency vibrate; those above follow the loads at once"""
-    sampling: PositiveFrequency | None = None
+    sampling: types.PositiveFrequency | None = None
     """samples per second, more than twice `up_to`; default: 20 times `up_to`"""
-    settled: NotNegativeShare = 0.02
+    settled: types.NotNegativeShare = 0.02
     """share of the way to the rest position (of the peak, where there is no way) within which an output has settled"""
     outputs: Channels | None = None
     """where the motion is computed: `[["tcp", "z"], "fillet"]`, with a probe; default: all points in x, y, z and all probes"""
     motors: Motors = "locked"
     """as in `[analyses.frf]`; with the effect `friction` guides rub"""
-    poses: Names | None = None
+    poses: types.Names | None = None
     """poses in which it is computed; default: all of them"""
 
     @property
@@ -246,9 +228,9 @@ def _build(table: TransientTable, draft: Draft) -> TransientRequest:
         CsvError: A record cannot be used.
     """
     scene = draft.table
-    outputs = [one for one in table.outputs or () if one[0] not in scene.probes]
-    inside = [name for name, _ in table.outputs or () if name in scene.probes]
-    return TransientRequest(
+    outputs, probes = draft.split_outputs(table.outputs)
+    return table.fill(
+        TransientRequest,
         loads=tuple(
             TimedLoad(
                 name,
@@ -261,70 +243,64 @@ def _build(table: TransientTable, draft: Draft) -> TransientRequest:
         velocities={
             name: (speeds[0], speeds[1], speeds[2]) for name, speeds in table.velocity.items()
         },
-        outputs=build_channels(outputs or [(name, "") for name in scene.points]),
-        duration=table.duration,
+        outputs=outputs or build_channels([(name, "") for name in scene.points]),
         sampling_hz=table.samples_per_second,
         up_to_hz=table.up_to,
-        settled=table.settled,
         poses=tuple(table.poses or draft.poses),
-        motors=table.motors,
-        probes=tuple(dict.fromkeys(inside if table.outputs else scene.probes)),
+        probes=probes,
     )
 
 
-def _check(table: TransientTable, draft: Draft, findings: Findings) -> None:
+def _check(table: TransientTable, draft: Draft) -> None:
     """Report names that do not exist, sizes of another kind than their direction, and records that
     cannot be used.
     """
     for name, load in table.loads.items():
-        _check_load((*KEY, "loads", name), load, draft, findings)
+        _check_load((*KEY, "loads", name), load, draft)
         if load.file is not None:
-            _check_record((*KEY, "loads", name, "file"), load, table, draft.folder, findings)
+            _check_record((*KEY, "loads", name, "file"), load, table, draft.folder, draft.findings)
     for name in table.velocity:
-        check_name((*KEY, "velocity", name), name, "components", draft, findings)
+        draft.check_name((*KEY, "velocity", name), name, "components")
     for index, (name, direction) in enumerate(table.outputs or ()):
-        if name in draft.sections.get("probes", ()):
-            check_probe_output((*KEY, "outputs", index), name, direction, draft, findings)
-        else:
-            check_channel((*KEY, "outputs", index), name, draft, findings)
-    check_pose_names((*KEY, "poses"), table.poses, draft, findings)
+        draft.check_output((*KEY, "outputs", index), name, direction)
+    draft.check_poses((*KEY, "poses"), table.poses)
     outputs = [one for one, _ in table.outputs or () if one not in draft.table.probes]
     if not outputs and not draft.table.points:
-        findings.add(
+        draft.add(
             KEY,
             'there is no point whose motion is wanted; write [points], or outputs = [["tcp", "z"]]',
         )
 
 
-def _check_motors(table: TransientTable, draft: Draft, findings: Findings) -> None:
+def _check_motors(table: TransientTable, draft: Draft) -> None:
     """Report drives that are not controlled, or sample too slowly."""
     if table.motors == "controlled":
-        check_motors(draft.table, "transient", findings)
-        check_sampling(draft.table, table.up_to, "transient", "up_to", findings)
+        check_motors(draft, "transient")
+        check_sampling(draft, table.up_to, "transient", "up_to")
 
 
-def _check_load(key: KeyPath, load: TimedLoadTable, draft: Draft, findings: Findings) -> None:
+def _check_load(key: KeyPath, load: TimedLoadTable, draft: Draft) -> None:
     if load.at is None:
         if load.load == GRAVITY:
-            if not draft.table.effects.get(GRAVITY):
-                findings.add((*key, "load"), "needs gravity; write [effects] gravity = true")
+            if GRAVITY not in draft.table.active:
+                draft.add((*key, "load"), "needs gravity; write [effects] gravity = true")
             return
-        check_name((*key, "load"), load.load or "", "loads", draft, findings)
+        draft.check_name((*key, "load"), load.load or "", "loads")
         named = draft.table.loads.get(load.load or "")
         if named is not None and named.joint is not None:
-            findings.add(
+            draft.add(
                 (*key, "load"),
                 "is a displacement, which is a static load only; write a force over time",
             )
         return
     name, direction = load.at
-    check_channel((*key, "at"), name, draft, findings)
+    draft.check_channel((*key, "at"), name)
     if load.size is None:
         return
     turns, strikes = direction.startswith("r"), load.shape == "impulse"
     wanted = (ANGULAR_IMPULSE if turns else IMPULSE) if strikes else MOMENT if turns else FORCE
     if load.size.dimension != wanted:
-        findings.add(
+        draft.add(
             (*key, "size"),
             f"is a {load.size.dimension.name}, and shape {load.shape} in {direction} takes a {wanted.name}; write for"
             f' example "{wanted.example}"',

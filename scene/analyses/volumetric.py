@@ -4,9 +4,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from headstock.geometry.frames import FloatArray
-from headstock.scene.building.draft import Draft, SceneAnalysis, check_name
+from headstock.scene.building.draft import Draft, SceneAnalysis
 from headstock.scene.building.studies import build_grid, check_grid
-from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.scene import Request, describe_grid
 from headstock.scene.schema.effects import GUIDE_ERRORS
@@ -53,25 +52,24 @@ def _build(table: VolumetricTable, draft: Draft) -> VolumetricRequest:
     return VolumetricRequest(tuple(table.at or draft.table.points), axes, fixed)
 
 
-def _check(table: VolumetricTable, draft: Draft, findings: Findings) -> None:
+def _check(table: VolumetricTable, draft: Draft) -> None:
     """Report unknown points and sweeps, sweeps of another form, and a machine that nothing moves."""
     scene = draft.table
     for index, point in enumerate(table.at or ()):
-        check_name((*KEY, "at", index), point, "points", draft, findings)
+        draft.check_name((*KEY, "at", index), point, "points")
     if table.at is None and not scene.points:
-        findings.add(
+        draft.add(
             KEY,
             'there is no point whose error is wanted; write [points] tcp = { tool = "component.interface", work = "ground" }',
         )
-    effects = {name for name, value in scene.effects.items() if value is not False}
-    if not effects & {GUIDE_ERRORS, "gravity"} and not scene.loads:
-        findings.add(
+    if not scene.active & {GUIDE_ERRORS, "gravity"} and not scene.loads:
+        draft.add(
             KEY,
             "nothing moves the tool: there are no errors of guides, no gravity and no loads; write [effects] gravity = true or guide_errors = true",
         )
-    check_name((*KEY, "sweep"), table.sweep, "sweeps", draft, findings)
+    draft.check_name((*KEY, "sweep"), table.sweep, "sweeps")
     if (sweep := scene.sweeps.get(table.sweep)) is not None:
-        check_grid((*KEY, "sweep"), sweep, "a volumetric map", MAX_POSES, findings)
+        check_grid((*KEY, "sweep"), sweep, "a volumetric map", MAX_POSES, draft.findings)
 
 
 ANALYSIS = SceneAnalysis(

@@ -10,12 +10,13 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.joints import GROUND, Axis, Joint, connected_groups
 from headstock.geometry.machine.machine import Pose, find_limit_fault
+from headstock.geometry.mechanisms.exechon import TOOL_AXES, TOOL_POINT
 from headstock.geometry.parts.components import Support
-from headstock.scene.building.draft import Draft, check_name, is_known_end
+from headstock.scene.building.draft import Draft, is_known_end
 from headstock.scene.building.joints import build_joint, find_joint_faults, sound_joints
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.reading.units import ANGLE, LENGTH, Quantity
+from headstock.scene.reading.units import ANGLE, LENGTH, Dimension, Quantity
 from headstock.scene.schema.axes import AxisTable
 from headstock.scene.schema.scene import SceneTable
 from headstock.scene.schema.types import show_direction
@@ -113,50 +114,39 @@ def _moved_components(
     return tuple(name for name in components if name in before and name not in after)
 
 
-def check_axes(draft: Draft, findings: Findings) -> None:
+def check_axes(draft: Draft) -> None:
     """Report what is wrong with axes, apart from what they move: names, limits, directions and
     guides.
     """
-    scene = draft.table
-    for name, axis in scene.axes.items():
+    for name, axis in draft.table.axes.items():
         key: KeyPath = ("axes", name)
         for index, joint in enumerate(axis.joint_names()):
-            check_name(
-                (*key, "joints", index) if axis.joints else (*key, "joint"),
-                joint,
-                "joints",
-                draft,
-                findings,
+            draft.check_name(
+                (*key, "joints", index) if axis.joints else (*key, "joint"), joint, "joints"
             )
         for index, component in enumerate(axis.moves or ()):
-            check_name((*key, "moves", index), component, "components", draft, findings)
-        limits, wrong = axis.limits or (), False
-        for index, limit in enumerate(limits):
-            if fault := _find_unit_fault(limit, axis):
-                wrong = True
-                findings.add((*key, "limits", index), fault)
-        if limits and not wrong and limits[0].value >= limits[1].value:
-            findings.add((*key, "limits"), "the lower limit must be below the upper one")
-        known = all(joint in scene.joints for joint in axis.joint_names())
-        if axis.direction is None and known and not _guiding_joints(scene, axis):
-            findings.add(
-                (*key, "direction"),
-                "'direction' is missing and no joint of the axis gives one; write direction = \"x\"",
-            )
-        _check_guides(name, axis, scene, findings)
+            draft.check_name((*key, "moves", index), component, "components")
+        limits = axis.limits or ()
+        faults = [_find_unit_fault(limit, axis) for limit in limits]
+        for index, fault in enumerate(faults):
+            if fault:
+                draft.add((*key, "limits", index), fault)
+        if limits and not any(faults) and limits[0].value >= limits[1].value:
+            draft.add((*key, "limits"), "the lower limit must be below the upper one")
+        _check_guides(name, axis, draft)
 
 
-def check_axis_moves(draft: Draft, findings: Findings) -> None:
+def check_axis_moves(draft: Draft) -> None:
     """Report axes that move nothing, and joints of theirs that are not between what moves and what
     stands.
     """
     scene, edges = draft.table, _edges(draft.table)
     for name, axis in scene.axes.items():
         if all(joint in edges for joint in axis.joint_names()):
-            _check_moves(("axes", name), axis, scene, edges, findings)
+            _check_moves(("axes", name), axis, scene, edges, draft.findings)
 
 
-def check_poses(draft: Draft, findings: Findings) -> None:
+def check_poses(draft: Draft) -> None:
     """Report poses, and positions in sweeps, of unknown axes, with a wrong unit or outside
     limits.
     """
@@ -170,12 +160,17 @@ def check_poses(draft: Draft, findings: Findings) -> None:
         ]
     for key, axis, value in values:
         # the two ends of a span are written under their axis
-        check_name(key[:4] if key[2] == "axes" else key, axis, "axes", draft, findings, "axis")
-        if axis in scene.axes and (fault := find_position_fault(axis, value, scene)):
-            findings.add(key, fault)
+        draft.check_name(key[:4] if key[2] == "axes" else key, axis, "axes", "axis")
+        fault = ""
+        if axis in scene.axes:
+            fault = find_position_fault(axis, value, scene)
+        elif axis in TOOL_AXES and scene.mechanism is not None:
+            fault = find_measure_fault(axis, value, LENGTH if axis in TOOL_POINT else ANGLE)
+        if fault:
+            draft.add(key, fault)
 
 
-def check_floating(draft: Draft, findings: Findings) -> None:
+def check_floating(draft: Draft) -> None:
     """Report components without a chain of joints and supports to ground; a lumped mechanism has no
     joints.
     """
@@ -189,7 +184,7 @@ def check_floating(draft: Draft, findings: Findings) -> None:
         if any(scene.components[name].free for name in group):
             continue
         verb = "floats" if len(group) == 1 else "float together"
-        findings.add(
+        draft.add(
             ("components", group[0]),
             f"{', '.join(group)} {verb}: 6 rigid-body motions are free, since no joint or support leads to ground; connect "
             f'{"it" if len(group) == 1 else "one of them"} to "ground" or to a grounded component, or write free = true',
@@ -209,6 +204,13 @@ def find_position_fault(axis: str, value: Quantity, scene: SceneTable) -> str:
         return ""
     low, high = (limit.value for limit in table.limits)
     return find_limit_fault(axis, value.value, low=low, high=high, unit=value.dimension.unit)
+
+
+def find_measure_fault(name: str, value: Quantity, wanted: Dimension) -> str:
+    """Say that a coordinate is measured in another dimension; empty where it is not."""
+    if value.dimension == wanted:
+        return ""
+    return f'{name} is measured as {wanted.name}; write for example "{wanted.example}"'
 
 
 def _find_unit_fault(value: Quantity, axis: AxisTable) -> str:
@@ -252,22 +254,29 @@ def _guiding_joints(scene: SceneTable, axis: AxisTable) -> dict[str, FloatArray]
     }
 
 
-def _check_guides(name: str, axis: AxisTable, scene: SceneTable, findings: Findings) -> None:
+def _check_guides(name: str, axis: AxisTable, draft: Draft) -> None:
     """Every guide, screw and bearing of an axis must let go of the motion that the axis makes."""
-    guides = _guiding_joints(scene, axis)
+    guides = _guiding_joints(draft.table, axis)
+    along = None if axis.direction is None else np.array(axis.direction)
+    if along is None and guides:
+        # without a direction of its own the axis has that of most of its joints
+        along = max(
+            guides.values(),
+            key=lambda guide: sum(abs(float(guide @ other)) for other in guides.values()),
+        )
+    elif along is None and all(joint in draft.table.joints for joint in axis.joint_names()):
+        draft.add(
+            ("axes", name, "direction"),
+            "'direction' is missing and no joint of the axis gives one; write direction = \"x\"",
+        )
     motion = "slides along" if axis.kind == "linear" else "turns about"
-    given = None if axis.direction is None else np.array(axis.direction)
-    # without a direction of its own the axis has that of most of its joints
-    votes = sorted(
-        guides.values(), key=lambda own: -sum(abs(float(own @ other)) for other in guides.values())
-    )
-    along = given if given is not None else votes[0] if votes else None
-    for joint, own in guides.items():
-        if along is not None and abs(own @ along) < PARALLEL:
-            findings.add(
+    for joint, guide in guides.items():
+        if along is not None and abs(guide @ along) < PARALLEL:
+            shown = show_direction(along)
+            draft.add(
                 ("joints", joint, "axis"),
-                f"{motion} {show_direction(own)}, but axis {name}, which it belongs to, moves along {show_direction(along)}: it would block the "
-                f"axis; write axis = {show_direction(along)}, or remove it from the joints of the axis",
+                f"{motion} {show_direction(guide)}, but axis {name}, which it belongs to, moves along {shown}: it would block the "
+                f"axis; write axis = {shown}, or remove it from the joints of the axis",
             )
 
 

@@ -52,7 +52,7 @@ from headstock.meshing.sizing import (
     largest_extent,
     thinnest_feature,
 )
-from headstock.scene.building.draft import Draft, check_name
+from headstock.scene.building.draft import Draft
 from headstock.scene.reading.files import resolve_file
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
@@ -92,9 +92,6 @@ OWN_MESH_KEYS = (
 )
 OTHER_SIZES = ("size", "growth", "rim_size")
 
-# whether it is broken, the key below mesh, and what to say
-type MeshRule = tuple[bool, str, str]
-
 
 def build_material(name: str, table: MaterialTable) -> Material:
     """The material a table stands for."""
@@ -110,13 +107,9 @@ def build_solid(table: SolidTable, folder: Path) -> Solid:
     if table.tube is not None:
         return Tube(table.tube.outer, table.tube.inner, table.tube.length)
     if table.plate is not None:
-        plate = table.plate
-        return Plate(_three(plate.size), plate.rib_height, plate.rib, plate.ribs_x, plate.ribs_y)
+        return table.plate.fill(Plate, rib_thickness=table.plate.rib)
     if table.column is not None:
-        c = table.column
-        return HollowColumn(
-            _three(c.size), c.wall, c.cap, c.rib, c.ribs_z, c.ribs_x, c.ribs_y, c.core_hole
-        )
+        return table.column.fill(HollowColumn)
     if table.step is not None:
         return StepFile(resolve_file(folder, table.step, FILE_SUFFIXES["step"]), table.solid)
     if table.mesh is not None:
@@ -286,37 +279,18 @@ def build_component(
         placement=build_frame(table.at, table.rotate),
         interfaces=interfaces,
         fidelity=table.fidelity,
-        mesh=_build_mesh_settings(table.mesh, sizes),
-        reduction=ReductionSettings(
-            table.reduction.modes_to,
-            table.reduction.modes,
-            table.reduction.verify,
-            table.reduction.eigensolver,
-            table.reduction.solver,
-            table.reduction.correct_mesh,
+        mesh=table.mesh.fill(
+            MeshSettings,
+            size=table.mesh.size if sizes is None else float(sizes.sizes.max()),
+            sizes=sizes,
         ),
-        segments=SegmentSettings(table.segments.count, table.segments.along),
+        reduction=table.reduction.fill(ReductionSettings, modes_to_hz=table.reduction.modes_to),
+        segments=table.segments.fill(SegmentSettings),
         mass=table.mass if table.solid.point_mass is None else table.solid.point_mass,
         free=free or table.free,
         rayleigh=RayleighDamping()
         if table.rayleigh is None
-        else RayleighDamping(table.rayleigh.alpha, table.rayleigh.beta),
-    )
-
-
-def _build_mesh_settings(table: MeshTable, sizes: SizeField | None) -> MeshSettings:
-    return MeshSettings(
-        table.size if sizes is None else float(sizes.sizes.max()),
-        table.order,
-        table.cells,
-        table.allow_locking,
-        table.across_patches,
-        growth=table.growth,
-        rim_size=table.rim_size,
-        smallest=table.smallest,
-        leave_out=table.leave_out,
-        details=table.details,
-        sizes=sizes,
+        else table.rayleigh.fill(RayleighDamping),
     )
 
 
@@ -471,33 +445,33 @@ def build_solids(scene: SceneTable, folder: Path, findings: Findings) -> dict[st
     return solids
 
 
-def check_presence(draft: Draft, findings: Findings) -> None:
+def check_presence(draft: Draft) -> None:
     """Report a scene without components."""
     if not draft.table.components:
-        findings.add(
+        draft.add(
             ("components",),
             "there are no components; write [components.NAME] with a solid and a material",
         )
 
 
-def check_components(draft: Draft, findings: Findings) -> None:
+def check_components(draft: Draft) -> None:
     """Report what is wrong with components: their materials, names, meshes, segments and
     patches.
     """
     for name, table in draft.table.components.items():
         key: KeyPath = ("components", name)
         if table.material is not None:
-            check_name((*key, "material"), table.material, "materials", draft, findings)
+            draft.check_name((*key, "material"), table.material, "materials")
         elif table.solid.superelement is None and table.solid.point_mass is None:
             known = suggest_names("", draft.sections.get("materials", ()), what="materials")
-            findings.add((*key, "material"), f"'material' is missing; {known}")
+            draft.add((*key, "material"), f"'material' is missing; {known}")
         if name == GROUND:
-            findings.add(
+            draft.add(
                 key,
                 'a component cannot be called "ground", the name of the foundation; choose another name',
             )
         if name in draft.solids:
-            _check_solid(key, table, draft.solids[name], findings)
+            _check_solid(key, table, draft.solids[name], draft.findings)
 
 
 def _check_solid(key: KeyPath, table: ComponentTable, solid: Solid, findings: Findings) -> None:
@@ -520,19 +494,24 @@ def _check_solid(key: KeyPath, table: ComponentTable, solid: Solid, findings: Fi
         if table.fidelity != "rigid":
             findings.add((*key, "fidelity"), "a point mass is always rigid; remove fidelity")
             return
-    for interface, entry in table.interfaces.items():
-        if entry.flexible and (len(entry.patch_tables()) > 1 or entry.face in ("outer", "inner")):
-            findings.add(
-                (*key, "interfaces", interface, "coupling"),
-                "deforms in shapes over one flat patch; write one interface for each patch, or "
-                'coupling = "rigid" or "average"',
-            )
-        for index, patch in enumerate(entry.patch_tables()):
-            patch_key = ("patches", index) if entry.patches is not None else ()
-            if fault := find_patch_fault(patch, solid) or _find_dense_patch(
-                table, build_patch(patch, solid), solid
-            ):
-                findings.add((*key, "interfaces", interface, *patch_key), fault)
+    for name, interface in table.interfaces.items():
+        _check_interface((*key, "interfaces", name), interface, table, solid, findings)
+
+
+def _check_interface(
+    key: KeyPath, table: InterfaceTable, part: ComponentTable, solid: Solid, findings: Findings
+) -> None:
+    if table.flexible and (len(table.patch_tables()) > 1 or table.face in ("outer", "inner")):
+        findings.add(
+            (*key, "coupling"),
+            "deforms in shapes over one flat patch; write one interface for each patch, or "
+            'coupling = "rigid" or "average"',
+        )
+    for index, patch in enumerate(table.patch_tables()):
+        if fault := find_patch_fault(patch, solid) or _find_dense_patch(
+            part, build_patch(patch, solid), solid
+        ):
+            findings.add((*key, *(("patches", index) if table.patches is not None else ())), fault)
 
 
 def _find_mesh_faults(table: ComponentTable, solid: Solid) -> Iterator[tuple[KeyPath, str]]:
@@ -554,74 +533,51 @@ def _find_mesh_faults(table: ComponentTable, solid: Solid) -> Iterator[tuple[Key
         for key in OTHER_SIZES:
             if key in mesh.model_fields_set:
                 yield ("mesh", key), f"sizes gives them all; remove {key}, or sizes"
-    for applies, key, fault in (
-        *_rule_cells(mesh, table.solid.kind),
-        *_rule_sizes(mesh, solid),
-        *_rule_step_parts(mesh, solid),
+    for key, fault in (
+        *_hex_faults(mesh, table.solid.kind),
+        *_size_faults(mesh, solid),
+        *_step_part_faults(mesh, solid),
+        *_rim_faults(table),
     ):
-        if applies:
-            yield ("mesh", key), fault
-    yield from _find_rimless(table)
+        yield ("mesh", key), fault
 
 
-def _rule_cells(mesh: MeshTable, kind: str) -> Iterator[MeshRule]:
-    """Rules of hexes, which fill boxes with elements of one size."""
-    hexes = mesh.cells == "hex"
-    yield (
-        hexes and mesh.sizes is not None,
-        "cells",
-        'only tets take sizes from a file; write cells = "tet"',
-    )
-    yield (
-        hexes and kind != "box",
-        "cells",
-        f'hexes are made of boxes only, not of a {kind}; write cells = "tet"',
-    )
-    yield (
-        hexes and mesh.growth is not None,
-        "growth",
-        'only tets grow from rims; write cells = "tet", or remove growth',
-    )
+def _hex_faults(mesh: MeshTable, kind: str) -> Iterator[tuple[str, str]]:
+    """What is wrong with hexes, which fill boxes with elements of one size, by key."""
+    if mesh.cells != "hex":
+        return
+    if mesh.sizes is not None:
+        yield "cells", 'only tets take sizes from a file; write cells = "tet"'
+    if kind != "box":
+        yield "cells", f'hexes are made of boxes only, not of a {kind}; write cells = "tet"'
+    if mesh.growth is not None:
+        yield "growth", 'only tets grow from rims; write cells = "tet", or remove growth'
 
 
-def _rule_sizes(mesh: MeshTable, solid: Solid) -> Iterator[MeshRule]:
-    """Rules of the sizes at rims and at curved faces beside that of the part."""
-    rim, smallest, size = mesh.rim_size, mesh.smallest, mesh.size
-    yield (
-        rim is not None and mesh.growth is None,
-        "rim_size",
-        "has no effect without growth; write growth = 0.3 too",
-    )
-    yield (
-        rim is not None and size is not None and rim >= size,
-        "rim_size",
-        "is not smaller than size; write a smaller one, or remove rim_size and growth",
-    )
-    yield (
-        smallest is not None and (isinstance(solid, Box) or mesh.cells == "hex"),
-        "smallest",
-        "a box has no curved faces and no short edges; remove smallest",
-    )
-    yield (
-        smallest is not None and size is not None and smallest > size,
-        "smallest",
-        "is larger than size; write a smaller one, or remove it",
-    )
+def _size_faults(mesh: MeshTable, solid: Solid) -> Iterator[tuple[str, str]]:
+    """What is wrong with sizes at rims and at curved faces beside that of the part, by key."""
+    rim, smallest, size = mesh.rim_size, mesh.smallest, mesh.size or math.inf
+    if rim is not None and mesh.growth is None:
+        yield "rim_size", "has no effect without growth; write growth = 0.3 too"
+    if rim is not None and rim >= size:
+        yield (
+            "rim_size",
+            "is not smaller than size; write a smaller one, or remove rim_size and growth",
+        )
+    if smallest is not None and (isinstance(solid, Box) or mesh.cells == "hex"):
+        yield "smallest", "a box has no curved faces and no short edges; remove smallest"
+    if smallest is not None and smallest > size:
+        yield "smallest", "is larger than size; write a smaller one, or remove it"
 
 
-def _rule_step_parts(mesh: MeshTable, solid: Solid) -> Iterator[MeshRule]:
-    """Rules of what is left out of STEP parts."""
-    other = not isinstance(solid, StepFile)
-    yield (
-        other and mesh.leave_out is not None,
-        "leave_out",
-        "removes fillets and holes of STEP parts only; remove leave_out",
-    )
-    yield (
-        other and mesh.details is not None,
-        "details",
-        "closes holes, recesses and pads of STEP parts only; remove details",
-    )
+def _step_part_faults(mesh: MeshTable, solid: Solid) -> Iterator[tuple[str, str]]:
+    """What cannot be left out of a part that comes from no STEP file, by key."""
+    if isinstance(solid, StepFile):
+        return
+    if mesh.leave_out is not None:
+        yield "leave_out", "removes fillets and holes of STEP parts only; remove leave_out"
+    if mesh.details is not None:
+        yield "details", "closes holes, recesses and pads of STEP parts only; remove details"
 
 
 def _find_dense_patch(table: ComponentTable, patch: Patch, solid: Solid) -> str:
@@ -640,8 +596,8 @@ def _find_dense_patch(table: ComponentTable, patch: Patch, solid: Solid) -> str:
     return dense_patch_message(count, min(patch.size), across) if count > PATCH_CELLS else ""
 
 
-def _find_rimless(table: ComponentTable) -> Iterator[tuple[KeyPath, str]]:
-    """Rims that a mesh is to grow from where there are none."""
+def _rim_faults(table: ComponentTable) -> Iterator[tuple[str, str]]:
+    """What is wrong with rims that a mesh is to grow from where there are none, by key."""
     mesh, interfaces = table.mesh, table.interfaces.values()
     if mesh.growth is None:
         return
@@ -652,14 +608,14 @@ def _find_rimless(table: ComponentTable) -> Iterator[tuple[KeyPath, str]]:
         for patch in entry.patch_tables()
     )
     if mesh.rim_size is not None and not rigid:
-        yield ("mesh", "rim_size"), 'no interface has the coupling "rigid"; remove rim_size'
+        yield "rim_size", 'no interface has the coupling "rigid"; remove rim_size'
     elif mesh.rim_size is None and not imprinted:
         remedy = (
             'write rim_size = "2 mm", say, for those of rigid interfaces'
             if rigid
             else "remove growth"
         )
-        yield ("mesh", "growth"), f"there is no patch from whose rim elements could grow; {remedy}"
+        yield "growth", f"there is no patch from whose rim elements could grow; {remedy}"
 
 
 def _has_shape(table: ComponentTable) -> bool:

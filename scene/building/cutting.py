@@ -45,23 +45,14 @@ CUTTING_FORCE = "cutting_force"
 
 
 class CutTable(Protocol):
-    """The table of what cuts."""
+    """The table of what cuts: depth of cut across the tool [m], and the side of the part if it is
+    written.
+    """
 
-    @property
-    def mill(self) -> MillTable:
-        """The tool."""
-
-    @property
-    def radial_depth(self) -> float:
-        """Depth of cut across the tool [m]."""
-
-    @property
-    def sense(self) -> Sense:
-        """Down or up milling."""
-
-    @property
-    def part_side(self) -> Side | None:
-        """Where the part lies, if it is written."""
+    mill: MillTable
+    radial_depth: float
+    sense: Sense
+    part_side: Side | None
 
     @property
     def material(self) -> str | None:
@@ -69,15 +60,10 @@ class CutTable(Protocol):
 
 
 class MilledTable(CutTable, Protocol):
-    """The table of a cut at one speed of the spindle."""
+    """The table of a cut at one speed of the spindle [rad/s], with its depth along the tool [m]."""
 
-    @property
-    def spindle(self) -> float:
-        """Speed of the spindle [rad/s]."""
-
-    @property
-    def axial_depth(self) -> float:
-        """Depth of cut along the tool [m]."""
+    spindle: float
+    axial_depth: float
 
 
 @dataclass(frozen=True)
@@ -100,7 +86,7 @@ USUAL_CHIPS = Chips(1e-4, 0.5, "assumed, as no feed per tooth is known")
 
 def build_mill(table: MillTable) -> EndMill:
     """The tool."""
-    return EndMill(table.diameter, table.teeth, table.helix, table.runout)
+    return table.fill(EndMill)
 
 
 def part_side(table: CutTable) -> Side:
@@ -213,10 +199,10 @@ def find_lead_fault(up: FloatArray, travel: FloatArray) -> str:
     return f"at a lead angle of {lead:.3g} deg; a mill travels across its axis, up to {MOST_LEAD:g} deg"
 
 
-def check_cutting(draft: Draft, findings: Findings) -> None:
+def check_cutting(draft: Draft) -> None:
     """Warn of coefficients that no material has."""
     for name, table in draft.table.cutting.items():
-        _check_coefficients((SECTION, name), table, findings)
+        _check_coefficients((SECTION, name), table, draft.findings)
 
 
 def check_cutter(
@@ -224,7 +210,6 @@ def check_cutter(
     table: CutTable,
     feeds: Sequence[float],
     draft: Draft,
-    findings: Findings,
     *,
     always: bool = False,
 ) -> None:
@@ -238,7 +223,7 @@ def check_cutter(
     scene, material = draft.table, table.material
     written = draft.sections.get(SECTION, frozenset())
     if table.radial_depth > table.mill.diameter:
-        findings.add(
+        draft.add(
             (*key, "radial_depth"),
             f"is {1e3 * table.radial_depth:g} mm and the tool has {1e3 * table.mill.diameter:g} mm; take at most its diameter",
         )
@@ -249,22 +234,22 @@ def check_cutter(
         names = [*sorted(written), *read_cutting_materials()]
         hint = suggest_names(material, names, what="materials")
         example = material if material.isidentifier() else "NAME"
-        findings.add(
+        draft.add(
             (*key, "material"),
             f'there is no {material[:80]!r}; {hint}; or write [{SECTION}.{example}] with Ktc = "800 N/mm^2" and so on',
         )
         return
     coefficients = resolve_material(scene, material, table, feeds)
     own = scene.cutting.get(material)
-    cuts = always or scene.effects.get(CUTTING_FORCE, False) is not False
+    cuts = always or CUTTING_FORCE in scene.active
     # what was measured is not assumed, and what a scene writes is known; a tangent is told anyway
     told = coefficients.ranges if own is None else set(coefficients.ranges) - set(own.ranges)
     if cuts and (told or coefficients.chip_thickness is not None):
         given = f"[{SECTION}.{material}]" if own is not None else f"catalogue {material}"
-        findings.assume((*key, "material"), f"{given}: {coefficients.describe()}")
+        draft.findings.assume((*key, "material"), f"{given}: {coefficients.describe()}")
     for feed in feeds:
         if not THIN <= feed <= THICK:
-            findings.warn(
+            draft.findings.warn(
                 key,
                 f"the feed per tooth is {1e3 * feed:.3g} mm, outside {1e3 * THIN:g} to {1e3 * THICK:g} mm; check feed, spindle and teeth",
             )

@@ -10,7 +10,7 @@ from typing import Any
 
 from headstock.geometry.frames import DIRECTIONS
 from headstock.geometry.machine.joints import GROUND, JointEnd
-from headstock.geometry.mechanisms.tool_mechanism import TOOL_AXES
+from headstock.geometry.mechanisms.exechon import TOOL_AXES
 from headstock.geometry.parts.solids import Solid
 from headstock.scene.expansion.overrides import split_variant
 from headstock.scene.reading.csv_files import AxisPath
@@ -41,6 +41,7 @@ class Draft:
         interfaces: Component name to interface names; None where only a file knows them.
         solids: By component, as far as they can be built.
         paths: Way of each sweep that names a file, where it could be read.
+        findings: What is wrong, so far.
     """
 
     table: SceneTable
@@ -51,11 +52,103 @@ class Draft:
     interfaces: Mapping[str, frozenset[str] | None]
     solids: Mapping[str, Solid]
     paths: Mapping[str, AxisPath]
+    findings: Findings
 
     @property
     def poses(self) -> tuple[str, ...]:
         """Names of the poses; a scene that names none has one, ``reference``."""
         return tuple(self.table.poses) or ("reference",)
+
+    def add(self, key: KeyPath, message: str) -> None:
+        """Report a problem at a key."""
+        self.findings.add(key, message)
+
+    def check_name(self, key: KeyPath, name: str, section: str, kind: str = "") -> None:
+        """Report a name that is no entry of its section.
+
+        Args:
+            section: Of the scene: ``joints``, say.
+            kind: Word for an entry; that of the section without its last letter when empty.
+        """
+        names = self.sections.get(section, frozenset())
+        self.findings.check_name(key, name, names, kind or section.removesuffix("s"), section)
+
+    def check_end(self, key: KeyPath, end: JointEnd) -> None:
+        """Report an end that means neither ground nor an interface of a component."""
+        component, interface = end.component, str(end.interface)
+        if component is None:
+            return
+        if component not in self.interfaces:
+            names = [*self.interfaces, GROUND]
+            self.findings.check_name(key, component, names, "component", "components")
+            return
+        interfaces = self.interfaces[component]
+        if interfaces is not None and interface not in interfaces:
+            hint = (
+                suggest_names(interface, interfaces, what=f"interfaces of {component}")
+                if interfaces
+                else f"{component} has none"
+            )
+            self.add(
+                key,
+                f"component {component!r} has no interface {interface[:80]!r}; {hint}; describe it: [components.{component}.interfaces]"
+                f' {end.interface} = {{ face = "z+" }}',
+            )
+
+    def check_channel(self, key: KeyPath, name: str) -> None:
+        """Report a channel that is at neither a point nor ``component.interface``."""
+        component, dot, interface = name.partition(".")
+        if dot:
+            self.check_end(key, JointEnd(component, interface))
+        else:
+            self.check_name(key, name, "points")
+
+    def check_output(self, key: KeyPath, name: str, direction: str) -> None:
+        """Report an output that is no channel and no probe, and a probe that is a point as well or has
+        a direction.
+        """
+        if name not in self.sections.get("probes", ()):
+            self.check_channel(key, name)
+        elif name in self.table.points:
+            self.add(key, f"{name} is a point and a probe; rename one of them")
+        elif direction:
+            self.add(
+                key,
+                f'a probe shows displacement and stress in all directions; write "{name}" alone',
+            )
+
+    def split_outputs(
+        self, outputs: Sequence[tuple[str, str]] | None
+    ) -> tuple[tuple[Channel, ...], tuple[str, ...]]:
+        """Return the channels among outputs, and the probes: all of them where no output is named."""
+        inside = self.table.probes
+        probes = dict.fromkeys(name for name, _ in outputs if name in inside) if outputs else inside
+        return build_channels([one for one in outputs or () if one[0] not in inside]), (*probes,)
+
+    def check_pose(self, key: KeyPath, pose: str | None) -> None:
+        """Report a name that is no pose; a scene without poses has one that is called ``reference``."""
+        if pose is not None and (pose != "reference" or self.sections.get("poses")):
+            self.check_name(key, pose, "poses")
+
+    def check_poses(self, key: KeyPath, poses: Iterable[str] | None) -> None:
+        """Report names in a list that are no poses.
+
+        Args:
+            poses: What is written; None for nothing.
+        """
+        for index, pose in enumerate(poses or ()):
+            self.check_pose((*key, index), pose)
+
+    def check_variant(self, key: KeyPath, choice: str | None, more: str = "") -> None:
+        """Report each of the variants joined in a choice that the scene does not offer.
+
+        Args:
+            choice: Names joined by ``+``; empty for none.
+            more: What else could be written there.
+        """
+        for variant in split_variant(choice) if choice else ():
+            names = self.table.variants
+            self.findings.check_name(key, variant, names, "variant", "variants", more)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,8 +170,8 @@ class SceneAnalysis[T: RequestTable, R: Request]:
     request: type[R]
     meaning: str
     build: Callable[[T, Draft], R]
-    check: Callable[[T, Draft, Findings], None]
-    check_complete: Callable[[T, Draft, Findings], None] | None = None
+    check: Callable[[T, Draft], None]
+    check_complete: Callable[[T, Draft], None] | None = None
     check_scene: Callable[[R, Scene, Findings], None] | None = None
     check_sweep: Callable[[Scene, Sweep], None] | None = None
 
@@ -113,85 +206,6 @@ def collect_interfaces(raw: TomlTable) -> dict[str, frozenset[str] | None]:
     return interfaces
 
 
-def check_name(
-    key: KeyPath, name: str, section: str, draft: Draft, findings: Findings, what: str = ""
-) -> None:
-    """Report a name that is no entry of its section.
-
-    Args:
-        section: Of the scene: ``joints``, say.
-        what: Word for an entry; that of the section without its last letter when empty.
-    """
-    known = draft.sections.get(section, frozenset())
-    if name in known:
-        return
-    what = what or section.removesuffix("s")
-    findings.add(key, f"unknown {what} {name[:80]!r}; {suggest_names(name, known, what=section)}")
-
-
-def check_end(key: KeyPath, end: JointEnd, draft: Draft, findings: Findings) -> None:
-    """Report an end that means neither ground nor an interface of a component."""
-    if end.component is None:
-        return
-    if end.component not in draft.interfaces:
-        known = [*draft.interfaces, GROUND]
-        text = f"unknown component {end.component[:80]!r}; {suggest_names(end.component, known, what='components')}"
-        findings.add(key, text)
-        return
-    known_interfaces = draft.interfaces[end.component]
-    if known_interfaces is not None and end.interface not in known_interfaces:
-        what = f"interfaces of {end.component}"
-        hint = (
-            suggest_names(end.interface, known_interfaces, what=what)
-            if known_interfaces
-            else f"{end.component} has none"
-        )
-        example = f'; describe it: [components.{end.component}.interfaces] {end.interface} = {{ face = "z+" }}'
-        findings.add(
-            key,
-            f"component {end.component!r} has no interface {str(end.interface)[:80]!r}; {hint}{example}",
-        )
-
-
-def check_channel(key: KeyPath, name: str, draft: Draft, findings: Findings) -> None:
-    """Report a channel that is at neither a point nor ``component.interface``."""
-    component, dot, interface = name.partition(".")
-    if dot:
-        check_end(key, JointEnd(component, interface), draft, findings)
-    else:
-        check_name(key, name, "points", draft, findings)
-
-
-def check_pose_names(
-    key: KeyPath, poses: Iterable[str] | None, draft: Draft, findings: Findings
-) -> None:
-    """Report names that are no poses; a scene without poses has one that is called ``reference``.
-
-    Args:
-        key: Where they are written.
-        poses: What is written; None for nothing.
-    """
-    for index, pose in enumerate(poses or ()):
-        if pose != "reference" or draft.sections.get("poses"):
-            check_name((*key, index), pose, "poses", draft, findings)
-
-
-def check_variant(
-    key: KeyPath, choice: str | None, draft: Draft, findings: Findings, *, more: str = ""
-) -> None:
-    """Report each of the variants joined in a choice that the scene does not offer.
-
-    Args:
-        choice: Names joined by ``+``; empty for none.
-        more: What else could be written there.
-    """
-    known = draft.table.variants
-    for variant in split_variant(choice) if choice else ():
-        if variant not in known:
-            hint = suggest_names(variant, known, what="variants")
-            findings.add(key, f"unknown variant {variant[:80]!r}; {hint}{more}")
-
-
 def is_known_end(end: JointEnd, scene: SceneTable) -> bool:
     """Whether an end means ground or an interface of a component that passed the schema."""
     if end.component is None:
@@ -206,15 +220,3 @@ def build_channels(channels: Sequence[tuple[str, str]]) -> tuple[Channel, ...]:
     """Every channel once, with its direction."""
     found = [(name, dof) for name, given in channels for dof in ([given] if given else DIRECTIONS)]
     return tuple(dict.fromkeys(found))
-
-
-def check_probe_output(
-    key: KeyPath, name: str, direction: str, draft: Draft, findings: Findings
-) -> None:
-    """Report a probe as an output that is a point as well, or has a direction."""
-    if name in draft.table.points:
-        findings.add(key, f"{name} is a point and a probe; rename one of them")
-    elif direction:
-        findings.add(
-            key, f'a probe shows displacement and stress in all directions; write "{name}" alone'
-        )

@@ -3,15 +3,17 @@ they act in.
 """
 
 import math
+from collections.abc import Iterable
+from dataclasses import dataclass
 
 from headstock.geometry.machine.drives import AxisControl, Drive, GuideFriction, TorqueRipple
 from headstock.geometry.mechanisms.exechon import LENGTHS
-from headstock.scene.building.draft import Draft, check_name
-from headstock.scene.reading.findings import Findings, suggest_names
+from headstock.scene.building.draft import Draft
+from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import DAMPING
 from headstock.scene.schema.drives import DriveTable, FrictionTable
-from headstock.scene.schema.effects import CONTOUR_EFFECTS, find_effect_fault
+from headstock.scene.schema.effects import CONTOUR_EFFECTS, GRAVITY_STIFFENING, find_effect_fault
 from headstock.scene.schema.scene import SceneTable
 
 DRIVE_CONTROL, FRICTION, SCREW_INERTIA, TORQUE_RIPPLE = (
@@ -23,216 +25,194 @@ DRIVE_CONTROL, FRICTION, SCREW_INERTIA, TORQUE_RIPPLE = (
 DEAD_CYCLES = 1.5  # one cycle of computing, and half a cycle during which a force stays
 
 
-def check_drives(draft: Draft, findings: Findings) -> None:
+def driven_axis(name: str, table: DriveTable) -> str:
+    """The axis of a drive: its own name unless it says another."""
+    return table.axis or name
+
+
+@dataclass(frozen=True)
+class _Train:
+    """From the motor of a drive to what it moves: a linear axis through one of its ball screws, or a leg
+    of the mechanism.
+    """
+
+    name: str
+    table: DriveTable
+    scene: SceneTable
+
+    @property
+    def axis(self) -> str:
+        return driven_axis(self.name, self.table)
+
+    @property
+    def is_leg(self) -> bool:
+        scene = self.scene
+        return scene.mechanism is not None and self.axis in LENGTHS and self.axis not in scene.axes
+
+    def joints(self, named: str | None) -> list[str]:
+        """Joints across which the drive could act, or that of a name where it is one of them; the
+        lumped leg itself, which has none.
+        """
+        scene, axis = self.scene, self.scene.axes.get(self.axis)
+        if self.is_leg and scene.is_lumped:
+            return [""]
+        if self.is_leg and scene.mechanism is not None:
+            carries, number = scene.mechanism.carries, LENGTHS.index(self.axis) + 1
+            sides = [set(carries.get(f"{side}_{number}", ())) for side in ("leg", "tip")]
+            joints = [
+                joint
+                for joint, table in scene.joints.items()
+                if all(any(end.component in side for end in table.between) for side in sides)
+            ]
+            # a leg may slide in another joint where it has no ball screw
+            candidates = self._ball_screws(joints) or joints
+        else:
+            joints = self._ball_screws([] if axis is None else axis.joint_names())
+            candidates = joints
+        return candidates if named is None else [joint for joint in joints if joint == named]
+
+    def _ball_screws(self, joints: Iterable[str]) -> list[str]:
+        tables = self.scene.joints
+        return [one for one in joints if one in tables and tables[one].kind == "ball_screw"]
+
+    def given_lead(self, joint: str) -> tuple[float | None, str]:
+        """Lead [m] that is written elsewhere, and where."""
+        screw = self.scene.joints[joint].screw if joint else None
+        if screw is not None and screw.lead is not None:
+            return screw.lead, f"joint {joint} gives the lead of its screw"
+        mechanism = self.scene.mechanism if self.is_leg else None
+        if mechanism is not None and mechanism.screw_lead is not None:
+            return mechanism.screw_lead, "the mechanism gives screw_lead"
+        return None, ""
+
+    def check(self, findings: Findings) -> str | None:
+        """Report why the drive cannot be built; return its joint, of a lumped leg the leg."""
+        key, axis, table = ("drives", self.name), self.scene.axes.get(self.axis), self.table
+        if axis is None and not self.is_leg:
+            names = [*self.scene.axes, *(LENGTHS if self.scene.mechanism is not None else ())]
+            place = (*key, "axis") if table.axis is not None else key
+            findings.check_name(place, self.axis, names, "axis", "axes")
+            return None
+        if axis is not None and axis.kind != "linear":
+            findings.add(
+                key, f"axis {self.axis} is rotary; a drive moves a linear axis through a ball screw"
+            )
+            return None
+        if self.is_leg and table.scale is not None:
+            findings.add(
+                (*key, "scale"),
+                f"the scale of a leg reads the length of the leg; remove it, and keep encoder = {table.encoder!r}",
+            )
+        if self.is_leg and self.scene.is_lumped:
+            if table.joint is not None:
+                findings.add(
+                    (*key, "joint"),
+                    f"the lumped leg {self.axis} is driven itself, not a joint; remove it",
+                )
+            self._check_lead(key, "", findings)
+            return self.axis
+        joints = self.joints(table.joint)
+        if len(joints) != 1:
+            findings.add((*key, "joint") if table.joint else key, self._explain_choice(joints))
+            return None
+        self._check_screw(key, joints[0], findings)
+        return joints[0]
+
+    def _explain_choice(self, joints: list[str]) -> str:
+        """Why none or several joints are meant, and what to write."""
+        axis, named, others = self.axis, self.table.joint, self.joints(None)
+        if self.is_leg:
+            wrong = f"joint {named!r:.80} does not let {axis} slide"
+            count = f"{'several joints let' if joints else 'no joint lets'} {axis} slide"
+            more = f"add one between what leg_{axis[1:]} and what tip_{axis[1:]} carry"
+        else:
+            wrong = f"joint {named!r:.80} is no ball screw of axis {axis}"
+            screws = "several ball screws" if joints else "no ball screw"
+            count = f"axis {axis} has {screws} among its joints"
+            more = 'add one of kind = "ball_screw"'
+        remedy = f"write joint = {' or '.join(map(repr, others))}" if others else more
+        return f"{wrong if named else count}; {remedy}"
+
+    def _check_lead(self, key: KeyPath, joint: str, findings: Findings) -> None:
+        """Report a lead that is missing, or that something else gives as well."""
+        _, where = self.given_lead(joint)
+        if not where and self.table.lead is None:
+            findings.add(key, "'lead' is missing; write it, such as lead = \"10 mm\"")
+        if where and self.table.lead is not None:
+            findings.add((*key, "lead"), f"{where}; remove it here")
+
+    def _check_screw(self, key: KeyPath, name: str, findings: Findings) -> None:
+        joint = self.scene.joints[name]
+        if joint.kind == "ball_screw" and joint.stiffness.get("axial") == "rigid":
+            findings.add(
+                ("joints", name, "stiffness", "axial"),
+                f'transmits the force of drive {self.name}, so it cannot be rigid; write a stiffness such as axial = "100 N/um"',
+            )
+        self._check_lead(key, name, findings)
+        if joint.screw is not None and None not in (joint.screw.coupling, self.table.coupling):
+            findings.add(
+                (*key, "coupling"), f"joint {name} gives the coupling of its screw; remove it here"
+            )
+
+
+def check_drives(draft: Draft) -> None:
     """Report every drive that cannot be built, and every effect or analysis that lacks one."""
     scene = draft.table
     joints: dict[str, str] = {}
     for name, table in scene.drives.items():
-        joint = _check_joint(name, table, scene, findings)
+        joint = _Train(name, table, scene).check(draft.findings)
         if joint in joints:
-            findings.add(
+            draft.add(
                 ("drives", name),
                 f"drives joint {joint}, which drive {joints[joint]} drives too; keep one of them",
             )
         if joint is not None:
             joints[joint] = name
         if table.scale is not None:
-            check_name(("drives", name, "scale"), table.scale, "points", draft, findings)
-    _check_effects(scene, findings)
+            draft.check_name(("drives", name, "scale"), table.scale, "points")
+    _check_drive_effects(draft)
 
 
-def driven_axis(name: str, table: DriveTable) -> str:
-    """The axis of a drive: its own name unless it says another."""
-    return table.axis or name
-
-
-def find_screws(name: str, table: DriveTable, scene: SceneTable) -> list[str]:
-    """Ball screws of a drive's axis, or the one it names."""
-    axis = scene.axes.get(driven_axis(name, table))
-    known = [] if axis is None else [joint for joint in axis.joint_names() if joint in scene.joints]
-    screws = [joint for joint in known if scene.joints[joint].kind == "ball_screw"]
-    return screws if table.joint is None else [joint for joint in screws if joint == table.joint]
-
-
-def _find_leg_joints(name: str, table: DriveTable, scene: SceneTable) -> list[str]:
-    """Joints across which the leg of a drive slides in a machine of components, ball screws where
-    there are any, or the one the drive names.
-    """
-    if scene.mechanism is None:
-        return []
-    number = LENGTHS.index(driven_axis(name, table)) + 1
-    sides = [
-        set(scene.mechanism.carries.get(side, ())) for side in (f"leg_{number}", f"tip_{number}")
-    ]
-    found = [
-        joint
-        for joint, own in scene.joints.items()
-        if all(any(end.component in side for end in own.between) for side in sides)
-    ]
-    if table.joint is not None:
-        return [joint for joint in found if joint == table.joint]
-    screws = [joint for joint in found if scene.joints[joint].kind == "ball_screw"]
-    return screws or found
-
-
-def _drives_leg(name: str, table: DriveTable, scene: SceneTable) -> bool:
-    return scene.mechanism is not None and driven_axis(name, table) in LENGTHS
-
-
-def _check_leg(name: str, table: DriveTable, scene: SceneTable, findings: Findings) -> str | None:
-    """What is wrong with the drive of a leg; the joint it acts across, or the leg itself."""
-    key: KeyPath = ("drives", name)
-    leg = driven_axis(name, table)
-    if table.scale is not None:
-        findings.add(
-            (*key, "scale"),
-            f"the scale of a leg reads the length of the leg; remove it, and keep encoder = {table.encoder!r}",
-        )
-    if scene.is_lumped:
-        if table.joint is not None:
-            findings.add(
-                (*key, "joint"), f"the lumped leg {leg} is driven itself, not a joint; remove it"
-            )
-        _check_leg_lead(key, table, scene, findings)
-        return leg
-    joints = _find_leg_joints(name, table, scene)
-    if len(joints) != 1:
-        others = _find_leg_joints(name, table.model_copy(update={"joint": None}), scene)
-        wrong = f"joint {table.joint!r:.80} does not let {leg} slide" if table.joint else ""
-        text = wrong or f"{'several joints let' if joints else 'no joint lets'} {leg} slide"
-        remedy = (
-            f"; write joint = {' or '.join(repr(other) for other in others)}"
-            if others
-            else f"; add one between what leg_{leg[1:]} and what tip_{leg[1:]} carry"
-        )
-        findings.add((*key, "joint") if table.joint else key, text + remedy)
-        return None
-    if scene.joints[joints[0]].kind == "ball_screw":
-        _check_screw(key, table, joints[0], scene, findings)
-    else:
-        _check_leg_lead(key, table, scene, findings)
-    return joints[0]
-
-
-def _check_leg_lead(key: KeyPath, table: DriveTable, scene: SceneTable, findings: Findings) -> None:
-    given = scene.mechanism is not None and scene.mechanism.screw_lead is not None
-    _check_lead(key, table, "the mechanism gives screw_lead" if given else "", findings)
-
-
-def _check_lead(key: KeyPath, table: DriveTable, given: str, findings: Findings) -> None:
-    """Report a lead that is missing, or that something else gives as well."""
-    if not given and table.lead is None:
-        findings.add(key, "'lead' is missing; write it, such as lead = \"10 mm\"")
-    if given and table.lead is not None:
-        findings.add((*key, "lead"), f"{given}; remove it here")
-
-
-def _check_joint(name: str, table: DriveTable, scene: SceneTable, findings: Findings) -> str | None:
-    key: KeyPath = ("drives", name)
-    axis_name = driven_axis(name, table)
-    axis = scene.axes.get(axis_name)
-    if axis is None:
-        if _drives_leg(name, table, scene):
-            return _check_leg(name, table, scene, findings)
-        known = [*scene.axes, *(LENGTHS if scene.mechanism is not None else ())]
-        hint = suggest_names(axis_name, known, what="axes")
-        place = (*key, "axis") if table.axis is not None else key
-        findings.add(place, f"unknown axis {axis_name[:80]!r}; {hint}")
-        return None
-    if axis.kind != "linear":
-        findings.add(
-            key, f"axis {axis_name} is rotary; a drive moves a linear axis through a ball screw"
-        )
-        return None
-    screws = find_screws(name, table, scene)
-    if len(screws) != 1:
-        named = (
-            f"joint {table.joint!r:.80} is no ball screw of axis {axis_name}" if table.joint else ""
-        )
-        text = (
-            named
-            or f"axis {axis_name} has {'several ball screws' if screws else 'no ball screw'} among its joints"
-        )
-        others = find_screws(name, table.model_copy(update={"joint": None}), scene)
-        remedy = (
-            f"; write joint = {' or '.join(repr(other) for other in others)}"
-            if others
-            else '; add one of kind = "ball_screw"'
-        )
-        findings.add((*key, "joint") if table.joint else key, text + remedy)
-        return None
-    _check_screw(key, table, screws[0], scene, findings)
-    return screws[0]
-
-
-def _check_screw(
-    key: KeyPath, table: DriveTable, name: str, scene: SceneTable, findings: Findings
-) -> None:
-    joint = scene.joints[name]
-    if joint.stiffness.get("axial") == "rigid":
-        findings.add(
-            ("joints", name, "stiffness", "axial"),
-            f'transmits the force of drive {key[1]}, so it cannot be rigid; write a stiffness such as axial = "100 N/um"',
-        )
-    screw = joint.screw
-    if screw is not None and screw.lead is not None:
-        _check_lead(key, table, f"joint {name} gives the lead of its screw", findings)
-    elif _drives_leg(str(key[1]), table, scene):
-        _check_leg_lead(key, table, scene, findings)
-    else:
-        _check_lead(key, table, "", findings)
-    if screw is not None and screw.coupling is not None and table.coupling is not None:
-        findings.add(
-            (*key, "coupling"), f"joint {name} gives the coupling of its screw; remove it here"
-        )
-
-
-def _check_effects(scene: SceneTable, findings: Findings) -> None:
-    wanted = {effect for effect, value in scene.effects.items() if value is not False}
-    if DRIVE_CONTROL in wanted and not scene.drives:
-        findings.add(
+def _check_drive_effects(draft: Draft) -> None:
+    scene = draft.table
+    if DRIVE_CONTROL in scene.active and not scene.drives:
+        draft.add(
             ("effects", DRIVE_CONTROL),
             "there is no drive to control; describe one in [drives.NAME]",
         )
-    for effect, has in (
-        (TORQUE_RIPPLE, any(table.torque_ripple is not None for table in scene.drives.values())),
-        (SCREW_INERTIA, any(table.screw_inertia is not None for table in scene.drives.values())),
-        (FRICTION, any(table.friction is not None for table in scene.drives.values())),
-    ):
-        if effect not in wanted:
+    for effect in (TORQUE_RIPPLE, SCREW_INERTIA, FRICTION):
+        if effect not in scene.active:
             continue
-        if DRIVE_CONTROL not in wanted:
-            findings.add(
+        if DRIVE_CONTROL not in scene.active:
+            draft.add(
                 ("effects", effect),
                 f"{effect} acts on controlled drives; write drive_control = true too",
             )
-        elif not has:
-            findings.add(("effects", effect), f"no drive has a {effect}; write it in [drives.NAME]")
-    if FRICTION in wanted and FRICTION not in scene.analyses.effects:
-        findings.add(
+        elif not any(table.given((effect,)) for table in scene.drives.values()):
+            draft.add(("effects", effect), f"no drive has a {effect}; write it in [drives.NAME]")
+    if FRICTION in scene.active and FRICTION not in scene.analyses.effects:
+        draft.add(
             ("effects", FRICTION),
             "friction acts along paths and contours and on loads over time under control, and the scene has none;"
             ' add [analyses.path], [analyses.contouring], or [analyses.transient] with motors = "controlled"',
         )
 
 
-def check_motors(scene: SceneTable, analysis: str, findings: Findings) -> None:
+def check_motors(draft: Draft, analysis: str) -> None:
     """Report an analysis with controlled motors where drives are not controlled."""
-    if scene.effects.get(DRIVE_CONTROL, False) is False:
-        findings.add_for(
+    if DRIVE_CONTROL not in draft.table.active:
+        draft.findings.add_for(
             analysis,
             ("analyses", analysis, "motors"),
             "drives are not controlled; write [effects] drive_control = true",
         )
 
 
-def check_sampling(
-    scene: SceneTable, band: float, analysis: str, what: str, findings: Findings
-) -> None:
+def check_sampling(draft: Draft, band: float, analysis: str, what: str) -> None:
     """Report drives that sample too slowly to show the band [Hz] of an analysis."""
-    for name, table in scene.drives.items():
+    for name, table in draft.table.drives.items():
         if table.sampling is not None and 0.5 / table.sampling < band:
-            findings.add_for(
+            draft.findings.add_for(
                 analysis,
                 ("drives", name, "sampling"),
                 f"samples at {1.0 / table.sampling:.4g} Hz, which shows motions up to {0.5 / table.sampling:.4g} Hz only (Nyquist), and "
@@ -242,47 +222,34 @@ def check_sampling(
 
 def build_drives(scene: SceneTable) -> dict[str, Drive]:
     """Drives by name, with the effects that are on; none without the effect ``drive_control``."""
-    on = {effect for effect, value in scene.effects.items() if value is not False}
-    if DRIVE_CONTROL not in on:
+    if DRIVE_CONTROL not in scene.active:
         return {}
-    return {name: _build_drive(name, table, scene, on) for name, table in scene.drives.items()}
+    return {name: _build_drive(name, table, scene) for name, table in scene.drives.items()}
 
 
-def _build_drive(name: str, table: DriveTable, scene: SceneTable, on: set[str]) -> Drive:
-    joint, lead = _find_transmission(name, table, scene)
+def _build_drive(name: str, table: DriveTable, scene: SceneTable) -> Drive:
+    train = _Train(name, table, scene)
+    (joint,) = train.joints(table.joint)
+    lead = table.lead or train.given_lead(joint)[0] or 0.0
+    friction = table.friction if FRICTION in scene.active else None
     return Drive(
         name=name,
-        axis=driven_axis(name, table),
+        axis=train.axis,
         joint=joint,
         motor_inertia=table.inertia,
         lead=lead,
         control=_build_control(table, lead),
-        screw_inertia=(table.screw_inertia or 0.0) if SCREW_INERTIA in on else 0.0,
+        screw_inertia=(table.screw_inertia or 0.0) if SCREW_INERTIA in scene.active else 0.0,
         coupling=math.inf if table.coupling is None else table.coupling,
         scale=table.scale,
-        friction=None
-        if FRICTION not in on or table.friction is None
-        else _build_friction(table.friction),
+        friction=None if friction is None else _build_friction(friction),
         cycle=table.sampling or 0.0,
         acceleration_share=table.feed_forward.acceleration,
         ripple=tuple(
-            TorqueRipple(wave.torque, wave.per_turn, wave.phase)
-            for wave in (table.torque_ripple or () if TORQUE_RIPPLE in on else ())
+            wave.fill(TorqueRipple)
+            for wave in (table.torque_ripple or () if TORQUE_RIPPLE in scene.active else ())
         ),
     )
-
-
-def _find_transmission(name: str, table: DriveTable, scene: SceneTable) -> tuple[str, float]:
-    """Joint of a drive, none of a lumped leg, and its lead [m]."""
-    if _drives_leg(name, table, scene) and scene.mechanism is not None:
-        found = [""] if scene.is_lumped else _find_leg_joints(name, table, scene)
-        known = scene.mechanism.screw_lead
-    else:
-        found, known = find_screws(name, table, scene), None
-    (joint,) = found
-    screw = scene.joints[joint].screw if joint else None
-    own = None if screw is None else screw.lead
-    return joint, table.lead or own or known or 0.0
 
 
 def _build_control(table: DriveTable, lead: float) -> AxisControl:
@@ -302,28 +269,30 @@ def _build_control(table: DriveTable, lead: float) -> AxisControl:
 
 
 def _build_friction(table: FrictionTable) -> GuideFriction:
-    return GuideFriction(
-        coulomb=table.coulomb,
+    return table.fill(
+        GuideFriction,
         breakaway=table.coulomb if table.breakaway is None else table.breakaway,
-        stribeck_speed=table.stribeck_speed,
         viscous=0.0 if table.viscous is None else table.viscous.value,
-        smoothing=table.smoothing,
     )
 
 
-def check_effects(draft: Draft, findings: Findings) -> None:
+def check_effects(draft: Draft) -> None:
     """Report effects that cannot be switched on, and those of contours that nothing obeys."""
     scene = draft.table
     for name, value in scene.effects.items():
         if fault := find_effect_fault(name, value):
-            findings.add(("effects", name), fault)
+            draft.add(("effects", name), fault)
+    if GRAVITY_STIFFENING in scene.active and "gravity" not in scene.active:
+        draft.add(
+            ("effects", GRAVITY_STIFFENING), "needs gravity; write [effects] gravity = true as well"
+        )
     acting, on_path = scene.analyses.effects, "path" in scene.analyses.requested
     if scene.mechanism is not None:
         # its variants may name effects for contours that they leave out
         acting |= {*CONTOUR_EFFECTS} - ({"regeneration"} if on_path else set())
     for name in set(CONTOUR_EFFECTS) - acting:
-        if scene.effects.get(name):
-            findings.add(("effects", name), _explain_effect(name, on_path=on_path))
+        if name in scene.active:
+            draft.add(("effects", name), _explain_effect(name, on_path=on_path))
 
 
 def _explain_effect(name: str, *, on_path: bool) -> str:

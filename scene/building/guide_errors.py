@@ -70,7 +70,7 @@ def build_axis_errors(table: AxisTable) -> AxisErrors | None:
 def build_leg_errors(scene: SceneTable) -> dict[int, ErrorProfile]:
     """Number of a leg of a lumped mechanism to the error of its length, where the effect is on."""
     errors = None if scene.mechanism is None else scene.mechanism.errors
-    if errors is None or scene.effects.get(GUIDE_ERRORS, False) is False:
+    if errors is None or GUIDE_ERRORS not in scene.active:
         return {}
     return {LEG_KEYS.index(leg): _build_profile(table) for leg, table in errors.profiles().items()}
 
@@ -93,24 +93,24 @@ def _values(quantities: list[Quantity]) -> FloatArray:
     return np.array([quantity.value for quantity in quantities], dtype=float)
 
 
-def check_guide_errors(draft: Draft, findings: Findings) -> None:
+def check_guide_errors(draft: Draft) -> None:
     """Report errors with a wrong unit, errors that move nothing, and the effect without any."""
     scene = draft.table
     for name, joint in scene.joints.items():
         if joint.errors is not None:
-            _check_rail(("joints", name, "errors"), joint, joint.errors, findings)
+            _check_rail(("joints", name, "errors"), joint, joint.errors, draft.findings)
     for name, axis in scene.axes.items():
         if axis.errors is not None:
-            _check_axis(("axes", name, "errors"), axis, axis.errors, findings)
+            _check_axis(("axes", name, "errors"), axis, axis.errors, draft.findings)
     errors = None if scene.mechanism is None else scene.mechanism.errors
     legs = {} if errors is None else errors.profiles()
     for leg, profile in legs.items():
-        _check_profile(("mechanism", "errors", leg), profile, LENGTH, LENGTH, findings)
-    if scene.effects.get(GUIDE_ERRORS, False) is False:
+        _check_profile(("mechanism", "errors", leg), profile, LENGTH, LENGTH, draft.findings)
+    if GUIDE_ERRORS not in scene.active:
         return
     if scene.is_lumped:
         if not legs:
-            findings.add(
+            draft.add(
                 ("effects", GUIDE_ERRORS),
                 'the legs of the lumped mechanism have no errors; describe them in [mechanism.errors], or write model = "components"',
             )
@@ -118,7 +118,7 @@ def check_guide_errors(draft: Draft, findings: Findings) -> None:
     if all(joint.errors is None for joint in scene.joints.values()) and all(
         axis.errors is None for axis in scene.axes.values()
     ):
-        findings.add(
+        draft.add(
             ("effects", GUIDE_ERRORS),
             "no guide, drive or axis has errors; describe them in [joints.NAME.errors] or [axes.NAME.errors]",
         )

@@ -3,8 +3,9 @@ for.
 """
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,8 +13,7 @@ from headstock.geometry.frames import DOF_NAMES, FloatArray, frame_axes
 from headstock.geometry.machine.joints import ContactLayer, Joint, JointEnd, ScrewShaft
 from headstock.geometry.parts.patches import Outline, patch_outline
 from headstock.scene.building.components import build_patch
-from headstock.scene.building.draft import Draft, check_end, is_known_end
-from headstock.scene.reading.findings import Findings
+from headstock.scene.building.draft import Draft, is_known_end
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import (
     DAMPING,
@@ -101,83 +101,75 @@ KINDS: dict[str, JointKindRule] = {
 }
 
 
-@dataclass(frozen=True)
-class JointFault:
+class _JointFault(NamedTuple):
     """A problem of a joint's table: the key below it and what to write."""
 
     key: tuple[str, ...]
     message: str
 
 
-@dataclass
-class _Faults:
-    found: list[JointFault] = field(default_factory=list)
-
-    def add(self, message: str, *key: str) -> None:
-        self.found.append(JointFault(key, message))
+type _Faults = Iterator[tuple[tuple[str, ...], str]]
 
 
-def check_joints(draft: Draft, findings: Findings) -> None:
+def check_joints(draft: Draft) -> None:
     """Report what is wrong with joints: their ends, their names and what their kind asks for."""
     for name, joint in draft.table.joints.items():
         key: KeyPath = ("joints", name, "between")
         for index, end in enumerate(joint.between):
-            check_end((*key, index), end, draft, findings)
+            draft.check_end((*key, index), end)
         for part in ("second_end", "floating_end") if joint.screw is not None else ():
             if (named := getattr(joint.screw, part)) is not None:
-                check_end(("joints", name, "screw", part), named, draft, findings)
+                draft.check_end(("joints", name, "screw", part), named)
         first, second = joint.between
         if first.component == second.component:
             what = f"component {first.component!r}" if first.component else "ground"
-            findings.add(
+            draft.add(
                 key,
                 f"joint {name!r} has both ends on {what}: it has no effect; name two different components",
             )
         if name in draft.sections.get("components", ()):
-            findings.add(
+            draft.add(
                 ("joints", name),
                 f"a component is called {name!r} too; results name both, so choose another name",
             )
         if joint.stiffness_per_area is not None:
             for end in joint.between:
-                _check_layer_end((*key[:2], "stiffness_per_area"), end, draft, findings)
+                _check_layer_end((*key[:2], "stiffness_per_area"), end, draft)
         if KINDS[joint.kind].fixed == EVERY_DOF or joint.stiffness_per_area is not None:
-            _check_areas(name, joint, draft, findings)
+            _check_areas(name, joint, draft)
         for fault in find_joint_faults(joint):
-            findings.add(("joints", name, *fault.key), fault.message)
+            draft.add(("joints", name, *fault.key), fault.message)
 
 
-def _check_layer_end(key: KeyPath, end: JointEnd, draft: Draft, findings: Findings) -> None:
+def _check_layer_end(key: KeyPath, end: JointEnd, draft: Draft) -> None:
     """Elastic bodies need deformation shapes there, without which nothing says how they deform."""
-    component = draft.table.components.get(end.component or "")
-    entry = None if component is None else component.interfaces.get(end.interface or "")
-    if component is None or entry is None or component.fidelity != "elastic":
+    component, interface = draft.table.interface_at(end) or (None, None)
+    if component is None or interface is None or component.fidelity != "elastic":
         return
-    if component.solid.superelement is None and not entry.flexible:
-        findings.add(
+    if component.solid.superelement is None and not interface.flexible:
+        draft.add(
             key,
             f"needs the deformation shapes of {end}; write coupling = {{ flexible = 24 }} there",
         )
 
 
-def _check_areas(name: str, joint: JointTable, draft: Draft, findings: Findings) -> None:
+def _check_areas(name: str, joint: JointTable, draft: Draft) -> None:
     """Two flexible interfaces that share their shapes have areas of one size, as far as they are
     known before anything is meshed.
     """
     areas: dict[str, Outline] = {}
     for end in joint.between:
-        component = draft.table.components.get(end.component or "")
-        entry = None if component is None else component.interfaces.get(end.interface or "")
+        component, interface = draft.table.interface_at(end) or (None, None)
         solid = draft.solids.get(end.component or "")
-        if component is None or entry is None or solid is None or not entry.flexible:
+        if component is None or interface is None or solid is None or not interface.flexible:
             continue
-        tables = entry.patch_tables()
+        tables = interface.patch_tables()
         outline = patch_outline(solid, build_patch(tables[0], solid)) if len(tables) == 1 else None
         if component.fidelity == "elastic" and outline is not None:
             areas[str(end)] = outline
     if len(areas) == 2 and not _have_one_size(*areas.values()):
         words = " and ".join(f"{end} is {outline}" for end, outline in areas.items())
-        findings.add(
+        draft.add(
             ("joints", name, "between"),
             f'shares deformation shapes, but {words}; write a rect or disk of one size for both, or coupling = "rigid" for one',
         )
@@ -201,110 +193,93 @@ def sound_joints(scene: SceneTable) -> dict[str, JointTable]:
     }
 
 
-def find_joint_faults(table: JointTable) -> list[JointFault]:
+def find_joint_faults(table: JointTable) -> list[_JointFault]:
     """Everything that is wrong with a joint apart from its ends."""
-    rule, faults = KINDS[table.kind], _Faults()
+    parts = (_direction_faults, _spring_faults, _layer_faults, _screw_faults, _value_faults)
+    return [_JointFault(*fault) for find in parts for fault in find(table)]
+
+
+def _direction_faults(table: JointTable) -> _Faults:
+    rule = KINDS[table.kind]
     if rule.needs_axis and table.axis is None:
-        faults.add(f'a {table.kind} needs its axis; write axis = "x"')
+        yield (), f'a {table.kind} needs its axis; write axis = "x"'
     if rule.needs_normal and table.normal is None:
-        faults.add(f'a {table.kind} needs its second axis; write normal = "z"')
+        yield (), f'a {table.kind} needs its second axis; write normal = "z"'
     try:
         joint_rotation(table)
     except ValueError:
-        faults.add("axis and normal are parallel; write two different directions", "normal")
-    if table.stiffness_per_area is not None:
-        _check_layer(table, faults)
-    for key in rule.required if table.stiffness_per_area is None else ():
+        yield ("normal",), "axis and normal are parallel; write two different directions"
+
+
+def _spring_faults(table: JointTable) -> _Faults:
+    layer = table.stiffness_per_area is not None
+    for key in KINDS[table.kind].required if not layer else ():
         if key not in table.stiffness:
-            faults.add(
-                f'a {table.kind} needs {key}; write stiffness = {{ {key} = "100 N/um" }}',
-                "stiffness",
-            )
+            text = f'a {table.kind} needs {key}; write stiffness = {{ {key} = "100 N/um" }}'
+            yield ("stiffness",), text
     if table.kind == "spring" and not table.stiffness and not table.damping:
-        faults.add('a spring needs a stiffness; write stiffness = { z = "100 N/um" }', "stiffness")
-    if table.screw is not None:
-        _check_screw(table, faults)
+        text = 'a spring needs a stiffness; write stiffness = { z = "100 N/um" }'
+        yield ("stiffness",), text
     springs = [value for value in table.stiffness.values() if isinstance(value, Quantity)]
-    if table.loss_factor and not springs and table.stiffness_per_area is None:
-        faults.add(
-            "a loss factor is a share of a stiffness, and there is none; remove it or write a stiffness",
-            "loss_factor",
-        )
-    for part, values in (("stiffness", table.stiffness), ("damping", table.damping)):
-        for key, value in values.items():
-            _check_value(table, rule, part, key, value, faults)
-    return faults.found
+    if table.loss_factor and not springs and not layer:
+        text = "a loss factor is a share of a stiffness, and there is none; remove it or write a stiffness"
+        yield ("loss_factor",), text
 
 
-def _check_layer(table: JointTable, faults: _Faults) -> None:
+def _layer_faults(table: JointTable) -> _Faults:
+    if table.stiffness_per_area is None:
+        return
     if table.kind != "bolted":
-        faults.add(
-            f'a {table.kind} has no contact layer; remove it, or write kind = "bolted"',
-            "stiffness_per_area",
-        )
+        text = f'a {table.kind} has no contact layer; remove it, or write kind = "bolted"'
+        yield ("stiffness_per_area",), text
     elif table.stiffness:
-        faults.add(
-            "is the stiffness of the whole joint; remove it or stiffness_per_area", "stiffness"
-        )
+        text = "is the stiffness of the whole joint; remove it or stiffness_per_area"
+        yield ("stiffness",), text
 
 
-def _check_screw(table: JointTable, faults: _Faults) -> None:
+def _screw_faults(table: JointTable) -> _Faults:
+    nut, bearing = (end.component for end in table.between)
+    if table.screw is None:
+        return
     if table.kind != "ball_screw":
-        faults.add(f'a {table.kind} has no screw; remove it, or write kind = "ball_screw"', "screw")
+        text = f'a {table.kind} has no screw; remove it, or write kind = "ball_screw"'
+        yield ("screw",), text
     if table.stiffness.get("axial") == RIGID:
-        faults.add(
-            'the nut of a screw with a shaft has a compliance of its own; write its stiffness, such as axial = "500 N/um"',
-            "stiffness",
-            "axial",
-        )
-    if table.between[1].component is None:
-        faults.add(
-            "the second end is the interface that carries the screw's fixed bearing, not ground",
-            "between",
-        )
-    far = None if table.screw is None else table.screw.second_end
-    if far is not None and far.component == table.between[0].component:
+        text = 'the nut of a screw with a shaft has a compliance of its own; write its stiffness, such as axial = "500 N/um"'
+        yield ("stiffness", "axial"), text
+    if bearing is None:
+        text = "the second end is the interface that carries the screw's fixed bearing, not ground"
+        yield ("between",), text
+    if table.screw.second_end is not None and table.screw.second_end.component == nut:
         text = "is on the component of the first end, which is the nut's; name the nut's interface first and the bearing's second"
-        faults.add(text, "screw", "second_end")
+        yield ("screw", "second_end"), text
     if table.length is not None:
-        faults.add(
-            "the nut has a shaft of its own, so it slides on no rail; remove length or screw",
-            "length",
-        )
-    nu = None if table.screw is None else table.screw.nu
+        text = "the nut has a shaft of its own, so it slides on no rail; remove length or screw"
+        yield ("length",), text
+    nu = table.screw.nu
     if nu is not None and not -1.0 < nu < 0.5:
-        faults.add(
-            f"is {nu:g} but a Poisson ratio lies above -1 and below 0.5; write for example 0.3",
-            "screw",
-            "nu",
-        )
+        text = f"is {nu:g} but a Poisson ratio lies above -1 and below 0.5; write for example 0.3"
+        yield ("screw", "nu"), text
 
 
-def _check_value(
-    table: JointTable,
-    rule: JointKindRule,
-    part: str,
-    key: str,
-    value: Quantity | str,
-    faults: _Faults,
-) -> None:
-    if key not in rule.keys:
-        known = f"keys: {', '.join(rule.keys)}" if rule.keys else 'write kind = "spring"'
-        faults.add(f"a joint of kind {table.kind!r} has no {part} {key!r}; {known}", part, key)
-        return
-    if isinstance(value, str):
-        return
-    if part == "damping" and table.stiffness.get(key) == RIGID:
-        faults.add(f"{key} is rigid, so damping there does nothing; remove one of them", part, key)
-    rotational = rule.keys[key][0] >= 3
-    if rotational != value.dimension.name.startswith("rotational"):
-        dimension = _DIMENSIONS[part, rotational]
-        text = f'is a {value.dimension.name} but {key} needs a {dimension.name}; write for example "{dimension.example}"'
-        faults.add(text, part, key)
-    elif value.value < 0.0 and not table.allow_negative:
-        faults.add(
-            "is negative; if that is meant, write allow_negative = true in the joint", part, key
-        )
+def _value_faults(table: JointTable) -> _Faults:
+    keys = KINDS[table.kind].keys
+    values = [("stiffness", *item) for item in table.stiffness.items()]
+    for part, key, value in [*values, *(("damping", *item) for item in table.damping.items())]:
+        if key not in keys:
+            known = f"keys: {', '.join(keys)}" if keys else 'write kind = "spring"'
+            yield (part, key), f"a joint of kind {table.kind!r} has no {part} {key!r}; {known}"
+        elif isinstance(value, Quantity):
+            if part == "damping" and table.stiffness.get(key) == RIGID:
+                text = f"{key} is rigid, so damping there does nothing; remove one of them"
+                yield (part, key), text
+            wanted = _DIMENSIONS[part, keys[key][0] >= 3]
+            if value.dimension != wanted:
+                text = f'is a {value.dimension.name} but {key} needs a {wanted.name}; write for example "{wanted.example}"'
+                yield (part, key), text
+            elif value.value < 0.0 and not table.allow_negative:
+                text = "is negative; if that is meant, write allow_negative = true in the joint"
+                yield (part, key), text
 
 
 def joint_rotation(table: JointTable) -> FloatArray:
@@ -351,19 +326,17 @@ def build_joint(name: str, table: JointTable) -> Joint:
         for dof in rule.keys[key]:
             damping[dof, dof] = 0.0 if dof in fixed else quantity.value
     first, second = table.between
-    return Joint(
+    return table.fill(
+        Joint,
         name=name,
         ends=(first, second),
-        kind=table.kind,
         rotation=joint_rotation(table),
         fixed=tuple(sorted(fixed)),
         stiffness=stiffness,
         damping=damping,
         point=None if table.at is None else np.array(table.at),
-        length=table.length,
         screw=None if table.screw is None else _build_shaft(table.screw),
-        loss_factor=table.loss_factor,
-        soft=table.soft,
+        errors=None,  # where the effect guide_errors is on, the loader adds them
         second_axis=np.array(table.normal)
         if table.kind == "universal" and table.normal is not None
         else None,

@@ -97,7 +97,7 @@ from headstock.scene.schema.scene import SceneTable
 from headstock.scene.schema.validation import validate_tables
 
 # These need entries that passed the schema, whatever else is wrong.
-CHECKS_OF_ENTRIES: tuple[Callable[[Draft, Findings], None], ...] = (
+CHECKS_OF_ENTRIES: tuple[Callable[[Draft], None], ...] = (
     check_components,
     check_joints,
     check_rails,
@@ -119,7 +119,7 @@ CHECKS_OF_ENTRIES: tuple[Callable[[Draft, Findings], None], ...] = (
     check_mode_counts,
 )
 # These need all entries: what is not there is then missing, and not just refused.
-CHECKS_OF_ALL_ENTRIES: tuple[Callable[[Draft, Findings], None], ...] = (
+CHECKS_OF_ALL_ENTRIES: tuple[Callable[[Draft], None], ...] = (
     check_floating,
     check_axis_moves,
     check_presence,
@@ -195,11 +195,10 @@ def build_scene(
             "is read with the scene's file; write it there, not in a variant, a setting or Python",
         )
     for section in [name for name, value in raw.items() if nesting_depth(value) > MAX_DEPTH]:
-        findings.add(
-            (section,),
+        findings.refuse(
             f"holds values nested more than {MAX_DEPTH} deep; a scene needs no more than ten levels",
+            key=(section,),
         )
-        findings.raise_if_any()
     written, raw = raw, expand_scene(raw, findings)
     table = validate_tables(raw, findings)
     if table is None:
@@ -218,10 +217,11 @@ def build_scene(
         interfaces=collect_interfaces(raw),
         solids=build_solids(table, path.parent, findings),
         paths=read_sweep_paths(table, path.parent, findings),
+        findings=findings,
     )
     for check in (*CHECKS_OF_ENTRIES, *(CHECKS_OF_ALL_ENTRIES if complete else ())):
-        check(draft, findings)
-    _check_analyses(draft, findings, complete=complete)
+        check(draft)
+    _check_analyses(draft, complete=complete)
     findings.raise_if_any()
     scene = _build_scene(draft, path, findings, variant)
     # these need the machine in its poses
@@ -260,7 +260,7 @@ def prepare_sweep(scene: Scene, name: str, *, overrides: Sequence[str] = ()) -> 
     return scene
 
 
-def _check_analyses(draft: Draft, findings: Findings, *, complete: bool) -> None:
+def _check_analyses(draft: Draft, *, complete: bool) -> None:
     """Check the tables of analyses.
 
     Args:
@@ -269,9 +269,9 @@ def _check_analyses(draft: Draft, findings: Findings, *, complete: bool) -> None
     for record in list_records():
         table = draft.table.analyses.get(record.table)
         if table is not None:
-            record.check(table, draft, findings)
+            record.check(table, draft)
             if complete and record.check_complete is not None:
-                record.check_complete(table, draft, findings)
+                record.check_complete(table, draft)
 
 
 def _build_scene(draft: Draft, path: Path, findings: Findings, variant: str | None) -> Scene:
@@ -284,15 +284,17 @@ def _build_scene(draft: Draft, path: Path, findings: Findings, variant: str | No
         path=path,
         machine=_build_machine(table, name, path.parent),
         poses=poses,
-        analyses=every.drop(findings.on_request),
-        on_request=every.keep(findings.on_request),
-        effects=frozenset(effect for effect, value in table.effects.items() if value is not False),
+        analyses=every.drop(draft.findings.on_request),
+        on_request=every.keep(draft.findings.on_request),
+        effects=table.active,
         variants=tuple(table.variants),
         raw=dict(draft.raw),
         limits=Limits(table.limits.elements, table.limits.memory, table.limits.time),
-        warnings=tuple(findings.warnings),
-        assumptions=tuple(f"{key}: {what}" for key, what in findings.assumptions.items()),
-        deferred={analysis: tuple(problems) for analysis, problems in findings.deferred.items()},
+        warnings=tuple(draft.findings.warnings),
+        assumptions=tuple(f"{key}: {what}" for key, what in draft.findings.assumptions.items()),
+        deferred={
+            analysis: tuple(problems) for analysis, problems in draft.findings.deferred.items()
+        },
         variant=variant,
         studies={name: build_study(name, study) for name, study in table.studies.items()},
         sweeps={name: build_sweep(name, table, draft.paths) for name in table.sweeps},
@@ -308,13 +310,11 @@ def _build_scene(draft: Draft, path: Path, findings: Findings, variant: str | No
             table.compare.reference,
         ),
         drives=build_drives(table),
-        accuracy=None
-        if table.accuracy is None
-        else AccuracyGoal(table.accuracy.to, table.accuracy.models, table.accuracy.interfaces),
+        accuracy=None if table.accuracy is None else table.accuracy.fill(AccuracyGoal),
         model_errors=table.model_errors,
         interface_errors=_compares_interfaces(table),
         modal_damping=read_modal_damping(table.effects.get("damping", False)),
-        findings=findings,
+        findings=draft.findings,
         written=draft.written,
     )
 
@@ -369,7 +369,7 @@ def _build_machine(scene: SceneTable, name: str, folder: Path) -> Machine:
             for key, table in scene.probes.items()
         },
         gravity=read_gravity(scene.effects.get("gravity", True)),
-        gravity_stiffening=bool(scene.effects.get(GRAVITY_STIFFENING)),
+        gravity_stiffening=GRAVITY_STIFFENING in scene.active,
         rayleigh=read_rayleigh_damping(scene.effects.get("damping", False)),
         mechanism=None if scene.mechanism is None else build_mechanism(scene.mechanism),
     )
@@ -383,7 +383,7 @@ def _build_axis(
 ) -> Axis:
     table = scene.axes[key]
     axis = build_axis(key, table, scene, joints, supports)
-    if not scene.effects.get(GUIDE_ERRORS, False):
+    if GUIDE_ERRORS not in scene.active:
         return axis
     return dataclasses.replace(axis, errors=build_axis_errors(table))
 
@@ -415,7 +415,7 @@ def _build_joints(scene: SceneTable, components: dict[str, Component]) -> dict[s
         joint = build_joint(key, table)
         joints[key] = (
             dataclasses.replace(joint, errors=build_rail_errors(table))
-            if scene.effects.get(GUIDE_ERRORS, False)
+            if GUIDE_ERRORS in scene.active
             else joint
         )
         shaft = couple_bearings(f"{key}_shaft", joints[key])

@@ -8,9 +8,8 @@ from headstock.geometry.machine.joints import JointEnd
 from headstock.geometry.machine.machine import JointDisplacement, Point
 from headstock.geometry.parts.components import Component, Load, Patch, Support
 from headstock.scene.building.components import bounding_box, build_patch, find_patch_fault
-from headstock.scene.building.draft import Draft, check_end, check_name
+from headstock.scene.building.draft import Draft, list_records
 from headstock.scene.building.joints import KINDS
-from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.schema.axes import PointTable
 from headstock.scene.schema.components import ComponentTable, PatchTable
@@ -68,52 +67,51 @@ def build_displacement(name: str, table: LoadTable) -> JointDisplacement:
     return JointDisplacement(name, table.joint or "", (x, y, z, rx, ry, rz))
 
 
-def check_points(draft: Draft, findings: Findings) -> None:
+def check_points(draft: Draft) -> None:
     """Report points whose ends are unknown or the same."""
     for name, point in draft.table.points.items():
-        check_end(("points", name, "tool"), point.tool, draft, findings)
-        check_end(("points", name, "work"), point.work, draft, findings)
+        draft.check_end(("points", name, "tool"), point.tool)
+        draft.check_end(("points", name, "work"), point.work)
         if point.tool == point.work:
-            findings.add(
+            draft.add(
                 ("points", name),
                 "tool and work are the same, so their relative motion is zero; name two different ends",
             )
         if (length := math.hypot(*point.offset)) > LONGEST_OFFSET:
-            findings.add(
+            draft.add(
                 ("points", name, "offset"),
                 f"is {length:.4g} m long, and a rigid extension of a tool or a workpiece is {LONGEST_OFFSET:g} m at most; check the unit",
             )
 
 
-def check_supports(draft: Draft, findings: Findings) -> None:
+def check_supports(draft: Draft) -> None:
     """Report supports on unknown areas, and on components that are not meshed."""
     for name, table in draft.table.supports.items():
-        _check_area(("supports", name), table, draft, findings)
+        _check_area(("supports", name), table, draft)
         for number, face in enumerate(table.edge or ()):
             _check_face(
                 ("supports", name, "edge", number),
                 table.owner,
                 PatchTable(face=face.partition(".")[2]),
                 draft,
-                findings,
             )
         owner = table.owner
         if owner in draft.table.components and not _is_meshed(draft.table.components[owner]):
-            findings.add(
+            draft.add(
                 ("supports", name),
                 f"{owner} is not meshed, so no points of it can be fixed; use a joint of kind rigid to ground",
             )
 
 
-def check_loads(draft: Draft, findings: Findings) -> None:
+def check_loads(draft: Draft) -> None:
     """Report loads on unknown areas and components, and pressures without a mesh to act on."""
     for name, table in draft.table.loads.items():
         if table.joint is not None:
-            _check_displacement(("loads", name), table, draft, findings)
+            _check_displacement(("loads", name), table, draft)
             continue
-        _check_area(("loads", name), table, draft, findings)
+        _check_area(("loads", name), table, draft)
         if table.component is not None:
-            check_name(("loads", name, "component"), table.component, "components", draft, findings)
+            draft.check_name(("loads", name, "component"), table.component, "components")
         component = draft.table.components.get(table.owner)
         fault = _find_load_fault(table, component)
         if draft.table.is_lumped and table.kind == "pressure":
@@ -122,42 +120,42 @@ def check_loads(draft: Draft, findings: Findings) -> None:
                 ' model = "components" with an elastic component'
             )
         if fault:
-            findings.add(("loads", name, "pressure"), fault)
+            draft.add(("loads", name, "pressure"), fault)
 
 
-def _check_displacement(key: KeyPath, table: LoadTable, draft: Draft, findings: Findings) -> None:
-    check_name((*key, "joint"), table.joint or "", "joints", draft, findings)
+def _check_displacement(key: KeyPath, table: LoadTable, draft: Draft) -> None:
+    draft.check_name((*key, "joint"), table.joint or "", "joints")
     joint = draft.table.joints.get(table.joint or "")
     if joint is None:
         return
     if not (joint.stiffness or joint.stiffness_per_area or KINDS[joint.kind].fixed):
-        findings.add(
+        draft.add(
             (*key, "joint"),
             f"{table.joint} neither fixes a direction nor has a stiffness, so nothing follows it; name another joint",
         )
     turning = max(map(abs, table.rotation or [0.0]))
     if turning > SMALL_ROTATION:
-        findings.add(
+        draft.add(
             (*key, "rotation"),
             f"is {math.degrees(turning):.3g} deg, and deflections are linear; write at most {math.degrees(SMALL_ROTATION):.2g} deg",
         )
     if "volumetric" in draft.table.analyses.requested:
-        findings.add(
+        draft.add(
             key,
             "a volumetric map takes forces, gravity and errors of guides; put the displacement in a variant without it",
         )
 
 
-def check_probes(draft: Draft, findings: Findings) -> None:
+def check_probes(draft: Draft) -> None:
     """Report probes in components that are not meshed, and probes of a machine that nothing
     loads.
     """
     scene = draft.table
     for name, probe in scene.probes.items():
-        check_name(("probes", name, "component"), probe.component, "components", draft, findings)
+        draft.check_name(("probes", name, "component"), probe.component, "components")
         table = scene.components.get(probe.component)
         if table is not None and not _is_meshed(table):
-            findings.add(
+            draft.add(
                 ("probes", name),
                 f"{probe.component} is not meshed, so there is no stress in it; make it elastic",
             )
@@ -168,23 +166,26 @@ def check_probes(draft: Draft, findings: Findings) -> None:
             for place, (low, high) in zip(probe.at, box, strict=True)
         ):
             ends = ", ".join(f"{1e3 * low:g} to {1e3 * high:g} mm" for low, high in box)
-            findings.add(
+            draft.add(
                 ("probes", name, "at"),
                 f"lies outside {probe.component}, which reaches over x, y, z from {ends} in its own frame",
             )
-    requested = scene.analyses.requested.keys()
-    if not scene.probes or requested & {"frf", "transient", "path", "contouring"}:
+    loaded = {table.loads_probes for table in scene.analyses.requested.values()}
+    if not scene.probes or "by itself" in loaded:
         return
-    if "static" not in requested:
-        findings.add(
+    if "by the scene" not in loaded:
+        *first, last = [
+            f"[analyses.{record.request.analysis}]"
+            for record in list_records()
+            if record.table.loads_probes
+        ]
+        draft.add(
             ("probes",),
-            "probes show the response to static or harmonic loads, to loads over time and along paths and contours; add [analyses.static],"
-            " [analyses.frf], [analyses.transient], [analyses.path] or [analyses.contouring]",
+            "probes show the response to static or harmonic loads, to loads over time and along paths and contours; add"
+            f" {', '.join(first)} or {last}",
         )
-    if not scene.loads and not scene.effects.get("gravity"):
-        findings.add(
-            ("probes",), "nothing loads the machine; add [loads.NAME] or the effect gravity"
-        )
+    if not scene.loads and "gravity" not in scene.active:
+        draft.add(("probes",), "nothing loads the machine; add [loads.NAME] or the effect gravity")
 
 
 def _find_load_fault(load: LoadTable, component: ComponentTable | None) -> str:
@@ -225,20 +226,16 @@ def _is_meshed(table: ComponentTable) -> bool:
     return table.fidelity == "elastic" and table.solid.superelement is None
 
 
-def _check_area(
-    key: KeyPath, table: SupportTable | LoadTable, draft: Draft, findings: Findings
-) -> None:
+def _check_area(key: KeyPath, table: SupportTable | LoadTable, draft: Draft) -> None:
     if table.at is not None:
         component, _, interface = table.at.partition(".")
-        check_end((*key, "at"), JointEnd(component, interface), draft, findings)
+        draft.check_end((*key, "at"), JointEnd(component, interface))
     elif table.face is not None:
         owner = table.face.partition(".")[0]
-        _check_face((*key, "face"), owner, _read_patch(table), draft, findings)
+        _check_face((*key, "face"), owner, _read_patch(table), draft)
 
 
-def _check_face(
-    key: KeyPath, component: str, patch: PatchTable, draft: Draft, findings: Findings
-) -> None:
-    check_name(key, component, "components", draft, findings)
+def _check_face(key: KeyPath, component: str, patch: PatchTable, draft: Draft) -> None:
+    draft.check_name(key, component, "components")
     if component in draft.solids and (fault := find_patch_fault(patch, draft.solids[component])):
-        findings.add(key, fault)
+        draft.add(key, fault)

@@ -7,19 +7,20 @@ import numpy as np
 from headstock.geometry.errors import PoseError
 from headstock.geometry.mechanisms.exechon import (
     LENGTHS,
+    TOOL_AXES,
     ExechonDimensions,
     MountedExechon,
     exechon_mechanism,
+    solve_pose,
 )
 from headstock.geometry.mechanisms.mechanism import Mechanism
-from headstock.geometry.mechanisms.tool_mechanism import TOOL_AXES, TOOL_POINT, solve_pose
+from headstock.scene.building.axes import find_measure_fault
 from headstock.scene.building.components import build_frame
 from headstock.scene.building.draft import Draft
-from headstock.scene.reading.findings import Findings, suggest_names
-from headstock.scene.reading.units import ANGLE, LENGTH, Quantity
+from headstock.scene.reading.findings import Findings
+from headstock.scene.reading.units import ANGLE, LENGTH
 from headstock.scene.scene import LegSprings, SceneMechanism
-from headstock.scene.schema.axes import ExechonTable, MechanismTable
-from headstock.scene.schema.effects import GRAVITY_STIFFENING
+from headstock.scene.schema.axes import MechanismTable
 from headstock.scene.schema.loads import LoadTable
 from headstock.scene.schema.scene import SceneTable
 
@@ -27,10 +28,8 @@ from headstock.scene.schema.scene import SceneTable
 def build_mechanism(table: MechanismTable) -> SceneMechanism:
     """The mechanism of a scene that has passed every check."""
     limits = {name: (low.value, high.value) for name, (low, high) in table.limits.items()}
-    mounted = MountedExechon(
-        _build_dimensions(table.dimensions), build_frame(table.at, table.rotate), limits
-    )
-    springs = None if table.springs is None else LegSprings(**table.springs.model_dump())
+    dimensions = table.dimensions.fill(ExechonDimensions)
+    mounted = MountedExechon(dimensions, build_frame(table.at, table.rotate), limits)
     return SceneMechanism(
         kind=table.kind,
         model=table.model,
@@ -39,59 +38,45 @@ def build_mechanism(table: MechanismTable) -> SceneMechanism:
         carries={
             component: marker for marker, names in table.carries.items() for component in names
         },
-        springs=springs,
+        springs=None if table.springs is None else table.springs.fill(LegSprings),
         screw_lead=table.screw_lead,
     )
 
 
-def _build_dimensions(table: ExechonTable) -> ExechonDimensions:
-    """Dimensions of an Exechon."""
-    return ExechonDimensions(
-        base=(table.base[0], table.base[1], table.base[2]),
-        platform=(table.platform[0], table.platform[1], table.platform[2]),
-        universal_offsets=(table.universal_offsets[0], table.universal_offsets[1]),
-        platform_heights=(table.platform_heights[0], table.platform_heights[1]),
-        wrist=(table.wrist[0], table.wrist[1]),
-        tool_length=table.tool_length,
-    )
-
-
-def check_mechanism(draft: Draft, findings: Findings) -> None:
+def check_mechanism(draft: Draft) -> None:
     """Report what is wrong with a mechanism, apart from poses that it cannot take, and with what is
     required of it.
     """
     scene = draft.table
     table = scene.mechanism
-    _check_stiffening(scene, findings)
     if table is None:
         return
     if "orientation" in scene.model_fields_set:
-        findings.add(
+        draft.add(
             ("orientation",),
             "a mechanism is placed by its own `at` and `rotate`; move orientation there",
         )
-    mechanism = exechon_mechanism(_build_dimensions(table.dimensions))
-    _check_carried(table, mechanism, scene, findings)
-    _check_limits(table, mechanism, findings)
+    mechanism = exechon_mechanism(table.dimensions.fill(ExechonDimensions))
+    _check_carried(table, mechanism, scene, draft.findings)
+    _check_limits(table, mechanism, draft.findings)
     for name in set(scene.axes) & set(TOOL_AXES):
-        findings.add(
+        draft.add(
             ("axes", name),
             f"{name} is already a coordinate of the tool of the mechanism; remove this axis",
         )
-    _check_pose_units(scene, findings)
 
 
-def check_reach(draft: Draft, findings: Findings) -> None:
+def check_reach(draft: Draft) -> None:
     """Report poses that a mechanism cannot take; one with a fault of its own takes none."""
     table = draft.table.mechanism
-    if table is None or findings.concern("mechanism", "poses"):
+    if table is None or draft.findings.concern("mechanism", "poses"):
         return
     mechanism = build_mechanism(table)
     for name, positions in draft.table.poses.items():
         try:
             solve_pose(mechanism, {axis: value.value for axis, value in positions.items()})
         except PoseError as error:
-            findings.add(("poses", name), f"cannot be taken: {error}")
+            draft.add(("poses", name), f"cannot be taken: {error}")
 
 
 def _check_carried(
@@ -99,16 +84,16 @@ def _check_carried(
 ) -> None:
     seen: dict[str, str] = {}
     for marker, names in table.carries.items():
-        if marker not in mechanism.markers:
-            hint = suggest_names(marker, mechanism.markers, what="bodies of the mechanism")
-            findings.add(("mechanism", "carries", marker), f"unknown body {marker!r}; {hint}")
+        findings.check_name(
+            ("mechanism", "carries", marker),
+            marker,
+            mechanism.markers,
+            "body",
+            "bodies of the mechanism",
+        )
         for index, name in enumerate(names):
             key = ("mechanism", "carries", marker, index)
-            if name not in scene.components:
-                findings.add(
-                    key,
-                    f"unknown component {name[:80]!r}; {suggest_names(name, scene.components, what='components')}",
-                )
+            findings.check_name(key, name, scene.components, "component", "components")
             if name in seen:
                 findings.add(key, f"{name} is carried by {seen[name]} too; keep one")
             seen[name] = marker
@@ -143,40 +128,12 @@ def _check_limits(table: MechanismTable, mechanism: Mechanism, findings: Finding
     movable = (*mechanism.driven, *mechanism.passive)
     for name, values in table.limits.items():
         key = ("mechanism", "limits", name)
+        findings.check_name(key, name, movable, "coordinate", "coordinates")
         if name not in movable:
-            findings.add(
-                key,
-                f"unknown coordinate {name!r}; {suggest_names(name, movable, what='coordinates')}",
-            )
             continue
         wanted = LENGTH if name in LENGTHS else ANGLE
-        if any(value.dimension != wanted for value in values):
-            findings.add(
-                key, f'{name} is measured as {wanted.name}; write for example "{wanted.example}"'
-            )
+        faults = [find_measure_fault(name, value, wanted) for value in values]
+        if any(faults):
+            findings.add(key, max(faults))
         elif values[0].value >= values[1].value:
             findings.add(key, "the lower limit must be below the upper one")
-
-
-def _check_pose_units(scene: SceneTable, findings: Findings) -> None:
-    values: list[tuple[tuple[str | int, ...], str, Quantity]] = []
-    for pose, positions in scene.poses.items():
-        values += [(("poses", pose, axis), axis, value) for axis, value in positions.items()]
-    for sweep, table in scene.sweeps.items():
-        values += [
-            (("sweeps", sweep, *key), axis, value) for key, axis, value in table.quantities()
-        ]
-    for key, axis, value in values:
-        wanted = LENGTH if axis in TOOL_POINT else ANGLE
-        if axis in TOOL_AXES and value.dimension != wanted:
-            findings.add(
-                key, f'{axis} is measured as {wanted.name}; write for example "{wanted.example}"'
-            )
-
-
-def _check_stiffening(scene: SceneTable, findings: Findings) -> None:
-    if not scene.effects.get(GRAVITY_STIFFENING):
-        return
-    key = ("effects", GRAVITY_STIFFENING)
-    if not scene.effects.get("gravity"):
-        findings.add(key, "needs gravity; write [effects] gravity = true as well")

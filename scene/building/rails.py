@@ -20,7 +20,7 @@ from headstock.scene.building.draft import Draft, is_known_end
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.scene import Scene
-from headstock.scene.schema.components import ComponentTable, InterfaceTable
+from headstock.scene.schema.components import ComponentTable, InterfaceTable, RailTable
 from headstock.scene.schema.joints import JointTable
 from headstock.scene.schema.scene import SceneTable
 
@@ -76,19 +76,19 @@ def choose_control_points(scene: SceneTable, solids: dict[str, Solid]) -> dict[s
     return found
 
 
-def check_rails(draft: Draft, findings: Findings) -> None:
+def check_rails(draft: Draft) -> None:
     """Report what is wrong with rails and with joints on them, apart from poses."""
     scene, solids = draft.table, draft.solids
     riders = _carriage_joints(scene)
     for (component, name), joints in riders.items():
         if component in solids:
-            _check_rail(component, name, scene, solids[component], joints, findings)
+            _check_rail(component, name, scene, solids[component], joints, draft.findings)
     for name, joint in scene.joints.items():
         rails = [
             end for end in joint.between if (end.component or "", end.interface or "") in riders
         ]
         if fault := _find_joint_fault(joint, rails, scene):
-            findings.add(("joints", name, *fault[0]), fault[1])
+            draft.add(("joints", name, *fault[0]), fault[1])
 
 
 def check_carriages(scene: Scene, findings: Findings) -> None:
@@ -106,7 +106,7 @@ def _check_rail(
     joints: list[str],
     findings: Findings,
 ) -> None:
-    table = scene.components[component].interfaces[name]
+    part, table = scene.components[component], scene.components[component].interfaces[name]
     key: KeyPath = ("components", component, "interfaces", name, "rail")
     if table.rail is None:
         return
@@ -121,12 +121,17 @@ def _check_rail(
         )
         return
     span, shortest = _span_of(table, solid), _shortest_carriage(scene, joints)
-    if span is None and scene.components[component].fidelity != "elastic":
+    if span is None and part.fidelity != "elastic":
         findings.add(
             key,
             "where the rail ends is not known without a mesh; write its area as a rect with centre and size",
         )
-    if table.rail.control_points is None and (span is None or shortest is None):
+    if span is not None and shortest is not None:
+        _check_carriage_lengths(f"{component}.{name}", span, joints, scene, findings)
+        _warn_of_segments(key, part, solid, shortest, findings)
+        if part.fidelity == "elastic":
+            _check_control_points(key, table.rail, span, shortest, findings)
+    elif table.rail.control_points is None:
         reason = (
             "no carriage rides on it"
             if shortest is None
@@ -136,26 +141,38 @@ def _check_rail(
             key,
             f'{reason}, so its control_points must be given; write rail = {{ along = "{table.rail.along}", control_points = 12 }}',
         )
-    if span is None or shortest is None:
-        return
+
+
+def _check_carriage_lengths(
+    rail: str,
+    span: tuple[float, float],
+    joints: list[str],
+    scene: SceneTable,
+    findings: Findings,
+) -> None:
+    longest = span[1] - span[0]
     for joint in joints:
-        if (length := scene.joints[joint].length) is not None and length > (span[1] - span[0]) * (
-            1.0 + OVERHANG_TOLERANCE
-        ):
-            text = f"the carriage ({show_position(length)}) is longer than rail {component}.{name} ({show_position(span[1] - span[0])})"
+        length = scene.joints[joint].length
+        if length is not None and length > longest * (1.0 + OVERHANG_TOLERANCE):
             findings.add(
-                ("joints", joint, "length"), f"{text}; make the rail longer or the carriage shorter"
+                ("joints", joint, "length"),
+                f"the carriage ({show_position(length)}) is longer than rail {rail} ({show_position(longest)});"
+                " make the rail longer or the carriage shorter",
             )
-    _warn_of_segments(key, scene.components[component], solid, shortest, findings)
+
+
+def _check_control_points(
+    key: KeyPath,
+    rail: RailTable,
+    span: tuple[float, float],
+    shortest: float,
+    findings: Findings,
+) -> None:
     least = _default_control_points(span, shortest, LEAST_INTERVALS)
-    if (
-        table.rail.control_points is not None
-        and table.rail.control_points < least
-        and scene.components[component].fidelity == "elastic"
-    ):
+    if rail.control_points is not None and rail.control_points < least:
         findings.add(
             (*key, "control_points"),
-            f"{table.rail.control_points} control points on {show_position(span[1] - span[0])} are too few for a carriage of "
+            f"{rail.control_points} control points on {show_position(span[1] - span[0])} are too few for a carriage of "
             f"{show_position(shortest)}, whose stiffness would vary as it passes them; write at least {least}, better "
             f"{_default_control_points(span, shortest)}, or leave control_points away",
         )

@@ -14,10 +14,10 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.carriages import find_overhangs
 from headstock.geometry.machine.machine import Machine, find_limit_fault, position_units
 from headstock.meshing.process.strangers import WAYPOINTS
-from headstock.scene.building.draft import Draft, check_name, check_variant
+from headstock.scene.building.draft import Draft
 from headstock.scene.expansion.overrides import AS_WRITTEN, path_exists
 from headstock.scene.reading.csv_files import AxisPath, CsvError, read_waypoints
-from headstock.scene.reading.files import resolve_file
+from headstock.scene.reading.files import TomlTable, resolve_file
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.watch_paths import parse_watch
@@ -54,41 +54,32 @@ def build_sweep(name: str, scene: SceneTable, paths: Mapping[str, AxisPath]) -> 
 def _build_poses(name: str, scene: SceneTable, paths: Mapping[str, AxisPath]) -> Sweep:
     table, units = scene.sweeps[name], position_units(scene)
     if table.axes is not None:
-        spans = {
-            axis: np.linspace(*span.ends(), span.positions, dtype=np.float64)
-            for axis, span in table.axes.items()
-        }
-        return make_grid(name, units, spans)
+        return make_grid(name, units, {axis: span.values() for axis, span in table.axes.items()})
     if table.path is not None:
         step, unit = _step(table)
         return make_path(name, units, _waypoints(name, scene, paths), step, unit)
-    labels = [position if isinstance(position, str) else "" for position in table.poses or ()]
-    places = [
-        scene.poses[position] if isinstance(position, str) else position
-        for position in table.poses or ()
-    ]
-    return make_list(
-        name, units, [_values(position) for position in places], labels if all(labels) else []
-    )
+    poses = table.poses or []
+    labels = [pose for pose in poses if isinstance(pose, str)]
+    places = [_values(scene.poses[pose] if isinstance(pose, str) else pose) for pose in poses]
+    return make_list(name, units, places, labels if len(labels) == len(poses) else [])
 
 
-def check_sweeps(draft: Draft, findings: Findings) -> None:
+def check_sweeps(draft: Draft) -> None:
     """Report sweeps that name unknown poses or have too many; positions are checked with those of
     poses.
     """
     scene = draft.table
     for name, table in scene.sweeps.items():
         for index, position in enumerate(table.poses or ()):
-            if isinstance(position, str) and position not in scene.poses:
-                hint = suggest_names(position, scene.poses, what="poses")
-                findings.add(
-                    ("sweeps", name, "poses", index), f"unknown pose {position[:80]!r}; {hint}"
-                )
-        check_variant(("sweeps", name, "variant"), table.variant, draft, findings)
+            if isinstance(position, str):
+                key: KeyPath = ("sweeps", name, "poses", index)
+                draft.findings.check_name(key, position, scene.poses, "pose", "poses")
+        draft.check_variant(("sweeps", name, "variant"), table.variant)
         if (count := _count_poses(name, scene, draft.paths)) > MAX_SWEEP_POSES:
-            key = "axes" if table.axes is not None else "step"
-            findings.add(
-                ("sweeps", name, key), f"has {count} poses; a sweep takes {MAX_SWEEP_POSES} at most"
+            part = "axes" if table.axes is not None else "step"
+            draft.add(
+                ("sweeps", name, part),
+                f"has {count} poses; a sweep takes {MAX_SWEEP_POSES} at most",
             )
 
 
@@ -252,63 +243,54 @@ def _build_family(name: str, family: FamilyTable, table: StudyTable) -> StudyFam
     )
 
 
-def check_studies(draft: Draft, findings: Findings) -> None:
+def check_studies(draft: Draft) -> None:
     """Report studies that vary, watch or compute what the scene does not have."""
     for name, study in draft.table.studies.items():
-        _check_study(name, study, draft, findings)
+        key: KeyPath = ("studies", name)
+        _check_part(key, study, study.reference_run or {}, draft)
+        for family, table in study.families.items():
+            _check_part((*key, "families", family), table, {}, draft)
+        for index, watch in enumerate(study.watch or ()):
+            _check_watch((*key, "watch", index), watch, draft.table, draft.findings)
 
 
-def check_comparison(draft: Draft, findings: Findings) -> None:
+def check_comparison(draft: Draft) -> None:
     """Report a comparison of unknown variants, or in an unknown pose."""
     table = draft.table.compare
     for index, choice in enumerate(table.variants or ()):
         if choice != AS_WRITTEN:
-            check_variant(
-                ("compare", "variants", index),
-                choice,
-                draft,
-                findings,
-                more=f"; {AS_WRITTEN!r} is the scene itself",
+            draft.check_variant(
+                ("compare", "variants", index), choice, more=f"; {AS_WRITTEN!r} is the scene itself"
             )
-    if table.pose is not None and (table.pose != "reference" or draft.sections.get("poses")):
-        check_name(("compare", "pose"), table.pose, "poses", draft, findings)
+    draft.check_pose(("compare", "pose"), table.pose)
 
 
-def _check_study(name: str, study: StudyTable, draft: Draft, findings: Findings) -> None:
-    scene = draft.table
-    key: KeyPath = ("studies", name)
-    named = [((*key, "families", family), table) for family, table in study.families.items()]
-    parts: list[tuple[KeyPath, StudyTable | FamilyTable]] = [(key, study), *named]
-    for where, table in parts:
-        varied = table.vary or {}
-        reference = (table.reference_run or {}) if isinstance(table, StudyTable) else {}
-        for section, paths in (("vary", varied), ("set", table.set), ("reference_run", reference)):
-            for path in paths:
-                if not (section in {"vary", "reference_run"} and path == VARIANT) and (
-                    reason := path_exists(draft.written, path)
-                ):
-                    findings.add((*where, section, path), reason)
-        choices = [
-            *varied.get(VARIANT, ()),
-            *([reference[VARIANT]] if VARIANT in reference else []),
-        ]
-        for choice in choices:
-            check_variant(
-                (*where, "vary", VARIANT),
-                str(choice or ""),
-                draft,
-                findings,
-                more='; "" is the scene as written',
+def _check_part(
+    key: KeyPath, table: StudyTable | FamilyTable, reference: TomlTable, draft: Draft
+) -> None:
+    """Report what a study, or one of its families, sets, varies or computes that there is not.
+
+    Args:
+        reference: Settings of the run that the others are compared with.
+    """
+    varied = table.vary or {}
+    for section, paths in (("vary", varied), ("set", table.set), ("reference_run", reference)):
+        for path in paths:
+            if (path != VARIANT or section == "set") and (
+                reason := path_exists(draft.written, path)
+            ):
+                draft.add((*key, section, path), reason)
+    choices = [*varied.get(VARIANT, ()), *([reference[VARIANT]] if VARIANT in reference else ())]
+    for choice in choices:
+        text = str(choice or "")
+        draft.check_variant((*key, "vary", VARIANT), text, '; "" is the scene as written')
+    requested = draft.table.analyses.requested
+    for analysis in table.analyses or ():
+        if analysis not in requested:
+            draft.add(
+                (*key, "analyses"),
+                f"the scene has no [analyses.{analysis}]; it has: {', '.join(requested) or 'none'}",
             )
-        for analysis in table.analyses or ():
-            requested = [name for name, request in scene.analyses if request is not None]
-            if analysis not in requested:
-                findings.add(
-                    (*where, "analyses"),
-                    f"the scene has no [analyses.{analysis}]; it has: {', '.join(requested) or 'none'}",
-                )
-    for index, watch in enumerate(study.watch or ()):
-        _check_watch((*key, "watch", index), watch, scene, findings)
 
 
 def _check_watch(key: KeyPath, watch: str, scene: SceneTable, findings: Findings) -> None:
@@ -329,10 +311,7 @@ def build_grid(
     sweep: SweepTable,
 ) -> tuple[tuple[tuple[str, FloatArray], ...], dict[str, float]]:
     """Return the axes of a sweep with several positions, and the positions of the others."""
-    spans: dict[str, FloatArray] = {
-        name: np.linspace(span.low.value, span.high.value, span.positions, dtype=np.float64)
-        for name, span in (sweep.axes or {}).items()
-    }
+    spans = {name: span.values() for name, span in (sweep.axes or {}).items()}
     return (
         tuple((name, values) for name, values in spans.items() if len(values) > 1),
         {name: float(values[0]) for name, values in spans.items() if len(values) == 1},

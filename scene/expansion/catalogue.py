@@ -18,7 +18,7 @@ from pydantic import Field
 from headstock.scene.reading.files import TomlTable, TomlValue
 from headstock.scene.reading.findings import Findings, show_key
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.reading.units import show_value
+from headstock.scene.reading.units import quote_value
 from headstock.scene.schema.cutting import CuttingTable
 from headstock.scene.schema.types import StrictTable
 
@@ -158,7 +158,7 @@ def _find(text: TomlValue, key: KeyPath, findings: Findings) -> CatalogueEntry:
     if not isinstance(text, str) or not text.startswith(CATALOGUE):
         findings.add(
             key,
-            f'{show_value(text)} is no element of the catalogue; write for example from = "{CATALOGUE}guide_35"',
+            f'{quote_value(text)} is no element of the catalogue; write for example from = "{CATALOGUE}guide_35"',
         )
     elif name in entries:
         return entries[name]

@@ -25,8 +25,8 @@ from headstock.scene.reading.files import (
 )
 from headstock.scene.reading.findings import Findings, show_key, suggest_names
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.reading.units import LENGTH, UnitError, parse_quantity
-from headstock.scene.schema.joints import ChainTable
+from headstock.scene.schema.joints import CarriagesTable, ChainTable
+from headstock.scene.schema.validation import validate_part
 
 PLACES, CARRIAGES, EACH = "places", "carriages", "each"
 SHAPES = ("rect", "disk", "strip")
@@ -279,59 +279,29 @@ def _place_key(common: TomlTable, key: KeyPath, findings: Findings) -> KeyPath:
 
 def _list_carriages(entry: TomlTable, key: KeyPath, findings: Findings) -> list[TomlValue]:
     """Places of carriages on parallel rails: rail by rail, from the positive side to the negative."""
-    table = entry[CARRIAGES]
-    known = {"middle", "along", "across", "rails", "per_rail"}
-    if not isinstance(table, dict) or not {"middle"} <= set(table) <= known:
-        findings.add(
-            (*key, CARRIAGES),
-            'is not a table of middle, along, across, rails and per_rail; write for example { middle = ["64 mm", "0 mm", "470 mm"], '
-            'along = "93 mm", across = "180 mm" }',
-        )
-        return []
+    table = validate_part(CarriagesTable, entry[CARRIAGES], (*key, CARRIAGES), findings)
     axis, normal = (str(entry.get(name, "")).lstrip("+-") for name in ("axis", "normal"))
     if {axis, normal} - set(AXES) or axis == normal:
         findings.add((*key, CARRIAGES), "needs axis and normal of the joint along x, y or z")
         return []
-    third = ({"x", "y", "z"} - {axis, normal}).pop()
-    counts = _carriage_counts(entry)
-    if counts is None:
+    if table is None:
+        return []
+    if max(table.rails, table.per_rail) > MOST_CARRIAGES:
         findings.add(
             (*key, CARRIAGES), f"takes numbers from 1 to {MOST_CARRIAGES} for rails and per_rail"
         )
         return []
-    rails, per_rail = counts
-    try:
-        middle = [
-            _length(item, (*key, CARRIAGES, "middle"), findings)
-            for item in _triple(table["middle"], (*key, CARRIAGES, "middle"), findings)
-        ]
-        along = _length(table.get("along", "0 mm"), (*key, CARRIAGES, "along"), findings)
-        across = _length(table.get("across", "0 mm"), (*key, CARRIAGES, "across"), findings)
-    except UnitError:
-        return []
+    third = ({"x", "y", "z"} - {axis, normal}).pop()
+    # as decimals: places are written with the digits that a scene would have
+    along, across = (Decimal(repr(length)) for length in (table.along, table.across))
     places: list[TomlValue] = []
-    for rail in range(rails):
-        for carriage in range(per_rail):
-            place = list(middle)
-            place[AXES[axis]] += along * (Decimal(per_rail - 1) / 2 - carriage)
-            place[AXES[third]] += across * (Decimal(rails - 1) / 2 - rail)
+    for rail in range(table.rails):
+        for carriage in range(table.per_rail):
+            place = [Decimal(repr(length)) for length in table.middle]
+            place[AXES[axis]] += along * (Decimal(table.per_rail - 1) / 2 - carriage)
+            place[AXES[third]] += across * (Decimal(table.rails - 1) / 2 - rail)
             places.append([f"{value} m" for value in place])
     return places
-
-
-def _triple(value: TomlValue, key: KeyPath, findings: Findings) -> list[TomlValue]:
-    if isinstance(value, list) and len(value) == 3:
-        return value
-    findings.add(key, 'is not a point; write for example ["64 mm", "0 mm", "470 mm"]')
-    raise UnitError("no point")
-
-
-def _length(value: TomlValue, key: KeyPath, findings: Findings) -> Decimal:
-    try:
-        return Decimal(repr(parse_quantity(value, LENGTH).value))
-    except UnitError as error:
-        findings.add(key, str(error))
-        raise
 
 
 def _read_each(

@@ -19,7 +19,7 @@ from headstock.scene.reading.files import (
 )
 from headstock.scene.reading.findings import Findings, Origin
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.reading.units import show_value
+from headstock.scene.reading.units import quote_value
 from headstock.scene.schema.scene import MAX_INCLUDED, IncludeTable
 from headstock.scene.schema.validation import validate_tables
 
@@ -124,23 +124,19 @@ class _Reader:
         try:
             path = resolve_file(self.folder, (place / entry.file).as_posix(), (".toml",))
         except ValueError as error:
-            findings.add(key, str(error))
-            findings.raise_if_any()
-            raise
+            findings.refuse(str(error), key=key)
         self.files += 1
         if problem := self._refuse(path, chain):
-            findings.add(key, problem)
-            findings.raise_if_any()
+            findings.refuse(problem, key=key)
         inner = Findings(str(Path(findings.path).parent / entry.file))
         tables = self.read(path, inner, (*chain, path))
         self.size += sum(len(line) + 1 for line in inner.lines)
         if self.size > MAX_INCLUDED_BYTES:
-            findings.add(
-                key,
+            findings.refuse(
                 f"makes the included files larger than {MAX_INCLUDED_BYTES >> 20} MiB together; "
                 "a scene holds no bulk data, refer to files instead",
+                key=key,
             )
-            findings.raise_if_any()
         _check_sections(tables, inner)
         _merge(raw, tables, entry, findings, inner)
 
@@ -165,7 +161,7 @@ def _check_sections(tables: TomlTable, findings: Findings) -> None:
             )
         elif not isinstance(entries, dict):
             findings.add(
-                (section,), f"{show_value(entries)} is not a table; write [{section}.name]"
+                (section,), f"{quote_value(entries)} is not a table; write [{section}.name]"
             )
     findings.raise_if_any()
 
@@ -183,7 +179,7 @@ def _merge(
     for section, entries in tables.items():
         own = raw.setdefault(section, {})
         if not isinstance(own, dict) or not isinstance(entries, dict):
-            findings.add((section,), f"{show_value(own)} is not a table; write [{section}.name]")
+            findings.add((section,), f"{quote_value(own)} is not a table; write [{section}.name]")
             continue
         for name, value in entries.items():
             full = f"{entry.prefix}{name}"

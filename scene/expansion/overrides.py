@@ -245,32 +245,39 @@ def _find_obstacle(raw: TomlTable, path: KeyPath) -> str:
     sections = known_keys(()) or []
     if len(path) > MAX_DEPTH:
         return f"cannot set a key of {len(path)} parts; a scene needs no more than ten"
-    if path[0] not in sections:
-        return f"cannot set {show_key(path)}: {suggest_names(path[0], sections, what='sections')}"
-    place: TomlValue = raw
+    fault = "" if path[0] in sections else suggest_names(path[0], sections, what="sections")
+    table: TomlValue = raw
     for depth, part in enumerate(path):
-        last = depth == len(path) - 1
-        if isinstance(place, list):
-            if not isinstance(part, int) or part >= len(place):
-                return f"cannot set {show_key(path)}: {show_key(path[:depth])} has entries 0 to {len(place) - 1}"
-            place = place[part]
-            continue
-        if not isinstance(place, dict):
-            return (
-                f"cannot set {show_key(path)}: {show_key(path[:depth])} holds a value, not a table"
-            )
-        if part not in place:
-            if depth == 1 and (not last or path[0] == PARAMETERS) and path[0] in ENTRY_SECTIONS:
-                return (
-                    f"cannot set {show_key(path)}: {suggest_names(part, place, what=str(path[0]))}"
-                )
-            keys = known_keys(path[:depth])
-            if keys is not None and part not in keys:
-                return f"cannot set {show_key(path)}: {unknown_key(path[: depth + 1])}"
-            if not last and isinstance(path[depth + 1], int) and is_list(path[: depth + 1]):
-                whole = show_key(path[: depth + 1])
-                return f"cannot set {show_key(path)}: {whole} is not written; set it as a whole, {whole}=[..., ...]"
-            place = {}
-            continue
-        place = place[str(part)]
+        if fault:
+            return f"cannot set {show_key(path)}: {fault}"
+        if isinstance(table, list):
+            if not isinstance(part, int) or part >= len(table):
+                fault = f"{show_key(path[:depth])} has entries 0 to {len(table) - 1}"
+            else:
+                table = table[part]
+        elif not isinstance(table, dict):
+            fault = f"{show_key(path[:depth])} holds a value, not a table"
+        elif part in table:
+            table = table[str(part)]
+        else:
+            fault = _find_key_fault(table, path, depth)
+            table = {}
+    return f"cannot set {show_key(path)}: {fault}" if fault else ""
+
+
+def _find_key_fault(table: TomlTable, path: KeyPath, depth: int) -> str:
+    """Why a key that a table does not have cannot be added to it; empty where it can.
+
+    Args:
+        depth: Of the key in its path.
+    """
+    section, last = path[0], depth == len(path) - 1
+    if depth == 1 and (not last or section == PARAMETERS) and section in ENTRY_SECTIONS:
+        return suggest_names(path[1], table, what=str(section))
+    keys = known_keys(path[:depth])
+    if keys is not None and path[depth] not in keys:
+        return unknown_key(path[: depth + 1])
+    if not last and isinstance(path[depth + 1], int) and is_list(path[: depth + 1]):
+        whole = show_key(path[: depth + 1])
+        return f"{whole} is not written; set it as a whole, {whole}=[..., ...]"
     return ""

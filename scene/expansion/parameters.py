@@ -27,7 +27,7 @@ from headstock.scene.reading.files import (
 )
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.reading.units import Measure, show_value
+from headstock.scene.reading.units import Measure, quote_value
 
 PARAMETERS = "parameters"
 # applied before values are calculated, or to be applied to other scenes
@@ -89,7 +89,7 @@ def _check_names(parameters: "_Parameters", findings: Findings) -> None:
             try:
                 parameters.calculated(str(written))
             except ExpressionError as error:
-                findings.add((PARAMETERS, name), f"{show_value(written)} {error}")
+                findings.add((PARAMETERS, name), f"{quote_value(written)} {error}")
 
 
 def _note_overrides(
@@ -287,7 +287,7 @@ class _Parameters:
         measure = _measure_of(known.value)
         if measure is None:
             raise ExpressionError(
-                f"calculates with {name!r}, which is {show_value(known.value)} and no number; "
+                f"calculates with {name!r}, which is {quote_value(known.value)} and no number; "
                 'write a number with a unit, such as "12 mm"'
             )
         self._found[name] = replace(known, measure=measure)
@@ -335,5 +335,5 @@ def _calculated(
     try:
         return parameters.calculated(value)
     except ExpressionError as error:
-        findings.add(key, f"{show_value(value)} {error}")
+        findings.add(key, f"{quote_value(value)} {error}")
         return value

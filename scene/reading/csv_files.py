@@ -26,7 +26,7 @@ from headstock.meshing.process.strangers import (
     FileKind,
     read_apart,
 )
-from headstock.scene.reading.units import ANGLE, LENGTH, Unit, UnitError, read_unit, show_value
+from headstock.scene.reading.units import ANGLE, LENGTH, Unit, UnitError, quote_value, read_unit
 from headstock.solvers.milling.tool_dynamics import MeasuredAssembly, across_axis
 
 FORCE_COLUMNS = ("time", "fx", "fy", "fz")
@@ -385,7 +385,7 @@ def _read_heading(line: str, number: int, text: str) -> tuple[str, Unit]:
     match = _HEADING.fullmatch(text)
     if match is None:
         raise CsvError(
-            f"{line}: column {number} is {show_value(text)} and names no axis with its unit; write {WAYPOINT_EXAMPLE}"
+            f"{line}: column {number} is {quote_value(text)} and names no axis with its unit; write {WAYPOINT_EXAMPLE}"
         )
     axis, unit = match[1], match[2]
     if unit is None:
@@ -397,7 +397,7 @@ def _read_heading(line: str, number: int, text: str) -> tuple[str, Unit]:
 
 
 def _read_waypoint(line: str, row: list[str], units: tuple[Unit, ...]) -> list[float]:
-    shown = show_value(",".join(row))
+    shown = quote_value(",".join(row))
     if len(row) != len(units):
         hint = "; write numbers with a point, not a comma" if len(row) == 2 * len(units) else ""
         raise CsvError(

@@ -58,17 +58,13 @@ def read_scene(path: Path, findings: Findings, kind: TextKind = "scene") -> Toml
     text = _read_text(path, findings, kind)
     findings.lines = tuple(text.replace("\r\n", "\n").split("\n"))
     if _DEEP_KEY.search(text):
-        findings.add_line(
-            None,
-            f"keys are nested more than {MAX_DEPTH} deep; a scene needs no more than ten levels",
+        findings.refuse(
+            f"keys are nested more than {MAX_DEPTH} deep; a scene needs no more than ten levels"
         )
-        findings.raise_if_any()
     if sum(text.count(sign) for sign in "=,[") > MAX_ENTRIES:
-        findings.add_line(
-            None,
-            f"holds more than {MAX_ENTRIES} entries; a scene holds no bulk data, refer to files instead",
+        findings.refuse(
+            f"holds more than {MAX_ENTRIES} entries; a scene holds no bulk data, refer to files instead"
         )
-        findings.raise_if_any()
     positions, repeated = find_lines(text.replace("\r\n", "\n"))
     try:
         raw: TomlTable = tomllib.loads(text)
@@ -81,14 +77,11 @@ def read_scene(path: Path, findings: Findings, kind: TextKind = "scene") -> Toml
         _report_syntax(str(error), positions, repeated, findings)
     findings.raise_if_any()
     if nesting_depth(raw) > MAX_DEPTH:
-        findings.add_line(
-            None,
-            f"values are nested more than {MAX_DEPTH} deep; a scene needs no more than ten levels",
+        findings.refuse(
+            f"values are nested more than {MAX_DEPTH} deep; a scene needs no more than ten levels"
         )
-        findings.raise_if_any()
     if OWN_TABLE["scene" if kind == "target" else "target"] in raw and OWN_TABLE[kind] not in raw:
-        findings.add_line(None, SWAPPED[kind])
-        findings.raise_if_any()
+        findings.refuse(SWAPPED[kind])
     findings.origins = {key: Origin(line) for key, line in positions.items()}
     return raw
 
@@ -152,35 +145,26 @@ def resolve_file(folder: Path, text: str, suffixes: tuple[str, ...], kind: FileK
 
 def _read_text(path: Path, findings: Findings, kind: TextKind) -> str:
     if path.suffix.lower() != ".toml":
-        findings.add_line(None, _explain_ending(path.suffix.lower(), kind))
-        findings.raise_if_any()
+        findings.refuse(_explain_ending(path.suffix.lower(), kind))
     try:
         # non-blocking, so that a pipe put in place of the file cannot hang the reader
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
     except OSError as error:
-        findings.add_line(None, f"cannot be read: {error.strerror}")
-        findings.raise_if_any()
-        raise
+        findings.refuse(f"cannot be read: {error.strerror}")
     if not stat.S_ISREG(os.fstat(descriptor).st_mode):
         os.close(descriptor)
-        findings.add_line(None, "is not a regular file")
-        findings.raise_if_any()
+        findings.refuse("is not a regular file")
     with os.fdopen(descriptor, "rb") as stream:
         data = stream.read(MAX_BYTES + 1)
     if len(data) > MAX_BYTES:
-        findings.add_line(
-            None, "is larger than 1 MiB; a scene holds no bulk data, refer to files instead"
-        )
-        findings.raise_if_any()
+        findings.refuse("is larger than 1 MiB; a scene holds no bulk data, refer to files instead")
     try:
         text = data.decode("utf-8")
     except UnicodeDecodeError as error:
         line = data[: error.start].count(b"\n") + 1
-        findings.add_line(None, f"is not UTF-8 text (line {line}); save it as UTF-8")
-        findings.raise_if_any()
+        findings.refuse(f"is not UTF-8 text (line {line}); save it as UTF-8")
     if text.startswith("\ufeff"):
-        findings.add_line(1, "begins with a byte-order mark; save it as UTF-8 without BOM")
-        findings.raise_if_any()
+        findings.refuse("begins with a byte-order mark; save it as UTF-8 without BOM", line=1)
     return text
 
 

@@ -6,6 +6,7 @@ import difflib
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import NoReturn
 
 from headstock.scene.reading.positions import KeyPath
 
@@ -165,6 +166,23 @@ class Findings:
             (line or 0, Problem(self._place(origin), key, self._source_line(origin), message))
         )
 
+    def refuse(self, message: str, *, key: KeyPath = (), line: int | None = None) -> NoReturn:
+        """Report what keeps a file from being looked at any further.
+
+        Args:
+            message: What is wrong and what to write.
+            key: Of the file; empty for the file as a whole, or a line of it.
+
+        Raises:
+            SceneError: Always, with all that was found.
+        """
+        if key:
+            self.add(key, message)
+        else:
+            self.add_line(line, message)
+        self.raise_if_any()
+        raise AssertionError("a problem was added")
+
     def warn(self, key: KeyPath, message: str) -> None:
         """Report something that is allowed but looks wrong."""
         self.warnings.append(f"{self.place_of(key)}: {show_key(key)}: {message}")
@@ -175,6 +193,20 @@ class Findings:
         """
         if self.assumptions.setdefault(show_key(self._written_key(key)), what) != what:
             self.assumptions[show_key(key)] = what
+
+    def check_name(
+        self, key: KeyPath, name: str, names: Iterable[str], kind: str, what: str, more: str = ""
+    ) -> None:
+        """Report a name that is none of those there are.
+
+        Args:
+            kind: Word for one of them.
+            what: Word for all of them, in the plural.
+            more: What else could be written there.
+        """
+        if name not in (names := list(names)):
+            hint = suggest_names(name, names, what=what)
+            self.add(key, f"unknown {kind} {name[:80]!r}; {hint}{more}")
 
     def concern(self, *sections: str) -> bool:
         """Whether a problem was found in one of the sections of the scene."""

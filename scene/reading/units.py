@@ -208,12 +208,12 @@ def parse_quantity(text: object, *dimensions: Dimension) -> Quantity:
     example = " or ".join(f'"{dimension.example}"' for dimension in dimensions)
     if isinstance(text, bool) or not isinstance(text, str | int | float):
         raise UnitError(
-            f"{show_value(text)} is not {wanted}; write a number with a unit in quotes, such as {example}"
+            f"{quote_value(text)} is not {wanted}; write a number with a unit in quotes, such as {example}"
         )
     if not isinstance(text, str):
         if isinstance(text, float) and not math.isfinite(text):
             raise UnitError(f"{text} is not finite; write {wanted} such as {example}")
-        shown = show_value(text)
+        shown = quote_value(text)
         raise UnitError(
             f'{shown} has no unit; write it in quotes with a unit, such as "{shown} {_likely_unit(text, dimensions[0])}"'
         )
@@ -224,12 +224,12 @@ def parse_quantity(text: object, *dimensions: Dimension) -> Quantity:
             value = _scale_number(number, factor, text, wanted)
             if abs(value) > dimension.most:
                 raise UnitError(
-                    f"{show_value(text)} is {value:.3g} {dimension.unit}, more than any machine has ({dimension.most:g}); check its unit, "
+                    f"{quote_value(text)} is {value:.3g} {dimension.unit}, more than any machine has ({dimension.most:g}); check its unit, "
                     f"or write {wanted} such as {example}"
                 )
             return Quantity(value, dimension)
     raise UnitError(
-        f"{show_value(text)} is {_describe(unit, dimensionality)}, not {wanted}; write for example {example}"
+        f"{quote_value(text)} is {_describe(unit, dimensionality)}, not {wanted}; write for example {example}"
     )
 
 
@@ -263,14 +263,14 @@ def read_unit(text: str, *dimensions: Dimension) -> Unit:
     wanted = " or ".join(_with_article(dimension) for dimension in dimensions)
     example = " or ".join(unit_of(dimension.example) for dimension in dimensions)
     if not text or len(text) > MAX_TEXT:
-        raise UnitError(f"{show_value(text)} is no unit of {wanted}; write for example {example}")
+        raise UnitError(f"{quote_value(text)} is no unit of {wanted}; write for example {example}")
     unit = unicodedata.normalize("NFKC", text.translate(_SUPERSCRIPTS))
     factor, dimensionality = _resolve_unit(unit, example)
     for dimension in dimensions:
         if dimensionality == _resolve_unit(dimension.unit, example)[1]:
             return Unit(factor, dimension)
     raise UnitError(
-        f"{show_value(text)} measures {_describe(unit, dimensionality)}, not {wanted}; write for example {example}"
+        f"{quote_value(text)} measures {_describe(unit, dimensionality)}, not {wanted}; write for example {example}"
     )
 
 
@@ -333,13 +333,13 @@ def _one_of(words: Sequence[str]) -> str:
 def _split_quantity(text: str, wanted: str, example: str) -> tuple[str, str]:
     if len(text) > MAX_TEXT:
         raise UnitError(
-            f"{show_value(text)} is too long for a quantity; write {wanted} such as {example}"
+            f"{quote_value(text)} is too long for a quantity; write {wanted} such as {example}"
         )
     clean = unicodedata.normalize("NFKC", text.translate(_SUPERSCRIPTS))
     match = _NUMBER.fullmatch(clean)
     if match is None:
         raise UnitError(
-            f"{show_value(text)} is not one real number with a unit; write {wanted} such as {example}"
+            f"{quote_value(text)} is not one real number with a unit; write {wanted} such as {example}"
         )
     return match[1], match[2]
 
@@ -347,12 +347,12 @@ def _split_quantity(text: str, wanted: str, example: str) -> tuple[str, str]:
 def _scale_number(number: str, factor: Decimal, text: str, wanted: str) -> float:
     if not math.isfinite(float(number)):
         raise UnitError(
-            f"{show_value(text)} is outside the range of floating-point numbers; write {wanted} of ordinary size"
+            f"{quote_value(text)} is outside the range of floating-point numbers; write {wanted} of ordinary size"
         )
     value = float(Decimal(number) * factor)
     if not math.isfinite(value) or (value == 0.0 and Decimal(number) != 0):
         raise UnitError(
-            f"{show_value(text)} is outside the range of floating-point numbers; write {wanted} of ordinary size"
+            f"{quote_value(text)} is outside the range of floating-point numbers; write {wanted} of ordinary size"
         )
     return value
 
@@ -403,7 +403,7 @@ def _with_article(dimension: Dimension) -> str:
     return f"{'an' if dimension.name[0] in 'aeiou' else 'a'} {dimension.name}"
 
 
-def show_value(value: object) -> str:
+def quote_value(value: object) -> str:
     """A value as the scene writes it, shortened: what error messages quote."""
     if isinstance(value, int) and abs(value) > 10**40:
         return "a number of more than 40 digits"  # longer ones cannot even be printed

@@ -5,83 +5,51 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field
 
-from headstock.scene.schema.types import (
-    Angle,
-    Between,
-    Count,
-    CountFromZero,
-    Direction,
-    Exceptions,
-    Flag,
-    JsonForm,
-    Length,
-    LossFactor,
-    Name,
-    NotNegativeInertia,
-    NotNegativeLength,
-    NotNegativeRate,
-    NotNegativeTime,
-    Number,
-    OrForm,
-    Position,
-    PositiveDensity,
-    PositiveFrequency,
-    PositiveLength,
-    PositiveMass,
-    PositivePressure,
-    RibCount,
-    Size,
-    StrictTable,
-    Text,
-    WholeNumber,
-    not_both,
-    one_of,
-    problem,
-)
+from headstock.scene.schema import types
 
 LOCKING_POISSON_RATIO = 0.495
 
 
 def _check_poisson_ratio(value: float) -> float:
     if not -1.0 < value < 0.5:
-        raise problem(
+        raise types.problem(
             f"is {value:g} but a Poisson ratio lies above -1 and below 0.5; write for example 0.3"
         )
     if value >= LOCKING_POISSON_RATIO:
-        raise problem(
+        raise types.problem(
             f"is {value:g}: nearly incompressible, where displacement elements lock and come out far too stiff (volumetric "
             f"locking); write a value below {LOCKING_POISSON_RATIO}"
         )
     return value
 
 
-class MaterialTable(StrictTable):
+class MaterialTable(types.StrictTable):
     """An isotropic, linear elastic material."""
 
-    E: PositivePressure
+    E: types.PositivePressure
     """Young's modulus"""
     nu: Annotated[
-        Number,
+        types.Number,
         AfterValidator(_check_poisson_ratio),
-        JsonForm(
+        types.JsonForm(
             {"type": "number", "exclusiveMinimum": -1.0, "exclusiveMaximum": LOCKING_POISSON_RATIO}
         ),
     ]
     """Poisson's ratio; nearly incompressible materials lock"""
-    rho: PositiveDensity
+    rho: types.PositiveDensity
     """mass density"""
-    loss_factor: LossFactor = 0.0
+    loss_factor: types.LossFactor = 0.0
     """structural damping: the modulus is `E (1 + i loss_factor)`; used with the effect `damping`"""
 
 
-class TubeTable(StrictTable):
+class TubeTable(types.StrictTable):
     """A hollow or full cylinder along z."""
 
-    outer: PositiveLength
+    outer: types.PositiveLength
     """outer diameter"""
-    inner: NotNegativeLength = 0.0
+    inner: types.NotNegativeLength = 0.0
     """inner diameter, smaller than the outer; 0 for a full cylinder"""
-    length: PositiveLength
+    length: types.PositiveLength
     """length along z"""
 
     def _faults(self) -> Iterator[str]:
@@ -89,18 +57,18 @@ class TubeTable(StrictTable):
             yield f"inner diameter {1e3 * self.inner:.6g} mm is not smaller than the outer diameter {1e3 * self.outer:.6g} mm"
 
 
-class PlateTable(StrictTable):
+class PlateTable(types.StrictTable):
     """A plate in the x-y plane, with ribs on its upper side if wanted."""
 
-    size: Size
+    size: types.Size
     """sizes along x, y, and the thickness"""
-    rib_height: NotNegativeLength = 0.0
+    rib_height: types.NotNegativeLength = 0.0
     """height of the ribs above the plate"""
-    rib: NotNegativeLength = 0.0
+    rib: types.NotNegativeLength = 0.0
     """thickness of the ribs"""
-    ribs_x: RibCount = 0
+    ribs_x: types.RibCount = 0
     """number of ribs along x"""
-    ribs_y: RibCount = 0
+    ribs_y: types.RibCount = 0
     """number of ribs along y"""
 
     def _faults(self) -> Iterator[str]:
@@ -114,24 +82,24 @@ class PlateTable(StrictTable):
                 yield f"{count} ribs of {1e3 * self.rib:.6g} mm do not fit into {1e3 * space:.6g} mm along {axis}; take fewer or thinner ribs"
 
 
-class ColumnTable(StrictTable):
+class ColumnTable(types.StrictTable):
     """A closed rectangular column with internal ribs."""
 
-    size: Size
+    size: types.Size
     """outer sizes along x, y, z"""
-    wall: PositiveLength
+    wall: types.PositiveLength
     """thickness of the four walls"""
-    cap: PositiveLength
+    cap: types.PositiveLength
     """thickness of bottom and top"""
-    rib: NotNegativeLength = 0.0
+    rib: types.NotNegativeLength = 0.0
     """thickness of the ribs inside"""
-    ribs_z: RibCount = 0
+    ribs_z: types.RibCount = 0
     """number of ribs across z"""
-    ribs_x: RibCount = 0
+    ribs_x: types.RibCount = 0
     """number of ribs across x"""
-    ribs_y: RibCount = 0
+    ribs_y: types.RibCount = 0
     """number of ribs across y"""
-    core_hole: NotNegativeLength = 0.0
+    core_hole: types.NotNegativeLength = 0.0
     """diameter of a round hole through every rib across z"""
 
     def _faults(self) -> Iterator[str]:
@@ -152,14 +120,14 @@ ROUNDING = 1e-9
 SOLID_KINDS = ("box", "tube", "plate", "column", "step", "mesh", "superelement", "point_mass")
 
 
-class SolidTable(StrictTable):
+class SolidTable(types.StrictTable):
     """Exactly one of box, tube, plate, column, step, mesh, superelement, point_mass; `solid` goes
     with step and mesh, `unit` with mesh, `inertia` with point_mass.
     """
 
-    model_config = one_of(*SOLID_KINDS)
+    model_config = types.one_of(*SOLID_KINDS)
 
-    box: Size | None = None
+    box: types.Size | None = None
     """sizes along x, y, z"""
     tube: TubeTable | None = None
     """hollow or full cylinder along z"""
@@ -167,21 +135,23 @@ class SolidTable(StrictTable):
     """plate in the x-y plane, with or without ribs"""
     column: ColumnTable | None = None
     """closed rectangular column with walls and ribs"""
-    step: Text | None = None
+    step: types.Text | None = None
     """STEP file; the unit is the file's own; `headstock show` numbers its faces"""
-    mesh: Text | None = None
+    mesh: types.Text | None = None
     """finished mesh: gmsh `.msh`, Abaqus `.inp`, Nastran `.bdf`, XDMF `.xdmf`, MED `.med`, Exodus `.exo`"""
-    superelement: Text | None = None
+    superelement: types.Text | None = None
     """reduced matrices in Headstock's own HDF5 layout, as `headstock export` writes them"""
-    point_mass: PositiveMass | None = None
+    point_mass: types.PositiveMass | None = None
     """mass of a rigid body without a shape: its centre is its origin, its only face and interface is `center`"""
-    inertia: Annotated[list[NotNegativeInertia], Field(min_length=3, max_length=3)] | None = None
+    inertia: Annotated[list[types.NotNegativeInertia], Field(min_length=3, max_length=3)] | None = (
+        None
+    )
     """moments of inertia of a point mass about its x, y and z axes, which are principal ones; default: none, rotations do not accelerate
     it"""
-    solid: Count | Text | None = None
+    solid: types.Count | types.Text | None = None
     """which solid of a STEP file, by number from 1 or by name; of a mesh file the set of its cells, by name, or `*` for all where it has
     several materials; default: the only one, required where there are several"""
-    unit: PositiveLength | None = None
+    unit: types.PositiveLength | None = None
     """length of one unit of a mesh file; default: 1 m"""
 
     @property
@@ -208,33 +178,33 @@ class SolidTable(StrictTable):
                 yield f"its largest moment of inertia, {high:g} kg m^2, is more than the sum of the others; no body has such"
 
 
-InPlane = Annotated[list[Length], Field(min_length=2, max_length=3)]
+InPlane = Annotated[list[types.Length], Field(min_length=2, max_length=3)]
 
 
-class DiskTable(StrictTable):
+class DiskTable(types.StrictTable):
     """A round patch; `center` in component coordinates: the two in-plane ones in the order x y z,
     or all three.
     """
 
-    diameter: PositiveLength
+    diameter: types.PositiveLength
     """diameter of the patch"""
     center: InPlane | None = None
     """centre of the patch; default: the middle of the face"""
 
 
-class RectTable(StrictTable):
+class RectTable(types.StrictTable):
     """A rectangular patch; `size` along the two in-plane axes in the order x y z."""
 
-    size: Annotated[list[PositiveLength], Field(min_length=2, max_length=2)]
+    size: Annotated[list[types.PositiveLength], Field(min_length=2, max_length=2)]
     """sizes along the two directions of the face in the order x, y, z"""
     center: InPlane | None = None
     """centre of the patch; default: the middle of the face"""
 
 
-class StripTable(StrictTable):
+class StripTable(types.StrictTable):
     """A patch that crosses the whole face along one in-plane axis."""
 
-    width: PositiveLength
+    width: types.PositiveLength
     """width of the patch"""
     along: Literal["x", "y", "z"]
     """axis of the component along which it crosses the face"""
@@ -242,13 +212,13 @@ class StripTable(StrictTable):
     """centre of the patch; default: the middle of the face"""
 
 
-Places = list[InPlane] | dict[Name, InPlane]
+Places = list[InPlane] | dict[types.Name, InPlane]
 
 
-class PatchTable(StrictTable):
+class PatchTable(types.StrictTable):
     """A face, or a disk, rect or strip on it."""
 
-    face: Text
+    face: types.Text
     """face that it lies on, as in an interface"""
     disk: DiskTable | None = None
     """a round patch on the face; default: the whole face"""
@@ -258,31 +228,31 @@ class PatchTable(StrictTable):
     """a patch across the whole face; default: the whole face"""
     places: Places | None = None
     """in place of the shape's `center`: one patch at each"""
-    each: Exceptions = {}
+    each: types.Exceptions = {}
     """what is different at single places, dotted keys and values"""
 
     def _faults(self) -> Iterator[str]:
         yield from _shape_faults(self.disk, self.rect, self.strip)
 
 
-class RailTable(StrictTable):
+class RailTable(types.StrictTable):
     """Makes an interface a rail: carriages hold on to it anywhere along an axis of the
     component.
     """
 
     along: Literal["x", "y", "z"]
     """axis of the component that the rail runs along"""
-    control_points: Annotated[WholeNumber, Between(4, 1000)] | None = None
+    control_points: Annotated[types.WholeNumber, types.Between(4, 1000)] | None = None
     """control points of the spline that describes its motion, 4 dofs each; default: 2.5 intervals per length of the shortest carriage"""
 
 
 AUTO_SHAPES = 24
 
 
-class FlexibleTable(StrictTable):
+class FlexibleTable(types.StrictTable):
     """An interface that keeps deformation shapes besides its rigid motions."""
 
-    flexible: Annotated[WholeNumber, Between(3, 300)] | Literal["auto"]
+    flexible: Annotated[types.WholeNumber, types.Between(3, 300)] | Literal["auto"]
     """most deformation shapes besides the six rigid motions; whole levels of polynomials over the patch, as many as fit; a rigid joint
     makes those of both sides one; `"auto"`: as many as the [accuracy](accuracy.md) needs, 24 without one; what they leave out is then a
     part of every ±"""
@@ -292,12 +262,12 @@ class FlexibleTable(StrictTable):
     where none is written"""
 
 
-class InterfaceTable(StrictTable):
+class InterfaceTable(types.StrictTable):
     """An area that joints hold on to: one patch written directly, or several in `patches`."""
 
-    model_config = one_of("face", "patches")
+    model_config = types.one_of("face", "patches")
 
-    face: Text | None = None
+    face: types.Text | None = None
     """`x- x+ y- y+ z- z+` (plane faces at that end), `face:N` (as `headstock show` numbers them), `outer`, `inner` (tubes), `set:NAME` (of
     a mesh file)"""
     disk: DiskTable | None = None
@@ -310,12 +280,12 @@ class InterfaceTable(StrictTable):
     """several areas as one interface: `[{ face = "face:10" }, { face = "face:11" }]`"""
     places: Places | None = None
     """in place of the shape's `center`: one interface at each, named as joints with `places` are"""
-    each: Exceptions = {}
+    each: types.Exceptions = {}
     """what is different at single places, dotted keys and values"""
     coupling: Literal["rigid", "average"] | FlexibleTable = "rigid"
     """`rigid`: the area moves as a rigid body (RBE2); `average`: the frame follows the area's mean motion (RBE3); `{ flexible = 24 }`: it
     also deforms, for large areas"""
-    allow_singular: Flag = False
+    allow_singular: types.Flag = False
     """accept a point- or line-like area although its compliance depends on the mesh"""
     rail: RailTable | None = None
     """carriages act at any position along it, see [guideways](guideways.md)"""
@@ -375,63 +345,63 @@ def _shape_faults(*shapes: object) -> Iterator[str]:
         yield "a patch is one of disk, rect, strip; write several patches as patches = [{...}, {...}]"
 
 
-class RotationTable(StrictTable):
+class RotationTable(types.StrictTable):
     """A rotation about an axis through the component's origin."""
 
-    axis: Direction
+    axis: types.Direction
     """axis of the rotation, through the origin of the component"""
-    angle: Angle
+    angle: types.Angle
     """angle, right-handed about the axis"""
 
 
-class MeshTable(StrictTable):
+class MeshTable(types.StrictTable):
     """How a component is meshed."""
 
-    size: PositiveLength | None = None
+    size: types.PositiveLength | None = None
     """target element size; default: from the solid's shape"""
     order: Literal[1, 2] = 2
     """polynomial order of the elements; order 1 locks in bending and is refused or warned of"""
     cells: Literal["tet", "hex"] = "tet"
     """shape of the elements; `hex` for boxes only"""
-    across_patches: Annotated[WholeNumber, Between(1, 100)] = 4
+    across_patches: Annotated[types.WholeNumber, types.Between(1, 100)] = 4
     """minimum number of elements across a patch on a face; elements grow with the distance from it"""
-    growth: Annotated[Number, Between(0.05, 2.0)] | None = None
+    growth: Annotated[types.Number, types.Between(0.05, 2.0)] | None = None
     """tets only: growth of the element size per distance from a patch's rim, `0.3` for smooth, `0.6` for coarse grading; default: even
     growth up to the next edge of the face, which takes more elements"""
-    rim_size: PositiveLength | None = None
+    rim_size: types.PositiveLength | None = None
     """element size at the rims of rigid interfaces, where stresses are singular; with `growth`, and smaller than `size`; default: as
     elsewhere on the face"""
-    smallest: PositiveLength | None = None
+    smallest: types.PositiveLength | None = None
     """minimum element size at curved faces and short edges; round holes keep seven edges; default: a twentieth of `size`"""
-    leave_out: PositiveLength | None = None
+    leave_out: types.PositiveLength | None = None
     """STEP parts only: fillets, holes and pins with radii up to this are taken off before meshing"""
-    details: NotNegativeLength | None = None
+    details: types.NotNegativeLength | None = None
     """STEP parts only: holes, recesses and pads in plane faces up to this width are left out of the mesh; what they change is part of ±;
     `"0 mm"` keeps them all; default: half of `size`"""
-    sizes: Text | None = None
+    sizes: types.Text | None = None
     """element sizes from place to place, in place of `size`, `growth` and `rim_size`: a view of gmsh (`.pos`) of scalar tetrahedra in m,
     such as a search for an accuracy writes beside its results"""
-    allow_locking: Flag = False
+    allow_locking: types.Flag = False
     """accept elements of order 1 where they lock (stretched elements, thin parts), in order to study locking"""
 
 
-class ReductionTable(StrictTable):
+class ReductionTable(types.StrictTable):
     """Which fixed-interface modes are kept: up to a frequency or a count."""
 
-    model_config = not_both("modes_to", "modes")
+    model_config = types.not_both("modes_to", "modes")
 
-    modes_to: PositiveFrequency | None = None
+    modes_to: types.PositiveFrequency | None = None
     """keep fixed-interface modes up to this frequency; default: as far as the analyses need them"""
-    modes: CountFromZero | None = None
+    modes: types.CountFromZero | None = None
     """keep this number of fixed-interface modes, in place of `modes_to`; default: as many as the analyses need"""
-    verify: Flag = False
+    verify: types.Flag = False
     """count the modes below the highest one by a Sturm sequence check: none is missing"""
     eigensolver: Literal["block_lanczos", "krylov_schur"] = "block_lanczos"
     """solver for fixed-interface modes (both of SLEPc); block Lanczos is faster and misses no repeated mode"""
     solver: Literal["auto", "direct", "iterative"] = "auto"
     """`direct`: one factorisation; `iterative`: conjugate gradients and LOBPCG on a multigrid, slower in a fraction of the memory; `auto`:
     direct as far as the factors fit, see `plan`"""
-    correct_mesh: Flag = False
+    correct_mesh: types.Flag = False
     """take what the mesh is estimated to miss out of the reduced stiffness: ± is then a third, of either sign; `accuracy` does so"""
 
     def _faults(self) -> Iterator[str]:
@@ -441,12 +411,12 @@ class ReductionTable(StrictTable):
             yield "gives both modes_to and modes; keep one"
 
 
-class SegmentsTable(StrictTable):
+class SegmentsTable(types.StrictTable):
     """Into how many segments a component is cut, and along which of its axes; by default
     along the longest side.
     """
 
-    count: Annotated[WholeNumber, Between(1, 1000)] = 10
+    count: Annotated[types.WholeNumber, types.Between(1, 1000)] = 10
     """number of segments"""
     along: Literal["x", "y", "z"] | None = None
     """axis of the component along which it is cut; default: the longest side"""
@@ -457,20 +427,20 @@ def _wrap_rotation(value: object) -> object:
 
 
 Rotations = Annotated[
-    list[RotationTable], BeforeValidator(_wrap_rotation), Field(max_length=20), OrForm()
+    list[RotationTable], BeforeValidator(_wrap_rotation), Field(max_length=20), types.OrForm()
 ]
 
 
-class RayleighTable(StrictTable):
+class RayleighTable(types.StrictTable):
     """Viscous damping by mass and stiffness: the damping ratio of a mode is `alpha / (2 omega) +
     beta omega / 2`.
     """
 
     model_config = ConfigDict(json_schema_extra={"minProperties": 1})
 
-    alpha: NotNegativeRate = 0.0
+    alpha: types.NotNegativeRate = 0.0
     """damping in proportion to mass: damping ratio `alpha / (2 omega)`"""
-    beta: NotNegativeTime = 0.0
+    beta: types.NotNegativeTime = 0.0
     """damping in proportion to stiffness: damping ratio `beta omega / 2`"""
 
     def _faults(self) -> Iterator[str]:
@@ -478,20 +448,20 @@ class RayleighTable(StrictTable):
             yield 'is empty; write rayleigh = { alpha = "2 1/s", beta = "1e-5 s" }, or one'
 
 
-class ComponentTable(StrictTable):
+class ComponentTable(types.StrictTable):
     """One body of the machine."""
 
     solid: SolidTable
     """its shape, in its own frame: parametric solids stand on `z = 0`, centred in x and y"""
-    material: Text | None = None
+    material: types.Text | None = None
     """name of a material; not needed for superelements, which bring their mass"""
-    mass: PositiveMass | None = None
+    mass: types.PositiveMass | None = None
     """total mass, to which the density is scaled; default: density times volume"""
-    at: Position = Field(default=[0.0, 0.0, 0.0], validate_default=False)
+    at: types.Position = Field(default=[0.0, 0.0, 0.0], validate_default=False)
     """position of its origin in the machine frame, all axes at zero"""
-    places: list[Position] | dict[Name, Position] | None = None
+    places: list[types.Position] | dict[types.Name, types.Position] | None = None
     """in place of `at`: one component at each, named as joints with `places` are"""
-    each: Exceptions = {}
+    each: types.Exceptions = {}
     """what is different at single places, dotted keys and values"""
     rotate: Rotations = Field(default=[], validate_default=False)
     """rotations about its origin, one after the other"""
@@ -504,18 +474,18 @@ class ComponentTable(StrictTable):
     """modes kept of an elastic component; without it the planner keeps them as far as the analyses need them"""
     segments: SegmentsTable = SegmentsTable()
     """division of a segmented component"""
-    interfaces: dict[Name, InterfaceTable] = {}
+    interfaces: dict[types.Name, InterfaceTable] = {}
     """areas at which joints act"""
     rayleigh: RayleighTable | None = None
     """viscous damping `alpha M + beta K` by its own mass and stiffness; used with the effect `damping`"""
-    free: Flag = False
+    free: types.Flag = False
     """accept that this body is not connected to ground"""
 
 
-class OrientationTable(StrictTable):
+class OrientationTable(types.StrictTable):
     """Set-up of the whole machine in the world; gravity does not turn with it."""
 
-    at: Position = Field(default=[0.0, 0.0, 0.0], validate_default=False)
+    at: types.Position = Field(default=[0.0, 0.0, 0.0], validate_default=False)
     """position of the machine's origin"""
     rotate: Rotations = Field(default=[], validate_default=False)
     """rotations of the machine, one after the other"""

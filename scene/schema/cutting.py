@@ -6,28 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator
 
-from headstock.scene.schema.types import (
-    Angle,
-    Between,
-    DampingShare,
-    Direction,
-    EdgeForce,
-    Name,
-    NotNegativeEdgeForce,
-    NotNegativeLength,
-    NotNegativeShare,
-    Number,
-    PositiveFrequency,
-    PositiveLength,
-    PositiveSpecificForce,
-    PositiveStiffness,
-    SpecificForce,
-    StrictTable,
-    Text,
-    WholeNumber,
-    one_of,
-    problem,
-)
+from headstock.scene.schema import types
 
 # of the radial and the axial force to the tangential one where a source gives the latter alone: sets
 # of coefficients that give all of them have 0.15 to 0.5 and 0.3 (docs/cutting_coefficients.md)
@@ -52,7 +31,7 @@ DIRECT, KIENZLE = ("Kte", "Krc", "Kre", "Kac", "Kae"), ("mc", "chip_thickness")
 
 def _check_ratio(value: float) -> float:
     if not 0.0 <= value <= MOST_RATIO:
-        raise problem(
+        raise types.problem(
             f"is {value:g}; a ratio to the tangential force lies between 0 and {MOST_RATIO:g}"
         )
     return value
@@ -60,47 +39,47 @@ def _check_ratio(value: float) -> float:
 
 def _check_exponent(value: float) -> float:
     if not 0.0 < value < 1.0:
-        raise problem(
+        raise types.problem(
             f"is {value:g}; Kienzle's exponent lies between 0 and 1; write for example 0.25"
         )
     return value
 
 
-Ratio = Annotated[Number, AfterValidator(_check_ratio)]
+Ratio = Annotated[types.Number, AfterValidator(_check_ratio)]
 
 
-class CuttingTable(StrictTable):
+class CuttingTable(types.StrictTable):
     """Cutting coefficients of a work material: of chip and edge, or Kienzle's specific force, of
     which the tangent at a chip thickness counts.
     """
 
-    model_config = one_of("Ktc", "kc11")
+    model_config = types.one_of("Ktc", "kc11")
 
-    Ktc: PositiveSpecificForce | None = None
+    Ktc: types.PositiveSpecificForce | None = None
     """tangential force on a tooth per width and thickness of its chip"""
-    Krc: SpecificForce | None = None
+    Krc: types.SpecificForce | None = None
     """radial one, positive away from the chip; default: `radial_ratio` times `Ktc`"""
-    Kac: SpecificForce | None = None
+    Kac: types.SpecificForce | None = None
     """axial one, positive the way the helix pulls the tool; default: `axial_ratio` times `Ktc`"""
-    Kte: NotNegativeEdgeForce | None = None
+    Kte: types.NotNegativeEdgeForce | None = None
     """tangential force per width of an edge that cuts"""
-    Kre: EdgeForce | None = None
+    Kre: types.EdgeForce | None = None
     """radial one; default: `radial_ratio` times `Kte`, none beside `Krc`"""
-    Kae: EdgeForce | None = None
+    Kae: types.EdgeForce | None = None
     """axial one; default: `axial_ratio` times `Kte`, none beside `Kac`"""
-    kc11: PositiveSpecificForce | None = None
+    kc11: types.PositiveSpecificForce | None = None
     """Kienzle's kc1.1, in place of `Ktc`: tangential force at a chip of 1 mm by 1 mm"""
-    mc: Annotated[Number, AfterValidator(_check_exponent)] | None = None
+    mc: Annotated[types.Number, AfterValidator(_check_exponent)] | None = None
     """Kienzle's exponent: the force per width is `kc11 h^(1 - mc)`; required with `kc11`"""
-    chip_thickness: PositiveLength | None = None
+    chip_thickness: types.PositiveLength | None = None
     """where the tangent to Kienzle's force is taken; default: the mean of a chip at the feed per tooth, 0.1 mm where there is none"""
     radial_ratio: Ratio | None = None
     """radial forces over tangential ones; default: 0.35 ± 60 % without `Krc`"""
     axial_ratio: Ratio | None = None
     """axial forces over tangential ones; default: 0.25 ± 100 % without `Kac`"""
-    ranges: dict[CoefficientKey, NotNegativeShare] = {}
+    ranges: dict[CoefficientKey, types.NotNegativeShare] = {}
     """half width of what is known within a range only: `{ Ktc = "10 %", radial_ratio = "50 %" }`; goes into ±"""
-    source: Text | None = None
+    source: types.Text | None = None
     """where the numbers are from; told in reports"""
 
     @property
@@ -149,7 +128,7 @@ MOST_RUNOUT = 0.1  # of the diameter
 
 def _check_diameter(value: float) -> float:
     if not LEAST_DIAMETER <= value <= MOST_DIAMETER:
-        raise problem(
+        raise types.problem(
             f"is {1e3 * value:g} mm; mills measure {1e3 * LEAST_DIAMETER:g} to {1e3 * MOST_DIAMETER:g} mm; check the unit"
         )
     return value
@@ -157,23 +136,23 @@ def _check_diameter(value: float) -> float:
 
 def _check_helix(value: float) -> float:
     if not abs(value) <= math.radians(MOST_HELIX) * (1.0 + 1e-12):
-        raise problem(
+        raise types.problem(
             f"is {math.degrees(value):g} deg; a helix angle, counted from the tool's axis, lies between {-MOST_HELIX:g} and {MOST_HELIX:g} deg;"
             " check the unit"
         )
     return value
 
 
-class MillTable(StrictTable):
+class MillTable(types.StrictTable):
     """A cylindrical end mill; a positive helix pulls a tool that turns clockwise down."""
 
-    diameter: Annotated[PositiveLength, AfterValidator(_check_diameter)]
+    diameter: Annotated[types.PositiveLength, AfterValidator(_check_diameter)]
     """diameter of the tool"""
-    teeth: Annotated[WholeNumber, Between(1, MOST_TEETH)]
+    teeth: Annotated[types.WholeNumber, types.Between(1, MOST_TEETH)]
     """number of teeth"""
-    helix: Annotated[Angle, AfterValidator(_check_helix)] = 0.0
+    helix: Annotated[types.Angle, AfterValidator(_check_helix)] = 0.0
     """helix angle; a positive one pulls the tool down"""
-    runout: NotNegativeLength = 0.0
+    runout: types.NotNegativeLength = 0.0
     """distance of the tool axis from the spindle axis"""
 
     def _faults(self) -> Iterator[str]:
@@ -181,16 +160,16 @@ class MillTable(StrictTable):
             yield f"has a runout of {1e3 * self.runout:g} mm, more than {100.0 * MOST_RUNOUT:g} % of its diameter; check the unit"
 
 
-class ToolModeTable(StrictTable):
+class ToolModeTable(types.StrictTable):
     """A lumped mode of spindle or tool: a mass on a spring on what stands before it."""
 
-    name: Name
+    name: types.Name
     """name in tables"""
-    frequency: PositiveFrequency
+    frequency: types.PositiveFrequency
     """natural frequency on a rigid base"""
-    damping: DampingShare
+    damping: types.DampingShare
     """damping ratio on a rigid base"""
-    stiffness: PositiveStiffness
+    stiffness: types.PositiveStiffness
     """stiffness of its spring; its mass follows from the frequency"""
-    direction: Direction | None = None
+    direction: types.Direction | None = None
     """direction in which it moves; default: both directions across the tool"""

@@ -3,120 +3,88 @@
 from collections.abc import Iterator
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 
-from headstock.scene.reading import units
-from headstock.scene.reading.units import Quantity
-from headstock.scene.schema.types import (
-    Angle,
-    Count,
-    NotNegativeForce,
-    NotNegativeShare,
-    PositiveInertia,
-    PositiveLength,
-    PositiveMoment,
-    PositiveRate,
-    PositiveRotationalStiffness,
-    PositiveSpeed,
-    PositiveTime,
-    StrictTable,
-    Text,
-    describe_quantity,
-    not_both,
-    read_quantity,
-)
-
-VelocityGain = Annotated[
-    Quantity,
-    BeforeValidator(read_quantity(units.DAMPING, units.ROTATIONAL_DAMPING)),
-    describe_quantity(units.DAMPING, units.ROTATIONAL_DAMPING, sign="positive"),
-]
-FrictionSlope = Annotated[
-    Quantity,
-    BeforeValidator(read_quantity(units.DAMPING)),
-    describe_quantity(units.DAMPING, sign="not negative"),
-]
+from headstock.scene.schema import types
 
 
-class FeedForwardTable(StrictTable):
+class FeedForwardTable(types.StrictTable):
     """Shares of the commanded velocity and of the force the axis' inertia needs that do not wait
     for an error.
     """
 
-    velocity: NotNegativeShare = 0.0
+    velocity: types.NotNegativeShare = 0.0
     """share of the commanded velocity that is fed forward"""
-    acceleration: NotNegativeShare = 0.0
+    acceleration: types.NotNegativeShare = 0.0
     """share of the inertia force of the axis that is fed forward"""
 
 
-class FrictionTable(StrictTable):
+class FrictionTable(types.StrictTable):
     """Friction along the axis, smooth through zero velocity; used with the effect `friction`."""
 
-    coulomb: NotNegativeForce = 0.0
+    coulomb: types.NotNegativeForce = 0.0
     """friction force while sliding"""
-    breakaway: NotNegativeForce | None = None
+    breakaway: types.NotNegativeForce | None = None
     """friction force at rest, at least `coulomb`; default: `coulomb`"""
-    stribeck_speed: PositiveSpeed = 1e-3
+    stribeck_speed: types.PositiveSpeed = 1e-3
     """speed at which the difference between `breakaway` and `coulomb` has fallen to 1/e"""
-    viscous: FrictionSlope | None = None
+    viscous: types.FrictionSlope | None = None
     """viscous friction per speed"""
-    smoothing: PositiveSpeed = 1e-4
+    smoothing: types.PositiveSpeed = 1e-4
     """speed over which friction changes its sign: tanh(v / smoothing)"""
 
     def _faults(self) -> Iterator[str]:
         if self.breakaway is not None and self.breakaway < self.coulomb:
             yield "has a breakaway below coulomb; write a breakaway of at least coulomb"
-        if self.viscous is not None and self.viscous.value < 0.0:
-            yield 'viscous friction must not be negative; write for example "200 N s/m"'
 
 
-class RippleTable(StrictTable):
+class RippleTable(types.StrictTable):
     """A wave of the motor's torque over its turn; used with the effect `torque_ripple`."""
 
-    torque: PositiveMoment
+    torque: types.PositiveMoment
     """amplitude of the wave"""
-    per_turn: Count = 1
+    per_turn: types.Count = 1
     """waves per turn of the motor"""
-    phase: Angle = 0.0
+    phase: types.Angle = 0.0
     """phase at position zero of the axis"""
 
 
-class DriveTable(StrictTable):
+class DriveTable(types.StrictTable):
     """The drive of an axis through a ball screw, and its control; used with the effect
     `drive_control`.
     """
 
-    model_config = not_both("sampling", "dead_time")
+    model_config = types.not_both("sampling", "dead_time")
 
-    axis: Text | None = None
+    axis: types.Text | None = None
     """the axis it moves; default: the drive's own name"""
-    joint: Text | None = None
+    joint: types.Text | None = None
     """its ball screw: nut at the first end, motor at the second; default: the only one of the axis"""
-    inertia: PositiveInertia
+    inertia: types.PositiveInertia
     """moment of inertia of rotor and coupling"""
-    lead: PositiveLength | None = None
+    lead: types.PositiveLength | None = None
     """travel per turn of the motor; default: the `lead` of the joint's `screw`, or the `screw_lead` of the mechanism"""
-    screw_inertia: PositiveInertia | None = None
+    screw_inertia: types.PositiveInertia | None = None
     """moment of inertia of the screw about its axis; used with the effect `screw_inertia`"""
-    coupling: PositiveRotationalStiffness | None = None
+    coupling: types.PositiveRotationalStiffness | None = None
     """torsional stiffness between motor and screw, unless the joint's `screw` gives it; default: rigid"""
-    kv: PositiveRate
+    kv: types.PositiveRate
     """gain of the P position control, `"50 1/s"` or `"3 m/min/mm"`"""
-    velocity_gain: VelocityGain
+    velocity_gain: types.VelocityGain
     """proportional gain of the PI velocity control: force per speed of the axis, or torque per angular speed of the motor"""
-    integral_time: PositiveTime | None = None
+    integral_time: types.PositiveTime | None = None
     """integral time of the PI velocity control; default: none, proportional only"""
     feed_forward: FeedForwardTable = FeedForwardTable()
     """shares that do not wait for an error: `{ velocity = "100 %", acceleration = "100 %" }`"""
     encoder: Literal["motor", "scale"] = "motor"
     """feedback of the position control: the motor encoder or a linear scale; the velocity control always uses the motor encoder"""
-    scale: Text | None = None
+    scale: types.Text | None = None
     """point where the scale is (motion of its `tool` relative to its `work`); default: at the screw"""
-    sampling: PositiveTime | None = None
+    sampling: types.PositiveTime | None = None
     """cycle of the controller: a dead time of 1.5 cycles; default: none, continuous control"""
-    dead_time: PositiveTime | None = None
+    dead_time: types.PositiveTime | None = None
     """dead time of the loop, in place of `sampling`; default: none"""
-    current_loop: PositiveTime | None = None
+    current_loop: types.PositiveTime | None = None
     """time constant of the current control; default: none, the torque follows at once"""
     friction: FrictionTable | None = None
     """friction of the axis; used with the effect `friction`"""
@@ -126,7 +94,5 @@ class DriveTable(StrictTable):
     def _faults(self) -> Iterator[str]:
         if self.sampling is not None and self.dead_time is not None:
             yield "gives both sampling and dead_time; the dead time of a sampled loop is 1.5 cycles, so keep one"
-        if self.velocity_gain.value <= 0.0:
-            yield 'velocity_gain must be above zero; write for example "2e4 N s/m"'
         if self.scale is not None and self.encoder == "motor":
             yield 'names a scale, but the encoder is that of the motor; write encoder = "scale" or remove scale'

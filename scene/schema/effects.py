@@ -11,7 +11,7 @@ from headstock.scene.reading.units import (
     TIME,
     UnitError,
     parse_quantity,
-    show_value,
+    quote_value,
 )
 from headstock.scene.schema.types import find_damping_fault
 
@@ -34,7 +34,7 @@ def find_effect_fault(name: str, value: object) -> str:
         return (
             ""
             if isinstance(value, bool)
-            else f"{show_value(value)} is neither true nor false; write {name} = true"
+            else f"{quote_value(value)} is neither true nor false; write {name} = true"
         )
     if name == "gravity":
         try:
@@ -67,7 +67,7 @@ def read_modal_damping(value: object) -> tuple[float, ...]:
     for ratio in ratios:
         if isinstance(ratio, bool) or not isinstance(ratio, int | float):
             raise UnitError(
-                f'{show_value(ratio)} is no damping ratio; write for example 0.02 or "2 %"'
+                f'{quote_value(ratio)} is no damping ratio; write for example 0.02 or "2 %"'
             )
         if fault := find_damping_fault(float(ratio), "damping ratio"):
             raise UnitError(f"modal {fault}")
@@ -89,7 +89,7 @@ def read_rayleigh_damping(value: object) -> RayleighDamping:
     known = {"alpha": RATE, "beta": TIME}
     if not isinstance(given, dict) or not given or not set(given) <= set(known):
         raise UnitError(
-            f'{show_value(given)} is no Rayleigh damping; write rayleigh = {{ alpha = "2 1/s", beta = "1e-5 s" }}, or one of both'
+            f'{quote_value(given)} is no Rayleigh damping; write rayleigh = {{ alpha = "2 1/s", beta = "1e-5 s" }}, or one of both'
         )
     read = {name: parse_quantity(given[name], known[name]).value for name in given}
     for name, coefficient in read.items():
@@ -103,7 +103,7 @@ def _damping_table(value: object) -> dict[str, Any]:
         return {}
     if not isinstance(value, dict) or not value or not set(value) <= {"modal", "rayleigh"}:
         raise UnitError(
-            f"{show_value(value)} is neither true nor {{ modal = 0.02 }}; true uses the damping of joints, components and materials,"
+            f"{quote_value(value)} is neither true nor {{ modal = 0.02 }}; true uses the damping of joints, components and materials,"
             ' modal adds a damping ratio to every mode, and rayleigh = { alpha = "2 1/s", beta = "1e-5 s" } shares of mass and stiffness'
         )
     return value

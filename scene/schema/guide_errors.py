@@ -6,38 +6,28 @@ from typing import Annotated
 
 from pydantic import Field
 
+from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import Quantity
-from headstock.scene.schema.types import (
-    Angle,
-    AxisPosition,
-    PositiveAxisPosition,
-    PositiveLength,
-    StrictTable,
-)
-from headstock.scene.schema.types import Position as MachinePosition
+from headstock.scene.schema import types
 
 RAIL_KEYS = ("axial", "lateral", "normal", "roll", "pitch", "yaw")
 MOTION_KEYS = ("EX", "EY", "EZ", "EA", "EB", "EC")
 MOST_TERMS = 10_000
-Values = Annotated[list[AxisPosition], Field(min_length=2, max_length=MOST_TERMS)]
+Values = Annotated[list[types.AxisPosition], Field(min_length=2, max_length=MOST_TERMS)]
 
 
-class ErrorWaveTable(StrictTable):
+class ErrorWaveTable(types.StrictTable):
     """A wave along a rail, a screw or an axis."""
 
-    period: PositiveAxisPosition
+    period: types.PositiveAxisPosition
     """length of one wave"""
-    amplitude: AxisPosition
+    amplitude: types.AxisPosition
     """half of the wave's height"""
-    phase: Angle = 0.0
+    phase: types.Angle = 0.0
     """phase at position zero"""
 
-    def _faults(self) -> Iterator[str]:
-        if self.period.value <= 0.0:
-            yield 'its period must be above zero; write for example "2 mm"'
 
-
-class ErrorPointsTable(StrictTable):
+class ErrorPointsTable(types.StrictTable):
     """Measured values with straight lines between them."""
 
     at: Values
@@ -53,15 +43,17 @@ class ErrorPointsTable(StrictTable):
             yield "its positions do not rise; sort them, each once"
 
 
-class ProfileTable(StrictTable):
+class ProfileTable(types.StrictTable):
     """An error over the position: the sum of measured points, a polynomial and waves."""
 
     points: ErrorPointsTable | None = None
     """measured values with straight lines between them: `{ at = ["0 mm", "100 mm"], values = ["0 um", "2 um"] }`"""
-    polynomial: Annotated[list[AxisPosition], Field(min_length=1, max_length=12)] | None = None
+    polynomial: Annotated[list[types.AxisPosition], Field(min_length=1, max_length=12)] | None = (
+        None
+    )
     """coefficients of the powers 0, 1, 2, ... of the position over `over`: `["0 um", "2 um"]` with `over = "100 mm"` rises by 2 um per 100
     mm"""
-    over: PositiveAxisPosition | None = None
+    over: types.PositiveAxisPosition | None = None
     """position at which every term of the polynomial is its coefficient; required from the second coefficient on"""
     waves: Annotated[list[ErrorWaveTable], Field(min_length=1, max_length=100)] | None = None
     """sum of `amplitude sin(2 pi s / period + phase)` over the position s"""
@@ -74,56 +66,43 @@ class ProfileTable(StrictTable):
                 "a polynomial of the position and the length of its terms go together; write"
                 ' polynomial = ["0 um", "2 um"] and over = "100 mm": 2 um per 100 mm'
             )
-        if self.over is not None and self.over.value <= 0.0:
-            yield 'over must be above zero; write for example "100 mm"'
 
-    def positions(self) -> list[tuple[tuple[str | int, ...], Quantity]]:
-        """Every position or period, with its key."""
-        found: list[tuple[tuple[str | int, ...], Quantity]] = []
+    def positions(self) -> Iterator[tuple[KeyPath, Quantity]]:
+        """Yield every position or period, with its key."""
         if self.points is not None:
-            found += [
-                (("points", "at", number), value) for number, value in enumerate(self.points.at)
-            ]
+            yield from ((("points", "at", index), one) for index, one in enumerate(self.points.at))
         if self.over is not None:
-            found.append((("over",), self.over))
-        for number, wave in enumerate(self.waves or ()):
-            found.append((("waves", number, "period"), wave.period))
-        return found
+            yield ("over",), self.over
+        for index, wave in enumerate(self.waves or ()):
+            yield ("waves", index, "period"), wave.period
 
-    def amounts(self) -> list[tuple[tuple[str | int, ...], Quantity]]:
-        """Every value of the error itself, with its key."""
-        found: list[tuple[tuple[str | int, ...], Quantity]] = []
-        if self.points is not None:
-            found += [
-                (("points", "values", number), value)
-                for number, value in enumerate(self.points.values)
-            ]
-        found += [
-            (("polynomial", number), value) for number, value in enumerate(self.polynomial or ())
-        ]
-        for number, wave in enumerate(self.waves or ()):
-            found.append((("waves", number, "amplitude"), wave.amplitude))
-        return found
+    def amounts(self) -> Iterator[tuple[KeyPath, Quantity]]:
+        """Yield every value of the error itself, with its key."""
+        values = [] if self.points is None else self.points.values
+        yield from ((("points", "values", index), one) for index, one in enumerate(values))
+        yield from ((("polynomial", index), one) for index, one in enumerate(self.polynomial or ()))
+        for index, wave in enumerate(self.waves or ()):
+            yield ("waves", index, "amplitude"), wave.amplitude
 
 
-class BallPassingTable(StrictTable):
+class BallPassingTable(types.StrictTable):
     """Waves that the balls of a carriage or a nut make as they enter and leave the load zone."""
 
-    period: PositiveLength
+    period: types.PositiveLength
     """travel from one ball to the next"""
-    phase: Angle = 0.0
+    phase: types.Angle = 0.0
     """phase where the carriage is at the origin of what it slides on; `each` gives carriages their own"""
-    axial: AxisPosition | None = None
+    axial: types.AxisPosition | None = None
     """amplitude along the screw"""
-    lateral: AxisPosition | None = None
+    lateral: types.AxisPosition | None = None
     """amplitude along the joint's y axis"""
-    normal: AxisPosition | None = None
+    normal: types.AxisPosition | None = None
     """amplitude along the joint's z axis"""
-    roll: AxisPosition | None = None
+    roll: types.AxisPosition | None = None
     """amplitude about the rail"""
-    pitch: AxisPosition | None = None
+    pitch: types.AxisPosition | None = None
     """amplitude about the joint's y axis"""
-    yaw: AxisPosition | None = None
+    yaw: types.AxisPosition | None = None
     """amplitude about the joint's z axis"""
 
     def amplitudes(self) -> dict[str, Quantity]:
@@ -131,7 +110,7 @@ class BallPassingTable(StrictTable):
         return self.given(RAIL_KEYS)
 
 
-class RailErrorsTable(StrictTable):
+class RailErrorsTable(types.StrictTable):
     """Errors of the rail or the screw that a joint slides along, in joint axes; used with the effect
     `guide_errors`.
     """
@@ -148,7 +127,7 @@ class RailErrorsTable(StrictTable):
     """angular error about the joint's y axis"""
     yaw: ProfileTable | None = None
     """angular error about the joint's z axis"""
-    length: PositiveLength | None = None
+    length: types.PositiveLength | None = None
     """length over which a carriage averages the profiles; default: its `length` on a rail, else it is a point"""
     ball_passing: BallPassingTable | None = None
     """waves of the carriage itself, which nothing averages"""
@@ -158,7 +137,7 @@ class RailErrorsTable(StrictTable):
         return self.given(RAIL_KEYS)
 
 
-class AxisErrorsTable(StrictTable):
+class AxisErrorsTable(types.StrictTable):
     """Error motions of an axis by the symbols of ISO 230-1 without its name: `EY` of axis `X` is
     `EYX`; used with the effect `guide_errors`.
     """
@@ -175,13 +154,13 @@ class AxisErrorsTable(StrictTable):
     """rotation about y of what the axis moves, over its position"""
     EC: ProfileTable | None = None
     """rotation about z of what the axis moves, over its position"""
-    EA0: Angle = 0.0
+    EA0: types.Angle = 0.0
     """squareness: rotation of the line of motion about x, from position zero; what moves keeps its orientation"""
-    EB0: Angle = 0.0
+    EB0: types.Angle = 0.0
     """squareness: rotation of the line of motion about y, as `EA0`"""
-    EC0: Angle = 0.0
+    EC0: types.Angle = 0.0
     """squareness: rotation of the line of motion about z, as `EA0`"""
-    at: MachinePosition | None = None
+    at: types.Position | None = None
     """functional point on what it moves, all axes at zero, to which EX, EY and EZ belong; default: the middle of its joints"""
 
     def profiles(self) -> dict[str, ProfileTable]:

@@ -7,62 +7,39 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from headstock.scene.schema import types
 from headstock.scene.schema.guide_errors import RailErrorsTable
-from headstock.scene.schema.types import (
-    Count,
-    Direction,
-    End,
-    Exceptions,
-    Flag,
-    JointDamping,
-    JointStiffness,
-    Length,
-    LossFactor,
-    Name,
-    NotNegativeDamping,
-    NotNegativeLength,
-    Number,
-    Position,
-    PositiveLength,
-    PositiveMass,
-    PositivePressure,
-    PositiveRotationalStiffness,
-    PositiveStiffness,
-    PositiveStiffnessPerArea,
-    StrictTable,
-    Text,
-)
 
 
-class ScrewTable(StrictTable):
+class ScrewTable(types.StrictTable):
     """The shaft of a ball screw between its bearings; the motor is locked."""
 
-    origin: Annotated[Text | None, Field(alias="from")] = None
+    origin: Annotated[types.Text | None, Field(alias="from")] = None
     """a ball screw of the [catalogue](catalogue.md), such as `"catalogue:ball_screw_40x10"`, for diameter and lead"""
-    diameter: PositiveLength
+    diameter: types.PositiveLength
     """diameter of the load-carrying cross-section: root diameter, or the effective one of the manufacturer; not needed beside `from`, which
     brings it"""
-    bore: NotNegativeLength = 0.0
+    bore: types.NotNegativeLength = 0.0
     """diameter of a hollow screw's bore, smaller than `diameter`"""
-    E: PositivePressure | None = None
+    E: types.PositivePressure | None = None
     """Young's modulus; default: 210 GPa"""
-    nu: Number | None = None
+    nu: types.Number | None = None
     """Poisson's ratio, above -1 and below 0.5; default: 0.3"""
-    lead: PositiveLength | None = None
+    lead: types.PositiveLength | None = None
     """travel per turn; with it the shaft's twist and the coupling add compliance along the thread; default: none, the shaft stretches
     only"""
-    bearing: PositiveStiffness | None = None
+    bearing: types.PositiveStiffness | None = None
     """axial stiffness of the fixed bearing, or that of one of the [catalogue](catalogue.md), `"catalogue:screw_bearing_30"`; default:
     rigid"""
-    coupling: PositiveRotationalStiffness | None = None
+    coupling: types.PositiveRotationalStiffness | None = None
     """torsional stiffness between shaft and motor; default: rigid"""
-    floating_end: End | None = None
+    floating_end: types.End | None = None
     """interface of a floating bearing at the free end of the shaft; default: none, that end is free"""
-    second_end: End | None = None
+    second_end: types.End | None = None
     """interface of a second fixed bearing; default: none, that end is free"""
-    second_bearing: PositiveStiffness | None = None
+    second_bearing: types.PositiveStiffness | None = None
     """axial stiffness of the second bearing; default: rigid"""
-    length: PositiveLength | None = None
+    length: types.PositiveLength | None = None
     """length of the shaft between both fixed bearings; only with `second_end`, which needs it"""
 
     def _faults(self) -> Iterator[str]:
@@ -81,39 +58,39 @@ class ScrewTable(StrictTable):
             yield 'a coupling deflects along the thread only; write lead = "10 mm" too'
 
 
-class CarriagesTable(StrictTable):
+class CarriagesTable(types.StrictTable):
     """Carriages on parallel rails."""
 
-    middle: Position
+    middle: types.Position
     """centre of all carriages"""
-    along: Length = 0.0
+    along: types.Length = 0.0
     """distance between neighbours on a rail, along the joint's axis"""
-    across: Length = 0.0
+    across: types.Length = 0.0
     """distance between rails, square to axis and normal; `{rail}` in texts is the rail's number"""
-    rails: Count = 2
+    rails: types.Count = 2
     """number of rails, counted from the positive side to the negative"""
-    per_rail: Count = 2
+    per_rail: types.Count = 2
     """carriages on each rail, counted from the positive end of the axis to the negative"""
 
 
-class LayerTable(StrictTable):
+class LayerTable(types.StrictTable):
     """A contact layer between the faces of a bolted or glued joint: stiffness per area."""
 
-    normal: PositiveStiffnessPerArea
+    normal: types.PositiveStiffnessPerArea
     """stiffness per area across the faces"""
-    shear: PositiveStiffnessPerArea
+    shear: types.PositiveStiffnessPerArea
     """stiffness per area along the faces"""
 
 
-class JointTable(StrictTable):
+class JointTable(types.StrictTable):
     """A joint between two interfaces, or an interface and ground; which stiffness keys it takes
     depends on its kind.
     """
 
-    origin: Annotated[Text | None, Field(alias="from")] = None
+    origin: Annotated[types.Text | None, Field(alias="from")] = None
     """an element of the [catalogue](catalogue.md): `from = "catalogue:guide_35"` gives kind, stiffness and damping; own keys override its
     values"""
-    between: Annotated[list[End], Field(min_length=2, max_length=2)]
+    between: Annotated[list[types.End], Field(min_length=2, max_length=2)]
     """its two ends"""
     kind: Literal[
         "rigid",
@@ -129,66 +106,68 @@ class JointTable(StrictTable):
         "prismatic",
     ]
     """kind of joint, see the table of kinds below; not needed beside `from`, which brings it"""
-    axis: Direction | None = None
+    axis: types.Direction | None = None
     """x axis of the joint, its direction of motion; z axis of `bolted` and `mount`; default: x, or z of these two, where the kind does not
     need it"""
-    normal: Direction | None = None
+    normal: types.Direction | None = None
     """z axis of the joint, square to `axis`; second axis of `universal`; default: a direction square to `axis`"""
-    at: Position | None = None
+    at: types.Position | None = None
     """point where it acts, in the machine frame, all axes at zero; default: centre of its first interface"""
-    places: list[Position] | dict[Name, Position] | None = None
+    places: list[types.Position] | dict[types.Name, types.Position] | None = None
     """in place of `at`: one joint at each, `NAME_1`, `NAME_2`, ... of a list, `NAME_left` of a table; `{n}` in texts is the number or
     name"""
     carriages: CarriagesTable | None = None
     """in place of `at`: a `linear_guide` at each place of carriages on parallel rails"""
-    each: Exceptions = {}
+    each: types.Exceptions = {}
     """what is different at single places: `each.2 = { "stiffness.normal" = "40 N/um" }`"""
-    length: PositiveLength | None = None
+    length: types.PositiveLength | None = None
     """length of the carriage (or nut) on a rail, centred at `at`; required on rails"""
     screw: ScrewTable | None = None
     """shaft of a ball screw: its stiffness depends on the distance of the nut (first end) from the fixed bearing (second end); default:
     none, its stiffness does not depend on the position"""
-    stiffness: dict[Name, JointStiffness] = {}
+    stiffness: dict[types.Name, types.JointStiffness] = {}
     """stiffness of its directions, keys by kind, see below; `"rigid"` constrains a direction; default: directions without a key are free"""
     stiffness_per_area: LayerTable | None = None
     """in place of `stiffness` of a `bolted` joint: a contact layer over the area of two flexible interfaces, whose faces may deform against
     each other"""
-    damping: dict[Name, JointDamping] = {}
+    damping: dict[types.Name, types.JointDamping] = {}
     """viscous damping of its directions, the same keys; used with the effect `damping`"""
-    loss_factor: LossFactor = 0.0
+    loss_factor: types.LossFactor = 0.0
     """structural damping as a share of its stiffness; used with the effect `damping`"""
     errors: RailErrorsTable | None = None
     """errors of the rail or screw it slides along, see [geometric errors](geometric_errors.md); used with the effect `guide_errors`"""
-    allow_negative: Flag = False
+    allow_negative: types.Flag = False
     """accept a negative stiffness or damping"""
-    soft: Flag = False
+    soft: types.Flag = False
     """accept that it deflects by more than a millimetre under the weight it carries, as air springs and rubber mounts do"""
 
 
 MOST_MASSES = 200
 
 
-class ChainTable(StrictTable):
+class ChainTable(types.StrictTable):
     """Point masses in a row that move along one direction, each on a spring to the one before.
 
     The mass `NAME_1` is the first, `NAME_spring_1` the spring before it.
     """
 
-    origin: Annotated[End, Field(alias="from")]
+    origin: Annotated[types.End, Field(alias="from")]
     """where the first spring begins: `ground` or `component.interface`"""
-    to: End | None = None
+    to: types.End | None = None
     """where the last spring ends, behind the last mass; default: the chain ends with a mass"""
-    axis: Direction
+    axis: types.Direction
     """direction in which the masses move"""
-    at: Position | None = None
+    at: types.Position | None = None
     """position of the masses in the machine frame; required where the chain is attached to a component"""
-    masses: Annotated[list[PositiveMass], Field(min_length=1, max_length=MOST_MASSES)]
+    masses: Annotated[list[types.PositiveMass], Field(min_length=1, max_length=MOST_MASSES)]
     """masses of `NAME_1`, `NAME_2`, ...; each is a component with the interface `center`"""
-    stiffness: Annotated[list[PositiveStiffness], Field(min_length=1, max_length=MOST_MASSES + 1)]
+    stiffness: Annotated[
+        list[types.PositiveStiffness], Field(min_length=1, max_length=MOST_MASSES + 1)
+    ]
     """stiffness of the spring before each mass, and of the one to the other end: the joints `NAME_spring_1`, ..."""
-    damping: list[NotNegativeDamping] = []
+    damping: list[types.NotNegativeDamping] = []
     """viscous damping of each spring; used with the effect `damping`"""
-    loss_factor: LossFactor = 0.0
+    loss_factor: types.LossFactor = 0.0
     """structural damping of every spring; used with the effect `damping`"""
 
     def _faults(self) -> Iterator[str]:

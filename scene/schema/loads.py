@@ -6,59 +6,45 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, Field
 
 from headstock.geometry.parts.components import NORMAL
-from headstock.scene.reading.units import show_value
+from headstock.scene.reading.units import quote_value
+from headstock.scene.schema import types
 from headstock.scene.schema.components import DiskTable, RectTable, StripTable
-from headstock.scene.schema.types import (
-    THREE_NUMBERS,
-    Acceleration,
-    Angle,
-    Force,
-    JsonForm,
-    Length,
-    Moment,
-    Position,
-    Pressure,
-    StrictTable,
-    Text,
-    problem,
-    read_direction,
-)
 
 
 def _read_fixed(value: object) -> object:
     if isinstance(value, str) and value in ("x", "y", "z", NORMAL):
         return value
     if not isinstance(value, list):
-        raise problem(
-            f"{show_value(value)} is no direction that can be fixed; write x, y, z, {NORMAL}, or three plain numbers such as [1, 1, 0]"
+        raise types.problem(
+            f"{quote_value(value)} is no direction that can be fixed; write x, y, z, {NORMAL}, or three plain numbers such as [1, 1, 0]"
         )
-    return read_direction(value)
+    return types.read_direction(value)
 
 
 # of the component: x, y, z, a vector, or normal to the face at every point
 Fixed = Annotated[
     str | tuple[float, float, float],
     BeforeValidator(_read_fixed),
-    JsonForm(
+    types.JsonForm(
         {
             "description": f"x, y, z, {NORMAL} or three plain numbers",
             "examples": ["x", NORMAL, [1, 1, 0]],
-            "anyOf": [{"enum": ["x", "y", "z", NORMAL]}, THREE_NUMBERS],
+            "anyOf": [{"enum": ["x", "y", "z", NORMAL]}, types.THREE_NUMBERS],
         }
     ),
 ]
 
 
-class SupportTable(StrictTable):
+class SupportTable(types.StrictTable):
     """Pointwise support of a face (`component.face`), of an interface's patches (`at =
     component.interface`), or of the edge between two faces.
     """
 
-    face: Text | None = None
+    face: types.Text | None = None
     """face whose nodes are fixed: `component.face`"""
-    at: Text | None = None
+    at: types.Text | None = None
     """interface whose nodes are fixed: `component.interface`"""
-    edge: Annotated[list[Text], Field(min_length=2, max_length=2)] | None = None
+    edge: Annotated[list[types.Text], Field(min_length=2, max_length=2)] | None = None
     """two faces of a component, whose common edge is fixed"""
     disk: DiskTable | None = None
     """only this round part of the face; default: the whole face"""
@@ -101,16 +87,16 @@ LOAD_KINDS: dict[LoadKind, tuple[str, ...]] = {
 }
 
 
-class LoadTable(StrictTable):
+class LoadTable(types.StrictTable):
     """A static load: force and moment at an interface, traction or pressure on an area, a body
     acceleration field, or a displacement and rotation that a joint is given.
     """
 
-    at: Text | None = None
+    at: types.Text | None = None
     """point or `component.interface` on which a force or moment acts"""
-    face: Text | None = None
+    face: types.Text | None = None
     """`component.face` on which a pressure or traction acts"""
-    component: Text | None = None
+    component: types.Text | None = None
     """component on which a body force acts"""
     disk: DiskTable | None = None
     """only this round part of the face; default: the whole face"""
@@ -118,21 +104,21 @@ class LoadTable(StrictTable):
     """only this rectangular part of the face; default: the whole face"""
     strip: StripTable | None = None
     """only this strip of the face; default: the whole face"""
-    force: Annotated[list[Force], Field(min_length=3, max_length=3)] | None = None
+    force: Annotated[list[types.Force], Field(min_length=3, max_length=3)] | None = None
     """force along x, y, z"""
-    moment: Annotated[list[Moment], Field(min_length=3, max_length=3)] | None = None
+    moment: Annotated[list[types.Moment], Field(min_length=3, max_length=3)] | None = None
     """moment about x, y, z"""
-    traction: Annotated[list[Pressure], Field(min_length=3, max_length=3)] | None = None
+    traction: Annotated[list[types.Pressure], Field(min_length=3, max_length=3)] | None = None
     """force per area along x, y, z"""
-    pressure: Pressure | None = None
+    pressure: types.Pressure | None = None
     """pressure against the face"""
-    body: Annotated[list[Acceleration], Field(min_length=3, max_length=3)] | None = None
+    body: Annotated[list[types.Acceleration], Field(min_length=3, max_length=3)] | None = None
     """acceleration along x, y, z that acts on the mass"""
-    joint: Text | None = None
+    joint: types.Text | None = None
     """joint that is displaced: its ground moves, or its second end relative to the first"""
-    displacement: Annotated[list[Length], Field(min_length=3, max_length=3)] | None = None
+    displacement: Annotated[list[types.Length], Field(min_length=3, max_length=3)] | None = None
     """displacement of the joint's point along x, y, z"""
-    rotation: Annotated[list[Angle], Field(min_length=3, max_length=3)] | None = None
+    rotation: Annotated[list[types.Angle], Field(min_length=3, max_length=3)] | None = None
     """small rotation about x, y, z through the joint's point"""
 
     @property
@@ -164,14 +150,14 @@ class LoadTable(StrictTable):
             yield from _area_faults(self.face, self.at, (self.disk, self.rect, self.strip))
 
 
-class ProbeTable(StrictTable):
+class ProbeTable(types.StrictTable):
     """A place on an elastic component, in its own frame, where displacement and stress under the
     loads are wanted.
     """
 
-    component: Text
+    component: types.Text
     """name of an elastic component"""
-    at: Position
+    at: types.Position
     """position in the component's frame"""
 
 

@@ -7,34 +7,23 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, create_model, field_validator
 
+from headstock.geometry.machine.joints import JointEnd
 from headstock.scene.reading.names import NAMES
-from headstock.scene.reading.units import ACCELERATION, RATE, TIME, show_value
+from headstock.scene.reading.units import ACCELERATION, RATE, TIME, quote_value
+from headstock.scene.schema import types
 from headstock.scene.schema.axes import AxisTable, MechanismTable, PointTable, PoseTable
-from headstock.scene.schema.components import ComponentTable, MaterialTable, OrientationTable
+from headstock.scene.schema.components import (
+    ComponentTable,
+    InterfaceTable,
+    MaterialTable,
+    OrientationTable,
+)
 from headstock.scene.schema.cutting import CuttingTable
 from headstock.scene.schema.drives import DriveTable
 from headstock.scene.schema.effects import EFFECT_NAMES, PLAIN_EFFECTS
 from headstock.scene.schema.joints import ChainTable, JointTable
 from headstock.scene.schema.loads import LoadTable, ProbeTable, SupportTable
 from headstock.scene.schema.studies import StudyTable, SweepTable
-from headstock.scene.schema.types import (
-    MAX_POSES,
-    MEANING,
-    RATIO_FORM,
-    Count,
-    Flag,
-    JsonForm,
-    Name,
-    OrForm,
-    PositiveMemory,
-    PositiveTime,
-    QuantityPattern,
-    RequestTable,
-    StrictTable,
-    Text,
-    problem,
-    read_share,
-)
 
 TIGHTEST, LOOSEST = 1e-4, 0.2
 MAX_INCLUDED = 50
@@ -42,9 +31,9 @@ _PREFIX = re.compile(r"([A-Za-z][A-Za-z0-9_]{0,31})?")
 
 
 def _read_accuracy(value: object) -> float:
-    share = read_share(value, "accuracy")
+    share = types.read_share(value, "accuracy")
     if not TIGHTEST <= share <= LOOSEST:
-        raise problem(
+        raise types.problem(
             f'is {100.0 * share:g} %; an accuracy lies between {100.0 * TIGHTEST:g} % and {100.0 * LOOSEST:g} %; write "1 %"'
         )
     return share
@@ -53,11 +42,11 @@ def _read_accuracy(value: object) -> float:
 Accuracy = Annotated[
     float,
     BeforeValidator(_read_accuracy),
-    JsonForm(
+    types.JsonForm(
         {
             "description": f"ratio from {TIGHTEST:g} to {LOOSEST:g}",
             "examples": ["1 %", 0.01],
-            **RATIO_FORM,
+            **types.RATIO_FORM,
             "minimum": TIGHTEST,
             "maximum": LOOSEST,
         }
@@ -65,7 +54,7 @@ Accuracy = Annotated[
 ]
 
 
-class AccuracyTable(StrictTable):
+class AccuracyTable(types.StrictTable):
     """How far any requested number may be off: mesh sizes, cells, order and mode counts are chosen
     for it.
     """
@@ -87,22 +76,22 @@ def _wrap_accuracy(value: object) -> object:
 AccuracyEntry = Annotated[
     AccuracyTable,
     BeforeValidator(_wrap_accuracy),
-    OrForm({"description": "ratio", "examples": ["1 %"], **RATIO_FORM}),
+    types.OrForm({"description": "ratio", "examples": ["1 %"], **types.RATIO_FORM}),
 ]
 
 
-_LEFT_OUT = OrForm({"const": False, "description": "left out"})
+_LEFT_OUT = types.OrForm({"const": False, "description": "left out"})
 
 
-class AnalysesTable(StrictTable):
+class AnalysesTable(types.StrictTable):
     """What is computed; `false` leaves an analysis out, in a variant say."""
 
-    def get[T: RequestTable](self, kind: type[T]) -> T | None:
+    def get[T: types.RequestTable](self, kind: type[T]) -> T | None:
         """Return the table of an analysis; None where it is left out."""
         return next((table for _, table in self if isinstance(table, kind)), None)
 
     @property
-    def requested(self) -> dict[str, RequestTable]:
+    def requested(self) -> dict[str, types.RequestTable]:
         """Tables of the analyses that are not left out, by name."""
         return {name: table for name, table in self if table is not None}
 
@@ -117,10 +106,10 @@ class AnalysesTable(StrictTable):
         return None if value is False else value
 
 
-class CompareTable(StrictTable):
+class CompareTable(types.StrictTable):
     """What `headstock compare` shows unless the command line says otherwise."""
 
-    variants: Annotated[list[Text], Field(min_length=1, max_length=100)] | None = None
+    variants: Annotated[list[types.Text], Field(min_length=1, max_length=100)] | None = None
     """columns, `A+B` for joined variants, `as written` for none; default: all"""
     fidelity: (
         Annotated[
@@ -130,20 +119,20 @@ class CompareTable(StrictTable):
         | None
     ) = None
     """each variant once with its elastic and segmented components at each of these fidelities; default: as written"""
-    pose: Text | None = None
+    pose: types.Text | None = None
     """pose that is compared; default: the first"""
-    reference: Text | None = None
+    reference: types.Text | None = None
     """column the others are compared with; default: the richest"""
 
 
-class LimitsTable(StrictTable):
+class LimitsTable(types.StrictTable):
     """What a run may cost."""
 
-    elements: Count | None = None
+    elements: types.Count | None = None
     """maximum number of elements of a component; default: 3 million, which no limit exceeds"""
-    memory: PositiveMemory | None = None
+    memory: types.PositiveMemory | None = None
     """maximum estimated memory of a stage; default: what the computer, its batch system or control group allows"""
-    time: PositiveTime | None = None
+    time: types.PositiveTime | None = None
     """time that a run may take: one estimated at more than twice of it is refused, and no stage begins after it; also the processor time of
     meshing a component; default: none, 300 s for meshing"""
 
@@ -156,10 +145,10 @@ def _read_effects(value: object) -> object:
     )
 
 
-_RATIOS = {"anyOf": [RATIO_FORM, {"type": "array", "items": RATIO_FORM, "minItems": 1}]}
+_RATIOS = {"anyOf": [types.RATIO_FORM, {"type": "array", "items": types.RATIO_FORM, "minItems": 1}]}
 
 
-_ACCELERATION = {"type": "string", "pattern": QuantityPattern((ACCELERATION,))}
+_ACCELERATION = {"type": "string", "pattern": types.QuantityPattern((ACCELERATION,))}
 
 
 _EFFECT_FORMS = {
@@ -182,8 +171,8 @@ _EFFECT_FORMS = {
                     "rayleigh": {
                         "type": "object",
                         "properties": {
-                            "alpha": {"type": "string", "pattern": QuantityPattern((RATE,))},
-                            "beta": {"type": "string", "pattern": QuantityPattern((TIME,))},
+                            "alpha": {"type": "string", "pattern": types.QuantityPattern((RATE,))},
+                            "beta": {"type": "string", "pattern": types.QuantityPattern((TIME,))},
                         },
                         "minProperties": 1,
                         "additionalProperties": False,
@@ -199,9 +188,9 @@ _EFFECT_FORMS = {
 
 
 Effects = Annotated[
-    dict[Text, Any],
+    dict[types.Text, Any],
     BeforeValidator(_read_effects),
-    JsonForm(
+    types.JsonForm(
         {
             "anyOf": [
                 {"type": "object", "properties": _EFFECT_FORMS, "additionalProperties": False},
@@ -214,21 +203,23 @@ Effects = Annotated[
 
 def _read_prefix(value: object) -> str:
     if not isinstance(value, str) or _PREFIX.fullmatch(value) is None:
-        raise problem(
-            f'{show_value(value)} is no prefix of names; write letters, digits and _, beginning with a letter, at most 32, such as "spindle_"'
+        raise types.problem(
+            f'{quote_value(value)} is no prefix of names; write letters, digits and _, beginning with a letter, at most 32, such as "spindle_"'
         )
     return value
 
 
-class IncludeTable(StrictTable):
+class IncludeTable(types.StrictTable):
     """A file whose entries become entries of the scene."""
 
-    file: Text
+    file: types.Text
     """a `.toml` file in the folder of the scene or below, from the folder of the file that includes it"""
     prefix: Annotated[
         str,
         BeforeValidator(_read_prefix),
-        JsonForm({"type": "string", "pattern": f"^{_PREFIX.pattern}$", "examples": ["spindle_"]}),
+        types.JsonForm(
+            {"type": "string", "pattern": f"^{_PREFIX.pattern}$", "examples": ["spindle_"]}
+        ),
     ] = ""
     """text before the name of every entry of the file"""
 
@@ -242,17 +233,17 @@ def _wrap_include(value: object) -> object:
 
 _FILE_NAME = {"type": "string", "examples": ["spindle.toml"]}
 Includes = Annotated[
-    list[Annotated[IncludeTable, OrForm(_FILE_NAME)]],
+    list[Annotated[IncludeTable, types.OrForm(_FILE_NAME)]],
     BeforeValidator(_wrap_include),
     Field(max_length=MAX_INCLUDED),
-    OrForm(),
+    types.OrForm(),
 ]
 
 
-class SceneTable(StrictTable):
+class SceneTable(types.StrictTable):
     """A scene: one machine, its poses and what is to be computed."""
 
-    name: Text | None = None
+    name: types.Text | None = None
     """heading of the results; default: the file's name"""
     include: Includes = []
     """other files with parts of the machine, see [short scenes](short_scenes.md): `"spindle.toml"`, a list of them, or `{ file =
@@ -260,40 +251,40 @@ class SceneTable(StrictTable):
     parameters: dict[str, Any] = {}
     """values with names, see [short scenes](short_scenes.md): `wall = "12 mm"`, used as `"= 2 * wall + 3 mm"` anywhere but in `variants`
     and `studies`"""
-    materials: dict[Name, MaterialTable] = {}
+    materials: dict[types.Name, MaterialTable] = {}
     """materials by name"""
-    cutting: dict[Name, CuttingTable] = {}
+    cutting: dict[types.Name, CuttingTable] = {}
     """cutting coefficients of work materials, by the name that `material` takes ([how to](cutting_coefficients.md))"""
-    components: dict[Name, ComponentTable] = {}
+    components: dict[types.Name, ComponentTable] = {}
     """bodies of the machine by name"""
-    joints: dict[Name, JointTable] = {}
+    joints: dict[types.Name, JointTable] = {}
     """connections between components, by name"""
-    chains: dict[Name, ChainTable] = {}
+    chains: dict[types.Name, ChainTable] = {}
     """point masses and springs in a row along one direction, by name"""
-    points: dict[Name, PointTable] = {}
+    points: dict[types.Name, PointTable] = {}
     """points at which results are computed, by name"""
-    axes: dict[Name, AxisTable] = {}
+    axes: dict[types.Name, AxisTable] = {}
     """machine axes by name"""
-    supports: dict[Name, SupportTable] = {}
+    supports: dict[types.Name, SupportTable] = {}
     """faces whose nodes are fixed, by name"""
-    loads: dict[Name, LoadTable] = {}
+    loads: dict[types.Name, LoadTable] = {}
     """static loads by name"""
-    probes: dict[Name, ProbeTable] = {}
+    probes: dict[types.Name, ProbeTable] = {}
     """points at which displacement and stress are reported, by name"""
     mechanism: MechanismTable | None = None
     """a closed-loop mechanism; poses and sweeps then describe the tool: `X Y Z` is its point, `A B` are its rotations about x and y"""
-    variants: dict[Name, dict[str, Any]] = {}
+    variants: dict[types.Name, dict[str, Any]] = {}
     """named sets of overrides, keys in quotes: `"components.column.fidelity" = "rigid"`; chosen by `--variant`; `--variant A+B` applies
     `A`, then `B`"""
     compare: CompareTable = CompareTable()
     """what `headstock compare` shows, see [variants side by side](comparing.md)"""
-    poses: Annotated[dict[Name, PoseTable], Field(max_length=MAX_POSES)] = {}
+    poses: Annotated[dict[types.Name, PoseTable], Field(max_length=types.MAX_POSES)] = {}
     """axis positions: `X = "10 mm"`; axes left out are at zero; default: one pose, `reference`, with all axes at zero"""
-    sweeps: dict[Name, SweepTable] = {}
+    sweeps: dict[types.Name, SweepTable] = {}
     """poses in which `headstock sweep` repeats the analyses ([sweeps](sweeps.md))"""
-    studies: dict[Name, StudyTable] = {}
+    studies: dict[types.Name, StudyTable] = {}
     """parameters that `headstock study` varies, see [studies](studies.md)"""
-    drives: dict[Name, DriveTable] = {}
+    drives: dict[types.Name, DriveTable] = {}
     """motors, screws and controllers of axes, see [drives and control](drives.md); used with the effect `drive_control`"""
     effects: Effects = {}
     """`gravity = true` (or an acceleration); `damping = true` (of joints, components and materials), or `damping = { modal = 0.02 }` (adds
@@ -312,14 +303,25 @@ class SceneTable(StrictTable):
     accuracy: AccuracyEntry | None = None
     """allowed error of every requested number: meshes and modes are chosen accordingly, see [accuracy](accuracy.md); default: none, the
     scene's own meshes and modes"""
-    model_errors: Flag = False
+    model_errors: types.Flag = False
     """compare rigid and segmented bodies with coarse finite elements: what they leave out becomes a part of every ±, see
     [errors](errors.md#models-of-bodies)"""
-    interface_errors: Flag = False
+    interface_errors: types.Flag = False
     """compare rigid joints between elastic bodies with deformation shapes in both forms: what their interfaces leave out becomes a part of
     the ± of frequencies, compliances and frequency responses, see [errors](errors.md#rigid-joints)"""
-    free: Flag = False
+    free: types.Flag = False
     """accept that the whole machine is not connected to ground"""
+
+    def interface_at(self, end: JointEnd) -> tuple[ComponentTable, InterfaceTable] | None:
+        """Component and interface of an end; None for ground, and for what did not pass the schema."""
+        component = self.components.get(end.component or "")
+        interface = None if component is None else component.interfaces.get(end.interface or "")
+        return None if component is None or interface is None else (component, interface)
+
+    @property
+    def active(self) -> frozenset[str]:
+        """Effects that are switched on."""
+        return frozenset(name for name, value in self.effects.items() if value is not False)
 
     @property
     def is_lumped(self) -> bool:
@@ -340,7 +342,7 @@ def complete_scene() -> type[SceneTable]:
     fields: dict[str, Any] = {}
     for name in NAMES:
         record = load_record(name)
-        meaning = Field(json_schema_extra={MEANING: record.meaning})
+        meaning = Field(json_schema_extra={types.MEANING: record.meaning})
         fields[name] = (Annotated[record.table | None, _LEFT_OUT, meaning], None)
     analyses = create_model(
         "AnalysesTable", __base__=AnalysesTable, __doc__=AnalysesTable.__doc__, **fields

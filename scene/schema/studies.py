@@ -6,27 +6,15 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal, NamedTuple
 
-from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
+import numpy as np
+from pydantic import AfterValidator, Discriminator, Field, Tag
 
+from headstock.geometry.frames import FloatArray
+from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import ANGLE, LENGTH, Quantity
 from headstock.scene.reading.watch_paths import MEASURED_NAMES, WatchError, parse_watch
+from headstock.scene.schema import types
 from headstock.scene.schema.axes import PoseTable
-from headstock.scene.schema.types import (
-    AxisPosition,
-    Between,
-    Count,
-    Flag,
-    JsonForm,
-    Name,
-    Names,
-    PositiveAxisPosition,
-    QuantityPattern,
-    StrictTable,
-    Text,
-    WholeNumber,
-    one_of,
-    problem,
-)
 from headstock.scene.studies import MAX_POINTS, REFERENCE_RUN
 
 MAX_REPEATS = 100
@@ -40,11 +28,11 @@ def _check_watches(paths: list[str]) -> list[str]:
         try:
             parse_watch(path)
         except WatchError as error:
-            raise problem(str(error)) from error
+            raise types.problem(str(error)) from error
     return paths
 
 
-Watches = Annotated[Names, AfterValidator(_check_watches)]
+Watches = Annotated[types.Names, AfterValidator(_check_watches)]
 
 
 def _length_faults(vary: Mapping[str, Sequence[object]], *, pairwise: bool) -> Iterator[str]:
@@ -56,20 +44,20 @@ def _length_faults(vary: Mapping[str, Sequence[object]], *, pairwise: bool) -> I
         yield f"pairwise combines the first values of all lists, then the second ones: lists must have equal lengths; {shown}"
 
 
-class FamilyTable(StrictTable):
+class FamilyTable(types.StrictTable):
     """A named part of a study: settings that are the same in all its points, and what is varied."""
 
-    label: Text | None = None
+    label: types.Text | None = None
     """name in tables and figures; default: its name in the scene"""
     set: dict[str, Any] = {}
     """keys that are set to another value in every point of this family, beside those of the study"""
     vary: Varied
     """keys of the scene and their values, as in the study"""
-    pairwise: Flag = False
+    pairwise: types.Flag = False
     """combine values pairwise, as in the study"""
-    analyses: Names | None = None
+    analyses: types.Names | None = None
     """which analyses are run in this family; default: those of the study"""
-    other_model: Flag = False
+    other_model: types.Flag = False
     """in a [cost study](studies.md#what-accuracy-costs): another model than the reference run (other interfaces, for instance); its
     difference is model spread, not error"""
 
@@ -77,31 +65,31 @@ class FamilyTable(StrictTable):
         yield from _length_faults(self.vary, pairwise=self.pairwise)
 
 
-class StudyTable(StrictTable):
+class StudyTable(types.StrictTable):
     """Keys of the scene that are varied and results that are watched: every combination is one
     point, computed like `run` would.
     """
 
-    model_config = one_of("vary", "families")
+    model_config = types.one_of("vary", "families")
 
     vary: Varied | None = None
     """keys of the scene and their values, `{ "components.column.mesh.size" = ["50 mm", "25 mm"] }`: every combination is a point; `variant
     = ["", "soft"]` varies the variant"""
     set: dict[str, Any] = {}
     """keys that are set to another value in every point"""
-    pairwise: Flag = False
+    pairwise: types.Flag = False
     """combine the first values of all lists, then the second ones, and so on, in place of every combination"""
-    families: dict[Name, FamilyTable] = {}
+    families: dict[types.Name, FamilyTable] = {}
     """several groups of points with their own settings, in place of `vary`"""
     watch: Watches | None = None
     """names of numbers: `"frequency(pose=reference,mode=1)"`, `"frequency"`, `"compliance(*point=tcp*)"`;
     paths into `summary.json`: `"modal.frequencies_hz[0:6]"`, `"static.tcp.compliance_um_per_kN[0][0]"`, `"seconds"`, `"cpu_seconds"`;
     required without `reference`"""
-    analyses: Names | None = None
+    analyses: types.Names | None = None
     """which analyses are run; default: all of the scene's"""
     store: Literal["warm", "cold"] = "warm"
     """`cold`: every point starts from an empty store, so that seconds are those of the whole computation"""
-    repeats: Annotated[WholeNumber, Between(1, MAX_REPEATS)] = 1
+    repeats: Annotated[types.WholeNumber, types.Between(1, MAX_REPEATS)] = 1
     """runs per point, for the median and spread of seconds"""
     reference: Literal["kono-cantilever", "kono-fixed-beam"] | None = None
     """published study of this beam that the results are compared with"""
@@ -126,45 +114,26 @@ class StudyTable(StrictTable):
         yield from _length_faults(self.vary or {}, pairwise=self.pairwise)
 
 
-def _read_span(value: object) -> object:
-    if not isinstance(value, list) or len(value) != 3:
-        raise problem(
-            'is not a span; write lowest, highest and number of positions: ["-100 mm", "100 mm", 21]'
-        )
-    return value
-
-
 class AxisSpan(NamedTuple):
     """Lowest and highest position of an axis and the number of positions."""
 
-    low: AxisPosition
-    high: AxisPosition
-    positions: Count
+    low: types.AxisPosition
+    high: types.AxisPosition
+    positions: types.Count
 
-    def ends(self) -> tuple[float, float]:
-        """Lowest and highest position in SI units."""
-        return self.low.value, self.high.value
+    def values(self) -> FloatArray:
+        """Positions ``(n,)``, evenly spread [m, rad]."""
+        return np.linspace(self.low.value, self.high.value, self.positions, dtype=np.float64)
 
 
 Span = Annotated[
     AxisSpan,
-    BeforeValidator(_read_span),
-    JsonForm(
-        {
-            "type": "array",
-            "examples": [["-100 mm", "100 mm", 21]],
-            "prefixItems": [
-                *2 * [{"type": "string", "pattern": QuantityPattern((LENGTH, ANGLE))}],
-                {"type": "integer", "minimum": 1},
-            ],
-            "minItems": 3,
-            "maxItems": 3,
-        }
-    ),
+    types.read_span('positions: ["-100 mm", "100 mm", 21]'),
+    types.describe_span((LENGTH, ANGLE), ["-100 mm", "100 mm", 21], 1),
 ]
 
 
-Places = Annotated[list[Text | PoseTable], Field(min_length=1, max_length=MAX_SWEEP_POSES)]
+Places = Annotated[list[types.Text | PoseTable], Field(min_length=1, max_length=MAX_SWEEP_POSES)]
 
 
 Waypoints = Annotated[list[PoseTable], Field(min_length=2, max_length=1000)]
@@ -172,29 +141,29 @@ Waypoints = Annotated[list[PoseTable], Field(min_length=2, max_length=1000)]
 
 # tags in brackets are no part of a key
 Way = Annotated[
-    Annotated[Waypoints, Tag("[waypoints]")] | Annotated[Text, Tag("[file]")],
+    Annotated[Waypoints, Tag("[waypoints]")] | Annotated[types.Text, Tag("[file]")],
     Discriminator(lambda value: "[file]" if isinstance(value, str) else "[waypoints]"),
 ]
 
 
-class SweepTable(StrictTable):
+class SweepTable(types.StrictTable):
     """Poses in which the analyses are repeated: a grid of `axes`, a list of `poses`, or a `path` in
     steps of at most `step`.
 
     A path is a list of waypoints, or the name of a CSV file of them.
     """
 
-    model_config = one_of("axes", "poses", "path")
+    model_config = types.one_of("axes", "poses", "path")
 
-    axes: Annotated[dict[Name, Span], Field(min_length=1)] | None = None
+    axes: Annotated[dict[types.Name, Span], Field(min_length=1)] | None = None
     """a grid: first and last position and how many, of each axis; axes left out are at zero"""
     poses: Places | None = None
     """names of poses and positions, one by one: `["reference", { X = "10 mm" }]`"""
     path: Way | None = None
     """corner points of a path: `[{ X = "-100 mm" }, { X = "100 mm", Y = "50 mm" }]`, or a CSV file that begins `X [mm],Y [mm]`"""
-    step: PositiveAxisPosition | None = None
+    step: types.PositiveAxisPosition | None = None
     """largest distance between two poses along a path, in the unit of its axes; default: one pose per row of the file"""
-    variant: Text | None = None
+    variant: types.Text | None = None
     """variant of the scene that is swept, `A+B` for several; it applies after one of the command line"""
 
     def _faults(self) -> Iterator[str]:
@@ -208,21 +177,13 @@ class SweepTable(StrictTable):
             yield f'{what}; write for example axes = {{ X = ["-100 mm", "100 mm", 21] }}'
         if (self.path is None) != (self.step is None) and not isinstance(self.path, str):
             yield 'path and step go together; write path = [{ X = "0 mm" }, { X = "100 mm" }] and step = "5 mm"'
-        if self.step is not None and self.step.value <= 0.0:
-            yield "step must be above zero"
 
-    def quantities(self) -> list[tuple[tuple[str | int, ...], str, Quantity]]:
-        """Every position the table itself names: the rest of its key, its axis, its value."""
-        found: list[tuple[tuple[str | int, ...], str, Quantity]] = []
+    def quantities(self) -> Iterator[tuple[KeyPath, str, Quantity]]:
+        """Yield every position the table itself names: the rest of its key, its axis, its value."""
         for axis, span in (self.axes or {}).items():
-            found += [
-                (("axes", axis, index), axis, value)
-                for index, value in enumerate((span.low, span.high))
-            ]
-        for key in ("poses", "path"):
-            for index, place in enumerate(
-                () if isinstance(self.path, str) else getattr(self, key) or ()
-            ):
+            yield ("axes", axis, 0), axis, span.low
+            yield ("axes", axis, 1), axis, span.high
+        for key, places in (("poses", self.poses), ("path", self.path)):
+            for index, place in enumerate(() if isinstance(places, str) else places or ()):
                 if not isinstance(place, str):
-                    found += [((key, index, axis), axis, value) for axis, value in place.items()]
-        return found
+                    yield from (((key, index, axis), axis, value) for axis, value in place.items())

@@ -3,6 +3,7 @@ references.
 """
 
 import ast
+import dataclasses
 import functools
 import inspect
 import itertools
@@ -11,7 +12,7 @@ import re
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Literal, Self, cast
 
 import numpy as np
 from pydantic import (
@@ -43,7 +44,7 @@ from headstock.scene.reading.units import (
     UnitError,
     parse_quantity,
     quantity_pattern,
-    show_value,
+    quote_value,
 )
 
 MEANING = "meaning"  # keyword of the schema that pydantic makes of a table
@@ -52,6 +53,7 @@ MAX_COUNT = 10_000_000
 MAX_RIBS = 200
 MAX_POSES = 1000
 THREE_NUMBERS = {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3}
+AXIS_DIRECTIONS = tuple(f"{sign}{letter}" for sign in ("", "+", "-") for letter in "xyz")
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]{0,63}")
 _DIRECTION = re.compile(r"([+-]?)([xyz])")
 
@@ -80,6 +82,17 @@ class StrictTable(BaseModel):
     def given(self, keys: Iterable[str]) -> dict[str, Any]:
         """Values of those of some keys that are given."""
         return {key: value for key in keys if (value := getattr(self, key)) is not None}
+
+    def fill[Built](self, kind: type[Built], **others: object) -> Built:
+        """Build a dataclass whose fields have the values of the keys of their names, lists as tuples.
+
+        Args:
+            others: Its other fields, and those with another value.
+        """
+        names = {field.name for field in dataclasses.fields(cast(type[Any], kind))}
+        values = self.given((names & type(self).model_fields.keys()) - others.keys())
+        tuples = {name: tuple(value) for name, value in values.items() if isinstance(value, list)}
+        return kind(**values | tuples, **others)
 
     @classmethod
     def __get_pydantic_json_schema__(
@@ -131,18 +144,14 @@ def problem(message: str) -> PydanticCustomError:
     return PydanticCustomError("scene", "{message}", {"message": message})
 
 
-def read_quantity(*dimensions: Dimension) -> Callable[[object], Quantity]:
-    """A validator that reads a quantity of one of some dimensions."""
-
-    def read(value: object) -> Quantity:
-        if isinstance(value, Quantity):
-            return value
-        try:
-            return parse_quantity(value, *dimensions)
-        except UnitError as error:
-            raise problem(str(error)) from error
-
-    return read
+def read_quantity(value: object, *dimensions: Dimension) -> Quantity:
+    """Return a quantity of one of some dimensions."""
+    if isinstance(value, Quantity):
+        return value
+    try:
+        return parse_quantity(value, *dimensions)
+    except UnitError as error:
+        raise problem(str(error)) from error
 
 
 @dataclass(frozen=True)
@@ -225,7 +234,7 @@ class Between:
 
     def _check(self, value: float) -> float:
         if not self.low <= value <= self.high:
-            shown = show_value(value) if isinstance(value, int) else f"{value:g}"
+            shown = quote_value(value) if isinstance(value, int) else f"{value:g}"
             raise problem(f"is {shown} but must lie between {self.low:g} and {self.high:g}")
         return value
 
@@ -234,158 +243,137 @@ SIGN_WORDS: dict[Sign, str] = {"any": "", "positive": " above zero", "not negati
 
 
 def describe_quantity(*dimensions: Dimension, sign: Sign = "any") -> JsonForm:
-    """How such a quantity stands in the JSON schema."""
+    """Describe such a quantity for the JSON schema."""
     names = " or ".join(dimension.name for dimension in dimensions) + SIGN_WORDS[sign]
-    examples = [dimension.example for dimension in dimensions]
     return JsonForm(
         {
             "type": "string",
             "description": f"{names} with a unit",
-            "examples": examples,
+            "examples": [dimension.example for dimension in dimensions],
             "pattern": QuantityPattern(dimensions, sign),
         }
     )
 
 
-def _require(test: Callable[[float], bool], rule: str) -> Callable[[float], float]:
-    def check(value: float) -> float:
-        if not test(value):
-            raise problem(f"is {value:g} in SI units but {rule}")
-        return value
-
-    return check
-
-
 LEAST = 1e-30  # what is smaller is a slip of units, and its powers would vanish [SI]
 
 
-def _require_positive(quantity: Quantity) -> Quantity:
-    if not quantity.value >= LEAST:
-        raise problem(
-            f"is {quantity.value:g} in SI units but must be above zero ({LEAST:g} at least)"
-        )
-    return quantity
-
-
-_POSITIVE = _require(lambda value: value >= LEAST, f"must be above zero ({LEAST:g} at least)")
-_NOT_NEGATIVE = _require(lambda value: value >= 0.0, "must not be negative")
-_SIGNS = {"any": [], "positive": [_POSITIVE], "not negative": [_NOT_NEGATIVE]}
+def _check_sign(value: float, sign: Sign) -> float:
+    if sign == "positive" and not value >= LEAST:
+        raise problem(f"is {value:g} in SI units but must be above zero ({LEAST:g} at least)")
+    if sign == "not negative" and not value >= 0.0:
+        raise problem(f"is {value:g} in SI units but must not be negative")
+    return value
 
 
 @dataclass(frozen=True)
-class _InUnits(JsonForm):
-    """A quantity of a dimension becomes a number in SI units."""
+class _Measured(JsonForm):
+    """A text with a unit becomes a quantity of one of some dimensions."""
 
     form: Form = field(init=False)
-    dimension: Dimension
+    dimensions: tuple[Dimension, ...]
     sign: Sign = "any"
 
     def __post_init__(self) -> None:
-        """The text that it is written as."""
-        object.__setattr__(self, "form", describe_quantity(self.dimension, sign=self.sign).form)
+        form = describe_quantity(*self.dimensions, sign=self.sign).form
+        object.__setattr__(self, "form", form)
 
     def __get_pydantic_core_schema__(
         self, source: object, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
-        """The quantity read, then its sign."""
-        schema: CoreSchema = no_info_before_validator_function(self._read, handler(source))
-        for check in _SIGNS[self.sign]:
-            schema = no_info_after_validator_function(check, schema)
-        return schema
+        """The quantity read, and its sign."""
+        return no_info_before_validator_function(self._read, handler(source))
 
-    def _read(self, value: object) -> float:
-        return read_quantity(self.dimension)(value).value
+    def _read(self, value: object) -> Quantity | float:
+        quantity = read_quantity(value, *self.dimensions)
+        _check_sign(quantity.value, self.sign)
+        return quantity
 
 
-Length = Annotated[float, _InUnits(units.LENGTH)]
-PositiveLength = Annotated[float, _InUnits(units.LENGTH, "positive")]
-NotNegativeLength = Annotated[float, _InUnits(units.LENGTH, "not negative")]
-Angle = Annotated[float, _InUnits(units.ANGLE)]
-Pressure = Annotated[float, _InUnits(units.PRESSURE)]
-PositivePressure = Annotated[float, _InUnits(units.PRESSURE, "positive")]
-PositiveDensity = Annotated[float, _InUnits(units.DENSITY, "positive")]
-PositiveMass = Annotated[float, _InUnits(units.MASS, "positive")]
-PositiveFrequency = Annotated[float, _InUnits(units.FREQUENCY, "positive")]
-Frequency = Annotated[float, _InUnits(units.FREQUENCY, "not negative")]
-PositiveTime = Annotated[float, _InUnits(units.TIME, "positive")]
-NotNegativeTime = Annotated[float, _InUnits(units.TIME, "not negative")]
-PositiveMemory = Annotated[float, _InUnits(units.MEMORY, "positive")]
-PositiveForce = Annotated[float, _InUnits(units.FORCE, "positive")]
-PositiveStiffness = Annotated[float, _InUnits(units.STIFFNESS, "positive")]
-PositiveStiffnessPerArea = Annotated[float, _InUnits(units.STIFFNESS_PER_AREA, "positive")]
-PositiveRotationalStiffness = Annotated[float, _InUnits(units.ROTATIONAL_STIFFNESS, "positive")]
-Force = Annotated[float, _InUnits(units.FORCE)]
-Speed = Annotated[float, _InUnits(units.SPEED)]
-PositiveSpeed = Annotated[float, _InUnits(units.SPEED, "positive")]
-PositiveAngularSpeed = Annotated[float, _InUnits(units.ANGULAR_SPEED, "positive")]
-Moment = Annotated[float, _InUnits(units.MOMENT)]
-PositiveMoment = Annotated[float, _InUnits(units.MOMENT, "positive")]
-Acceleration = Annotated[float, _InUnits(units.ACCELERATION)]
-PositiveInertia = Annotated[float, _InUnits(units.INERTIA, "positive")]
-NotNegativeInertia = Annotated[float, _InUnits(units.INERTIA, "not negative")]
-NotNegativeDamping = Annotated[float, _InUnits(units.DAMPING, "not negative")]
-PositiveRate = Annotated[float, _InUnits(units.RATE, "positive")]
-NotNegativeRate = Annotated[float, _InUnits(units.RATE, "not negative")]
-NotNegativeForce = Annotated[float, _InUnits(units.FORCE, "not negative")]
-SpecificForce = Annotated[float, _InUnits(units.SPECIFIC_FORCE)]
-PositiveSpecificForce = Annotated[float, _InUnits(units.SPECIFIC_FORCE, "positive")]
-EdgeForce = Annotated[float, _InUnits(units.EDGE_FORCE)]
-NotNegativeEdgeForce = Annotated[float, _InUnits(units.EDGE_FORCE, "not negative")]
+@dataclass(frozen=True)
+class _InUnits(_Measured):
+    """A text with a unit of a dimension becomes a number in SI units."""
+
+    def _read(self, value: object) -> Quantity | float:
+        quantity = super()._read(value)
+        return quantity.value if isinstance(quantity, Quantity) else quantity
+
+
+Length = Annotated[float, _InUnits((units.LENGTH,))]
+PositiveLength = Annotated[float, _InUnits((units.LENGTH,), "positive")]
+NotNegativeLength = Annotated[float, _InUnits((units.LENGTH,), "not negative")]
+Angle = Annotated[float, _InUnits((units.ANGLE,))]
+Pressure = Annotated[float, _InUnits((units.PRESSURE,))]
+PositivePressure = Annotated[float, _InUnits((units.PRESSURE,), "positive")]
+PositiveDensity = Annotated[float, _InUnits((units.DENSITY,), "positive")]
+PositiveMass = Annotated[float, _InUnits((units.MASS,), "positive")]
+PositiveFrequency = Annotated[float, _InUnits((units.FREQUENCY,), "positive")]
+Frequency = Annotated[float, _InUnits((units.FREQUENCY,), "not negative")]
+PositiveTime = Annotated[float, _InUnits((units.TIME,), "positive")]
+NotNegativeTime = Annotated[float, _InUnits((units.TIME,), "not negative")]
+PositiveMemory = Annotated[float, _InUnits((units.MEMORY,), "positive")]
+PositiveForce = Annotated[float, _InUnits((units.FORCE,), "positive")]
+PositiveStiffness = Annotated[float, _InUnits((units.STIFFNESS,), "positive")]
+PositiveStiffnessPerArea = Annotated[float, _InUnits((units.STIFFNESS_PER_AREA,), "positive")]
+PositiveRotationalStiffness = Annotated[float, _InUnits((units.ROTATIONAL_STIFFNESS,), "positive")]
+Force = Annotated[float, _InUnits((units.FORCE,))]
+Speed = Annotated[float, _InUnits((units.SPEED,))]
+PositiveSpeed = Annotated[float, _InUnits((units.SPEED,), "positive")]
+PositiveAngularSpeed = Annotated[float, _InUnits((units.ANGULAR_SPEED,), "positive")]
+Moment = Annotated[float, _InUnits((units.MOMENT,))]
+PositiveMoment = Annotated[float, _InUnits((units.MOMENT,), "positive")]
+Acceleration = Annotated[float, _InUnits((units.ACCELERATION,))]
+PositiveInertia = Annotated[float, _InUnits((units.INERTIA,), "positive")]
+NotNegativeInertia = Annotated[float, _InUnits((units.INERTIA,), "not negative")]
+NotNegativeDamping = Annotated[float, _InUnits((units.DAMPING,), "not negative")]
+PositiveRate = Annotated[float, _InUnits((units.RATE,), "positive")]
+NotNegativeRate = Annotated[float, _InUnits((units.RATE,), "not negative")]
+NotNegativeForce = Annotated[float, _InUnits((units.FORCE,), "not negative")]
+SpecificForce = Annotated[float, _InUnits((units.SPECIFIC_FORCE,))]
+PositiveSpecificForce = Annotated[float, _InUnits((units.SPECIFIC_FORCE,), "positive")]
+EdgeForce = Annotated[float, _InUnits((units.EDGE_FORCE,))]
+NotNegativeEdgeForce = Annotated[float, _InUnits((units.EDGE_FORCE,), "not negative")]
 TimedLoadSize = Annotated[
     Quantity,
-    BeforeValidator(read_quantity(units.FORCE, units.MOMENT, units.IMPULSE, units.ANGULAR_IMPULSE)),
-    describe_quantity(units.FORCE, units.MOMENT, units.IMPULSE, units.ANGULAR_IMPULSE),
+    _Measured((units.FORCE, units.MOMENT, units.IMPULSE, units.ANGULAR_IMPULSE)),
 ]
-PathFeed = Annotated[
-    Quantity,
-    BeforeValidator(read_quantity(units.SPEED, units.ANGULAR_SPEED)),
-    AfterValidator(_require_positive),
-    describe_quantity(units.SPEED, units.ANGULAR_SPEED, sign="positive"),
-]
-AxisPosition = Annotated[
-    Quantity,
-    BeforeValidator(read_quantity(units.LENGTH, units.ANGLE)),
-    describe_quantity(units.LENGTH, units.ANGLE),
-]
-PositiveAxisPosition = Annotated[  # tables say what is wrong with it
-    AxisPosition, describe_quantity(units.LENGTH, units.ANGLE, sign="positive")
-]
+PathFeed = Annotated[Quantity, _Measured((units.SPEED, units.ANGULAR_SPEED), "positive")]
+AxisPosition = Annotated[Quantity, _Measured((units.LENGTH, units.ANGLE))]
+PositiveAxisPosition = Annotated[Quantity, _Measured((units.LENGTH, units.ANGLE), "positive")]
+VelocityGain = Annotated[Quantity, _Measured((units.DAMPING, units.ROTATIONAL_DAMPING), "positive")]
+FrictionSlope = Annotated[Quantity, _Measured((units.DAMPING,), "not negative")]
+JointDamping = Annotated[Quantity, _Measured((units.DAMPING, units.ROTATIONAL_DAMPING))]
 
 
-def _read_joint_value(
-    translation: Dimension, rotation: Dimension
-) -> Callable[[object], Quantity | str]:
-    read = read_quantity(translation, rotation)
-    return lambda value: value if value == "rigid" and isinstance(value, str) else read(value)
+@dataclass(frozen=True)
+class _MeasuredOrRigid(_Measured):
+    """The same, or ``rigid``."""
+
+    def _read(self, value: object) -> Any:
+        return value if value == "rigid" and isinstance(value, str) else super()._read(value)
 
 
 JointStiffness = Annotated[
     Quantity | str,
-    BeforeValidator(_read_joint_value(units.STIFFNESS, units.ROTATIONAL_STIFFNESS)),
-    describe_quantity(units.STIFFNESS, units.ROTATIONAL_STIFFNESS),
+    _MeasuredOrRigid((units.STIFFNESS, units.ROTATIONAL_STIFFNESS)),
     OrForm({"const": "rigid"}),
-]
-JointDamping = Annotated[
-    Quantity,
-    BeforeValidator(read_quantity(units.DAMPING, units.ROTATIONAL_DAMPING)),
-    describe_quantity(units.DAMPING, units.ROTATIONAL_DAMPING),
 ]
 
 
 def _read_number(value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise problem(
-            f"{show_value(value)} is not a plain number; write one without quotes and unit, such as 0.3"
+            f"{quote_value(value)} is not a plain number; write one without quotes and unit, such as 0.3"
         )
     if (isinstance(value, int) and abs(value) > 10**300) or not math.isfinite(value):
-        raise problem(f"{show_value(value)} is not finite; write an ordinary number")
+        raise problem(f"{quote_value(value)} is not finite; write an ordinary number")
     return float(value)
 
 
 def _read_whole(value: object) -> int:
     if isinstance(value, bool) or not isinstance(value, int):
         raise problem(
-            f"{show_value(value)} is not a whole number; write one without quotes, such as 1"
+            f"{quote_value(value)} is not a whole number; write one without quotes, such as 1"
         )
     return value
 
@@ -394,7 +382,7 @@ def _read_count(lowest: int, highest: int = MAX_COUNT) -> Callable[[object], int
     def read(value: object) -> int:
         value = _read_whole(value)
         if not lowest <= value <= highest:
-            raise problem(f"is {show_value(value)} but must lie between {lowest} and {highest}")
+            raise problem(f"is {quote_value(value)} but must lie between {lowest} and {highest}")
         return value
 
     return read
@@ -402,7 +390,9 @@ def _read_count(lowest: int, highest: int = MAX_COUNT) -> Callable[[object], int
 
 Number = Annotated[float, BeforeValidator(_read_number), JsonForm({"type": "number"})]
 PositiveNumber = Annotated[
-    Number, AfterValidator(_POSITIVE), JsonForm({"type": "number", "exclusiveMinimum": 0.0})
+    Number,
+    AfterValidator(lambda value: _check_sign(value, "positive")),
+    JsonForm({"type": "number", "exclusiveMinimum": 0.0}),
 ]
 WholeNumber = Annotated[int, BeforeValidator(_read_whole), JsonForm({"type": "integer"})]
 Count = Annotated[int, BeforeValidator(_read_count(1)), JsonForm({"type": "integer", "minimum": 1})]
@@ -508,11 +498,11 @@ def _read_channel(value: object) -> tuple[str, str]:
         or not all(isinstance(part, str) for part in value)
     ):
         raise problem(
-            f'{show_value(value)} names no point and direction; write ["tcp", "x"], or "tcp" for x, y and z'
+            f'{quote_value(value)} names no point and direction; write ["tcp", "x"], or "tcp" for x, y and z'
         )
     if value[1] not in DOF_NAMES:
         raise problem(
-            f"{show_value(value[1])} is no direction; write one of {', '.join(DOF_NAMES)}"
+            f"{quote_value(value[1])} is no direction; write one of {', '.join(DOF_NAMES)}"
         )
     return value[0], value[1]
 
@@ -521,6 +511,7 @@ class RequestTable(StrictTable):
     """An analysis, which can be kept for when it is requested."""
 
     highest: ClassVar[str] = ""  # key of the highest frequency that is wanted
+    loads_probes: ClassVar[Literal["", "by the scene", "by itself"]] = ""  # so that they show much
 
     on_request: Flag = False
 
@@ -561,7 +552,7 @@ ChannelName = Annotated[
 def _read_name(value: object) -> str:
     if not isinstance(value, str) or _NAME.fullmatch(value) is None:
         raise problem(
-            f"{show_value(value)} is not a name; write letters, digits, _ and -, beginning with a letter, at most 64"
+            f"{quote_value(value)} is not a name; write letters, digits, _ and -, beginning with a letter, at most 64"
         )
     return value
 
@@ -604,7 +595,7 @@ def read_direction(value: object) -> tuple[float, float, float]:
         return x, y, z
     if not isinstance(value, list) or len(value) != 3:
         raise problem(
-            f'{show_value(value)} is not a direction; write "x", "-z" or three plain numbers such as [1, 0, 0]'
+            f'{quote_value(value)} is not a direction; write "x", "-z" or three plain numbers such as [1, 0, 0]'
         )
     vector = np.array([_read_number(item) for item in value])
     scale = float(np.abs(vector).max())
@@ -631,10 +622,7 @@ Direction = Annotated[
         {
             "description": "x, -z ... or three plain numbers",
             "examples": ["x", "-z", [1, 0, 0]],
-            "anyOf": [
-                {"enum": [f"{sign}{letter}" for sign in ("", "+", "-") for letter in "xyz"]},
-                THREE_NUMBERS,
-            ],
+            "anyOf": [{"enum": list(AXIS_DIRECTIONS)}, THREE_NUMBERS],
         }
     ),
 ]
@@ -646,7 +634,9 @@ def _read_end(value: object) -> JointEnd:
     if value == GROUND:
         return JointEnd()
     if not isinstance(value, str) or value.count(".") != 1 or not all(value.split(".")):
-        raise problem(f'{show_value(value)} is not an end; write "component.interface" or "ground"')
+        raise problem(
+            f'{quote_value(value)} is not an end; write "component.interface" or "ground"'
+        )
     component, _, interface = value.partition(".")
     return JointEnd(component, interface)
 
@@ -663,3 +653,40 @@ End = Annotated[
         }
     ),
 ]
+
+
+def describe_span(
+    dimensions: tuple[Dimension, ...], example: list[FormValue], low: int
+) -> JsonForm:
+    """Describe a span of the lowest and the highest value and their number for the JSON schema.
+
+    Args:
+        low: The lowest number.
+    """
+    return JsonForm(
+        {
+            "type": "array",
+            "examples": [example],
+            "prefixItems": [
+                *2 * [{"type": "string", "pattern": QuantityPattern(dimensions)}],
+                {"type": "integer", "minimum": low},
+            ],
+            "minItems": 3,
+            "maxItems": 3,
+        }
+    )
+
+
+def read_span(what: str) -> BeforeValidator:
+    """Refuse what has not three entries.
+
+    Args:
+        what: What a span is of, and an example of one.
+    """
+
+    def read(value: object) -> object:
+        if not isinstance(value, list) or len(value) != 3:
+            raise problem(f"is not a span; write lowest, highest and number of {what}")
+        return value
+
+    return BeforeValidator(read)

@@ -4,6 +4,7 @@ a remedy.
 
 import difflib
 import functools
+import re
 import types
 from functools import cache
 from typing import Annotated, Union, get_args, get_origin
@@ -16,15 +17,11 @@ from headstock.scene.reading.files import TomlTable, TomlValue
 from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.names import REMOVED_KEYS, SCENE_KEYS
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.reading.units import show_value
+from headstock.scene.reading.units import quote_value
 from headstock.scene.schema.scene import SceneTable, complete_scene
 
 # what pydantic puts among the keys: a faulty key, and which kind of value was taken
-TAGS = (
-    "[key]",
-    "[waypoints]",
-    "[file]",
-)
+_TAG = re.compile(r"(|literal|function-\w+)\[.*\]")
 _KINDS = {
     "string_type": 'is not text; write it in quotes, such as "text"',
     "bool_type": "is neither true nor false; write one of them without quotes",
@@ -74,6 +71,22 @@ def validate_against[T: BaseModel](model: type[T], raw: TomlTable, findings: Fin
     return None
 
 
+def validate_part[T: BaseModel](
+    model: type[T], raw: TomlValue, key: KeyPath, findings: Findings
+) -> T | None:
+    """Validate a table of a scene; what is wrong with it is reported below its key.
+
+    Returns:
+        The table, or None where anything is wrong.
+    """
+    try:
+        return model.model_validate(raw)
+    except ValidationError as error:
+        for detail in error.errors(include_url=False):
+            _report(model, detail, findings, key)
+        return None
+
+
 def known_keys(path: KeyPath, root: type[BaseModel] | None = None) -> list[str] | None:
     """Keys a schema, by default the scene's, knows at a path; None where any key may stand."""
     model = _resolve_model(root or complete_scene(), path)
@@ -108,27 +121,32 @@ def _unknown_key(root: type[BaseModel], path: KeyPath) -> str:
     return f"unknown key {key[:80]!r}; {suggest_names(path[-1], keys, what='known keys')}"
 
 
-def _report(root: type[BaseModel], detail: ErrorDetails, findings: Findings) -> None:
-    path: KeyPath = tuple(part for part in detail["loc"] if part not in TAGS)
-    kind = detail["type"]
-    value = detail.get("input")
+def _report(
+    root: type[BaseModel], detail: ErrorDetails, findings: Findings, key: KeyPath = ()
+) -> None:
+    """Report what pydantic found.
+
+    Args:
+        root: Table that was validated.
+        key: Where it stands.
+    """
+    path: KeyPath = tuple(part for part in detail["loc"] if not _TAG.fullmatch(str(part)))
+    kind, value = detail["type"], detail.get("input")
     if is_expression(value):
         return  # said where it could not be calculated
+    message = str(detail["msg"])
     if kind == "extra_forbidden":
-        findings.add(path, _unknown_key(root, path))
+        message = _unknown_key(root, path)
     elif kind == "missing":
-        findings.add(path, _missing_message(root, path))
+        message = _missing_message(root, path)
     elif kind == "literal_error":
         expected = str(detail.get("ctx", {}).get("expected", ""))
-        findings.add(
-            path, f"{show_value(value)} is not one of {expected}{_closest(value, expected)}"
-        )
+        message = f"{quote_value(value)} is not one of {expected}{_closest(value, expected)}"
     elif kind in ("too_short", "too_long"):
-        findings.add(path, _length_message(detail))
+        message = _length_message(detail)
     elif kind in _KINDS:
-        findings.add(path, f"{show_value(value)} {_KINDS[kind]}")
-    else:
-        findings.add(path, str(detail["msg"]))
+        message = f"{quote_value(value)} {_KINDS[kind]}"
+    findings.add((*key, *path), message)
 
 
 def _missing_message(root: type[BaseModel], path: KeyPath) -> str:

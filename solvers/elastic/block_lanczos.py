@@ -53,43 +53,32 @@ def block_lanczos_pairs(problem: EigenProblem, start: FloatArray, target: ModeTa
 
 def _search(space: "_KrylovSpace", dimension: int, target: ModeTarget) -> EigenPairs:
     usual = 20 * (target.count or 40) + 200
-    limit = min(dimension, max(usual if target.up_to_hz is None else 0, MOST_VECTORS))
+    limit = min(
+        dimension, MOST_VECTORS if target.up_to_hz is not None else max(usual, MOST_VECTORS)
+    )
     while True:
         exhausted = not space.expand(limit)
         values, vectors, bounds = space.ritz_pairs()
         complete = exhausted and space.size >= dimension
         selected = select_pairs(values, bounds, target, complete)
         if selected is not None and (complete or _largest_cluster(values[:selected]) < space.width):
+            following = 1.0 / values[selected] if selected < len(values) else np.inf
             break
         # a mode that occurs as often as the start block is wide may occur once more, and an
         # invariant space may not be the whole: new directions must come in from outside
         if (selected is not None or exhausted) and space.size < limit and space.widen():
             continue
-        hopeless = space.size >= usual and bounds[0] > RITZ_TOLERANCE
-        if target.count is not None and (exhausted or hopeless):
-            done, following = converged_pairs(values, bounds)
-            return EigenPairs(
-                np.asarray(1.0 / values[:done]),
-                space.improved(values[:done], vectors[:, :done]),
-                bounds[:done],
-                following,
-                space.solves,
-                complete=False,
-            )
+        hopeless = exhausted or (space.size >= usual and bounds[0] > RITZ_TOLERANCE)
+        if target.count is not None and hopeless:
+            selected, following = converged_pairs(values, bounds)
+            return space.pairs(values, vectors, bounds, selected, following, complete=False)
         if exhausted:
             done = int((bounds < RITZ_TOLERANCE).sum())
             raise ConvergenceError(
                 f"block Lanczos found {done} modes to {RITZ_TOLERANCE:g} with {space.size} vectors and could not finish {target}; "
                 "ask for fewer modes (reduction.modes, or a lower reduction.modes_to)"
             )
-    following = 1.0 / values[selected] if selected < len(values) else np.inf
-    return EigenPairs(
-        np.asarray(1.0 / values[:selected]),
-        space.improved(values[:selected], vectors[:, :selected]),
-        bounds[:selected],
-        float(following),
-        space.solves,
-    )
+    return space.pairs(values, vectors, bounds, selected, following)
 
 
 def _largest_cluster(values: FloatArray) -> int:
@@ -189,19 +178,35 @@ class _KrylovSpace:
         values, vectors = values[keep], vectors[:, keep]
         return values, vectors, np.linalg.norm(self._couple(vectors), axis=0) / values
 
-    def improved(self, values: FloatArray, coefficients: FloatArray) -> FloatArray:
-        """Return the Ritz vectors ``(n, m)`` after one more step of the inverse, which costs
-        nothing: ``K^-1 M V y = theta V y + V_next C y``.
+    def pairs(
+        self,
+        values: FloatArray,
+        coefficients: FloatArray,
+        bounds: FloatArray,
+        count: int,
+        following: float,
+        *,
+        complete: bool = True,
+    ) -> EigenPairs:
+        """Return the first pairs with their Ritz vectors after one more step of the inverse, which
+        costs nothing: ``K^-1 M V y = theta V y + V_next C y``.
 
         Args:
-            values: ``(m,)`` theta.
+            values: ``(m,)`` theta, falling.
             coefficients: ``(size, m)`` y.
+            bounds: ``(m,)`` of their residuals.
+            following: Eigenvalue behind them.
+            complete: They are all that were asked for.
         """
+        theta, y = values[:count], coefficients[:, :count]
         self._basis.setActiveColumns(0, self.size)
-        shapes = _combined(self._basis, coefficients)
+        shapes = _combined(self._basis, y)
         if _width(self._next) and shapes.shape[1]:
-            shapes += _combined(self._next, self._couple(coefficients) / values)
-        return shapes
+            shapes += _combined(self._next, self._couple(y) / theta)
+        inverse = np.asarray(1.0 / theta)
+        return EigenPairs(
+            inverse, shapes, bounds[:count], float(following), self.solves, complete=complete
+        )
 
     def _couple(self, coefficients: FloatArray) -> FloatArray:
         last = coefficients[len(coefficients) - self._coupling.shape[1] :]

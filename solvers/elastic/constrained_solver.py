@@ -252,7 +252,7 @@ class ConstrainedSolver:
         factorised deforms: its soft modes dominate it.
         """
         # forces that grow with the square of the distance bend a part, even a free one
-        motions = rigid_motions(self.operators)
+        motions = rigid_node_motions(self.operators)
         arms = (motions[:, 3:].reshape(-1, 3, 3) ** 2).sum(axis=(1, 2))
         load = np.where(self.fixed, 0.0, np.repeat(1.0 + arms, 3))[:, None]
         shape = self._inverse.solve(load)
@@ -293,7 +293,7 @@ class _Saddle:
     factors: tuple[FloatArray, FloatArray]
 
 
-def rigid_motions(operators: ElasticOperators) -> FloatArray:
+def rigid_node_motions(operators: ElasticOperators) -> FloatArray:
     """Return the six rigid motions ``(3 n_owned, 6)`` about the mean point, rotations scaled by the
     component's size to unit length.
     """
@@ -317,7 +317,7 @@ def free_combinations(
             all ranks; None for none.
     """
     center, units = scale_motions(operators)
-    motions = rigid_motions(operators)
+    motions = rigid_node_motions(operators)
     blocked = sum_over_ranks(operators.comm, motions[fixed].T @ motions[fixed])
     count = int(operators.comm.allreduce(int(fixed.sum())))
     if turned is not None:

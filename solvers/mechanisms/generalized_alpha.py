@@ -136,7 +136,7 @@ class _Rules:
     accuracy: float
 
 
-def integrate_motion(
+def integrate_constrained(
     problem: _ConstrainedProblem,
     start: MotionState,
     step: float,

@@ -150,7 +150,7 @@ def marker_motion(model: CompliantMechanism, motions: SmallMotions, marker: str)
     )
 
 
-def solve_pose_modes(motions: SmallMotions) -> _LumpedModes:
+def solve_lumped_modes(motions: SmallMotions) -> _LumpedModes:
     """Natural modes by the symmetric form ``S M^-1 S`` of the springs ``S^2``, inverted: ``L^-1``
     of the mass is not needed.
 
@@ -219,7 +219,7 @@ class PoseDamping:
         found: FloatArray = self.rayleigh.alpha * motions.mass + self.rayleigh.beta * springs
         if not self.ratios:
             return found
-        return found + modal_damping(motions, solve_pose_modes(motions), np.array(self.ratios))
+        return found + modal_damping(motions, solve_lumped_modes(motions), np.array(self.ratios))
 
 
 def tool_compliance(model: CompliantMechanism, motions: SmallMotions) -> FloatArray:

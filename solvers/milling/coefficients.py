@@ -52,7 +52,7 @@ class CuttingCoefficients:
     def spread(
         self, value: float, find: Callable[["CuttingCoefficients"], float]
     ) -> dict[str, float]:
-        """How far a number may be off, by key: the larger of its changes at both ends of each range.
+        """Return how far a number may be off, by key: the larger of its changes at both ends of each range.
 
         Args:
             find: The number with other coefficients.

@@ -98,7 +98,7 @@ class FreeLegs:
     motion: LinearMotion
 
     def deviate(self, model: CompliantMechanism, drives: Drive, moved: CompliantHistory) -> Drive:
-        """What driven coordinates do with what the motors do beyond it."""
+        """Return what driven coordinates do with the motions of the motors added."""
         columns = [model.mechanism.driven.index(name) for name in self.names]
         first = len(model.mechanism.compliant)
         own = slice(first, first + len(columns))

@@ -99,7 +99,7 @@ def part_sign(side: Side) -> float:
 
 
 def clockwise_side(sense: Sense) -> Side:
-    """Where the part lies if the tool turns clockwise seen from above."""
+    """Return where the part lies if the tool turns clockwise seen from above."""
     return "right" if sense == "down" else "left"
 
 

@@ -40,7 +40,7 @@ class StraightPath:
 
     @property
     def span(self) -> tuple[float, float]:
-        """When it starts and ends [s]."""
+        """Start and end [s]."""
         return 0.0, self.move.duration
 
     def at(self, times: FloatArray) -> PathPoints:

@@ -143,7 +143,7 @@ class ToolPath(Protocol):
 
     @property
     def span(self) -> tuple[float, float]:
-        """When it starts and ends [s]."""
+        """Start and end [s]."""
 
     def at(self, times: FloatArray) -> PathPoints:
         """Positions, velocities and accelerations at times ``(n,)``."""
@@ -299,7 +299,7 @@ class ContourPlan:
 
 
 def describe_contour(contour: SquareContour | PolylineContour) -> str:
-    """Where the tool goes, in a few words."""
+    """Describe where the tool goes, in a few words."""
     if isinstance(contour, SquareContour):
         return f"around a block of {1e3 * contour.side:g} mm"
     length = sum(math.dist(*ends) for ends in itertools.pairwise(contour.points))

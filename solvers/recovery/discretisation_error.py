@@ -20,7 +20,7 @@ from headstock.meshing.elements.topology import (
     Family,
     cell_family,
     cell_order,
-    shape_functions,
+    cell_shape_functions,
 )
 from headstock.solvers.recovery.free_sides import FreeSides, find_free_sides
 from headstock.solvers.recovery.patch_recovery import (
@@ -366,7 +366,7 @@ def _stress_changes(
         values = np.concatenate([smooth[mesh.cells[cells]], taken[cells]], axis=1)
         sizes = np.sqrt(_straight_measures(mesh, cells) * factors[cells]).astype(np.float32)
         yield cells, np.matmul(sizes[:, None, None] * change_rule, values)
-    shapes = shape_functions(mesh.kind, places).astype(np.float32)
+    shapes = cell_shape_functions(mesh.kind, places).astype(np.float32)
     for cells in _blocks(np.flatnonzero(~straight[:counted]), len(places) * taken.shape[2]):
         operators = stress_operators(mesh, material, places, cells)
         sizes = np.sqrt(operators.measures * rule * factors[cells, None]).astype(np.float32)
@@ -460,7 +460,7 @@ def _change_rule(
         constant = np.ones((len(where), 1))
         return constant if cell_order(mesh.kind) == 1 else np.hstack([constant, where])
 
-    shapes = shape_functions(mesh.kind, places)
+    shapes = cell_shape_functions(mesh.kind, places)
     rule = np.sqrt(weights)[:, None] * np.hstack(
         [shapes, -terms(places) @ np.linalg.pinv(terms(samples))]
     )

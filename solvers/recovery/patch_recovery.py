@@ -19,9 +19,9 @@ from headstock.meshing.component_mesh import CellKind, ComponentMesh, IntArray
 from headstock.meshing.elements.topology import (
     cell_family,
     cell_order,
+    cell_shape_functions,
     corner_count,
     reference_nodes,
-    shape_functions,
     shape_gradients,
 )
 from headstock.solvers.recovery.free_sides import (
@@ -222,7 +222,7 @@ def recover_stresses(
     used = np.unique(node_patches.own[:wanted])
     # linear shape functions weigh the corners between which a point lies alike
     shares = 1.0 / np.maximum(np.bincount(near.entries, minlength=len(mesh.points)), 1)
-    where = np.matmul(shape_functions(mesh.kind, places), mesh.points[mesh.cells])
+    where = np.matmul(cell_shape_functions(mesh.kind, places), mesh.points[mesh.cells])
     smooth = np.zeros((len(mesh.points), taken.shape[2]), dtype=np.float32)
 
     def add(points: IntArray, values: FloatArray | StressArray) -> None:
@@ -364,7 +364,7 @@ def _gather_patches(corner_of: IntArray, count: int, enough: FloatArray) -> _Lis
 def _gather_points(mesh: ComponentMesh, corner_of: IntArray, count: int) -> _Lists:
     """Return the points of the mesh that lie between each corner and others."""
     linear: CellKind = "tet4" if cell_family(mesh.kind) == "tet" else "hex8"
-    node, corner = np.nonzero(shape_functions(linear, reference_nodes(mesh.kind)) > 1e-9)
+    node, corner = np.nonzero(cell_shape_functions(linear, reference_nodes(mesh.kind)) > 1e-9)
     keys = np.unique(corner_of[:, corner].astype(np.int64) * len(mesh.points) + mesh.cells[:, node])
     owners = keys // len(mesh.points)
     return _Lists(np.searchsorted(owners, np.arange(count + 1)), keys - owners * len(mesh.points))

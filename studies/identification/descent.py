@@ -16,7 +16,7 @@ from scipy.stats import norm, qmc
 
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.planning.node_memory import node_memory_bytes
+from headstock.pipeline.planning.resources import node_memory_bytes
 from headstock.pipeline.storage.store import default_store_root
 from headstock.solvers.errors import ConvergenceError
 from headstock.solvers.mpi import MPI

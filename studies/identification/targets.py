@@ -35,12 +35,12 @@ from headstock.scene.schema.types import (
 MAX_STARTS = 4096
 Measured = Annotated[
     Quantity,
-    BeforeValidator(read_quantity(units.FREQUENCY, COMPLIANCE)),
+    BeforeValidator(lambda value: read_quantity(value, units.FREQUENCY, COMPLIANCE)),
     describe_quantity(units.FREQUENCY, COMPLIANCE),
 ]
 Compliance = Annotated[
     float,
-    BeforeValidator(lambda value: read_quantity(COMPLIANCE)(value).value),
+    BeforeValidator(lambda value: read_quantity(value, COMPLIANCE).value),
     describe_quantity(COMPLIANCE),
 ]
 Letter = Literal["x", "y", "z", "-x", "-y", "-z"]
@@ -50,7 +50,7 @@ _ALONE = OrForm({"type": "string", "description": "scene key"})
 def _read_any(value: object) -> Quantity:
     if isinstance(value, int | float) and not isinstance(value, bool):
         return Quantity(float(value), NUMBER)
-    return read_quantity(*DIMENSIONS)(value)
+    return read_quantity(value, *DIMENSIONS)
 
 
 def _require_spread(found: Quantity) -> Quantity:
@@ -66,19 +66,19 @@ AnyQuantity = Annotated[
 ]
 FrequencySpread = Annotated[
     Quantity,
-    BeforeValidator(read_quantity(units.RATIO, units.FREQUENCY)),
+    BeforeValidator(lambda value: read_quantity(value, units.RATIO, units.FREQUENCY)),
     AfterValidator(_require_spread),
     describe_quantity(units.RATIO, units.FREQUENCY),
 ]
 ComplianceSpread = Annotated[
     Quantity,
-    BeforeValidator(read_quantity(units.RATIO, COMPLIANCE)),
+    BeforeValidator(lambda value: read_quantity(value, units.RATIO, COMPLIANCE)),
     AfterValidator(_require_spread),
     describe_quantity(units.RATIO, COMPLIANCE),
 ]
 RatioSpread = Annotated[
     Quantity,
-    BeforeValidator(read_quantity(units.RATIO)),
+    BeforeValidator(lambda value: read_quantity(value, units.RATIO)),
     AfterValidator(_require_spread),
     describe_quantity(units.RATIO),
 ]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from headstock.pipeline.answers.accuracy import AccuracySummary
 from headstock.scene.reading.watch_paths import MEASURED_NAMES, Watched
-from headstock.scene.studies import REFERENCE_RUN, StudyFamily, list_varied, show_value
+from headstock.scene.studies import REFERENCE_RUN, StudyFamily, list_varied, show_setting
 from headstock.studies.parameters.tables import StudyRow, StudyTable, is_number, median_seconds
 
 ACCURACY = "accuracy"
@@ -144,7 +144,7 @@ def _name_point(row: StudyRow, family: StudyFamily) -> str:
     telling = {
         key: value
         for key, value in varied.items()
-        if len({show_value(other) for other in family.vary[key]}) > 1
+        if len({show_setting(other) for other in family.vary[key]}) > 1
     }
     return ", ".join(
         [*([family.name.replace("_", " ")] if family.name else []), *list_varied(telling or varied)]

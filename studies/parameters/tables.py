@@ -27,7 +27,7 @@ from headstock.scene.reading.watch_paths import (
     parse_watch,
     read_watch,
 )
-from headstock.scene.studies import Study, StudyFamily, show_value
+from headstock.scene.studies import Study, StudyFamily, show_setting
 from headstock.studies.parameters.records import StudyRecord
 
 LEAST_SIZES = 3
@@ -241,7 +241,7 @@ def _with_unit(name: str, unit: str) -> str:
 
 
 def _varied_text(row: StudyRow, key: str) -> str | None:
-    return show_value(row.record.varied[key]) if key in row.record.varied else None
+    return show_setting(row.record.varied[key]) if key in row.record.varied else None
 
 
 def _unit_of_result(path: str) -> str:
@@ -477,5 +477,5 @@ def shorten_columns(columns: Sequence[str]) -> dict[str, str]:
 
 def series_title(series: SizeSeries) -> str:
     """Return what stays the same along a series, in a few words."""
-    words = [f"{key} = {show_value(value)}" for key, value in series.others.items()]
+    words = [f"{key} = {show_setting(value)}" for key, value in series.others.items()]
     return ", ".join([*([series.family] if series.family else []), *words])

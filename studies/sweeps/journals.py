@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.machine.feed import NO_FEED
+from headstock.geometry.machine.tool_travel import NO_FEED
 from headstock.pipeline.storage.journals import Journal, JournalForm, read_journal
 from headstock.pipeline.storage.outputs import TakenOutputError, make_part, read_growing_file
 

@@ -9,10 +9,9 @@ import numpy as np
 
 from headstock.geometry.errors import HeadstockError, PoseError
 from headstock.geometry.frames import DIRECTIONS, FloatArray, Frame
-from headstock.geometry.machine.feed import NO_FEED
 from headstock.geometry.machine.machine import Point, Pose
-from headstock.geometry.mechanisms.exechon import LEGS, survey_tool_poses
-from headstock.geometry.mechanisms.tool_mechanism import solve_pose, tool_pose
+from headstock.geometry.machine.tool_travel import NO_FEED
+from headstock.geometry.mechanisms.exechon import LEGS, solve_pose, survey_tool_poses, tool_pose
 from headstock.pipeline.answers.lobes import HZ
 from headstock.pipeline.answers.mechanism import describe_state
 from headstock.pipeline.lobes.cutting_point import lobes_request
@@ -20,7 +19,7 @@ from headstock.pipeline.lobes.lobes import solve_lobes
 from headstock.pipeline.stages.frf import respond
 from headstock.pipeline.stages.lumped_machine import SPRING_PARTS, series_parts
 from headstock.pipeline.stages.machine import CoupledPose
-from headstock.pipeline.stages.mechanism import build_mechanism, place_pose, scene_mechanism
+from headstock.pipeline.stages.mechanism import build_lumped_model, place_pose, scene_mechanism
 from headstock.pipeline.stages.run_state import MachineParts, PoseModel
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.coupling.dof_layout import turn_dofs
@@ -39,7 +38,7 @@ from headstock.solvers.mechanisms.modes import (
     SmallMotions,
     linearise_poses,
     marker_motion,
-    solve_pose_modes,
+    solve_lumped_modes,
 )
 from headstock.studies.sweeps.journals import FIGURES, PoseResult
 
@@ -231,7 +230,7 @@ def share_mechanism(parts: MachineParts, superelements: Mapping[str, Superelemen
     """Prepare what all poses of the mechanism of a scene share."""
     own = {name: component.placement for name, component in parts.plan.components.items()}
     return _LumpedPoses(
-        parts, scene_mechanism(parts), build_mechanism(parts, superelements), superelements, own
+        parts, scene_mechanism(parts), build_lumped_model(parts, superelements), superelements, own
     )
 
 
@@ -291,7 +290,7 @@ def _solve_taken(
     motions = linearise_poses(shared.model, states)
     found = [PoseResult(place) for place in positions]
     if (modal := analyses.get(ModalRequest)) is not None:
-        modes = solve_pose_modes(motions)
+        modes = solve_lumped_modes(motions)
         # amplitudes whose squares are the shares of the strain energy: orthonormal in every pose
         shapes = np.sqrt(modes.energy) * np.sign(modes.shapes)
         found = [

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.machine.feed import NO_FEED
+from headstock.geometry.machine.tool_travel import NO_FEED
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.stages.run_state import MachineParts, Observer
 from headstock.pipeline.stages.shared_components import make_superelements, start_run

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from common import approx
-from headstock.app.actions.choosing import choose_fidelity
+from headstock.app.actions.checking import choose_fidelity
 from headstock.app.command_line import main
 from headstock.app.terminal import guard
 from headstock.geometry.errors import HeadstockError

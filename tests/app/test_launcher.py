@@ -668,9 +668,11 @@ def write_inside(
     )
 
 
-@pytest.mark.parametrize(
-    ("given", "lies"),
-    [
+def test_what_is_written_inside_lies_on_the_host(entered: Host, tmp_path: Path) -> None:
+    outside = tmp_path / "outside"
+    (outside / "here").mkdir(parents=True)
+    (outside / "link").symlink_to("here")
+    for given, lies in (
         ("{outside}/results/new/x", "{outside}/results/new/x"),
         ("results/x", "{outside}/here/results/x"),
         ("../beside/x", "{outside}/beside/x"),
@@ -678,30 +680,21 @@ def write_inside(
         ("{outside}/link/../x", "{outside}/x"),
         ("~/x", "{outside}/here/~/x"),
         ("{outside}/two words/x", "{outside}/two words/x"),
-    ],
-)
-def test_what_is_written_inside_lies_on_the_host(
-    entered: Host, tmp_path: Path, given: str, lies: str
-) -> None:
-    outside = tmp_path / "outside"
-    (outside / "here").mkdir(parents=True)
-    (outside / "link").symlink_to("here")
-    done = write_inside(entered, given.format(outside=outside), outside / "here")
-    assert done.returncode == 0, done.stderr
-    assert Path(lies.format(outside=outside)).read_text() == "inside\n"
+    ):
+        done = write_inside(entered, given.format(outside=outside), outside / "here")
+        assert done.returncode == 0, done.stderr
+        assert Path(lies.format(outside=outside)).read_text() == "inside\n", given
 
 
-@pytest.mark.parametrize(
-    "folder", ["/newfolder", "/run", "/var", "/usr", "/etc", "/usr/lib", "/boot"]
-)
-def test_what_would_be_lost_is_refused(entered: Host, tmp_path: Path, folder: str) -> None:
+def test_what_would_be_lost_is_refused(entered: Host, tmp_path: Path) -> None:
     (root,) = (entered.cache / "headstock").glob("root-*")
     before = sorted(root.rglob("*"))
-    done = write_inside(entered, f"{folder}/lost/x", tmp_path)
-    assert done.returncode == 2 or done.returncode == 1
-    assert "Read-only file system" in done.stderr or "Directory nonexistent" in done.stderr
-    assert sorted(root.rglob("*")) == before
-    assert not Path(folder, "lost").exists()
+    for folder in ("/newfolder", "/run", "/var", "/usr", "/etc", "/usr/lib", "/boot"):
+        done = write_inside(entered, f"{folder}/lost/x", tmp_path)
+        assert done.returncode in (1, 2), folder
+        assert "Read-only file system" in done.stderr or "Directory nonexistent" in done.stderr
+        assert sorted(root.rglob("*")) == before
+        assert not Path(folder, "lost").exists()
 
 
 def test_what_is_written_for_longer_than_a_boot_is_the_hosts(entered: Host, tmp_path: Path) -> None:

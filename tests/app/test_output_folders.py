@@ -2,6 +2,7 @@
 just works.
 """
 
+import dataclasses
 from pathlib import Path
 
 import pytest
@@ -9,8 +10,7 @@ import pytest
 from headstock.app.charts.axis_kit import FIGURE_NAME
 from headstock.app.command_line import main
 from headstock.pipeline.storage.outputs import LIST_FILE
-from headstock.validation.machines.axis_kit_cases import CASE, FIDELITIES, compliance_name
-from headstock.validation.machines.axis_kit_models import VARIANTS
+from headstock.validation.machines.axis_kit_cases import CASE, FIDELITIES, VARIANTS, compliance_name
 from headstock.validation.references.rows import Target, compare_value
 
 # what each command writes into OUT whatever it computes
@@ -122,7 +122,9 @@ def test_a_validation_writes_its_figures_beside_those_of_the_user_and_not_throug
 ) -> None:
     shown = Target(1.0, "um/kN", float("nan"), "shown only")
     rows = [
-        compare_value(CASE, compliance_name(variant, kind, axis), 2.0, shown)
+        dataclasses.replace(
+            compare_value(compliance_name(variant, kind, axis), 2.0, shown), case=CASE
+        )
         for variant in VARIANTS
         for kind in FIDELITIES
         for axis in "xyz"

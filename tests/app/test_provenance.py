@@ -113,8 +113,16 @@ COMMANDS = {
 }
 
 
-@pytest.mark.parametrize("text", COMMANDS)
-@pytest.mark.parametrize("extra", [[], ["--no-host"]])
+@pytest.mark.parametrize(
+    ("text", "extra"),
+    [
+        *((text, ["--no-host"]) for text in COMMANDS),
+        *(
+            pytest.param(text, [], marks=[pytest.mark.trials] * (not text.startswith("run")))
+            for text in COMMANDS
+        ),
+    ],
+)
 def test_results_of_every_command_state_their_origin_and_with_no_host_neither_host_nor_folder(
     scene: Path, tmp_path: Path, text: str, extra: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

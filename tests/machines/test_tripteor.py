@@ -68,39 +68,6 @@ def test_static_stiffness_and_condition_number_are_told_for_each_pose(summary: R
     assert summary["mechanism"]["config_2"]["coordinates"]["q2"] == approx(0.786, abs=5e-4)
 
 
-def test_mass_and_stiffness_times_the_same_factor_leave_every_frequency(
-    summary: RunSummary, tmp_path: Path
-) -> None:
-    names = (
-        "sleeve_1",
-        "sleeve_2",
-        "sleeve_3",
-        "beam_1",
-        "beam_2",
-        "beam_3",
-        "platform",
-        "wrist",
-        "spindle",
-    )
-    masses = {name: fact["mass_kg"] for name, fact in summary["components"].items()}
-    settings = [f'components.{name}.mass="{2.0 * masses[name]!r} kg"' for name in names]
-    settings += [
-        'mechanism.springs={joint = "550 N/um", drive = "750 N/um", screw = "824 MN"}',
-        'analyses.modal.poses="config_2"',
-    ]
-    heavier = summarise(
-        run_scene(
-            keep_analyses(load_scene(SCENE, variant="lumped", overrides=settings), WANTED),
-            tmp_path,
-            comm=MPI.COMM_SELF,
-        )
-    )
-    alike = next(modes for modes in summary["modal"] if modes["pose_name"] == "config_2")
-    assert np.allclose(
-        heavier["modal"][0]["frequencies_hz"], alike["frequencies_hz"], rtol=1e-12, atol=0.0
-    )
-
-
 def test_components_on_joints_with_springs_at_the_leg_tips_are_the_lumped_model(
     summary: RunSummary, tmp_path: Path
 ) -> None:

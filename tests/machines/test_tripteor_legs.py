@@ -15,12 +15,17 @@ from headstock.pipeline.runner import run_scene
 from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import keep_analyses
 from headstock.solvers.linear.modal_analysis import solve_modal
-from headstock.solvers.mechanisms.modes import linearise_poses, solve_pose_modes
-from headstock.validation.mechanisms import tripteor_legs
+from headstock.solvers.mechanisms.modes import linearise_poses, solve_lumped_modes
+from headstock.validation.mechanisms import tripteor_machine
 from headstock.validation.mechanisms.tripod_beams import solve_tripod
 from headstock.validation.mechanisms.tripteor_cases import check_compliances
-from headstock.validation.mechanisms.tripteor_legs import LeggedTripteor, load_legs, solve_beams
-from headstock.validation.mechanisms.tripteor_machine import SCENE, load_tripteor
+from headstock.validation.mechanisms.tripteor_machine import (
+    SCENE,
+    LeggedTripteor,
+    load_legs,
+    load_tripteor,
+    solve_beams,
+)
 
 MEASURED = {
     "config_1": (46.2, 55.3, 71.3, 96.6),
@@ -61,7 +66,7 @@ def test_legs_and_joints_ten_thousand_times_as_stiff_leave_the_lumped_model() ->
     stiffer = load_legs("stiff_legs+segmented", ('materials.leg_steel.E="21000000 GPa"',))
     assert set(lumped.poses) == set(MEASURED)
     for pose, state in lumped.poses.items():
-        right = solve_pose_modes(linearise_poses(lumped.model, state)).frequencies_hz
+        right = solve_lumped_modes(linearise_poses(lumped.model, state)).frequencies_hz
         off = np.abs(frequencies(stiff, pose) / right - 1.0)
         assert off[:3].max() < 3e-4 and off.max() < 2e-3
         # what is left is the bending of the legs: a tenth of it with ten times the modulus
@@ -72,7 +77,7 @@ def test_a_softer_second_road_is_seen(
     elastic: LeggedTripteor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        tripteor_legs,
+        tripteor_machine,
         "solve_tripod",
         lambda *parts, frame_stiffness, count: solve_tripod(
             *parts, frame_stiffness=0.99 * frame_stiffness, count=count

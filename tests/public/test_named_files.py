@@ -103,6 +103,10 @@ def test_every_file_that_documents_and_help_name_is_written(
     Path("slide.toml").write_text(
         SCENE.replace("guide_errors", "cutting_force = true\nguide_errors") + tables
     )
+    some = "".join(f"[analyses.{name}]\n{ANALYSES[name][1]}\n" for name in ("frf", "lobes"))
+    # without what takes long
+    Path("bare.toml").write_text(SCENE)
+    Path("plain.toml").write_text(SCENE + some)
     Path("fit.toml").write_text(TARGETS)
     Path("probed.toml").write_text(CANTILEVER + PROBED)
     for words in (
@@ -110,13 +114,13 @@ def test_every_file_that_documents_and_help_name_is_written(
         "report run",
         "run probed.toml -o probed --volume --no-figures",
         "numbers run --csv numbers.csv",
-        "sweep slide.toml line -o sweep",
-        "study slide.toml drive -o study",
-        "compare slide.toml -o compare",
+        "sweep plain.toml line -o sweep",
+        "study bare.toml drive -o study",
+        "compare plain.toml -o compare",
         "effects scene.toml --only effects --json effects.json --page effects.html",
-        "identify slide.toml fit.toml -o identify",
+        "identify bare.toml fit.toml -o identify",
         "converge scene.toml -o converge",
-        "show slide.toml",
+        "show bare.toml",
     ):
         done = run_alone(folder, *words.split())
         assert done.returncode == 0, done.stdout + done.stderr

@@ -124,17 +124,17 @@ def list_opened(folder: Path) -> set[str]:
     return {name for name in inside if name.split("/")[0] not in (".", "out", "scene.toml")}
 
 
-@pytest.mark.parametrize("ranks", [1, pytest.param(2, marks=pytest.mark.mpi)])
-def test_a_run_opens_its_scene_and_its_results_and_nothing_else(
-    tmp_path: Path, shim: Path, ranks: int
+# empty entries of search paths are the working folder, too
+EMPTY = {"PYTHONPATH": os.environ.get("PYTHONPATH", "") + ":", "LD_LIBRARY_PATH": ":"}
+
+
+@pytest.mark.mpi
+def test_a_run_on_two_ranks_opens_its_scene_and_its_results_and_nothing_else(
+    tmp_path: Path, shim: Path
 ) -> None:
     folder = plant(tmp_path / "work")
-    words = ["run", "scene.toml", "-o", "out", "--ranks", str(ranks)]
-    if ranks == 2:
-        words.append("--no-figures")
-    # empty entries of search paths are the working folder, too
-    empty = {"PYTHONPATH": os.environ.get("PYTHONPATH", "") + ":", "LD_LIBRARY_PATH": ":"}
-    found, said = opened(folder, [ROOT / "headstock", *words], shim, empty)
+    words = ["run", "scene.toml", "-o", "out", "--ranks", "2", "--no-figures"]
+    found, said = opened(folder, [ROOT / "headstock", *words], shim, EMPTY)
     assert "compliance" in said
     assert found == set()
 
@@ -151,19 +151,20 @@ def test_checking_loads_no_library_that_reads_settings(tmp_path: Path, shim: Pat
     assert (found, said) == (set(), "[]\n")
 
 
-def test_other_commands_open_what_they_name_and_nothing_else(tmp_path: Path, shim: Path) -> None:
+def test_commands_open_what_they_name_and_nothing_else(tmp_path: Path, shim: Path) -> None:
     """The store knows the part from the first; the trace of all is one file."""
     folder = plant(tmp_path / "work")
     commands = (
-        "run scene.toml -o out --no-figures",
+        "run scene.toml -o out",
         "report out",
         "export scene.toml bar --mesh out/bar.med",
     )
     lines: dict[str, list[str | Path]] = {
         text: [ROOT / "headstock", *text.split()] for text in commands
     }
-    found = {text: opened(folder, words, shim)[0] for text, words in lines.items()}
-    assert found == {text: set() for text in commands}
+    found = {text: opened(folder, words, shim, EMPTY) for text, words in lines.items()}
+    assert {text: names for text, (names, _) in found.items()} == {text: set() for text in commands}
+    assert "compliance" in found[commands[0]][1]
 
 
 def test_a_job_of_slurm_opens_its_scene_and_its_results_and_nothing_else(

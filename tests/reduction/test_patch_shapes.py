@@ -5,7 +5,7 @@ from headstock.geometry.frames import FloatArray, rigid_map
 from headstock.geometry.parts.patches import Outline
 from headstock.reduction.patch_shapes import (
     PatchShapes,
-    count_shapes,
+    count_patch_shapes,
     gauss_rule,
     list_degrees,
     shape_fields,
@@ -21,7 +21,7 @@ OUTLINES = (
 
 
 def shapes_over(outline: Outline, most: int) -> PatchShapes:
-    count = count_shapes(list_degrees(outline, most))
+    count = count_patch_shapes(list_degrees(outline, most))
     center = np.array([0.3, -0.2, 0.5])
     return PatchShapes(center, 1, outline.half_lengths, count, 6, True, outline.hole)
 
@@ -48,9 +48,9 @@ def test_a_basis_contains_every_smaller_one_and_keeps_to_its_limit(outline: Outl
     for most in range(100):
         degrees = list_degrees(outline, most)
         assert degrees[: len(before)] == before
-        assert count_shapes(degrees) <= most
+        assert count_patch_shapes(degrees) <= most
         before = degrees
-    assert count_shapes(before) > 70
+    assert count_patch_shapes(before) > 70
 
 
 def test_the_directions_of_a_square_come_together() -> None:

@@ -15,8 +15,7 @@ from headstock.validation.case_registry import (
     select_cases,
 )
 from headstock.validation.coverage.cases import CALIBRATION, HOLD_OUT
-from headstock.validation.machines.axes_estimate_cases import SEEDS
-from headstock.validation.machines.contour_estimate_cases import HELD_OUT, LOOKED_AT
+from headstock.validation.machines.axes_estimate_cases import HELD_OUT, LOOKED_AT, SEEDS
 from headstock.validation.machines.model_choice_cases import MACHINES
 from headstock.validation.references.rows import ValidationRow, compare_bound
 
@@ -63,10 +62,10 @@ def test_a_case_that_breaks_leaves_a_failed_row_and_the_others_run(
         raise HeadstockError("no convergence")
 
     def works(comm: MPI.Comm) -> list[ValidationRow]:
-        return [compare_bound("works", "q", 0.0, 1.0)]
+        return [compare_bound("q", 0.0, 1.0)]
 
     monkeypatch.setattr(
-        case_registry, "CASES", (Case("breaks", "g", "", breaks), Case("works", "g", "", works))
+        case_registry, "CASES", (Case("breaks", "g", breaks), Case("works", "g", works))
     )
     seen: list[str] = []
     rows = run_validation(
@@ -79,16 +78,16 @@ def test_a_case_that_breaks_leaves_a_failed_row_and_the_others_run(
 
 def test_a_seed_draws_what_no_factor_was_fitted_on(monkeypatch: pytest.MonkeyPatch) -> None:
     def compute(comm: MPI.Comm) -> list[ValidationRow]:
-        return [compare_bound("as a rule", "q", 0.0, 1.0)]
+        return [compare_bound("as a rule", 0.0, 1.0)]
 
     def draw(first: int) -> list[ValidationRow]:
-        return [compare_bound(f"from {first} on", "q", 0.0, 1.0)]
+        return [compare_bound(f"from {first} on", 0.0, 1.0)]
 
-    drawn = Case("drawn", "g", "", compute, draw=draw, fresh=49)
-    monkeypatch.setattr(case_registry, "CASES", (drawn, Case("beam", "g", "", compute)))
+    drawn = Case("drawn", "g", compute, draw=draw, fresh=49)
+    monkeypatch.setattr(case_registry, "CASES", (drawn, Case("beam", "g", compute)))
 
     def run(name: str, seed: int | None) -> list[str]:
-        return [row.case for row in run_validation([name], comm=MPI.COMM_SELF, seed=seed)]
+        return [row.quantity for row in run_validation([name], comm=MPI.COMM_SELF, seed=seed)]
 
     assert run("drawn", None) == ["as a rule"]
     assert run("drawn", 60) == ["from 60 on"]

@@ -23,8 +23,8 @@ from headstock.meshing.elements.error_sizes import spread_error
 from headstock.pipeline.accuracy.settings import give_sizes
 from headstock.reduction.components.elastic import find_cell_errors, reduce_elastic
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
+from headstock.reduction.estimates.corrected_elements import correct_mesh
 from headstock.reduction.estimates.frequency_errors import bound_frequency_errors, truncated_parts
-from headstock.reduction.estimates.mesh_correction import correct_mesh
 from headstock.reduction.estimates.mesh_errors import (
     compliance_mesh_errors,
     compliance_shape_errors,
@@ -79,8 +79,6 @@ LINES = 150
 CHANNELS: tuple[Channel, ...] = (("tcp", "x"), ("tcp", "y"), ("tcp", "z"))
 # of ±: what may be unknown of a truth that is compared with a corrected mesh, whose ± is a third
 SURE_CORRECTED = 0.2
-CASE, HEX_CASE, SMOKE = "coverage", "coverage-hex", "coverage-smoke"
-ADAPTED_CASE = "coverage-adapted"
 # factors were fitted on the first parts; the others were drawn and kept apart before that, a
 # product's part joined them
 CALIBRATION, HOLD_OUT = range(24), (*range(24, 48), PRODUCT)
@@ -393,16 +391,16 @@ def check_coverage() -> list[ValidationRow]:
     fitted on, and on the others.
     """
     return [
-        *_evaluate(CASE, "fitted on", _cover(CALIBRATION)),
-        *_evaluate(CASE, "held out", _cover(HOLD_OUT)),
+        *_evaluate("fitted on", _cover(CALIBRATION)),
+        *_evaluate("held out", _cover(HOLD_OUT)),
     ]
 
 
 def check_hex_coverage() -> list[ValidationRow]:
     """Check the same on coarse hexahedra between the edges of patches, as searches begin with."""
     return [
-        *_evaluate(HEX_CASE, "fitted on", _cover(HEX_CALIBRATION)),
-        *_evaluate(HEX_CASE, "held out", _cover(HEX_HOLD_OUT)),
+        *_evaluate("fitted on", _cover(HEX_CALIBRATION)),
+        *_evaluate("held out", _cover(HEX_HOLD_OUT)),
     ]
 
 
@@ -410,7 +408,7 @@ def check_adapted_coverage() -> list[ValidationRow]:
     """Check the same on STEP parts whose meshes follow the errors of the one before; factors are
     those of even meshes.
     """
-    return _evaluate(ADAPTED_CASE, "held out", _cover(ADAPTED_PARTS))
+    return _evaluate("held out", _cover(ADAPTED_PARTS))
 
 
 def cover_new_parts(first: int) -> list[ValidationRow]:
@@ -420,23 +418,23 @@ def cover_new_parts(first: int) -> list[ValidationRow]:
         first: Seed of the first of them, ``FRESH`` at least.
     """
     seeds = range(first, first + NEW_PARTS)
-    return _evaluate(CASE, f"new, seeds {seeds[0]} to {seeds[-1]}", _cover(seeds))
+    return _evaluate(f"new, seeds {seeds[0]} to {seeds[-1]}", _cover(seeds))
 
 
 def check_coverage_smoke() -> list[ValidationRow]:
     """Check a tube and a sheet in the same way, in seconds."""
-    return _evaluate(SMOKE, "two parts", _cover(SMOKE_PARTS))
+    return _evaluate("two parts", _cover(SMOKE_PARTS))
 
 
 def _cover(seeds: Sequence[int]) -> list[PartCoverage]:
     return [_cover_part(seed) for seed in seeds]
 
 
-def _evaluate(case: str, what: str, parts: Sequence[PartCoverage]) -> list[ValidationRow]:
+def _evaluate(what: str, parts: Sequence[PartCoverage]) -> list[ValidationRow]:
     """Evaluate meshes as they are, then corrected by their estimates."""
     corrected = [part.corrected for part in parts if part.corrected is not None]
-    plain = CoverageCase(case, CLEAR, LARGEST_MEDIAN)
-    less = CoverageCase(case, CLEAR, LARGEST_MEDIAN_CORRECTED)
+    plain = CoverageCase(CLEAR, LARGEST_MEDIAN)
+    less = CoverageCase(CLEAR, LARGEST_MEDIAN_CORRECTED)
     return _evaluate_meshes(plain, what, parts) + (
         _evaluate_meshes(less, f"{what}, corrected", corrected) if corrected else []
     )
@@ -464,14 +462,12 @@ def _evaluate_meshes(
     return [
         *case.evaluate(what, np.concatenate(true), np.concatenate(given), note),
         show(
-            case.name,
             f"{what}: coverage by part, mean",
             float(shares.mean()),
             "-",
             f"least {shares.min():.2f}; {_by_kind(parts, covered)}",
         ),
         show(
-            case.name,
             f"{what}: parts with 95 % of their numbers covered",
             float((shares >= COVERED).mean()),
             "-",

@@ -44,12 +44,10 @@ class CoverageCase:
     """A suite of numbers with ± beside their truth.
 
     Attributes:
-        name: Of the validation case.
         clear: True errors above which their ratio to ± means something.
         largest_median: Of ± over the true error.
     """
 
-    name: str
     clear: float
     largest_median: float
 
@@ -80,14 +78,12 @@ class CoverageCase:
         low, middle, high = np.quantile(ratios, [0.1, 0.5, 0.9])
         return [
             compare_bound(
-                self.name,
                 f"{start}share of numbers that ± does not cover",
                 missed / (len(errors) + uncovered),
                 1.0 - COVERED,
                 note,
             ),
             compare_bound(
-                self.name,
                 f"{start}± over true error, median",
                 float(middle),
                 self.largest_median,
@@ -105,7 +101,6 @@ class CoverageCase:
         """
         known = shares[~np.isnan(shares)]
         return compare_bound(
-            self.name,
             f"{what}: share of frequency responses without 95 % of their lines covered",
             1.0 - float((known >= COVERED).mean()),
             1.0 - COVERED_RESPONSES,

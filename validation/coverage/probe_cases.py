@@ -3,7 +3,7 @@ stress at places inside and on parts of many kinds, under forces and under a bod
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,7 +20,7 @@ from headstock.meshing.elements.topology import corner_count
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.coupling.probes import missing_of_loads, place_probe
-from headstock.reduction.estimates.probe_errors import (
+from headstock.reduction.estimates.static_errors import (
     MOVED,
     SEEN,
     WHOLE,
@@ -39,7 +39,6 @@ from headstock.validation.coverage.coverage_case import SURE, UNSURE, CoverageCa
 from headstock.validation.coverage.parts import CoveragePart
 from headstock.validation.references.rows import ValidationRow, show
 
-CASE, SMOKE = "probes", "probes-smoke"
 SMOKE_PARTS = (14,)
 PLACES = 4  # inside, and as many on the surface
 BODY_LOAD = Load("own", "part", "body", vector=(3.0, 4.0, -9.0))
@@ -206,14 +205,14 @@ def _holds(mesh: ComponentMesh, material: Material, probe: Probe) -> bool:
 def check_probes() -> list[ValidationRow]:
     """Coverage at probes of the parts that factors were fitted on, and of the others."""
     return [
-        *_evaluate(CASE, "fitted on", CALIBRATION),
-        *_evaluate(CASE, "held out", HOLD_OUT),
+        *_evaluate("fitted on", CALIBRATION),
+        *_evaluate("held out", HOLD_OUT),
     ]
 
 
 def check_probes_smoke() -> list[ValidationRow]:
     """Check one part in the same way, in seconds."""
-    return _evaluate(SMOKE, "one part", SMOKE_PARTS)
+    return _evaluate("one part", SMOKE_PARTS)
 
 
 def _cover_probes(seed: int) -> ProbeCoverage:
@@ -221,9 +220,8 @@ def _cover_probes(seed: int) -> ProbeCoverage:
     return cover_seed(seed, _measure_probes, ProbeCoverage, Path(__file__))
 
 
-def _evaluate(case: str, what: str, seeds: Sequence[int]) -> list[ValidationRow]:
+def _evaluate(what: str, seeds: Sequence[int]) -> Iterator[ValidationRow]:
     parts = [_cover_probes(seed) for seed in seeds]
-    rows: list[ValidationRow] = []
     for number, quantity in enumerate(QUANTITIES):
         errors, estimates, unsure = (
             np.concatenate([getattr(part, name)[part.quantities == number] for part in parts])
@@ -235,14 +233,6 @@ def _evaluate(case: str, what: str, seeds: Sequence[int]) -> list[ValidationRow]
             f"{known.sum()} numbers of {len(parts)} parts; {silent.sum()} say ± ?, of {(~known & ~silent).sum()} the truth is not sure"
             f" enough; {sum(bool(part.failure) for part in parts)} parts with a mesh that failed"
         )
-        suite = CoverageCase(case, CLEAR[number], LARGEST_MEDIAN[number])
-        rows += [
-            *suite.evaluate(f"{what}, {quantity}", errors[known], estimates[known], note),
-            show(
-                case,
-                f"{what}, {quantity}: true error, median",
-                float(np.median(errors[known])),
-                "-",
-            ),
-        ]
-    return rows
+        suite = CoverageCase(CLEAR[number], LARGEST_MEDIAN[number])
+        yield from suite.evaluate(f"{what}, {quantity}", errors[known], estimates[known], note)
+        yield show(f"{what}, {quantity}: true error, median", float(np.median(errors[known])), "-")

@@ -41,7 +41,6 @@ from headstock.validation.coverage.parts import write_step
 from headstock.validation.parts.structured_meshes import node_places
 from headstock.validation.references.rows import ValidationRow, compare_bound, show
 
-CASE, FRESH, SMOKE = "coverage-search", "coverage-search-fresh", "coverage-search-smoke"
 ASKED = 0.01
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
 LARGEST_MEDIAN = 4.0
@@ -185,20 +184,20 @@ class SearchedPart:
 
 def check_search() -> list[ValidationRow]:
     """Check whether what searches call met is met on the twelve parts, and ± covers their numbers."""
-    return evaluate_searches(CASE, [_recall(part) for part in PARTS])
+    return evaluate_searches([_recall(part) for part in PARTS])
 
 
 def check_fresh_search() -> list[ValidationRow]:
     """Check the eight fresh parts in the same way."""
-    return evaluate_searches(FRESH, [_recall(part) for part in FRESH_PARTS])
+    return evaluate_searches([_recall(part) for part in FRESH_PARTS])
 
 
 def check_search_smoke() -> list[ValidationRow]:
     """Check two of them in the same way."""
-    return evaluate_searches(SMOKE, [_recall(part) for part in SMOKE_PARTS])
+    return evaluate_searches([_recall(part) for part in SMOKE_PARTS])
 
 
-def evaluate_searches(case: str, parts: Sequence[SearchedPart]) -> list[ValidationRow]:
+def evaluate_searches(parts: Sequence[SearchedPart]) -> list[ValidationRow]:
     """Rows of a suite.
 
     Args:
@@ -214,14 +213,13 @@ def evaluate_searches(case: str, parts: Sequence[SearchedPart]) -> list[Validati
     wrong = [part.name for part in parts if part.met and part.errors.max() > ASKED]
     return [
         compare_bound(
-            case,
             f"parts that a search for {100.0 * ASKED:g} % does not reach, or calls met that are not",
             float(len(short) + len(wrong)),
             0.0,
             f"{len(parts)} parts; {', '.join([*short, *wrong]) or 'none'}; furthest: {furthest.name},"
             f" {100.0 * furthest.errors.max(initial=0.0):.2g} %",
         ),
-        *CoverageCase(case, CLEAR, LARGEST_MEDIAN).evaluate(
+        *CoverageCase(CLEAR, LARGEST_MEDIAN).evaluate(
             "",
             errors[sure],
             given[sure],
@@ -229,7 +227,6 @@ def evaluate_searches(case: str, parts: Sequence[SearchedPart]) -> list[Validati
             f" {_by_part(parts)}",
         ),
         show(
-            case,
             "processor time of a search, median",
             float(np.median([part.seconds for part in parts])),
             "s",

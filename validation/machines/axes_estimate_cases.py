@@ -1,5 +1,5 @@
-"""Whether ± of volumetric maps and paths covers the truth: machines of three axes drawn by seed,
-beside the same machines of fine meshes with more modes.
+"""Whether ± of volumetric maps, paths and contours covers the truth: machines of three axes drawn by
+seed, beside the same machines of fine meshes with more modes.
 """
 
 import dataclasses
@@ -13,6 +13,7 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.accuracy.rounds import replace_components
 from headstock.pipeline.answers.answer import Answer, find_answers
+from headstock.pipeline.answers.contouring import ContourAnswer
 from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.answers.volumetric import VolumetricAnswer
 from headstock.pipeline.numbers.numbers import Number
@@ -25,7 +26,6 @@ from headstock.validation.coverage.coverage_case import UNSURE, CoverageCase
 from headstock.validation.machines.drawn_axes import draw_axes
 from headstock.validation.references.rows import ValidationRow
 
-CASE, SMOKE = "axes-estimates", "axes-estimates-smoke"
 SEEDS, SMOKE_SEED = range(5), 0  # the factor of paths was fitted on the first three
 FRESH = 5  # first seed of no machine above
 FINE_MODES = 40
@@ -39,6 +39,23 @@ PATHS = (
 PROBES = "stress and displacement at probes along both"
 CLEAR = 1e-3  # of a number: true errors above which a ratio means something
 LEAST = 1e-9  # [m, rad]: what varies less is no number of a map
+
+LOOKED_AT, HELD_OUT, SMOKE_CONTOUR = 0, 3, 1
+FRESH_CONTOURS = 5  # first seed of no machine above, nor of those of axes
+FACES, PROFILES, LIMITS = "gap and forces of faces", "profiles of faces", "limit depths of cut"
+# one body deforms, on a mesh so coarse that one of three elements across a patch is fine beside it
+SMOKE_ACROSS = 3
+SMOKE_SETTINGS = (
+    "effects.regeneration=false",
+    "effects.guide_errors=false",
+    "probes={}",
+    "components.bed.fidelity='rigid'",
+    "components.bridge.fidelity='rigid'",
+    "components.saddle.mesh.across_patches=2",
+    "analyses.contouring.side='18 mm'",
+    "analyses.contouring.steps_per_turn=60",
+    "analyses.contouring.pose_model='frozen'",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,12 +77,12 @@ class ComparedNumbers:
 
 def check_axes_estimates() -> list[ValidationRow]:
     """± of the maps and paths of five machines."""
-    return _evaluate_machines(CASE, list(SEEDS))
+    return _evaluate_machines(list(SEEDS))
 
 
 def check_axes_smoke() -> list[ValidationRow]:
     """Check one machine in the same way."""
-    return _evaluate_machines(SMOKE, [SMOKE_SEED])
+    return _evaluate_machines([SMOKE_SEED])
 
 
 def compare_new_axes(first: int) -> list[ValidationRow]:
@@ -74,20 +91,16 @@ def compare_new_axes(first: int) -> list[ValidationRow]:
     Args:
         first: Seed of the first of them, ``FRESH`` at least.
     """
-    return _evaluate_machines(CASE, list(range(first, first + len(SEEDS))))
+    return _evaluate_machines(list(range(first, first + len(SEEDS))))
 
 
-def _evaluate_machines(case: str, seeds: list[int]) -> list[ValidationRow]:
+def _evaluate_machines(seeds: list[int]) -> list[ValidationRow]:
     found = [_compare_axes(seed) for seed in seeds]
     machines = f"machines {seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else f"machine {seeds[0]}"
     return [
         row
         for kind in found[0]
-        for row in evaluate_numbers(
-            case,
-            f"{machines}, {kind}",
-            [each[kind] for each in found],
-        )
+        for row in evaluate_numbers(f"{machines}, {kind}", [each[kind] for each in found])
     ]
 
 
@@ -200,7 +213,7 @@ def list_sizes(numbers: Iterable[Number]) -> tuple[FloatArray, FloatArray]:
     return np.array(values), np.array(errors)
 
 
-def evaluate_numbers(case: str, what: str, machines: list[ComparedNumbers]) -> list[ValidationRow]:
+def evaluate_numbers(what: str, machines: list[ComparedNumbers]) -> list[ValidationRow]:
     """Check whether their ± covers the true errors, and how large it is compared with them."""
     values, errors, truth, doubt = (
         np.concatenate([np.abs(getattr(machine, field)) for machine in machines])
@@ -218,5 +231,73 @@ def evaluate_numbers(case: str, what: str, machines: list[ComparedNumbers]) -> l
         f"{sure.sum()} numbers, {len(sure) - sure.sum()} more not compared;"
         f" true errors up to {100.0 * shares.max():.2g} %, {100.0 * np.median(shares):.2g} % in the median"
     )
-    suite = CoverageCase(case, CLEAR, LARGEST_MEDIAN)
+    suite = CoverageCase(CLEAR, LARGEST_MEDIAN)
     return suite.evaluate(what, missed[sure], errors[sure], note, sizes=values[sure])
+
+
+def check_contour_estimates() -> list[ValidationRow]:
+    """± of contours of the machine that was looked at, and of the one held out."""
+    return compare_new_contours(LOOKED_AT) + compare_new_contours(HELD_OUT)
+
+
+def check_contour_smoke() -> list[ValidationRow]:
+    """Gap and forces of a short contour of one machine with one body that deforms."""
+    found = _compare_contours(SMOKE_CONTOUR, SMOKE_SETTINGS, SMOKE_ACROSS)
+    return evaluate_numbers(f"machine {SMOKE_CONTOUR}, {FACES}", [found[FACES]])
+
+
+def compare_new_contours(seed: int) -> list[ValidationRow]:
+    """± of the contour of a machine.
+
+    Args:
+        seed: Of it; ``FRESH_CONTOURS`` at least for one that nothing was chosen on or judged with.
+    """
+    return [
+        row
+        for kind, found in _compare_contours(seed).items()
+        for row in evaluate_numbers(f"machine {seed}, {kind}", [found])
+    ]
+
+
+def _compare_contours(
+    seed: int, settings: tuple[str, ...] = (), across: int = FINE_ACROSS
+) -> dict[str, ComparedNumbers]:
+    """Numbers of a contour by what they are, beside those of fine meshes with more modes.
+
+    Args:
+        settings: Keys of its scene that are others.
+        across: Elements across a patch of the fine meshes.
+    """
+    with tempfile.TemporaryDirectory(prefix="headstock-contours-") as name:
+        folder = Path(name)
+        path = folder / "machine.toml"
+        path.write_text(draw_axes(seed))
+        scene = keep_analyses(
+            load_scene(path, variant="milling", overrides=settings), ("contouring",)
+        )
+        both = []
+        for one in (scene, refine_scene(scene, across)):
+            results = run_scene(
+                one, folder / "results", comm=MPI.COMM_SELF, store=Store(folder / "store")
+            )
+            (answer,) = find_answers(results.answers, ContourAnswer)
+            both.append([*answer.list_numbers()])
+    found = {}
+    for what in dict.fromkeys(KINDS.values()):
+        coarse, fine = (
+            list_sizes(number for number in numbers if KINDS.get(number.key.kind) == what)
+            for numbers in both
+        )
+        if len(coarse[0]):
+            found[what] = pair_numbers(coarse, fine, least=0.0)
+    return found
+
+
+KINDS = {
+    "outward_gap": FACES,
+    "contour_gap": FACES,
+    "drive_force": FACES,
+    "drive_torque": FACES,
+    "profile": PROFILES,
+    "limit_depth": LIMITS,
+}

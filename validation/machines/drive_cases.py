@@ -14,6 +14,7 @@ leads to the polynomials below.
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -202,7 +203,7 @@ MASSES = TwoMasses()
 STICKING = TwoMasses(motor=1e5, load=10.0, stiffness=1e5, damping=0.0)
 
 
-def check_two_masses(comm: MPI.Comm) -> list[ValidationRow]:
+def check_two_masses(comm: MPI.Comm) -> Iterator[ValidationRow]:
     """Check natural frequencies, closed-loop poles, lag and step response of a motor that drives a
     load.
     """
@@ -212,46 +213,31 @@ def check_two_masses(comm: MPI.Comm) -> list[ValidationRow]:
     locked = float(solve_modal(locked_motor).frequencies_hz[1])
     loop = close_loops(system, [train], outputs=[LOAD])
     lag = find_velocity_lag(loop, "X")[0]
-    rows = [
-        compare_value(
-            "two-mass-drive",
-            "frequency, motor locked",
-            locked,
-            Target(MASSES.locked_hz, "Hz", EXACT, "closed form"),
-        ),
-        compare_value(
-            "two-mass-drive",
-            "frequency, motor free",
-            free,
-            Target(MASSES.free_hz, "Hz", EXACT, "closed form"),
-        ),
-        compare_value(
-            "two-mass-drive",
-            "lag at 1 m/s",
-            lag,
-            Target(1.0 / CONTROL.position_gain, "m", EXACT, "closed form"),
-            "v / kv",
-        ),
-    ]
-    rows += [
-        _evaluate_poles("motor encoder", CONTROL),
-        _evaluate_poles("linear scale", AxisControl(40.0, 2e4, 0.02, encoder="scale")),
-    ]
+    yield compare_value(
+        "frequency, motor locked", locked, Target(MASSES.locked_hz, "Hz", EXACT, "closed form")
+    )
+    yield compare_value(
+        "frequency, motor free", free, Target(MASSES.free_hz, "Hz", EXACT, "closed form")
+    )
+    yield compare_value(
+        "lag at 1 m/s",
+        lag,
+        Target(1.0 / CONTROL.position_gain, "m", EXACT, "closed form"),
+        "v / kv",
+    )
+    yield _evaluate_poles("motor encoder", CONTROL)
+    yield _evaluate_poles("linear scale", AxisControl(40.0, 2e4, 0.02, encoder="scale"))
     late = AxisControl(40.0, 2e4, 0.02, dead_time=1.5 * CYCLE)
-    rows.append(_evaluate_poles("dead time of 375 µs", late))
+    yield _evaluate_poles("dead time of 375 µs", late)
     loads = np.zeros((5001, 3))
     loads[:, 0] = 1.0
     found = solve_time_response(loop.space, loads, 1e-4)
     error = float(np.abs(found.outputs[:, 0] - step_response(MASSES, CONTROL, found.times)).max())
-    rows.append(
-        compare_bound(
-            "two-mass-drive", "step response, largest error", error, EXACT, "residues at the poles"
-        )
-    )
-    return [*rows, _evaluate_largest_gain()]
+    yield compare_bound("step response, largest error", error, EXACT, "residues at the poles")
+    yield _evaluate_largest_gain()
 
 
-def check_sampled_control(comm: MPI.Comm) -> list[ValidationRow]:
+def check_sampled_control(comm: MPI.Comm) -> Iterator[ValidationRow]:
     """Check a controller that samples, computes for a cycle and holds its force, as difference
     equations, beside its dead time.
     """
@@ -259,16 +245,10 @@ def check_sampled_control(comm: MPI.Comm) -> list[ValidationRow]:
     system, train = make_drive(MASSES, late)
     model = find_loop_poles(close_loops(system, [train])).poles
     stepwise = _sampled_poles(CONTROL, CYCLE)
-    rows = []
     for pole in model[np.abs(model) * CYCLE < 0.5]:
         apart = float(np.abs(stepwise - pole).min()) / abs(pole)
         name = f"{abs(pole) / (2.0 * math.pi):.3g} Hz: distance of both poles over their size"
-        rows.append(
-            compare_bound(
-                "sampled-control", name, apart, 1e-2, "1.5 cycles of 250 µs as a dead time"
-            )
-        )
-    return rows
+        yield compare_bound(name, apart, 1e-2, "1.5 cycles of 250 µs as a dead time")
 
 
 def check_friction(comm: MPI.Comm) -> list[ValidationRow]:
@@ -287,30 +267,25 @@ def check_friction(comm: MPI.Comm) -> list[ValidationRow]:
     note = "by hand for friction that falls at once"
     return [
         compare_value(
-            "drive-friction",
             "lag of a P controller",
             offset,
             Target(lag, "m", EXACT, "closed form"),
             "v / kv + F / (kp kv)",
         ),
-        compare_bound("drive-friction", "energy balance, sliding", energy, ENERGY_LIMIT),
+        compare_bound("energy balance, sliding", energy, ENERGY_LIMIT),
         compare_value(
-            "drive-friction",
             "stick-slip period",
             period,
             Target(2.0 * rise / PULL + slip, "s", 1e-2, "closed form"),
             note,
         ),
         compare_value(
-            "drive-friction",
             "stick-slip swing of the spring",
             amplitude,
             Target(swing, "m", 1e-2, "closed form"),
             note,
         ),
-        compare_bound(
-            "drive-friction", "energy balance, sticking and slipping", balance, ENERGY_LIMIT
-        ),
+        compare_bound("energy balance, sticking and slipping", balance, ENERGY_LIMIT),
     ]
 
 
@@ -356,9 +331,7 @@ def _evaluate_poles(name: str, control: AxisControl) -> ValidationRow:
         every = closed_loop_poles(MASSES, control)
         right = np.array([every[int(np.argmin(np.abs(every - pole)))] for pole in found])
     apart = float((np.abs(found - right) / np.abs(right)).max())
-    return compare_bound(
-        "two-mass-drive", f"poles, {name}: largest distance over size", apart, EXACT
-    )
+    return compare_bound(f"poles, {name}: largest distance over size", apart, EXACT)
 
 
 def _evaluate_largest_gain() -> ValidationRow:
@@ -374,9 +347,7 @@ def _evaluate_largest_gain() -> ValidationRow:
         control.velocity_gain * rate / ((rigid.motor + rigid.load) * rate - control.velocity_gain)
     )
     target = Target(expected, "1/s", 1e-3, "closed form")
-    return compare_value(
-        "two-mass-drive", "largest stable kv", found * control.position_gain, target, "Routh"
-    )
+    return compare_value("largest stable kv", found * control.position_gain, target, "Routh")
 
 
 def _settled_offset() -> tuple[float, float]:

@@ -3,7 +3,7 @@ modes, and their unreduced models.
 """
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,7 +60,6 @@ from headstock.validation.references.rows import (
 MACHINES = PROJECT / "machines"
 MOUNT = np.diag([2e8, 2e8, 4e8, 2e5, 2e5, 2e5])
 CLAMP = np.diag([5e9, 5e9, 5e9, 5e6, 5e6, 5e6])
-CASE = "reduction-estimates"
 MODE_COUNTS = (0, 3, 6, 10, 16, 25, 40)
 WATCHED = 14
 SHIFT_HZ = 20.0
@@ -321,28 +320,25 @@ class ErrorPairs:
         return np.asarray(self.given & (self.true > CLEAR))
 
 
-def check_frequency_estimates() -> list[ValidationRow]:
+def check_frequency_estimates() -> Iterator[ValidationRow]:
     """Bounds of the reduction error of natural frequencies over machines of six kinds and numbers
     of modes from none to forty.
     """
-    rows: list[ValidationRow] = []
     found = []
     for make in SPECIMENS:
         specimen = make()
         pairs = compare_frequencies(
             specimen, monolithic_frequencies(unreduced(specimen), WATCHED, shift_hz=SHIFT_HZ)
         )
-        rows.append(report_coverage(CASE, specimen.name, pairs))
+        yield report_coverage(specimen.name, pairs)
         found.append(pairs)
-    rows += evaluate_pairs(CASE, "all", join_pairs(found))
-    return rows
+    yield from evaluate_pairs("all", join_pairs(found))
 
 
-def check_step_estimates() -> list[ValidationRow]:
+def check_step_estimates() -> Iterator[ValidationRow]:
     """Check the same for a column from a STEP file with 195 000 dofs, against modes of the whole
     mesh.
     """
-    rows: list[ValidationRow] = []
     specimen = _cast_column()
     part, mesh, supports = (
         specimen.machine.components["column"],
@@ -353,11 +349,8 @@ def check_step_estimates() -> list[ValidationRow]:
         mesh, part.material, comm=MPI.COMM_SELF, fixed=fixed_by(mesh, tuple(supports.values()))
     )
     pairs = compare_frequencies(specimen, full_modes(whole, WATCHED).frequencies_hz)
-    rows = [
-        report_coverage(CASE, specimen.name, pairs),
-        *evaluate_pairs(CASE, specimen.name, pairs),
-    ]
-    return rows
+    yield report_coverage(specimen.name, pairs)
+    yield from evaluate_pairs(specimen.name, pairs)
 
 
 def compare_frequencies(specimen: Specimen, exact: FloatArray) -> ErrorPairs:
@@ -399,7 +392,7 @@ def join_pairs(parts: list[ErrorPairs]) -> ErrorPairs:
     )
 
 
-def evaluate_pairs(case: str, what: str, pairs: ErrorPairs) -> list[ValidationRow]:
+def evaluate_pairs(what: str, pairs: ErrorPairs) -> list[ValidationRow]:
     """Rows for coverage, size and rank correlation of estimates.
 
     Args:
@@ -413,17 +406,15 @@ def evaluate_pairs(case: str, what: str, pairs: ErrorPairs) -> list[ValidationRo
     note = f"{given.sum()} of {len(given)} have an estimate"
     return [
         compare_bound(
-            case, f"{what}: share of true errors above their estimate", missed, 1.0 - COVERED, note
+            f"{what}: share of true errors above their estimate", missed, 1.0 - COVERED, note
         ),
         compare_bound(
-            case,
             f"{what}: estimate over true error, median",
             ratio,
             LARGEST_MEDIAN,
             f"{clear.sum()} errors above {CLEAR:g}",
         ),
         compare_value(
-            case,
             f"{what}: rank correlation",
             correlation,
             Target(1.0, "-", 1.0 - LEAST_CORRELATION, "identity"),
@@ -431,7 +422,7 @@ def evaluate_pairs(case: str, what: str, pairs: ErrorPairs) -> list[ValidationRo
     ]
 
 
-def report_coverage(case: str, name: str, pairs: ErrorPairs) -> ValidationRow:
+def report_coverage(name: str, pairs: ErrorPairs) -> ValidationRow:
     """Return a row for the share of true errors that their estimate covers, and how much too large
     it is.
 
@@ -445,7 +436,6 @@ def report_coverage(case: str, name: str, pairs: ErrorPairs) -> ValidationRow:
     low, middle, high = np.quantile(ratios, [0.1, 0.5, 0.9]) if len(ratios) else (np.nan,) * 3
     note = f"{given.sum()} of {len(given)} with an estimate; estimate over true {low:.2f} .. {middle:.2f} .. {high:.2f}"
     return show(
-        case,
         f"{name}: share covered",
         covered,
         "-",

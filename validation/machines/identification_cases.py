@@ -44,7 +44,6 @@ MEASURED = {
     "column_middle": (None, "middle"), "column_back": (None, "back"),
 }  # fmt: skip
 FREQUENCIES = 12
-CASE = "known-stiffnesses"
 SPRINGS_ALONG = (
     "two springs side by side: cosine of the unidentifiable direction with a constant sum"
 )
@@ -179,30 +178,25 @@ def evaluate_seeds(folder: Path, seeds: Sequence[int]) -> list[ValidationRow]:
     covered = np.array(inside, dtype=float)
     count = f"{size.shape[1]} stiffnesses, {len(size)} seeds"
     return [
-        compare_bound(CASE, f"{count}: largest error", float(size.max()), ERROR_LIMIT, "1 % noise"),
-        show(
-            CASE, f"{count}: root mean square of the errors", float(np.sqrt((size**2).mean())), "-"
-        ),
+        compare_bound(f"{count}: largest error", float(size.max()), ERROR_LIMIT, "1 % noise"),
+        show(f"{count}: root mean square of the errors", float(np.sqrt((size**2).mean())), "-"),
         compare_value(
-            CASE,
             f"{count}: share of 95 % intervals that hold the truth",
             float(covered.mean()),
             COVERAGE,
             "at least 0.90",
         ),
         compare_value(
-            CASE,
             f"{count}: the same for the parameter that fares worst",
             float(covered.mean(axis=0).min()),
             COVERAGE,
         ),
         compare_value(
-            CASE,
             "noise found over noise put in, mean",
             float(np.mean(noise)),
             Target(1.0, "-", 0.1, "identity"),
         ),
-        show(CASE, "evaluations of the machine per fit", evaluations / len(size), "-"),
+        show("evaluations of the machine per fit", evaluations / len(size), "-"),
     ]
 
 
@@ -247,25 +241,18 @@ def evaluate_blindness(folder: Path) -> list[ValidationRow]:
     total = sum(abs(value) for value in stiffness.values())
     seen = {name: float(found.parameters[names.index(name)].data_share) for name in names}
     return [
-        compare_value(CASE, SPRINGS_ALONG, along, Target(1.0, "-", 1e-2, "closed form")),
+        compare_value(SPRINGS_ALONG, along, Target(1.0, "-", 1e-2, "closed form")),
         compare_value(
-            CASE,
-            "two springs side by side: sum",
-            total / 1e6,
-            Target(SUM, "N/um", 0.05, "identity"),
+            "two springs side by side: sum", total / 1e6, Target(SUM, "N/um", 0.05, "identity")
         ),
         compare_bound(
-            CASE,
             "a place that hardly matters: share the data see",
             seen["bolt_height"],
             0.5,
             "named as unidentifiable",
         ),
         compare_value(
-            CASE,
-            PLACE_SHARE,
-            unidentifiable.get("bolt_height", 0.0),
-            Target(1.0, "-", 0.05, "identity"),
+            PLACE_SHARE, unidentifiable.get("bolt_height", 0.0), Target(1.0, "-", 0.05, "identity")
         ),
     ]
 

@@ -3,7 +3,7 @@ and a table along its guideway.
 """
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -37,7 +37,6 @@ from headstock.validation.references.rows import (
 )
 
 SCENE = PROJECT / "machines" / "guideway.toml"
-GUIDEWAY = "guideway"
 REACH = 0.24
 COUNT = 10
 POSITIONS = 50  # against fresh meshes
@@ -56,7 +55,7 @@ KIND = "monolithic FE"
 Answer = tuple[FloatArray, FloatArray]  # compliance along x, y, z [m/N]; ten frequencies [Hz]
 
 
-def check_three_axis_machine(comm: MPI.Comm) -> list[ValidationRow]:
+def check_three_axis_machine(comm: MPI.Comm) -> Iterator[ValidationRow]:
     """Compliance at the TCP and natural frequencies in every pose of the scene, reduced and
     unreduced.
     """
@@ -70,7 +69,6 @@ def check_three_axis_machine(comm: MPI.Comm) -> list[ValidationRow]:
         root=0,
     )
     reduced = reduce_parts(machine, meshes, comm)
-    rows: list[ValidationRow] = []
     for pose in scene.poses.values():
         coupled = couple(reduced, machine, pose)
         channels = [("tcp", dof) for dof in DOF_NAMES]
@@ -84,8 +82,7 @@ def check_three_axis_machine(comm: MPI.Comm) -> list[ValidationRow]:
             full = monolithic_machine(machine, meshes, pose)
             expected = monolithic_compliance(full, "tcp")
             references = monolithic_frequencies(full, FREQUENCY_COUNT, shift_hz=SHIFT_HZ)
-            rows += _compare(pose.name, compliance, expected, frequencies, references)
-    return list(comm.bcast(rows, root=0))
+            yield from _compare(pose.name, compliance, expected, frequencies, references)
 
 
 def _compare(
@@ -94,22 +91,15 @@ def _compare(
     expected: FloatArray,
     frequencies: FloatArray,
     references: FloatArray,
-) -> list[ValidationRow]:
-    case = "three-axis-machine"
-    rows = [
-        compare_value(
-            case, f"{pose}: d{DOF_NAMES[i]}/F{DOF_NAMES[j]}", 1e9 * compliance[i, j],
-            Target(1e9 * float(expected[i, j]), "um/kN", COMPLIANCE_TOLERANCE, KIND),
+) -> Iterator[ValidationRow]:
+    for i, j in zip(*np.tril_indices(3), strict=True):
+        target = Target(1e9 * expected[i, j], "um/kN", COMPLIANCE_TOLERANCE, KIND)
+        yield compare_value(
+            f"{pose}: d{DOF_NAMES[i]}/F{DOF_NAMES[j]}", 1e9 * compliance[i, j], target
         )
-        for i in range(3) for j in range(i + 1)
-    ]  # fmt: skip
-    rows += [
-        compare_value(
-            case, f"{pose}: f{number}", value, Target(float(right), "Hz", FREQUENCY_TOLERANCE, KIND)
-        )
-        for number, (value, right) in enumerate(zip(frequencies, references, strict=True), start=1)
-    ]
-    return rows
+    for number, (value, right) in enumerate(zip(frequencies, references, strict=True), start=1):
+        target = Target(right, "Hz", FREQUENCY_TOLERANCE, KIND)
+        yield compare_value(f"{pose}: f{number}", value, target)
 
 
 def check_guideway() -> list[ValidationRow]:
@@ -120,10 +110,7 @@ def check_guideway() -> list[ValidationRow]:
     mesh = mesh_component(machine.components["bed"])
     parts = reduce_parts(machine, {"bed": mesh}, MPI.COMM_SELF)
     ripple = compare_bound(
-        GUIDEWAY,
-        "ripple of ten frequencies over the control points",
-        find_ripple(machine, parts),
-        RIPPLE,
+        "ripple of ten frequencies over the control points", find_ripple(machine, parts), RIPPLE
     )
     return [*_compare_meshes(machine, mesh, parts), ripple, *_measure_cost(machine, parts)]
 
@@ -205,7 +192,7 @@ def find_ripple(machine: Machine, parts: dict[str, Superelement], samples: int =
 
 def _compare_meshes(
     machine: Machine, mesh: ComponentMesh, parts: dict[str, Superelement]
-) -> list[ValidationRow]:
+) -> Iterator[ValidationRow]:
     fresh, same, apart = [], [], []
     for index, place in enumerate(np.linspace(-REACH, REACH, POSITIONS)):
         found, expected = (
@@ -217,33 +204,20 @@ def _compare_meshes(
             alike = answer_same_mesh(machine, mesh, float(place))
             same.append(relative_errors(found, alike))
             apart.append(relative_errors(alike, expected))
-    rows = []
     for name, errors in (
         ("same mesh, same weight", np.array(same)),
         ("fresh mesh, even patch", np.array(fresh)),
     ):
         for what, part in (("compliance", errors[:, :3]), ("frequencies", errors[:, 3:])):
             note = f"{len(errors)} places"
-            rows.append(
-                compare_bound(
-                    GUIDEWAY, f"{what}, {name}: largest", float(part.max()), LARGEST, note
-                )
-            )
-            rows.append(
-                compare_bound(
-                    GUIDEWAY, f"{what}, {name}: median", float(np.median(part)), MEDIAN, note
-                )
-            )
-    rows.append(
-        show(
-            GUIDEWAY,
-            "between the two unreduced models: largest",
-            float(np.max(apart)),
-            "-",
-            "what mesh and weight make",
-        )
+            yield compare_bound(f"{what}, {name}: largest", float(part.max()), LARGEST, note)
+            yield compare_bound(f"{what}, {name}: median", float(np.median(part)), MEDIAN, note)
+    yield show(
+        "between the two unreduced models: largest",
+        float(np.max(apart)),
+        "-",
+        "what mesh and weight make",
     )
-    return rows
 
 
 def _measure_cost(machine: Machine, parts: dict[str, Superelement]) -> list[ValidationRow]:
@@ -254,11 +228,8 @@ def _measure_cost(machine: Machine, parts: dict[str, Superelement]) -> list[Vali
         answer_reduced(machine, parts, float(place))
     seconds = 1000.0 * (time.process_time() - start) / len(places)
     return [
+        show("reduced dofs", float(sum(len(part.labels) for part in parts.values())), "-"),
         show(
-            GUIDEWAY, "reduced dofs", float(sum(len(part.labels) for part in parts.values())), "-"
-        ),
-        show(
-            GUIDEWAY,
             "1000 poses: couple, compliance, ten modes",
             seconds,
             "s",

@@ -38,7 +38,6 @@ from headstock.validation.coverage.parts import draw_part
 from headstock.validation.machines.drawn_machines import HIGHEST_HZ, draw_machine
 from headstock.validation.references.rows import ValidationRow, compare_bound
 
-CASE, SMOKE, PARTS_CASE = "model-choice", "model-choice-smoke", "part-choice"
 # no margin of a search was chosen on these machines
 MACHINES, SMOKE_MACHINES = range(32, 52), (42,)
 # one of each kind of `coverage` that differs by more than the mesh it is drawn with
@@ -94,17 +93,17 @@ class ChosenScene:
 
 def check_model_choice() -> list[ValidationRow]:
     """Check whether the errors of the machines are within what was asked, and what that costs."""
-    return _evaluate(CASE, "machine", [_recall(seed, load_drawn) for seed in MACHINES])
+    return _evaluate("machine", [_recall(seed, load_drawn) for seed in MACHINES])
 
 
 def check_model_choice_smoke() -> list[ValidationRow]:
     """Check one machine of three bodies in the same way."""
-    return _evaluate(SMOKE, "machine", [_recall(seed, load_drawn) for seed in SMOKE_MACHINES])
+    return _evaluate("machine", [_recall(seed, load_drawn) for seed in SMOKE_MACHINES])
 
 
 def check_part_choice() -> list[ValidationRow]:
     """Check parts alone in the same way, whose only lever is the mesh."""
-    return _evaluate(PARTS_CASE, "part", [_recall(seed, load_part) for seed in PARTS])
+    return _evaluate("part", [_recall(seed, load_part) for seed in PARTS])
 
 
 def _recall(seed: int, load: Callable[[int, Path], Scene]) -> ChosenScene:
@@ -260,7 +259,7 @@ def _deviate(found: Mapping[str, float], truth: Mapping[str, float]) -> FloatArr
     return np.array([abs(found.get(name, np.inf) / exact - 1.0) for name, exact in truth.items()])
 
 
-def _evaluate(case: str, what: str, scenes: list[ChosenScene]) -> list[ValidationRow]:
+def _evaluate(what: str, scenes: list[ChosenScene]) -> list[ValidationRow]:
     certain = [scene for scene in scenes if scene.doubt <= DOUBTFUL_SHARE * scene.asked]
     met = [scene for scene in certain if scene.met]
     kept = np.concatenate([scene.errors <= scene.asked for scene in met])
@@ -273,7 +272,6 @@ def _evaluate(case: str, what: str, scenes: list[ChosenScene]) -> list[Validatio
     used = float(np.median([scene.errors.max() / scene.asked for scene in met]))
     return [
         compare_bound(
-            case,
             "share of numbers that are further off than asked",
             float(1.0 - kept.mean()),
             1.0 - KEPT,
@@ -282,7 +280,6 @@ def _evaluate(case: str, what: str, scenes: list[ChosenScene]) -> list[Validatio
             f" {100.0 * furthest.errors.max():.2g} % for {100.0 * furthest.asked:g} %; largest error over what was asked, median {used:.2f}",
         ),
         compare_bound(
-            case,
             f"share of {what}s that take more than {TIMES:g} times the cheapest of what was tried",
             float(np.mean(np.array(ratios) > TIMES)),
             1.0 - CHEAP,

@@ -4,7 +4,7 @@ machines: beside each stands the same machine of fine finite elements.
 
 import dataclasses
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -41,7 +41,6 @@ from headstock.validation.coverage.coverage_case import (
 from headstock.validation.machines.drawn_machines import HIGHEST_HZ, draw_machine
 from headstock.validation.references.rows import ValidationRow, show
 
-CASE, SMOKE = "model-estimates", "model-estimates-smoke"
 # the margins of the stage were chosen on the first machines; the others were drawn for the held-out
 # judgement
 CALIBRATION, HOLD_OUT = range(8), range(8, 32)
@@ -192,8 +191,8 @@ def _cover_lines(plain: RunState, true: CoupledPose) -> FloatArray:
 def check_model_estimates() -> list[ValidationRow]:
     """Coverage on the machines that margins were chosen on, and on the others."""
     return [
-        *_evaluate(CASE, "chosen on", [compare_machine(seed) for seed in CALIBRATION]),
-        *_evaluate(CASE, "held out", [compare_machine(seed) for seed in HOLD_OUT]),
+        *_evaluate("chosen on", [compare_machine(seed) for seed in CALIBRATION]),
+        *_evaluate("held out", [compare_machine(seed) for seed in HOLD_OUT]),
     ]
 
 
@@ -205,15 +204,15 @@ def compare_new_machines(first: int) -> list[ValidationRow]:
     """
     seeds = range(first, first + len(HOLD_OUT))
     machines = [compare_machine(seed) for seed in seeds]
-    return _evaluate(CASE, f"new, seeds {seeds[0]} to {seeds[-1]}", machines)
+    return _evaluate(f"new, seeds {seeds[0]} to {seeds[-1]}", machines)
 
 
 def check_model_estimates_smoke() -> list[ValidationRow]:
     """Check one machine of three bodies in the same way."""
-    return _evaluate(SMOKE, "one machine", [compare_machine(seed) for seed in SMOKE_MACHINES])
+    return _evaluate("one machine", [compare_machine(seed) for seed in SMOKE_MACHINES])
 
 
-def _evaluate(case: str, what: str, machines: Sequence[MachineNumbers]) -> list[ValidationRow]:
+def _evaluate(what: str, machines: Sequence[MachineNumbers]) -> Iterator[ValidationRow]:
     known = [
         (machine.unsure <= SURE * machine.estimates) & np.isfinite(machine.errors)
         for machine in machines
@@ -232,18 +231,14 @@ def _evaluate(case: str, what: str, machines: Sequence[MachineNumbers]) -> list[
         f"{int((kinds == 0.0).sum())} frequencies and {int(kinds.sum())} compliances of {len(machines)} machines; {silent} say ± ?, of"
         f" {numbers - silent - len(given)} the truth is not sure enough; largest true error {100.0 * true.max():.0f} %"
     )
-    suite = CoverageCase(case, CLEAR, LARGEST_MEDIAN)
-    rows = [
-        *suite.evaluate(what, true, given, note, uncovered=alone),
-        show(
-            case,
-            f"{what}: modes named of all that the machines lack",
-            float(named / missing) if missing else 1.0,
-            "-",
-            f"{named} of {missing}; {alone} modes have an estimate and no true partner (counted as not covered)",
-        ),
-    ]
+    suite = CoverageCase(CLEAR, LARGEST_MEDIAN)
+    yield from suite.evaluate(what, true, given, note, uncovered=alone)
+    yield show(
+        f"{what}: modes named of all that the machines lack",
+        float(named / missing) if missing else 1.0,
+        "-",
+        f"{named} of {missing}; {alone} modes have an estimate and no true partner (counted as not covered)",
+    )
     lines = np.concatenate([machine.lines for machine in machines])
     if np.isfinite(lines).any():
-        rows.append(suite.evaluate_responses(what, lines))
-    return rows
+        yield suite.evaluate_responses(what, lines)

@@ -10,7 +10,7 @@ the line in z.
 
 import itertools
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -56,7 +56,6 @@ from headstock.validation.references.rows import ValidationRow, compare_bound, s
 
 SCENE = PROJECT / "machines" / "three_axis.toml"
 FIXED_TOLERANCE = 1e-9
-CASE = "path-test"
 VARIANTS = {
     "BE": "calibrated+BE",
     "BE with drives": "calibrated+BE+controlled",
@@ -242,10 +241,8 @@ def check_path_methods() -> list[ValidationRow]:
         float(np.abs(other - second).max() / np.abs(second).max()) for other in (first, frozen)
     )
     return [
-        compare_bound(
-            "path-cross-check", "z of the TCP, two independent methods", apart, METHODS_TOLERANCE
-        ),
-        show("path-cross-check", "z of the TCP, pose of the start frozen", kept, "-"),
+        compare_bound("z of the TCP, two independent methods", apart, METHODS_TOLERANCE),
+        show("z of the TCP, pose of the start frozen", kept, "-"),
     ]
 
 
@@ -260,62 +257,41 @@ def run_path(variant: str) -> PathResult:
     return found
 
 
-def _evaluate_variant(name: str, found: PathResult) -> list[ValidationRow]:
+def _evaluate_variant(name: str, found: PathResult) -> Iterator[ValidationRow]:
     low_frequency, fast = found.runs
     count = int(0.4 * found.sampling_hz)
-    rows = []
     kept = (
         np.abs(fast.curves.frozen[:count] - 5.0 * low_frequency.curves.frozen[:count]).max()
         / np.abs(fast.curves.frozen[:count]).max()
     )
-    rows.append(
-        compare_bound(
-            CASE,
-            f"{name}: 3000 less five times 600 mm/min, pose kept",
-            float(kept),
-            1e-6,
-            "linear: 0 to 0.4 s",
-        )
+    yield compare_bound(
+        f"{name}: 3000 less five times 600 mm/min, pose kept",
+        float(kept),
+        1e-6,
+        "linear: 0 to 0.4 s",
     )
     for number, zone in enumerate(("accelerating", "decelerating")):
         figures = fast.figures[0][number]
         peak, ramp = abs(MICRO * figures.peak), abs(MICRO * figures.ramp_peak)
         inside = BAND[0] <= peak <= BAND[1]
-        rows.append(
-            ValidationRow(
-                CASE, f"{name}: largest deviation, {zone}", peak, float("nan"), "um", float("nan"), float("nan"),
+        yield ValidationRow(
+                "", f"{name}: largest deviation, {zone}", peak, float("nan"), "um", float("nan"), float("nan"),
                 "published", inside, f"must lie in {BAND[0]:g} to {BAND[1]:g} um; {PAPER[zone]}",
-            )
-        )  # fmt: skip
-        rows.append(show(CASE, f"{name}: largest deviation during the ramp, {zone}", ramp, "um"))
-        rows.append(
-            show(
-                CASE, f"{name}: quasi-static part, {zone}", abs(MICRO * figures.quasi_static), "um"
-            )
+            )  # fmt: skip
+        yield show(f"{name}: largest deviation during the ramp, {zone}", ramp, "um")
+        yield show(f"{name}: quasi-static part, {zone}", abs(MICRO * figures.quasi_static), "um")
+        yield show(f"{name}: residual vibration, {zone}", MICRO * figures.dynamic, "um")
+        yield show(
+            f"{name}: pose kept, {zone}", abs(MICRO * fast.frozen_figures[0][number].peak), "um"
         )
-        rows.append(
-            show(CASE, f"{name}: residual vibration, {zone}", MICRO * figures.dynamic, "um")
-        )
-        rows.append(
-            show(
-                CASE,
-                f"{name}: pose kept, {zone}",
-                abs(MICRO * fast.frozen_figures[0][number].peak),
-                "um",
-            )
-        )
-        rows.append(
-            show(
-                CASE,
-                f"{name}: 3000 over 600 mm/min, {zone}",
-                figures.ramp_peak / low_frequency.figures[0][number].ramp_peak,
-                "-",
-                "during the ramp, pose followed",
-            )
+        yield show(
+            f"{name}: 3000 over 600 mm/min, {zone}",
+            figures.ramp_peak / low_frequency.figures[0][number].ramp_peak,
+            "-",
+            "during the ramp, pose followed",
         )
     if found.poses is not None:
-        rows.append(compare_bound(CASE, f"{name}: modes left out", found.poses.truncation, 1e-5))
-    return rows
+        yield compare_bound(f"{name}: modes left out", found.poses.truncation, 1e-5)
 
 
 def compare_methods() -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -6,7 +6,7 @@ meshes.
 import dataclasses
 import functools
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -27,12 +27,11 @@ from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import AccuracyGoal, Scene
 from headstock.solvers.mpi import MPI
 from headstock.validation.coverage.coverage_case import CoverageCase
-from headstock.validation.machines.axis_kit_models import SCENE
+from headstock.validation.machines.axis_kit_cases import SCENE
 from headstock.validation.machines.drawn_machines import draw_machine
 from headstock.validation.references.rows import ValidationRow, compare_bound, show
 
 Load = Callable[[Path], Scene]
-CASE, SMOKE = "peaks", "peaks-smoke"
 SEEDS, SMOKE_SEED = (1, 2), 2
 ASKED = 0.03
 TRUE_ACCURACY = 0.002  # with which the meshes of the true machine begin
@@ -43,15 +42,13 @@ def check_peaks() -> list[ValidationRow]:
     """Check the three-axis machine and two drawn ones."""
     drawn = {f"machine {seed}": functools.partial(load_drawn, seed) for seed in SEEDS}
     loads: dict[str, Load] = {"three-axis machine": _load_three_axis, **drawn}
-    return [
-        row for what, load in loads.items() for row in _compare(CASE, what, load, searched=True)
-    ]
+    return [row for what, load in loads.items() for row in _compare(what, load, searched=True)]
 
 
 def check_peaks_smoke() -> list[ValidationRow]:
     """± alone, of one drawn machine."""
     load = functools.partial(load_drawn, SMOKE_SEED)
-    return _compare(SMOKE, f"machine {SMOKE_SEED}", load, searched=False)
+    return _compare(f"machine {SMOKE_SEED}", load, searched=False)
 
 
 def _load_three_axis(_folder: Path) -> Scene:
@@ -71,7 +68,7 @@ def load_drawn(seed: int, folder: Path) -> Scene:
     return replace_components(dataclasses.replace(scene, model_errors=False), bodies)
 
 
-def _compare(case: str, what: str, load: Load, *, searched: bool) -> list[ValidationRow]:
+def _compare(what: str, load: Load, *, searched: bool) -> Iterator[ValidationRow]:
     with tempfile.TemporaryDirectory(prefix="headstock-peaks-") as name:
         folder = Path(name)
         scene = load(folder)
@@ -83,11 +80,10 @@ def _compare(case: str, what: str, load: Load, *, searched: bool) -> list[Valida
         truth = _list_heights(run(_refine(scene)))
         true, estimated = _pair(_list_heights(run(scene)), truth)
         note = f"{len(true)} peaks and levels, up to {true.max():.2g} off"
-        rows = CoverageCase(case, CLEAR, LARGEST_MEDIAN).evaluate(what, true, estimated, note)
+        yield from CoverageCase(CLEAR, LARGEST_MEDIAN).evaluate(what, true, estimated, note)
         if searched:
             found = run(dataclasses.replace(scene, accuracy=AccuracyGoal(ASKED)))
-            rows += _evaluate_search(case, what, found, truth)
-    return rows
+            yield from _evaluate_search(what, found, truth)
 
 
 def _refine(scene: Scene) -> Scene:
@@ -125,7 +121,7 @@ def _pair(
 
 
 def _evaluate_search(
-    case: str, what: str, results: Results, truth: Mapping[Key, Number]
+    what: str, results: Results, truth: Mapping[Key, Number]
 ) -> list[ValidationRow]:
     (answer,) = find_answers(results.answers, AccuracyAnswer)
     true, _ = _pair(_list_heights(results), truth)
@@ -133,11 +129,10 @@ def _evaluate_search(
     seconds = sum(record.cpu_seconds for record in results.stages)
     return [
         compare_bound(
-            case,
             f"{what}: largest true error of a peak or level, {100.0 * ASKED:g} % asked",
             float(true.max()),
             ASKED,
             "said to be met" if said else "said not to be met",
         ),
-        show(case, f"{what}: processor time of the search", seconds, "s"),
+        show(f"{what}: processor time of the search", seconds, "s"),
     ]

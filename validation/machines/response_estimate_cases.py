@@ -3,7 +3,7 @@ far finer meshes.
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,7 +61,6 @@ from headstock.validation.machines.monolithic_machines import (
 from headstock.validation.parts.closed_form_cases import STEEL, face_interface
 from headstock.validation.references.rows import Target, ValidationRow, compare_value, show
 
-RESPONSE_CASE = "response-estimates"
 MODE_COUNTS = (3, 6, 12, 24, 48)
 LOSS_FACTOR = 0.04
 WATCHED = 10
@@ -70,7 +69,6 @@ WATCHED = 10
 LINES = ((0, -0.5), (0, 0.0), (0, 0.02), (1, 0.5), (2, -0.03), (3, 0.01), (4, 0.4))
 CHANNELS: tuple[Channel, ...] = (("tcp", "x"), ("tcp", "y"), ("tcp", "z"))
 SPECIMENS = (clamped_beam, free_pair, patched_column, ribbed_plate, guideway)
-CASE = "mesh-estimates-response"
 MODES = 40
 GRID = 600  # lines over which the most negative real part is sought
 REACH = 1.3  # of the highest line
@@ -99,19 +97,17 @@ MESHES = {
 }
 
 
-def check_response_estimates() -> list[ValidationRow]:
+def check_response_estimates() -> Iterator[ValidationRow]:
     """Bounds of the reduction error of nine responses per line on five machines, by number of
     modes.
     """
-    rows: list[ValidationRow] = []
     found = []
     for make in SPECIMENS:
         specimen = make()
         pairs = compare_responses(specimen, LINES)
-        rows.append(report_coverage(RESPONSE_CASE, specimen.name, pairs))
+        yield report_coverage(specimen.name, pairs)
         found.append(pairs)
-    rows += evaluate_pairs(RESPONSE_CASE, "all lines", join_pairs(found))
-    return rows
+    yield from evaluate_pairs("all lines", join_pairs(found))
 
 
 def compare_responses(specimen: Specimen, lines: tuple[tuple[int, float], ...]) -> ErrorPairs:
@@ -182,11 +178,10 @@ class _Found:
     depth_errors: FloatArray
 
 
-def check_mesh_response_estimates() -> list[ValidationRow]:
+def check_mesh_response_estimates() -> Iterator[ValidationRow]:
     """Estimated against true errors of nine responses per line, and of the most negative real
     parts, over kinds and sizes of elements.
     """
-    rows: list[ValidationRow] = []
     parts = []
     for machine in (
         dataclasses.replace(load_scene(CANTILEVER).machine, name="cantilever"),
@@ -195,10 +190,9 @@ def check_mesh_response_estimates() -> list[ValidationRow]:
         fine, meshes = MESHES[machine.name]
         parts.append(compare_meshes(machine, fine, meshes))
     for name, found in zip(MESHES, parts, strict=True):
-        rows += [_report(f"{name}, {what}", pairs) for what, pairs in found.items()]
+        yield from [_report(f"{name}, {what}", pairs) for what, pairs in found.items()]
     for what in parts[0]:
-        rows += _evaluate(what, join_pairs([found[what] for found in parts]))
-    return rows
+        yield from _evaluate(what, join_pairs([found[what] for found in parts]))
 
 
 def compare_meshes(
@@ -325,17 +319,13 @@ def _evaluate(what: str, pairs: ErrorPairs) -> list[ValidationRow]:
     note = f"effectivity {middle:.2f}; {clear.sum()} errors above {CLEAR:g}"
     return [
         compare_value(
-            CASE,
             f"{what}: estimated over true error, median, as a factor",
             max(middle, 1.0 / middle),
             factor,
             note,
         ),
         compare_value(
-            CASE,
-            f"{what}: rank correlation",
-            rank,
-            Target(1.0, "-", 1.0 - LEAST_RANK, "converged 3D"),
+            f"{what}: rank correlation", rank, Target(1.0, "-", 1.0 - LEAST_RANK, "converged 3D")
         ),
     ]
 
@@ -344,4 +334,4 @@ def _report(name: str, pairs: ErrorPairs) -> ValidationRow:
     clear = pairs.clear
     low, middle, high = np.quantile(pairs.estimated[clear] / pairs.true[clear], [0.1, 0.5, 0.9])
     note = f"10 .. 90 %: {low:.2f} .. {high:.2f}; {clear.sum()} of {len(clear)} errors, up to {pairs.true.max():.2g}"
-    return show(CASE, f"{name}: effectivity, median", float(middle), "-", note)
+    return show(f"{name}: effectivity, median", float(middle), "-", note)

@@ -3,7 +3,7 @@ in absolute coordinates.
 """
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from itertools import product
 
 import numpy as np
@@ -23,7 +23,7 @@ from headstock.geometry.mechanisms.exechon import (
 )
 from headstock.geometry.mechanisms.kinematics import cross, marker_bias, place_markers
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism, evaluate_dynamics
-from headstock.solvers.mechanisms.modes import linearise_poses, solve_pose_modes, tool_compliance
+from headstock.solvers.mechanisms.modes import linearise_poses, solve_lumped_modes, tool_compliance
 from headstock.solvers.mechanisms.partitioning import (
     Drive,
     PartitionedDynamics,
@@ -33,15 +33,13 @@ from headstock.solvers.mechanisms.partitioning import (
 )
 from headstock.solvers.mpi import MPI
 from headstock.validation.mechanisms.absolute_bodies import (
+    BODY_NAMES,
     AbsoluteState,
     AbsoluteSystem,
-    linearise_rest,
-    solve_instant,
-)
-from headstock.validation.mechanisms.absolute_tripod import (
-    BODY_NAMES,
     LegStiffness,
     absolute_exechon,
+    linearise_rest,
+    solve_instant,
 )
 from headstock.validation.mechanisms.motion import ConstrainedMotion, DriveLaw, PartitionedMotion
 from headstock.validation.mechanisms.tripteor_machine import (
@@ -51,8 +49,13 @@ from headstock.validation.mechanisms.tripteor_machine import (
     plane_states,
     steady_force,
 )
-from headstock.validation.references.rows import Target, ValidationRow, compare_bound, compare_value
-from headstock.validation.references.values import reference_case
+from headstock.validation.references.rows import (
+    Target,
+    ValidationRow,
+    compare_bound,
+    compare_value,
+    reference_case,
+)
 
 STEP = 1e-40
 SMALL_FORCE = 1.0
@@ -64,7 +67,7 @@ def check_mechanism_derivatives(comm: MPI.Comm) -> list[ValidationRow]:
     """Closure and mark Jacobians, their bias and the inertial forces at a random open state,
     against the complex step.
     """
-    case, tripteor = "mechanism-derivatives", load_tripteor()
+    tripteor = load_tripteor()
     mechanism, rng = tripteor.model.mechanism, np.random.default_rng(20100)
     state, rates = rng.normal(size=(2, len(mechanism.coordinates)))
     found, weightless = (
@@ -90,17 +93,16 @@ def check_mechanism_derivatives(comm: MPI.Comm) -> list[ValidationRow]:
         ("inertial forces", inertial, lagrange),
     )
     return [
-        compare_bound(case, f"{what}, relative", _relative(value, right), 1e-12)
+        compare_bound(f"{what}, relative", _relative(value, right), 1e-12)
         for what, value, right in compared
     ]
 
 
-def check_inverse_kinematics(comm: MPI.Comm) -> list[ValidationRow]:
+def check_inverse_kinematics(comm: MPI.Comm) -> Iterator[ValidationRow]:
     """Check the published 16 assemblies of an Exechon, three lengths each, as sets: the printed
     columns are permuted row by row.
     """
-    case, reference = "exechon-inverse-kinematics", reference_case("exechon-inverse-kinematics")
-    rows = []
+    reference = reference_case("exechon-inverse-kinematics")
     for (first, second), delta_a, delta_c in product(ASSEMBLIES, (1, -1), (1, -1)):
         dimensions = ExechonDimensions(
             base=(-0.4434, 0.7798, 0.3455),
@@ -116,20 +118,16 @@ def check_inverse_kinematics(comm: MPI.Comm) -> list[ValidationRow]:
         for place, value in zip(("shortest", "middle", "longest"), lengths, strict=True):
             printed = reference.values[f"{signs} {place}"]
             unit = 1e-4 if printed < 1.0 else 1e-3
-            rows.append(
-                compare_value(
-                    case,
-                    f"{signs} {place} leg",
-                    float(value),
-                    Target(printed, "m", unit / printed, "published"),
-                )
+            yield compare_value(
+                f"{signs} {place} leg",
+                float(value),
+                Target(printed, "m", unit / printed, "published"),
             )
-    return rows
 
 
 def check_mirror_symmetry(comm: MPI.Comm) -> list[ValidationRow]:
     """Frequencies and stiffness on both sides of the machine's plane of symmetry."""
-    case, tripteor = "mirror-symmetry", load_tripteor()
+    tripteor = load_tripteor()
     rng = np.random.default_rng(5)
     points = rng.uniform([-0.35, -0.4, 0.1], [0.35, 0.4, 0.4], (50, 3))
     sides = [
@@ -139,69 +137,56 @@ def check_mirror_symmetry(comm: MPI.Comm) -> list[ValidationRow]:
         for sign in (1.0, -1.0)
     ]
     motions = [linearise_poses(tripteor.model, states) for states in sides]
-    left, right = (solve_pose_modes(motion).frequencies_hz for motion in motions)
+    left, right = (solve_lumped_modes(motion).frequencies_hz for motion in motions)
     flip = np.diag([1.0, -1.0, 1.0])
     stiff, mirrored = (tool_compliance(tripteor.model, motion)[..., :3, :3] for motion in motions)
     return [
         compare_bound(
-            case, "frequencies in 50 poses, relative", float(np.abs(left / right - 1.0).max()), 1e-9
+            "frequencies in 50 poses, relative", float(np.abs(left / right - 1.0).max()), 1e-9
         ),
         compare_bound(
-            case, "compliance in 50 poses, relative", _relative(stiff, flip @ mirrored @ flip), 1e-9
+            "compliance in 50 poses, relative", _relative(stiff, flip @ mirrored @ flip), 1e-9
         ),
     ]
 
 
-def check_limits(comm: MPI.Comm) -> list[ValidationRow]:
+def check_limits(comm: MPI.Comm) -> Iterator[ValidationRow]:
     """Check the nonlinear equations at rest under a small force, and their frequencies by finite
     differences, against the linear model.
     """
-    case, tripteor = "linear-limits", load_tripteor()
+    tripteor = load_tripteor()
     model = dataclasses.replace(tripteor.model, gravity=np.zeros(3))
-    rows = []
     for name, state in tripteor.poses.items():
         motions = linearise_poses(model, state)
         force = SMALL_FORCE * np.array([1.0, 0.7, -0.4])
         moved = _static_rest(model, state, force)
         linear = tool_compliance(model, motions)[:3, :3] @ force
-        rows.append(
-            compare_bound(case, f"static limit in {name}, relative", _relative(moved, linear), 1e-6)
-        )
+        yield compare_bound(f"static limit in {name}, relative", _relative(moved, linear), 1e-6)
         frequencies = _swing_frequencies(model, state)
-        expected = solve_pose_modes(motions).frequencies_hz
-        rows.append(
-            compare_bound(
-                case, f"modal limit in {name}, relative", _relative(frequencies, expected), 1e-6
-            )
+        expected = solve_lumped_modes(motions).frequencies_hz
+        yield compare_bound(
+            f"modal limit in {name}, relative", _relative(frequencies, expected), 1e-6
         )
-    return rows
 
 
-def check_three_models(comm: MPI.Comm) -> list[ValidationRow]:
+def check_three_models(comm: MPI.Comm) -> Iterator[ValidationRow]:
     """Reduced ODE, full DAE and absolute coordinates in one violent instant; modes of the first and
     the last.
     """
-    case, tripteor = "three-models", load_tripteor()
-    rows: list[ValidationRow] = []
+    tripteor = load_tripteor()
     for name, start in tripteor.poses.items():
-        rows += _compare_instant(case, tripteor, name, start)
+        yield from _compare_instant(tripteor, name, start)
     states = plane_states(tripteor, 4).reshape(16, -1)
-    chains = solve_pose_modes(linearise_poses(tripteor.model, states)).frequencies_hz
+    chains = solve_lumped_modes(linearise_poses(tripteor.model, states)).frequencies_hz
     absolute = np.array([_absolute_frequencies(tripteor, state) for state in states])
-    rows.append(
-        compare_bound(
-            case,
-            "modes over the plane, chains against absolute, relative",
-            _relative(absolute, chains),
-            1e-8,
-        )
+    yield compare_bound(
+        "modes over the plane, chains against absolute, relative",
+        _relative(absolute, chains),
+        1e-8,
     )
-    return rows
 
 
-def _compare_instant(
-    case: str, tripteor: Tripteor, name: str, start: FloatArray
-) -> list[ValidationRow]:
+def _compare_instant(tripteor: Tripteor, name: str, start: FloatArray) -> list[ValidationRow]:
     model = tripteor.model
     drive, rng = oscillating_drive(start[model.mechanism.driven_slice]), np.random.default_rng(3)
     compliant, rates = 1e-4 * rng.normal(size=6), 1e-2 * rng.normal(size=6)
@@ -226,32 +211,26 @@ def _compare_instant(
     )
     return [
         compare_bound(
-            case,
             f"accelerations, DAE against ODE, {name}, relative",
             _relative(instant.acceleration[-6:], accelerations),
             1e-8,
         ),
         compare_bound(
-            case,
             f"accelerations, absolute against ODE, {name}, relative",
             _relative(found.stretch_acceleration, accelerations),
             1e-8,
         ),
         compare_bound(
-            case,
             f"drive forces, DAE against ODE, {name}, relative",
             _relative(full.drives(instant), drives),
             1e-8,
         ),
         compare_bound(
-            case,
             f"drive forces, absolute against ODE, {name}, relative",
             _relative(pushes + work[1::2], drives[:3]),
             1e-8,
         ),
-        compare_bound(
-            case, f"joints open in absolute coordinates, {name} [m]", found.violation, 1e-12
-        ),
+        compare_bound(f"joints open in absolute coordinates, {name} [m]", found.violation, 1e-12),
     ]
 
 

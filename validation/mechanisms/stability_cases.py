@@ -25,7 +25,14 @@ from headstock.solvers.milling.stability import (
 )
 from headstock.solvers.motion.alpha import LinearMotion, Regeneration, integrate_linear
 from headstock.solvers.mpi import MPI
-from headstock.validation.references.rows import Target, ValidationRow, compare_bound, compare_value
+from headstock.validation.references.rows import (
+    Target,
+    ValidationRow,
+    compare_bound,
+    compare_order,
+    compare_value,
+    named_case,
+)
 
 SCENES = Path(__file__).parents[1] / "references" / "milling_limits"
 # Insperger and Stepan (2004), Int. J. Numer. Meth. Eng. 61, 117-141, sec. 5: one mode, two teeth
@@ -41,25 +48,23 @@ MARCHED_STEPS = 1600
 SLOTTING = ((5000.0, 0.2e-3), (5000.0, 1e-3), (15000.0, 1e-3))  # rpm, depth of cut [m]
 
 
-def check_stability_methods(comm: MPI.Comm, steps: int = MARCHED_STEPS) -> list[ValidationRow]:
+def check_stability_methods(comm: MPI.Comm, steps: int = MARCHED_STEPS) -> Iterator[ValidationRow]:
     """Multipliers on borders known in closed form, and of a published milling case by integrating its
     equation in time; limits of ten scenes.
     """
-    return [
-        *_turning_rows(),
-        *_mathieu_rows(),
-        *_milling_rows(steps),
-        *_check_milling_limits(comm),
-    ]
+    yield from named_case("stability-closed-forms", [*_turning_rows(), *_mathieu_rows()])
+    yield from named_case("stability-published-milling", _milling_rows(steps))
+    yield from named_case("milling-limits", _check_milling_limits(comm))
 
 
-def _check_milling_limits(comm: MPI.Comm) -> list[ValidationRow]:
+def _check_milling_limits(comm: MPI.Comm) -> Iterator[ValidationRow]:
     """Limits of ten scenes, of one and two modes, immersions of 5 to 100 %, both senses, helix and
     one to six teeth, beside converged ones by collocation of another program and by
     semi-discretisation.
     """
     limits = tomllib.loads((SCENES / "limits.toml").read_text())
-    return [row for name in sorted(limits) for row in _limit_rows(name, limits[name], comm)]
+    for name in sorted(limits):
+        yield from _limit_rows(name, limits[name], comm)
 
 
 def _limit_rows(
@@ -77,16 +82,11 @@ def _limit_rows(
         off = own.depths / true - 1.0
         # digits of the table, and ± of the search
         allowed = 1e-4 + np.nan_to_num(own.errors / true)
-        case, where = "milling-limits", f"{name}, travel {own.name}, {len(true)} speeds"
+        where = f"{name}, travel {own.name}, {len(true)} speeds"
         yield compare_bound(
-            case,
-            f"{where}: limit off, at most",
-            float(np.abs(off).max()),
-            0.01,
-            "semi-discretisation",
+            f"{where}: limit off, at most", float(np.abs(off).max()), 0.01, "semi-discretisation"
         )
         yield compare_bound(
-            case,
             f"{where}: limit above the true one, over its ±",
             max(0.0, float((off / allowed).max())),
             1.0,
@@ -115,11 +115,11 @@ def _slotting_gain(times: FloatArray, period: float, depth: float) -> FloatArray
     )
 
 
-def _turning_rows() -> list[ValidationRow]:
+def _turning_rows() -> Iterator[ValidationRow]:
     """Constant engagement: on the border of the lobes the largest multiplier is one (Tobias;
     Altintas 2012, sec. 4.2).
     """
-    case, tip, rows = "stability-closed-forms", _one_mode(), []
+    tip = _one_mode()
     omega = 2.0 * np.pi * HZ
     for ratio, waves in TURNING:
         chatter = ratio * omega
@@ -132,32 +132,18 @@ def _turning_rows() -> list[ValidationRow]:
             for steps in (30, 60, 120)
         ]
         name = f"turning at {ratio:g} times the natural frequency, {waves} waves"
-        rows.append(compare_bound(case, f"{name}: multiplier off one", errors[-1], 1e-3))
-        rows.append(
-            compare_value(
-                case,
-                f"{name}: order",
-                float(np.log2(errors[-2] / errors[-1])),
-                Target(2.0, "-", 0.1, "theory"),
-            )
-        )
+        yield compare_bound(f"{name}: multiplier off one", errors[-1], 1e-3)
+        yield compare_order(f"{name}: order", errors, 2.0)
         factor = single_frequency_limit(tip, np.full((1, 1, 1), gain), period)
-        rows.append(
-            compare_value(
-                case,
-                f"{name}: limit by a single frequency",
-                factor,
-                Target(1.0, "-", 1e-4, "closed form"),
-            )
-        )
-    return rows
+        exact = Target(1.0, "-", 1e-4, "closed form")
+        yield compare_value(f"{name}: limit by a single frequency", factor, exact)
 
 
-def _mathieu_rows() -> list[ValidationRow]:
+def _mathieu_rows() -> Iterator[ValidationRow]:
     """``x'' + (delta + epsilon cos t) x = b x(t - 2 pi)``: borders by Mathieu's characteristic
     values (Insperger and Stepan 2002).
     """
-    case, rows, steps = "stability-closed-forms", [], 300
+    steps = 300
     times = (np.arange(steps) + 0.5) * 2.0 * np.pi / steps
     for epsilon, weight in MATHIEU:
         for order, sign in ((0, 1.0), (1, -1.0)):
@@ -174,15 +160,14 @@ def _mathieu_rows() -> list[ValidationRow]:
             )
             off = float(np.abs(found - sign).min())
             name = f"delayed Mathieu equation, epsilon {epsilon:g}, b {weight:g}: a multiplier off {sign:+.0f}"
-            rows.append(compare_bound(case, name, off, 1e-3))
-    return rows
+            yield compare_bound(name, off, 1e-3)
 
 
-def _milling_rows(steps: int) -> list[ValidationRow]:
+def _milling_rows(steps: int) -> Iterator[ValidationRow]:
     """Return the largest multiplier by semi-discretisation and from the growth of an integrated motion,
     both with so many steps per tooth.
     """
-    case, rows, allowed = "stability-published-milling", [], 5e-4 * (MARCHED_STEPS / steps) ** 2
+    allowed = 5e-4 * (MARCHED_STEPS / steps) ** 2
     for rpm, depth in SLOTTING:
         period = 60.0 / (TEETH * rpm)
         fine = _slotting_gain((np.arange(steps * 8) + 0.5) * period / (steps * 8), period, depth)
@@ -191,10 +176,7 @@ def _milling_rows(steps: int) -> list[ValidationRow]:
         )
         marched = _marched_multiplier(period, depth, steps)
         name = f"multiplier, slotting at {rpm:g} rpm, {1e3 * depth:g} mm"
-        rows.append(
-            compare_value(case, name, found, Target(marched, "-", allowed, "marched in time"))
-        )
-    return rows
+        yield compare_value(name, found, Target(marched, "-", allowed, "marched in time"))
 
 
 def _marched_multiplier(period: float, depth: float, steps: int, turns: int = 60) -> float:

@@ -5,7 +5,7 @@ which independent methods check.
 import dataclasses
 import time
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NotRequired, TypedDict
 
@@ -15,31 +15,29 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.exechon import survey_tool_poses
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.solvers.linear.modal_analysis import solve_modal
-from headstock.solvers.mechanisms.modes import linearise_poses, solve_pose_modes, tool_compliance
+from headstock.solvers.mechanisms.modes import linearise_poses, solve_lumped_modes, tool_compliance
 from headstock.solvers.mpi import MPI
 from headstock.solvers.pairing.mode_pairing import correlate_modes
-from headstock.validation.mechanisms.tripteor_legs import (
-    PLATFORM_PARTS,
-    LeggedTripteor,
-    load_legs,
-    solve_beams,
-)
 from headstock.validation.mechanisms.tripteor_machine import (
     PLANE_HALF,
     PLANE_HEIGHT,
+    PLATFORM_PARTS,
+    LeggedTripteor,
     Tripteor,
+    load_legs,
     load_tripteor,
     plane_states,
+    solve_beams,
 )
 from headstock.validation.references.rows import (
     Target,
     ValidationRow,
     compare_bound,
     compare_value,
+    reference_case,
     show,
     verdict,
 )
-from headstock.validation.references.values import reference_case
 
 COMPLIANCES = Path(__file__).with_name("tripteor_compliances.toml")
 POSES = ("config_1", "config_2", "config_3")
@@ -58,64 +56,49 @@ MODE_1_LIMIT, STATED_SPREAD = 0.05, 0.20
 MAP_COUNT = 100
 
 
-def check_elastic_legs(comm: MPI.Comm) -> list[ValidationRow]:
+def check_elastic_legs(comm: MPI.Comm) -> Iterator[ValidationRow]:
     """Four modes of the machine with segmented legs against the measured ones, and what was asked
     of them.
     """
-    case, tripteor = "tripteor-elastic-legs", load_legs("elastic_legs+segmented")
+    tripteor = load_legs("elastic_legs+segmented")
     found = {pose: _solve(tripteor, pose) for pose in POSES}
-    rows = []
     for pose in POSES:
         note = "held out" if pose == HELD_OUT else CALIBRATED
         for number, right in enumerate(_measured(pose), 1):
             target = Target(float(right), "Hz", WITHIN, "published")
-            rows.append(
-                compare_value(
-                    case,
-                    f"{pose} f{number}, measured mode {number}",
-                    float(found[pose][number - 1]),
-                    target,
-                    note,
-                )
+            yield compare_value(
+                f"{pose} f{number}, measured mode {number}",
+                float(found[pose][number - 1]),
+                target,
+                note,
             )
     for number, (low, high) in BANDS.items():
         inside = sum(low <= found[pose][number - 1] <= high for pose in POSES)
         wanted = Target(float(len(POSES)), "-", 0.0, "claim")
-        rows.append(
-            compare_value(
-                case,
-                f"poses with f{number} between {low:g} and {high:g} Hz",
-                float(inside),
-                wanted,
-                verdict(inside == 3),
-            )
+        yield compare_value(
+            f"poses with f{number} between {low:g} and {high:g} Hz",
+            float(inside),
+            wanted,
+            verdict(inside == 3),
         )
     lumped = _lumped_frequencies()
     between = sum(bool(lumped[pose][0] < found[pose][1] < lumped[pose][1]) for pose in POSES)
     target = Target(float(len(POSES)), "-", 0.0, "claim")
-    rows.append(
-        compare_value(
-            case,
-            "poses with f2 between both lumped modes",
-            float(between),
-            target,
-            verdict(between == 3),
-        )
+    yield compare_value(
+        "poses with f2 between both lumped modes", float(between), target, verdict(between == 3)
     )
     further = sum(np.count_nonzero(found[pose][4:] < _measured(pose)[3]) for pose in POSES)
-    rows.append(
-        compare_bound(
-            case, "further modes below the fourth measured one", further, 0.5, "none was measured"
-        )
+    yield compare_bound(
+        "further modes below the fourth measured one", further, 0.5, "none was measured"
     )
-    return rows + [row for pose in POSES for row in _likeness_rows(case, tripteor, pose)]
+    for pose in POSES:
+        yield from _likeness_rows(tripteor, pose)
 
 
-def check_leg_methods(comm: MPI.Comm) -> list[ValidationRow]:
+def check_leg_methods(comm: MPI.Comm) -> Iterator[ValidationRow]:
     """Finite-element and segmented legs against beam elements in a model of their own; stiff legs
     against the lumped model.
     """
-    case, rows = "tripteor-leg-models", []
     segmented, meshed, stiff = (
         load_legs(name)
         for name in ("elastic_legs+segmented", "elastic_legs", "stiff_legs+segmented")
@@ -128,29 +111,20 @@ def check_leg_methods(comm: MPI.Comm) -> list[ValidationRow]:
             ("20 segments", segmented, BEAM_WITHIN),
         ):
             error = _largest(_solve(tripteor, pose) / beams)
-            rows.append(
-                compare_bound(
-                    case, f"{pose}: {COUNT} modes, {name} off beam elements by", error, bound
-                )
-            )
+            yield compare_bound(f"{pose}: {COUNT} modes, {name} off beam elements by", error, bound)
         ratio = _solve(stiff, pose) / lumped[pose]
         platform, swings = _largest(ratio[:PLATFORM_MODES]), _largest(ratio[PLATFORM_MODES:])
         text = f"{pose}: {PLATFORM_MODES} platform modes, stiff legs off lumped by"
-        rows.append(compare_bound(case, text, platform, STIFF_WITHIN))
+        yield compare_bound(text, platform, STIFF_WITHIN)
         text = f"{pose}: 3 swings of legs near 600 Hz, stiff legs off lumped by"
-        rows.append(
-            compare_bound(case, text, swings, SWING_WITHIN, "bending of legs 1e4 times as stiff")
-        )
-    return rows
+        yield compare_bound(text, swings, SWING_WITHIN, "bending of legs 1e4 times as stiff")
 
 
-def check_compliances(comm: MPI.Comm) -> list[ValidationRow]:
+def check_compliances(comm: MPI.Comm) -> Iterator[ValidationRow]:
     """Check one compliance after the other beside elastic legs, each fitted to all twelve
     frequencies: which could be the missing one.
     """
-    case, rows = "tripteor-compliances", []
-    with COMPLIANCES.open("rb") as file:
-        candidates: dict[str, ComplianceCandidate] = tomllib.load(file)
+    candidates: dict[str, ComplianceCandidate] = tomllib.loads(COMPLIANCES.read_text())
     for name, entry in candidates.items():
         settings = (
             *entry["set"],
@@ -162,10 +136,7 @@ def check_compliances(comm: MPI.Comm) -> list[ValidationRow]:
         )
         rms, largest = float(np.sqrt(np.mean(errors**2))), float(np.abs(errors).max())
         note = f"largest {100 * largest:.0f} %; {entry['what']}"
-        rows.append(
-            show(case, f"{name}: deviation of four modes in three poses, rms", rms, "-", note)
-        )
-    return rows
+        yield show(f"{name}: deviation of four modes in three poses, rms", rms, "-", note)
 
 
 class ComplianceCandidate(TypedDict):
@@ -207,12 +178,12 @@ def _measured(pose: str) -> FloatArray:
 def _lumped_frequencies() -> dict[str, FloatArray]:
     lumped = load_tripteor()
     return {
-        pose: solve_pose_modes(linearise_poses(lumped.model, lumped.poses[pose])).frequencies_hz
+        pose: solve_lumped_modes(linearise_poses(lumped.model, lumped.poses[pose])).frequencies_hz
         for pose in POSES
     }
 
 
-def _likeness_rows(case: str, tripteor: LeggedTripteor, pose: str) -> list[ValidationRow]:
+def _likeness_rows(tripteor: LeggedTripteor, pose: str) -> list[ValidationRow]:
     """MAC of the platform's motion in each of the first four modes with the first two modes on
     rigid legs.
     """
@@ -221,7 +192,6 @@ def _likeness_rows(case: str, tripteor: LeggedTripteor, pose: str) -> list[Valid
     mac = correlate_modes(_platform_motion(rigid, 2), _platform_motion(elastic, 4))
     return [
         show(
-            case,
             f"{pose}: platform motion of f{mode + 1}, MAC with lumped f{lumped + 1}",
             float(mac[lumped, mode]),
             "-",
@@ -248,107 +218,72 @@ def _largest(ratio: FloatArray) -> float:
     return float(np.abs(ratio - 1.0).max())
 
 
-def check_lumped_modes(comm: MPI.Comm) -> list[ValidationRow]:
+def check_lumped_modes(comm: MPI.Comm) -> Iterator[ValidationRow]:
     """First and second lumped mode against the measured first and third, in three configurations,
     with one set of parameters.
     """
-    case, measured = "tripteor-lumped", reference_case("tripteor-measured")
-    rows = []
+    measured = reference_case("tripteor-measured")
     for name, found in _frequencies(load_tripteor()).items():
         for number, seen in ((1, 1), (2, 3)):
             target = Target(
                 measured.values[f"{name} mode {seen}"], "Hz", measured.tolerance, "published"
             )
-            rows.append(
-                compare_value(
-                    case,
-                    f"{name} f{number}, measured mode {seen}",
-                    float(found[number - 1]),
-                    target,
-                    CALIBRATED,
-                )
+            yield compare_value(
+                f"{name} f{number}, measured mode {seen}",
+                float(found[number - 1]),
+                target,
+                CALIBRATED,
             )
         target = Target(measured.values[f"{name} mode 4"], "Hz", np.nan, "shown only")
-        rows.append(
-            compare_value(
-                case,
-                f"{name} f3, measured mode 4",
-                float(found[2]),
-                target,
-                "not in the model: it has no leg bending",
-            )
+        yield compare_value(
+            f"{name} f3, measured mode 4",
+            float(found[2]),
+            target,
+            "not in the model: it has no leg bending",
         )
-    return rows
 
 
-def check_paper_statements(comm: MPI.Comm) -> list[ValidationRow]:
+def check_paper_statements(comm: MPI.Comm) -> Iterator[ValidationRow]:
     """Check what the paper says of its model, and of the machine, asked of ours."""
-    case, tripteor, measured = (
-        "tripteor-claims",
-        load_tripteor(),
-        reference_case("tripteor-measured").values,
-    )
+    tripteor, measured = load_tripteor(), reference_case("tripteor-measured").values
     found = _frequencies(tripteor)
     first = max(abs(float(f[0]) / measured[f"{name} mode 1"] - 1.0) for name, f in found.items())
     third = max(abs(float(f[1]) / measured[f"{name} mode 3"] - 1.0) for name, f in found.items())
     between = max(sum(f < measured[f"{name} mode 3"] * 0.9) for name, f in found.items())
     spread = 1.0 - float(found["config_3"][0] / found["config_2"][0])
     states = plane_states(tripteor, 21)
-    plane = solve_pose_modes(linearise_poses(tripteor.model, states)).frequencies_hz
+    plane = solve_lumped_modes(linearise_poses(tripteor.model, states)).frequencies_hz
     ratio = plane[..., 1] / plane[..., 0]
     trend = float(np.corrcoef(plane[..., 0].ravel(), states[..., :3].mean(axis=-1).ravel())[0, 1])
-    rows = [
+    one, stated = Target(1.0, "-", 0.0, "claim"), Target(STATED_SPREAD, "-", 0.05, "claim")
+    shortness = "claim: highest where legs are short"
+    for row in (
         compare_bound(
-            case, "mode 1 off by, at most", first, MODE_1_LIMIT, "claim: under 5 % in three points"
+            "mode 1 off by, at most", first, MODE_1_LIMIT, "claim: under 5 % in three points"
         ),
         compare_bound(
-            case, "mode 2 off measured mode 3 by, at most", third, MODE_1_LIMIT, "claim: very close"
+            "mode 2 off measured mode 3 by, at most", third, MODE_1_LIMIT, "claim: very close"
         ),
         compare_value(
-            case,
-            "modes well below measured mode 3",
-            between,
-            Target(1.0, "-", 0.0, "claim"),
-            "measured mode 2 is out of reach",
+            "modes well below measured mode 3", between, one, "measured mode 2 is out of reach"
         ),
-        compare_value(
-            case,
-            "fall of mode 1 from config_2 to config_3",
-            spread,
-            Target(STATED_SPREAD, "-", 0.05, "claim"),
-            "claim: 20 %",
-        ),
-        compare_bound(
-            case,
-            "1 + correlation of f1 with mean leg length",
-            1.0 + trend,
-            0.05,
-            "claim: highest where legs are short",
-        ),
-    ]
-    rows = [dataclasses.replace(row, note=f"{row.note}: {verdict(row.passed)}") for row in rows]
-    return [
-        *rows,
-        show(case, "lowest f1 over the plane", float(plane[..., 0].min()), "Hz"),
-        show(case, "highest f1 over the plane", float(plane[..., 0].max()), "Hz"),
-        show(case, "lowest f2 / f1 over the plane", ratio.min(), "-", "measured 1.44 to 1.54"),
-        show(
-            case,
-            "highest f2 / f1 over the plane",
-            ratio.max(),
-            "-",
-            "not fitted away from 3 points",
-        ),
-    ]
+        compare_value("fall of mode 1 from config_2 to config_3", spread, stated, "claim: 20 %"),
+        compare_bound("1 + correlation of f1 with mean leg length", 1.0 + trend, 0.05, shortness),
+    ):
+        yield dataclasses.replace(row, note=f"{row.note}: {verdict(row.passed)}")
+    yield show("lowest f1 over the plane", float(plane[..., 0].min()), "Hz")
+    yield show("highest f1 over the plane", float(plane[..., 0].max()), "Hz")
+    yield show("lowest f2 / f1 over the plane", ratio.min(), "-", "measured 1.44 to 1.54")
+    yield show("highest f2 / f1 over the plane", ratio.max(), "-", "not fitted away from 3 points")
 
 
 def check_modal_cost(comm: MPI.Comm) -> list[ValidationRow]:
     """Processor time of one configuration, which took the paper 0.5 s, and of a map of 100 x
     100.
     """
-    case, tripteor = "tripteor-cost", load_tripteor()
+    tripteor = load_tripteor()
     state = tripteor.poses["config_1"]
-    one = _least_time(lambda: solve_pose_modes(linearise_poses(tripteor.model, state)), 50)
+    one = _least_time(lambda: solve_lumped_modes(linearise_poses(tripteor.model, state)), 50)
     x, y = (np.linspace(-half, half, MAP_COUNT) for half in PLANE_HALF)
     grid = np.stack(
         [*np.meshgrid(x, y, indexing="ij"), np.full((MAP_COUNT, MAP_COUNT), PLANE_HEIGHT)], axis=-1
@@ -356,10 +291,9 @@ def check_modal_cost(comm: MPI.Comm) -> list[ValidationRow]:
     whole = _least_time(lambda: _map_plane(tripteor, grid), 1)
     return [
         compare_bound(
-            case, "modes of one configuration, processor time [s]", one, 1e-3, "the paper: 0.5 s"
+            "modes of one configuration, processor time [s]", one, 1e-3, "the paper: 0.5 s"
         ),
         compare_bound(
-            case,
             "map of 100 x 100, processor time [s]",
             whole,
             10.0,
@@ -370,7 +304,7 @@ def check_modal_cost(comm: MPI.Comm) -> list[ValidationRow]:
 
 def _frequencies(tripteor: Tripteor) -> dict[str, FloatArray]:
     return {
-        name: solve_pose_modes(linearise_poses(tripteor.model, state)).frequencies_hz
+        name: solve_lumped_modes(linearise_poses(tripteor.model, state)).frequencies_hz
         for name, state in tripteor.poses.items()
     }
 
@@ -378,7 +312,7 @@ def _frequencies(tripteor: Tripteor) -> dict[str, FloatArray]:
 def _map_plane(tripteor: Tripteor, grid: FloatArray) -> None:
     survey = survey_tool_poses(tripteor.scene.mounted, grid, tripteor.scene.tool)
     motions = linearise_poses(tripteor.model, survey.states)
-    solve_pose_modes(motions)
+    solve_lumped_modes(motions)
     tool_compliance(tripteor.model, motions)
 
 

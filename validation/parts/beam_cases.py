@@ -2,13 +2,13 @@
 theories; kinds of motion of their modes.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray, rigid_map
-from headstock.geometry.parts.components import Component, MeshSettings, Support
+from headstock.geometry.parts.components import Component, MeshSettings
 from headstock.meshing.component_mesh import CellKind
 from headstock.solvers.mpi import MPI
 from headstock.validation.parts.closed_form_cases import (
@@ -27,31 +27,32 @@ from headstock.validation.parts.component_models import (
     interface_compliance,
     shared_mesh,
 )
-from headstock.validation.references.bending import (
+from headstock.validation.references.beam_theory import (
+    EndConditions,
     cantilever_shear_deflection,
+    cantilever_twist,
+    clamped_clamped_torsion,
+    clamped_free_torsion,
     euler_bernoulli_frequencies,
     fixed_beam_deflection,
+    fixed_beam_twist,
     timoshenko_frequencies,
+    torsional_frequencies,
+    turn_section,
 )
-from headstock.validation.references.prismatic_beams import turn_section
 from headstock.validation.references.rows import (
     SHOWN_ONLY,
+    ReferenceCase,
     Target,
     ValidationRow,
     compare_bound,
     compare_value,
     compare_values,
     named_after,
+    observe_order,
+    reference_case,
     show,
 )
-from headstock.validation.references.torsion import (
-    cantilever_twist,
-    clamped_clamped_torsion,
-    clamped_free_torsion,
-    fixed_beam_twist,
-    torsional_frequencies,
-)
-from headstock.validation.references.values import ReferenceCase, reference_case
 
 _SLICES = 12
 COUNT = 6
@@ -108,89 +109,71 @@ def beam_mode_kinds(points: FloatArray, shapes: FloatArray, axis: int) -> list[s
     return [names[k] for k in np.argmax(sizes, axis=0)]
 
 
-def check_cantilever_modes(comm: MPI.Comm) -> list[ValidationRow]:
+def check_cantilever_modes(comm: MPI.Comm) -> Iterator[ValidationRow]:
     """Six natural frequencies of the column of Kono et al. with tet10 and hex27, and what beam theories
     make of them.
     """
+    ends: EndConditions = "clamped-free"
     along_x, along_y = CANTILEVER, turn_section(CANTILEVER)
-    slender_x = euler_bernoulli_frequencies(along_x, "clamped-free", 3)
-    slender_y = euler_bernoulli_frequencies(along_y, "clamped-free", 2)
-    deep_x = timoshenko_frequencies(along_x, "clamped-free", 3)
-    deep_y = timoshenko_frequencies(along_y, "clamped-free", 2)
-    slender_notes = (WIDE, SLENDER, SLENDER)
     theories = [
-        ("Euler-Bernoulli", number, float(slender_x[k]), slender_notes[k])
-        for k, number in enumerate((0, 2, 5))
+        *_theory(
+            "Euler-Bernoulli",
+            (0, 2, 5),
+            euler_bernoulli_frequencies(along_x, ends, 3),
+            WIDE,
+            SLENDER,
+            SLENDER,
+        ),
+        *_theory("Euler-Bernoulli", (1, 4), euler_bernoulli_frequencies(along_y, ends, 2), SLENDER),
+        *_theory("Timoshenko", (0, 2, 5), timoshenko_frequencies(along_x, ends, 3), DEEP),
+        *_theory("Timoshenko", (1, 4), timoshenko_frequencies(along_y, ends, 2), DEEP),
+        *_theory("Saint-Venant", (3,), torsional_frequencies(along_x, ends, 1), WARPING),
+        *_theory("Vlasov", (3,), clamped_free_torsion(along_x, 1), THIN_WALLED),
     ]
-    theories += [
-        ("Euler-Bernoulli", number, float(slender_y[k]), SLENDER) for k, number in enumerate((1, 4))
-    ]
-    theories += [
-        ("Timoshenko", number, float(deep_x[k]), DEEP) for k, number in enumerate((0, 2, 5))
-    ]
-    theories += [("Timoshenko", number, float(deep_y[k]), DEEP) for k, number in enumerate((1, 4))]
-    theories += [
-        ("Saint-Venant", 3, float(torsional_frequencies(along_x, "clamped-free", 1)[0]), WARPING),
-        ("Vlasov", 3, float(clamped_free_torsion(along_x, 1)[0]), THIN_WALLED),
-    ]
-    return _modal_rows(
-        "kono-cantilever",
-        column,
-        ("z-",),
-        sizes=COLUMN_SIZES,
-        order=COLUMN_ORDER,
-        theories=theories,
-        comm=comm,
-    )
+    reference = reference_case("kono-cantilever")
+    yield from _modal_rows(reference, column, ("z-",), COLUMN_SIZES, COLUMN_ORDER, theories, comm)
 
 
-def check_fixed_beam_modes(comm: MPI.Comm) -> list[ValidationRow]:
+def check_fixed_beam_modes(comm: MPI.Comm) -> Iterator[ValidationRow]:
     """Six natural frequencies of the fixed beam of Kono et al. with tet10 and hex27, and what beam theories
     make of them.
     """
+    ends: EndConditions = "clamped-clamped"
     flat, upright = FIXED_BEAM, turn_section(FIXED_BEAM)
-    slender = euler_bernoulli_frequencies(flat, "clamped-clamped", 3)
-    twist = torsional_frequencies(flat, "clamped-clamped", 2)
-    warped = clamped_clamped_torsion(flat, 2)
-    slender_notes = (WIDE, BOTH, SLENDER)
     theories = [
-        ("Euler-Bernoulli", number, float(slender[k]), slender_notes[k])
-        for k, number in enumerate((0, 2, 5))
-    ]
-    theories += [
-        (
+        *_theory(
             "Euler-Bernoulli",
-            4,
-            float(euler_bernoulli_frequencies(upright, "clamped-clamped", 1)[0]),
+            (0, 2, 5),
+            euler_bernoulli_frequencies(flat, ends, 3),
+            WIDE,
+            BOTH,
             SLENDER,
-        )
+        ),
+        *_theory("Euler-Bernoulli", (4,), euler_bernoulli_frequencies(upright, ends, 1), SLENDER),
+        *_theory("Timoshenko", (4,), timoshenko_frequencies(upright, ends, 1), DEEP),
+        *_theory("Saint-Venant", (1, 3), torsional_frequencies(flat, ends, 2), WARPING),
+        *_theory("Vlasov", (1, 3), clamped_clamped_torsion(flat, 2), THIN_WALLED),
     ]
-    theories += [
-        ("Timoshenko", 4, float(timoshenko_frequencies(upright, "clamped-clamped", 1)[0]), DEEP)
-    ]
-    theories += [
-        ("Saint-Venant", number, float(twist[k]), WARPING) for k, number in enumerate((1, 3))
-    ]
-    theories += [
-        ("Vlasov", number, float(warped[k]), THIN_WALLED) for k, number in enumerate((1, 3))
-    ]
-    return _modal_rows(
-        "kono-fixed-beam",
-        fixed_beam,
-        ("y-", "y+"),
-        sizes=FIXED_SIZES,
-        order=FIXED_ORDER,
-        theories=theories,
-        comm=comm,
+    reference = reference_case("kono-fixed-beam")
+    yield from _modal_rows(
+        reference, fixed_beam, ("y-", "y+"), FIXED_SIZES, FIXED_ORDER, theories, comm
     )
 
 
-def check_cantilever_statics(comm: MPI.Comm) -> list[ValidationRow]:
+def _theory(name: str, numbers: Sequence[int], values: FloatArray, *notes: str) -> list[Theory]:
+    """Return what a theory says of some numbers of a reference, with a remark for each or for all."""
+    remarks = notes if len(notes) > 1 else notes * len(numbers)
+    return [
+        (name, number, float(value), note)
+        for number, value, note in zip(numbers, values, remarks, strict=True)
+    ]
+
+
+def check_cantilever_statics(comm: MPI.Comm) -> Iterator[ValidationRow]:
     """Compliances of the column's top face, moved and loaded as a mean, by the static
     superelement.
     """
-    case, reference = "kono-cantilever-static", reference_case("kono-cantilever-static")
-    rows: list[ValidationRow] = []
+    reference, half = reference_case("kono-cantilever-static"), CANTILEVER.width / 2.0
     finest: FloatArray = np.zeros(COUNT)
     for kind, sizes in COLUMN_SIZES.items():
         component = column(
@@ -199,28 +182,21 @@ def check_cantilever_statics(comm: MPI.Comm) -> list[ValidationRow]:
         supports = clamp(component.name, "z-")
         mesh = shared_mesh(component, supports, comm=comm)
         c = interface_compliance(component, mesh, supports, comm=comm)["tip", "tip"]
-        half = CANTILEVER.width / 2.0
         finest = 1e6 * np.abs(
             [1e3 * c[0, 0], 1e3 * c[1, 1], 1e3 * c[2, 2], c[1, 3], c[0, 4], half * c[5, 5]]
         )
-        rows += named_after(kind, compare_values(case, reference, finest))
+        yield from named_after(kind, compare_values(reference, finest))
     theories = [
         ("Timoshenko", 0, 1e6 * cantilever_shear_deflection(CANTILEVER, 1e3), DEEP),
         ("Timoshenko", 1, 1e6 * cantilever_shear_deflection(turn_section(CANTILEVER), 1e3), DEEP),
-        (
-            "Saint-Venant",
-            5,
-            1e6 * cantilever_twist(CANTILEVER, 1.0) * CANTILEVER.width / 2.0,
-            WARPING,
-        ),
+        ("Saint-Venant", 5, 1e6 * cantilever_twist(CANTILEVER, 1.0) * half, WARPING),
     ]
-    return rows + _theory_rows(case, reference, finest, theories)
+    yield from _theory_rows(reference, finest, theories)
 
 
-def check_fixed_beam_statics(comm: MPI.Comm) -> list[ValidationRow]:
+def check_fixed_beam_statics(comm: MPI.Comm) -> Iterator[ValidationRow]:
     """Deflection of the fixed beam under 1 kN on a small patch, at mid-height and above it."""
-    case, reference = "kono-fixed-beam-static", reference_case("kono-fixed-beam-static")
-    rows: list[ValidationRow] = []
+    reference = reference_case("kono-fixed-beam-static")
     finest: FloatArray = np.zeros(len(reference.values))
     for kind, sizes in FIXED_SIZES.items():
         values = []
@@ -232,22 +208,16 @@ def check_fixed_beam_statics(comm: MPI.Comm) -> list[ValidationRow]:
             front, back = compliance["front", "front"], compliance["back", "front"]
             values += [front[0, 0], back[0, 0]]
         finest = 1e9 * np.array([*values, abs(front[2, 0])])
-        rows += named_after(
-            kind, [_indentation(row) for row in compare_values(case, reference, finest)]
+        yield from named_after(
+            kind, [_indentation(row) for row in compare_values(reference, finest)]
         )
-    bending = fixed_beam_deflection(FIXED_BEAM, 1e3)
-    offset = bending + 0.1 * fixed_beam_twist(FIXED_BEAM, 100.0)
+    bending, twist = fixed_beam_deflection(FIXED_BEAM, 1e3), fixed_beam_twist(FIXED_BEAM, 100.0)
     theories = [
         ("Euler-Bernoulli", 1, 1e6 * bending, WIDE),
-        ("Euler-Bernoulli and Saint-Venant", 3, 1e6 * offset, WARPING),
-        (
-            "Saint-Venant",
-            4,
-            1e6 * fixed_beam_twist(FIXED_BEAM, 100.0) * FIXED_BEAM.depth / 2.0,
-            WARPING,
-        ),
+        ("Euler-Bernoulli and Saint-Venant", 3, 1e6 * (bending + 0.1 * twist), WARPING),
+        ("Saint-Venant", 4, 1e6 * twist * FIXED_BEAM.depth / 2.0, WARPING),
     ]
-    return rows + _theory_rows(case, reference, finest, theories)
+    yield from _theory_rows(reference, finest, theories)
 
 
 def _indentation(row: ValidationRow) -> ValidationRow:
@@ -258,43 +228,39 @@ def _indentation(row: ValidationRow) -> ValidationRow:
         return row
     target = Target(row.reference, row.unit, INDENTATION_TOLERANCE, row.kind)
     return compare_value(
-        row.case, row.quantity, row.value, target, "with the local indentation of the loaded patch"
+        row.quantity, row.value, target, "with the local indentation of the loaded patch"
     )
 
 
 def _modal_rows(
-    case: str,
+    reference: ReferenceCase,
     build: Callable[[MeshSettings], Component],
     faces: Sequence[str],
-    *,
     sizes: Mapping[CellKind, tuple[float, float, float]],
     order: Sequence[str],
     theories: Sequence[Theory],
     comm: MPI.Comm,
-) -> list[ValidationRow]:
-    reference = reference_case(case)
-    rows: list[ValidationRow] = []
+) -> Iterator[ValidationRow]:
     finest: FloatArray = np.zeros(COUNT)
     for kind, steps in sizes.items():
-        found = []
-        for size in steps:
-            component = build(mesh_settings(kind, size))
-            modes = _clamped_modes(
-                component, clamp(component.name, *faces), comm, 1 if len(faces) == 2 else 2
-            )
-            found.append(modes.frequencies_hz)
-        finest = found[-1]
-        remark = f"{modes.dofs} dofs"
-        rows += named_after(kind, compare_values(case, reference, finest, notes=[remark] * COUNT))
-        misplaced = sum(left != right for left, right in zip(modes.kinds, order, strict=True))
-        rows.append(
-            compare_bound(case, f"{kind} modes out of the order {' '.join(order)}", misplaced, 0.0)
-        )
-        rows += _observed_orders(case, kind, np.array(found))
-    return rows + _theory_rows(case, reference, finest, theories)
+        meshes = [
+            clamped_modes(build(mesh_settings(kind, size)), faces, COUNT, comm) for size in steps
+        ]
+        finest, order_found = meshes[-1].frequencies_hz[:COUNT], meshes[-1].kinds[:COUNT]
+        remarks = [f"{meshes[-1].dofs} dofs"] * COUNT
+        yield from named_after(kind, compare_values(reference, finest, notes=remarks))
+        misplaced = sum(left != right for left, right in zip(order_found, order, strict=True))
+        yield compare_bound(f"{kind} modes out of the order {' '.join(order)}", misplaced, 0.0)
+        # from three meshes, each twice as fine as the one before
+        coarse, fine = -np.diff([modes.frequencies_hz[:COUNT] for modes in meshes], axis=0)
+        note = "not gated: below 2 p = 4, as the clamped edge is singular"
+        for number in (0, 3):
+            observed = observe_order(coarse[number], fine[number])
+            yield show(f"{kind} observed order of f{number + 1}", observed, "-", note)
+    yield from _theory_rows(reference, finest, theories)
 
 
-class _ClampedModes(NamedTuple):
+class ClampedModes(NamedTuple):
     """Frequencies ``(m,)`` [Hz], how each mode moves, and the dofs of the model."""
 
     frequencies_hz: FloatArray
@@ -302,46 +268,31 @@ class _ClampedModes(NamedTuple):
     dofs: int
 
 
-def _clamped_modes(
-    component: Component, supports: Sequence[Support], comm: MPI.Comm, axis: int
-) -> _ClampedModes:
+def clamped_modes(
+    component: Component, faces: Sequence[str], count: int, comm: MPI.Comm
+) -> ClampedModes:
+    """Return the lowest modes of a bar.
+
+    Args:
+        faces: Its clamped end or ends, such as ``z-``.
+        count: How many at least.
+    """
+    supports = clamp(component.name, *faces)
     mesh = shared_mesh(component, supports, comm=comm)
     model = full_model(mesh, component.material, comm=comm, fixed=fixed_by(mesh, supports))
-    modes = full_modes(model, COUNT)
-    shapes = model.everywhere(modes.shapes[:, :COUNT]).reshape(-1, COUNT)
-    return _ClampedModes(
-        modes.frequencies_hz[:COUNT],
-        beam_mode_kinds(mesh.points, shapes, axis),
-        3 * len(mesh.points),
-    )
-
-
-def _observed_orders(case: str, kind: str, found: FloatArray) -> list[ValidationRow]:
-    """Orders from three meshes, each twice as fine as the one before; the clamped edges are
-    singular, so they are shown only.
-    """
-    coarse, fine = found[0] - found[1], found[1] - found[2]
-    note = "not gated: below 2 p = 4, as the clamped edge is singular"
-    return [
-        show(
-            case,
-            f"{kind} observed order of f{number + 1}",
-            float(np.log2(abs(coarse[number] / fine[number]))),
-            "-",
-            note,
-        )
-        for number in (0, 3)
-    ]
+    modes = full_modes(model, count)
+    shapes = model.everywhere(modes.shapes).reshape(3 * len(mesh.points), -1)
+    kinds = beam_mode_kinds(mesh.points, shapes, "xyz".index(faces[0][0]))
+    return ClampedModes(modes.frequencies_hz, kinds, 3 * len(mesh.points))
 
 
 def _theory_rows(
-    case: str, reference: ReferenceCase, finest: FloatArray, theories: Sequence[Theory]
+    reference: ReferenceCase, finest: FloatArray, theories: Sequence[Theory]
 ) -> list[ValidationRow]:
     """Show what theories say, against the finest 3D value: shown, never gated."""
     names = list(reference.values)
     return [
         compare_value(
-            case,
             f"{theory}: {names[number]}",
             value,
             Target(float(finest[number]), reference.unit, np.nan, SHOWN_ONLY),

@@ -3,6 +3,7 @@ elements.
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,28 +21,26 @@ from headstock.geometry.parts.components import (
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.component_mesh import CellKind
 from headstock.solvers.mpi import MPI
-from headstock.validation.references.bending import (
+from headstock.validation.references.beam_theory import (
+    PrismaticBeam,
+    axial_extension,
+    axial_frequencies,
     cantilever_force_deflection,
     cantilever_moment_deflection,
     cantilever_shear_deflection,
-    euler_bernoulli_frequencies,
-    fixed_beam_deflection,
-    strip_frequencies,
-    timoshenko_frequencies,
-)
-from headstock.validation.references.prismatic_beams import PrismaticBeam, turn_section
-from headstock.validation.references.rows import ValidationRow, compare_values
-from headstock.validation.references.torsion import (
-    axial_extension,
-    axial_frequencies,
     cantilever_twist,
     clamped_clamped_torsion,
     clamped_free_torsion,
+    euler_bernoulli_frequencies,
+    fixed_beam_deflection,
     fixed_beam_twist,
+    strip_frequencies,
+    timoshenko_frequencies,
     torsion_constant,
     torsional_frequencies,
+    turn_section,
 )
-from headstock.validation.references.values import reference_case
+from headstock.validation.references.rows import ValidationRow, compare_values, reference_case
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
 CANTILEVER = PrismaticBeam(0.5, 0.1, 0.038, STEEL)
@@ -103,7 +102,7 @@ def _sway_rock_pair(
 BLOCK = SprungBlock((1.0, 0.8, 0.3), 230.0, (1.2e4, 1.2e4, 1.8e4))
 
 
-def check_cantilever_theory(comm: MPI.Comm) -> list[ValidationRow]:
+def check_cantilever_theory(comm: MPI.Comm) -> Iterator[ValidationRow]:
     """Frequencies and compliances of the column of Kono et al. by beam theories."""
     along_x, along_y = CANTILEVER, turn_section(CANTILEVER)
     frequencies = [
@@ -125,14 +124,13 @@ def check_cantilever_theory(comm: MPI.Comm) -> list[ValidationRow]:
         cantilever_moment_deflection(along_x, 1.0),
         cantilever_twist(along_x, 1.0) * along_x.width / 2.0,
     ]
-    name = "kono-cantilever-theory"
-    rows = compare_values(name, reference_case("kono-cantilever-theory"), frequencies)
-    return rows + compare_values(
-        name, reference_case("kono-cantilever-static-theory"), 1e6 * np.array(deflections)
+    yield from compare_values(reference_case("kono-cantilever-theory"), frequencies)
+    yield from compare_values(
+        reference_case("kono-cantilever-static-theory"), 1e6 * np.array(deflections)
     )
 
 
-def check_fixed_beam_theory(comm: MPI.Comm) -> list[ValidationRow]:
+def check_fixed_beam_theory(comm: MPI.Comm) -> Iterator[ValidationRow]:
     """Frequencies and deflections of the fixed beam of Kono et al. by beam theories."""
     flat, upright = FIXED_BEAM, turn_section(FIXED_BEAM)
     frequencies = [
@@ -146,17 +144,16 @@ def check_fixed_beam_theory(comm: MPI.Comm) -> list[ValidationRow]:
     bending = fixed_beam_deflection(flat, 1e3)
     offset = 0.1
     deflections = [bending, bending + offset * fixed_beam_twist(flat, 1e3 * offset)]
-    name = "kono-fixed-beam-theory"
-    rows = compare_values(name, reference_case("kono-fixed-beam-theory"), frequencies)
-    return rows + compare_values(
-        name, reference_case("kono-fixed-beam-static-theory"), 1e6 * np.array(deflections)
+    yield from compare_values(reference_case("kono-fixed-beam-theory"), frequencies)
+    yield from compare_values(
+        reference_case("kono-fixed-beam-static-theory"), 1e6 * np.array(deflections)
     )
 
 
 def check_torsion_constants(comm: MPI.Comm) -> list[ValidationRow]:
     """Saint-Venant's torsion constant of three rectangles."""
     values = [torsion_constant(ratio, 1.0) / ratio for ratio in (1.0, 2.631579, 7.8125)]
-    return compare_values("torsion-constant", reference_case("torsion-constant"), values)
+    return compare_values(reference_case("torsion-constant"), values)
 
 
 def check_deep_beam_theory(comm: MPI.Comm) -> list[ValidationRow]:
@@ -167,30 +164,25 @@ def check_deep_beam_theory(comm: MPI.Comm) -> list[ValidationRow]:
         *axial_frequencies(DEEP_BEAM, "clamped-free", 1),
         *euler_bernoulli_frequencies(DEEP_BEAM, "supported-supported", 1),
     ]
-    return compare_values("fv5-theory", reference_case("fv5-theory"), values)
+    return compare_values(reference_case("fv5-theory"), values)
 
 
 def check_slender_beam_theory(comm: MPI.Comm) -> list[ValidationRow]:
     """SDLL02 by Euler and Bernoulli's theory."""
     values = euler_bernoulli_frequencies(SLENDER_BEAM, "clamped-free", 5)
-    return compare_values(
-        "sdll02-theory", reference_case("slender-cantilever"), values, tolerance=1e-5
-    )
+    return compare_values(reference_case("slender-cantilever"), values, tolerance=1e-5)
 
 
 def check_rod_theory(comm: MPI.Comm) -> list[ValidationRow]:
     """Axial frequencies of the rod without lateral contraction."""
     return compare_values(
-        "rod-theory",
-        reference_case("rod"),
-        axial_frequencies(ROD, "clamped-free", 3),
-        tolerance=1e-8,
+        reference_case("rod"), axial_frequencies(ROD, "clamped-free", 3), tolerance=1e-8
     )
 
 
 def check_block_theory(comm: MPI.Comm) -> list[ValidationRow]:
     """Check the block on four air springs in closed form."""
-    return compare_values("block-theory", reference_case("block"), block_frequencies(BLOCK))
+    return compare_values(reference_case("block"), block_frequencies(BLOCK))
 
 
 def mesh_settings(kind: CellKind, size: float) -> MeshSettings:

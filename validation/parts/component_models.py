@@ -25,7 +25,7 @@ from headstock.meshing.components.meshing import mesh_component
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest
 from headstock.solvers.elastic.constrained_modes import lowest_modes
-from headstock.solvers.elastic.constrained_solver import ConstrainedSolver, rigid_motions
+from headstock.solvers.elastic.constrained_solver import ConstrainedSolver, rigid_node_motions
 from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.elastic.elasticity import ElasticOperators, assemble_elasticity
 from headstock.solvers.mpi import MPI
@@ -162,7 +162,7 @@ def free_motions(model: FullModel) -> FloatArray:
     """Return the rigid motions that neither fixed dofs nor means prevent, on this rank's rows ``(3
     n_owned, m)``.
     """
-    motions = rigid_motions(model.operators)
+    motions = rigid_node_motions(model.operators)
     fixed, means = model.owned_fixed, model.owned(model.means)
     blocked = sum_over_ranks(model.operators.comm, motions[fixed].T @ motions[fixed])
     means_of_motions = sum_over_ranks(model.operators.comm, means.T @ motions)
@@ -176,7 +176,7 @@ def rigid_frequencies(model: FullModel) -> FloatArray:
     """Rayleigh quotients of the six rigid motions as frequencies [Hz] ``(6,)``: what rounding makes
     of zero.
     """
-    motions = rigid_motions(model.operators)
+    motions = rigid_node_motions(model.operators)
     comm = model.operators.comm
     stiffness = sum_over_ranks(comm, motions.T @ model.operators.apply_stiffness(motions))
     mass = sum_over_ranks(comm, motions.T @ model.operators.apply_mass(motions))

@@ -6,7 +6,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.second_order import SecondOrderSystem
-from headstock.validation.references.prismatic_beams import PrismaticBeam
+from headstock.validation.references.beam_theory import PrismaticBeam
 
 TIP = ("tip", "x")
 QUADRATIC_STIFFNESS = np.array([[7.0, -8.0, 1.0], [-8.0, 16.0, -8.0], [1.0, -8.0, 7.0]]) / 3.0

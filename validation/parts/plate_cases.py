@@ -3,7 +3,7 @@ finer meshes, and what they cost.
 """
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -20,7 +20,6 @@ from headstock.validation.parts.closed_form_cases import STEEL
 from headstock.validation.parts.component_models import shared_mesh
 from headstock.validation.references.rows import Target, ValidationRow, compare_value, show
 
-CASE = "thin-parts"
 SIDE = 0.4
 # omega a^2 sqrt(rho h / D) of square plates, Poisson's ratio 0.3: closed form, and Leissa (1973),
 # J. Sound Vib. 31, tables C10 and C15
@@ -39,11 +38,10 @@ COUPLINGS: tuple[Literal["average", "rigid"], ...] = ("average", "rigid")
 LOCKED = ((1000, "tet", 0.0125), (1000, "tet", 0.025))
 
 
-def check_thin_plates(comm: MPI.Comm) -> list[ValidationRow]:
+def check_thin_plates(comm: MPI.Comm) -> Iterator[ValidationRow]:
     """Three frequencies of square plates fixed at hinged edges, one end face and two end faces,
     hexes and tets.
     """
-    rows: list[ValidationRow] = []
     for ratio, meshes in MESHES.items():
         for cells, size in meshes:
             for fixed, factors in (
@@ -59,14 +57,11 @@ def check_thin_plates(comm: MPI.Comm) -> list[ValidationRow]:
                 )
                 note = f"{dofs} dofs, {seconds:.1f} CPU s"
                 if (ratio, cells, size) in SHOWN:
-                    rows.append(
-                        show(
-                            CASE,
-                            f"{text}, over plate theory",
-                            float(found[worst] / exact[worst]),
-                            "-",
-                            note,
-                        )
+                    yield show(
+                        f"{text}, over plate theory",
+                        float(found[worst] / exact[worst]),
+                        "-",
+                        note,
                     )
                     continue
                 target = Target(
@@ -75,28 +70,24 @@ def check_thin_plates(comm: MPI.Comm) -> list[ValidationRow]:
                     TOLERANCE,
                     "closed form" if fixed == "hinged edges" else "published",
                 )
-                rows.append(compare_value(CASE, text, float(found[worst]), target, note))
+                yield compare_value(text, float(found[worst]), target, note)
     for ratio, cells, size in LOCKED:
         found, dofs, seconds = _frequencies("hinged edges", SIDE / ratio, cells, size, comm)
         share = float(found[0] / _plate_frequencies(HINGED, SIDE / ratio)[0])
         note = f"elements {size * ratio / SIDE:.0f} times as long as thick; {dofs} dofs, {seconds:.1f} CPU s"
-        rows.append(
-            show(
-                CASE,
-                f"1:{ratio} hinged edges, {cells} {1e3 * size:g} mm, first over plate theory",
-                share,
-                "-",
-                note,
-            )
+        yield show(
+            f"1:{ratio} hinged edges, {cells} {1e3 * size:g} mm, first over plate theory",
+            share,
+            "-",
+            note,
         )
-    return rows + _check_pads(comm)
+    yield from _check_pads(comm)
 
 
-def _check_pads(comm: MPI.Comm) -> list[ValidationRow]:
+def _check_pads(comm: MPI.Comm) -> Iterator[ValidationRow]:
     """Return a sheet on four pads, as bolts hold it, for which there is no closed form: hexes
     against finer ones.
     """
-    rows: list[ValidationRow] = []
     for coupling in COUPLINGS:
         exact = _reduce(
             _sheet_on_pads(coupling, MeshSettings(0.01, cells="hex", across_patches=8)), (), comm
@@ -107,16 +98,9 @@ def _check_pads(comm: MPI.Comm) -> list[ValidationRow]:
         worst = int(np.argmax(np.abs(found / exact - 1.0)))
         text = f"1:200 on four {'rigid' if coupling == 'rigid' else 'averaging'} pads, hex 15 mm, mode {worst + 1} (worst of 3)"
         target = Target(float(exact[worst]), "Hz", TOLERANCE, "second mesh")
-        rows.append(
-            compare_value(
-                CASE,
-                text,
-                float(found[worst]),
-                target,
-                f"{dofs} dofs, {seconds:.1f} CPU s; finer hexes",
-            )
+        yield compare_value(
+            text, float(found[worst]), target, f"{dofs} dofs, {seconds:.1f} CPU s; finer hexes"
         )
-    return rows
 
 
 def _sheet_on_pads(coupling: Literal["rigid", "average"], settings: MeshSettings) -> Component:

@@ -3,7 +3,7 @@ against their number.
 """
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
@@ -19,7 +19,6 @@ from headstock.solvers.mpi import MPI
 from headstock.validation.parts.structured_meshes import lattice_mesh, straight_lattice
 from headstock.validation.references.rows import ValidationRow, compare_bound, show
 
-CASE = "rail-bases"
 SPAN, CARRIAGE, FINE = 0.4, 0.1, 32  # the finest rail has eight intervals per carriage length
 PLACES = np.linspace(0.15, 0.25, 81)
 STATION_COUNTS = (11, 13, 15, 19)  # 2, 2.5, 3 and 4 intervals per carriage length
@@ -31,11 +30,10 @@ RIPPLE = 1e-2
 Rows = Callable[[float], FloatArray]
 
 
-def check_rail_bases() -> list[ValidationRow]:
+def check_rail_bases() -> Iterator[ValidationRow]:
     """Splines with and without averaging, polynomials and interpolated frames, all compared with
     eight intervals per length.
     """
-    rows: list[ValidationRow] = []
     rail, flexibility = _finest_rail()
     bare = dataclasses.replace(rail, blur=0.0)
     right = _local_compliance(lambda place: carriage_rows(bare, place, CARRIAGE), flexibility)
@@ -49,8 +47,9 @@ def check_rail_bases() -> list[ValidationRow]:
             "frames between splines": _ride_frames(bare, dofs // 6),
         }
         for name, seen in sets.items():
-            rows += _describe(f"{name}, {dofs} dofs", _local_compliance(seen, flexibility), right)
-    return rows
+            yield from _describe(
+                f"{name}, {dofs} dofs", _local_compliance(seen, flexibility), right
+            )
 
 
 def _finest_rail() -> tuple[Rail, FloatArray]:
@@ -146,20 +145,18 @@ def _local_compliance(seen: Rows, flexibility: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("pin,nm,pim->pi", rows, flexibility, rows))
 
 
-def _describe(name: str, found: FloatArray, right: FloatArray) -> list[ValidationRow]:
+def _describe(name: str, found: FloatArray, right: FloatArray) -> Iterator[ValidationRow]:
     smooth = np.polynomial.chebyshev.chebvander((PLACES - 0.2) / 0.05, 4)
     rest = np.abs(found - smooth @ np.linalg.lstsq(smooth, found, rcond=None)[0]).max(
         axis=0
     ) / found.mean(axis=0)
     error = found.mean(axis=0) / right.mean(axis=0) - 1.0
-    rows = []
     for index, what in enumerate(("normal", "pitch")):
-        rows.append(show(CASE, f"{name}: {what}, error", 100.0 * float(error[index]), "%"))
+        yield show(f"{name}: {what}, error", 100.0 * float(error[index]), "%")
         if name.startswith("splines,") and what == "normal":
-            rows.append(compare_bound(CASE, f"{name}: {what}, ripple", float(rest[index]), RIPPLE))
+            yield compare_bound(f"{name}: {what}, ripple", float(rest[index]), RIPPLE)
         else:
-            rows.append(show(CASE, f"{name}: {what}, ripple", 100.0 * float(rest[index]), "%"))
-    return rows
+            yield show(f"{name}: {what}, ripple", 100.0 * float(rest[index]), "%")
 
 
 def _quadrature(rail: Rail) -> tuple[FloatArray, FloatArray]:

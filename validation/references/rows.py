@@ -1,14 +1,59 @@
-"""Rows of the validation table (a value, what it should be, and whether it is), also as a JSON
-list.
+"""Rows of the validation table (a value, what it should be, and whether it is), also as a JSON list,
+and the reference values with their provenance, read from the table beside this file.
 """
 
 import dataclasses
+import functools
 import json
 import math
+import tomllib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
 
-from headstock.validation.references.values import ReferenceCase
+Provenance = Literal["published", "derived-closed-form", "derived-numerical"]
+
+TABLE = Path(__file__).with_name("reference_cases.toml")
+
+
+@dataclass(frozen=True)
+class ReferenceCase:
+    """Numbers that a correct program reproduces.
+
+    Attributes:
+        provenance: ``published``, ``derived-closed-form`` or ``derived-numerical``.
+        source: Where the numbers come from.
+        tolerance: Relative tolerance within which they are to be met [-].
+        traps: What they must not be used for.
+    """
+
+    name: str
+    id: str
+    description: str
+    provenance: Provenance
+    source: str
+    tolerance: float
+    traps: str
+    unit: str
+    values: dict[str, float]
+
+
+def reference_case(name: str) -> ReferenceCase:
+    """Return the reference case of a name.
+
+    Raises:
+        KeyError: There is no such case.
+    """
+    return reference_cases()[name]
+
+
+@functools.cache
+def reference_cases() -> dict[str, ReferenceCase]:
+    """Return every reference case by name."""
+    with TABLE.open("rb") as stream:
+        table = tomllib.load(stream)
+    return {name: ReferenceCase(name=name, **entry) for name, entry in table.items()}
 
 
 @dataclass(frozen=True)
@@ -16,6 +61,7 @@ class ValidationRow:
     """One number compared with another.
 
     Attributes:
+        case: Its validation case, which the registry fills in where it is empty.
         quantity: What was computed.
         value: The number, NaN when the computation failed.
         reference: What it is compared with, NaN where there is nothing to compare with.
@@ -70,9 +116,7 @@ def verdict(confirmed: bool) -> str:
     return "confirmed" if confirmed else "not confirmed"
 
 
-def compare_value(
-    case: str, quantity: str, value: float, target: Target, note: str = ""
-) -> ValidationRow:
+def compare_value(quantity: str, value: float, target: Target, note: str = "") -> ValidationRow:
     """Return a row that passes when the value lies within the target's tolerance; a value that is
     not finite never passes.
 
@@ -86,26 +130,45 @@ def compare_value(
     error = value / right - 1.0 if right else value
     passed = math.isfinite(value) and (math.isnan(allowed) or abs(error) <= allowed)
     return ValidationRow(
-        case, quantity, value, right, target.unit, error, allowed, target.kind, passed, note
+        "", quantity, value, right, target.unit, error, allowed, target.kind, passed, note
     )
 
 
-def compare_order(case: str, quantity: str, value: float, expected: float) -> ValidationRow:
-    """Return a row for an order of convergence, which passes within 0.2 of what theory promises.
+def observe_order(coarse: float, fine: float, finer: float = 2.0) -> float:
+    """Return the order with which an error or a difference falls from one mesh or step to the next.
+
+    Args:
+        coarse: Error before, of any sign.
+        fine: Error after.
+        finer: Size before over the size after [-].
+    """
+    return math.log(abs(coarse / fine)) / math.log(finer)
+
+
+def compare_order(
+    quantity: str,
+    errors: Sequence[float],
+    expected: float,
+    *,
+    finer: float = 2.0,
+    within: float = 0.2,
+) -> ValidationRow:
+    """Return a row for an order of convergence by the last two errors, which passes near to what
+    theory promises.
 
     Args:
         quantity: What the value is, in words.
-        value: Observed order [-].
+        errors: From coarse to fine.
         expected: Order of the theory [-].
+        finer: Size before over the size after [-].
+        within: How far off it may be [-].
     """
-    return compare_value(
-        case, quantity, value, Target(expected, "-", 0.2 / expected, "theory"), "order, within 0.2"
-    )
+    target = Target(expected, "-", within / expected, "theory")
+    order = observe_order(errors[-2], errors[-1], finer)
+    return compare_value(quantity, order, target, f"order, within {within:g}")
 
 
-def compare_bound(
-    case: str, quantity: str, value: float, bound: float, note: str = ""
-) -> ValidationRow:
+def compare_bound(quantity: str, value: float, bound: float, note: str = "") -> ValidationRow:
     """Return a row for a number that should be zero and may be as large as a bound.
 
     Args:
@@ -113,20 +176,19 @@ def compare_bound(
         value: Relative or counted [-].
         bound: Largest magnitude allowed.
     """
-    return compare_value(case, quantity, value, Target(0.0, "-", bound, "identity"), note)
+    return compare_value(quantity, value, Target(0.0, "-", bound, "identity"), note)
 
 
-def show(case: str, quantity: str, value: float, unit: str, note: str = "") -> ValidationRow:
+def show(quantity: str, value: float, unit: str, note: str = "") -> ValidationRow:
     """Return a row that is printed for the reader and cannot fail unless it is not finite.
 
     Args:
         quantity: What the value is, in words.
     """
-    return compare_value(case, quantity, value, Target(math.nan, unit, math.nan, SHOWN_ONLY), note)
+    return compare_value(quantity, value, Target(math.nan, unit, math.nan, SHOWN_ONLY), note)
 
 
 def compare_values(
-    case: str,
     reference: ReferenceCase,
     values: Iterable[float],
     *,
@@ -148,11 +210,16 @@ def compare_values(
     kind = KIND_OF_PROVENANCE[reference.provenance]
     remarks = notes or [""] * len(reference.values)
     return [
-        compare_value(case, quantity, value, Target(right, reference.unit, allowed, kind), note)
+        compare_value(quantity, value, Target(right, reference.unit, allowed, kind), note)
         for (quantity, right), value, note in zip(
             reference.values.items(), values, remarks, strict=True
         )
     ]
+
+
+def named_case(case: str, rows: Iterable[ValidationRow]) -> list[ValidationRow]:
+    """Return the rows under a name of their own in place of that of their case."""
+    return [dataclasses.replace(row, case=case) for row in rows]
 
 
 def named_after(kind: str, rows: Iterable[ValidationRow]) -> list[ValidationRow]:
@@ -160,10 +227,10 @@ def named_after(kind: str, rows: Iterable[ValidationRow]) -> list[ValidationRow]
     return [dataclasses.replace(row, quantity=f"{kind} {row.quantity}") for row in rows]
 
 
-def failed_computation(case: str, reason: str) -> ValidationRow:
+def failed_computation(reason: str) -> ValidationRow:
     """Return the row of a case that ended with an error in place of numbers."""
     return ValidationRow(
-        case, "computation", math.nan, math.nan, "-", math.nan, math.nan, "failure", False, reason
+        "", "computation", math.nan, math.nan, "-", math.nan, math.nan, "failure", False, reason
     )
 
 

@@ -7,23 +7,22 @@ from typing import Literal
 
 from headstock.geometry.parts.components import Material
 from headstock.validation.parts.closed_form_cases import CANTILEVER, FIXED_BEAM, STEEL
-from headstock.validation.references.bending import (
+from headstock.validation.references.beam_theory import (
+    EndConditions,
+    axial_extension,
     cantilever_force_deflection,
     cantilever_moment_deflection,
     cantilever_shear_deflection,
+    cantilever_twist,
     euler_bernoulli_frequencies,
     fixed_beam_deflection,
     fixed_beam_shear_deflection,
-    timoshenko_frequencies,
-)
-from headstock.validation.references.prismatic_beams import EndConditions, turn_section
-from headstock.validation.references.torsion import (
-    axial_extension,
-    cantilever_twist,
     fixed_beam_twist,
+    timoshenko_frequencies,
     torsional_frequencies,
+    turn_section,
 )
-from headstock.validation.references.values import reference_case
+from headstock.validation.references.rows import reference_case
 
 FORCE, MOMENT, OFFSET = 1e3, 1.0, 0.1  # N, N m, m
 UM = 1e6

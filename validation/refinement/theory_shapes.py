@@ -10,9 +10,11 @@ import numpy as np
 from headstock.geometry.frames import FloatArray, rigid_map
 from headstock.meshing.component_mesh import IntArray
 from headstock.solvers.pairing.mode_pairing import correlate_modes
-from headstock.validation.references.bending import euler_bernoulli_shape
-from headstock.validation.references.prismatic_beams import EndConditions
-from headstock.validation.references.torsion import wave_numbers
+from headstock.validation.references.beam_theory import (
+    EndConditions,
+    euler_bernoulli_shape,
+    wave_numbers,
+)
 
 SLICES = 20
 LEAST_MAC = 0.6  # below, no mode is said to be the one looked for

@@ -16,10 +16,11 @@ from headstock.app.actions.doctor import (
     check_environment,
     check_package,
     describe_checks,
+    doctor_command,
     free_memory_mb,
     run_child,
-    run_doctor,
 )
+from headstock.app.commands.tool_commands import DoctorOptions
 
 pytestmark = [pytest.mark.process, pytest.mark.workers]
 
@@ -87,19 +88,19 @@ def test_an_optional_package_is_shown_as_optional_with_what_is_lost() -> None:
 def test_what_is_missing_makes_the_exit_code_1_and_is_named(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    assert run_doctor(None, lambda: [GOOD, BROKEN]) == 1
+    assert doctor_command(DoctorOptions(), lambda: [GOOD, BROKEN]) == 1
     printed = capsys.readouterr().out
     assert "-> install the real one" in printed
     assert printed.endswith("missing: PETSc\n")
 
 
 def test_a_warning_alone_leaves_the_exit_code_0(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run_doctor(None, lambda: [GOOD, SLOW]) == 0
+    assert doctor_command(DoctorOptions(), lambda: [GOOD, SLOW]) == 0
     assert "install a fast one" in capsys.readouterr().out
 
 
 def test_the_json_file_holds_every_check(tmp_path: Path) -> None:
-    run_doctor(tmp_path / "doctor.json", lambda: [GOOD, BROKEN])
+    doctor_command(DoctorOptions(json=tmp_path / "doctor.json"), lambda: [GOOD, BROKEN])
     content = json.loads((tmp_path / "doctor.json").read_text())
     assert content["healthy"] is False
     assert [check["name"] for check in content["checks"]] == ["python", "PETSc"]

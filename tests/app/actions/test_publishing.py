@@ -20,7 +20,7 @@ from headstock.app.pictures.scenes import rest_picture
 from headstock.app.tables.table import PlainTable, encode_csv
 from headstock.app.views.view import FinishedRun
 from headstock.geometry.frames import Frame
-from headstock.geometry.parts.solid_skins import box_skin
+from headstock.geometry.parts.skins import box_skin
 from headstock.pipeline.results.files import read_summary, read_view
 from headstock.pipeline.results.views import MachineView, PointView, PoseView
 from headstock.pipeline.storage.store import Store

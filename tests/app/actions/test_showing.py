@@ -21,7 +21,7 @@ from headstock.app.pictures import numbered, renderer
 from headstock.app.pictures.numbered import LabelledSurface, draw_numbered
 from headstock.app.pictures.picture import Picture
 from headstock.geometry.parts.components import Component
-from headstock.geometry.parts.solid_skins import box_skin
+from headstock.geometry.parts.skins import box_skin
 from headstock.meshing.components.meshing import describe_component
 from headstock.meshing.errors import MeshError
 from headstock.pipeline.preview.rigid_view import view_rigid

@@ -1,18 +1,27 @@
 """Figures 17 and 18 are drawn from the rows of the validation, and from nothing else."""
 
+import dataclasses
+
 from headstock.app.charts.axis_kit import FIGURE_NAME, draw_axis_kit
-from headstock.validation.machines.axis_kit_cases import CASE, FIDELITIES, compliance_name
-from headstock.validation.machines.axis_kit_models import MEASURED_COMPLIANCE, VARIANTS
+from headstock.validation.machines.axis_kit_cases import (
+    CASE,
+    FIDELITIES,
+    MEASURED_COMPLIANCE,
+    VARIANTS,
+    compliance_name,
+)
 from headstock.validation.references.rows import Target, ValidationRow, compare_value
 
 
 def make_rows(factor: float) -> list[ValidationRow]:
     return [
-        compare_value(
-            CASE,
-            compliance_name(variant, fidelity, axis),
-            factor * right,
-            Target(right, "um/kN", float("nan"), "shown only"),
+        dataclasses.replace(
+            compare_value(
+                compliance_name(variant, fidelity, axis),
+                factor * right,
+                Target(right, "um/kN", float("nan"), "shown only"),
+            ),
+            case=CASE,
         )
         for variant in VARIANTS
         for fidelity in FIDELITIES

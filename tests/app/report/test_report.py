@@ -34,8 +34,7 @@ from headstock.app.terminal.summary import tell_rows
 from headstock.app.texts.scripts import script_json
 from headstock.app.views.view import FinishedRun
 from headstock.geometry.frames import FloatArray, Frame, rigid_map
-from headstock.geometry.parts.skins import Skin
-from headstock.geometry.parts.solid_skins import box_skin
+from headstock.geometry.parts.skins import Skin, box_skin
 from headstock.pipeline.answers.modal import ModesSummary
 from headstock.pipeline.results.files import read_summary, read_view
 from headstock.pipeline.results.summary import RunSummary

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from headstock.geometry.machine.machine import Pose, place_components
+from headstock.geometry.mechanisms.exechon import solve_pose, tool_pose
 from headstock.geometry.mechanisms.kinematics import place_markers
-from headstock.geometry.mechanisms.tool_mechanism import solve_pose, tool_pose
 from headstock.scene.building.loader import load_scene
 
 SCENE = Path(__file__).resolve().parents[3] / "machines" / "tripteor.toml"

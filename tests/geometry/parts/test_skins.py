@@ -4,8 +4,15 @@ import numpy as np
 import pytest
 
 from common import approx
-from headstock.geometry.parts.skins import Skin, sharp_edges, split_skin
-from headstock.geometry.parts.solid_skins import box_skin, inertia_skin, prism_skin, solid_skin
+from headstock.geometry.parts.skins import (
+    Skin,
+    box_skin,
+    inertia_skin,
+    prism_skin,
+    sharp_edges,
+    solid_skin,
+    split_skin,
+)
 from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Solid, Tube
 
 

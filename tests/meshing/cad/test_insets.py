@@ -12,7 +12,7 @@ from headstock.geometry.parts.components import Component, Interface, Material, 
 from headstock.geometry.parts.solids import StepFile
 from headstock.meshing.cad.features import GONE
 from headstock.meshing.cad.insets import close_planes
-from headstock.meshing.cad.meshing import boundary_faces
+from headstock.meshing.cad.shapes import boundary_faces
 from headstock.meshing.components.finishing import patch_moments
 from headstock.meshing.components.meshing import mesh_component
 from headstock.meshing.components.survey import survey_step
@@ -57,7 +57,7 @@ def test_planes_close_over_what_lies_within_them_and_the_volumes_are_known(kerne
     volume = build_block()
     before = boundary_faces(volume)
     whole = float(gmsh.model.occ.getMass(3, volume))
-    shape = close_planes(volume, boundary_faces, width=9.0, named=(), ends=(), unit=1e-3)
+    shape = close_planes(volume, width=9.0, named=(), ends=(), unit=1e-3)
     assert shape is not None and shape.left_out is not None
     expected = sorted(float(change) for change in (-BORE - COUNTERBORE, -POCKET, PAD))
     assert sorted(float(part) for part in shape.left_out.volumes) == approx(expected, rel=1e-9)
@@ -89,9 +89,7 @@ def test_faces_that_something_refers_to_stay(kernel: None) -> None:
         for number, face in enumerate(faces, 1)
         if gmsh.model.occ.getMass(2, face) == approx(np.pi * 4.0 * 16.0, rel=1e-6)
     )
-    shape = close_planes(
-        volume, boundary_faces, width=9.0, named=(bore,), ends=((2, top),), unit=1e-3
-    )
+    shape = close_planes(volume, width=9.0, named=(bore,), ends=((2, top),), unit=1e-3)
     assert shape is not None and shape.left_out is not None
     assert shape.left_out.volumes == approx([-POCKET])
     assert shape.faces[bore - 1] != GONE
@@ -104,7 +102,7 @@ def test_a_cavity_behind_a_small_opening_is_no_detail(kernel: None) -> None:
         [(3, occ.addBox(10, 10, 10, 40, 40, 40)), (3, occ.addCylinder(30, 30, 45, 0, 0, 20, 3.0))],
     )[0]
     occ.synchronize()
-    shape = close_planes(int(found[0][1]), boundary_faces, width=10.0, named=(), ends=(), unit=1e-3)
+    shape = close_planes(int(found[0][1]), width=10.0, named=(), ends=(), unit=1e-3)
     assert shape is not None
     assert shape.left_out is None and not shape.remarks
 

@@ -15,9 +15,9 @@ from headstock.meshing.elements.surface import count_parts, extract_surface, mat
 from headstock.meshing.elements.topology import (
     NODE_COUNTS,
     cell_order,
+    cell_shape_functions,
     local_facets,
     reference_nodes,
-    shape_functions,
 )
 
 KINDS: list[CellKind] = ["tet4", "tet10", "hex8", "hex20", "hex27"]
@@ -30,10 +30,10 @@ def one_cell(kind: CellKind) -> tuple[FloatArray, IntArray]:
 @pytest.mark.parametrize("kind", KINDS)
 def test_shape_functions_are_one_at_their_own_node_and_sum_to_one(kind: CellKind) -> None:
     assert np.allclose(
-        shape_functions(kind, reference_nodes(kind)), np.eye(NODE_COUNTS[kind]), atol=1e-13
+        cell_shape_functions(kind, reference_nodes(kind)), np.eye(NODE_COUNTS[kind]), atol=1e-13
     )
     assert np.allclose(
-        shape_functions(kind, np.array([[0.13, 0.21, 0.34]])).sum(), 1.0, rtol=1e-14, atol=0.0
+        cell_shape_functions(kind, np.array([[0.13, 0.21, 0.34]])).sum(), 1.0, rtol=1e-14, atol=0.0
     )
 
 
@@ -105,7 +105,10 @@ def test_inversion_between_sampling_points_is_found() -> None:
     quality = scaled_jacobians(points, cells, "tet10")
     step = 1e-6
     gradients = [
-        (shape_functions("tet10", fine + step * e) - shape_functions("tet10", fine - step * e))
+        (
+            cell_shape_functions("tet10", fine + step * e)
+            - cell_shape_functions("tet10", fine - step * e)
+        )
         / (2 * step)
         for e in np.eye(3)
     ]
@@ -156,5 +159,5 @@ def test_facets_inside_the_mesh_have_no_match_on_its_surface() -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_order_of_a_kind_is_that_of_its_shape_functions(kind: CellKind) -> None:
     nodes, inside = reference_nodes(kind), np.array([[0.2, 0.1, 0.3]])
-    square = shape_functions(kind, inside) @ (nodes[:, 0] * nodes[:, 0])
+    square = cell_shape_functions(kind, inside) @ (nodes[:, 0] * nodes[:, 0])
     assert (abs(square[0] - 0.04) < 1e-12) == (cell_order(kind) == 2)

@@ -197,7 +197,12 @@ def test_where_namespaces_are_refused_the_work_goes_on(monkeypatch: pytest.Monke
 
 @pytest.mark.parametrize(
     "limits",
-    ["ulimit -v 3000000", "ulimit -t 30", "ulimit -S -v 3000000", "ulimit -v 3000000 -t 30"],
+    [
+        pytest.param("ulimit -v 3000000", marks=pytest.mark.trials),
+        pytest.param("ulimit -t 30", marks=pytest.mark.trials),
+        "ulimit -S -v 3000000",
+        "ulimit -v 3000000 -t 30",
+    ],
 )
 def test_a_shell_with_limits_of_its_own_can_mesh(limits: str) -> None:
     code = """

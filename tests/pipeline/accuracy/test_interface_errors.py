@@ -103,7 +103,7 @@ def numbers(results: Results) -> list[tuple[float, float, float]]:
 @pytest.mark.parametrize(
     ("coupling", "least", "most"),
     [
-        ('"rigid"', 0.02, 0.1),
+        pytest.param('"rigid"', 0.02, 0.1, marks=pytest.mark.trials),
         pytest.param('"average"', 0.01, 0.1, marks=pytest.mark.trials),
         ("{ flexible = 12 }", 1e-3, 0.08),
         ('{ flexible = 12, form = "weak" }', 1e-3, 0.05),

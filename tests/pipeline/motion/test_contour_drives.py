@@ -39,7 +39,7 @@ from headstock.solvers.control.drive_trains import DriveTrain
 from headstock.solvers.linear.time_response import solve_stepped_response
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.solvers.mechanisms.generalized_alpha import MotionState
-from headstock.solvers.mechanisms.modes import PoseDamping, linearise_poses, solve_pose_modes
+from headstock.solvers.mechanisms.modes import PoseDamping, linearise_poses, solve_lumped_modes
 from headstock.solvers.mechanisms.partitioning import Drive as Law
 from headstock.solvers.mechanisms.partitioning import driven_forces
 from headstock.solvers.milling import contouring
@@ -311,7 +311,7 @@ def test_rayleigh_damping_of_springs_and_bodies_is_that_ratio_of_every_mode(
 ) -> None:
     state = solve_tool_pose(tripteor.scene.mounted, np.array([0.0, 0.0, 0.2]), tripteor.scene.tool)
     motions = linearise_poses(tripteor.model, state)
-    omega = 2.0 * np.pi * solve_pose_modes(motions).frequencies_hz
+    omega = 2.0 * np.pi * solve_lumped_modes(motions).frequencies_hz
     ratios = tuple(float(each) for each in 60.0 / (2.0 * omega) + 0.5 * 2e-4 * omega)
     matrix = PoseDamping(rayleigh=RayleighDamping(60.0, 2e-4)).matrix(motions)
     assert np.allclose(PoseDamping(ratios).matrix(motions), matrix, rtol=1e-8, atol=1e-6)

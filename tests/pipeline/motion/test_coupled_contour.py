@@ -86,7 +86,9 @@ def run(state: RunState, until: float, **changes: Any) -> CoupledRun:
     )
 
 
-@pytest.mark.parametrize("pose_model", ["pose_dependent", "frozen"])
+@pytest.mark.parametrize(
+    "pose_model", ["pose_dependent", pytest.param("frozen", marks=pytest.mark.trials)]
+)
 def test_a_machine_that_differs_little_deviates_beside_another_as_alone(
     tmp_path: Path, pose_model: str
 ) -> None:

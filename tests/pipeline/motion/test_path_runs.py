@@ -16,7 +16,7 @@ from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.results.curves import find_curves, read_curves
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
-from headstock.pipeline.stages.better_machines import NOT_ASKED
+from headstock.pipeline.stages.refined_models import NOT_ASKED
 from headstock.pipeline.storage.store import Store
 from headstock.scene.analyses.path import PathRequest
 from headstock.scene.building.loader import load_scene

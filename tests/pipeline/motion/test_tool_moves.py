@@ -264,8 +264,15 @@ def test_springs_of_legs_carry_what_motors_give_them(tmp_path: Path) -> None:
     assert max(min(abs(force / screw - 1.0) for screw in screws) for force in along) < 1e-6
 
 
-@pytest.mark.parametrize("variant", ["lumped", "components"])
-@pytest.mark.parametrize("control", ["", "+controlled"])
+@pytest.mark.parametrize(
+    ("variant", "control"),
+    [
+        ("lumped", ""),
+        pytest.param("lumped", "+controlled", marks=pytest.mark.trials),
+        pytest.param("components", "", marks=pytest.mark.trials),
+        ("components", "+controlled"),
+    ],
+)
 def test_interfaces_leave_a_line_as_the_rigid_body_does_that_they_are_on(
     variant: str, control: str, tmp_path: Path
 ) -> None:
@@ -337,7 +344,9 @@ def test_errors_of_screws_of_components_lead_a_tool_off_as_statics_say_in_every_
     assert np.abs(mine[some] - moved).max() < 1e-2 * np.abs(moved).max()
 
 
-@pytest.mark.parametrize("variant", ["components", "components+controlled"])
+@pytest.mark.parametrize(
+    "variant", [pytest.param("components", marks=pytest.mark.trials), "components+controlled"]
+)
 def test_errors_of_a_rigid_screw_are_those_of_a_stiff_one_whose_modes_are_all_kept(
     variant: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

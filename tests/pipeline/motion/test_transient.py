@@ -27,7 +27,7 @@ from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.stages.control import drive_machine
 from headstock.pipeline.stages.machine import couple_pose, damp_system
-from headstock.pipeline.stages.mechanism import build_mechanism, place_pose
+from headstock.pipeline.stages.mechanism import build_lumped_model, place_pose
 from headstock.pipeline.stages.run_state import PoseModel
 from headstock.pipeline.stages.shared_components import make_superelements, start_run
 from headstock.pipeline.storage.store import Store
@@ -71,7 +71,7 @@ def posed_model(scene: Scene, folder: Path, pose: str) -> PoseModel:
     make_superelements(state)
     parts, place = state.parts, state.plan.poses[pose]
     if scene.is_lumped:
-        model = build_mechanism(parts, parts.superelements)
+        model = build_lumped_model(parts, parts.superelements)
         return place_pose(parts, place, model, parts.superelements)
     return couple_pose(parts, place)
 

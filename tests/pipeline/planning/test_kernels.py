@@ -10,9 +10,9 @@ from common import approx
 from fixture_machines import machine
 from headstock.geometry.parts.solids import StepFile
 from headstock.pipeline.planning.budgets import KERNEL_SECONDS
-from headstock.pipeline.planning.kernels import KINDS, add_compiling
 from headstock.pipeline.planning.plan import Plan, Stage
 from headstock.pipeline.planning.planner import plan_scene
+from headstock.pipeline.planning.reductions import KINDS, add_compiling
 from headstock.scene.building.loader import load_scene
 from headstock.solvers.elastic.kernels import KernelPart, kernel_link, kernel_name
 

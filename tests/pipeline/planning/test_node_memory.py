@@ -8,13 +8,13 @@ import pytest
 
 from common import approx
 from headstock.pipeline.planning.budgets import BASE_MB, BudgetError
-from headstock.pipeline.planning.node_memory import (
+from headstock.pipeline.planning.plan import Stage
+from headstock.pipeline.planning.resources import (
     RanksOnNodes,
     check_memory,
     memory_on_node,
     node_memory_bytes,
 )
-from headstock.pipeline.planning.plan import Stage
 
 PHYSICAL = float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
 REDUCE = Stage(

@@ -22,10 +22,10 @@ from headstock.geometry.parts.components import (
 from headstock.geometry.parts.solids import Box, SuperelementFile, Tube
 from headstock.pipeline.planning.analyses import FRF_MARGIN, MODE_MARGIN
 from headstock.pipeline.planning.budgets import BudgetError, check_elapsed, reduced_dofs
-from headstock.pipeline.planning.node_memory import RanksOnNodes
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.planning.reductions import MOST_DEFAULT_MODES, default_mode_count
+from headstock.pipeline.planning.resources import RanksOnNodes
 from headstock.scene.analyses.frf import FrfRequest
 from headstock.scene.analyses.modal import ModalRequest
 from headstock.scene.analyses.static import StaticRequest

@@ -13,7 +13,7 @@ import pyvista
 
 from common import approx, sketch
 from headstock.geometry.frames import FloatArray, Frame, rotation_about
-from headstock.geometry.parts.solid_skins import box_skin
+from headstock.geometry.parts.skins import box_skin
 from headstock.pipeline.answers.modal import ModesSummary
 from headstock.pipeline.results.mode_files import (
     SHOWN_SHARE,

@@ -14,8 +14,7 @@ from headstock.geometry.parts.components import (
     Patch,
     Support,
 )
-from headstock.geometry.parts.skins import split_skin
-from headstock.geometry.parts.solid_skins import box_skin
+from headstock.geometry.parts.skins import box_skin, split_skin
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.components.meshing import mesh_component
 from headstock.meshing.components.skins import mesh_skin

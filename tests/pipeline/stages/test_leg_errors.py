@@ -11,9 +11,8 @@ from mpi4py import MPI
 from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.closures import close_loops
-from headstock.geometry.mechanisms.exechon import LENGTHS
+from headstock.geometry.mechanisms.exechon import LENGTHS, solve_pose
 from headstock.geometry.mechanisms.kinematics import place_markers
-from headstock.geometry.mechanisms.tool_mechanism import solve_pose
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.volumetric import VolumetricAnswer
 from headstock.pipeline.results.summary import RunSummary, summarise

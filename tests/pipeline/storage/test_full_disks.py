@@ -14,11 +14,11 @@ from mpi4py import MPI
 from faults.disk import OLD, ResumeTrials, fill_disks
 from faults.resume import SCENE
 from faults.runs import VARIANTS, FaultError, Places, make_places, read_numbers
-from headstock.app.actions.studying import StudyRequest, study_request
-from headstock.app.actions.sweeping import SweepRequest, sweep_request
+from headstock.app.actions.studying import study_command
+from headstock.app.actions.sweeping import sweep_command
 from headstock.app.command_line import main
+from headstock.app.commands.batch_commands import StudyOptions, SweepOptions
 from headstock.app.terminal.guard import run_guarded
-from headstock.pipeline.storage.provenance import SceneChoice
 
 pytestmark = [pytest.mark.hard("H45"), pytest.mark.workers, pytest.mark.fem, pytest.mark.process]
 
@@ -47,10 +47,11 @@ def start_here(
     scene, said = root / "scene.toml", io.StringIO()
 
     def work(comm: MPI.Comm) -> int:
-        chosen = SceneChoice(scene, variant)
         if kind == "sweep":
-            return sweep_request(SweepRequest(scene=chosen, name="line", output=folder), comm)
-        return study_request(StudyRequest(scene=chosen, name="grid", output=folder), comm)
+            options = SweepOptions(scene=scene, variant=variant, name="line", output=folder)
+            return sweep_command(options, comm)
+        grid = StudyOptions(scene=scene, variant=variant, name="grid", output=folder)
+        return study_command(grid, comm)
 
     with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()):
         code = run_guarded(work, debug=False)

@@ -21,7 +21,7 @@ from headstock.pipeline.storage.outputs import (
     prepare_output,
     read_growing_file,
     replace_outputs,
-    write_beside,
+    write_named_files,
     write_output,
 )
 from headstock.studies.parameters.records import POINTS_FILE, read_records
@@ -88,7 +88,7 @@ def test_where_a_file_of_the_user_has_the_name_the_new_one_is_written_beside_it(
 
 def test_two_files_never_get_the_same_name(tmp_path: Path) -> None:
     (tmp_path / "a.png").write_bytes(b"mine")
-    assert len(write_beside(tmp_path, {"a-2.png": b"1", "a.png": b"2"})) == 1
+    assert len(write_named_files(tmp_path, {"a-2.png": b"1", "a.png": b"2"})) == 1
     assert visible(tmp_path) == {"a.png": b"mine", "a-2.png": b"1", "a-3.png": b"2"}
 
 

@@ -10,7 +10,8 @@ from mpi4py import MPI
 
 import headstock as hs
 from common import make_box
-from headstock.app.actions.checking import check_scene
+from headstock.app.actions.checking import check_command
+from headstock.app.commands.scene_commands import CheckOptions
 from headstock.app.terminal.guard import BAD_INPUT, run_guarded
 from headstock.meshing.component_mesh import CellKind
 from headstock.meshing.errors import PatchError
@@ -77,7 +78,7 @@ def test_a_set_that_a_mesh_file_lacks_is_told_with_its_line_and_the_sets_there_a
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = write_scene(tmp_path, name, foot="set:fot", tip="set:tips")
-    assert run_guarded(lambda: check_scene(path, None, (), None), debug=False) == BAD_INPUT
+    assert run_guarded(lambda: check_command(CheckOptions(scene=path)), debug=False) == BAD_INPUT
     reported = capsys.readouterr().err
     for line, key, wrong in (
         (12, "components.part.interfaces.foot.patches[1].face", "fot"),

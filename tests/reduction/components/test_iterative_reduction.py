@@ -41,7 +41,7 @@ def reduce_by(
         pytest.param(COLUMN, "tet10", ("average", "average"), marks=pytest.mark.trials),
         pytest.param(BLOCK, "tet10", ("average",), marks=pytest.mark.trials),
         (COLUMN, "tet10", ()),
-        (COLUMN, "hex27", ("rigid", "average")),
+        pytest.param(COLUMN, "hex27", ("rigid", "average"), marks=pytest.mark.trials),
     ],
 )
 def test_superelements_are_those_of_factors(

@@ -2,6 +2,8 @@
 stiffness put together by hand.
 """
 
+import functools
+
 import numpy as np
 import pytest
 
@@ -43,34 +45,39 @@ def by_hand(
     return arm.T @ np.diag(stiffness) @ arm
 
 
-def test_two_joints_on_one_interface_add() -> None:
-    found = coupled_stiffness(
-        joint_between("a", "ground", "body.foot", stiffness=SPRING),
-        joint_between("b", "ground", "body.foot", stiffness=2 * SPRING),
-    )
-    np.testing.assert_allclose(
-        found, by_hand(3 * SPRING), rtol=0.0, atol=1e-12 * np.abs(found).max()
-    )
+joint = functools.partial(joint_between, stiffness=SPRING)
+FOOT, LEVER = (0.0, 0.0, 0.0), (0.7, -0.4, 0.1)
 
 
-def test_joints_at_two_interfaces_in_one_place_add() -> None:
-    found = coupled_stiffness(
-        joint_between("a", "ground", "body.foot", stiffness=SPRING),
-        joint_between("b", "body.twin", "ground", stiffness=SPRING),
-    )
-    np.testing.assert_allclose(
-        found, by_hand(2 * SPRING), rtol=0.0, atol=1e-12 * np.abs(found).max()
-    )
-
-
-def test_a_joint_to_ground_without_length_or_with_a_lever_is_exact() -> None:
-    for place in ((0.0, 0.0, 0.5), (0.7, -0.4, 0.1)):
-        found = coupled_stiffness(
-            joint_between("a", "ground", "body.top", stiffness=SPRING, point=place)
-        )
-        np.testing.assert_allclose(
-            found, by_hand(SPRING, place), rtol=0.0, atol=1e-12 * np.abs(found).max()
-        )
+@pytest.mark.parametrize(
+    ("joints", "stiffness", "place"),
+    [
+        ([joint("a", "ground", "body.foot")], SPRING, FOOT),
+        ([joint("a", "body.foot", "ground")], SPRING, FOOT),
+        ([joint("a", "ground", "body.top", point=(0, 0, 0.5))], SPRING, (0.0, 0.0, 0.5)),
+        ([joint("a", "ground", "body.top", point=LEVER)], SPRING, LEVER),
+        (
+            [joint("a", "ground", "body.foot"), joint("b", "body.twin", "ground")],
+            2 * SPRING,
+            FOOT,
+        ),
+        (
+            [
+                joint("a", "ground", "body.foot"),
+                joint("b", "ground", "body.foot", stiffness=2 * SPRING),
+            ],
+            3 * SPRING,
+            FOOT,
+        ),
+    ],
+    ids=["alone", "other order", "without length", "with a lever", "in one place", "on one"],
+)
+def test_joints_to_ground_add_wherever_they_are(
+    joints: list[Joint], stiffness: FloatArray, place: tuple[float, float, float]
+) -> None:
+    found = coupled_stiffness(*joints)
+    exact = by_hand(stiffness, place)
+    np.testing.assert_allclose(found, exact, rtol=0.0, atol=1e-12 * np.abs(found).max())
 
 
 def test_a_spring_between_two_interfaces_of_one_rigid_body_does_nothing() -> None:
@@ -101,12 +108,6 @@ def test_a_spring_between_two_interfaces_of_one_elastic_body_stiffens_it_as_by_h
         found.system.stiffness, expected, rtol=0.0, atol=1e-12 * np.abs(expected).max()
     )
     assert len(find_free_motions(found)) == 6
-
-
-@pytest.mark.parametrize("order", [("ground", "body.foot"), ("body.foot", "ground")])
-def test_the_order_of_the_ends_does_not_matter(order: tuple[str, str]) -> None:
-    found = coupled_stiffness(joint_between("a", *order, stiffness=SPRING))
-    np.testing.assert_allclose(found, by_hand(SPRING), rtol=0.0, atol=1e-12 * np.abs(found).max())
 
 
 def test_a_body_fixed_twice_and_sprung_nowhere_has_no_motion_left() -> None:

@@ -16,7 +16,7 @@ from headstock.solvers.linear.response_forms import sum_over_modes
 from headstock.solvers.linear.static_response import solve_static
 from headstock.solvers.second_order import SecondOrderSystem, input_columns, output_rows
 from headstock.validation.parts.line_elements import TIP, cantilever_system
-from headstock.validation.references.prismatic_beams import PrismaticBeam
+from headstock.validation.references.beam_theory import PrismaticBeam
 from lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 
 pytestmark = pytest.mark.hard("H25")

@@ -11,13 +11,13 @@ from headstock.geometry.parts.components import Load
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.coupling.channels import GRAVITY
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
-from headstock.reduction.estimates.better_elements import (
+from headstock.reduction.estimates.corrected_elements import (
     with_finer_mesh,
     with_modes_left_out,
     with_true_faces,
 )
-from headstock.reduction.estimates.deviation_errors import estimate_deviation
 from headstock.reduction.estimates.mesh_errors import compliance_mesh_errors
+from headstock.reduction.estimates.static_errors import estimate_deviation
 from headstock.reduction.motions.compliance_budget import point_budget
 from headstock.reduction.motions.tool_deviation import FORCES, solve_deviation
 from headstock.reduction.requests import ReductionRequest

@@ -3,7 +3,7 @@
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.reduction.estimates.interface_errors import FormResponse, bound_response_changes
+from headstock.reduction.estimates.model_errors import FormResponse, bound_response_changes
 from headstock.solvers.second_order import ComplexArray
 
 ZETA = 0.004

@@ -8,9 +8,9 @@ import numpy as np
 
 from common import approx
 from headstock.geometry.frames import FloatArray
+from headstock.reduction.estimates.figure_errors import PeakErrors, find_peak_errors
 from headstock.reduction.estimates.frequency_errors import TruncatedPart
 from headstock.reduction.estimates.mesh_errors import MeshedPart
-from headstock.reduction.estimates.peak_errors import PeakErrors, find_peak_errors
 from headstock.reduction.estimates.response_errors import (
     ErrorSources,
     SystemChange,

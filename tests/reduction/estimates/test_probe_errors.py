@@ -15,7 +15,7 @@ from headstock.meshing.component_mesh import CellKind
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.coupling.probes import PlacedProbe, missing_of_loads, place_probe
-from headstock.reduction.estimates.probe_errors import (
+from headstock.reduction.estimates.static_errors import (
     MOVED,
     RestErrors,
     bound_von_mises,

@@ -13,7 +13,6 @@ from headstock.reduction.motions.compliance_budget import (
     energy_shares,
     find_weakest_link,
     point_budget,
-    point_compliance,
 )
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.errors import ModelError
@@ -66,14 +65,6 @@ def test_compliance_and_shares_are_those_of_springs_in_series(
         {name: value / sum(parts.values()) for name, value in parts.items()}, rel=1e-10
     )
     assert sum(shares.values()) == approx(1.0, abs=1e-9)
-
-
-def test_compliance_is_symmetric_and_positive(
-    series: tuple[dict[str, Superelement], Machine],
-) -> None:
-    compliance = point_compliance(couple(*series, HOME), "tcp")
-    np.testing.assert_allclose(compliance, compliance.T, atol=1e-13 * np.abs(compliance).max())
-    assert np.linalg.eigvalsh(compliance)[0] > 0.0
 
 
 def test_the_weakest_link_and_the_gain_of_doubling_it_are_exact(

@@ -64,11 +64,6 @@ def test_a_frequency_target_is_complete_up_to_it(pencil: Pencil) -> None:
     assert found.next_value > (2.0 * np.pi * limit) ** 2
 
 
-def test_the_next_value_is_the_first_left_out(pencil: Pencil) -> None:
-    found = search(pencil, ModeTarget(count=10))
-    assert found.next_value == approx(pencil[0][len(found.values)], rel=1e-3)
-
-
 def test_all_pairs_of_a_small_space_are_found_and_none_follows(pencil: Pencil) -> None:
     found = search(pencil, ModeTarget(count=SIZE))
     np.testing.assert_allclose(found.values, pencil[0], rtol=1e-7)

@@ -7,7 +7,7 @@ from headstock.geometry.frames import BoolArray, FloatArray, rigid_map
 from headstock.solvers.elastic.constrained_solver import (
     NEGLIGIBLE_ROUNDOFF,
     ConstrainedSolver,
-    rigid_motions,
+    rigid_node_motions,
 )
 from headstock.solvers.elastic.elasticity import ElasticOperators, assemble_elasticity
 from headstock.solvers.errors import ConvergenceError, ModelError
@@ -125,16 +125,8 @@ def test_the_residual_of_every_solve_is_kept(operators: ElasticOperators) -> Non
         assert 0.0 < solver.largest_residual < 1e-10
 
 
-def test_reciprocity_holds_between_any_two_loads(operators: ElasticOperators) -> None:
-    fixed = np.zeros(operators.owned_dofs, dtype=bool)
-    loads = RNG.standard_normal((len(fixed), 6))
-    with ConstrainedSolver(operators, fixed, means(operators)) as solver:
-        work = loads.T @ solver.solve(loads)
-    assert np.abs(work - work.T).max() < 1e-10 * np.abs(work).max()
-
-
 def test_rigid_motions_are_of_unit_size_and_free_of_force(operators: ElasticOperators) -> None:
-    motions = rigid_motions(operators)
+    motions = rigid_node_motions(operators)
     assert np.linalg.matrix_rank(motions) == 6
     assert np.abs(operators.apply_stiffness(motions)).max() < 1e-12 * operators.stiffness_scale
     np.testing.assert_allclose(
@@ -147,7 +139,7 @@ def strip_operators(thickness: float) -> ElasticOperators:
     return assemble_elasticity(mesh, make_component().material, comm=COMM, with_mass=True)
 
 
-@pytest.mark.parametrize("thickness", [0.02, 1e-3], ids=["1:50", "1:1000"])
+@pytest.mark.parametrize("thickness", [0.02, 1e-3, 4e-4], ids=["1:50", "1:1000", "1:2500"])
 def test_a_thin_strip_finds_the_shape_back_that_its_forces_come_from(thickness: float) -> None:
     operators = strip_operators(thickness)
     x, _, z = operators.points.T
@@ -162,9 +154,15 @@ def test_a_thin_strip_finds_the_shape_back_that_its_forces_come_from(thickness: 
         # (one draw in ten moves it by far less)
         half = np.finfo(float).eps * np.random.default_rng(1).uniform(-0.5, 0.5, (len(fixed), 8))
         moved = np.abs(solver.solve(forces * (1.0 + half)) - found).max()
-    # a Cholesky factorisation alone is off by 1e-3 at 1:1000
-    assert np.abs(found - shape).max() < 1e-8 * np.abs(shape).max() + moved
-    assert moved < 1e-6 * np.abs(shape).max()
+        negligible = solver.roundoff if solver.roundoff <= NEGLIGIBLE_ROUNDOFF else 0.0
+        allowed = max(solver.attainable_change, negligible)
+    error, size = np.abs(found - shape).max(), np.abs(shape).max()
+    # what refinement leaves is within what conditioning allows
+    assert error < allowed * size
+    if thickness >= 1e-3:
+        # a Cholesky factorisation alone is off by 1e-3 at 1:1000
+        assert error < 1e-8 * size + moved
+        assert moved < 1e-6 * size
 
 
 def test_a_translation_of_a_thin_sheet_has_no_strain_energy_beside_its_bending() -> None:
@@ -233,19 +231,3 @@ def test_a_soft_shape_that_factors_miss_by_half_is_refused_though_its_forces_are
         else:
             with pytest.raises(ConvergenceError, match=r"displacements.*conditioning"):
                 solver.solve(load)
-
-
-@pytest.mark.parametrize("thickness", [0.02, 1e-3, 4e-4], ids=["1:50", "1:1000", "1:2500"])
-def test_what_refinement_leaves_is_within_what_conditioning_allows(thickness: float) -> None:
-    operators = strip_operators(thickness)
-    x, _, z = operators.points.T
-    fixed = np.repeat(x < 1e-9, 3)
-    shape = np.zeros((len(fixed), 1))
-    shape[2::3, 0], shape[0::3, 0] = x**2, -2.0 * x * (z - z.mean())
-    with ConstrainedSolver(operators, fixed, np.zeros((len(fixed), 0))) as solver:
-        found = solver.solve(operators.apply_stiffness_precisely(shape))
-        error = np.abs(found - shape).max() / np.abs(shape).max()
-        assert error < max(
-            solver.attainable_change,
-            solver.roundoff if solver.roundoff <= NEGLIGIBLE_ROUNDOFF else 0.0,
-        )

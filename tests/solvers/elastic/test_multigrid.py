@@ -8,7 +8,7 @@ from common import approx, make_box, make_component
 from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.meshing.component_mesh import CellKind
 from headstock.solvers.elastic import multigrid
-from headstock.solvers.elastic.constrained_solver import rigid_motions
+from headstock.solvers.elastic.constrained_solver import rigid_node_motions
 from headstock.solvers.elastic.elasticity import ElasticOperators, assemble_elasticity
 from headstock.solvers.elastic.factorization import Factorization
 from headstock.solvers.elastic.multigrid import IterativeInverse, Multigrid
@@ -77,7 +77,7 @@ def test_solutions_are_those_of_the_factors(operators: ElasticOperators) -> None
 
 def test_a_free_body_is_solved_for_what_does_not_move_it_rigidly() -> None:
     operators = assemble("tet10")
-    fixed, motions = np.zeros(operators.owned_dofs, dtype=bool), rigid_motions(operators)
+    fixed, motions = np.zeros(operators.owned_dofs, dtype=bool), rigid_node_motions(operators)
     inverse = IterativeInverse(operators, fixed, motions)
     basis = np.linalg.qr(motions)[0]
     loads = loads_on(operators, 3)

@@ -18,7 +18,7 @@ from headstock.solvers.linear.damped_modes import solve_damped
 from headstock.solvers.linear.frequency_response import solve_frf
 from headstock.solvers.second_order import SecondOrderSystem
 from headstock.validation.parts.line_elements import TIP, rod_system
-from headstock.validation.references.prismatic_beams import PrismaticBeam
+from headstock.validation.references.beam_theory import PrismaticBeam
 
 pytestmark = pytest.mark.hard("H29")
 

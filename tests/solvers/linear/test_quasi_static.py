@@ -13,7 +13,7 @@ from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.state_space import to_state_space
 from headstock.solvers.linear.time_response import solve_time_response
 from headstock.validation.parts.line_elements import TIP, cantilever_system
-from headstock.validation.references.prismatic_beams import PrismaticBeam
+from headstock.validation.references.beam_theory import PrismaticBeam
 
 pytestmark = pytest.mark.hard("H33")
 

@@ -15,7 +15,7 @@ from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.damping import add_modal_damping
 from headstock.solvers.linear.state_space import StateSpace, to_control, to_state_space
 from headstock.validation.parts.line_elements import TIP, cantilever_system
-from headstock.validation.references.prismatic_beams import PrismaticBeam
+from headstock.validation.references.beam_theory import PrismaticBeam
 
 BEAM = PrismaticBeam(0.5, 0.1, 0.038, Material("steel", 210e9, 0.3, 7850.0))
 

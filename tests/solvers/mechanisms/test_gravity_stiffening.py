@@ -22,7 +22,7 @@ from headstock.solvers.mechanisms.modes import (
     _gravity_stiffness,
     linearise_poses,
     pose_system,
-    solve_pose_modes,
+    solve_lumped_modes,
     tool_compliance,
 )
 from headstock.solvers.mechanisms.partitioning import Drive, compose_state, partition_dynamics
@@ -59,7 +59,7 @@ def test_a_pendulum_hangs_stiffer_and_stands_softer(sign: float, stiffening: boo
     expected = np.sqrt(stiffness / (MASS * LENGTH**2)) / (2.0 * np.pi)
     model = pendulum(stiffening, sign)
     motions = linearise_poses(model, state)
-    assert solve_pose_modes(motions).frequencies_hz[0] == approx(expected, rel=1e-12)
+    assert solve_lumped_modes(motions).frequencies_hz[0] == approx(expected, rel=1e-12)
     assert solve_modal(pose_system(model, motions, {}), count=1).frequencies_hz[0] == approx(
         expected, rel=1e-12
     )
@@ -90,8 +90,8 @@ def test_it_is_the_slope_of_the_tripteors_own_gravity_forces() -> None:
     assert np.abs(-slopes - found).max() < 1e-6 * np.abs(found).max()
     # kilonewtons on metres: small beside springs of 1e8 N/m, as it should be
     assert 1e2 < np.abs(found).max() < 1e4
-    stiff = solve_pose_modes(
+    stiff = solve_lumped_modes(
         linearise_poses(dataclasses.replace(model, gravity_stiffening=True), states)
     ).frequencies_hz
-    plain = solve_pose_modes(linearise_poses(model, states)).frequencies_hz
+    plain = solve_lumped_modes(linearise_poses(model, states)).frequencies_hz
     assert 1e-6 < np.abs(stiff / plain - 1.0).max() < 1e-3

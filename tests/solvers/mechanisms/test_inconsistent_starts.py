@@ -7,7 +7,7 @@ import pytest
 
 from common import approx
 from headstock.geometry.errors import ClosureError
-from headstock.solvers.mechanisms.generalized_alpha import MotionState, integrate_motion
+from headstock.solvers.mechanisms.generalized_alpha import MotionState, integrate_constrained
 from headstock.solvers.mechanisms.modes import PoseDamping
 from headstock.solvers.mechanisms.partitioning import Drive
 from headstock.solvers.milling.contouring import linear_motion
@@ -60,7 +60,7 @@ def test_a_projected_start_leaves_no_spike_in_the_accelerations(
     def observe(state: MotionState) -> None:
         seen.append(float(np.abs(state.acceleration[-6:]).max()))
 
-    integrate_motion(problem, start, 5e-5, 60, observe=observe)
+    integrate_constrained(problem, start, 5e-5, 60, observe=observe)
     assert max(seen[:5]) < 1.5 * max(seen[5:])
 
 

@@ -9,7 +9,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.solvers.mechanisms.generalized_alpha import (
     AlphaScheme,
     MotionState,
-    integrate_motion,
+    integrate_constrained,
 )
 from headstock.solvers.mechanisms.partitioning import Drive
 from headstock.validation.mechanisms.motion import ConstrainedMotion, PartitionedMotion
@@ -50,7 +50,7 @@ def test_positions_velocities_and_energy_stay_with_drives_at_rest() -> None:
         if round(state.time / 4e-5) % 20 == 0:
             energy.append(reduced.energy(state.time, state.position[-6:], state.velocity[-6:]))
 
-    integrate_motion(full, begun, 4e-5, STEPS, observe=observe, scheme=AlphaScheme(1.0))
+    integrate_constrained(full, begun, 4e-5, STEPS, observe=observe, scheme=AlphaScheme(1.0))
     assert position < 1e-12 and velocity < 1e-7
     stored = 0.5 * float((first.stiffness * compliant**2).sum())
     # second order: an oscillation of the fastest mode, no trend

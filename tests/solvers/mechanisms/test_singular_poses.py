@@ -22,9 +22,9 @@ from headstock.solvers.mechanisms.generalized_alpha import (
     LOCAL_ERROR,
     Linearisation,
     MotionState,
-    integrate_motion,
+    integrate_constrained,
 )
-from headstock.solvers.mechanisms.modes import linearise_poses, solve_pose_modes
+from headstock.solvers.mechanisms.modes import linearise_poses, solve_lumped_modes
 from headstock.solvers.mechanisms.partitioning import Drive
 from headstock.validation.mechanisms.motion import PartitionedMotion
 from headstock.validation.mechanisms.motion_cases import (
@@ -61,7 +61,7 @@ def no_force(time: float) -> FloatArray:
 def test_the_lowest_frequency_falls_to_zero_as_the_closed_form_does(degrees: float) -> None:
     angle = np.radians(degrees)
     state = planar_3rpr_state(BASE, PLATFORM, (0.0, 0.0), angle)
-    found = solve_pose_modes(linearise_poses(machine(), state)).frequencies_hz[0]
+    found = solve_lumped_modes(linearise_poses(machine(), state)).frequencies_hz[0]
     slope = OUTER * INNER * np.sin(angle) / leg_length(angle)
     assert found == approx(np.sqrt(3.0 * STIFFNESS * slope**2 / INERTIA) / (2.0 * np.pi), rel=1e-8)
 
@@ -89,7 +89,9 @@ def test_small_motions_about_the_singular_pose_are_refused_by_name() -> None:
     )
     with pytest.raises(SingularPoseError, match="singular"):
         linearise_poses(machine(), states)
-    assert np.isfinite(solve_pose_modes(linearise_poses(machine(), states[0])).frequencies_hz).all()
+    assert np.isfinite(
+        solve_lumped_modes(linearise_poses(machine(), states[0])).frequencies_hz
+    ).all()
 
 
 def test_partitioned_coordinates_stop_at_the_singular_pose_by_name() -> None:
@@ -185,7 +187,7 @@ def swing(
 ) -> tuple[FourBars, list[MotionState]]:
     problem = FourBars()
     states: list[MotionState] = []
-    integrate_motion(
+    integrate_constrained(
         problem,
         problem.start(),
         step,
@@ -282,7 +284,7 @@ def test_a_motion_that_branches_where_it_rests_ends_with_a_name_and_a_remedy(
     found = np.linalg.lstsq(matrix, np.concatenate([problem.weight, np.zeros(5)]), rcond=1e-12)[0]
     start = MotionState(0.0, lying, np.zeros(6), found[:6], found[6:])
     with pytest.raises(ConvergenceError, match=r"singular pose.*more speed"):
-        integrate_motion(problem, start, 0.01, 10, observe=lambda state: None, tolerance=1e-12)
+        integrate_constrained(problem, start, 0.01, 10, observe=lambda state: None, tolerance=1e-12)
 
 
 def test_a_force_that_has_no_answer_is_not_taken_for_a_singular_pose() -> None:
@@ -291,4 +293,4 @@ def test_a_force_that_has_no_answer_is_not_taken_for_a_singular_pose() -> None:
     # weights that are not numbers: no sub-step is small enough
     problem.weight = np.full(6, np.nan)
     with pytest.raises(ConvergenceError, match="The pose is not singular"):
-        integrate_motion(problem, start, 0.01, 10, observe=lambda state: None)
+        integrate_constrained(problem, start, 0.01, 10, observe=lambda state: None)

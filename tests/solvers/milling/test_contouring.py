@@ -13,7 +13,7 @@ from headstock.geometry.mechanisms.exechon import LENGTHS, survey_tool_poses
 from headstock.geometry.mechanisms.kinematics import place_markers
 from headstock.scene.building.cutting import catalogue_coefficients
 from headstock.solvers.errors import ConvergenceError, ModelError
-from headstock.solvers.mechanisms.generalized_alpha import MotionState, integrate_motion
+from headstock.solvers.mechanisms.generalized_alpha import MotionState, integrate_constrained
 from headstock.solvers.mechanisms.modes import PoseDamping, linearise_poses, tool_compliance
 from headstock.solvers.milling.contouring import (
     drive_forces,
@@ -134,7 +134,9 @@ def march_by_steps(motion: LinearMotion, force: FloatArray, start: FloatArray) -
     def observe(state: MotionState) -> None:
         stepped.append(state.position)
 
-    integrate_motion(problem, first, STEP, len(motion.times) - 1, observe=observe, tolerance=1e-14)
+    integrate_constrained(
+        problem, first, STEP, len(motion.times) - 1, observe=observe, tolerance=1e-14
+    )
     return np.array(stepped)
 
 

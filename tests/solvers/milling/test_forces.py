@@ -51,21 +51,6 @@ def test_mean_forces_are_those_of_the_integral_over_the_immersion() -> None:
 
 
 @pytest.mark.parametrize("sense", ["down", "up"])
-def test_mean_forces_of_a_slot_are_those_of_altintas(sense: Sense) -> None:
-    """Manufacturing Automation (2012), chapter 2: average forces in slotting."""
-    cut = dataclasses.replace(CUT, radial_depth=CUT.mill.diameter, sense=sense)
-    times, feed = one_turn(cut, 7200)
-    chip, teeth, depth = FEED * cut.tooth_period, cut.mill.teeth, cut.axial_depth
-    (ktc, krc, kac), (kte, kre, kae) = COEFFICIENTS.chip, COEFFICIENTS.edge
-    along = -teeth * depth * (krc * chip / 4.0 + kre / np.pi)
-    # in the axes of the part the tangential force is turned with the spindle: it stays in a slot
-    away = teeth * depth * (ktc * chip / 4.0 + kte / np.pi) * (1.0 if sense == "down" else -1.0)
-    down = -teeth * depth * (kac * chip / np.pi + kae / 2.0)
-    found = cutting_forces(cut, times, feed).mean(axis=0)
-    assert np.allclose(found, [along, away, down], rtol=1e-4, atol=0.0)
-
-
-@pytest.mark.parametrize("sense", ["down", "up"])
 @pytest.mark.parametrize("immersion", [0.1, 0.6, 1.0])
 def test_energy_of_a_turn_is_that_of_the_chips_and_the_edges(
     sense: Sense, immersion: float

@@ -88,7 +88,14 @@ def integrate(law: GuideFriction, times: FloatArray) -> FloatArray:
     return np.asarray(solved.y.T)
 
 
-@pytest.mark.parametrize("smoothing", [1e-3, 1e-4, 1e-5])
+@pytest.mark.parametrize(
+    "smoothing",
+    [
+        pytest.param(1e-3, marks=pytest.mark.trials),
+        pytest.param(1e-4, marks=pytest.mark.trials),
+        1e-5,
+    ],
+)
 def test_it_follows_an_integrator_of_a_library_and_balances_its_energy(smoothing: float) -> None:
     law = dataclasses.replace(LAW, smoothing=smoothing)
     found = solve_motion(loop_with(law), push, TIMES, longest=5e-4)

@@ -7,7 +7,7 @@ from common import approx, make_box, make_component
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Material
 from headstock.meshing.component_mesh import CellKind, ComponentMesh
-from headstock.meshing.elements.topology import shape_functions, shape_gradients
+from headstock.meshing.elements.topology import cell_shape_functions, shape_gradients
 from headstock.solvers.recovery.discretisation_error import (
     estimate_cell_errors,
     estimate_mesh_errors,
@@ -32,7 +32,7 @@ def true_missing_energy(
     jacobians = np.einsum("rqn,cnd->cqrd", slopes, nodes)
     values = gradient(mesh.points)[0][mesh.cells]
     found = np.einsum("cqdr,rqn,cni->cqid", np.linalg.inv(jacobians), slopes, values)
-    where = np.einsum("qn,cnd->cqd", shape_functions(mesh.kind, places), nodes)
+    where = np.einsum("qn,cnd->cqd", cell_shape_functions(mesh.kind, places), nodes)
     difference = found - gradient(where)[1]
     strain = 0.5 * (difference + np.swapaxes(difference, -1, -2))
     shear = material.youngs_modulus / (2.0 * (1.0 + material.poisson_ratio))

@@ -8,8 +8,8 @@ import pytest
 from mpi4py import MPI
 
 from headstock.app.tables.sweep_quantities import limit_words
-from headstock.geometry.machine.feed import Feed, find_feed
 from headstock.geometry.machine.machine import Pose
+from headstock.geometry.machine.tool_travel import Feed, find_feed
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.lobes import PoseLobes
 from headstock.pipeline.runner import run_scene

@@ -37,7 +37,7 @@ def made_up(
 
 
 def judged(parts: list[PartCoverage]) -> dict[str, ValidationRow]:
-    return {row.quantity.split(": ")[1]: row for row in cases._evaluate("coverage", "some", parts)}
+    return {row.quantity.split(": ")[1]: row for row in cases._evaluate("some", parts)}
 
 
 def test_every_kind_of_part_is_in_both_halves_which_share_none() -> None:

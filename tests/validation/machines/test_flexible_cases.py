@@ -8,20 +8,19 @@ from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.validation.machines import flexible_cases
 from headstock.validation.machines.flexible_cases import (
     CUTS,
+    EVERY_DIRECTION,
     STEPS,
+    SplitBody,
     _find_wrong_step,
     check_flexible_smoke,
-)
-from headstock.validation.machines.split_bodies import (
-    EVERY_DIRECTION,
-    SplitBody,
     find_joined_frequencies,
     join_parts,
 )
 
 
+@pytest.mark.trials
 def test_a_cut_beam_passes_in_ten_frequencies() -> None:
-    rows = check_flexible_smoke()
+    rows = list(check_flexible_smoke())
     assert [row for row in rows if not row.passed] == []
     (weak,) = [row for row in rows if "weak, 30 shapes" in row.quantity]
     # rigid sections are half a percent off: the comparison sees what it has to

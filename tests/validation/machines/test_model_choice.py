@@ -9,7 +9,6 @@ from common import approx
 from headstock.validation.coverage import cases as coverage_cases
 from headstock.validation.machines import model_choice_cases
 from headstock.validation.machines.model_choice_cases import (
-    CASE,
     ChosenScene,
     _evaluate,
     load_drawn,
@@ -46,7 +45,7 @@ def test_rows_hold_numbers_beyond_what_was_asked_and_costs_beside_the_cheapest()
     far = ChosenScene(51, 0.05, True, 0.01, np.array([0.2]), 9.0, {"a": (0.02, 2.0)})
     refused = ChosenScene(49, 0.05, False, 0.01, np.array([0.5]), 1.0, {})
     doubtful = ChosenScene(48, 0.05, True, 0.03, np.array([0.5]), 1.0, {})
-    beyond, dear = _evaluate(CASE, "machine", [near, far, refused, doubtful])
+    beyond, dear = _evaluate("machine", [near, far, refused, doubtful])
     assert (
         beyond.value == approx(1.0 / 20.0) and "1 more were refused, 1 have no truth" in beyond.note
     )

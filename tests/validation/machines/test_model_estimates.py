@@ -34,7 +34,7 @@ def made_up(errors: list[float], estimates: list[float], lines: list[float]) -> 
 
 
 def judged(machines: list[MachineNumbers]) -> dict[str, ValidationRow]:
-    rows = model_estimate_cases._evaluate("model-estimates", "some", machines)
+    rows = model_estimate_cases._evaluate("some", machines)
     return {row.quantity.split(": ")[1]: row for row in rows}
 
 

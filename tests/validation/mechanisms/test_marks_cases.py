@@ -6,7 +6,7 @@ import numpy as np
 
 from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.solvers.milling.tool_path import plan_contour
-from headstock.validation.mechanisms.marks_cases import AT_CORNERS, vary_contour
+from headstock.validation.mechanisms.contouring_cases import AT_CORNERS, vary_contour
 
 
 def test_a_line_from_corners_mills_the_faces_of_the_block() -> None:

@@ -5,17 +5,15 @@ import pytest
 
 from common import approx
 from headstock.geometry.parts.components import Material
-from headstock.validation.references.bending import (
+from headstock.validation.references.beam_theory import (
+    EndConditions,
+    PrismaticBeam,
     cantilever_shear_deflection,
     cowper_coefficient,
     euler_bernoulli_frequencies,
     euler_bernoulli_roots,
     fixed_beam_shear_deflection,
     timoshenko_frequencies,
-)
-from headstock.validation.references.prismatic_beams import (
-    EndConditions,
-    PrismaticBeam,
 )
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from common import approx
-from headstock.validation.references.prismatic_beams import bracket_roots
+from headstock.validation.references.beam_theory import bracket_roots
 
 
 def test_roots_come_in_order_and_to_machine_precision() -> None:

@@ -4,8 +4,8 @@ import numpy as np
 
 from common import approx
 from headstock.geometry.parts.components import Material
-from headstock.validation.references.prismatic_beams import PrismaticBeam
-from headstock.validation.references.torsion import (
+from headstock.validation.references.beam_theory import (
+    PrismaticBeam,
     axial_frequencies,
     clamped_clamped_torsion,
     clamped_free_torsion,

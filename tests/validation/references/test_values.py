@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from headstock.validation.references.values import reference_case, reference_cases
+from headstock.validation.references.rows import reference_case, reference_cases
 
 
 def test_every_case_has_a_source_a_trap_a_tolerance_and_finite_values() -> None:

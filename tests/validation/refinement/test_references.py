@@ -1,7 +1,7 @@
 import pytest
 
 from common import approx
-from headstock.validation.references.values import reference_case
+from headstock.validation.references.rows import reference_case
 from headstock.validation.refinement.references import ReferenceBeam, reference_beam
 
 CANTILEVER, FIXED = reference_beam("kono-cantilever"), reference_beam("kono-fixed-beam")

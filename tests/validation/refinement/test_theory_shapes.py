@@ -2,9 +2,11 @@ import numpy as np
 import pytest
 
 from headstock.geometry.frames import FloatArray
-from headstock.validation.references.bending import euler_bernoulli_shape
-from headstock.validation.references.prismatic_beams import EndConditions
-from headstock.validation.references.torsion import wave_numbers
+from headstock.validation.references.beam_theory import (
+    EndConditions,
+    euler_bernoulli_shape,
+    wave_numbers,
+)
 from headstock.validation.refinement.theory_shapes import (
     PairedMode,
     find_theory_shapes,

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from headstock.app.actions.shell_completion import SCRIPTS
 from headstock.app.command_line import main
+from headstock.app.commands.shell_completion import SCRIPTS
 
 PROGRAM = f'#!/bin/sh\nexec "{sys.executable}" -P -m headstock.app.command_line "$@"\n'
 ASK = {

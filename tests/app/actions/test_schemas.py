@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from headstock.app.actions.editor_schema import scene_schema, targets_schema
+from headstock.app.actions.schemas import scene_schema, targets_schema
 from headstock.app.command_line import main
 from headstock.scene.building.joints import KINDS
 from headstock.scene.reading.units import (

@@ -15,7 +15,7 @@ from headstock.meshing.component_mesh import CellKind
 from headstock.pipeline.storage.superelements import read_superelement, write_superelement
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.coupling.coupling import couple
-from headstock.reduction.estimates.mesh_correction import correct_mesh
+from headstock.reduction.estimates.corrected_elements import correct_mesh
 from headstock.reduction.estimates.mesh_errors import (
     compliance_mesh_errors,
     frequency_mesh_errors,

@@ -22,17 +22,17 @@ from headstock.pipeline.numbers.estimates import (
     Estimate,
 )
 from headstock.pipeline.numbers.numbers import Key, Number
-from headstock.pipeline.planning.repeats import (
-    BOTH_AT_ONCE,
-    FINER_MESH,
-    MORE_MODES,
-    TRUE_FACES,
-    Improvement,
-    list_repeats,
-)
 from headstock.pipeline.stages.estimates import name_what_is_left_out
 from headstock.pipeline.stages.mechanism import LUMPED
 from headstock.pipeline.stages.run_state import RunState
+from headstock.reduction.estimates.corrected_elements import (
+    FINER_MESH,
+    FINER_WITH_MORE_MODES,
+    MORE_MODES,
+    TRUE_FACES,
+    Refinement,
+    list_refinements,
+)
 from headstock.solvers.errors import (
     AccuracyError,
     ConvergenceError,
@@ -45,7 +45,7 @@ SOURCES = {
     FINER_MESH: DISCRETISATION,
     TRUE_FACES: CURVED_FACES,
     MORE_MODES: REDUCTION,
-    BOTH_AT_ONCE: f"{DISCRETISATION} and {REDUCTION}",
+    FINER_WITH_MORE_MODES: f"{DISCRETISATION} and {REDUCTION}",
 }
 NOT_ASKED = "any error, as the scene says estimate = false"
 
@@ -83,9 +83,9 @@ class Repeated:
         return estimate_changes(base, self.tried, unknown=bool(self.unknown), left_out=self.untried)
 
 
-def repeat_without(
+def repeat_with_refined(
     state: RunState,
-    improvements: Sequence[Improvement],
+    refinements: Sequence[Refinement],
     solve: Callable[[RunState], Iterable[Number]],
     *,
     asked: bool,
@@ -99,7 +99,7 @@ def repeat_without(
         return Repeated(untried=LUMPED.left_out)
     if not asked:
         return Repeated(untried=(NOT_ASKED,))
-    tried = try_changes(state, list_improvements(state, improvements), solve, refused=REFUSED)
+    tried = try_changes(state, list_refined_models(state, refinements), solve, refused=REFUSED)
     left_out = name_what_is_left_out(state.parts).left_out
     return Repeated(tuple(tried), _find_silent_meshes(state), left_out)
 
@@ -123,22 +123,22 @@ def repeat_at_ends(
     return dataclasses.replace(repeated, tried=(*repeated.tried, *tried))
 
 
-def list_improvements(
-    state: RunState, improvements: Sequence[Improvement]
+def list_refined_models(
+    state: RunState, refinements: Sequence[Refinement]
 ) -> list[Change[RunState]]:
     """Return changes of a run to superelements without each source of error."""
     return [
         Change(
-            (names[0] if improvement.apart else "", SOURCES[improvement]),
-            functools.partial(_improve, improvement=improvement, names=names),
+            (names[0] if refinement.apart else "", SOURCES[refinement]),
+            functools.partial(_refine, refinement=refinement, names=names),
         )
-        for improvement, names in list_repeats(state.parts.plan.components, improvements)
+        for refinement, names in list_refinements(state.parts.plan.components, refinements)
     ]
 
 
-def _improve(state: RunState, *, improvement: Improvement, names: Iterable[str]) -> RunState | None:
+def _refine(state: RunState, *, refinement: Refinement, names: Iterable[str]) -> RunState | None:
     parts = {name: state.reduced[name] for name in names}
-    better = {name: improvement.improve(part.superelement) for name, part in parts.items()}
+    better = {name: refinement.refine(part.superelement) for name, part in parts.items()}
     changed = {
         name: dataclasses.replace(part, superelement=better[name])
         for name, part in parts.items()
