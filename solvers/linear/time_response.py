@@ -155,8 +155,8 @@ def make_propagator(space: StateSpace, step: float) -> Propagator:
     if not (np.isfinite(step) and step > 0.0):
         raise ModelError(f"the time step is {step:g} s; it must be above zero")
     if space.pairs is None:
-        transition, ramp = _integrals(space.a, step)
-        return Propagator(transition, (ramp[0] - ramp[1]) @ space.b, ramp[1] @ space.b, step)
+        transition, level, rise = exact_step(space.a, np.eye(len(space.a)), step)
+        return Propagator(transition, (level - rise) @ space.b, rise @ space.b, step)
     transition, total, rising = _pair_integrals(space.pairs, step)
     count = len(transition)
     force = space.b.reshape(count, 2, space.b.shape[1])
@@ -202,16 +202,26 @@ def _sine_integrals(a: FloatArray, step: float, omega: float) -> tuple[FloatArra
     return exponential[..., first, second], exponential[..., first, third]
 
 
-def _integrals(a: FloatArray, step: float) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
-    """Return ``exp(A h)``, ``int exp(A (h - s)) ds`` and ``int exp(A (h - s)) s / h ds``."""
-    size = len(a)
-    zero, unit = np.zeros((size, size)), np.eye(size)
-    big = np.block([[a * step, unit * step, zero], [zero, zero, unit], [zero, zero, zero]])
-    exponential = scipy.linalg.expm(big)
-    return exponential[:size, :size], (
-        exponential[:size, size : 2 * size],
-        exponential[:size, 2 * size :],
-    )
+def exact_step(a: FloatArray, b: FloatArray, step: float) -> tuple[FloatArray, ...]:
+    """Return ``exp(A h)``, ``int exp(A (h - s)) ds B`` and ``int exp(A (h - s)) s / h ds B``.
+
+    A linear load is an integral of two more states, the load at the start and its rise per step: one
+    exponential holds the step and both integrals, also where frequencies are zero and no closed form
+    would do.
+
+    Args:
+        a: ``(n, n)``.
+        b: ``(n, k)``.
+        step: [s].
+
+    Source: Van Loan (1978), Computing integrals involving the matrix exponential.
+    """
+    size, acting = b.shape
+    big = np.zeros((size + 2 * acting, size + 2 * acting))
+    big[:size, :size], big[:size, size : size + acting] = a * step, b * step
+    big[size : size + acting, size + acting :] = np.eye(acting)
+    exponential = scipy.linalg.expm(big)[:size]
+    return tuple(np.split(exponential, [size, size + acting], axis=1))
 
 
 def _pair_integrals(pairs: ModalPairs, step: float) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -222,7 +232,7 @@ def _pair_integrals(pairs: ModalPairs, step: float) -> tuple[FloatArray, FloatAr
     transition, total, rising = np.empty_like(a), np.empty_like(a), np.empty_like(a)
     low_frequency = np.maximum(np.sqrt(pairs.eigenvalues), pairs.viscous) * step < LOW_FREQUENCY
     for mode in np.flatnonzero(low_frequency):
-        transition[mode], (total[mode], rising[mode]) = _integrals(a[mode], step)
+        transition[mode], total[mode], rising[mode] = exact_step(a[mode], np.eye(2), step)
     fast = np.flatnonzero(~low_frequency)
     if len(fast):
         transition[fast] = _pair_exponentials(

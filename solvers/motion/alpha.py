@@ -376,7 +376,7 @@ class ServoMotion:
     beside: FloatArray
 
     def read(self, history: CompliantHistory) -> FloatArray:
-        """What the position controllers read beside their set points ``(n, d)`` [m]."""
+        """Return what the position controllers read beyond their set points ``(n, d)`` [m]."""
         states = history.compliant[:, : self.motors.stop]
         reads = self.motion.between(self.reads, slice(None))
         return np.asarray((reads @ states[..., None])[..., 0] + self.beside)

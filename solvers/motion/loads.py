@@ -5,9 +5,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.motion.set_points import SetPoint, sample_move
+from headstock.solvers.motion.set_points import (
+    SetPoint,
+    sample_move,
+    step_accelerations,
+    step_times,
+)
 from headstock.solvers.second_order import Channel
 
 
@@ -44,7 +50,7 @@ def refine_times(samples: FloatArray, longest: float) -> tuple[FloatArray, int]:
 
 
 def load_channels(loads: PathLoads | None) -> tuple[Channel, ...]:
-    """Where loads act."""
+    """Return the inputs on which loads act."""
     return () if loads is None else loads.channels
 
 
@@ -58,7 +64,39 @@ def loads_at(loads: PathLoads | None, times: FloatArray, speeds: FloatArray) -> 
     return np.zeros((len(times), 0)) if loads is None else loads.at(times, speeds)
 
 
-def step_loads(loads: PathLoads | None, move: SetPoint, times: FloatArray) -> FloatArray:
-    """Loads at the beginning and the end of each step ``(n - 1, 2, n_loads)``."""
-    at = loads_at(loads, times, sample_move(move, times).speeds)
-    return np.stack([at[:-1], at[1:]], axis=1)
+def path_inputs(loads: PathLoads | None, move: SetPoint, times: FloatArray) -> FloatArray:
+    """Return position, speed and acceleration along the path, then loads ``(n, 3 + k)``, at instants."""
+    now = sample_move(move, times)
+    motion = [now.positions, now.speeds, now.accelerations]
+    return np.column_stack([*motion, loads_at(loads, times, now.speeds)])
+
+
+@dataclass(frozen=True, eq=False)
+class SteppedInputs:
+    """Inputs on steps over which they are linear.
+
+    Attributes:
+        times: ``(n,)`` samples, and what is needed between them [s].
+        wanted: Which of these are samples.
+        ends: ``(n - 1, 2, k)`` at the begin and the end of each step.
+        now: ``(n_samples, k)`` at the samples.
+    """
+
+    times: FloatArray
+    wanted: NDArray[np.intp]
+    ends: FloatArray
+    now: FloatArray
+
+
+def step_move(loads: PathLoads | None, move: SetPoint, samples: FloatArray) -> SteppedInputs:
+    """Return acceleration along the path, then loads, with a step's end at every break of a move.
+
+    Args:
+        samples: ``(n,)`` evenly spaced, from zero [s].
+    """
+    fine, parts = cut_times(samples, loads)
+    times, places = step_times(move, fine)
+    acting = loads_at(loads, times, sample_move(move, times).speeds)
+    ends = np.stack([acting[:-1], acting[1:]], axis=1)
+    ends = np.concatenate([step_accelerations(move, times)[:, :, None], ends], axis=2)
+    return SteppedInputs(times, places[::parts], ends, path_inputs(loads, move, samples)[:, 2:])

@@ -198,12 +198,12 @@ class PlantChannels:
 
     @functools.cached_property
     def columns(self) -> Index:
-        """Where the inputs stand."""
+        """Return the positions of the inputs."""
         return Index(self.inputs)
 
     @functools.cached_property
     def rows(self) -> Index:
-        """Where the outputs stand."""
+        """Return the positions of the outputs."""
         return Index(self.outputs)
 
     def share_sizes(self, sizes: FloatArray) -> FloatArray:
@@ -338,7 +338,7 @@ def _middle_of(positions: Iterable[float]) -> float:
 
 
 def transport_modes(poses: Mapping[float, PoseModes], kept: int) -> dict[float, FloatArray]:
-    """How the modes of each pose are turned ``(m, m)`` so that they agree with their neighbours';
+    """Return the rotation ``(m, m)`` of the modes of each pose that makes them agree with their neighbours';
     those of the middle stay.
     """
     positions = list(poses)
@@ -351,7 +351,7 @@ def transport_modes(poses: Mapping[float, PoseModes], kept: int) -> dict[float, 
 
 
 def match_modes(before: PoseModes, after: PoseModes, kept: int) -> FloatArray:
-    """How the first modes of a pose are those of another one: orthogonal ``(m, m)``, a row for each
+    """Express the first modes of a pose by those of another one: orthogonal ``(m, m)``, a row for each
     of the former.
 
     Orthogonal Procrustes: of all turns of the new modes the one nearest to the old ones in mass.

@@ -42,7 +42,7 @@ class Ramp:
 
     @property
     def duration(self) -> float:
-        """How long a ramp lasts [s]."""
+        """Return the duration of a ramp [s]."""
         if self.kind == "exponential":
             return LAG_REACH * self.time_constant
         return self.time_constant + (self.jerk_time if self.kind == "s_curve" else 0.0)
@@ -70,12 +70,12 @@ class SetPoint:
 
     @property
     def braking(self) -> float:
-        """When the second ramp begins [s]."""
+        """Return the time at which the second ramp begins [s]."""
         return self.distance / self.feed
 
     @property
     def duration(self) -> float:
-        """When it is over [s]."""
+        """Return the time at which it is over [s]."""
         return self.braking + self.ramp.duration
 
     @property
@@ -125,7 +125,7 @@ def plan_move(distance: float, feed: float, ramp: Ramp) -> SetPoint:
 
 
 def find_move_fault(move: SetPoint) -> str:
-    """Why a move is too short for its feed; empty where it is not."""
+    """Explain why a move is too short for its feed; empty where it is not."""
     if move.braking >= move.ramp.duration * (1.0 - 1e-12):
         return ""
     least, fastest = move.feed * move.ramp.duration, move.distance / move.ramp.duration
