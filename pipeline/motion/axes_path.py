@@ -270,7 +270,6 @@ def close_along(
 
     return VaryingLoop(
         plant=sample_plant(place, request.path.length, channels),
-        channels=channels,
         path=PATH_INPUT,
         outputs=request.outputs,
         trains=trains,

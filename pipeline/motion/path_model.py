@@ -6,7 +6,6 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -219,7 +218,7 @@ def observe_path(state: RunState, model: PoseModel) -> PathObservers:
 
 def evaluate_poses(
     request: PathRequest,
-    system: VaryingSystem[Any],
+    system: VaryingSystem,
     table: StepTable,
     *,
     found: tuple[PathDeviation, ...],

@@ -283,8 +283,7 @@ class VaryingLoop:
     """A machine under control along a straight path.
 
     Attributes:
-        plant: With free motors, along the path.
-        channels: Its channels: those of :func:`loop_channels`.
+        plant: With free motors, along the path, between :func:`loop_channels`.
         path: The one of the acceleration along the path.
         outputs: Where the deviation is wanted.
         low_frequency_limit_hz: Poles below this frequency are rigid-body motion on the drives and
@@ -293,8 +292,7 @@ class VaryingLoop:
         watched: Other outputs of the closed loop that are wanted after these, as deviations.
     """
 
-    plant: VaryingSystem[SampledPlant]
-    channels: PlantChannels
+    plant: VaryingSystem
     path: Channel
     outputs: tuple[Channel, ...]
     trains: tuple[DriveTrain, ...]
@@ -374,7 +372,7 @@ def loop_channels(
 def close_along(loop: VaryingLoop, position: float) -> ClosedLoop:
     """The closed loop of deviations at a position [m]: its set points are those of each drive."""
     sample = loop.plant.at(position)
-    plant = _plant_at(sample, loop.plant.scales, loop.channels)
+    plant = _plant_at(sample, loop.plant.scales)
     inputs = (*load_channels(loop.loads), loop.path, *friction_channels(loop.trains))
     return close_plant(plant, _deviation_trains(loop.trains), inputs, loop.outputs)
 
@@ -499,7 +497,7 @@ def _friction_at(loop: VaryingLoop, position: float) -> FrictionLoop:
     return make_friction_loop(close_along(loop, position), given, guides)
 
 
-def _plant_at(sample: SampledPlant, scales: FloatArray, channels: PlantChannels) -> StateSpace:
+def _plant_at(sample: SampledPlant, scales: FloatArray) -> StateSpace:
     """State space of modes that stiffness couples, scaled as in the middle of the path."""
     space = modal_state_space(
         ModalCoordinates(
@@ -514,8 +512,8 @@ def _plant_at(sample: SampledPlant, scales: FloatArray, channels: PlantChannels)
             complete=False,
             shapes=np.zeros((0, len(scales))),
         ),
-        channels.inputs,
-        channels.outputs,
+        sample.channels.inputs,
+        sample.channels.outputs,
     )
     first, second = np.arange(0, len(space.a), 2), np.arange(1, len(space.a), 2)
     a = space.a.copy()

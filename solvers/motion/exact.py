@@ -34,7 +34,7 @@ from headstock.solvers.motion.loads import (
     refine_times,
     step_move,
 )
-from headstock.solvers.motion.plant import SampledPose, VaryingSystem
+from headstock.solvers.motion.plant import SampledPlant, VaryingSystem
 from headstock.solvers.motion.set_points import (
     SetPoint,
     sample_move,
@@ -296,7 +296,7 @@ class StepTable:
     spline: CubicSpline
 
 
-def make_step_table(system: VaryingSystem[SampledPose], size: float) -> StepTable:
+def make_step_table(system: VaryingSystem, size: float) -> StepTable:
     """Steps of one size at so many places that those between are known.
 
     Raises:
@@ -345,7 +345,7 @@ def tabulate_steps(step: Callable[[float], FloatArray], length: float, size: flo
     )
 
 
-def step_pose(pose: SampledPose, scales: FloatArray, size: float) -> FloatArray:
+def step_pose(pose: SampledPlant, scales: FloatArray, size: float) -> FloatArray:
     """Return the exact step of the system frozen at one position, as a matrix ``(2m, 2m + 2k)``.
 
     It gives the state ``(scale q, q')`` after the step from the state before it and what acts at its
@@ -367,7 +367,7 @@ def join_ends(transition: FloatArray, level: FloatArray, rise: FloatArray) -> Fl
 
 
 def solve_varying_path(
-    system: VaryingSystem[SampledPose],
+    system: VaryingSystem,
     model: PathModel,
     move: SetPoint,
     samples: FloatArray,
@@ -396,7 +396,7 @@ def solve_varying_path(
         observe_along(system.splines[name], positions, displacements)
         for name in ("rows", "low_frequency")
     )
-    total = moved + observe_along(system.splines["rest"], positions, now)
+    total = moved + observe_along(system.splines["direct"], positions, now)
     return PathDeviation(
         samples, total, quasi_static, low_frequency, total - quasi_static - low_frequency
     )

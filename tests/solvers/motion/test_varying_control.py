@@ -126,7 +126,6 @@ def make_loop(case: Case, order: int = 1) -> VaryingLoop:
     plant = sample_plant(functools.partial(place, case), LENGTH, channels)
     return VaryingLoop(
         plant,
-        channels,
         PATH,
         (TIP,),
         (train,),

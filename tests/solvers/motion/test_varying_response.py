@@ -21,7 +21,7 @@ from headstock.solvers.motion.exact import (
     step_pose,
 )
 from headstock.solvers.motion.loads import PathLoads
-from headstock.solvers.motion.plant import PosedModes, SampledPose, VaryingSystem
+from headstock.solvers.motion.plant import PosedModes, VaryingSystem
 from headstock.solvers.motion.sampling import sample_system
 from headstock.solvers.motion.set_points import Ramp, SetPoint, sample_move, sample_times
 from headstock.solvers.second_order import SecondOrderSystem
@@ -109,11 +109,11 @@ def integrate(samples: FloatArray, push: float = 0.0) -> FloatArray:
     return np.asarray(np.einsum("nm,nm->n", rows, found))
 
 
-def follow(strength: float = 1.0) -> VaryingSystem[SampledPose]:
+def follow(strength: float = 1.0) -> VaryingSystem:
     return sample_system(lambda position: place_chain(position, strength), LENGTH, MODEL)
 
 
-def solve(system: VaryingSystem[SampledPose], sampling_hz: float = 2500.0) -> PathDeviation:
+def solve(system: VaryingSystem, sampling_hz: float = 2500.0) -> PathDeviation:
     return solve_varying_path(system, MODEL, MOVE, sample_times(MOVE, sampling_hz, 0.05))
 
 
