@@ -43,7 +43,7 @@ from headstock.solvers.control.drive_loops import ClosedLoop, close_loops
 from headstock.solvers.control.drive_trains import DriveTrain
 from headstock.solvers.control.stability import require_stable
 from headstock.solvers.errors import ConvergenceError, ModelError, UnstableControlError
-from headstock.solvers.linear.load_history import LoadHistory, SteppedLoads, step_loads
+from headstock.solvers.linear.load_history import LoadHistory, SteppedLoads, no_load, step_loads
 from headstock.solvers.linear.modal_analysis import ModalResult, keep_lowest
 from headstock.solvers.linear.modal_coordinates import has_symmetric_terms
 from headstock.solvers.linear.state_space import StateSpace
@@ -347,9 +347,8 @@ def respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[Transi
     if request is None:
         raise ValueError("a transient analysis needs one in the scene")
     warnings: list[str] = []
-    loaded, none = _load_machine(machine, request, warnings.append), np.zeros(0)
-    at_rest = LoadHistory(none, none, none, none, none, none)
-    histories = (*(load.history for load in request.loads), at_rest)
+    loaded = _load_machine(machine, request, warnings.append)
+    histories = (*(load.history for load in request.loads), no_load())
     case = _LoadCase(
         request, histories, step_loads(histories, request.duration, request.sampling_hz)
     )

@@ -48,8 +48,12 @@ from headstock.reduction.motions.body_motions import (
 from headstock.reduction.superelement import Superelement
 from headstock.scene.analyses.modal import ModalRequest
 from headstock.scene.scene import Scene
-from headstock.solvers.linear.damped_modes import DampedModes, damping_of_undamped, solve_damped
-from headstock.solvers.linear.damping import equivalent_viscous
+from headstock.solvers.linear.damping import (
+    DampedModes,
+    damping_of_undamped,
+    equivalent_viscous,
+    solve_damped,
+)
 from headstock.solvers.linear.modal_analysis import ModalResult, keep_lowest, solve_modal
 from headstock.solvers.pairing.mode_pairing import ModeSet, pair_modes
 

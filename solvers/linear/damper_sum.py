@@ -9,8 +9,7 @@ from scipy.linalg.lapack import dpstrf, dsyevd
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.linear.modal_coordinates import ModalCoordinates, damps_rigid_motion
-from headstock.solvers.linear.quadratic_pencils import state_eigenpairs
-from headstock.solvers.linear.quadratic_poles import find_lowest_poles
+from headstock.solvers.linear.quadratic_poles import find_lowest_poles, state_eigenpairs
 from headstock.solvers.linear.response_forms import SINGULAR, UNSEEN, RestTerms, rest_terms
 from headstock.solvers.second_order import ComplexArray
 

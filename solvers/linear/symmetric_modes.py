@@ -3,6 +3,7 @@ stiff the stiffest part is.
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
@@ -26,6 +27,7 @@ CANCELLATION_LIMIT = (
 )
 BEYOND = 0.99  # a pair at the limit itself must not be lost to roundoff
 FEW = 0.1  # of all modes, up to which they are solved for alone
+WIDENING = 1.0 + 1e-12
 SPLIT_WINDOW = 30.0  # the two solves meet at the widest gap within this factor of the middle
 
 
@@ -217,28 +219,64 @@ def _mass_orthonormal(vectors: FloatArray, mass: FloatArray, *, times: int = 2) 
     return vectors
 
 
+@dataclass(frozen=True, eq=False)
+class ReducedFlexibility:
+    """``M x = mu K x`` as one symmetric matrix ``L^-1 M L^-T``, K = L L^T.
+
+    Attributes:
+        lower: L ``(n, n)``.
+        matrix: ``(n, n)``; only its lower half counts.
+    """
+
+    lower: FloatArray
+    matrix: FloatArray
+
+    def find_largest(self, count: int) -> tuple[FloatArray, FloatArray] | None:
+        """Return the largest flexibilities mu, falling, and shapes of unit stiffness; None where these lie
+        too far apart for one solve.
+        """
+        size = len(self.matrix)
+        solved = dsyevr(self.matrix, range="I", il=size - count + 1, iu=size, lower=1)
+        return self._expand(solved, count)
+
+    def find_above(self, least: float, most: int | None) -> tuple[FloatArray, FloatArray] | None:
+        """Return likewise those above a limit, the largest of them."""
+        # no eigenvalue is negative, so none is larger than their sum
+        largest = max(WIDENING * float(np.trace(self.matrix)), 2.0 * least)
+        solved = dsyevr(self.matrix, range="V", vl=least, vu=largest, lower=1)
+        return self._expand(solved, most)
+
+    def _expand(
+        self, solved: tuple[Any, ...], most: int | None
+    ) -> tuple[FloatArray, FloatArray] | None:
+        values, vectors, number, _, info = solved
+        if info != 0 or number == 0 or spreads_too_far(values[0], values[number - 1]):
+            return None
+        columns = np.arange(number)[::-1][:most]
+        shapes = solve_triangular(
+            self.lower, vectors[:, columns], lower=True, trans="T", check_finite=False
+        )
+        return values[columns], shapes
+
+
+def reduce_flexibility(stiffness: FloatArray, mass: FloatArray) -> ReducedFlexibility | None:
+    """Reduce a pencil to one symmetric matrix; None where the stiffness is not positive definite."""
+    lower, info = dpotrf(stiffness, lower=1)
+    reduced, failed = dsygst(mass, lower, itype=1, lower=1) if info == 0 else (mass, 1)
+    return None if failed != 0 else ReducedFlexibility(lower, reduced)
+
+
 def _few_modes(
     stiffness: FloatArray, mass: FloatArray, wanted: int
 ) -> tuple[FloatArray, FloatArray] | None:
     """Return the lowest modes alone, at a tenth of the cost of all; None where many are wanted or
     one solve does not resolve them.
     """
-    size = len(mass)
-    if not 0 < wanted <= FEW * size:
+    reduced = reduce_flexibility(stiffness, mass) if 0 < wanted <= FEW * len(mass) else None
+    solved = None if reduced is None else reduced.find_largest(wanted)
+    if solved is None or len(solved[0]) < wanted:
         return None
-    lower, info = dpotrf(stiffness, lower=1)
-    reduced, failed = dsygst(mass, lower, itype=1, lower=1) if info == 0 else (mass, 1)
-    if failed != 0:
-        return None
-    flexibilities, vectors, number, _, info = dsyevr(
-        reduced, range="I", il=size - wanted + 1, iu=size, lower=1
-    )
-    flexibilities = flexibilities[:number][::-1]
-    if info != 0 or number < wanted or spreads_too_far(flexibilities[-1], flexibilities[0]):
-        return None
-    shapes = solve_triangular(
-        lower, vectors[:, number - 1 :: -1][:, :number], lower=True, trans="T", check_finite=False
-    )
+    flexibilities, shapes = solved
     return 1.0 / flexibilities, shapes / np.sqrt(flexibilities)
 
 

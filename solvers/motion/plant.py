@@ -112,23 +112,25 @@ class SampledPlant:
         rows = self.direct[..., self.channels.rows.of(outputs), :]
         return rows[..., self.channels.columns.of(inputs)]
 
-    def part_slow(self, slow: int) -> "SampledPlant":
+    def part_slow(self, slow: int, left_out: FloatArray) -> "SampledPlant":
         """Return it with its first modes parted from the others.
 
         Args:
             slow: How many are low-frequency modes: the same along the path, so that a mode whose
                 frequency passes the limit is no step in what is interpolated.
+            left_out: ``(p, k)`` sum over the modes left out: the difference of ``direct`` loses digits.
         """
         held = np.linalg.solve(self.stiffness[slow:, slow:], self.loads[slow:])
         fast = self.rows[:, slow:]
-        reach = np.abs(self.direct) + np.abs(fast) @ np.abs(held)
+        reach = np.abs(left_out) + np.abs(fast) @ np.abs(held)
         return dataclasses.replace(
             self,
+            direct=left_out,
             # what the modes lack is small beside the whole, and often nothing but roundoff: so is
             # the whole across the plane of a symmetric machine
             reach=reach.max(axis=0, keepdims=True, initial=0.0),
             low_frequency=np.where(np.arange(len(self.stiffness)) < slow, self.rows, 0.0),
-            quasi_static=self.direct[:, 0] + fast @ held[:, 0],
+            quasi_static=left_out[:, 0] + fast @ held[:, 0],
         )
 
     def sizes(self) -> dict[str, FloatArray]:
@@ -225,6 +227,12 @@ class PoseModes:
     motions: FloatArray
     momenta: FloatArray
     feedthrough: FloatArray
+
+    def sum_left_out(self, kept: int) -> FloatArray:
+        """Return the static compliance ``(p, k)`` of all modes from a number on."""
+        found = self.coordinates
+        beyond = (found.outputs[:, kept:] / found.eigenvalues[kept:]) @ found.inputs[kept:]
+        return beyond if found.complete else beyond + found.residual
 
 
 def look_at_pose(

@@ -169,7 +169,10 @@ def _turn_poses(
         return plants
     omega = poses[_middle_of(poses)].coordinates.omega
     slow = int(np.count_nonzero(omega < 2.0 * np.pi * slow_below_hz))
-    return {position: plant.part_slow(slow) for position, plant in plants.items()}
+    return {
+        position: plant.part_slow(slow, poses[position].sum_left_out(len(plant.stiffness)))
+        for position, plant in plants.items()
+    }
 
 
 def _scales(sampled_poses: Mapping[float, SampledPlant]) -> FloatArray:

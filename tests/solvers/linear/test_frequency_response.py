@@ -11,8 +11,7 @@ from common import approx, present
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear import damper_sum, quadratic_pencils
-from headstock.solvers.linear.damped_modes import solve_damped
-from headstock.solvers.linear.damping import add_modal_damping, equivalent_viscous
+from headstock.solvers.linear.damping import add_modal_damping, equivalent_viscous, solve_damped
 from headstock.solvers.linear.frequency_response import (
     PEAK_MARGIN,
     convert_receptance,
@@ -23,7 +22,7 @@ from headstock.solvers.linear.frequency_response import (
     refine_grid,
     solve_frf,
 )
-from headstock.solvers.linear.quadratic_pencils import state_eigenpairs
+from headstock.solvers.linear.quadratic_poles import state_eigenpairs
 from headstock.solvers.linear.response_forms import narrow_band
 from headstock.solvers.second_order import ComplexArray, Motion, SecondOrderSystem
 
