@@ -36,9 +36,8 @@ from headstock.solvers.errors import ModelError
 from headstock.solvers.milling.forces import cutting_forces, part_sign
 from headstock.solvers.motion.deviation import PathDeviation, filter_deviation
 from headstock.solvers.motion.exact import PathModel, StepTable
-from headstock.solvers.motion.loads import PathLoads
 from headstock.solvers.motion.plant import VaryingSystem
-from headstock.solvers.motion.set_points import SetPoint, sample_times
+from headstock.solvers.motion.set_points import PathLoads, SetPoint, sample_times
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 from headstock.solvers.watched_outputs import Extreme, Watch
 

@@ -282,7 +282,7 @@ def prepare_response(machine: PoseModel) -> FrfModel:
 
 
 @dataclass(frozen=True, eq=False)
-class LoadedMachine:
+class _LoadedMachine:
     """A machine in a pose with its damping and the loads of a request.
 
     Attributes:
@@ -317,20 +317,20 @@ class LoadedMachine:
         )
 
 
-def _load_machine(machine: PoseModel) -> LoadedMachine:
+def _load_machine(machine: PoseModel) -> _LoadedMachine:
     request, modes = _frf_request(machine), machine.all_modes
     if request.motors == "controlled":
         driven = drive_machine(machine, lambda message: None)
         system = add_load_inputs(driven.system, driven.released.loads, request.inputs)
         coupled = driven.released.coupled
-        return LoadedMachine(system, coupled, driven.modes, request.inputs, system, driven.trains)
+        return _LoadedMachine(system, coupled, driven.modes, request.inputs, system, driven.trains)
     system = damp_system(machine.parts.scene, machine.system, modes)
     system = add_load_inputs(system, machine.loads, request.inputs)
-    return LoadedMachine(system, machine.coupled, modes, request.inputs, machine.system)
+    return _LoadedMachine(system, machine.coupled, modes, request.inputs, machine.system)
 
 
 def _place_probes(
-    parts: MachineParts, loaded: LoadedMachine, names: Sequence[str]
+    parts: MachineParts, loaded: _LoadedMachine, names: Sequence[str]
 ) -> dict[str, PlacedProbe]:
     """Probes of a machine in the coordinates of its response; none of a lumped mechanism."""
     coupled, own = loaded.coupled, parts.scene.machine
@@ -473,7 +473,7 @@ def _warn_of_response(
 
 def _estimate_lines(
     parts: MachineParts,
-    loaded: LoadedMachine,
+    loaded: _LoadedMachine,
     model: FrfModel,
     response: FrequencyResponse,
     probes: Mapping[str, PlacedProbe],
@@ -494,7 +494,7 @@ def _estimate_lines(
 
 def _trace_probes(
     parts: MachineParts,
-    loaded: LoadedMachine,
+    loaded: _LoadedMachine,
     response: FrequencyResponse,
     probes: Mapping[str, PlacedProbe],
     shares: Mapping[str, FloatArray],

@@ -12,8 +12,8 @@ import scipy.linalg
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl
-from headstock.solvers.control.dead_time import LARGEST_ANGLE
 from headstock.solvers.control.drive_loops import (
+    LARGEST_ANGLE,
     ClosedLoop,
     close_loops,
     close_plant,

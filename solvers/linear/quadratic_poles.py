@@ -35,7 +35,7 @@ MOST_POLISHED = 12  # poles beyond the circle; each takes some factorisations of
 
 
 @dataclass(frozen=True, eq=False)
-class Pencil:
+class _Pencil:
     """``Q(s) = s^2 + s C + Omega^2`` and the circle in which its poles are wanted.
 
     Attributes:
@@ -62,7 +62,7 @@ class Pencil:
 
 
 @dataclass(frozen=True, eq=False)
-class ProjectedPencil:
+class _ProjectedPencil:
     """All poles of the pencil on the lower modes and on columns of the outer ones.
 
     Attributes:
@@ -129,14 +129,14 @@ def state_eigenpairs(
     return np.asarray(poles, dtype=np.complex128), np.asarray(vectors[:count], dtype=np.complex128)
 
 
-def takes_energy(viscous: FloatArray) -> bool:
+def _takes_energy(viscous: FloatArray) -> bool:
     """Return whether damping is positive semidefinite, to within rounding."""
     shift = NEGATIVE * len(viscous) * float(np.abs(viscous).max(initial=0.0))
     _, info = dpotrf(viscous + shift * np.eye(len(viscous)), lower=1) if shift else (None, 0)
     return bool(info == 0)
 
 
-def project_pencil(pencil: Pencil, columns: FloatArray) -> ProjectedPencil:
+def _project_pencil(pencil: _Pencil, columns: FloatArray) -> _ProjectedPencil:
     """Return the pencil on the lower modes and on columns ``(k, w)`` of the outer ones."""
     lower = len(pencil.eigenvalues) - len(columns)
     viscous, eigenvalues = pencil.viscous, pencil.eigenvalues
@@ -158,7 +158,7 @@ def project_pencil(pencil: Pencil, columns: FloatArray) -> ProjectedPencil:
     resisted = 2.0 * poles * coordinates + real_product(damping, coordinates)
     slopes = np.einsum("np,np->p", coordinates, resisted)
     tiny = np.finfo(float).tiny
-    return ProjectedPencil(
+    return _ProjectedPencil(
         columns=columns,
         stiffness=stiffness,
         damping=damping,
@@ -178,7 +178,7 @@ def real_product(
 
 
 @dataclass(frozen=True, eq=False)
-class CirclePoles:
+class _CirclePoles:
     """Poles on and above the real axis.
 
     Attributes:
@@ -219,7 +219,7 @@ class _Outer:
 
 def find_poles_within(
     eigenvalues: FloatArray, viscous: FloatArray, radius: float, *, tolerance: float
-) -> CirclePoles | None:
+) -> _CirclePoles | None:
     """Find every pole of at most a size, none left out.
 
     The pencil ``Q(s) = s^2 + s C + Omega^2`` is projected on the lower undamped modes, on the outer
@@ -249,15 +249,15 @@ def find_poles_within(
     """
     size, inside = len(eigenvalues), int(np.count_nonzero(eigenvalues <= radius**2))
     lower = max(int(START_FACTOR * inside) + START_EXTRA, 0)
-    if size <= SMALL or lower > LARGEST_SHARE * size or not takes_energy(viscous):
+    if size <= SMALL or lower > LARGEST_SHARE * size or not _takes_energy(viscous):
         return None
-    pencil = Pencil(eigenvalues, viscous, radius, tolerance)
+    pencil = _Pencil(eigenvalues, viscous, radius, tolerance)
     outer = _find_outer(pencil, lower)
     if outer is None or lower + outer.heavy.shape[1] > LARGEST_SHARE * size:
         return None
     first = columns = np.linalg.qr(outer.scale[:, None] * outer.heavy)[0]
     for turn in range(ROUNDS):
-        small = project_pencil(pencil, columns)
+        small = _project_pencil(pencil, columns)
         near = small.upper[np.abs(small.poles[small.upper]) <= SEEN * radius]
         poles, shapes = small.poles[near], small.expand(small.coordinates[:, near])
         lacking, errors = _correct(pencil, outer, poles, shapes)
@@ -275,7 +275,7 @@ def find_poles_within(
                 far = np.setdiff1d(small.upper, near)
                 poles[rough], shapes[:, rough] = refined
                 within = np.abs(poles) <= radius
-                return CirclePoles(
+                return _CirclePoles(
                     poles[within],
                     shapes[:, within],
                     np.concatenate([poles[~within], small.poles[far]]),
@@ -365,7 +365,7 @@ def _polish_poles(
     return poles, shapes
 
 
-def _find_outer(pencil: Pencil, lower: int) -> _Outer | None:
+def _find_outer(pencil: _Pencil, lower: int) -> _Outer | None:
     """Find the modes from a number on; None where LAPACK does not converge."""
     scale = 1.0 / np.sqrt(pencil.eigenvalues[lower:] + pencil.radius**2)
     damping = pencil.radius * (scale[:, None] * pencil.viscous[lower:, lower:] * scale)
@@ -384,7 +384,7 @@ def _find_outer(pencil: Pencil, lower: int) -> _Outer | None:
 
 
 def _correct(
-    pencil: Pencil, outer: _Outer, poles: ComplexArray, shapes: ComplexArray
+    pencil: _Pencil, outer: _Outer, poles: ComplexArray, shapes: ComplexArray
 ) -> tuple[ComplexArray, FloatArray]:
     """Return what outer motions lack ``(k, p)``, and errors of poles ``(p,)`` [rad/s] by that."""
     residuals, slopes = pencil.apply(poles, shapes)
@@ -410,9 +410,9 @@ def _correct(
 
 
 def _refine(
-    pencil: Pencil,
+    pencil: _Pencil,
     outer: _Outer,
-    small: ProjectedPencil,
+    small: _ProjectedPencil,
     picked: NDArray[np.int64],
     shapes: ComplexArray,
     lacking: ComplexArray,
@@ -459,7 +459,7 @@ def _widen(first: FloatArray, shapes: ComplexArray, outer: _Outer, radius: float
     return np.hstack([first, added])
 
 
-def _agree(pencil: Pencil, small: ProjectedPencil) -> bool:
+def _agree(pencil: _Pencil, small: _ProjectedPencil) -> bool:
     """Return whether the whole ``Q(-r)`` has as many negative eigenvalues as its projection, by the
     inertia of its factors.
     """

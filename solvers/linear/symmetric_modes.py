@@ -111,11 +111,11 @@ def _flexibility_modes(
     if up_to is not None:
         count = min(count, max(1, int(np.count_nonzero(flexibilities * up_to >= BEYOND))))
     least = flexibilities[-count] * (resolved / RESOLVED)
-    if spreads_too_far(least, flexibilities[-1]) or loses_digits(stiffness, shapes[:, -1]):
+    if _spreads_too_far(least, flexibilities[-1]) or loses_digits(stiffness, shapes[:, -1]):
         return None
     eigenvalues = 1.0 / flexibilities[: -count - 1 : -1]
     lowest_first = shapes[:, : -count - 1 : -1] * np.sqrt(eigenvalues)
-    if spreads_too_far(flexibilities[-count], flexibilities[-1]):
+    if _spreads_too_far(flexibilities[-count], flexibilities[-1]):
         # where digits of high modes are lost, they are still orthogonal to lower ones
         lowest_first = _mass_orthonormal(lowest_first, mass, times=1)
     return ModalPairs(eigenvalues, lowest_first)
@@ -132,7 +132,7 @@ def _few_lose_digits(stiffness: FloatArray, mass: FloatArray, count: int) -> boo
     return loses_digits(stiffness, shapes[:, 0] / np.sqrt(eigenvalues[0]))
 
 
-def spreads_too_far(smallest: float, largest: float) -> bool:
+def _spreads_too_far(smallest: float, largest: float) -> bool:
     """Return whether flexibilities lie too far apart for one solve to resolve both."""
     return not smallest > SPREAD_LIMIT * largest
 
@@ -220,7 +220,7 @@ def _mass_orthonormal(vectors: FloatArray, mass: FloatArray, *, times: int = 2) 
 
 
 @dataclass(frozen=True, eq=False)
-class ReducedFlexibility:
+class _ReducedFlexibility:
     """``M x = mu K x`` as one symmetric matrix ``L^-1 M L^-T``, K = L L^T.
 
     Attributes:
@@ -250,7 +250,7 @@ class ReducedFlexibility:
         self, solved: tuple[Any, ...], most: int | None
     ) -> tuple[FloatArray, FloatArray] | None:
         values, vectors, number, _, info = solved
-        if info != 0 or number == 0 or spreads_too_far(values[0], values[number - 1]):
+        if info != 0 or number == 0 or _spreads_too_far(values[0], values[number - 1]):
             return None
         columns = np.arange(number)[::-1][:most]
         shapes = solve_triangular(
@@ -259,11 +259,11 @@ class ReducedFlexibility:
         return values[columns], shapes
 
 
-def reduce_flexibility(stiffness: FloatArray, mass: FloatArray) -> ReducedFlexibility | None:
+def reduce_flexibility(stiffness: FloatArray, mass: FloatArray) -> _ReducedFlexibility | None:
     """Reduce a pencil to one symmetric matrix; None where the stiffness is not positive definite."""
     lower, info = dpotrf(stiffness, lower=1)
     reduced, failed = dsygst(mass, lower, itype=1, lower=1) if info == 0 else (mass, 1)
-    return None if failed != 0 else ReducedFlexibility(lower, reduced)
+    return None if failed != 0 else _ReducedFlexibility(lower, reduced)
 
 
 def _few_modes(

@@ -43,19 +43,17 @@ from headstock.solvers.motion.friction_loop import (
     make_friction_loop,
     spread_inputs,
 )
-from headstock.solvers.motion.loads import (
+from headstock.solvers.motion.plant import PlantChannels, SampledPlant, VaryingSystem
+from headstock.solvers.motion.set_points import (
     PathLoads,
+    SetPoint,
     cut_times,
+    list_breaks,
     load_channels,
     longest_step,
     path_inputs,
-    step_move,
-)
-from headstock.solvers.motion.plant import PlantChannels, SampledPlant, VaryingSystem
-from headstock.solvers.motion.set_points import (
-    SetPoint,
-    list_breaks,
     sample_move,
+    step_move,
 )
 from headstock.solvers.second_order import Channel, Positions
 from headstock.solvers.watched_outputs import Watch, WatchedOutputs, WatchedValues
@@ -103,10 +101,10 @@ class ControlledPath:
             (axis, kind): self.shares.get(axis, 0.0) * units[kind]
             for axis, kind in set_channels(self.loop.trains)
         }
-        return add_loads(sets, load_channels(self.loads))
+        return _add_loads(sets, load_channels(self.loads))
 
 
-def add_loads(
+def _add_loads(
     sets: Mapping[Channel, FloatArray], loads: Sequence[Channel]
 ) -> dict[Channel, FloatArray]:
     """Rows ``(3 + k,)`` of inputs of position, speed and acceleration along a path, then of ``k`` loads.
@@ -239,13 +237,13 @@ def _split_poles(
     at_rest = scipy.linalg.lu_solve(factors, -b[:, 0])
     at_speed = scipy.linalg.lu_solve(factors, at_rest - b[:, 1])
     accelerated = scipy.linalg.lu_solve(factors, at_speed - b[:, 2])
-    low_frequency = rows @ project_slow(a, limit)
+    low_frequency = rows @ _project_slow(a, limit)
     held = rows @ np.column_stack([at_rest, at_speed, accelerated]) + direct[:, :3]
     held[:, 2] -= low_frequency @ accelerated
     return low_frequency, low_frequency @ np.column_stack([at_rest, at_speed]), held
 
 
-def project_slow(a: FloatArray, limit: float) -> FloatArray:
+def _project_slow(a: FloatArray, limit: float) -> FloatArray:
     """Projector ``(n, n)`` on the invariant subspace of the poles below a size.
 
     Source: Golub and Van Loan (2013), section 7.6.3: ordered Schur form, its blocks parted by a
@@ -320,7 +318,7 @@ class VaryingLoop:
             )
             kinds = ((train.name, kind) for kind in SET_POINTS)
             found |= dict(zip(kinds, np.diag(deviating), strict=True))
-        return add_loads(found, load_channels(self.loads))
+        return _add_loads(found, load_channels(self.loads))
 
 
 @dataclass(frozen=True, eq=False)
@@ -369,7 +367,7 @@ def loop_channels(
     )
 
 
-def close_along(loop: VaryingLoop, position: float) -> ClosedLoop:
+def close_loops_along(loop: VaryingLoop, position: float) -> ClosedLoop:
     """The closed loop of deviations at a position [m]: its set points are those of each drive."""
     sample = loop.plant.at(position)
     plant = _plant_at(sample, loop.plant.scales)
@@ -400,7 +398,7 @@ def make_loop_table(loop: VaryingLoop, size: float) -> LoopTable:
         AccuracyError: The greatest number of places does not suffice.
         ModelError: The machine floats, so that no acceleration can last.
     """
-    _require_mounted(close_along(loop, 0.5 * float(loop.plant.positions[-1])))
+    _require_mounted(close_loops_along(loop, 0.5 * float(loop.plant.positions[-1])))
     steps = tabulate_steps(
         lambda place: _exact_step(loop, place, size), float(loop.plant.positions[-1]), size
     )
@@ -468,7 +466,7 @@ def solve_varying_friction(
         table.steps.spline.x,
         functools.partial(_friction_at, loop),
         lambda times: sample_move(move, times).positions,
-        loop.rows(close_along(loop, 0.0).space),
+        loop.rows(close_loops_along(loop, 0.0).space),
     )
     found = integrate_track(
         track,
@@ -494,7 +492,7 @@ def _friction_at(loop: VaryingLoop, position: float) -> FrictionLoop:
     given = loop.given
     guides = np.zeros((len(slides), len(given[loop.path])))
     guides[:, SET_POINTS.index("velocity")] = slides
-    return make_friction_loop(close_along(loop, position), given, guides)
+    return make_friction_loop(close_loops_along(loop, position), given, guides)
 
 
 def _plant_at(sample: SampledPlant, scales: FloatArray) -> StateSpace:
@@ -525,7 +523,7 @@ def _drive_inputs(loop: VaryingLoop, position: float) -> tuple[StateSpace, Float
     """Return the closed loop at a position, and its columns ``(n, 3 + k)`` and direct feedthrough
     ``(p, 3 + k)`` of position, speed, acceleration along the path, and loads.
     """
-    space = close_along(loop, position).space
+    space = close_loops_along(loop, position).space
     spread = spread_inputs(space.inputs, loop.given)
     return space, space.b @ spread, space.d[loop.rows(space)] @ spread
 

@@ -100,7 +100,7 @@ class DrivenMotion:
 
 
 @dataclass(frozen=True, eq=False)
-class Outset:
+class _Outset:
     """How a motion begins that does not begin from rest, and what strikes it on its way.
 
     Attributes:
@@ -148,7 +148,7 @@ def integrate_track(
     times: FloatArray,
     *,
     breaks: FloatArray | None = None,
-    outset: Outset | None = None,
+    outset: _Outset | None = None,
     longest: float = np.inf,
     tolerance: float = TOLERANCE,
 ) -> DrivenMotion:
@@ -169,7 +169,7 @@ def integrate_track(
     """
     times = np.asarray(times, dtype=float)
     typical = track.loop(len(track.places) // 2)
-    outset = outset or Outset(
+    outset = outset or _Outset(
         np.zeros(typical.size),
         np.zeros((len(times), typical.size)),
         _coarse_states(typical, given, times),
@@ -377,7 +377,7 @@ def solve_friction_transient(
         still_track(model),
         _follow_loads(loads),
         loads.times,
-        outset=Outset(free.left[0], loads.impulses @ model.b.T, free.right),
+        outset=_Outset(free.left[0], loads.impulses @ model.b.T, free.right),
     )
     friction_forces = (
         friction_force(model.law, found.right[:-1] @ model.slides.T),

@@ -26,18 +26,16 @@ from headstock.solvers.linear.modal_coordinates import (
 from headstock.solvers.linear.state_space import Feedthrough, StateSpace, modal_state_space
 from headstock.solvers.linear.time_response import add_direct, exact_step, solve_stepped_response
 from headstock.solvers.motion.deviation import PathDeviation
-from headstock.solvers.motion.loads import (
+from headstock.solvers.motion.plant import SampledPlant, VaryingSystem
+from headstock.solvers.motion.set_points import (
     PathLoads,
+    SetPoint,
     SteppedInputs,
     cut_times,
     load_channels,
     refine_times,
-    step_move,
-)
-from headstock.solvers.motion.plant import SampledPlant, VaryingSystem
-from headstock.solvers.motion.set_points import (
-    SetPoint,
     sample_move,
+    step_move,
 )
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 from headstock.solvers.watched_outputs import Watch, WatchedOutputs, WatchedValues

@@ -170,7 +170,7 @@ def make_friction_loop(
 
 
 @dataclass(frozen=True, eq=False)
-class StepViews:
+class _StepViews:
     """What works of a step are made of, ``(13, r, p)`` at its twelfths, and its damping.
 
     Columns are the state before the step, what is given and the friction at the nodes, as in
@@ -209,7 +209,7 @@ class FrictionStep:
     pushed: FloatArray
     missed: FloatArray
     softness: FloatArray
-    views: StepViews
+    views: _StepViews
 
 
 def make_friction_step(model: FrictionLoop, size: float) -> FrictionStep:
@@ -246,7 +246,7 @@ def make_friction_step(model: FrictionLoop, size: float) -> FrictionStep:
         pushed=np.ascontiguousarray(looked[:, friction:]),
         missed=missed,
         softness=-over.reshape(k, len(FORCED), k).sum(axis=1),
-        views=StepViews(**views, dampers=speeds.reshape(-1, *flat).T @ weighed.reshape(-1, *flat)),
+        views=_StepViews(**views, dampers=speeds.reshape(-1, *flat).T @ weighed.reshape(-1, *flat)),
     )
 
 
@@ -271,7 +271,7 @@ def _grow(model: FrictionLoop, size: float) -> tuple[FloatArray, FloatArray, int
 
 
 def _view_rows(model: FrictionLoop, friction: int, whole: int) -> dict[str, FloatArray]:
-    """Return the rows ``(r, whole)`` of what works are made of, by the fields of :class:`StepViews`, and
+    """Return the rows ``(r, whole)`` of what works are made of, by the fields of :class:`_StepViews`, and
     of the machine's states.
     """
     space, machine = model.loop.space, slice(0, model.loop.plant_size)

@@ -322,11 +322,11 @@ def transport_modes(poses: Mapping[float, PoseModes], kept: int) -> dict[float, 
     turns = {positions[middle]: np.eye(kept)}
     for path in (positions[middle:], positions[middle::-1]):
         for before, after in itertools.pairwise(path):
-            turns[after] = match_modes(poses[before], poses[after], kept).T @ turns[before]
+            turns[after] = align_modes(poses[before], poses[after], kept).T @ turns[before]
     return turns
 
 
-def match_modes(before: PoseModes, after: PoseModes, kept: int) -> FloatArray:
+def align_modes(before: PoseModes, after: PoseModes, kept: int) -> FloatArray:
     """Express the first modes of a pose by those of another one: orthogonal ``(m, m)``, a row for each
     of the former.
 

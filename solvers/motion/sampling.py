@@ -32,10 +32,10 @@ from headstock.solvers.motion.plant import (
     SampledPlant,
     VaryingSystem,
     _middle_of,
+    align_modes,
     invert_sizes,
     largest_entries,
     look_at_pose,
-    match_modes,
     transport_modes,
     turn_plant,
 )
@@ -238,7 +238,7 @@ def _compare_transports(
 
 
 @dataclass(frozen=True, eq=False)
-class TransportedPose:
+class _TransportedPose:
     """A pose in modes that were transported along the trajectory.
 
     Attributes:
@@ -432,13 +432,13 @@ def _cut_evenly(low: float, high: float, count: int) -> list[float]:
     return [float(time) for time in np.linspace(low, high, count + 1)]
 
 
-def _transport(pose: PoseModes, turn: FloatArray, channels: PlantChannels) -> TransportedPose:
+def _transport(pose: PoseModes, turn: FloatArray, channels: PlantChannels) -> _TransportedPose:
     shares = _shares(pose.coordinates.omega[: len(turn)], channels.up_to_hz)
-    return TransportedPose(pose, turn, turn_plant(pose, turn), shares)
+    return _TransportedPose(pose, turn, turn_plant(pose, turn), shares)
 
 
 def _join(
-    grid: Sequence[float], transported: Mapping[float, TransportedPose]
+    grid: Sequence[float], transported: Mapping[float, _TransportedPose]
 ) -> dict[str, CubicSpline]:
     return {
         name: CubicSpline(grid, np.array([getattr(transported[time].plant, name) for time in grid]))
@@ -449,7 +449,7 @@ def _join(
 def _miss(
     grid: Sequence[float],
     finer: Sequence[float],
-    transported: Mapping[float, TransportedPose],
+    transported: Mapping[float, _TransportedPose],
     channels: PlantChannels,
 ) -> float:
     """How far splines through poses of a grid miss those half-way, each field by its own size, and
@@ -490,7 +490,7 @@ def _miss(
 
 
 def _find_rotation_error(
-    finer: Sequence[float], transported: Mapping[float, TransportedPose]
+    finer: Sequence[float], transported: Mapping[float, _TransportedPose]
 ) -> float:
     """By how much modes that are transported over two steps differ from those transported over one step of
     twice the length, along a piece and no more than they are kept [rad].
@@ -499,7 +499,7 @@ def _find_rotation_error(
     for first, middle, last in zip(finer[:-2:2], finer[1:-1:2], finer[2::2], strict=True):
         before, half, after = transported[first], transported[middle], transported[last]
         kept = len(before.turn)
-        twice = match_modes(before.pose, half.pose, kept) @ match_modes(half.pose, after.pose, kept)
-        off = twice - match_modes(before.pose, after.pose, kept)
+        twice = align_modes(before.pose, half.pose, kept) @ align_modes(half.pose, after.pose, kept)
+        off = twice - align_modes(before.pose, after.pose, kept)
         total += float(np.abs(before.shares[:, None] * off * after.shares).max())
     return total

@@ -20,10 +20,9 @@ from headstock.solvers.motion.exact import (
     solve_varying_path,
     step_pose,
 )
-from headstock.solvers.motion.loads import PathLoads
 from headstock.solvers.motion.plant import PosedModes, VaryingSystem
 from headstock.solvers.motion.sampling import sample_system
-from headstock.solvers.motion.set_points import Ramp, SetPoint, sample_move, sample_times
+from headstock.solvers.motion.set_points import PathLoads, Ramp, SetPoint, sample_move, sample_times
 from headstock.solvers.second_order import SecondOrderSystem
 
 pytestmark = pytest.mark.slow
