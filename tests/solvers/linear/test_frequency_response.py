@@ -10,7 +10,7 @@ import pytest
 from common import approx, present
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
-from headstock.solvers.linear import damper_sum, quadratic_pencils
+from headstock.solvers.linear import damper_sum, quadratic_poles
 from headstock.solvers.linear.damping import add_modal_damping, equivalent_viscous, solve_damped
 from headstock.solvers.linear.frequency_response import (
     PEAK_MARGIN,
@@ -423,7 +423,7 @@ def test_peaks_of_few_dampers_are_the_poles_of_the_whole_state_matrix_from_small
         return whole(eigenvalues, viscous)
 
     expected, _ = whole(stiffness, damping)
-    monkeypatch.setattr(quadratic_pencils, "state_eigenpairs", counted)
+    monkeypatch.setattr(quadratic_poles, "state_eigenpairs", counted)
     monkeypatch.setattr(damper_sum, "state_eigenpairs", counted)
     omega = np.sqrt(np.linalg.eigvalsh(stiffness))
     found = find_peaks(model, float(omega[kept - 1]) / (2.0 * np.pi) / PEAK_MARGIN * (1.0 + 1e-9))

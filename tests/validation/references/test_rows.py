@@ -57,7 +57,9 @@ def test_a_bound_is_compared_with_zero_on_both_sides() -> None:
 
 
 def test_an_order_passes_within_a_fifth_of_one() -> None:
-    assert [compare_order("q", [1.0, 2.0**-value], 3.0).passed for value in (2.79, 2.81, 3.19, 3.21)] == [
+    assert [
+        compare_order("q", [1.0, 2.0**-value], 3.0).passed for value in (2.79, 2.81, 3.19, 3.21)
+    ] == [
         False,
         True,
         True,
