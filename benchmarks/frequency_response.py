@@ -13,8 +13,7 @@ import numpy as np
 import scipy.linalg
 from mpi4py import MPI
 
-from headstock.solvers.linear.damped_modes import solve_damped
-from headstock.solvers.linear.damping import equivalent_viscous
+from headstock.solvers.linear.damping import equivalent_viscous, solve_damped
 from headstock.solvers.linear.frequency_response import evaluate_frf, find_peaks, prepare_frf
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.second_order import SecondOrderSystem

@@ -119,13 +119,13 @@ class DrivePointFigures:
 
     channel: Channel
     static: float | None
-    most_negative_real: float | None
-    most_negative_real_hz: float | None
-    chatter_limit: float | None
-    minimum_dynamic_stiffness: float | None
-    minimum_dynamic_stiffness_hz: float | None
-    minimum_dynamic_stiffness_mode: str
-    truncation_share: float | None
+    most_negative_real: float | None = None
+    most_negative_real_hz: float | None = None
+    chatter_limit: float | None = None
+    minimum_dynamic_stiffness: float | None = None
+    minimum_dynamic_stiffness_hz: float | None = None
+    minimum_dynamic_stiffness_mode: str = ""
+    truncation_share: float | None = None
     lines_hz: tuple[float, ...] = ()
     lines: tuple[float | None, ...] = ()
 

@@ -80,10 +80,9 @@ from headstock.solvers.motion.exact import (
     solve_varying_path,
 )
 from headstock.solvers.motion.friction_loop import friction_channels
-from headstock.solvers.motion.loads import cut_times, load_channels
 from headstock.solvers.motion.plant import PosedModes
 from headstock.solvers.motion.sampling import sample_plant, sample_system
-from headstock.solvers.motion.set_points import SetPoint, sample_move
+from headstock.solvers.motion.set_points import SetPoint, cut_times, load_channels, sample_move
 from headstock.solvers.second_order import Channel
 from headstock.solvers.watched_outputs import Extreme
 
@@ -270,7 +269,6 @@ def close_along(
 
     return VaryingLoop(
         plant=sample_plant(place, request.path.length, channels),
-        channels=channels,
         path=PATH_INPUT,
         outputs=request.outputs,
         trains=trains,

@@ -6,7 +6,6 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -37,9 +36,8 @@ from headstock.solvers.errors import ModelError
 from headstock.solvers.milling.forces import cutting_forces, part_sign
 from headstock.solvers.motion.deviation import PathDeviation, filter_deviation
 from headstock.solvers.motion.exact import PathModel, StepTable
-from headstock.solvers.motion.loads import PathLoads
 from headstock.solvers.motion.plant import VaryingSystem
-from headstock.solvers.motion.set_points import SetPoint, sample_times
+from headstock.solvers.motion.set_points import PathLoads, SetPoint, sample_times
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 from headstock.solvers.watched_outputs import Extreme, Watch
 
@@ -219,7 +217,7 @@ def observe_path(state: RunState, model: PoseModel) -> PathObservers:
 
 def evaluate_poses(
     request: PathRequest,
-    system: VaryingSystem[Any],
+    system: VaryingSystem,
     table: StepTable,
     *,
     found: tuple[PathDeviation, ...],

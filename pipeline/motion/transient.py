@@ -3,6 +3,7 @@ worth. Only rank 0 has anything to do.
 """
 
 import dataclasses
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -42,7 +43,7 @@ from headstock.solvers.control.drive_loops import ClosedLoop, close_loops
 from headstock.solvers.control.drive_trains import DriveTrain
 from headstock.solvers.control.stability import require_stable
 from headstock.solvers.errors import ConvergenceError, ModelError, UnstableControlError
-from headstock.solvers.linear.load_history import LoadHistory, SteppedLoads, step_loads
+from headstock.solvers.linear.load_history import LoadHistory, SteppedLoads, no_load, step_loads
 from headstock.solvers.linear.modal_analysis import ModalResult, keep_lowest
 from headstock.solvers.linear.modal_coordinates import has_symmetric_terms
 from headstock.solvers.linear.state_space import StateSpace
@@ -100,8 +101,8 @@ class _Ready:
 
 
 @dataclass(frozen=True, eq=False)
-class _Others:
-    """Models without a source of error, by source.
+class _Others[M]:
+    """Models without a source of error, or their motions, by source.
 
     Attributes:
         known: As far as estimates say.
@@ -109,9 +110,17 @@ class _Others:
         left_out: What is not looked at.
     """
 
-    known: dict[str, _Ready] = field(default_factory=dict)
-    doubtful: dict[str, _Ready] = field(default_factory=dict)
+    known: dict[str, M] = field(default_factory=dict)
+    doubtful: dict[str, M] = field(default_factory=dict)
     left_out: tuple[str, ...] = ()
+
+    def convert[N](self, make: Callable[[M], N]) -> "_Others[N]":
+        """Return what is made of each."""
+        known, doubtful = (
+            {source: make(model) for source, model in models.items()}
+            for models in (self.known, self.doubtful)
+        )
+        return _Others(known, doubtful, self.left_out)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,11 +133,73 @@ class _Solution:
         displacements: ``(n, n_outputs)`` then [m, rad].
     """
 
+    model: _Ready
     motion: Motion
     with_friction: FrictionTransient | None
     figures: tuple[TransientFigures, ...]
     times: FloatArray
     displacements: FloatArray
+
+    @property
+    def moving(self) -> MovingModel:
+        """The model with its states and what acts on them: loads, then friction against the motion."""
+        loads, motion = self.motion.loads, self.motion
+        values, _ = loads.evaluate()
+        begins, ends = values[:, 0], values[:, 1]
+        if self.with_friction is not None:
+            motion, (first, last) = self.with_friction.motion, self.with_friction.friction
+            begins, ends = np.hstack([begins, -first]), np.hstack([ends, -last])
+        states = (motion.right[:-1], motion.left[1:])
+        return MovingModel(self.model.watched, SteppedStates(loads.times, states, (begins, ends)))
+
+    @functools.cached_property
+    def energy(self) -> EnergyBalance | None:
+        """Its balance; None under control without friction."""
+        if self.with_friction is not None:
+            return self.with_friction.energy
+        return find_energy(self.model.linear, self.motion)
+
+
+@dataclass(frozen=True, eq=False)
+class _LoadCase:
+    """Loads of a request over time.
+
+    Attributes:
+        histories: Of its loads, then of the momentum before the time zero.
+        stepped: The same on the steps of the samples.
+    """
+
+    request: TransientRequest
+    histories: tuple[LoadHistory, ...]
+    stepped: SteppedLoads
+
+    @property
+    def values(self) -> FloatArray:
+        """Loads ``(n, k)`` at the samples."""
+        values, _ = self.stepped.evaluate()
+        at_times = np.concatenate([values[:, 0], values[-1:, 1]])
+        return at_times[self.stepped.sampled][:, : len(self.request.loads)]
+
+    def solve(self, model: _Ready) -> _Solution:
+        """Solve for the motion of a model."""
+        space, request = model.linear.space, self.request
+        start, final, state = rest_positions(space, self.histories, request.duration)
+        moving = np.zeros(len(self.histories))
+        moving[-1] = 1.0
+        motion = solve_transient(space, self.stepped, state + space.b @ moving)
+        with_friction, response = None, read_response(space, motion)
+        if model.friction_loop is not None:
+            with_friction = solve_friction_transient(
+                model.friction_loop,
+                self.stepped,
+                motion,
+                inputs=space.inputs,
+                outputs=request.outputs,
+            )
+            response = with_friction.response
+        figures = find_figures(response, start=start, final=final, near=request.settled)
+        figures = _leave_out_roundoff(figures, request.outputs)
+        return _Solution(model, motion, with_friction, figures, *response.sample())
 
 
 def run_transient_stage(state: RunState, stage: Stage) -> Outcome:
@@ -234,28 +305,28 @@ class _LoadedMachine:
             viscous, structural, given[np.minimum(np.arange(count), len(given) - 1)]
         )
 
-    def soften(self) -> _Others:
+    def soften(self) -> _Others[_Ready]:
         """With natural frequencies as low as each source of error leaves possible: meshes and
         reductions make frequencies too high.
         """
-        near = self.near
+        near, loss = self.near, self._find_loss()
         estimates = self.machine.estimate_mode_errors(near)[near.rigid_count :]
         frequencies = near.frequencies_hz[near.rigid_count :]
-        loss = self._find_loss()
+
+        def lower(factors: FloatArray) -> _Ready:
+            softer = soften_system(self.system, near, factors, loss)
+            return self.prepare(self.request.up_to_hz, softer)
+
         known: dict[str, _Ready] = {}
         doubtful: dict[str, _Ready] = {}
         for source in dict.fromkeys(source for error in estimates for source in error.shares):
             sizes = [error.shares.get(source, 0.0) for error in estimates]
             unknown = np.array([size is None for size in sizes])
-            factors = 1.0 - np.minimum(
-                np.array([size or 0.0 for size in sizes]) / frequencies, MOST_SOFTENED
-            )
-            softer = soften_system(self.system, near, factors, loss)
-            known[source] = self.prepare(self.request.up_to_hz, softer)
+            moved = np.array([size or 0.0 for size in sizes]) / frequencies
+            factors = 1.0 - np.minimum(moved, MOST_SOFTENED)
+            known[source] = lower(factors)
             if unknown.any():
-                lowest = np.where(unknown, 1.0 - MOST_SOFTENED, factors)
-                softer = soften_system(self.system, near, lowest, loss)
-                doubtful[source] = self.prepare(self.request.up_to_hz, softer)
+                doubtful[source] = lower(np.where(unknown, 1.0 - MOST_SOFTENED, factors))
         left_out = dict.fromkeys(words for error in estimates for words in error.left_out)
         return _Others(known, doubtful, tuple(left_out))
 
@@ -277,49 +348,42 @@ def respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[Transi
         raise ValueError("a transient analysis needs one in the scene")
     warnings: list[str] = []
     loaded = _load_machine(machine, request, warnings.append)
-    histories = [load.history for load in request.loads]
-    none = np.zeros(0)
-    histories.append(LoadHistory(none, none, none, none, none, none))
-    stepped = step_loads(histories, request.duration, request.sampling_hz)
-    model = loaded.prepare(request.up_to_hz)
-    solution = _solve(model, request, histories, stepped)
-    energy = _balance_energy(model, solution)
-    errors: tuple[Estimate, ...] = (Estimate(),) * len(request.outputs)
-    others, solved, doubtful = _Others(), dict[str, _Solution](), dict[str, _Solution]()
+    histories = (*(load.history for load in request.loads), no_load())
+    case = _LoadCase(
+        request, histories, step_loads(histories, request.duration, request.sampling_hz)
+    )
+    solution = case.solve(loaded.prepare(request.up_to_hz))
+    others = _Others[_Solution]()
     if judged and has_symmetric_terms(loaded.system):
-        others = _list_others(loaded, model)
-        solved, doubtful = (
-            {source: _solve(each, request, histories, stepped) for source, each in models.items()}
-            for models in (others.known, others.doubtful)
-        )
-        errors = _compare_peaks(solution, solved, doubtful, others.left_out)
-    values, _ = stepped.evaluate()
-    sampled = stepped.sampled
-    loads = np.concatenate([values[:, 0], values[-1:, 1]])[sampled][:, : len(request.loads)]
+        others = _list_others(loaded, solution.model).convert(case.solve)
     warnings += [warn_of_singular(name, probe.singular) for name, probe in loaded.probes.items()]
-    unbalanced = _explain_imbalance(solution.with_friction, energy, request.sampling_hz)
+    unbalanced = _explain_imbalance(solution, request.sampling_hz)
     if unbalanced is not None:
         warnings.append(f"transient analysis in pose {machine.pose.name}: {unbalanced}")
-    controlled = loaded.trains is not None
-    moved = _step_states(solution)
+    return Solved(_make_answer(loaded, case, solution, others), tuple(warnings))
+
+
+def _make_answer(
+    loaded: _LoadedMachine, case: _LoadCase, solution: _Solution, others: _Others[_Solution]
+) -> TransientAnswer:
+    """Read what is asked for from motions of a model and of those without a source of error."""
+    request, machine, sampled = case.request, loaded.machine, case.stepped.sampled
+    controlled, values, moved = loaded.trains is not None, case.values, solution.moving
+    changed = others.convert(lambda other: other.moving)
     probes = trace_motion(
         loaded.probes,
-        MovingModel(model.watched, moved),
-        {
-            source: MovingModel(others.known[source].watched, _step_states(other))
-            for source, other in solved.items()
-        },
-        doubtful={
-            source: MovingModel(others.doubtful[source].watched, _step_states(other))
-            for source, other in doubtful.items()
-        },
+        moved,
+        changed.known,
+        doubtful=changed.doubtful,
         loads=[load.target if isinstance(load.target, str) else "" for load in request.loads],
         sampled=sampled,
         up_to_hz=request.up_to_hz,
         left_out=others.left_out,
     )
-    drives = follow_drives(tuple(scene.drives.values()) if controlled else (), model.watched, moved)
-    answer = TransientAnswer(
+    closed = tuple(machine.parts.scene.drives.values()) if controlled else ()
+    drives = follow_drives(closed, moved.space, moved.motion)
+    errors = _compare_peaks(solution, others)
+    return TransientAnswer(
         curves=TransientCurves(
             pose=machine.pose.name,
             outputs=request.outputs,
@@ -327,7 +391,7 @@ def respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[Transi
             displacements=solution.displacements,
             loads=tuple(load.name for load in request.loads),
             units=tuple(_unit_of(load) for load in request.loads),
-            load_values=loads,
+            load_values=values,
             drives=tuple(drives.extremes),
             torques=drives.torques[sampled],
             position_errors=drives.position_errors[sampled],
@@ -340,25 +404,26 @@ def respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[Transi
         },
         acts_on=tuple(_target_of(load) for load in request.loads),
         shapes=tuple(load.shape for load in request.loads),
-        sizes=tuple(_largest(load, loads[:, number]) for number, load in enumerate(request.loads)),
+        sizes=tuple(_largest(load, values[:, number]) for number, load in enumerate(request.loads)),
         duration=request.duration,
         sampling_hz=request.sampling_hz,
         up_to_hz=request.up_to_hz,
-        modes=len(loaded.near.frequencies_hz) if controlled else len(model.linear.space.a) // 2,
+        modes=len(loaded.near.frequencies_hz)
+        if controlled
+        else len(solution.model.linear.space.a) // 2,
         settled=request.settled,
         damped=controlled
         or loaded.system.damping is not None
         or loaded.system.hysteretic is not None,
-        energy=energy,
+        energy=solution.energy,
         motors=request.motors,
         drives=drives.extremes,
-        joints=find_largest_forces(loaded.machine.joints, model.watched, moved),
+        joints=find_largest_forces(machine.joints, moved.space, moved.motion),
         probes=probes,
     )
-    return Solved(answer, tuple(warnings))
 
 
-def _list_others(loaded: _LoadedMachine, model: _Ready) -> _Others:
+def _list_others(loaded: _LoadedMachine, model: _Ready) -> _Others[_Ready]:
     """By source of error, models without it."""
     softer = loaded.soften()
     known = {TRUNCATION: loaded.widen(model)} | softer.known
@@ -368,15 +433,15 @@ def _list_others(loaded: _LoadedMachine, model: _Ready) -> _Others:
     return dataclasses.replace(softer, known=known)
 
 
-def _explain_imbalance(
-    with_friction: FrictionTransient | None, energy: EnergyBalance | None, sampling_hz: float
-) -> str | None:
-    """What is wrong where energy is missing, with its remedy; None where it balances."""
-    if with_friction is not None:
-        error = with_friction.motion.energy.error
+def _explain_imbalance(solution: _Solution, sampling_hz: float) -> str | None:
+    """Explain missing energy, with its remedy; None where it balances."""
+    if solution.with_friction is not None:
+        error = solution.with_friction.motion.energy.error
         if error > UNBALANCED_FRICTION:
             return f"the energy balance misses {error:.2g} of the work, more than {UNBALANCED_FRICTION:g}; give friction a larger smoothing"
-    elif energy is not None and energy.error > UNBALANCED_ENERGY:
+        return None
+    energy = solution.energy
+    if energy is not None and energy.error > UNBALANCED_ENERGY:
         return (
             f"{100.0 * energy.error:.2g} % of the energy are missing between samples at {sampling_hz:g} Hz:"
             " the loads set off modes that are too fast for them; raise sampling or lower up_to"
@@ -392,25 +457,24 @@ def _load_machine(
     Raises:
         UnstableControlError: A control loop is.
     """
-    scene = machine.parts.scene
+    scene, trains = machine.parts.scene, None
     if request.motors == "controlled":
         driven = drive_machine(machine, warn)
-        machine, trains = driven.released, driven.trains
-        poles = require_stable(driven.system, trains)
+        machine, system, trains = driven.released, driven.system, driven.trains
+        modes, poles = driven.modes, require_stable(system, trains)
         if poles.limit_hz < request.up_to_hz:
             warn(
                 f"transient analysis in pose {machine.pose.name}: dead times of the drives are right up to {poles.limit_hz:.4g} Hz only, and modes"
                 f" up to {request.up_to_hz:.4g} Hz vibrate; lower up_to"
             )
-        probes = place_probes(machine.parts, machine.coupled, request.probes)
-        system = _add_channels(driven.system, machine, request, probes)
-        return _LoadedMachine(machine, system, driven.modes, request, trains, probes)
-    for message in warn_of_no_damping(scene, machine.system):
-        warn(message)
-    system = damp_system(scene, machine.system, machine.all_modes)
+    else:
+        for message in warn_of_no_damping(scene, machine.system):
+            warn(message)
+        modes = machine.all_modes
+        system = damp_system(scene, machine.system, modes)
     probes = place_probes(machine.parts, machine.coupled, request.probes)
     system = _add_channels(system, machine, request, probes)
-    return _LoadedMachine(machine, system, machine.all_modes, request, probes=probes)
+    return _LoadedMachine(machine, system, modes, request, trains, probes)
 
 
 def _add_channels(
@@ -437,53 +501,6 @@ def _input_of(load: TimedLoad) -> Channel:
     return (load.target, LOAD) if isinstance(load.target, str) else load.target
 
 
-def _solve(
-    model: _Ready,
-    request: TransientRequest,
-    histories: Sequence[LoadHistory],
-    stepped: SteppedLoads,
-) -> _Solution:
-    space = model.linear.space
-    start, final, state = rest_positions(space, histories, request.duration)
-    moving = np.zeros(len(histories))
-    moving[-1] = 1.0
-    motion = solve_transient(space, stepped, state + space.b @ moving)
-    with_friction = None
-    if model.friction_loop is not None:
-        with_friction = solve_friction_transient(
-            model.friction_loop, stepped, motion, inputs=space.inputs, outputs=request.outputs
-        )
-    response = read_response(space, motion) if with_friction is None else with_friction.response
-    figures = find_figures(response, start=start, final=final, near=request.settled)
-    figures = _leave_out_roundoff(figures, request.outputs)
-    times, displacements = response.sample()
-    return _Solution(motion, with_friction, figures, times, displacements)
-
-
-def _step_states(solution: _Solution) -> SteppedStates:
-    """States, and what acts on them: loads, then friction against the motion."""
-    motion, with_friction = solution.motion, solution.with_friction
-    values, _ = motion.loads.evaluate()
-    begins, ends = values[:, 0], values[:, 1]
-    if with_friction is None:
-        return SteppedStates(
-            motion.loads.times, (motion.right[:-1], motion.left[1:]), (begins, ends)
-        )
-    found, (first, last) = with_friction.motion, with_friction.friction
-    return SteppedStates(
-        found.times,
-        (found.right[:-1], found.left[1:]),
-        (np.hstack([begins, -first]), np.hstack([ends, -last])),
-    )
-
-
-def _balance_energy(model: _Ready, solution: _Solution) -> EnergyBalance | None:
-    """None under control without friction."""
-    if solution.with_friction is not None:
-        return solution.with_friction.energy
-    return find_energy(model.linear, solution.motion)
-
-
 def _leave_out_roundoff(
     figures: tuple[TransientFigures, ...], outputs: Sequence[Channel]
 ) -> tuple[TransientFigures, ...]:
@@ -504,13 +521,8 @@ def _leave_out_roundoff(
     return tuple(found)
 
 
-def _compare_peaks(
-    solution: _Solution,
-    others: Mapping[str, _Solution],
-    doubtful: Mapping[str, _Solution],
-    left_out: tuple[str, ...],
-) -> tuple[Estimate, ...]:
-    """What each peak changes by in other models; unknown where modes without an estimate matter."""
+def _compare_peaks(solution: _Solution, others: _Others[_Solution]) -> tuple[Estimate, ...]:
+    """Compare each peak with that of other models; unknown where modes without an estimate matter."""
 
     def change(other: _Solution, number: int) -> float:
         return abs(abs(other.figures[number].peak) - abs(solution.figures[number].peak))
@@ -519,12 +531,12 @@ def _compare_peaks(
     for number, own in enumerate(solution.figures):
         shares: dict[str, float | None] = {
             source: (REMAINING if source == SMOOTHING else 1.0) * change(other, number)
-            for source, other in others.items()
+            for source, other in others.known.items()
         }
-        for source, other in doubtful.items():
+        for source, other in others.doubtful.items():
             size = change(other, number)
             shares[source] = size if size <= SILENT_SHARE * abs(own.peak) else None
-        found.append(Estimate(shares, left_out))
+        found.append(Estimate(shares, others.left_out))
     return tuple(found)
 
 

@@ -5,7 +5,7 @@ Only rank 0 has anything to do.
 """
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -282,7 +282,7 @@ def prepare_response(machine: PoseModel) -> FrfModel:
 
 
 @dataclass(frozen=True, eq=False)
-class LoadedMachine:
+class _LoadedMachine:
     """A machine in a pose with its damping and the loads of a request.
 
     Attributes:
@@ -317,20 +317,20 @@ class LoadedMachine:
         )
 
 
-def _load_machine(machine: PoseModel) -> LoadedMachine:
+def _load_machine(machine: PoseModel) -> _LoadedMachine:
     request, modes = _frf_request(machine), machine.all_modes
     if request.motors == "controlled":
         driven = drive_machine(machine, lambda message: None)
         system = add_load_inputs(driven.system, driven.released.loads, request.inputs)
         coupled = driven.released.coupled
-        return LoadedMachine(system, coupled, driven.modes, request.inputs, system, driven.trains)
+        return _LoadedMachine(system, coupled, driven.modes, request.inputs, system, driven.trains)
     system = damp_system(machine.parts.scene, machine.system, modes)
     system = add_load_inputs(system, machine.loads, request.inputs)
-    return LoadedMachine(system, machine.coupled, modes, request.inputs, machine.system)
+    return _LoadedMachine(system, machine.coupled, modes, request.inputs, machine.system)
 
 
 def _place_probes(
-    parts: MachineParts, loaded: LoadedMachine, names: Sequence[str]
+    parts: MachineParts, loaded: _LoadedMachine, names: Sequence[str]
 ) -> dict[str, PlacedProbe]:
     """Probes of a machine in the coordinates of its response; none of a lumped mechanism."""
     coupled, own = loaded.coupled, parts.scene.machine
@@ -401,53 +401,20 @@ def respond(
             superelements.
         model: Of ``prepare_response``, where it is already known.
     """
-    scene, bare, request = machine.parts.scene, machine.system, _frf_request(machine)
-    warnings = [*warn_of_no_damping(scene, bare)]
-    loaded = _load_machine(machine)
+    request, loaded = _frf_request(machine), _load_machine(machine)
     model = model or loaded.prepare(request.outputs)
-    controlled = isinstance(model.form, ClosedResponse)
-    system = model.direct.system
     poles = find_peaks(model, request.to_hz)
     response = evaluate_frf(model, frequency_grid(request, poles))
-    damped = system.damping is not None or system.hysteretic is not None or controlled
     bounded = peaks_have_tops(poles, request.to_hz)
-    if not bounded:
-        warnings.append(
-            "frequency response: a mode in the range has no damping, so its peak is unbounded; "
-            "write [effects] damping = true and give joints or materials damping, or damping = { modal = 0.02 }"
-        )
-    if model.linked is not None:
-        named = ", ".join(_name_entries(response, ~model.linked))
-        warnings.append(f"frequency response: {named}: zero, because nothing connects these bodies")
-    figures = find_stability_figures(model, response) if bounded else ()
-    estimate, placed = None, {}
-    if judged:
-        placed = _place_probes(machine.parts, loaded, request.probes)
-    rows = watched_rows(placed)
-    if judged and loaded.coupled is not None:
-        estimate = estimate_response_errors(
-            machine.parts,
-            dataclasses.replace(system, outputs=system.outputs | rows),
-            loaded.coupled,
-            loaded.modes,
-            dataclasses.replace(response, outputs=(*response.outputs, *judged_channels(placed))),
-            loaded.trains,
-        )
+    probes = _place_probes(machine.parts, loaded, request.probes) if judged else {}
+    estimate = _estimate_lines(machine.parts, loaded, model, response, probes) if judged else None
     shares = {} if estimate is None else estimate.shares
-    count, linked = len(response.outputs), True if model.linked is None else model.linked
-    traced: tuple[ProbeCurves, ...] = ()
-    if placed:
-        watched = loaded.prepare(list(rows), rows)
-        traced = trace_probes(
-            machine.parts,
-            placed,
-            evaluate_frf(watched, response.frequencies_hz),
-            {source: size[:, count:] for source, size in shares.items()},
-        )
     modes_hz, names = _name_peaks(machine, model, judged=judged)
+    figures = find_stability_figures(model, response) if bounded else ()
     ports = _port_figures(request, model, figures, modes_hz=modes_hz, names=names)
     peaks, levels = _find_heights(model, request) if judged else ((), ())
-    found = PoseResponse(
+    count, linked = len(response.outputs), True if model.linked is None else model.linked
+    answer = PoseResponse(
         curves=ResponseCurves(
             machine.pose.name,
             response.inputs,
@@ -457,10 +424,10 @@ def respond(
             request.motion,
             request.spacing,
             {source: np.where(linked, size[:, :count], 0.0) for source, size in shares.items()},
-            traced,
+            _trace_probes(machine.parts, loaded, response, probes, shares),
         ),
         method=response.method,
-        damped=damped,
+        damped=_is_damped(model),
         free_body=_name_entries(response, np.asarray(response.free_body.any(axis=0))),
         singular_hz=tuple(
             float(hz) for hz in response.frequencies_hz[response.singular.any(axis=(1, 2))]
@@ -470,20 +437,80 @@ def respond(
         peaks=peaks,
         levels=levels,
     )
-    found = dataclasses.replace(
-        found,
-        errors={
-            **dict(
-                zip(map(found.key, found.heights), estimate_heights(machine, found), strict=True)
-            ),
-            **{
-                found.figure_key(channel): error
-                for channel, error in estimate_figures(ports, response, estimate).items()
-            },
-        },
+    heights = zip(map(answer.key, answer.heights), estimate_heights(machine, answer), strict=True)
+    drive_points = estimate_figures(ports, response, estimate).items()
+    errors = dict(heights) | {answer.figure_key(channel): error for channel, error in drive_points}
+    warnings = (
+        *warn_of_no_damping(machine.parts.scene, machine.system),
+        *_warn_of_response(model, response, bounded=bounded),
+        *(warn_of_singular(name, probe.singular) for name, probe in probes.items()),
     )
-    warnings += [warn_of_singular(name, probe.singular) for name, probe in placed.items()]
-    return Solved(found, tuple(warnings))
+    return Solved(dataclasses.replace(answer, errors=errors), warnings)
+
+
+def _is_damped(model: FrfModel) -> bool:
+    system = model.direct.system
+    return (
+        system.damping is not None
+        or system.hysteretic is not None
+        or isinstance(model.form, ClosedResponse)
+    )
+
+
+def _warn_of_response(
+    model: FrfModel, response: FrequencyResponse, *, bounded: bool
+) -> Iterator[str]:
+    """Warn of peaks without a top, and of entries between bodies that nothing connects."""
+    if not bounded:
+        yield (
+            "frequency response: a mode in the range has no damping, so its peak is unbounded; "
+            "write [effects] damping = true and give joints or materials damping, or damping = { modal = 0.02 }"
+        )
+    if model.linked is not None:
+        named = ", ".join(_name_entries(response, ~model.linked))
+        yield f"frequency response: {named}: zero, because nothing connects these bodies"
+
+
+def _estimate_lines(
+    parts: MachineParts,
+    loaded: _LoadedMachine,
+    model: FrfModel,
+    response: FrequencyResponse,
+    probes: Mapping[str, PlacedProbe],
+) -> ResponseEstimate | None:
+    """Estimate errors of every line, also at probes; None of a lumped mechanism."""
+    if loaded.coupled is None:
+        return None
+    system = model.direct.system
+    return estimate_response_errors(
+        parts,
+        dataclasses.replace(system, outputs=system.outputs | watched_rows(probes)),
+        loaded.coupled,
+        loaded.modes,
+        dataclasses.replace(response, outputs=(*response.outputs, *judged_channels(probes))),
+        loaded.trains,
+    )
+
+
+def _trace_probes(
+    parts: MachineParts,
+    loaded: _LoadedMachine,
+    response: FrequencyResponse,
+    probes: Mapping[str, PlacedProbe],
+    shares: Mapping[str, FloatArray],
+) -> tuple[ProbeCurves, ...]:
+    """Trace probes at the lines of a response.
+
+    Args:
+        shares: Errors of its outputs, then of the probes.
+    """
+    if not probes:
+        return ()
+    rows, count = watched_rows(probes), len(response.outputs)
+    lines = evaluate_frf(loaded.prepare(list(rows), rows), response.frequencies_hz)
+    return trace_probes(
+        parts, probes, lines, {source: size[:, count:] for source, size in shares.items()}
+    )
 
 
 def _find_heights(
@@ -559,7 +586,7 @@ def _name_peaks(
 
 
 def peaks_have_tops(poles: ComplexArray, to_hz: float) -> bool:
-    """Whether every mode up to a frequency has damping; a free motion has no peak.
+    """Return whether every mode up to a frequency has damping; a free motion has no peak.
 
     Args:
         poles: Of the system [rad/s].
@@ -594,36 +621,36 @@ def _port_figures(
     by_channel = {figures.channel: figures for figures in stability}
     space = np.geomspace if request.spacing == "log" else np.linspace
     even = np.asarray(space(request.from_hz, request.to_hz, EVEN_LINES), dtype=np.float64)
-    lines = evaluate_frf(model, even)
-    found = []
+    lines, found = evaluate_frf(model, even), []
     for channel in request.inputs:
-        if channel in request.outputs:
-            row, column = request.outputs.index(channel), request.inputs.index(channel)
-            static, own = float(model.at_rest[row, column]), by_channel.get(channel)
-            found.append(
-                DrivePointFigures(
-                    channel=channel,
-                    static=None if np.isnan(static) else static,
-                    most_negative_real=own.most_negative_real if own else None,
-                    most_negative_real_hz=own.most_negative_real_hz if own else None,
-                    chatter_limit=own.chatter_limit if own else None,
-                    minimum_dynamic_stiffness=own.minimum_dynamic_stiffness if own else None,
-                    minimum_dynamic_stiffness_hz=own.minimum_dynamic_stiffness_hz if own else None,
-                    minimum_dynamic_stiffness_mode=names[
-                        int(np.argmin(np.abs(modes_hz - own.minimum_dynamic_stiffness_hz)))
-                    ]
-                    if own and names
-                    else "",
-                    truncation_share=_truncation_share(
-                        model.coordinates, row, column, request.to_hz
-                    ),
-                    lines_hz=tuple(float(line) for line in lines.frequencies_hz),
-                    lines=tuple(
-                        None if np.isnan(value) else float(abs(value))
-                        for value in lines.receptance[:, row, column]
-                    ),
-                )
+        if channel not in request.outputs:
+            continue
+        row, column = request.outputs.index(channel), request.inputs.index(channel)
+        static, own = float(model.at_rest[row, column]), by_channel.get(channel)
+        figures = DrivePointFigures(
+            channel=channel,
+            static=None if np.isnan(static) else static,
+            truncation_share=_truncation_share(model.coordinates, row, column, request.to_hz),
+            lines_hz=tuple(float(line) for line in lines.frequencies_hz),
+            lines=tuple(
+                None if np.isnan(value) else float(abs(value))
+                for value in lines.receptance[:, row, column]
+            ),
+        )
+        if own is not None:
+            nearest = np.abs(modes_hz - own.minimum_dynamic_stiffness_hz) if names else None
+            figures = dataclasses.replace(
+                figures,
+                most_negative_real=own.most_negative_real,
+                most_negative_real_hz=own.most_negative_real_hz,
+                chatter_limit=own.chatter_limit,
+                minimum_dynamic_stiffness=own.minimum_dynamic_stiffness,
+                minimum_dynamic_stiffness_hz=own.minimum_dynamic_stiffness_hz,
+                minimum_dynamic_stiffness_mode=""
+                if nearest is None
+                else names[int(np.argmin(nearest))],
             )
+        found.append(figures)
     return tuple(found)
 
 

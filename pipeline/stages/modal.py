@@ -3,7 +3,7 @@ by the kind of coupling.
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,8 +48,12 @@ from headstock.reduction.motions.body_motions import (
 from headstock.reduction.superelement import Superelement
 from headstock.scene.analyses.modal import ModalRequest
 from headstock.scene.scene import Scene
-from headstock.solvers.linear.damped_modes import damping_of_undamped, solve_damped
-from headstock.solvers.linear.damping import equivalent_viscous
+from headstock.solvers.linear.damping import (
+    DampedModes,
+    damping_of_undamped,
+    equivalent_viscous,
+    solve_damped,
+)
 from headstock.solvers.linear.modal_analysis import ModalResult, keep_lowest, solve_modal
 from headstock.solvers.pairing.mode_pairing import ModeSet, pair_modes
 
@@ -133,7 +137,7 @@ def solve_pose_modes(model: PoseModel, request: ModalRequest) -> Solved[PoseMode
 
 
 def _tell_missing(wanted: int, model: PoseModel, found: ModalResult) -> str:
-    """Why there are fewer modes than are wanted.
+    """Explain why there are fewer modes than are wanted.
 
     Args:
         wanted: How many the scene asks for.
@@ -189,7 +193,7 @@ def _name_errors(
 
 
 def _tell_neighbours(request: ModalRequest, every: ModalResult, below: int) -> str:
-    """Which modes lie next to a window of frequencies without any."""
+    """Name the modes next to a window of frequencies without any."""
     near = [
         f"mode {number + 1} is at {0.0 if number < every.rigid_count else every.frequencies_hz[number]:.4g} Hz"
         for number in (below - 1, below)
@@ -228,64 +232,93 @@ def _damp_modes(
         names: Of the first of them, whose damping is wanted.
         undamped: How far their frequencies may be off [Hz].
     """
-    count = len(names)
-    warnings = [*warn_of_no_damping(scene, coupled.system)]
+    count, first = len(names), complete.rigid_count
     viscous = equivalent_viscous(damp_system(scene, coupled.system, complete), complete)
     damped = solve_damped(viscous, complete, lowest=count)
-    # a rigid motion that a damper resists comes to rest anywhere: a pole that is zero but for
-    # roundoff
-    elastic = complete.frequencies_hz[complete.rigid_count :]
-    slowest = AT_REST * 2.0 * np.pi * float(elastic[0]) if len(elastic) else 0.0
-    for pole, growing_hz in zip(damped.poles, damped.frequencies_hz, strict=True):
-        if pole.real > UNSTABLE * abs(pole) and pole.real > slowest:
-            warnings.append(
-                f"a mode near {growing_hz:.4g} Hz is unstable: its damping is negative; check the signs of the joints' damping"
-            )
     ratios, frequencies = damping_of_undamped(damped, count)
     ratios = tuple(
         0.0 if ratio is not None and abs(ratio) < NO_DAMPING else ratio for ratio in ratios
     )
     found = estimate_damping_errors(coupled, viscous, damped, count)
-    ratio_errors, frequency_errors = list(found.ratios), list(found.frequencies_hz)
-    given = (
-        bool(scene.modal_damping)
-        and coupled.system.damping is None
-        and coupled.system.hysteretic is None
-    )
-    guesses: dict[str, list[str]] = {}
-    creeping: dict[str, list[str]] = {}
-    for mode in range(complete.rigid_count, count):
-        error, ratio, hz = undamped[mode].total, ratios[mode], frequencies[mode]
-        if error is None or hz is None:
-            ratio_errors[mode] = frequency_errors[mode] = None
-        else:
-            least = error * hz / float(complete.frequencies_hz[mode])
-            known = frequency_errors[mode]
-            frequency_errors[mode] = None if known is None else max(known, least)
+    hysteretic = coupled.system.hysteretic
+    given = bool(scene.modal_damping) and coupled.system.damping is None and hysteretic is None
+    ratio_errors = list(found.ratios)
+    for mode in range(first, count):
+        ratio = ratios[mode]
+        if undamped[mode].total is None or frequencies[mode] is None:
+            ratio_errors[mode] = None
         if ratio is not None and (given or not ratio):
             ratio_errors[mode] = 0.0
-        ratio_error, words = ratio_errors[mode], f"{mode + 1} ({names[mode]})"
-        if found.creeping[mode]:
-            creeping.setdefault(found.dampers[mode], []).append(words)
-        elif error is not None and (
-            ratio is None or ratio_error is None or ratio_error > LARGE_ERROR * abs(ratio)
-        ):
-            guesses.setdefault(found.dampers[mode], []).append(words)
-    for damper, modes in guesses.items():
-        warnings.append(
-            f"damping{_by(damper)} of mode {', '.join(modes)} is not converged: damping ratio and damped frequency are rough "
+    frequency_errors = (
+        *found.frequencies_hz[:first],
+        *map(
+            _widen_error,
+            found.frequencies_hz[first:],
+            frequencies[first:],
+            [error.total for error in undamped[first:]],
+            complete.frequencies_hz[first:count],
+        ),
+    )
+    creeping = [mode for mode in range(first, count) if found.creeping[mode]]
+    rough = [
+        mode
+        for mode in range(first, count)
+        if mode not in creeping
+        and undamped[mode].total is not None
+        and _is_rough(ratios[mode], ratio_errors[mode])
+    ]
+    warnings = [
+        *warn_of_no_damping(scene, coupled.system),
+        *_warn_of_growing(damped, complete),
+        *(
+            f"damping{_by(damper)} of mode {modes} is not converged: damping ratio and damped frequency are rough "
             "estimates only; write a higher reduction.modes_to or a smaller mesh size. If they keep changing, the damper absorbs the "
             "waves that reach it, and the mode does not exist"
-        )
-    if coupled.system.hysteretic is not None:
-        warnings += _warn_of_large_losses(coupled.system.hysteretic, complete, names)
-    for damper, modes in creeping.items():
-        warnings.append(
-            f"mode {', '.join(modes)} is overdamped{_by(damper)}: it returns without oscillating; check the damping if this is not intended"
-        )
-    return _Damping(
-        ratios, frequencies, tuple(ratio_errors), tuple(frequency_errors), tuple(warnings)
-    )
+            for damper, modes in _group_by_damper(rough, found.dampers, names)
+        ),
+        *(() if hysteretic is None else _warn_of_large_losses(hysteretic, complete, names)),
+        *(
+            f"mode {modes} is overdamped{_by(damper)}: it returns without oscillating; check the damping if this is not intended"
+            for damper, modes in _group_by_damper(creeping, found.dampers, names)
+        ),
+    ]
+    return _Damping(ratios, frequencies, tuple(ratio_errors), frequency_errors, tuple(warnings))
+
+
+def _widen_error(
+    known: float | None, hz: float | None, undamped: float | None, undamped_hz: float
+) -> float | None:
+    """Return how far a damped frequency may be off: as far as the undamped one in proportion at least;
+    None where one of these is unknown.
+    """
+    if known is None or hz is None or undamped is None:
+        return None
+    return max(known, undamped * hz / float(undamped_hz))
+
+
+def _is_rough(ratio: float | None, error: float | None) -> bool:
+    return ratio is None or error is None or error > LARGE_ERROR * abs(ratio)
+
+
+def _group_by_damper(
+    modes: Iterable[int], dampers: Sequence[str], names: Sequence[str]
+) -> Iterator[tuple[str, str]]:
+    """Yield each damper with numbers and names of its modes."""
+    groups: dict[str, list[str]] = {}
+    for mode in modes:
+        groups.setdefault(dampers[mode], []).append(f"{mode + 1} ({names[mode]})")
+    return ((damper, ", ".join(group)) for damper, group in groups.items())
+
+
+def _warn_of_growing(damped: DampedModes, undamped: ModalResult) -> Iterator[str]:
+    """Warn of modes that dampers feed."""
+    # a rigid motion that a damper resists comes to rest anywhere: a pole that is zero but for
+    # roundoff
+    elastic = undamped.frequencies_hz[undamped.rigid_count :]
+    slowest = AT_REST * 2.0 * np.pi * float(elastic[0]) if len(elastic) else 0.0
+    for pole, hz in zip(damped.poles, damped.frequencies_hz, strict=True):
+        if pole.real > UNSTABLE * abs(pole) and pole.real > slowest:
+            yield f"a mode near {hz:.4g} Hz is unstable: its damping is negative; check the signs of the joints' damping"
 
 
 def _warn_of_large_losses(

@@ -2,12 +2,14 @@
 rank 0 has anything to do.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import DIRECTIONS, FloatArray
@@ -57,6 +59,7 @@ from headstock.solvers.linear.volumetric import (
 
 # an error in one pose is that pose's result
 POSE_ERRORS = (HeadstockError, ValueError, np.linalg.LinAlgError)
+NO_CHANGES = DeviationChanges({}, {}, {})
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,14 +89,13 @@ def run_volumetric_stage(state: RunState, stage: Stage) -> Outcome:
     ).reshape(-1, len(shape))
     deviate = _place_deviations(state, request)
     names = [name for name, _ in request.axes]
-    found: list[dict[str, _Judged] | None] = []
+    found: dict[int, dict[str, _Judged]] = {}
     faults: list[str] = []
-    for row in grid:
+    for number, row in enumerate(grid):
         pose = Pose("", {**request.fixed, **dict(zip(names, map(float, row), strict=True))})
         try:
-            found.append(deviate(pose))
+            found[number] = deviate(pose)
         except POSE_ERRORS as error:
-            found.append(None)
             faults.append(str(error))
     failures = (
         (f"volumetric analysis: {len(faults)} of {len(grid)} poses failed: {faults[0]}",)
@@ -107,8 +109,7 @@ def run_volumetric_stage(state: RunState, stage: Stage) -> Outcome:
             request,
             state.scene.machine,
             name,
-            shape,
-            [None if each is None else each[name] for each in found],
+            _Grid(shape, np.array(list(found)), tuple(judged[name] for judged in found.values())),
         )
         for name in request.at
     )
@@ -156,44 +157,106 @@ def _known(values: FloatArray) -> FloatArray:
     return np.asarray(flat[np.isfinite(flat).all(axis=1)])
 
 
+@dataclass(frozen=True, eq=False)
+class _Grid:
+    """Deviation of a point in the poses of a grid.
+
+    Attributes:
+        shape: Of the grid.
+        poses: ``(n,)`` numbers of its poses in which the machine could be solved for.
+        judged: ``n`` deviations there.
+    """
+
+    shape: tuple[int, ...]
+    poses: NDArray[np.intp]
+    judged: tuple[_Judged, ...]
+
+    def spread(self, values: Sequence[FloatArray]) -> FloatArray:
+        """Return values ``(6,)`` of these poses as a grid ``(..., 6)``; NaN in the others."""
+        flat = np.full((math.prod(self.shape), 6), np.nan)
+        flat[self.poses] = values
+        return flat.reshape(*self.shape, 6)
+
+    def spread_changes(self, source: str) -> dict[str, dict[str, FloatArray]]:
+        """Return source of error to component to the change of a source of deviation over the grid."""
+        changes = [each.changes.get(source, NO_CHANGES) for each in self.judged]
+        kinds = {
+            DISCRETISATION: [change.meshes for change in changes],
+            CURVED_FACES: [change.faces for change in changes],
+            LEFT_OUT: [change.left_out for change in changes],
+        }
+        unknown = np.full(6, np.nan)
+        every = {
+            error: {
+                name: self.spread([row.get(name, unknown) for row in rows])
+                for name in dict.fromkeys(name for row in rows for name in row)
+            }
+            for error, rows in kinds.items()
+        }
+        return {error: parts for error, parts in every.items() if parts}
+
+    def list_parts(self, dof: int) -> dict[str, FloatArray]:
+        """Return the contribution ``(n,)`` of each part along a direction, by what it is and what makes
+        it.
+        """
+        return {
+            f"{'errors of' if source == GEOMETRY else f'{source} on'} {part}": np.array(
+                [each.deviation.parts[source][part][dof] for each in self.judged]
+            )
+            for source, parts in self.judged[0].deviation.parts.items()
+            for part in parts
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class _Lines:
+    """Lines of a grid through its middle, one along each axis.
+
+    Attributes:
+        axes: Name and positions of each.
+        travels: ``(3,)`` of the tool against the work per travel of each.
+    """
+
+    axes: Sequence[tuple[str, FloatArray]]
+    travels: Sequence[FloatArray]
+
+    def read(self, values: FloatArray) -> list[AxisMotions]:
+        """Return the error motions along each axis, of values ``(..., 6)`` over the grid."""
+        lines = []
+        for number, (name, positions) in enumerate(self.axes):
+            middle: list[int | slice] = [size // 2 for size in values.shape[:-1]]
+            middle[number] = slice(None)
+            lines.append(axis_motions(name, positions, values[tuple(middle)], self.travels[number]))
+        return lines
+
+    def measure(self, values: FloatArray, number: int) -> FloatArray:
+        """Return the deviations ``(6,)`` along one axis."""
+        return self.read(values)[number].deviations
+
+    def read_squareness(self, values: FloatArray) -> list[Squareness]:
+        """Return the squareness of each pair of linear axes."""
+        pairs = [find_squareness(one, other) for one, other in combinations(self.read(values), 2)]
+        return [pair for pair in pairs if pair is not None]
+
+    def measure_squareness(self, values: FloatArray) -> FloatArray:
+        """Return its angles [rad]."""
+        return np.array([pair.angle for pair in self.read_squareness(values)])
+
+
 def _assemble(
-    request: VolumetricRequest,
-    machine: Machine,
-    point: str,
-    shape: tuple[int, ...],
-    found: list[_Judged | None],
+    request: VolumetricRequest, machine: Machine, point: str, grid: _Grid
 ) -> VolumetricAnswer:
-    deviations = [None if each is None else each.deviation for each in found]
-    first = next(each for each in found if each is not None)
+    first = grid.judged[0]
     sources = {
-        source: _stack(
-            shape, [None if each is None else each.sources[source] for each in deviations]
-        )
+        source: grid.spread([each.deviation.sources[source] for each in grid.judged])
         for source in first.deviation.sources
     }
     total = np.asarray(np.sum(list(sources.values()), axis=0))
     travels = [_tool_travel(machine, request, point, name) for name, _ in request.axes]
-
-    def read_lines(values: FloatArray) -> list[AxisMotions]:
-        lines = []
-        for number, (name, positions) in enumerate(request.axes):
-            middle: list[int | slice] = [size // 2 for size in shape]
-            middle[number] = slice(None)
-            lines.append(axis_motions(name, positions, values[tuple(middle)], travels[number]))
-        return lines
-
-    def measure_line(values: FloatArray, number: int) -> FloatArray:
-        return read_lines(values)[number].deviations
-
-    def read_squareness(values: FloatArray) -> list[Squareness]:
-        pairs = [find_squareness(one, other) for one, other in combinations(read_lines(values), 2)]
-        return [pair for pair in pairs if pair is not None]
-
-    changes = {source: _stack_changes(shape, found, source) for source in sources}
-    every = _add_changes(changes.values())
+    lines = _Lines(request.axes, travels)
+    changes = {source: grid.spread_changes(source) for source in sources}
+    every, units = _add_changes(changes.values()), position_units(machine)
     judge = partial(estimate_measures, values=total, changes=every, left_out=first.left_out)
-    units, lines = position_units(machine), read_lines(total)
-    squareness = read_squareness(total)
     ranges = {TOTAL: judge(measure_range)} | {
         source: estimate_measures(measure_range, sources[source], changes[source], first.left_out)
         for source in sources
@@ -204,13 +267,13 @@ def _assemble(
         for symbol, error in zip(SYMBOLS, estimates, strict=True)
     }
     errors[largest_key(point)] = judge(_measure_largest)[0]
-    for number, line in enumerate(lines):
-        along = judge(partial(measure_line, number=number))
+    for number, (axis, _) in enumerate(request.axes):
+        along = judge(partial(lines.measure, number=number))
         errors |= {
-            line_key(point, line.axis, symbol): error
+            line_key(point, axis, symbol): error
             for symbol, error in zip(SYMBOLS, along, strict=True)
         }
-    angles = judge(lambda values: np.array([pair.angle for pair in read_squareness(values)]))
+    squareness, angles = lines.read_squareness(total), judge(lines.measure_squareness)
     errors |= {
         squareness_key(point, pair): error for pair, error in zip(squareness, angles, strict=True)
     }
@@ -222,40 +285,15 @@ def _assemble(
         fixed=request.fixed,
         sources=sources,
         budget={
-            direction: variance_shares(_list_parts(deviations, dof))
+            direction: variance_shares(grid.list_parts(dof))
             for dof, direction in enumerate(DIRECTIONS)
         },
-        lines=tuple(lines),
+        lines=tuple(lines.read(total)),
         squareness=tuple(squareness),
         grid_errors=_size(every, total),
         errors=errors,
-        failed=sum(each is None for each in found),
+        failed=math.prod(grid.shape) - len(grid.judged),
     )
-
-
-def _stack(shape: tuple[int, ...], values: Sequence[FloatArray | None]) -> FloatArray:
-    """Values ``(6,)`` of every pose as a grid; NaN where there is none."""
-    nothing = np.full(6, np.nan)
-    return np.array([nothing if each is None else each for each in values]).reshape(*shape, 6)
-
-
-def _stack_changes(
-    shape: tuple[int, ...], found: Sequence[_Judged | None], source: str
-) -> dict[str, dict[str, FloatArray]]:
-    """Source of error to component to the change of a source of deviation over the grid."""
-    changes = [None if each is None else each.changes.get(source) for each in found]
-    known: dict[str, list[Mapping[str, FloatArray] | None]] = {
-        DISCRETISATION: [None if each is None else each.meshes for each in changes],
-        CURVED_FACES: [None if each is None else each.faces for each in changes],
-        LEFT_OUT: [None if each is None else each.left_out for each in changes],
-    }
-    stacked: dict[str, dict[str, FloatArray]] = {}
-    for error, rows in known.items():
-        for name in dict.fromkeys(name for row in rows for name in row or ()):
-            stacked.setdefault(error, {})[name] = _stack(
-                shape, [None if row is None else row[name] for row in rows]
-            )
-    return stacked
 
 
 def _add_changes(changes: Iterable[Changes]) -> Changes:
@@ -277,18 +315,6 @@ def _size(changes: Changes, values: FloatArray) -> FloatArray:
 
 def _measure_largest(values: FloatArray) -> FloatArray:
     return np.array([np.nanmax(np.linalg.norm(values[..., :3], axis=-1))])
-
-
-def _list_parts(found: list[ToolDeviation | None], dof: int) -> dict[str, FloatArray]:
-    """Contribution ``(n,)`` of each part along a direction, by what it is and what makes it."""
-    first = next(each for each in found if each is not None)
-    return {
-        f"{'errors of' if source == GEOMETRY else f'{source} on'} {part}": np.array(
-            [np.nan if each is None else each.parts[source][part][dof] for each in found]
-        )
-        for source, parts in first.parts.items()
-        for part in parts
-    }
 
 
 def _tool_travel(machine: Machine, request: VolumetricRequest, point: str, axis: str) -> FloatArray:

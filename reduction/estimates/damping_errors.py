@@ -12,7 +12,7 @@ from headstock.geometry.parts.components import RayleighDamping
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.estimates.frequency_errors import truncated_parts
 from headstock.reduction.estimates.mesh_errors import SILENT_SHARE, meshed_parts, silent_energies
-from headstock.solvers.linear.damped_modes import DampedModes, pair_with_undamped
+from headstock.solvers.linear.damping import DampedModes, pair_with_undamped
 from headstock.solvers.linear.symmetric_matrices import is_symmetric
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 

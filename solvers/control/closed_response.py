@@ -66,7 +66,7 @@ class ControlForces:
 
 
 def control_forces(system: SecondOrderSystem, trains: Sequence[DriveTrain]) -> ControlForces:
-    """What the drives of a system from ``free_motors`` add to its dynamic stiffness."""
+    """Return what the drives of a system from ``free_motors`` add to its dynamic stiffness."""
     pushed = input_columns(system, [(train.name, FORCE) for train in trains])
     seen = output_rows(system, [measured_channel(train) for train in trains])
     return ControlForces(tuple(trains), pushed, seen)

@@ -150,17 +150,17 @@ def find_turns(trains: Sequence[DriveTrain], total: int) -> list[Turns]:
 
 
 def measured_channel(train: DriveTrain) -> Channel:
-    """What the position controller of a drive sees."""
+    """Return what the position controller of a drive measures."""
     return train.name, train.control.encoder
 
 
 def is_rigid(train: DriveTrain) -> bool:
-    """Whether the nut follows the screw without any compliance."""
+    """Return whether the nut follows the screw without any compliance."""
     return math.isinf(train.stiffness)
 
 
 def count_coordinates(train: DriveTrain) -> int:
-    """How many coordinates a drive brings."""
+    """Count the coordinates that a drive brings."""
     if is_rigid(train):
         return 1 if math.isfinite(train.coupling) else 0
     return 2 if _turns_alone(train) else 1

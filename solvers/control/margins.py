@@ -104,7 +104,7 @@ def take_off_anchors(receptance: ComplexArray, trains: Sequence[DriveTrain]) -> 
     return np.asarray(receptance + receptance[..., :count] @ pushed)
 
 
-class ControlPaths(NamedTuple):
+class _ControlPaths(NamedTuple):
     """Ways through a controller.
 
     Attributes:
@@ -118,7 +118,7 @@ class ControlPaths(NamedTuple):
     kv: float
 
 
-def control_paths(control: AxisControl, omega: FloatArray) -> ControlPaths:
+def control_paths(control: AxisControl, omega: FloatArray) -> _ControlPaths:
     """Ways through a controller at angular frequencies ``(n_freq,)`` [rad/s]; the dead time is
     exact.
     """
@@ -129,7 +129,7 @@ def control_paths(control: AxisControl, omega: FloatArray) -> ControlPaths:
     ahead = (
         control.position_gain + s * control.velocity_feed_forward
     ) * inner + s**2 * control.acceleration_feed_forward
-    return ControlPaths(late * inner, late * ahead, control.position_gain)
+    return _ControlPaths(late * inner, late * ahead, control.position_gain)
 
 
 def _follow(loops: ComplexArray, motion: ComplexArray, ahead: ComplexArray) -> ComplexArray:

@@ -12,8 +12,8 @@ import scipy.linalg
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl
-from headstock.solvers.control.dead_time import LARGEST_ANGLE
 from headstock.solvers.control.drive_loops import (
+    LARGEST_ANGLE,
     ClosedLoop,
     close_loops,
     close_plant,
@@ -56,7 +56,7 @@ class LoopPoles:
     limit_hz: float
 
     def growing(self) -> list[int]:
-        """Which poles grow, fastest growth first."""
+        """Return the poles that grow, fastest growth first."""
         sizes = np.abs(self.poles)
         # eigenvalues are known to the rounding of the fastest, which very stiff loops have
         rounding = np.finfo(float).eps * sizes.max(initial=0.0)
@@ -202,7 +202,7 @@ def _advise(system: SecondOrderSystem, trains: tuple[DriveTrain, ...], train: Dr
 
 
 def has_free_motions(loop: ClosedLoop) -> bool:
-    """Whether more motions of the machine are free than its drives hold."""
+    """Return whether more motions of the machine are free than its drives constrain."""
     # each mode is (s p, p') with p'' = -omega^2 p
     restoring = loop.plant.a[1::2, 0::2].diagonal()
     return int(np.count_nonzero(restoring == 0.0)) > len(loop.trains)

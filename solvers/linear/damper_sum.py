@@ -9,8 +9,7 @@ from scipy.linalg.lapack import dpstrf, dsyevd
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.linear.modal_coordinates import ModalCoordinates, damps_rigid_motion
-from headstock.solvers.linear.quadratic_pencils import state_eigenpairs
-from headstock.solvers.linear.quadratic_poles import find_lowest_poles
+from headstock.solvers.linear.quadratic_poles import find_lowest_poles, state_eigenpairs
 from headstock.solvers.linear.response_forms import SINGULAR, UNSEEN, RestTerms, rest_terms
 from headstock.solvers.second_order import ComplexArray
 
@@ -24,7 +23,7 @@ BLOCK = 4_000_000  # entries of the products of dampers that are kept at a time
 
 
 @dataclass(frozen=True, eq=False)
-class CoupledDampers:
+class _CoupledDampers:
     """Damping in modal coordinates as ``diag(diagonal) + factors diag(strengths) factors^T``.
 
     Attributes:
@@ -56,8 +55,8 @@ class DamperSum:
     eigenvalues: FloatArray
     loads: FloatArray
     rows: FloatArray
-    viscous: CoupledDampers
-    hysteretic: CoupledDampers
+    viscous: _CoupledDampers
+    hysteretic: _CoupledDampers
     rest: RestTerms
 
     def evaluate(self, omega: FloatArray) -> ComplexArray:
@@ -223,7 +222,7 @@ def _weighed(weights: ComplexArray, matrix: FloatArray) -> ComplexArray:
     return product
 
 
-def _whole(dampers: CoupledDampers) -> FloatArray:
+def _whole(dampers: _CoupledDampers) -> FloatArray:
     return np.asarray(
         np.diag(dampers.diagonal) + (dampers.factors * dampers.strengths) @ dampers.factors.T
     )
@@ -231,13 +230,13 @@ def _whole(dampers: CoupledDampers) -> FloatArray:
 
 def _split(
     matrix: FloatArray | None, taken: slice, omega: FloatArray, powers: tuple[float, ...]
-) -> CoupledDampers | None:
+) -> _CoupledDampers | None:
     """Return the damping of few dampers, apart from one that is proportional to a power of the
     modes' frequencies.
     """
     count = len(omega)
     if matrix is None:
-        return CoupledDampers(np.zeros(count), np.zeros((count, 0)), np.zeros(0))
+        return _CoupledDampers(np.zeros(count), np.zeros((count, 0)), np.zeros(0))
     block = matrix[taken, taken]
     limit = ROUNDOFF * count * float(np.abs(block).max(initial=0.0))
     factor, pivots, rank, _ = dpstrf(block, tol=limit, lower=1)
@@ -245,7 +244,7 @@ def _split(
         factors = np.zeros((count, rank))
         factors[np.asarray(pivots) - 1] = np.tril(factor)[:, :rank]
         if np.abs(block - factors @ factors.T).max(initial=0.0) <= limit:
-            return CoupledDampers(np.zeros(count), factors, np.ones(rank))
+            return _CoupledDampers(np.zeros(count), factors, np.ones(rank))
     for power in powers:
         if power > 0.0 and not omega.min(initial=np.inf) > 0.0:
             continue
@@ -256,7 +255,7 @@ def _split(
         common = float(np.median(levels))
         roundoff = ROUNDOFF * len(levels) * np.abs(levels).max(initial=0.0)
         apart = np.flatnonzero(np.abs(levels - common) > roundoff)
-        dampers = CoupledDampers(
+        dampers = _CoupledDampers(
             common * scale**2, scale[:, None] * vectors[:, apart], levels[apart] - common
         )
         if (

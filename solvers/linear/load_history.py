@@ -2,11 +2,12 @@
 the steps of a time grid.
 """
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.solvers.errors import ModelError
@@ -115,53 +116,41 @@ class SteppedLoads:
         return values, rates
 
 
+def no_load() -> LoadHistory:
+    """Return a load that never acts."""
+    return _join_pieces([], [])
+
+
 def step_load(size: float, begin: float = 0.0, end: float = np.inf) -> LoadHistory:
     """Return a constant load from one time to another [s]; without an end it stays."""
-    return _one_piece(begin, end, value=size)
+    return _join_pieces([begin], [end], values=size)
 
 
 def ramp_load(size: float, begin: float, duration: float) -> LoadHistory:
     """Return a load that rises evenly while a time [s] lasts, and then stays."""
     end = begin + duration
-    zero = np.zeros(2)
-    return LoadHistory(
-        np.array([begin, end]),
-        np.array([end, np.inf]),
-        np.array([0.0, size]),
-        np.array([size / duration, 0.0]),
-        zero,
-        zero,
-    )
+    slopes = [size / duration, 0.0]
+    return _join_pieces([begin, end], [end, np.inf], values=[0.0, size], slopes=slopes)
 
 
 def half_sine_load(size: float, begin: float, duration: float) -> LoadHistory:
     """Return half a period of a sine, as long as a time [s]."""
-    return _one_piece(begin, begin + duration, amplitude=size, omega=np.pi / duration)
+    return _join_pieces([begin], [begin + duration], amplitudes=size, omegas=np.pi / duration)
 
 
 def sine_load(size: float, begin: float, hz: float, cycles: float = np.inf) -> LoadHistory:
     """Return a sine from a time [s] on, for a number of cycles."""
-    return _one_piece(begin, begin + cycles / hz, amplitude=size, omega=2.0 * np.pi * hz)
+    return _join_pieces([begin], [begin + cycles / hz], amplitudes=size, omegas=2.0 * np.pi * hz)
 
 
 def impulse_load(size: float, at: float = 0.0) -> LoadHistory:
     """Return an impulse [N s, or N m s] at a time [s]."""
-    empty = np.zeros(0)
-    return LoadHistory(empty, empty, empty, empty, empty, empty, ((at, size),))
+    return dataclasses.replace(no_load(), impulses=((at, size),))
 
 
 def released_load(size: float, at: float = 0.0) -> LoadHistory:
     """Return a load that has acted for long, and is gone from a time [s] on."""
-    history = _one_piece(0.0, at, value=size)
-    return LoadHistory(
-        history.begins,
-        history.ends,
-        history.values,
-        history.slopes,
-        history.amplitudes,
-        history.omegas,
-        before=size,
-    )
+    return dataclasses.replace(_join_pieces([0.0], [at], values=size), before=size)
 
 
 def recorded_load(times: FloatArray, values: FloatArray) -> LoadHistory:
@@ -171,9 +160,22 @@ def recorded_load(times: FloatArray, values: FloatArray) -> LoadHistory:
         times: ``(n,)`` rising [s].
         values: ``(n,)``.
     """
-    zero = np.zeros(len(times) - 1)
     slopes = np.diff(values) / np.diff(times)
-    return LoadHistory(times[:-1], times[1:], values[:-1], slopes, zero, zero)
+    return _join_pieces(times[:-1], times[1:], values=values[:-1], slopes=slopes)
+
+
+def _join_pieces(
+    begins: ArrayLike,
+    ends: ArrayLike,
+    *,
+    values: ArrayLike = 0.0,
+    slopes: ArrayLike = 0.0,
+    amplitudes: ArrayLike = 0.0,
+    omegas: ArrayLike = 0.0,
+) -> LoadHistory:
+    """Return pieces ``(p,)``; one value is that of all."""
+    pieces = np.broadcast_arrays(begins, ends, values, slopes, amplitudes, omegas)
+    return LoadHistory(*(np.array(part, dtype=float) for part in pieces))
 
 
 def step_loads(loads: Sequence[LoadHistory], duration: float, sampling_hz: float) -> SteppedLoads:
@@ -207,24 +209,6 @@ def step_loads(loads: Sequence[LoadHistory], duration: float, sampling_hz: float
         _sines(loads, times),
         np.stack([_struck(load, times) for load in loads], axis=-1),
         np.asarray(np.searchsorted(times, samples), dtype=np.intp),
-    )
-
-
-def _one_piece(
-    begin: float,
-    end: float,
-    *,
-    value: float = 0.0,
-    amplitude: float = 0.0,
-    omega: float = 0.0,
-) -> LoadHistory:
-    return LoadHistory(
-        np.array([begin]),
-        np.array([end]),
-        np.array([value]),
-        np.zeros(1),
-        np.array([amplitude]),
-        np.array([omega]),
     )
 
 

@@ -12,8 +12,7 @@ system solvable.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import lu_factor, lu_solve, solve_triangular
-from scipy.linalg.lapack import dpotrf, dsyevr, dsygst
+from scipy.linalg import lu_factor, lu_solve
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import AccuracyError, ModelError
@@ -23,8 +22,8 @@ from headstock.solvers.linear.symmetric_modes import (
     RESOLVED,
     ModalPairs,
     loses_digits,
+    reduce_flexibility,
     solve_symmetric_modes,
-    spreads_too_far,
 )
 from headstock.solvers.second_order import SecondOrderSystem
 
@@ -32,7 +31,6 @@ RESIDUAL_LIMIT = 1e-7
 # entries of a shape that differ by less than this share of the largest are equal
 EQUAL_ENTRIES = 1e-6
 FEW = 0.5  # of all modes: from here on all of them cost no more
-WIDENING = 1.0 + 1e-12
 # eigenvalues closer than this share of themselves are one cluster: their shapes may turn into each
 # other
 CLUSTER_GAP = 1e-7
@@ -115,11 +113,7 @@ def _finish_modes(
     """
     frequencies = np.sqrt(np.abs(pairs.eigenvalues)) / (2.0 * np.pi)
     frequencies[: pairs.rigid_count] = 0.0
-    kept = len(frequencies)
-    if up_to_hz is not None:
-        kept = min(
-            kept, max(pairs.rigid_count, int(np.searchsorted(frequencies, up_to_hz, side="right")))
-        )
+    kept = _count_lowest(frequencies, pairs.rigid_count, up_to_hz)
     shapes = _with_sign(pairs.shapes[:, :kept])
     residuals = _residuals(system, pairs, shapes)
     _require_small(residuals, frequencies, largest_residual)
@@ -139,21 +133,22 @@ def keep_lowest(
         up_to_hz: Keep modes up to this frequency [Hz], rigid-body modes always; both limits hold
             when both are given.
     """
-    kept = len(modes.frequencies_hz) if count is None else min(count, len(modes.frequencies_hz))
-    if up_to_hz is not None:
-        kept = min(
-            kept,
-            max(
-                modes.rigid_count,
-                int(np.searchsorted(modes.frequencies_hz, up_to_hz, side="right")),
-            ),
-        )
+    kept = _count_lowest(modes.frequencies_hz, modes.rigid_count, up_to_hz)
+    kept = kept if count is None else min(count, kept)
     return replace(
         modes,
         frequencies_hz=modes.frequencies_hz[:kept],
         shapes=modes.shapes[:, :kept],
         residuals=modes.residuals[:kept],
     )
+
+
+def _count_lowest(frequencies: FloatArray, rigid_count: int, up_to_hz: float | None) -> int:
+    """Count modes up to a frequency [Hz], rigid-body modes always; None counts all."""
+    if up_to_hz is None:
+        return len(frequencies)
+    below = int(np.searchsorted(frequencies, up_to_hz, side="right"))
+    return min(len(frequencies), max(rigid_count, below))
 
 
 def _with_sign(shapes: FloatArray) -> FloatArray:
@@ -238,36 +233,15 @@ def _largest_flexibilities(
         or (count is not None and count > FEW * size)
     ):
         return None
-    lower, info = dpotrf(stiffness, lower=1)
-    if info != 0:
+    reduced = reduce_flexibility(stiffness, mass)
+    if reduced is None:
         return None
-    reduced, info = dsygst(mass, lower, itype=1, lower=1)
-    if info != 0:
+    least = None if up_to_hz is None else BEYOND / (2.0 * np.pi * up_to_hz) ** 2
+    solved = reduced.find_largest(count or 0) if least is None else reduced.find_above(least, count)
+    if solved is None or loses_digits(stiffness, solved[1][:, 0]):
         return None
-    if up_to_hz is None:
-        solved = dsyevr(reduced, range="I", il=size - (count or 0) + 1, iu=size, lower=1)
-    else:
-        least = BEYOND / (2.0 * np.pi * up_to_hz) ** 2
-        # no eigenvalue is negative, so none is larger than their sum
-        solved = dsyevr(
-            reduced,
-            range="V",
-            vl=least,
-            vu=max(WIDENING * float(np.trace(reduced)), 2.0 * least),
-            lower=1,
-        )
-    values, vectors, number, _, info = solved
-    flexibilities, vectors = values[:number], vectors[:, :number]
-    if info != 0 or number == 0 or spreads_too_far(flexibilities[0], flexibilities[-1]):
-        return None
-    kept = number if count is None else min(number, count)
-    shapes = solve_triangular(
-        lower, vectors[:, : -kept - 1 : -1], lower=True, trans="T", check_finite=False
-    )
-    if loses_digits(stiffness, shapes[:, 0]):
-        return None
-    eigenvalues = 1.0 / flexibilities[: -kept - 1 : -1]
-    return ModalPairs(eigenvalues, shapes * np.sqrt(eigenvalues))
+    eigenvalues = 1.0 / solved[0]
+    return ModalPairs(eigenvalues, solved[1] * np.sqrt(eigenvalues))
 
 
 def slope_squares(shapes: FloatArray, forces: FloatArray) -> FloatArray:

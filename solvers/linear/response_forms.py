@@ -93,7 +93,7 @@ class ModalSum:
             return band.evaluate(omega)
         return self.add_up(omega) + self.rest.evaluate(omega)
 
-    def within(self, highest: float) -> "ModalSum | BandSum":
+    def within(self, highest: float) -> "ModalSum | _BandSum":
         """Return the same up to an angular frequency [rad/s], faster where many modes lie far
         beyond.
         """
@@ -104,7 +104,7 @@ class ModalSum:
         values = self._keep(far).add_up(0.5 * highest * (1.0 + nodes))
         vander = np.polynomial.chebyshev.chebvander(nodes, SMOOTH_NODES - 1)
         coefficients = np.linalg.solve(vander, values.reshape(SMOOTH_NODES, -1))
-        return BandSum(self, self._keep(~far), highest, coefficients)
+        return _BandSum(self, self._keep(~far), highest, coefficients)
 
     def _keep(self, modes: NDArray[np.bool_]) -> "ModalSum":
         return ModalSum(
@@ -144,7 +144,7 @@ class ModalSum:
 
 
 @dataclass(frozen=True, eq=False)
-class BandSum:
+class _BandSum:
     """A sum over modes in a band of frequencies: over those far beyond by a polynomial.
 
     Attributes:

@@ -22,7 +22,7 @@ GAP = (
 
 
 @dataclass(frozen=True, eq=False)
-class SparseFactor:
+class _SparseFactor:
     """``A = L D L^T`` of a symmetric matrix, scaled to a diagonal of ones, with pivots on the
     diagonal.
 
@@ -66,7 +66,7 @@ def find_sparse(matrix: FloatArray) -> sp.csc_matrix | None:
     return sp.csc_matrix(matrix)
 
 
-def factorise_sparse(matrix: sp.csc_matrix) -> SparseFactor | None:
+def factorise_sparse(matrix: sp.csc_matrix) -> _SparseFactor | None:
     """Factorise a sparse matrix; None where a pivot is zero or lies off the diagonal."""
     diagonal = np.abs(matrix.diagonal())
     if not diagonal.all():
@@ -85,7 +85,7 @@ def factorise_sparse(matrix: sp.csc_matrix) -> SparseFactor | None:
     pivots = factor.U.diagonal()
     if not np.array_equal(factor.perm_r, factor.perm_c) or not np.isfinite(pivots).all():
         return None
-    return SparseFactor(factor, scaled, scale, int(np.count_nonzero(pivots < 0.0)))
+    return _SparseFactor(factor, scaled, scale, int(np.count_nonzero(pivots < 0.0)))
 
 
 def lowest_sparse_modes(

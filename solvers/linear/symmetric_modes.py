@@ -3,6 +3,7 @@ stiff the stiffest part is.
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
@@ -26,6 +27,7 @@ CANCELLATION_LIMIT = (
 )
 BEYOND = 0.99  # a pair at the limit itself must not be lost to roundoff
 FEW = 0.1  # of all modes, up to which they are solved for alone
+WIDENING = 1.0 + 1e-12
 SPLIT_WINDOW = 30.0  # the two solves meet at the widest gap within this factor of the middle
 
 
@@ -109,11 +111,11 @@ def _flexibility_modes(
     if up_to is not None:
         count = min(count, max(1, int(np.count_nonzero(flexibilities * up_to >= BEYOND))))
     least = flexibilities[-count] * (resolved / RESOLVED)
-    if spreads_too_far(least, flexibilities[-1]) or loses_digits(stiffness, shapes[:, -1]):
+    if _spreads_too_far(least, flexibilities[-1]) or loses_digits(stiffness, shapes[:, -1]):
         return None
     eigenvalues = 1.0 / flexibilities[: -count - 1 : -1]
     lowest_first = shapes[:, : -count - 1 : -1] * np.sqrt(eigenvalues)
-    if spreads_too_far(flexibilities[-count], flexibilities[-1]):
+    if _spreads_too_far(flexibilities[-count], flexibilities[-1]):
         # where digits of high modes are lost, they are still orthogonal to lower ones
         lowest_first = _mass_orthonormal(lowest_first, mass, times=1)
     return ModalPairs(eigenvalues, lowest_first)
@@ -130,7 +132,7 @@ def _few_lose_digits(stiffness: FloatArray, mass: FloatArray, count: int) -> boo
     return loses_digits(stiffness, shapes[:, 0] / np.sqrt(eigenvalues[0]))
 
 
-def spreads_too_far(smallest: float, largest: float) -> bool:
+def _spreads_too_far(smallest: float, largest: float) -> bool:
     """Return whether flexibilities lie too far apart for one solve to resolve both."""
     return not smallest > SPREAD_LIMIT * largest
 
@@ -217,28 +219,64 @@ def _mass_orthonormal(vectors: FloatArray, mass: FloatArray, *, times: int = 2) 
     return vectors
 
 
+@dataclass(frozen=True, eq=False)
+class _ReducedFlexibility:
+    """``M x = mu K x`` as one symmetric matrix ``L^-1 M L^-T``, K = L L^T.
+
+    Attributes:
+        lower: L ``(n, n)``.
+        matrix: ``(n, n)``; only its lower half counts.
+    """
+
+    lower: FloatArray
+    matrix: FloatArray
+
+    def find_largest(self, count: int) -> tuple[FloatArray, FloatArray] | None:
+        """Return the largest flexibilities mu, falling, and shapes of unit stiffness; None where these lie
+        too far apart for one solve.
+        """
+        size = len(self.matrix)
+        solved = dsyevr(self.matrix, range="I", il=size - count + 1, iu=size, lower=1)
+        return self._expand(solved, count)
+
+    def find_above(self, least: float, most: int | None) -> tuple[FloatArray, FloatArray] | None:
+        """Return likewise those above a limit, the largest of them."""
+        # no eigenvalue is negative, so none is larger than their sum
+        largest = max(WIDENING * float(np.trace(self.matrix)), 2.0 * least)
+        solved = dsyevr(self.matrix, range="V", vl=least, vu=largest, lower=1)
+        return self._expand(solved, most)
+
+    def _expand(
+        self, solved: tuple[Any, ...], most: int | None
+    ) -> tuple[FloatArray, FloatArray] | None:
+        values, vectors, number, _, info = solved
+        if info != 0 or number == 0 or _spreads_too_far(values[0], values[number - 1]):
+            return None
+        columns = np.arange(number)[::-1][:most]
+        shapes = solve_triangular(
+            self.lower, vectors[:, columns], lower=True, trans="T", check_finite=False
+        )
+        return values[columns], shapes
+
+
+def reduce_flexibility(stiffness: FloatArray, mass: FloatArray) -> _ReducedFlexibility | None:
+    """Reduce a pencil to one symmetric matrix; None where the stiffness is not positive definite."""
+    lower, info = dpotrf(stiffness, lower=1)
+    reduced, failed = dsygst(mass, lower, itype=1, lower=1) if info == 0 else (mass, 1)
+    return None if failed != 0 else _ReducedFlexibility(lower, reduced)
+
+
 def _few_modes(
     stiffness: FloatArray, mass: FloatArray, wanted: int
 ) -> tuple[FloatArray, FloatArray] | None:
     """Return the lowest modes alone, at a tenth of the cost of all; None where many are wanted or
     one solve does not resolve them.
     """
-    size = len(mass)
-    if not 0 < wanted <= FEW * size:
+    reduced = reduce_flexibility(stiffness, mass) if 0 < wanted <= FEW * len(mass) else None
+    solved = None if reduced is None else reduced.find_largest(wanted)
+    if solved is None or len(solved[0]) < wanted:
         return None
-    lower, info = dpotrf(stiffness, lower=1)
-    reduced, failed = dsygst(mass, lower, itype=1, lower=1) if info == 0 else (mass, 1)
-    if failed != 0:
-        return None
-    flexibilities, vectors, number, _, info = dsyevr(
-        reduced, range="I", il=size - wanted + 1, iu=size, lower=1
-    )
-    flexibilities = flexibilities[:number][::-1]
-    if info != 0 or number < wanted or spreads_too_far(flexibilities[-1], flexibilities[0]):
-        return None
-    shapes = solve_triangular(
-        lower, vectors[:, number - 1 :: -1][:, :number], lower=True, trans="T", check_finite=False
-    )
+    flexibilities, shapes = solved
     return 1.0 / flexibilities, shapes / np.sqrt(flexibilities)
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
@@ -15,6 +16,7 @@ from headstock.solvers.linear.state_space import ModalPairs, StateSpace
 # larger matrix
 LOW_FREQUENCY = 0.5
 CHUNK = 4096  # steps worked on together
+SAME_STEP = 9  # decimals of a step's length that distinguish steps
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,31 +80,27 @@ def solve_time_response(
         ModelError: The step is not positive, or a load is not finite.
     """
     loads = np.asarray(loads, dtype=float)
-    if not np.isfinite(loads).all():
-        raise ModelError("a load is not finite")
-    propagator = make_propagator(space, step)
-    state = (
-        np.zeros(len(space.a)) if initial_state is None else np.asarray(initial_state, dtype=float)
-    )
-    forcing = loads[:-1] @ propagator.start.T + loads[1:] @ propagator.end.T
-    outputs = np.empty((len(loads), len(space.c)))
-    outputs[:1] = space.c @ state
-    for number, push in enumerate(forcing, start=1):
-        state = propagator.advance(state) + push
-        outputs[number] = space.c @ state
-    return TimeResponse(
-        np.asarray(step * np.arange(len(loads)), dtype=float), outputs + loads @ space.d.T, state
-    )
+    if not (np.isfinite(step) and step > 0.0):
+        raise ModelError(f"the time step is {step:g} s; it must be above zero")
+    ends, times = np.stack([loads[:-1], loads[1:]], axis=1), step * np.arange(len(loads))
+    return solve_stepped_response(space, times, ends, initial_state=initial_state)
 
 
-def solve_stepped_response(space: StateSpace, times: FloatArray, loads: FloatArray) -> TimeResponse:
-    """Return the response from rest to loads that are linear within each step and may jump between
+def solve_stepped_response(
+    space: StateSpace,
+    times: FloatArray,
+    loads: FloatArray,
+    *,
+    initial_state: FloatArray | None = None,
+) -> TimeResponse:
+    """Return the response to loads that are linear within each step and may jump between
     steps.
 
     Args:
         space: From ``to_state_space``.
         times: ``(n,)`` rising, of any spacing [s].
         loads: ``(n - 1, 2, n_inputs)`` at the beginning and the end of each step.
+        initial_state: ``(n,)``; default: at rest.
 
     Returns:
         Motions at the times; where a load jumps and acts on an output at once, that after the jump.
@@ -112,13 +110,11 @@ def solve_stepped_response(space: StateSpace, times: FloatArray, loads: FloatArr
     """
     if not np.isfinite(loads).all():
         raise ModelError("a load is not finite")
-    steps = np.diff(times)
-    # steps that differ by roundoff of the times are one step
-    sizes, which = np.unique(np.round(steps / steps.max(), 9), return_inverse=True)
-    propagators = [
-        make_propagator(space, float(steps[which == number].mean())) for number in range(len(sizes))
-    ]
-    state = np.zeros(len(space.a))
+    lengths, which = group_steps(np.diff(times))
+    propagators = [make_propagator(space, length) for length in lengths]
+    state = (
+        np.zeros(len(space.a)) if initial_state is None else np.asarray(initial_state, dtype=float)
+    )
     outputs = np.empty((len(times), len(space.c)))
     outputs[0] = space.c @ state
     for number, kind in enumerate(which):
@@ -131,6 +127,16 @@ def solve_stepped_response(space: StateSpace, times: FloatArray, loads: FloatArr
         outputs[number + 1] = space.c @ state
     add_direct(outputs, np.concatenate([loads[:, 0], loads[-1:, 1]]), space.d)
     return TimeResponse(np.asarray(times, dtype=float), outputs, state)
+
+
+def group_steps(steps: FloatArray) -> tuple[list[float], NDArray[np.intp]]:
+    """Return the lengths of steps ``(n,)``, and which each has; steps that differ by roundoff of the times
+    are one.
+    """
+    sizes, kinds = np.unique(
+        np.round(steps / steps.max(), SAME_STEP) if len(steps) else steps, return_inverse=True
+    )
+    return [float(steps[kinds == kind].mean()) for kind in range(len(sizes))], kinds
 
 
 def add_direct(outputs: FloatArray, loads: FloatArray, direct: FloatArray) -> None:
@@ -155,8 +161,8 @@ def make_propagator(space: StateSpace, step: float) -> Propagator:
     if not (np.isfinite(step) and step > 0.0):
         raise ModelError(f"the time step is {step:g} s; it must be above zero")
     if space.pairs is None:
-        transition, ramp = _integrals(space.a, step)
-        return Propagator(transition, (ramp[0] - ramp[1]) @ space.b, ramp[1] @ space.b, step)
+        transition, level, rise = exact_step(space.a, np.eye(len(space.a)), step)
+        return Propagator(transition, (level - rise) @ space.b, rise @ space.b, step)
     transition, total, rising = _pair_integrals(space.pairs, step)
     count = len(transition)
     force = space.b.reshape(count, 2, space.b.shape[1])
@@ -202,16 +208,26 @@ def _sine_integrals(a: FloatArray, step: float, omega: float) -> tuple[FloatArra
     return exponential[..., first, second], exponential[..., first, third]
 
 
-def _integrals(a: FloatArray, step: float) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
-    """Return ``exp(A h)``, ``int exp(A (h - s)) ds`` and ``int exp(A (h - s)) s / h ds``."""
-    size = len(a)
-    zero, unit = np.zeros((size, size)), np.eye(size)
-    big = np.block([[a * step, unit * step, zero], [zero, zero, unit], [zero, zero, zero]])
-    exponential = scipy.linalg.expm(big)
-    return exponential[:size, :size], (
-        exponential[:size, size : 2 * size],
-        exponential[:size, 2 * size :],
-    )
+def exact_step(a: FloatArray, b: FloatArray, step: float) -> tuple[FloatArray, ...]:
+    """Return ``exp(A h)``, ``int exp(A (h - s)) ds B`` and ``int exp(A (h - s)) s / h ds B``.
+
+    A linear load is an integral of two more states, the load at the start and its rise per step: one
+    exponential holds the step and both integrals, also where frequencies are zero and no closed form
+    would do.
+
+    Args:
+        a: ``(n, n)``.
+        b: ``(n, k)``.
+        step: [s].
+
+    Source: Van Loan (1978), Computing integrals involving the matrix exponential.
+    """
+    size, acting = b.shape
+    big = np.zeros((size + 2 * acting, size + 2 * acting))
+    big[:size, :size], big[:size, size : size + acting] = a * step, b * step
+    big[size : size + acting, size + acting :] = np.eye(acting)
+    exponential = scipy.linalg.expm(big)[:size]
+    return tuple(np.split(exponential, [size, size + acting], axis=1))
 
 
 def _pair_integrals(pairs: ModalPairs, step: float) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -222,7 +238,7 @@ def _pair_integrals(pairs: ModalPairs, step: float) -> tuple[FloatArray, FloatAr
     transition, total, rising = np.empty_like(a), np.empty_like(a), np.empty_like(a)
     low_frequency = np.maximum(np.sqrt(pairs.eigenvalues), pairs.viscous) * step < LOW_FREQUENCY
     for mode in np.flatnonzero(low_frequency):
-        transition[mode], (total[mode], rising[mode]) = _integrals(a[mode], step)
+        transition[mode], total[mode], rising[mode] = exact_step(a[mode], np.eye(2), step)
     fast = np.flatnonzero(~low_frequency)
     if len(fast):
         transition[fast] = _pair_exponentials(

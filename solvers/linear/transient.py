@@ -10,8 +10,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
-from headstock.solvers.linear.damped_modes import add_little_mass
-from headstock.solvers.linear.damping import equivalent_viscous
+from headstock.solvers.linear.damping import add_little_mass, equivalent_viscous
 from headstock.solvers.linear.load_history import IndexArray, LoadHistory, SteppedLoads
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
 from headstock.solvers.linear.modal_coordinates import (
@@ -22,11 +21,10 @@ from headstock.solvers.linear.modal_coordinates import (
     to_modal_coordinates,
 )
 from headstock.solvers.linear.state_space import StateSpace, modal_state_space, to_state_space
-from headstock.solvers.linear.time_response import make_propagator, sine_gains
+from headstock.solvers.linear.time_response import group_steps, make_propagator, sine_gains
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 
 UNBALANCED = 1e-8  # of a load, what is left of it where it moves the system as a whole
-SAME_STEP = 9  # decimals of a step's length that distinguish steps
 CHANGE = 1e-6  # of the largest value: a smaller change of the rest position is none
 
 
@@ -234,11 +232,9 @@ def solve_transient(space: StateSpace, loads: SteppedLoads, initial_state: Float
         loads: On their grid.
         initial_state: ``(s,)`` before the time zero.
     """
-    steps = loads.steps
-    sizes, kinds = np.unique(np.round(steps / steps.max(), SAME_STEP), return_inverse=True)
-    lengths = [float(steps[kinds == kind].mean()) for kind in range(len(sizes))]
+    lengths, kinds = group_steps(loads.steps)
     propagators = [make_propagator(space, length) for length in lengths]
-    forcing = np.zeros((len(steps), len(space.a)))
+    forcing = np.zeros((len(kinds), len(space.a)))
     for kind, (propagator, length) in enumerate(zip(propagators, lengths, strict=True)):
         here = kinds == kind
         linear = loads.linear[here]

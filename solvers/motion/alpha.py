@@ -15,8 +15,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl
-from headstock.solvers.control.dead_time import LinearBlock, stack_blocks
-from headstock.solvers.control.drive_loops import make_controller
+from headstock.solvers.control.drive_loops import LinearBlock, make_controller, stack_blocks
 from headstock.solvers.errors import ConvergenceError
 from headstock.solvers.mechanisms.generalized_alpha import AlphaScheme
 from headstock.solvers.motion.friction import CoordinateFriction
@@ -294,7 +293,7 @@ def _tabulate_inverse(ends: FloatArray) -> list[FloatArray]:
         parts *= 2
 
 
-class SchemeMatrices(NamedTuple):
+class _SchemeMatrices(NamedTuple):
     """One step of position, velocity, acceleration, auxiliary: ``ahead @ old + reach * new
     acceleration``, ``(4, 4)`` and ``(4,)``.
     """
@@ -303,7 +302,7 @@ class SchemeMatrices(NamedTuple):
     reach: FloatArray
 
 
-def _scheme_matrices(scheme: AlphaScheme, h: float) -> SchemeMatrices:
+def _scheme_matrices(scheme: AlphaScheme, h: float) -> _SchemeMatrices:
     """What the steps of a scheme do over ``h`` seconds."""
     am, af, gamma, beta = scheme.alpha_m, scheme.alpha_f, scheme.gamma, scheme.beta
     share = (1.0 - af) / (1.0 - am)
@@ -312,7 +311,7 @@ def _scheme_matrices(scheme: AlphaScheme, h: float) -> SchemeMatrices:
     position = unit[0] + h * unit[1] + h * h * ((0.5 - beta) * unit[3] + beta * rest)
     velocity = unit[1] + h * ((1.0 - gamma) * unit[3] + gamma * rest)
     reach = np.array([h * h * beta * share, h * gamma * share, 1.0, share])
-    return SchemeMatrices(np.array([position, velocity, np.zeros(4), rest]), reach)
+    return _SchemeMatrices(np.array([position, velocity, np.zeros(4), rest]), reach)
 
 
 def _wave_stiffness(motion: LinearMotion, part: slice, regeneration: Regeneration) -> FloatArray:
@@ -376,7 +375,7 @@ class ServoMotion:
     beside: FloatArray
 
     def read(self, history: CompliantHistory) -> FloatArray:
-        """What the position controllers read beside their set points ``(n, d)`` [m]."""
+        """Return what the position controllers read beyond their set points ``(n, d)`` [m]."""
         states = history.compliant[:, : self.motors.stop]
         reads = self.motion.between(self.reads, slice(None))
         return np.asarray((reads @ states[..., None])[..., 0] + self.beside)

@@ -25,10 +25,17 @@ from headstock.solvers.control.stability import has_free_motions
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.modal_coordinates import ModalCoordinates
 from headstock.solvers.linear.state_space import StateSpace, modal_state_space
-from headstock.solvers.linear.time_response import solve_stepped_response
+from headstock.solvers.linear.time_response import exact_step
 from headstock.solvers.motion.deviation import PathDeviation
-from headstock.solvers.motion.driven_motion import DrivenMotion, integrate_motion, solve_motion
-from headstock.solvers.motion.exact import StepTable, integrate_steps, observe_along, tabulate_steps
+from headstock.solvers.motion.driven_motion import DrivenMotion, integrate_track, solve_motion
+from headstock.solvers.motion.exact import (
+    StepTable,
+    integrate_steps,
+    join_ends,
+    observe_along,
+    respond_exactly,
+    tabulate_steps,
+)
 from headstock.solvers.motion.friction_loop import (
     FrictionLoop,
     LoopTrack,
@@ -36,21 +43,17 @@ from headstock.solvers.motion.friction_loop import (
     make_friction_loop,
     spread_inputs,
 )
-from headstock.solvers.motion.loads import (
-    PathLoads,
-    cut_times,
-    load_channels,
-    loads_at,
-    longest_step,
-    step_loads,
-)
 from headstock.solvers.motion.plant import PlantChannels, SampledPlant, VaryingSystem
 from headstock.solvers.motion.set_points import (
+    PathLoads,
     SetPoint,
+    cut_times,
     list_breaks,
+    load_channels,
+    longest_step,
+    path_inputs,
     sample_move,
-    step_accelerations,
-    step_times,
+    step_move,
 )
 from headstock.solvers.second_order import Channel, Positions
 from headstock.solvers.watched_outputs import Watch, WatchedOutputs, WatchedValues
@@ -82,12 +85,12 @@ class ControlledPath:
 
     @functools.cached_property
     def others(self) -> WatchedOutputs:
-        """What is watched, of states and inputs."""
+        """Return what is watched, of states and inputs."""
         return self.loop.space.watch(self.watched)
 
     @functools.cached_property
     def rows(self) -> Positions:
-        """Where the outputs wanted stand."""
+        """Return the rows of the outputs wanted."""
         return self.loop.space.rows.of(self.outputs)
 
     @property
@@ -98,10 +101,10 @@ class ControlledPath:
             (axis, kind): self.shares.get(axis, 0.0) * units[kind]
             for axis, kind in set_channels(self.loop.trains)
         }
-        return add_loads(sets, load_channels(self.loads))
+        return _add_loads(sets, load_channels(self.loads))
 
 
-def add_loads(
+def _add_loads(
     sets: Mapping[Channel, FloatArray], loads: Sequence[Channel]
 ) -> dict[Channel, FloatArray]:
     """Rows ``(3 + k,)`` of inputs of position, speed and acceleration along a path, then of ``k`` loads.
@@ -113,31 +116,6 @@ def add_loads(
     units = np.eye(len(SET_POINTS) + len(loads))
     padded = {channel: np.pad(row, (0, len(loads))) for channel, row in sets.items()}
     return padded | dict(zip(loads, units[len(SET_POINTS) :], strict=True))
-
-
-@dataclass(frozen=True, eq=False)
-class _Motion:
-    """The states as ``x = X_s s + X_v v + X_a a + xi``: what a path would hold them at, and what
-    rings about it.
-
-    Attributes:
-        place: X_s ``(n,)``: at rest, per travel.
-        speed: X_v: at constant speed.
-        pull: X_a: at constant acceleration.
-        inputs: ``(n, 3 + k)`` columns of position, speed and acceleration along the path, and loads.
-        direct: ``(n_outputs, 3 + k)`` what they do at once to the outputs, through drive forces and
-            the flexibility of modes left out.
-        beside: ``(w, 3 + k)`` the same to what is watched.
-        low_frequency: ``(n, n)`` projector on the low-frequency poles.
-    """
-
-    place: FloatArray
-    speed: FloatArray
-    pull: FloatArray
-    inputs: FloatArray
-    direct: FloatArray
-    beside: FloatArray
-    low_frequency: FloatArray
 
 
 def solve_controlled_path(
@@ -155,52 +133,29 @@ def solve_controlled_path(
 
     Raises:
         ModelError: The machine floats, so that no acceleration can last.
-
-    Source: ``A X_s = -B_s``, ``A X_v = X_s - B_v``, ``A X_a = X_v - B_a``, ``xi' = A xi - X_a a'``.
     """
-    motion = _split(path)
-    space, count = path.loop.space, len(path.travel)
-    rows, size = space.c[path.rows], len(space.a)
-    a = np.zeros((size + 2, size + 2))
-    a[:size] = np.hstack([space.a, motion.inputs[:, :2]])
-    a[size, size + 1] = 1.0
-    # of position and speed, which are states, the acceleration is the rate
-    acting = motion.inputs[:, 2:]
-    b = np.vstack([acting, np.zeros((2, acting.shape[1]))])
-    b[-1, 0] = 1.0
-    low_frequency = rows @ motion.low_frequency
-    direct = np.vstack(
-        [motion.direct[:, 2:], np.zeros((count, acting.shape[1])), motion.beside[:, 2:]]
+    _require_mounted(path.loop)
+    space, others = path.loop.space, path.others
+    spread = spread_inputs(space.inputs, path.given)
+    # sums in the order of the axes: of what constant speed holds little is left
+    b, direct, added = (
+        (part[:, :, None] * spread).sum(axis=1)
+        for part in (space.b, space.d[path.rows], others.inputs)
     )
-    c = np.vstack(
-        [
-            np.hstack([rows, motion.direct[:, :2] - np.outer(path.travel, [1.0, 0.0])]),
-            np.hstack(
-                [
-                    low_frequency,
-                    -(low_frequency @ motion.place)[:, None],
-                    -(low_frequency @ motion.speed)[:, None],
-                ]
-            ),
-            np.hstack([path.others.states, motion.beside[:, :2]]),
-        ]
-    )
-    whole = StateSpace(a, b, c, direct, (), (), ())
-    fine, parts = cut_times(samples, path.loads)
-    times, places = step_times(move, fine)
-    given = np.concatenate(
-        [step_accelerations(move, times)[:, :, None], step_loads(path.loads, move, times)], axis=2
-    )
-    found = solve_stepped_response(whole, times, given).outputs[places[::parts]]
-    quasi_static = _follow(path, motion, move, samples)
-    total, low_frequency = found[:, :count], found[:, count : 2 * count]
-    return PathDeviation(
-        samples,
-        total,
-        quasi_static,
-        low_frequency,
-        total - quasi_static - low_frequency,
-        WatchedValues(path.watched.channels, found[:, 2 * count :]),
+    rows = space.c[path.rows]
+    limit = 2.0 * np.pi * path.low_frequency_limit_hz
+    low_frequency, slow, held = _split_poles(space.a, b, rows, direct, limit)
+    steps, now = step_move(path.loads, move, samples), sample_move(move, samples)
+    moved = direct[:, :2] - np.outer(path.travel, [1.0, 0.0])
+    a, b = _drive_by_acceleration(space.a, b)
+    return respond_exactly(
+        StateSpace(a, b, np.zeros((0, len(a))), np.zeros((0, b.shape[1])), (), (), ()),
+        steps,
+        wanted=WatchedOutputs(np.hstack([rows, moved]), direct[:, 2:]),
+        below=np.hstack([low_frequency, -slow]),
+        quasi_static=np.column_stack([now.speeds, now.accelerations]) @ held[:, 1:].T,
+        watched=WatchedOutputs(np.hstack([others.states, added[:, :2]]), added[:, 2:]),
+        channels=path.watched.channels,
     )
 
 
@@ -217,12 +172,7 @@ def solve_path_with_friction(
         ConvergenceError: Friction does not settle.
     """
     linear, space = solve_controlled_path(path, move, samples), path.loop.space
-
-    def given(times: FloatArray) -> FloatArray:
-        now = sample_move(move, times)
-        own = [now.positions, now.speeds, now.accelerations]
-        return np.column_stack([*own, loads_at(path.loads, times, now.speeds)])
-
+    given = functools.partial(path_inputs, path.loads, move)
     found = solve_motion(
         path.loop,
         given,
@@ -231,58 +181,69 @@ def solve_path_with_friction(
         breaks=list_breaks(move),
         longest=longest_step(path.loads),
     )
-    positions = sample_move(move, samples).positions
-    total = found.outputs[:, path.rows] - np.outer(positions, path.travel)
-    acting = given(samples) @ spread_inputs(space.inputs, path.given).T
+    now = given(samples)
+    total = found.outputs[:, path.rows] - np.outer(now[:, 0], path.travel)
+    acting = now @ spread_inputs(space.inputs, path.given).T
     acting[:, space.columns.of(friction_channels(path.loop.trains))] = -found.friction
-    return PathDeviation(
-        samples,
-        total,
-        linear.quasi_static,
-        linear.low_frequency,
-        total - linear.quasi_static - linear.low_frequency,
-        WatchedValues(path.watched.channels, path.others.evaluate(found.right, acting)),
-    ), found
+    values = path.others.evaluate(found.right, acting)
+    return linear.with_total(total, WatchedValues(path.watched.channels, values)), found
 
 
-def _split(path: ControlledPath) -> _Motion:
-    space = path.loop.space
-    if has_free_motions(path.loop):
+def _require_mounted(loop: ClosedLoop) -> None:
+    """Refuse a machine that floats."""
+    if has_free_motions(loop):
         raise ModelError(
             "the machine floats, so nothing holds it against accelerating axes; join it to ground by a mount"
         )
-    spread = spread_inputs(space.inputs, path.given)
-    # sums in the order of the axes: of what constant speed holds little is left
-    given, direct, beside = (
-        (part[:, :, None] * spread).sum(axis=1)
-        for part in (space.b, space.d[path.rows], path.others.inputs)
-    )
-    factors = scipy.linalg.lu_factor(space.a)
-    place = scipy.linalg.lu_solve(factors, -given[:, 0])
-    speed = scipy.linalg.lu_solve(factors, place - given[:, 1])
-    pull = scipy.linalg.lu_solve(factors, speed - given[:, 2])
-    return _Motion(
-        place,
-        speed,
-        pull,
-        given,
-        direct,
-        beside,
-        project_slow(space.a, 2.0 * np.pi * path.low_frequency_limit_hz),
-    )
 
 
-def _follow(
-    path: ControlledPath, motion: _Motion, move: SetPoint, samples: FloatArray
-) -> FloatArray:
-    """What speed and acceleration hold ``(n, n_outputs)``."""
-    rows, now = path.loop.space.c[path.rows], sample_move(move, samples)
-    speed = rows @ motion.speed + motion.direct[:, 1]
-    pull = rows @ (motion.pull - motion.low_frequency @ motion.pull) + motion.direct[:, 2]
-    return np.asarray(np.outer(now.speeds, speed) + np.outer(now.accelerations, pull))
+def _drive_by_acceleration(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return a system ``(n + 2, n + 2)`` whose last states are position and speed along the path, and
+    its inputs ``(n + 2, 1 + k)``, acceleration and loads.
+
+    Args:
+        a: ``(n, n)``.
+        b: ``(n, 3 + k)`` of position, speed, acceleration and loads.
+    """
+    size, acting = len(a), b[:, 2:]
+    whole = np.zeros((size + 2, size + 2))
+    whole[:size] = np.hstack([a, b[:, :2]])
+    whole[size, size + 1] = 1.0
+    inputs = np.vstack([acting, np.zeros((2, acting.shape[1]))])
+    inputs[-1, 0] = 1.0
+    return whole, inputs
 
 
-def project_slow(a: FloatArray, limit: float) -> FloatArray:
+def _split_poles(
+    a: FloatArray, b: FloatArray, rows: FloatArray, direct: FloatArray, limit: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Part states ``x = X_s s + X_v v + X_a a + xi``: what a path would hold them at, and what rings
+    about it.
+
+    Args:
+        a: ``(n, n)``.
+        b: ``(n, 3 + k)`` of position, speed and acceleration along the path, and loads.
+        rows: ``(p, n)`` outputs.
+        direct: ``(p, 3 + k)`` direct feedthrough to them.
+        limit: Size below which poles are low-frequency ones [rad/s].
+
+    Returns:
+        Outputs of the low-frequency poles ``(p, n)``, what these would be held at per travel and speed
+        ``(p, 2)``, and what position, speed and acceleration hold without them ``(p, 3)``.
+
+    Source: ``A X_s = -B_s``, ``A X_v = X_s - B_v``, ``A X_a = X_v - B_a``, ``xi' = A xi - X_a a'``.
+    """
+    factors = scipy.linalg.lu_factor(a)
+    at_rest = scipy.linalg.lu_solve(factors, -b[:, 0])
+    at_speed = scipy.linalg.lu_solve(factors, at_rest - b[:, 1])
+    accelerated = scipy.linalg.lu_solve(factors, at_speed - b[:, 2])
+    low_frequency = rows @ _project_slow(a, limit)
+    held = rows @ np.column_stack([at_rest, at_speed, accelerated]) + direct[:, :3]
+    held[:, 2] -= low_frequency @ accelerated
+    return low_frequency, low_frequency @ np.column_stack([at_rest, at_speed]), held
+
+
+def _project_slow(a: FloatArray, limit: float) -> FloatArray:
     """Projector ``(n, n)`` on the invariant subspace of the poles below a size.
 
     Source: Golub and Van Loan (2013), section 7.6.3: ordered Schur form, its blocks parted by a
@@ -320,8 +281,7 @@ class VaryingLoop:
     """A machine under control along a straight path.
 
     Attributes:
-        plant: With free motors, along the path.
-        channels: Its channels: those of :func:`loop_channels`.
+        plant: With free motors, along the path, between :func:`loop_channels`.
         path: The one of the acceleration along the path.
         outputs: Where the deviation is wanted.
         low_frequency_limit_hz: Poles below this frequency are rigid-body motion on the drives and
@@ -330,8 +290,7 @@ class VaryingLoop:
         watched: Other outputs of the closed loop that are wanted after these, as deviations.
     """
 
-    plant: VaryingSystem[SampledPlant]
-    channels: PlantChannels
+    plant: VaryingSystem
     path: Channel
     outputs: tuple[Channel, ...]
     trains: tuple[DriveTrain, ...]
@@ -341,7 +300,7 @@ class VaryingLoop:
     watched: tuple[Channel, ...] = ()
 
     def rows(self, space: StateSpace) -> Positions:
-        """Where the outputs wanted, then those watched, stand in the closed loop."""
+        """Return the rows of the closed loop of the outputs wanted, then of those watched."""
         return space.rows.of((*self.outputs, *self.watched))
 
     @property
@@ -359,7 +318,7 @@ class VaryingLoop:
             )
             kinds = ((train.name, kind) for kind in SET_POINTS)
             found |= dict(zip(kinds, np.diag(deviating), strict=True))
-        return add_loads(found, load_channels(self.loads))
+        return _add_loads(found, load_channels(self.loads))
 
 
 @dataclass(frozen=True, eq=False)
@@ -408,10 +367,10 @@ def loop_channels(
     )
 
 
-def close_along(loop: VaryingLoop, position: float) -> ClosedLoop:
+def close_loops_along(loop: VaryingLoop, position: float) -> ClosedLoop:
     """The closed loop of deviations at a position [m]: its set points are those of each drive."""
     sample = loop.plant.at(position)
-    plant = _plant_at(sample, loop.plant.scales, loop.channels)
+    plant = _plant_at(sample, loop.plant.scales)
     inputs = (*load_channels(loop.loads), loop.path, *friction_channels(loop.trains))
     return close_plant(plant, _deviation_trains(loop.trains), inputs, loop.outputs)
 
@@ -439,16 +398,16 @@ def make_loop_table(loop: VaryingLoop, size: float) -> LoopTable:
         AccuracyError: The greatest number of places does not suffice.
         ModelError: The machine floats, so that no acceleration can last.
     """
-    if has_free_motions(close_along(loop, 0.5 * float(loop.plant.positions[-1]))):
-        raise ModelError(
-            "the machine floats, so nothing holds it against accelerating axes; join it to ground by a mount"
-        )
+    _require_mounted(close_loops_along(loop, 0.5 * float(loop.plant.positions[-1])))
     steps = tabulate_steps(
         lambda place: _exact_step(loop, place, size), float(loop.plant.positions[-1]), size
     )
     inputs = [_drive_inputs(loop, float(place)) for place in steps.spline.x]
-    parting = _part_poles([own.space.a for own in inputs], loop.low_frequency_limit_hz)
-    views = [_observe_loop(loop, *each) for each in zip(inputs, parting, strict=True)]
+    parting = _part_poles([space.a for space, _, _ in inputs], loop.low_frequency_limit_hz)
+    views = []
+    for (space, b, direct), limit in zip(inputs, parting, strict=True):
+        rows = space.c[loop.rows(space)]
+        views.append((rows, direct, *_split_poles(space.a, b, rows, direct, float(limit))))
     return LoopTable(
         steps,
         *(
@@ -468,42 +427,24 @@ def solve_varying_control(
         samples: ``(n,)`` evenly spaced, from zero [s].
         table: Of steps of the size of ``cut_times``, where it is known.
     """
-    fine, parts = cut_times(samples, loop.loads)
-    times, places = step_times(move, fine)
-    table = table or make_loop_table(loop, float(fine[1] - fine[0]))
-    at = sample_move(move, times)
-    accelerations = step_accelerations(move, times)
-    loads = loads_at(loop.loads, times, at.speeds)
-    given = np.hstack(
-        [
-            at.positions[:-1, None],
-            at.speeds[:-1, None],
-            accelerations[:, :1],
-            loads[:-1],
-            accelerations[:, 1:],
-            loads[1:],
-        ]
-    )
-    size = table.rows.c.shape[3]
+    steps = step_move(loop.loads, move, samples)
+    table = table or make_loop_table(loop, float(cut_times(samples, loop.loads)[0][1]))
+    motion = path_inputs(loop.loads, move, steps.times)[:-1, :2]
     states = integrate_steps(
         table.steps,
         lambda place, step: _exact_step(loop, place, step),
         move,
-        times,
-        given,
-        size=size,
-    )[places[::parts]]
-    now = sample_move(move, samples)
-    motion = np.column_stack([now.positions, now.speeds, now.accelerations])
-    acting = np.hstack([motion, loads_at(loop.loads, samples, now.speeds)])
-    total = observe_along(table.rows, now.positions, states) + observe_along(
-        table.direct, now.positions, acting
-    )
-    low_frequency = observe_along(table.low_frequency, now.positions, states) - observe_along(
-        table.slow, now.positions, motion[:, :2]
-    )
-    quasi_static = observe_along(table.quasi_static, now.positions, motion)
-    count = len(loop.outputs)
+        steps.times,
+        np.hstack([motion, steps.ends.reshape(len(motion), -1)]),
+        size=table.rows.c.shape[3],
+    )[steps.wanted]
+    now = path_inputs(loop.loads, move, samples)
+    positions, count = now[:, 0], len(loop.outputs)
+    total = observe_along(table.rows, positions, states)
+    total += observe_along(table.direct, positions, now)
+    low_frequency = observe_along(table.low_frequency, positions, states)
+    low_frequency -= observe_along(table.slow, positions, now[:, :2])
+    quasi_static = observe_along(table.quasi_static, positions, now[:, :3])
     others = WatchedValues(loop.watched, total[:, count:])
     total, quasi_static, low_frequency = (
         part[:, :count] for part in (total, quasi_static, low_frequency)
@@ -521,29 +462,22 @@ def solve_varying_friction(
         ConvergenceError: Friction does not settle.
     """
     table = table or make_loop_table(loop, float(cut_times(samples, loop.loads)[0][1]))
-    linear = solve_varying_control(loop, move, samples, table)
-
-    def given(times: FloatArray) -> FloatArray:
-        now = sample_move(move, times)
-        own = [now.positions, now.speeds, now.accelerations]
-        return np.column_stack([*own, loads_at(loop.loads, times, now.speeds)])
-
     track = LoopTrack(
         table.steps.spline.x,
         functools.partial(_friction_at, loop),
         lambda times: sample_move(move, times).positions,
-        loop.rows(close_along(loop, 0.0).space),
+        loop.rows(close_loops_along(loop, 0.0).space),
     )
-    found = integrate_motion(
-        track, given, samples, breaks=list_breaks(move), longest=longest_step(loop.loads)
+    found = integrate_track(
+        track,
+        functools.partial(path_inputs, loop.loads, move),
+        samples,
+        breaks=list_breaks(move),
+        longest=longest_step(loop.loads),
     )
-    shown, watched = np.split(found.outputs, [len(loop.outputs)], axis=1)
-    return dataclasses.replace(
-        linear,
-        total=shown,
-        dynamic=shown - linear.quasi_static - linear.low_frequency,
-        watched=WatchedValues(loop.watched, watched),
-    ), found
+    total, watched = np.split(found.outputs, [len(loop.outputs)], axis=1)
+    linear = solve_varying_control(loop, move, samples, table)
+    return linear.with_total(total, WatchedValues(loop.watched, watched)), found
 
 
 def _friction_at(loop: VaryingLoop, position: float) -> FrictionLoop:
@@ -558,10 +492,10 @@ def _friction_at(loop: VaryingLoop, position: float) -> FrictionLoop:
     given = loop.given
     guides = np.zeros((len(slides), len(given[loop.path])))
     guides[:, SET_POINTS.index("velocity")] = slides
-    return make_friction_loop(close_along(loop, position), given, guides)
+    return make_friction_loop(close_loops_along(loop, position), given, guides)
 
 
-def _plant_at(sample: SampledPlant, scales: FloatArray, channels: PlantChannels) -> StateSpace:
+def _plant_at(sample: SampledPlant, scales: FloatArray) -> StateSpace:
     """State space of modes that stiffness couples, scaled as in the middle of the path."""
     space = modal_state_space(
         ModalCoordinates(
@@ -576,8 +510,8 @@ def _plant_at(sample: SampledPlant, scales: FloatArray, channels: PlantChannels)
             complete=False,
             shapes=np.zeros((0, len(scales))),
         ),
-        channels.inputs,
-        channels.outputs,
+        sample.channels.inputs,
+        sample.channels.outputs,
     )
     first, second = np.arange(0, len(space.a), 2), np.arange(1, len(space.a), 2)
     a = space.a.copy()
@@ -585,47 +519,22 @@ def _plant_at(sample: SampledPlant, scales: FloatArray, channels: PlantChannels)
     return dataclasses.replace(space, a=a, pairs=None)
 
 
-@dataclass(frozen=True, eq=False)
-class _Inputs:
-    """A closed loop between the path and its outputs.
-
-    Attributes:
-        b: ``(n, 3 + k)`` columns of position, speed, acceleration along the path, and loads.
-        d: ``(p, 3 + k)`` likewise, of the outputs wanted.
+def _drive_inputs(loop: VaryingLoop, position: float) -> tuple[StateSpace, FloatArray, FloatArray]:
+    """Return the closed loop at a position, and its columns ``(n, 3 + k)`` and direct feedthrough
+    ``(p, 3 + k)`` of position, speed, acceleration along the path, and loads.
     """
-
-    space: StateSpace
-    b: FloatArray
-    d: FloatArray
-
-
-def _drive_inputs(loop: VaryingLoop, position: float) -> _Inputs:
-    space = close_along(loop, position).space
+    space = close_loops_along(loop, position).space
     spread = spread_inputs(space.inputs, loop.given)
-    return _Inputs(space, space.b @ spread, space.d[loop.rows(space)] @ spread)
+    return space, space.b @ spread, space.d[loop.rows(space)] @ spread
 
 
 def _exact_step(loop: VaryingLoop, position: float, size: float) -> FloatArray:
-    """Exact step of the loop frozen at a position: ``(n, n + 2 + 2 (1 + k))``.
-
-    Source: Van Loan (1978), Computing integrals involving the matrix exponential.
+    """Exact step of the loop frozen at a position: ``(n, n + 2 + 2 (1 + k))``, of states, position and
+    speed, then of what acts, linear between the ends of the step.
     """
-    inputs = _drive_inputs(loop, position)
-    n, acting = len(inputs.space.a), inputs.b.shape[1] - 2
-    # states, position and speed; then what acts, linear between the ends of the step
-    ends = n + 2
-    big = np.zeros((ends + 2 * acting, ends + 2 * acting))
-    big[:n, :n], big[:n, n:ends], big[:n, ends : ends + acting] = (
-        inputs.space.a,
-        inputs.b[:, :2],
-        inputs.b[:, 2:],
-    )
-    big[n, n + 1] = big[n + 1, ends] = 1.0
-    big *= size
-    big[ends : ends + acting, ends + acting :] = np.eye(acting)
-    found = scipy.linalg.expm(big)[:n]
-    level, rise = found[:, ends : ends + acting], found[:, ends + acting :]
-    return np.hstack([found[:, :ends], level - rise, rise])
+    space, b, _ = _drive_inputs(loop, position)
+    a, acting = _drive_by_acceleration(space.a, b)
+    return join_ends(*exact_step(a, acting, size))[: len(space.a)]
 
 
 def _part_poles(states: Sequence[FloatArray], limit_hz: float) -> FloatArray:
@@ -646,22 +555,3 @@ def _part_poles(states: Sequence[FloatArray], limit_hz: float) -> FloatArray:
         key=lambda number: float((ends[:, number + 1] / ends[:, number]).min()),
     )
     return np.asarray(np.sqrt(ends[:, count] * ends[:, count + 1]))
-
-
-def _observe_loop(loop: VaryingLoop, inputs: _Inputs, parting: float) -> tuple[FloatArray, ...]:
-    """Rows, direct, low-frequency, slow and quasi-static matrices of a table in a pose.
-
-    Args:
-        parting: Size below which poles are low-frequency ones [rad/s].
-
-    Source: ``A X_s = -B_s``, ``A X_v = X_s - B_v``, ``A X_a = X_v - B_a``.
-    """
-    rows = inputs.space.c[loop.rows(inputs.space)]
-    factors = scipy.linalg.lu_factor(inputs.space.a)
-    place = scipy.linalg.lu_solve(factors, -inputs.b[:, 0])
-    speed = scipy.linalg.lu_solve(factors, place - inputs.b[:, 1])
-    pull = scipy.linalg.lu_solve(factors, speed - inputs.b[:, 2])
-    low_frequency = rows @ project_slow(inputs.space.a, parting)
-    held = rows @ np.column_stack([place, speed, pull]) + inputs.d[:, :3]
-    held[:, 2] -= low_frequency @ pull
-    return rows, inputs.d, low_frequency, low_frequency @ np.column_stack([place, speed]), held

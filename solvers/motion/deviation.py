@@ -45,6 +45,11 @@ class PathDeviation:
     dynamic: FloatArray
     watched: WatchedValues = field(default_factory=WatchedValues)
 
+    def with_total(self, total: FloatArray, watched: WatchedValues) -> "PathDeviation":
+        """Return it with another total; what that changes counts as dynamic."""
+        dynamic = total - self.quasi_static - self.low_frequency
+        return dataclasses.replace(self, total=total, dynamic=dynamic, watched=watched)
+
     def __add__(self, other: "PathDeviation") -> "PathDeviation":
         """Return two deviations of a linear machine together."""
         return PathDeviation(

@@ -100,7 +100,7 @@ class DrivenMotion:
 
 
 @dataclass(frozen=True, eq=False)
-class Outset:
+class _Outset:
     """How a motion begins that does not begin from rest, and what strikes it on its way.
 
     Attributes:
@@ -139,18 +139,16 @@ def solve_motion(
         ConvergenceError: Friction does not settle.
     """
     track = still_track(make_friction_loop(loop, spread))
-    return integrate_motion(
-        track, given, times, breaks=breaks, longest=longest, tolerance=tolerance
-    )
+    return integrate_track(track, given, times, breaks=breaks, longest=longest, tolerance=tolerance)
 
 
-def integrate_motion(
+def integrate_track(
     track: LoopTrack,
     given: Given,
     times: FloatArray,
     *,
     breaks: FloatArray | None = None,
-    outset: Outset | None = None,
+    outset: _Outset | None = None,
     longest: float = np.inf,
     tolerance: float = TOLERANCE,
 ) -> DrivenMotion:
@@ -171,9 +169,11 @@ def integrate_motion(
     """
     times = np.asarray(times, dtype=float)
     typical = track.loop(len(track.places) // 2)
-    if outset is None:
-        sizes = _coarse_states(typical, given, times)
-        outset = Outset(np.zeros(typical.size), np.zeros((len(times), typical.size)), sizes)
+    outset = outset or _Outset(
+        np.zeros(typical.size),
+        np.zeros((len(times), typical.size)),
+        _coarse_states(typical, given, times),
+    )
     allowed = tolerance * _state_scale(typical, outset.sizes, float(times[-1] - times[0]))
     grid = cut_steps(times, breaks, given, min(longest, ANGLE / _fastest_mode(typical)))
     wanted = np.searchsorted(grid, times)
@@ -207,22 +207,12 @@ def integrate_motion(
             )
         works[part.start + 1 : part.stop + 1] = integrator.collect_works(len(inside))
         if not track.still:
-            ends = grid[part.start + 1 : part.stop + 1]
-            posed[part.start + 1 : part.stop + 1] = (
-                _stored(track, middles, begun)
-                - _stored(track, track.positions(grid[part]), begun)
-                + _stored(track, track.positions(ends), ended)
-                - _stored(track, middles, ended)
+            posed[part.start + 1 : part.stop + 1] = _posed_work(
+                track, grid[part.start : part.stop + 1], middles, begun, ended
             )
     left[-1] = state
     right[-1] = state + outset.jumps[-1]
     positions = track.positions(times)
-    stored = _stored(track, positions, right)
-    # what impulses add is work of the loads; works count from just after the first time
-    struck = np.cumsum(
-        np.where(np.arange(len(times)) > 0, stored - _stored(track, positions, left), 0.0)
-    )
-    drives, loads, damping, friction = np.cumsum(works, axis=0)[wanted].T
     friction_forces, outputs = _observe(track, positions, right, given(times))
     return DrivenMotion(
         times=times,
@@ -230,10 +220,40 @@ def integrate_motion(
         right=right,
         outputs=outputs,
         friction=friction_forces,
-        energy=EnergyHistory(
-            stored, drives, loads + struck, damping, friction, np.cumsum(posed)[wanted]
+        energy=_add_works(
+            _stored(track, positions, left),
+            _stored(track, positions, right),
+            np.cumsum(works, axis=0)[wanted],
+            np.cumsum(posed)[wanted],
         ),
         steps=integrator.steps,
+    )
+
+
+def _add_works(
+    before: FloatArray, stored: FloatArray, works: FloatArray, pose: FloatArray
+) -> EnergyHistory:
+    """Return the balance of energies ``(n,)`` stored just before and just after each time, and of works
+    ``(n, 4)`` until then.
+    """
+    # what impulses add is work of the loads; works count from just after the first time
+    struck = np.cumsum(np.where(np.arange(len(stored)) > 0, stored - before, 0.0))
+    drives, loads, damping, friction = works.T
+    return EnergyHistory(stored, drives, loads + struck, damping, friction, pose)
+
+
+def _posed_work(
+    track: LoopTrack, grid: FloatArray, middles: FloatArray, begun: FloatArray, ended: FloatArray
+) -> FloatArray:
+    """Return the energy ``(n,)`` that states take in by the change of pose in each step, from its begin
+    to its middle and on to its end.
+    """
+    positions = track.positions(grid)
+    return np.asarray(
+        _stored(track, middles, begun)
+        - _stored(track, positions[:-1], begun)
+        + _stored(track, positions[1:], ended)
+        - _stored(track, middles, ended)
     )
 
 
@@ -353,11 +373,11 @@ def solve_friction_transient(
     # several loads may act on one channel
     rows = {channel: np.array([float(other == channel) for other in inputs]) for channel in inputs}
     model = make_friction_loop(loop, rows)
-    found = integrate_motion(
+    found = integrate_track(
         still_track(model),
         _follow_loads(loads),
         loads.times,
-        outset=Outset(free.left[0], loads.impulses @ model.b.T, free.right),
+        outset=_Outset(free.left[0], loads.impulses @ model.b.T, free.right),
     )
     friction_forces = (
         friction_force(model.law, found.right[:-1] @ model.slides.T),

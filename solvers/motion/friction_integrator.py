@@ -78,7 +78,7 @@ def cut_steps(
 
 
 def find_rare_sizes(steps: FloatArray) -> BoolArray:
-    """Which steps have a size that hardly any other has."""
+    """Find the steps of a size that hardly any other has."""
     _, which, counts = np.unique(
         np.round(steps / steps.max(), 9), return_inverse=True, return_counts=True
     )

@@ -13,7 +13,6 @@ Source: Hochbruck and Ostermann (2010), Exponential integrators, section 2.3 (co
 """
 
 import functools
-import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -171,7 +170,7 @@ def make_friction_loop(
 
 
 @dataclass(frozen=True, eq=False)
-class StepViews:
+class _StepViews:
     """What works of a step are made of, ``(13, r, p)`` at its twelfths, and its damping.
 
     Columns are the state before the step, what is given and the friction at the nodes, as in
@@ -210,82 +209,92 @@ class FrictionStep:
     pushed: FloatArray
     missed: FloatArray
     softness: FloatArray
-    views: StepViews
+    views: _StepViews
 
 
 def make_friction_step(model: FrictionLoop, size: float) -> FrictionStep:
-    """The step of a loop over ``size`` seconds."""
-    space, n, q, k = model.loop.space, model.size, model.b.shape[1], len(model.law)
-    own, given, friction_forces = slice(0, n), slice(n, n + q), n + len(GIVEN) * q
-    whole = friction_forces + len(FORCED) * k
-    # polynomials as their derivatives, each of which is the rate of the one before
-    growth = np.zeros((whole, whole))
-    growth[own, own] = size * space.a
-    growth[own, given] = size * model.acting @ model.spread
-    growth[own, friction_forces : friction_forces + k] = -size * model.drag
-    growth[n : friction_forces - q, n + q : friction_forces] = np.eye(friction_forces - q - n)
-    growth[friction_forces : whole - k, friction_forces + k :] = np.eye(whole - k - friction_forces)
+    """Return the step of a loop over ``size`` seconds."""
+    n, k = model.size, len(model.law)
+    growth, values, friction = _grow(model, size)
     part = scipy.linalg.expm(growth / PARTS)
-    # from values at the nodes to derivatives at the beginning
-    values = np.eye(whole)
-    values[n:friction_forces, n:friction_forces] = np.kron(_derivatives(GIVEN), np.eye(q))
-    values[friction_forces:, friction_forces:] = np.kron(
-        _derivatives(NODES[list(FORCED)]), np.eye(k)
-    )
-
-    machine, count = model.loop.plant_size, len(model.loop.trains)
-    forces = space.rows.of(force_channels(model.loop.trains))
-    loaded = len(model.pushing)
-    sizes = (k, k, count, count, loaded, loaded, machine)
-    ends = [0, *itertools.accumulate(sizes)]
-    sliding, guides, drives, motors, reached, loads, speeds = itertools.starmap(
-        slice, itertools.pairwise(ends)
-    )
-    first: FloatArray = np.zeros((ends[-1], whole))
-    first[sliding, own] = model.slides
-    first[guides, given] = model.guides
-    first[drives, own] = space.c[forces]
-    first[drives, given] = model.d[forces]
-    first[drives, friction_forces : friction_forces + k] = -model.passed[forces]
-    first[motors, own] = model.loop.rates
-    first[reached, :machine] = model.reach
-    first[loads, given] = model.pushing
-    first[speeds, :machine] = np.eye(machine)
+    rows = _view_rows(model, friction, len(growth))
+    first = np.concatenate(list(rows.values()))
     seen: FloatArray = np.empty((PARTS + 1, *first.shape))
     seen[0] = first
     for number in range(PARTS):
         seen[number + 1] = seen[number] @ part
-    seen = seen @ values
+    ends = np.cumsum([len(each) for each in rows.values()])[:-1]
+    views = dict(zip(rows, np.split(seen @ values, ends, axis=1), strict=True))
     fourth = np.linalg.matrix_power(part, 4)
-    end = (fourth[own] @ fourth) @ fourth @ values
-    inner = seen[:, sliding] + seen[:, guides]
+    end = (fourth[:n] @ fourth) @ fourth @ values
+    inner = views["sliding"] + views["guides"]
     looked = np.concatenate([end, *inner[list(FORCED)], *inner[list(CHECKED)]])
 
     reach: FloatArray = np.empty((PARTS + 1, n, k))
     reach[PARTS] = -size * model.drag
     for number in range(PARTS, 0, -1):
-        reach[number - 1] = part[own, own] @ reach[number]
+        reach[number - 1] = part[:n, :n] @ reach[number]
     at_checked = _lagrange(NODES[[*FORCED, *CHECKED]], NODES)[:, len(FORCED) :]
     missed = np.einsum("j,jc,jnk->nck", WEIGHTS, at_checked, reach).reshape(n, -1)
-    over = looked[n + 2 * k : n + 3 * k, friction_forces:]
-    shaken = seen[:, speeds].reshape(-1, whole)
-    weighed = (model.dampers @ seen[:, speeds]) * (size * WEIGHTS[:, None, None])
+    over = looked[n + 2 * k : n + 3 * k, friction:]
+    speeds = views.pop("speeds")
+    weighed = (model.dampers @ speeds) * (size * WEIGHTS[:, None, None])
+    flat = (len(first[0]),)
     return FrictionStep(
         size=size,
-        moved=np.ascontiguousarray(looked[:, :friction_forces]),
-        pushed=np.ascontiguousarray(looked[:, friction_forces:]),
+        moved=np.ascontiguousarray(looked[:, :friction]),
+        pushed=np.ascontiguousarray(looked[:, friction:]),
         missed=missed,
         softness=-over.reshape(k, len(FORCED), k).sum(axis=1),
-        views=StepViews(
-            sliding=seen[:, sliding],
-            guides=seen[:, guides],
-            drives=seen[:, drives],
-            motors=seen[:, motors],
-            reached=seen[:, reached],
-            loads=seen[:, loads],
-            dampers=shaken.T @ weighed.reshape(-1, whole),
-        ),
+        views=_StepViews(**views, dampers=speeds.reshape(-1, *flat).T @ weighed.reshape(-1, *flat)),
     )
+
+
+def _grow(model: FrictionLoop, size: float) -> tuple[FloatArray, FloatArray, int]:
+    """Return how states, what is given and friction grow in a step, what makes them of values at the
+    nodes, and where friction begins.
+
+    Polynomials stand as their derivatives, each of which is the rate of the one before.
+    """
+    n, q, k = model.size, model.b.shape[1], len(model.law)
+    friction = n + len(GIVEN) * q
+    whole = friction + len(FORCED) * k
+    growth, values = np.zeros((whole, whole)), np.eye(whole)
+    growth[:n, :n] = size * model.loop.space.a
+    growth[:n, n : n + q] = size * model.acting @ model.spread
+    growth[:n, friction : friction + k] = -size * model.drag
+    growth[n : friction - q, n + q : friction] = np.eye(friction - q - n)
+    growth[friction : whole - k, friction + k :] = np.eye(whole - k - friction)
+    values[n:friction, n:friction] = np.kron(_derivatives(GIVEN), np.eye(q))
+    values[friction:, friction:] = np.kron(_derivatives(NODES[list(FORCED)]), np.eye(k))
+    return growth, values, friction
+
+
+def _view_rows(model: FrictionLoop, friction: int, whole: int) -> dict[str, FloatArray]:
+    """Return the rows ``(r, whole)`` of what works are made of, by the fields of :class:`_StepViews`, and
+    of the machine's states.
+    """
+    space, machine = model.loop.space, slice(0, model.loop.plant_size)
+    forces = space.rows.of(force_channels(model.loop.trains))
+    states, given = slice(0, model.size), slice(model.size, model.size + model.b.shape[1])
+    parts: dict[str, list[tuple[slice, FloatArray]]] = {
+        "sliding": [(states, model.slides)],
+        "guides": [(given, model.guides)],
+        "drives": [
+            (states, space.c[forces]),
+            (given, model.d[forces]),
+            (slice(friction, friction + len(model.law)), -model.passed[forces]),
+        ],
+        "motors": [(states, model.loop.rates)],
+        "reached": [(machine, model.reach)],
+        "loads": [(given, model.pushing)],
+        "speeds": [(machine, np.eye(model.loop.plant_size))],
+    }
+    rows = {name: np.zeros((len(blocks[0][1]), whole)) for name, blocks in parts.items()}
+    for name, blocks in parts.items():
+        for columns, block in blocks:
+            rows[name][:, columns] = block
+    return rows
 
 
 def _derivatives(nodes: FloatArray) -> FloatArray:
@@ -320,7 +329,7 @@ def continue_forces(ratio: float) -> FloatArray:
 
 @functools.lru_cache(maxsize=4096)
 def narrow_given(level: int, number: int) -> FloatArray:
-    """What is given ``(5, 5)`` in one of ``2**level`` equal parts of a step from what is given in it."""
+    """Return what is given ``(5, 5)`` in one of ``2**level`` equal parts of a step from what is given in it."""
     return _lagrange(GIVEN, (number + GIVEN) * 0.5**level)
 
 
@@ -379,7 +388,7 @@ class LoopTrack:
     def blend(
         self, positions: FloatArray, find: Callable[[FrictionLoop, slice | IntArray], FloatArray]
     ) -> FloatArray:
-        """What loops say ``(n, ...)`` at positions ``(n,)``.
+        """Return what loops say ``(n, ...)`` at positions ``(n,)``.
 
         Args:
             positions: Where [m].

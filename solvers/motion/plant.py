@@ -16,7 +16,6 @@ import functools
 import itertools
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,71 +69,9 @@ class PosedModes:
         return dataclasses.replace(self, system=system, feedthrough=taken)
 
 
-class PoseSample(Protocol):
-    """Arrays of a pose that are interpolated along the path: a frozen dataclass with these and
-    others.
-    """
-
-    @property
-    def stiffness(self) -> FloatArray:
-        """``(m, m)`` in parallel-transported modes of unit mass."""
-
-    @property
-    def damping(self) -> FloatArray:
-        """``(m, m)`` viscous."""
-
-    def sizes(self) -> dict[str, FloatArray]:
-        """How large each other field is: what its misfit is a share of; zero where that does not
-        matter.
-        """
-
-
-@dataclass(frozen=True, eq=False)
-class SampledPose:
-    """The system at a position of the path, in parallel-transported modes of unit mass.
-
-    Attributes:
-        stiffness: ``(m, m)``.
-        damping: ``(m, m)`` viscous.
-        loads: ``(m, k)`` per unit acceleration along the path, and per unit of each load.
-        rows: ``(p, m)`` motion at the outputs.
-        low_frequency: ``(p, m)`` motion at the outputs of the low-frequency modes alone, which are those
-            in the middle of the path.
-        quasi_static: ``(p,)`` quasi-static deviation per unit acceleration, of everything but the
-            low-frequency modes.
-        rest: ``(p, k)`` what the modes kept do not represent.
-        reach: ``(p, k)`` sizes of the compliances of the elastic modes: what ``rest`` is small beside.
-            It is not interpolated.
-    """
-
-    stiffness: FloatArray
-    damping: FloatArray
-    loads: FloatArray
-    rows: FloatArray
-    low_frequency: FloatArray
-    quasi_static: FloatArray
-    rest: FloatArray
-    reach: FloatArray | None = None
-
-    def sizes(self) -> dict[str, FloatArray]:
-        """See :class:`PoseSample`."""
-        rows = largest_entries(self.rows)
-        return {
-            "loads": np.abs(self.loads).max(axis=0, keepdims=True, initial=0.0),
-            "rows": rows,
-            "low_frequency": rows,
-            "quasi_static": largest_entries(self.quasi_static),
-            # what the modes lack is small beside the whole, and often nothing but roundoff: so is
-            # the whole across the plane of a symmetric machine
-            "rest": np.zeros_like(self.rest)
-            if self.reach is None
-            else self.reach.max(axis=0, keepdims=True, initial=0.0),
-        }
-
-
 @dataclass(frozen=True, eq=False)
 class SampledPlant:
-    """The system at a position of the path between any loads and motions, likewise; or at ``n`` of
+    """The system at a position of the path in parallel-transported modes of unit mass; or at ``n`` of
     them, the first axis of every field.
 
     Attributes:
@@ -144,8 +81,12 @@ class SampledPlant:
         loads: ``(m, k)`` of each input.
         rows: ``(p, m)`` motion at the outputs.
         direct: ``(p, k)`` what the modes left out add at once.
-        reach: ``(p, k)`` sizes of the compliances of the elastic modes: what ``direct`` is small
-            beside. It is not interpolated.
+        reach: ``(p, k)`` or ``(1, k)`` sizes of the compliances of the elastic modes: what ``direct`` is
+            compared with. It is not interpolated.
+        low_frequency: ``(p, m)`` motion at the outputs of the low-frequency modes alone, which are those
+            in the middle of the path; None where they are not parted from the others.
+        quasi_static: ``(p,)`` deviation per unit of the first input if all but the low-frequency modes
+            respond quasi-statically; likewise.
     """
 
     channels: "PlantChannels"
@@ -155,6 +96,8 @@ class SampledPlant:
     rows: FloatArray
     direct: FloatArray
     reach: FloatArray | None = None
+    low_frequency: FloatArray | None = None
+    quasi_static: FloatArray | None = None
 
     def loads_of(self, inputs: Iterable[Channel]) -> FloatArray:
         """Return the loads ``(..., m, k')`` of some inputs."""
@@ -169,14 +112,40 @@ class SampledPlant:
         rows = self.direct[..., self.channels.rows.of(outputs), :]
         return rows[..., self.channels.columns.of(inputs)]
 
+    def part_slow(self, slow: int, left_out: FloatArray) -> "SampledPlant":
+        """Return it with its first modes parted from the others.
+
+        Args:
+            slow: How many are low-frequency modes: the same along the path, so that a mode whose
+                frequency passes the limit is no step in what is interpolated.
+            left_out: ``(p, k)`` sum over the modes left out: the difference of ``direct`` loses digits.
+        """
+        held = np.linalg.solve(self.stiffness[slow:, slow:], self.loads[slow:])
+        fast = self.rows[:, slow:]
+        reach = np.abs(left_out) + np.abs(fast) @ np.abs(held)
+        return dataclasses.replace(
+            self,
+            direct=left_out,
+            # what the modes lack is small beside the whole, and often nothing but roundoff: so is
+            # the whole across the plane of a symmetric machine
+            reach=reach.max(axis=0, keepdims=True, initial=0.0),
+            low_frequency=np.where(np.arange(len(self.stiffness)) < slow, self.rows, 0.0),
+            quasi_static=left_out[:, 0] + fast @ held[:, 0],
+        )
+
     def sizes(self) -> dict[str, FloatArray]:
-        """See :class:`PoseSample`."""
-        whole = np.zeros_like(self.direct) if self.reach is None else self.reach
-        return {
+        """Return the size of each field that is interpolated, but of stiffness and damping: what its
+        misfit is a share of; zero where that does not matter.
+        """
+        sizes = {
             "loads": np.abs(self.loads).max(axis=0, keepdims=True, initial=0.0),
             "rows": largest_entries(self.rows),
-            "direct": whole,
+            "direct": np.zeros_like(self.direct) if self.reach is None else self.reach,
         }
+        if self.quasi_static is not None:
+            sizes["low_frequency"] = sizes["rows"]
+            sizes["quasi_static"] = largest_entries(self.quasi_static)
+        return sizes
 
 
 @dataclass(frozen=True)
@@ -198,12 +167,12 @@ class PlantChannels:
 
     @functools.cached_property
     def columns(self) -> Index:
-        """Where the inputs stand."""
+        """Return the positions of the inputs."""
         return Index(self.inputs)
 
     @functools.cached_property
     def rows(self) -> Index:
-        """Where the outputs stand."""
+        """Return the positions of the outputs."""
         return Index(self.outputs)
 
     def share_sizes(self, sizes: FloatArray) -> FloatArray:
@@ -216,7 +185,7 @@ class PlantChannels:
 
 
 @dataclass(frozen=True, eq=False)
-class VaryingSystem[S: PoseSample]:
+class VaryingSystem:
     """A system along a path.
 
     Attributes:
@@ -237,12 +206,13 @@ class VaryingSystem[S: PoseSample]:
     error: float
     rotation_error: float
     next_hz: float
-    make: Callable[..., S]
+    channels: PlantChannels
 
-    def at(self, position: float) -> S:
-        """The system at a position [m]."""
-        return self.make(
-            **{name: np.asarray(spline(position)) for name, spline in self.splines.items()}
+    def at(self, position: float) -> SampledPlant:
+        """Return the system at a position [m]."""
+        return SampledPlant(
+            self.channels,
+            **{name: np.asarray(spline(position)) for name, spline in self.splines.items()},
         )
 
 
@@ -257,6 +227,12 @@ class PoseModes:
     motions: FloatArray
     momenta: FloatArray
     feedthrough: FloatArray
+
+    def sum_left_out(self, kept: int) -> FloatArray:
+        """Return the static compliance ``(p, k)`` of all modes from a number on."""
+        found = self.coordinates
+        beyond = (found.outputs[:, kept:] / found.eigenvalues[kept:]) @ found.inputs[kept:]
+        return beyond if found.complete else beyond + found.residual
 
 
 def look_at_pose(
@@ -338,7 +314,7 @@ def _middle_of(positions: Iterable[float]) -> float:
 
 
 def transport_modes(poses: Mapping[float, PoseModes], kept: int) -> dict[float, FloatArray]:
-    """How the modes of each pose are turned ``(m, m)`` so that they agree with their neighbours';
+    """Return the rotation ``(m, m)`` of the modes of each pose that makes them agree with their neighbours';
     those of the middle stay.
     """
     positions = list(poses)
@@ -346,12 +322,12 @@ def transport_modes(poses: Mapping[float, PoseModes], kept: int) -> dict[float, 
     turns = {positions[middle]: np.eye(kept)}
     for path in (positions[middle:], positions[middle::-1]):
         for before, after in itertools.pairwise(path):
-            turns[after] = match_modes(poses[before], poses[after], kept).T @ turns[before]
+            turns[after] = align_modes(poses[before], poses[after], kept).T @ turns[before]
     return turns
 
 
-def match_modes(before: PoseModes, after: PoseModes, kept: int) -> FloatArray:
-    """How the first modes of a pose are those of another one: orthogonal ``(m, m)``, a row for each
+def align_modes(before: PoseModes, after: PoseModes, kept: int) -> FloatArray:
+    """Express the first modes of a pose by those of another one: orthogonal ``(m, m)``, a row for each
     of the former.
 
     Orthogonal Procrustes: of all turns of the new modes the one nearest to the old ones in mass.

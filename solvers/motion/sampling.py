@@ -12,7 +12,6 @@ linear parametric reduced-order models, SIAM J. Sci. Comput. 33, 2169 (consisten
 """
 
 import dataclasses
-import functools
 import itertools
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -29,16 +28,14 @@ from headstock.solvers.motion.plant import (
     PlantChannels,
     PosedModes,
     PoseModes,
-    PoseSample,
     SampledMotion,
     SampledPlant,
-    SampledPose,
     VaryingSystem,
     _middle_of,
+    align_modes,
     invert_sizes,
     largest_entries,
     look_at_pose,
-    match_modes,
     transport_modes,
     turn_plant,
 )
@@ -60,7 +57,7 @@ ANCHORED = 4  # parts of a piece at whose ends a machine that differs little is 
 
 def sample_system(
     place: Callable[[float], PosedModes], length: float, model: PathModel
-) -> VaryingSystem[SampledPose]:
+) -> VaryingSystem:
     """Sampled poses along a path, closer where splines through the others miss them.
 
     Args:
@@ -73,44 +70,26 @@ def sample_system(
     """
     if model.up_to_hz is None:
         raise ValueError("a system along a path keeps modes up to a frequency")
-    limit = 2.0 * np.pi * model.low_frequency_limit_hz
-
-    def turn_poses(
-        poses: Mapping[float, PoseModes], turns: Mapping[float, FloatArray]
-    ) -> dict[float, SampledPose]:
-        slow = int(np.count_nonzero(poses[_middle_of(poses)].coordinates.omega < limit))
-        return {place: _turn_pose(pose, turns[place], slow) for place, pose in poses.items()}
-
     channels = PlantChannels(model.inputs, model.outputs, model.up_to_hz)
-    return _sample(place, length, channels, turn_poses, SampledPose)
+    return sample_plant(place, length, channels, slow_below_hz=model.low_frequency_limit_hz)
 
 
 def sample_plant(
-    place: Callable[[float], PosedModes], length: float, channels: PlantChannels
-) -> VaryingSystem[SampledPlant]:
+    place: Callable[[float], PosedModes],
+    length: float,
+    channels: PlantChannels,
+    *,
+    slow_below_hz: float | None = None,
+) -> VaryingSystem:
     """The same of a system between any loads and motions.
+
+    Args:
+        slow_below_hz: Modes below are parted from the others [Hz]; None for none.
 
     Raises:
         ModelError: A damper acts on a dof without mass.
         AccuracyError: The greatest number of sampled poses does not suffice.
     """
-
-    def turn_poses(
-        poses: Mapping[float, PoseModes], turns: Mapping[float, FloatArray]
-    ) -> dict[float, SampledPlant]:
-        return {place: turn_plant(pose, turns[place]) for place, pose in poses.items()}
-
-    make = functools.partial(SampledPlant, channels)
-    return _sample(place, length, channels, turn_poses, make)
-
-
-def _sample[S: PoseSample](
-    place: Callable[[float], PosedModes],
-    length: float,
-    channels: PlantChannels,
-    turn_poses: "Callable[[Mapping[float, PoseModes], Mapping[float, FloatArray]], dict[float, S]]",
-    make: Callable[..., S],
-) -> VaryingSystem[S]:
     first = [float(value) for value in np.linspace(0.0, length, FIRST_POSES)]
     poses = {position: look_at_pose(place(position), channels) for position in first}
     wide = list(itertools.pairwise(first))
@@ -120,7 +99,7 @@ def _sample[S: PoseSample](
         poses = dict(sorted(poses.items()))
         kept, next_hz = _count_kept_modes(poses, channels.up_to_hz)
         turns = transport_modes(poses, kept)
-        sampled_poses = turn_poses(poses, turns)
+        sampled_poses = _turn_poses(poses, turns, slow_below_hz)
         scales = _scales(sampled_poses)
         splines = _interpolate({position: sampled_poses[position] for position in before})
         misses = [
@@ -143,7 +122,7 @@ def _sample[S: PoseSample](
                 max(misses),
                 rotation_error,
                 next_hz,
-                make,
+                channels,
             )
         if len(poses) + len(wide) > MOST_POSES:
             raise AccuracyError(
@@ -180,45 +159,30 @@ def _count_kept_modes(poses: Mapping[float, PoseModes], up_to_hz: float) -> tupl
     return kept, np.inf if kept == most else min(float(part[kept]) for part in frequencies)
 
 
-def _turn_pose(pose: PoseModes, turn: FloatArray, slow: int) -> SampledPose:
-    """A pose in parallel-transported modes.
-
-    Args:
-        turn: ``(m, m)`` modes are this times the transported ones.
-        slow: How many of the transported modes are low-frequency ones: the same along the path, so that
-            a mode whose frequency passes the limit is no step in what is interpolated.
-    """
-    kept = len(turn)
-    found = pose.coordinates
-    rows, loads = found.outputs[:, :kept] @ turn, turn.T @ found.inputs[:kept]
-    damping = np.zeros((kept, kept)) if found.viscous is None else found.viscous[:kept, :kept]
-    # matrices in the turned modes q = T q': T^T Omega^2 T is full where close modes mix, and smooth
-    # along the path
-    stiffness = turn.T @ (found.eigenvalues[:kept, None] * turn)
-    rest = (found.outputs[:, kept:] / found.eigenvalues[kept:]) @ found.inputs[kept:]
-    if not found.complete:
-        rest = rest + found.residual
-    held = np.linalg.solve(stiffness[slow:, slow:], loads[slow:])
-    return SampledPose(
-        stiffness=stiffness,
-        damping=turn.T @ damping @ turn,
-        loads=loads,
-        rows=rows,
-        low_frequency=np.where(np.arange(kept) < slow, rows, 0.0),
-        quasi_static=rest[:, 0] + rows[:, slow:] @ held[:, 0],
-        rest=rest,
-        reach=np.abs(rest) + np.abs(rows[:, slow:]) @ np.abs(held),
-    )
+def _turn_poses(
+    poses: Mapping[float, PoseModes],
+    turns: Mapping[float, FloatArray],
+    slow_below_hz: float | None,
+) -> dict[float, SampledPlant]:
+    plants = {position: turn_plant(pose, turns[position]) for position, pose in poses.items()}
+    if slow_below_hz is None:
+        return plants
+    omega = poses[_middle_of(poses)].coordinates.omega
+    slow = int(np.count_nonzero(omega < 2.0 * np.pi * slow_below_hz))
+    return {
+        position: plant.part_slow(slow, poses[position].sum_left_out(len(plant.stiffness)))
+        for position, plant in plants.items()
+    }
 
 
-def _scales(sampled_poses: Mapping[float, PoseSample]) -> FloatArray:
+def _scales(sampled_poses: Mapping[float, SampledPlant]) -> FloatArray:
     middle = sampled_poses[_middle_of(sampled_poses)]
     return np.asarray(
         np.sqrt(np.maximum(middle.stiffness.diagonal(), (2.0 * np.pi * LEAST_HZ) ** 2))
     )
 
 
-def _interpolate(sampled_poses: Mapping[float, PoseSample]) -> dict[str, CubicSpline]:
+def _interpolate(sampled_poses: Mapping[float, SampledPlant]) -> dict[str, CubicSpline]:
     names = ("stiffness", "damping", *next(iter(sampled_poses.values())).sizes())
     positions = list(sampled_poses)
     return {
@@ -233,7 +197,7 @@ def _interpolate(sampled_poses: Mapping[float, PoseSample]) -> dict[str, CubicSp
 def _misfit(
     splines: Mapping[str, CubicSpline],
     position: float,
-    sampled_pose: PoseSample,
+    sampled_pose: SampledPlant,
     scales: FloatArray,
 ) -> float:
     """How far splines miss a sampled pose: matrices by the frequencies they make, the rest by its
@@ -274,7 +238,7 @@ def _compare_transports(
 
 
 @dataclass(frozen=True, eq=False)
-class TransportedPose:
+class _TransportedPose:
     """A pose in modes that were transported along the trajectory.
 
     Attributes:
@@ -305,18 +269,13 @@ def sample_motion(
         AccuracyError: The greatest number of poses does not suffice.
     """
     seen: dict[float, PoseModes] = {}
-
     spans = list(itertools.pairwise(breaks))
     wide, counts = set(range(len(spans))), [1] * len(spans)
-    while True:
-        for piece in wide:
-            counts[piece] *= 2
-        grids = [
-            [float(time) for time in np.linspace(low, high, count + 1)]
-            for (low, high), count in zip(spans, counts, strict=True)
-        ]
-        finer = [_halve(grid) for grid in grids]
-        wanted = dict.fromkeys(time for grid in finer for time in grid)
+    while wide:
+        counts = [count * (2 if piece in wide else 1) for piece, count in enumerate(counts)]
+        grids = [_cut_evenly(*span, count) for span, count in zip(spans, counts, strict=True)]
+        finer = [_cut_evenly(grid[0], grid[-1], 2 * (len(grid) - 1)) for grid in grids]
+        wanted = dict.fromkeys(itertools.chain(*finer))
         if len(wanted) > MOST_SAMPLES:
             raise AccuracyError(
                 f"{MOST_SAMPLES} poses along the trajectory do not suffice to follow its matrices to {MISS_TOLERANCE:g}; "
@@ -329,33 +288,28 @@ def sample_motion(
         transported = {
             time: _transport(pose, turns[time], channels) for time, pose in poses.items()
         }
-        misses = [
-            _miss(grid, fine, transported, channels)
-            for grid, fine in zip(grids, finer, strict=True)
-        ]
+        pairs = zip(grids, finer, strict=True)
+        misses = [_miss(grid, fine, transported, channels) for grid, fine in pairs]
         rotations = [_find_rotation_error(fine, transported) for fine in finer]
-        wide = {
-            piece
-            for piece, (miss, rotation) in enumerate(zip(misses, rotations, strict=True))
-            if miss > MISS_TOLERANCE or rotation > TURN_TOLERANCE / len(spans)
-        }
-        if not wide:
-            return SampledMotion(
-                channels=channels,
-                breaks=np.array(breaks, dtype=float),
-                pieces=tuple(_join(grid, transported) for grid in finer),
-                poses=len(poses),
-                modes=kept,
-                error=max(misses),
-                rotation_error=sum(rotations),
-                highest_hz=highest_hz,
-                complete=all(pose.coordinates.complete for pose in poses.values()),
-                anchors={
-                    time: transported[time].pose.momenta[:, :kept] @ transported[time].turn
-                    for grid in finer
-                    for time in grid[:: max(1, (len(grid) - 1) // ANCHORED)]
-                },
-            )
+        missed = np.array(misses) > MISS_TOLERANCE
+        rotated = np.array(rotations) > TURN_TOLERANCE / len(spans)
+        wide = set(np.flatnonzero(missed | rotated).tolist())
+    return SampledMotion(
+        channels=channels,
+        breaks=np.array(breaks, dtype=float),
+        pieces=tuple(_join(grid, transported) for grid in finer),
+        poses=len(poses),
+        modes=kept,
+        error=max(misses),
+        rotation_error=sum(rotations),
+        highest_hz=highest_hz,
+        complete=all(pose.coordinates.complete for pose in poses.values()),
+        anchors={
+            time: transported[time].pose.momenta[:, :kept] @ transported[time].turn
+            for grid in finer
+            for time in grid[:: max(1, (len(grid) - 1) // ANCHORED)]
+        },
+    )
 
 
 def vary_motion(
@@ -474,17 +428,17 @@ def _count_fading_modes(poses: Collection[PoseModes], up_to_hz: float) -> tuple[
     return int(kept), highest / (2.0 * np.pi)
 
 
-def _halve(grid: Sequence[float]) -> list[float]:
-    return [float(time) for time in np.linspace(grid[0], grid[-1], 2 * len(grid) - 1)]
+def _cut_evenly(low: float, high: float, count: int) -> list[float]:
+    return [float(time) for time in np.linspace(low, high, count + 1)]
 
 
-def _transport(pose: PoseModes, turn: FloatArray, channels: PlantChannels) -> TransportedPose:
+def _transport(pose: PoseModes, turn: FloatArray, channels: PlantChannels) -> _TransportedPose:
     shares = _shares(pose.coordinates.omega[: len(turn)], channels.up_to_hz)
-    return TransportedPose(pose, turn, turn_plant(pose, turn), shares)
+    return _TransportedPose(pose, turn, turn_plant(pose, turn), shares)
 
 
 def _join(
-    grid: Sequence[float], transported: Mapping[float, TransportedPose]
+    grid: Sequence[float], transported: Mapping[float, _TransportedPose]
 ) -> dict[str, CubicSpline]:
     return {
         name: CubicSpline(grid, np.array([getattr(transported[time].plant, name) for time in grid]))
@@ -495,7 +449,7 @@ def _join(
 def _miss(
     grid: Sequence[float],
     finer: Sequence[float],
-    transported: Mapping[float, TransportedPose],
+    transported: Mapping[float, _TransportedPose],
     channels: PlantChannels,
 ) -> float:
     """How far splines through poses of a grid miss those half-way, each field by its own size, and
@@ -536,7 +490,7 @@ def _miss(
 
 
 def _find_rotation_error(
-    finer: Sequence[float], transported: Mapping[float, TransportedPose]
+    finer: Sequence[float], transported: Mapping[float, _TransportedPose]
 ) -> float:
     """By how much modes that are transported over two steps differ from those transported over one step of
     twice the length, along a piece and no more than they are kept [rad].
@@ -545,7 +499,7 @@ def _find_rotation_error(
     for first, middle, last in zip(finer[:-2:2], finer[1:-1:2], finer[2::2], strict=True):
         before, half, after = transported[first], transported[middle], transported[last]
         kept = len(before.turn)
-        twice = match_modes(before.pose, half.pose, kept) @ match_modes(half.pose, after.pose, kept)
-        off = twice - match_modes(before.pose, after.pose, kept)
+        twice = align_modes(before.pose, half.pose, kept) @ align_modes(half.pose, after.pose, kept)
+        off = twice - align_modes(before.pose, after.pose, kept)
         total += float(np.abs(before.shares[:, None] * off * after.shares).max())
     return total

@@ -1,5 +1,5 @@
 """Set points of a straight move: from rest to a feed and back to rest, along a path of given
-length.
+length; and loads that act meanwhile, such as those of a cut.
 
 A control without look-ahead filters the interpolated feed after the fact: one moving average over
 the time constant makes linear ramps (constant acceleration), a second one limits the jerk, a
@@ -9,6 +9,7 @@ Systems, chapter 5.
 
 import functools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -17,7 +18,7 @@ import scipy  # whose interpolation, a third of a second, is loaded where it is 
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.errors import ModelError
+from headstock.solvers.second_order import Channel
 
 RampKind = Literal["linear", "s_curve", "exponential"]
 # time constants after which an exponential ramp counts as ended: 0.7 % of the feed are left
@@ -42,7 +43,7 @@ class Ramp:
 
     @property
     def duration(self) -> float:
-        """How long a ramp lasts [s]."""
+        """Return the duration of a ramp [s]."""
         if self.kind == "exponential":
             return LAG_REACH * self.time_constant
         return self.time_constant + (self.jerk_time if self.kind == "s_curve" else 0.0)
@@ -70,12 +71,12 @@ class SetPoint:
 
     @property
     def braking(self) -> float:
-        """When the second ramp begins [s]."""
+        """Return the time at which the second ramp begins [s]."""
         return self.distance / self.feed
 
     @property
     def duration(self) -> float:
-        """When it is over [s]."""
+        """Return the time at which it is over [s]."""
         return self.braking + self.ramp.duration
 
     @property
@@ -106,26 +107,8 @@ class PathMotion:
     accelerations: FloatArray
 
 
-def plan_move(distance: float, feed: float, ramp: Ramp) -> SetPoint:
-    """The move over a distance.
-
-    Args:
-        distance: Length of the way [m].
-        feed: Speed along it [m/s].
-        ramp: How the feed is reached and left.
-
-    Raises:
-        ModelError: The feed is never reached.
-    """
-    move = SetPoint(distance, feed, ramp)
-    fault = find_move_fault(move)
-    if fault:
-        raise ModelError(fault)
-    return move
-
-
 def find_move_fault(move: SetPoint) -> str:
-    """Why a move is too short for its feed; empty where it is not."""
+    """Explain why a move is too short for its feed; empty where it is not."""
     if move.braking >= move.ramp.duration * (1.0 - 1e-12):
         return ""
     least, fastest = move.feed * move.ramp.duration, move.distance / move.ramp.duration
@@ -236,7 +219,7 @@ def sample_times(move: SetPoint, sampling_hz: float, settle: float) -> FloatArra
     )
 
 
-def step_times(move: SetPoint, samples: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
+def _step_times(move: SetPoint, samples: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
     """The samples and the breaks of a move together ``(m,)``, and which of them are samples
     ``(n,)``.
     """
@@ -252,3 +235,88 @@ def step_times(move: SetPoint, samples: FloatArray) -> tuple[FloatArray, NDArray
         np.concatenate([samples, breaks[(nearest > tolerance) & (breaks < samples[-1])]])
     )
     return times, np.searchsorted(times, samples)
+
+
+@dataclass(frozen=True, eq=False)
+class PathLoads:
+    """Loads on a machine along a path.
+
+    Attributes:
+        channels: Where they act.
+        at: Loads ``(n, n_loads)`` at instants and at the speeds along the path there.
+        step: Longest time over which a load may be taken for straight [s].
+    """
+
+    channels: tuple[Channel, ...]
+    at: Callable[[FloatArray, FloatArray], FloatArray]
+    step: float
+
+
+def cut_times(samples: FloatArray, loads: PathLoads | None) -> tuple[FloatArray, int]:
+    """Instants between which loads are straight, and into how many of them a sample is cut.
+
+    Args:
+        samples: ``(n,)`` evenly spaced [s].
+        loads: None where there are none.
+    """
+    return refine_times(samples, longest_step(loads))
+
+
+def refine_times(samples: FloatArray, longest: float) -> tuple[FloatArray, int]:
+    """Return instants ``(n,)`` with no step longer than allowed, and how many steps a sample takes."""
+    parts = max(1, math.ceil((samples[1] - samples[0]) / longest))
+    fine = np.linspace(samples[0], samples[-1], parts * (len(samples) - 1) + 1)
+    return np.asarray(fine, dtype=float), parts
+
+
+def load_channels(loads: PathLoads | None) -> tuple[Channel, ...]:
+    """Return the inputs on which loads act."""
+    return () if loads is None else loads.channels
+
+
+def longest_step(loads: PathLoads | None) -> float:
+    """Longest time over which loads may be taken for straight [s]."""
+    return math.inf if loads is None else loads.step
+
+
+def _loads_at(loads: PathLoads | None, times: FloatArray, speeds: FloatArray) -> FloatArray:
+    """Loads ``(n, n_loads)`` at instants and speeds along the path; no column where there are none."""
+    return np.zeros((len(times), 0)) if loads is None else loads.at(times, speeds)
+
+
+def path_inputs(loads: PathLoads | None, move: SetPoint, times: FloatArray) -> FloatArray:
+    """Return position, speed and acceleration along the path, then loads ``(n, 3 + k)``, at instants."""
+    now = sample_move(move, times)
+    motion = [now.positions, now.speeds, now.accelerations]
+    return np.column_stack([*motion, _loads_at(loads, times, now.speeds)])
+
+
+@dataclass(frozen=True, eq=False)
+class SteppedInputs:
+    """Inputs on steps over which they are linear.
+
+    Attributes:
+        times: ``(n,)`` samples, and what is needed between them [s].
+        wanted: Which of these are samples.
+        ends: ``(n - 1, 2, k)`` at the begin and the end of each step.
+        now: ``(n_samples, k)`` at the samples.
+    """
+
+    times: FloatArray
+    wanted: NDArray[np.intp]
+    ends: FloatArray
+    now: FloatArray
+
+
+def step_move(loads: PathLoads | None, move: SetPoint, samples: FloatArray) -> SteppedInputs:
+    """Return acceleration along the path, then loads, with a step's end at every break of a move.
+
+    Args:
+        samples: ``(n,)`` evenly spaced, from zero [s].
+    """
+    fine, parts = cut_times(samples, loads)
+    times, places = _step_times(move, fine)
+    acting = _loads_at(loads, times, sample_move(move, times).speeds)
+    ends = np.stack([acting[:-1], acting[1:]], axis=1)
+    ends = np.concatenate([step_accelerations(move, times)[:, :, None], ends], axis=2)
+    return SteppedInputs(times, places[::parts], ends, path_inputs(loads, move, samples)[:, 2:])

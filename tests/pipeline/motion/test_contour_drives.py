@@ -28,12 +28,12 @@ from headstock.reduction.components.segmented import reduce_segmented
 from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import Scene, keep_analyses
-from headstock.solvers.control.dead_time import stack_blocks
 from headstock.solvers.control.drive_loops import (
     ClosedLoop,
     close_loops,
     make_controller,
     set_channels,
+    stack_blocks,
 )
 from headstock.solvers.control.drive_trains import DriveTrain
 from headstock.solvers.linear.time_response import solve_stepped_response

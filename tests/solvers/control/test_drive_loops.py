@@ -9,8 +9,13 @@ import pytest
 
 from common import approx, present
 from headstock.geometry.machine.drives import AxisControl
-from headstock.solvers.control.dead_time import LARGEST_ANGLE, make_dead_time
-from headstock.solvers.control.drive_loops import ENCODER, close_loops, find_velocity_lag
+from headstock.solvers.control.drive_loops import (
+    ENCODER,
+    LARGEST_ANGLE,
+    close_loops,
+    find_velocity_lag,
+    make_dead_time,
+)
 from headstock.solvers.control.drive_trains import DriveTrain, free_motors
 from headstock.solvers.control.margins import find_margins
 from headstock.solvers.control.stability import find_loop_poles

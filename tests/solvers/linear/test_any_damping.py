@@ -1,6 +1,6 @@
 """damping that couples modes, overdamped pairs and dashpots that swallow every wave.
 
-Closed forms of one and two masses are in ``tests/solvers/linear/test_damped_modes.py``.
+Closed forms of one and two masses are in ``tests/solvers/linear/test_damping.py``.
 """
 
 import dataclasses
@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from common import approx, present
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Material
-from headstock.solvers.linear.damped_modes import solve_damped
+from headstock.solvers.linear.damping import solve_damped
 from headstock.solvers.linear.frequency_response import solve_frf
 from headstock.solvers.second_order import SecondOrderSystem
 from headstock.validation.parts.line_elements import TIP, rod_system

@@ -10,9 +10,8 @@ import pytest
 from common import approx, present
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
-from headstock.solvers.linear import damper_sum, quadratic_pencils
-from headstock.solvers.linear.damped_modes import solve_damped
-from headstock.solvers.linear.damping import add_modal_damping, equivalent_viscous
+from headstock.solvers.linear import damper_sum, quadratic_poles
+from headstock.solvers.linear.damping import add_modal_damping, equivalent_viscous, solve_damped
 from headstock.solvers.linear.frequency_response import (
     PEAK_MARGIN,
     convert_receptance,
@@ -23,7 +22,7 @@ from headstock.solvers.linear.frequency_response import (
     refine_grid,
     solve_frf,
 )
-from headstock.solvers.linear.quadratic_pencils import state_eigenpairs
+from headstock.solvers.linear.quadratic_poles import state_eigenpairs
 from headstock.solvers.linear.response_forms import narrow_band
 from headstock.solvers.second_order import ComplexArray, Motion, SecondOrderSystem
 
@@ -424,7 +423,7 @@ def test_peaks_of_few_dampers_are_the_poles_of_the_whole_state_matrix_from_small
         return whole(eigenvalues, viscous)
 
     expected, _ = whole(stiffness, damping)
-    monkeypatch.setattr(quadratic_pencils, "state_eigenpairs", counted)
+    monkeypatch.setattr(quadratic_poles, "state_eigenpairs", counted)
     monkeypatch.setattr(damper_sum, "state_eigenpairs", counted)
     omega = np.sqrt(np.linalg.eigvalsh(stiffness))
     found = find_peaks(model, float(omega[kept - 1]) / (2.0 * np.pi) / PEAK_MARGIN * (1.0 + 1e-9))

@@ -5,9 +5,8 @@ import pytest
 
 from common import approx
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.linear.damped_modes import damping_of_undamped, solve_damped
-from headstock.solvers.linear.quadratic_pencils import state_eigenpairs
-from headstock.solvers.linear.quadratic_poles import SMALL, find_poles_within
+from headstock.solvers.linear.damping import damping_of_undamped, solve_damped
+from headstock.solvers.linear.quadratic_poles import SMALL, find_poles_within, state_eigenpairs
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 
 pytestmark = pytest.mark.slow

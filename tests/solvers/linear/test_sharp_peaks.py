@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from common import approx
-from headstock.solvers.linear.damped_modes import solve_damped
+from headstock.solvers.linear.damping import solve_damped
 from headstock.solvers.linear.frequency_response import (
     evaluate_frf,
     find_stability_figures,

@@ -7,7 +7,7 @@ import pytest
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
-from headstock.solvers.linear.damped_modes import solve_damped
+from headstock.solvers.linear.damping import solve_damped
 from headstock.solvers.linear.frequency_response import solve_frf
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.response_forms import find_poles

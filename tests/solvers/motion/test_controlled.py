@@ -19,15 +19,14 @@ from headstock.solvers.motion.closed_loop import (
 )
 from headstock.solvers.motion.exact import PathModel, solve_path
 from headstock.solvers.motion.friction_loop import friction_channels
-from headstock.solvers.motion.loads import PathLoads
-from headstock.solvers.motion.set_points import Ramp, plan_move
+from headstock.solvers.motion.set_points import PathLoads, Ramp, SetPoint
 from headstock.solvers.second_order import SecondOrderSystem
 from headstock.solvers.watched_outputs import Watch
 from headstock.validation.machines.drive_cases import LOAD, TwoMasses, make_drive
 
 MASSES = TwoMasses()
 CONTROL = AxisControl(position_gain=40.0, velocity_gain=2e4, integral_time=0.02, dead_time=1e-4)
-MOVE = plan_move(0.05, 0.05, Ramp("s_curve", 0.1, 0.03))
+MOVE = SetPoint(0.05, 0.05, Ramp("s_curve", 0.1, 0.03))
 SAMPLES: FloatArray = 4e-4 * np.arange(3500.0, dtype=np.float64)
 
 
@@ -52,7 +51,7 @@ def test_at_constant_speed_it_lags_by_the_speed_over_kv_and_the_parts_add_up() -
 
 def test_five_times_the_feed_with_the_same_ramps_deviates_five_times_as_much() -> None:
     low_frequency, fast = (
-        plan_move(0.05 * feed, 0.05 * feed, Ramp("linear", 0.1)) for feed in (0.2, 1.0)
+        SetPoint(0.05 * feed, 0.05 * feed, Ramp("linear", 0.1)) for feed in (0.2, 1.0)
     )
     first, second = (
         solve_controlled_path(path_with(), move, SAMPLES).total for move in (low_frequency, fast)
@@ -77,7 +76,7 @@ def test_a_motor_that_follows_perfectly_leaves_the_deviation_of_a_fixed_one() ->
 
 
 def test_steps_with_friction_that_is_none_give_the_exact_discretisation() -> None:
-    short = plan_move(0.01, 0.05, Ramp("linear", 0.1))
+    short = SetPoint(0.01, 0.05, Ramp("linear", 0.1))
     samples = SAMPLES[:600:10]
     exact = solve_controlled_path(path_with(), short, SAMPLES[:600])
     found, motion = solve_path_with_friction(path_with(law=GuideFriction()), short, samples)
@@ -89,7 +88,7 @@ def test_steps_with_friction_that_is_none_give_the_exact_discretisation() -> Non
 
 def test_channels_may_stand_in_any_order() -> None:
     """Loads and friction in front of set points, what is read in front of what is wanted."""
-    short, samples = plan_move(0.01, 0.05, Ramp("linear", 0.1)), SAMPLES[:600:10]
+    short, samples = SetPoint(0.01, 0.05, Ramp("linear", 0.1)), SAMPLES[:600:10]
     own = dataclasses.replace(
         path_with(law=GuideFriction(coulomb=30.0, smoothing=1e-4)),
         loads=PathLoads((LOAD,), lambda times, speeds: 40.0 * speeds[:, None], step=1e-3),

@@ -20,7 +20,7 @@ from headstock.solvers.motion.closed_loop import (
     ControlledPath,
     RigidTravel,
     VaryingLoop,
-    close_along,
+    close_loops_along,
     loop_channels,
     make_loop_table,
     solve_controlled_path,
@@ -31,10 +31,9 @@ from headstock.solvers.motion.closed_loop import (
 from headstock.solvers.motion.deviation import PathDeviation
 from headstock.solvers.motion.friction import friction_force
 from headstock.solvers.motion.friction_loop import friction_channels
-from headstock.solvers.motion.loads import PathLoads
 from headstock.solvers.motion.plant import PlantChannels, PosedModes, look_at_pose, turn_plant
 from headstock.solvers.motion.sampling import sample_plant
-from headstock.solvers.motion.set_points import Ramp, SetPoint, sample_move, sample_times
+from headstock.solvers.motion.set_points import PathLoads, Ramp, SetPoint, sample_move, sample_times
 from headstock.solvers.second_order import SecondOrderSystem
 
 pytestmark = pytest.mark.slow
@@ -126,7 +125,6 @@ def make_loop(case: Case, order: int = 1) -> VaryingLoop:
     plant = sample_plant(functools.partial(place, case), LENGTH, channels)
     return VaryingLoop(
         plant,
-        channels,
         PATH,
         (TIP,),
         (train,),
@@ -327,7 +325,9 @@ def test_poles_between_sampled_poses_are_those_of_the_machine_there() -> None:
     loop = make_loop(case)
     places = [float(place) for place in np.linspace(0.0, LENGTH, 9) * 0.93]
     own = np.array([np.linalg.eigvals(freeze(case, place).loop.space.a) for place in places])
-    found = np.array([np.linalg.eigvals(close_along(loop, place).space.a) for place in places])
+    found = np.array(
+        [np.linalg.eigvals(close_loops_along(loop, place).space.a) for place in places]
+    )
     missed = np.abs(found[:, :, None] - own[:, None]).min(axis=2)
     assert (missed <= 1e-6 * np.abs(found)).all()
 

@@ -15,15 +15,14 @@ from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.motion.deviation import PathDeviation
 from headstock.solvers.motion.exact import (
     PathModel,
-    exact_step,
     make_step_table,
     solve_path,
     solve_varying_path,
+    step_pose,
 )
-from headstock.solvers.motion.loads import PathLoads
-from headstock.solvers.motion.plant import PosedModes, SampledPose, VaryingSystem
+from headstock.solvers.motion.plant import PosedModes, VaryingSystem
 from headstock.solvers.motion.sampling import sample_system
-from headstock.solvers.motion.set_points import Ramp, SetPoint, sample_move, sample_times
+from headstock.solvers.motion.set_points import PathLoads, Ramp, SetPoint, sample_move, sample_times
 from headstock.solvers.second_order import SecondOrderSystem
 
 pytestmark = pytest.mark.slow
@@ -109,11 +108,11 @@ def integrate(samples: FloatArray, push: float = 0.0) -> FloatArray:
     return np.asarray(np.einsum("nm,nm->n", rows, found))
 
 
-def follow(strength: float = 1.0) -> VaryingSystem[SampledPose]:
+def follow(strength: float = 1.0) -> VaryingSystem:
     return sample_system(lambda position: place_chain(position, strength), LENGTH, MODEL)
 
 
-def solve(system: VaryingSystem[SampledPose], sampling_hz: float = 2500.0) -> PathDeviation:
+def solve(system: VaryingSystem, sampling_hz: float = 2500.0) -> PathDeviation:
     return solve_varying_path(system, MODEL, MOVE, sample_times(MOVE, sampling_hz, 0.05))
 
 
@@ -248,5 +247,5 @@ def test_a_step_table_is_exact_at_and_between_its_places() -> None:
     table = make_step_table(system, 4e-4)
     for position in np.linspace(0.0, LENGTH, 17) * 0.987:
         np.testing.assert_allclose(
-            table.spline(position), exact_step(system.at(position), system.scales, 4e-4), atol=2e-9
+            table.spline(position), step_pose(system.at(position), system.scales, 4e-4), atol=2e-9
         )

@@ -5,7 +5,7 @@ import pytest
 
 from common import approx
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.linear.damped_modes import damping_of_undamped, solve_damped
+from headstock.solvers.linear.damping import damping_of_undamped, solve_damped
 from headstock.solvers.second_order import SecondOrderSystem
 
 
