@@ -5,7 +5,6 @@ shows its modes and compliance.
 import base64
 import functools
 from collections.abc import Mapping, Sequence
-from typing import TypedDict
 
 import numpy as np
 from markupsafe import Markup
@@ -32,10 +31,8 @@ from headstock.app.tables.sweep_quantities import limit_words, list_quantities, 
 from headstock.app.texts.scripts import script_json
 from headstock.geometry.machine.machine import SCENE_UNITS
 from headstock.pipeline.storage.provenance import ProvenanceSummary
-from headstock.scene.studies import SweepKind
 from headstock.studies.comparison_summary import ComparisonSummary
 from headstock.studies.sweeps.files import Numbers, SweepSummary
-from headstock.studies.sweeps.journals import PoseState
 
 TEMPLATE, SCRIPT = "sweep_template.html", "sweep_maps.js"
 DIGITS = 6
@@ -90,44 +87,8 @@ def _list_errors(summary: SweepSummary) -> dict[str, float]:
     return found
 
 
-class QuantityData(TypedDict):
-    """A quantity over the poses."""
-
-    name: str
-    title: str
-    unit: str
-    values: Numbers
-
-
-class PointData(TypedDict):
-    """Compliance at a point over the poses, and what gives most there."""
-
-    matrix: Numbers
-    direction: Numbers
-    largest: Numbers
-    weakest: list[list[str]]
-    share: Numbers
-
-
-class PageData(TypedDict):
-    """What the script of a sweep's page reads."""
-
-    kind: SweepKind
-    axes: list[str]
-    units: list[str]
-    shape: list[int]
-    labels: list[str]
-    positions: Numbers
-    states: list[PoseState]
-    errors: dict[str, str]
-    modes: list[str]
-    frequencies: Numbers
-    quantities: list[QuantityData]
-    points: dict[str, PointData]
-
-
-def _page_data(summary: SweepSummary) -> PageData:
-    """Numbers to six digits."""
+def _page_data(summary: SweepSummary) -> dict[str, object]:
+    """Return what the script of a page of a sweep reads, numbers to six digits."""
     factors = [SCENE_UNITS[unit] for unit in summary["units"]]
     scaled = np.array(summary["positions"], dtype=float) * [factor for factor, _ in factors]
     return {
