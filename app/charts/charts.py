@@ -35,8 +35,7 @@ from headstock.app.texts.curves import (
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.answers.modal import ModesSummary
-from headstock.pipeline.results.curves import find_curves, read_curves
-from headstock.pipeline.results.files import read_summary, read_view
+from headstock.pipeline.results.files import open_results, read_summary
 from headstock.pipeline.results.mode_files import file_stem
 from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.results.views import COLORS, component_colors
@@ -62,8 +61,9 @@ CURVE, DIRECT = "#4f7cac", "#b5566e"
 
 def draw_folder(folder: Path) -> dict[str, bytes]:
     """Every chart of a folder of results: name to a PNG file."""
-    charts = draw_charts(read_summary(folder), component_colors(read_view(folder)))
-    return charts | draw_responses(find_curves(read_curves(folder), ResponseCurves))
+    results = open_results(folder)
+    charts = draw_charts(read_summary(folder), component_colors(results.view))
+    return charts | draw_responses([response.curves for response in results.frf.values()])
 
 
 def draw_charts(summary: RunSummary, colors: dict[str, str]) -> dict[str, bytes]:

@@ -11,9 +11,9 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.process.plain_hdf5 import h5py
 from headstock.pipeline.answers.answer import Answer
-from headstock.pipeline.answers.probes import ProbeCurves, ProbeCurvesSummary, parse_probe_curves
+from headstock.pipeline.answers.probes import ProbeCurves, ProbeCurvesSummary
 from headstock.pipeline.answers.static import N_PER_UM, UM_PER_KN
-from headstock.pipeline.numbers.estimates import REDUCTION, Estimate, scale_shares
+from headstock.pipeline.numbers.estimates import Estimate, scale_shares
 from headstock.pipeline.numbers.numbers import Key, Number, Series, make_key
 from headstock.scene.scene import LOAD
 from headstock.solvers.linear.frequency_response import convert_receptance
@@ -330,10 +330,10 @@ class PoseResponse(Answer):
 
     def fill(self, file: "h5py.File") -> None:
         """Write the curves."""
-        fill_curves(file.create_group(f"frf/{self.curves.pose}"), self.curves)
+        _fill_curves(file.create_group(f"frf/{self.curves.pose}"), self.curves)
 
 
-def fill_curves(group: h5py.Group, curves: ResponseCurves) -> None:
+def _fill_curves(group: h5py.Group, curves: ResponseCurves) -> None:
     """Write the curves of a pose: receptance in SI, NaN where there is no value."""
     group["frequencies_hz"] = curves.frequencies_hz
     group["receptance"] = curves.receptance
@@ -350,41 +350,6 @@ def fill_curves(group: h5py.Group, curves: ResponseCurves) -> None:
         probe.fill(group.create_group(f"probes/{probe.name}"))
 
 
-def parse_curves(pose: str, group: h5py.Group) -> ResponseCurves:
-    """Read what ``fill_curves`` wrote.
-
-    Raises:
-        KeyError: A part is missing.
-    """
-    inputs, outputs = (_parse_channels(group, name) for name in ("inputs", "outputs"))
-    given, lines = group.attrs, group["frequencies_hz"][:]
-    return ResponseCurves(
-        pose,
-        inputs,
-        outputs,
-        lines,
-        group["receptance"][:],
-        given["motion"],
-        given["spacing"],
-        _parse_errors(group),
-        tuple(
-            parse_probe_curves(name, own, inputs, lines)
-            for name, own in group.get("probes", {}).items()
-        ),
-    )
-
-
-def _parse_channels(group: h5py.Group, name: str) -> tuple[Channel, ...]:
-    return tuple(split_channel(text.decode()) for text in group[name][:])
-
-
-def _parse_errors(group: h5py.Group) -> dict[str, FloatArray]:
-    if "error_share" in group:
-        return {source: share[:] for source, share in group["error_share"].items()}
-    # files of before meshes had a part in it
-    return {REDUCTION: group["error"][:]} if "error" in group else {}
-
-
 def _response_unit(output: Channel, given: Channel) -> str:
     """Return the unit of a receptance."""
     return _per_load("rad" if output[1].startswith("r") else "m", given)
@@ -395,12 +360,6 @@ def _per_load(unit: str, given: Channel) -> str:
     if given[1] == LOAD:
         return unit
     return f"{unit}/{'(N m)' if given[1].startswith('r') else 'N'}"
-
-
-def split_channel(text: str) -> Channel:
-    """The channel of a name such as ``tcp x``."""
-    name, _, direction = text.rpartition(" ")
-    return name, direction
 
 
 def _summarise_drive_point(figures: DrivePointFigures, off: Estimate) -> DrivePointSummary:

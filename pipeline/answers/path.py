@@ -12,7 +12,6 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.process.plain_hdf5 import h5py
 from headstock.pipeline.answers.answer import Answer
-from headstock.pipeline.answers.frf import split_channel
 from headstock.pipeline.answers.motion_forces import (
     DriveExtremes,
     DriveForceSummary,
@@ -25,7 +24,6 @@ from headstock.pipeline.answers.probe_motions import (
     ProbeMotion,
     ProbeMotionSummary,
     ProbeTrace,
-    parse_probe_trace,
 )
 from headstock.pipeline.numbers.estimates import Estimate, scale_shares
 from headstock.pipeline.numbers.numbers import Number, Series, make_key
@@ -450,29 +448,3 @@ def _fill_path(group: h5py.Group, curves: PathCurves) -> None:
     group["torques"], group["position_errors"] = curves.torques, curves.position_errors
     for probe in curves.probes:
         probe.fill(group.create_group(f"probes/{probe.name}"))
-
-
-def parse_path(group: h5py.Group) -> PathCurves:
-    """Read what ``_fill_path`` wrote.
-
-    Raises:
-        KeyError: A part is missing.
-    """
-    first, second = (
-        (float(begin), float(end)) for begin, end in np.asarray(group.attrs["zones"], dtype=float)
-    )
-    deviation = PathDeviation(times=group["times"][:], **{name: group[name][:] for name in _PARTS})
-    return PathCurves(
-        feed=float(group.attrs["feed"]),
-        unit=str(group.attrs["unit"]),
-        zones=(first, second),
-        outputs=tuple(split_channel(text.decode()) for text in group["outputs"][:]),
-        deviation=deviation,
-        frozen=group["frozen"][:],
-        positions=group["positions"][:],
-        accelerations=group["accelerations"][:],
-        drives=tuple(text.decode() for text in group["drives"][:]),
-        torques=group["torques"][:],
-        position_errors=group["position_errors"][:],
-        probes=tuple(parse_probe_trace(name, own) for name, own in group.get("probes", {}).items()),
-    )

@@ -112,12 +112,3 @@ class ProbeMotion:
             "peak_displacement_error_um": None if moved.total is None else MICRO * moved.total,
             "error_left_out": sorted({*mises.left_out, *moved.left_out}),
         }
-
-
-def parse_probe_trace(name: str, group: h5py.Group) -> ProbeTrace:
-    """Read what ``ProbeTrace.fill`` wrote.
-
-    Raises:
-        KeyError: A part is missing.
-    """
-    return ProbeTrace(name, group["displacement"][:], group["stress"][:])

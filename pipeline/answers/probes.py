@@ -220,32 +220,6 @@ class ProbeCurves:
                 group[f"{what}_error_share/{source}"] = size
 
 
-def parse_probe_curves(
-    name: str, group: h5py.Group, inputs: tuple[Channel, ...], frequencies_hz: FloatArray
-) -> ProbeCurves:
-    """Read what ``fill`` wrote.
-
-    Raises:
-        KeyError: A part is missing.
-    """
-    shares = {
-        what: {source: size[:] for source, size in group.get(f"{what}_error_share", {}).items()}
-        for what in ("displacement", "stress", "von_mises")
-    }
-    return ProbeCurves(
-        name,
-        group.attrs["component"],
-        inputs,
-        frequencies_hz,
-        group["displacement"][:],
-        group["stress"][:],
-        shares["displacement"],
-        shares["stress"],
-        shares["von_mises"],
-        group.attrs["singular"],
-    )
-
-
 def probe_units(given: Channel, load: str = "load") -> tuple[str, str, float]:
     """Units of stress and displacement at a probe by an input, and the factor from per SI unit of the
     load.

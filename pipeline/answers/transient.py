@@ -11,7 +11,6 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.process.plain_hdf5 import h5py
 from headstock.pipeline.answers.answer import Answer
-from headstock.pipeline.answers.frf import split_channel
 from headstock.pipeline.answers.motion_forces import (
     DriveExtremes,
     DriveForceSummary,
@@ -25,7 +24,6 @@ from headstock.pipeline.answers.probe_motions import (
     ProbeMotion,
     ProbeMotionSummary,
     ProbeTrace,
-    parse_probe_trace,
 )
 from headstock.pipeline.numbers.estimates import Estimate, scale_shares
 from headstock.pipeline.numbers.numbers import Key, Number, Series, make_key
@@ -258,31 +256,6 @@ class TransientAnswer(Answer):
 def peak_key(pose: str, channel: Channel) -> Key:
     """Return the key of the peak of an output."""
     return make_key("time_deviation", pose=pose, output=name_channel(channel), figure="peak")
-
-
-def parse_transient(pose: str, group: h5py.Group) -> TransientCurves:
-    """Read what ``TransientAnswer.fill`` wrote.
-
-    Raises:
-        KeyError: A part is missing.
-    """
-    names = {
-        name: tuple(text.decode() for text in group[name][:])
-        for name in ("outputs", "loads", "units", "drives")
-    }
-    return TransientCurves(
-        pose=pose,
-        outputs=tuple(split_channel(text) for text in names["outputs"]),
-        times=group["times"][:],
-        displacements=group["displacements"][:],
-        loads=names["loads"],
-        units=names["units"],
-        load_values=group["load_values"][:],
-        drives=names["drives"],
-        torques=group["torques"][:],
-        position_errors=group["position_errors"][:],
-        probes=tuple(parse_probe_trace(name, own) for name, own in group.get("probes", {}).items()),
-    )
 
 
 def _summarise_output(
