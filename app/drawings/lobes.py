@@ -156,7 +156,7 @@ def _draw_border(
         lobe = series["lobe"][looked[run[0]]]
         color = UNKNOWN if lobe is None else colors[found["lobes"][lobe]["mode"]]
         for piece in _pieces(looked, places, run[0], run[-1] + 2):
-            yield _line(piece, color, 1.8)
+            yield svg.polyline(piece, color, 1.8, joined=True)
     if len(looked) > MOST_DOTS and len(looked) == len(known):
         return
     for (x, y), place in zip(places, looked, strict=True):
@@ -203,13 +203,15 @@ def _mark_lowest(found: DirectionSummary, across: Scale, up: Scale) -> Markup:
         return Markup("")
     depth, error = lowest["limit_depth_mm"], found["lowest_error_mm"]
     x, y = across(lowest["rpm"]), up(depth)
-    limit = _tell(depth, error)
-    chatter = _tell(lowest["chatter_hz"], found["chatter_error_hz"])
+    limit = _show_value(depth, error)
+    chatter = _show_value(lowest["chatter_hz"], found["chatter_error_hz"])
     parts = [_circle(x, y, LOWEST)]
     if error is not None:
         ends = [up(depth + error), up(max(depth - error, 0.0))]
-        parts.append(_line([(x, end) for end in ends], LOWEST, 1.2))
-        parts += [_line([(x - 5.0, end), (x + 5.0, end)], LOWEST, 1.2) for end in ends]
+        parts.append(svg.polyline([(x, end) for end in ends], LOWEST, 1.2, joined=True))
+        parts += [
+            svg.polyline([(x - 5.0, end), (x + 5.0, end)], LOWEST, 1.2, joined=True) for end in ends
+        ]
     words = f"{limit} mm, chatter {chatter} Hz"
     half = 0.5 * LETTER * len(words)
     beside = min(max(x, LEFT + half), WIDTH - RIGHT - half)
@@ -238,7 +240,7 @@ def _mark_best(found: DirectionSummary, across: Scale, up: Scale) -> Markup:
     return Markup("").join(parts)
 
 
-def _tell(value: float, error: float | None) -> str:
+def _show_value(value: float, error: float | None) -> str:
     """A value with its ±, where one is known."""
     if error is None:
         return f"{value:.3g}"
@@ -246,19 +248,13 @@ def _tell(value: float, error: float | None) -> str:
 
 
 def _stroke(x: float, y: float, color: str) -> Markup:
-    return _line([(x - 8.0, y), (x + 8.0, y)], color, 3.0)
+    return svg.polyline([(x - 8.0, y), (x + 8.0, y)], color, 3.0, joined=True)
 
 
 def _circle(x: float, y: float, color: str, radius: float = 4.0) -> Markup:
     return Markup('<circle cx="{:.1f}" cy="{:.1f}" r="{:g}" fill="{}"/>').format(
         x, y, radius, color
     )
-
-
-def _line(places: list[tuple[float, float]], color: str, width: float) -> Markup:
-    return Markup(
-        '<polyline points="{}" fill="none" stroke="{}" stroke-width="{}" stroke-linejoin="round"/>'
-    ).format(svg.points(places), color, width)
 
 
 def _runs(owners: Sequence[object]) -> list[list[int]]:

@@ -2,13 +2,14 @@
 which the marks of the teeth are seen.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from markupsafe import Markup
 
 from headstock.app.drawings import svg
 from headstock.app.texts.curves import even_ticks
+from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.milled_faces import MilledFaceSummary
 
 WIDTH, TITLE, HEIGHT, FOOT = 1150, 24, 130, 26
@@ -16,7 +17,6 @@ WHOLE, PIECE = (52.0, 770.0), (850.0, 1138.0)  # from left to right
 LINE_COLOR, BAND_COLOR = "#2f6db3", "#8c9bab"
 SEEN = (10.0, 90.0)  # percentiles that the axis spans: an entry does not flatten profiles
 HEADROOM, MOST_ROUGH = 2.0, 1.25
-Scale = Callable[[float], float]
 
 
 def draw_milled_faces(faces: Sequence[MilledFaceSummary]) -> Markup:
@@ -54,31 +54,29 @@ def _draw_whole(face: MilledFaceSummary, top: float, half: float) -> Markup:
             profile["waviness_um"],
         )
     )
-    across, up = _scales(WHOLE, (0.0, face["length_mm"]), top, middle, HEADROOM * half)
-    begin, end = (across(place) for place in face["evaluated_mm"])
-    band = [*zip(places, low, strict=True), *zip(places[::-1], high[::-1], strict=True)]
+    panel = _make_panel(WHOLE, (0.0, face["length_mm"]), top, middle, HEADROOM * half)
+    begin, end = panel.place(np.array(face["evaluated_mm"]))
+    band = zip(
+        panel.place(np.concatenate([places, places[::-1]])),
+        panel.level(np.concatenate([low, high[::-1]])),
+        strict=True,
+    )
     title = (
         f"Face {face['face']}, {face['at']}: height [µm] at {face['height_mm']:.3g} mm, mean line of"
         f" {face['cut_off_mm']:.3g} mm; evaluated where shaded"
     )
     return Markup("").join(
         [
-            Markup(
-                '<rect x="{:.1f}" y="{:.1f}" width="{:.1f}" height="{}" fill="currentColor" opacity="0.05"/>'
-            ).format(begin, top + TITLE, end - begin, HEIGHT),
-            *_grid(
-                WHOLE, (0.0, face["length_mm"]), across, up, top, middle, 0.95 * HEADROOM * half
-            ),
+            svg.shade(begin, f"{panel.y:.1f}", end - begin, HEIGHT, 0.05),
+            *_grid(panel, middle, 0.95 * HEADROOM * half),
             Markup(
                 '<clipPath id="milled_face_{}"><rect x="{}" y="{}" width="{}" height="{}"/></clipPath>'
-            ).format(face["face"], WHOLE[0], top + TITLE, WHOLE[1] - WHOLE[0], HEIGHT),
+            ).format(face["face"], panel.x, panel.y, panel.width, HEIGHT),
             Markup('<g clip-path="url(#milled_face_{})">').format(face["face"]),
-            Markup('<polygon points="{}" fill="{}" opacity="0.45"/>').format(
-                _points([(across(x), up(y)) for x, y in band]), BAND_COLOR
-            ),
-            _polyline([(across(x), up(y)) for x, y in zip(places, line, strict=True)]),
+            svg.area(band, BAND_COLOR, opacity=0.45),
+            _draw_profile(panel, places, line),
             Markup("</g>"),
-            svg.heading(WHOLE[0], top + TITLE - 8, title),
+            svg.heading(panel.x, panel.y - 8, title),
         ]
     )
 
@@ -87,68 +85,46 @@ def _draw_piece(face: MilledFaceSummary, top: float, half: float) -> Markup:
     places, heights = np.array(face["detail"]["at_mm"]), np.array(face["detail"]["height_um"])
     middle = 0.5 * float(heights.max() + heights.min())
     span = float(places[0]), float(places[-1])
-    across, up = _scales(PIECE, span, top, middle, MOST_ROUGH * half)
+    panel = _make_panel(PIECE, span, top, middle, MOST_ROUGH * half)
+    title = f"Marks of the teeth, {face['feed_per_tooth_mm']:.3g} mm apart if rigid"
     return Markup("").join(
         [
-            *_grid(PIECE, span, across, up, top, middle, half),
-            _polyline([(across(x), up(y)) for x, y in zip(places, heights, strict=True)]),
-            svg.heading(
-                PIECE[0],
-                top + TITLE - 8,
-                f"Marks of the teeth, {face['feed_per_tooth_mm']:.3g} mm apart if rigid",
-            ),
+            *_grid(panel, middle, half),
+            _draw_profile(panel, places, heights),
+            svg.heading(panel.x, panel.y - 8, title),
         ]
     )
 
 
-def _scales(
+def _make_panel(
     sides: tuple[float, float],
     span: tuple[float, float],
     top: float,
     middle: float,
     half: float,
-) -> tuple[Scale, Scale]:
-    """From millimetres along and micrometres across a face to places in the picture."""
-    low, high = top + TITLE, top + TITLE + HEIGHT
-
-    def across(value: float) -> float:
-        return float(sides[0] + (sides[1] - sides[0]) * (value - span[0]) / (span[1] - span[0]))
-
-    def up(value: float) -> float:
-        return float(0.5 * (low + high) - 0.5 * HEIGHT * (value - middle) / (half or 1.0))
-
-    return across, up
+) -> svg.Panel:
+    """Return the field of a profile: millimetres along and micrometres across a face."""
+    half = half or 1.0
+    up = (middle - half, middle + half)
+    return svg.Panel(sides[0], top + TITLE, sides[1] - sides[0], HEIGHT, span, up)
 
 
-def _grid(
-    sides: tuple[float, float],
-    span: tuple[float, float],
-    across: Scale,
-    up: Scale,
-    top: float,
-    middle: float,
-    half: float,
-) -> list[Markup]:
-    base, parts = top + TITLE + HEIGHT, list[Markup]()
+def _grid(panel: svg.Panel, middle: float, half: float) -> list[Markup]:
+    base, right, parts = panel.y + HEIGHT, panel.x + panel.width, list[Markup]()
     for value in even_ticks(middle - half, middle + half, 4):
-        parts.append(svg.line(sides[0], up(value), sides[1], up(value), opacity=0.13))
-        parts.append(
-            svg.text(sides[0] - 5, up(value) + 3.5, f"{value:.6g}", anchor="end", size=10.5)
-        )
-    ticks = even_ticks(span[0], span[1], 6)
+        y = float(panel.level(np.array(value)))
+        parts.append(svg.line(panel.x, y, right, y, opacity=0.13))
+        parts.append(svg.text(panel.x - 5, y + 3.5, f"{value:.6g}", anchor="end", size=10.5))
+    ticks = even_ticks(*panel.across, 6)
     for value in ticks:
-        words = f"{value:.6g}{' mm' if value == ticks[-1] else ''}"
-        parts.append(svg.line(across(value), base, across(value), base + 4.0, opacity=0.5))
-        parts.append(svg.text(across(value), base + 15, words, anchor="middle", size=10.5))
-    parts.append(svg.line(sides[0], base, sides[1], base, opacity=0.35))
+        x, words = float(panel.place(np.array(value))), f"{value:.6g}"
+        parts.append(svg.line(x, base, x, base + 4.0, opacity=0.5))
+        words += " mm" if value == ticks[-1] else ""
+        parts.append(svg.text(x, base + 15, words, anchor="middle", size=10.5))
+    parts.append(svg.line(panel.x, base, right, base, opacity=0.35))
     return parts
 
 
-def _polyline(places: Sequence[tuple[float, float]]) -> Markup:
-    return Markup('<polyline points="{}" fill="none" stroke="{}" stroke-width="1.3"/>').format(
-        _points(places), LINE_COLOR
-    )
-
-
-def _points(places: Sequence[tuple[float, float]]) -> str:
-    return " ".join(f"{x:.1f},{y:.1f}" for x, y in places)
+def _draw_profile(panel: svg.Panel, places: FloatArray, heights: FloatArray) -> Markup:
+    points = zip(panel.place(places), panel.level(heights), strict=True)
+    return svg.polyline(points, LINE_COLOR, 1.3)

@@ -9,10 +9,10 @@ import numpy as np
 from markupsafe import Markup
 
 from headstock.app.drawings import svg
-from headstock.app.drawings.panels import (
+from headstock.app.drawings.svg import (
     Panel,
-    draw_axes,
     draw_curve,
+    draw_panel_axes,
     draw_shade,
     round_label,
     show_range,
@@ -68,7 +68,7 @@ def _draw_line(curves: Sequence[PathCurves], output: int) -> Markup:
     for begin, end in fastest.zones:
         places = scale * np.interp([begin, end], fastest.deviation.times, fastest.positions)
         parts.append(draw_shade(panel, float(places[0]), float(places[1])))
-    parts.append(draw_axes(panel, shown, UNITS[unit]))
+    parts.append(draw_panel_axes(panel, shown, UNITS[unit]))
     for number, (run, value) in enumerate(zip(curves, values, strict=True)):
         color = FEED_COLORS[number % len(FEED_COLORS)]
         parts.append(draw_curve(panel, scale * run.positions, value, color, 1.3))
@@ -129,7 +129,7 @@ def _draw_run(run: PathCurves, output: int, top: float) -> Markup:
             for begin, end in run.zones
             if begin < span[1] and end > span[0]
         ]
-        parts.append(draw_axes(panel, "s", ""))
+        parts.append(draw_panel_axes(panel, "s", ""))
         if number:
             parts.append(draw_curve(panel, found.times, residual, RESIDUAL, 1.0))
         parts += [
@@ -182,9 +182,8 @@ def draw_contour(found: ContourSummary, picture: Literal["gap", "drives", "probe
             parts.append(svg.line(CONTOUR_LEFT, y, right, y, opacity=0.25))
             parts.append(svg.text(CONTOUR_LEFT - 5, y + 4, round_label(value), anchor="end"))
     for column, color in enumerate(CONTOUR_COLORS[: len(names)]):
-        points = svg.points(zip(panel.place(times), panel.level(levels[:, column]), strict=True))
-        line = Markup('<polyline points="{}" fill="none" stroke="{}" stroke-width="1.3"/>')
-        parts.append(line.format(points, color))
+        places = zip(panel.place(times), panel.level(levels[:, column]), strict=True)
+        parts.append(svg.polyline(places, color, 1.3))
         parts.append(svg.text(CONTOUR_LEFT + 470 + 80 * column, 13, names[column], color=color))
     parts += [
         svg.text(CONTOUR_LEFT, 13, title),
@@ -208,17 +207,9 @@ def _shade_faces(found: ContourSummary, panel: Panel) -> Markup:
     for place, face in enumerate(found["faces"]):
         begins, ends = face["times_s"]
         start, end = panel.place(np.array([begins, min(ends, panel.across[1])]))
-        parts.append(
-            Markup(
-                '<rect x="{:.1f}" y="{}" width="{:.1f}" height="{}" fill="currentColor" opacity="{}"/>'
-            ).format(
-                start,
-                TOP,
-                end - start,
-                CONTOUR_HEIGHT - TOP - BOTTOM,
-                0.0 if place % 2 else 0.07,
-            )
-        )
+        faint = 0.0 if place % 2 else 0.07
+        height = CONTOUR_HEIGHT - TOP - BOTTOM
+        parts.append(svg.shade(start, str(TOP), end - start, height, faint))
         parts.append(
             svg.text(
                 float(start + end) / 2,

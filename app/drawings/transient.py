@@ -6,7 +6,7 @@ import numpy as np
 from markupsafe import Markup
 
 from headstock.app.drawings import svg
-from headstock.app.drawings.panels import Panel, draw_axes, draw_curve, show_range
+from headstock.app.drawings.svg import Panel, draw_curve, draw_panel_axes, show_range
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.path import PathCurves, deviation_unit
 from headstock.pipeline.answers.probes import MEGA
@@ -105,7 +105,7 @@ def _draw_field(
     across = (0.0, float(milliseconds[-1]))
     up = show_range([values for _, values, _ in lines])
     panel = Panel(LEFT, top + TITLE, WIDTH - LEFT - RIGHT, height, across, up)
-    parts = [svg.heading(LEFT, panel.y - 10, label), draw_axes(panel, "ms", "")]
+    parts = [svg.heading(LEFT, panel.y - 10, label), draw_panel_axes(panel, "ms", "")]
     for number, (name, values, color) in enumerate(lines):
         parts.append(draw_curve(panel, milliseconds, values, color, 1.3))
         if name:

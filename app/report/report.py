@@ -145,7 +145,7 @@ def _write_sections(run: FinishedRun, names: Mapping[str, Any]) -> list[tuple[Se
     """
     environment, sections = report_environment(), []
     for view in find_views(run):
-        if (section := view.section(run)) is not None:
+        if (section := view.make_section(run)) is not None:
             text = ""
             if section.template:
                 text = environment.get_template(section.template).render(names, **section.names)

@@ -1,10 +1,13 @@
 """Rows of what drives and joints take while a machine moves."""
 
-from collections.abc import Mapping
-from typing import Literal
+from collections.abc import Iterator, Mapping
+from typing import Any, Literal
 
-from headstock.app.tables.table import Cell, Column, PlainTable
+from headstock.app.tables.probes import PROBE_MOTION_PEAKS
+from headstock.app.tables.table import Cell, Column, Listing, PlainTable, tabulate
 from headstock.pipeline.answers.motion_forces import DriveForceSummary, JointForceSummary
+from headstock.pipeline.answers.path import FeedSummary
+from headstock.pipeline.answers.transient import TransientSummary
 
 type MotorRow = tuple[str, DriveForceSummary]
 type JointForces = Mapping[str, JointForceSummary]
@@ -81,14 +84,51 @@ JOINT_FORCE_COLUMNS: tuple[Column[JointRow], ...] = (
 )
 
 
-def tabulate_joint_forces(name: str, joints: Mapping[str, JointForces]) -> PlainTable:
-    """A row per joint and direction."""
-    return PlainTable(
-        name,
-        ("joint", "direction", "largest force on the first end", "±", "unit", "at [s]"),
-        tuple(
-            (joint, direction, found["force"], found["error"], found["unit"], found["force_s"])
-            for joint, directions in joints.items()
-            for direction, found in directions.items()
-        ),
-    )
+FORCE_COLUMNS = {  # as templates call them
+    "probe_peaks_over_time": PROBE_MOTION_PEAKS,
+    "motors": MOTOR_COLUMNS,
+    "joint_forces": JOINT_FORCE_COLUMNS,
+}
+
+
+def list_forces(
+    found: FeedSummary | TransientSummary, where: str, stress: str
+) -> Iterator[Listing[Any]]:
+    """Yield what probes, drives and joints took at most, as far as there are any.
+
+    Args:
+        where: Ends the titles: at which feed or in which pose.
+        stress: Begins the title of probes.
+    """
+    if found["probes"]:
+        yield Listing(f"{stress} at probes {where}", PROBE_MOTION_PEAKS, found["probes"].items())
+    if found["drives"]:
+        yield Listing(f"Motors {where}", MOTOR_COLUMNS, found["drives"].items())
+    if found["joints"]:
+        title = f"Largest forces of joints {where}"
+        yield Listing(title, JOINT_FORCE_COLUMNS, found["joints"].items())
+
+
+def tabulate_forces(
+    found: FeedSummary | TransientSummary, stem: str, probes: str
+) -> Iterator[PlainTable]:
+    """Yield the same for files, joints with a row per direction.
+
+    Args:
+        stem: Ends the names of the files.
+        probes: Begins the name of that of probes.
+    """
+    if found["drives"]:
+        yield tabulate(f"motors_{stem}", MOTOR_COLUMNS, found["drives"].items())
+    if found["probes"]:
+        yield tabulate(f"{probes}_{stem}", PROBE_MOTION_PEAKS, found["probes"].items())
+    if found["joints"]:
+        yield PlainTable(
+            f"joint_forces_{stem}",
+            ("joint", "direction", "largest force on the first end", "±", "unit", "at [s]"),
+            tuple(
+                (joint, direction, force["force"], force["error"], force["unit"], force["force_s"])
+                for joint, directions in found["joints"].items()
+                for direction, force in directions.items()
+            ),
+        )

@@ -9,7 +9,7 @@ from rich.table import Table
 
 from headstock.app.tables.components import COMPONENT_COLUMNS
 from headstock.app.tables.static import sort_shares
-from headstock.app.tables.table import Column, drop_noise, find_scales, find_unit
+from headstock.app.tables.table import Column, Listing, drop_noise, find_scales, find_unit
 from headstock.app.terminal.console import (
     add_row,
     counted,
@@ -22,7 +22,7 @@ from headstock.app.terminal.console import (
 )
 from headstock.app.texts.bounded_values import show_bound, show_bounded
 from headstock.app.views.registry import find_views
-from headstock.app.views.view import FinishedRun, Listing, Shares, TerminalPart
+from headstock.app.views.view import FinishedRun, Shares, TerminalPart
 from headstock.pipeline.planning.plan import Plan, StageRecord
 from headstock.pipeline.results.summary import RunSummary
 from headstock.scene.scene import Scene

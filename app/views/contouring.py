@@ -6,9 +6,9 @@ from typing import Any, Literal, NamedTuple
 from headstock.app.drawings.milled_faces import draw_milled_faces
 from headstock.app.drawings.path import draw_contour
 from headstock.app.tables.probes import PROBE_MOTION_PEAKS
-from headstock.app.tables.table import Column, PlainTable
+from headstock.app.tables.table import Column, Listing, PlainTable
 from headstock.app.texts.bounded_values import NO_BOUND, show_bound, show_bounded
-from headstock.app.views.view import FinishedRun, Listing, Section, TerminalPart, View
+from headstock.app.views.view import FinishedRun, Section, TerminalPart, View
 from headstock.geometry.frames import DIRECTIONS
 from headstock.pipeline.answers.contouring import (
     LOCKED_MOTORS,
@@ -273,19 +273,6 @@ def _list_parts(run: FinishedRun) -> Iterator[TerminalPart]:
     yield from probes
 
 
-def _write_section(_: FinishedRun) -> Section:
-    names = {
-        "columns": {"faces": FACE_COLUMNS, "probe_peaks_over_time": PROBE_MOTION_PEAKS},
-        "draw_contour": draw_contour,
-        "draw_milled_faces": draw_milled_faces,
-        "list_faces": list_faces,
-        "contour_words": contour_words,
-        "contour_error_words": _contour_error_words,
-        "largest": _find_largest,
-    }
-    return Section("contour", "Contouring", template="views/contouring.html", names=names)
-
-
 def _find_largest(rows: Iterable[Mapping[str, Sequence[float]]], *keys: str) -> float:
     """Return the largest magnitude in lists of the same unit: the scale of their roundoff."""
     return max(
@@ -293,4 +280,21 @@ def _find_largest(rows: Iterable[Mapping[str, Sequence[float]]], *keys: str) -> 
     )
 
 
-VIEW = View(tables=_list_tables, terminal=_list_parts, section=_write_section)
+VIEW = View(
+    tables=_list_tables,
+    terminal=_list_parts,
+    section=Section(
+        "contour",
+        "Contouring",
+        template="views/contouring.html",
+        names={
+            "columns": {"faces": FACE_COLUMNS, "probe_peaks_over_time": PROBE_MOTION_PEAKS},
+            "draw_contour": draw_contour,
+            "draw_milled_faces": draw_milled_faces,
+            "list_faces": list_faces,
+            "contour_words": contour_words,
+            "contour_error_words": _contour_error_words,
+            "largest": _find_largest,
+        },
+    ),
+)

@@ -4,9 +4,9 @@ from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 from headstock.app.drawings.lobes import draw_lobes
-from headstock.app.tables.table import Column, PlainTable, show_percent, tabulate
+from headstock.app.tables.table import Column, Listing, PlainTable, show_percent, tabulate
 from headstock.app.texts.bounded_values import limit_error_words, show_best_depth
-from headstock.app.views.view import FinishedRun, Listing, Section, TerminalPart, View
+from headstock.app.views.view import FinishedRun, Section, TerminalPart, View
 from headstock.pipeline.answers.lobes import (
     DirectionSummary,
     LobesSummary,
@@ -160,15 +160,20 @@ def _title(lobes: Mapping[str, LobesSummary]) -> str:
     )
 
 
-def _write_section(_: FinishedRun) -> Section:
-    names = {
-        "columns": {"lobes": LOBE_COLUMNS, "lowest_lobes": LOWEST_LOBE_COLUMNS},
-        "draw_lobes": draw_lobes,
-        "limit_error_words": limit_error_words,
-        "list_lobes": _list_lobes,
-        "list_lowest_lobes": _list_lowest_lobes,
-    }
-    return Section("lobes", "Stability lobes", "Lobes", template="views/lobes.html", names=names)
-
-
-VIEW = View(tables=_list_tables, terminal=_list_parts, section=_write_section)
+VIEW = View(
+    tables=_list_tables,
+    terminal=_list_parts,
+    section=Section(
+        "lobes",
+        "Stability lobes",
+        "Lobes",
+        template="views/lobes.html",
+        names={
+            "columns": {"lobes": LOBE_COLUMNS, "lowest_lobes": LOWEST_LOBE_COLUMNS},
+            "draw_lobes": draw_lobes,
+            "limit_error_words": limit_error_words,
+            "list_lobes": _list_lobes,
+            "list_lowest_lobes": _list_lowest_lobes,
+        },
+    ),
+)

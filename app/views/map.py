@@ -4,7 +4,7 @@ from itertools import product
 
 from headstock.app.drawings.figures import draw_map, map_layers
 from headstock.app.tables.table import PlainTable
-from headstock.app.views.view import FinishedRun, Section, View
+from headstock.app.views.view import Section, View
 from headstock.pipeline.answers.map import Grid, GridSummary
 
 
@@ -25,12 +25,12 @@ def _flatten(values: Grid) -> list[float | None]:
     ]
 
 
-def _write_section(_: FinishedRun) -> Section:
-    names = {"draw_map": draw_map, "map_layers": map_layers}
-    return Section("map", "Workspace map", template="views/map.html", names=names)
-
-
 VIEW = View(
     tables=lambda run: [tabulate_map("map", run.summary["map"])],
-    section=_write_section,
+    section=Section(
+        "map",
+        "Workspace map",
+        template="views/map.html",
+        names={"draw_map": draw_map, "map_layers": map_layers},
+    ),
 )

@@ -6,15 +6,17 @@ from typing import NamedTuple
 
 from headstock.app.drawings.path import draw_path
 from headstock.app.drawings.transient import draw_path_drives
-from headstock.app.tables.motion_forces import (
-    JOINT_FORCE_COLUMNS,
-    MOTOR_COLUMNS,
-    tabulate_joint_forces,
+from headstock.app.tables.motion_forces import FORCE_COLUMNS, list_forces, tabulate_forces
+from headstock.app.tables.probes import list_motion_columns
+from headstock.app.tables.table import (
+    Column,
+    Listing,
+    PlainTable,
+    show_deviation,
+    tabulate_curves,
 )
-from headstock.app.tables.probes import PROBE_MOTION_PEAKS, list_motion_columns
-from headstock.app.tables.table import Column, PlainTable, show_deviation, tabulate, tabulate_curves
 from headstock.app.texts.bounded_values import NO_BOUND, largest_parts, show_parts
-from headstock.app.views.view import FinishedRun, Listing, Section, TerminalPart, View
+from headstock.app.views.view import FinishedRun, Section, TerminalPart, View
 from headstock.geometry.machine.machine import SCENE_UNITS, show_position
 from headstock.pipeline.answers.path import (
     CruiseSummary,
@@ -225,13 +227,7 @@ def tabulate_path(curves: PathCurves) -> PlainTable:
 
 def _list_tables(run: FinishedRun) -> Iterator[PlainTable]:
     for feed in run.summary["path"]["feeds"]:
-        stem = path_stem(feed["name"])
-        if feed["drives"]:
-            yield tabulate(f"motors_{stem}", MOTOR_COLUMNS, feed["drives"].items())
-        if feed["probes"]:
-            yield tabulate(f"probes_{stem}", PROBE_MOTION_PEAKS, feed["probes"].items())
-        if feed["joints"]:
-            yield tabulate_joint_forces(f"joint_forces_{stem}", feed["joints"])
+        yield from tabulate_forces(feed, path_stem(feed["name"]), "probes")
 
 
 def _list_parts(run: FinishedRun) -> Iterator[TerminalPart]:
@@ -243,15 +239,7 @@ def _list_parts(run: FinishedRun) -> Iterator[TerminalPart]:
     yield from (f"  {words}" for words in _path_error_words(path))
     yield ""
     for feed in path["feeds"]:
-        name = f"at {feed['name']}"
-        if feed["probes"]:
-            title = f"Largest stress at probes {name}"
-            yield Listing(title, PROBE_MOTION_PEAKS, feed["probes"].items())
-        if feed["drives"]:
-            yield Listing(f"Motors {name}", MOTOR_COLUMNS, feed["drives"].items())
-        if feed["joints"]:
-            title = f"Largest forces of joints {name}"
-            yield Listing(title, JOINT_FORCE_COLUMNS, feed["joints"].items())
+        yield from list_forces(feed, f"at {feed['name']}", "Largest stress")
 
 
 def _title(path: PathSummary) -> str:
@@ -270,9 +258,7 @@ def _write_section(run: FinishedRun) -> Section | None:
         "columns": {
             "zones": ZONE_COLUMNS,
             "cruises": CRUISE_COLUMNS,
-            "probe_peaks_over_time": PROBE_MOTION_PEAKS,
-            "motors": MOTOR_COLUMNS,
-            "joint_forces": JOINT_FORCE_COLUMNS,
+            **FORCE_COLUMNS,
         },
         "draw_path": draw_path,
         "draw_path_drives": draw_path_drives,

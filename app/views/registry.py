@@ -25,14 +25,23 @@ NAMES = (
 )
 
 
+# views that stand in a module with others
+SHARED_MODULES = {
+    "model_errors": ("accuracy", "MODEL_ERRORS_VIEW"),
+    "interface_errors": ("accuracy", "INTERFACE_ERRORS_VIEW"),
+}
+
+
+def load_view(name: str) -> View:
+    """Return the view of an analysis."""
+    module, variable = SHARED_MODULES.get(name, (name, "VIEW"))
+    view: View = getattr(importlib.import_module(f"headstock.app.views.{module}"), variable)
+    return view
+
+
 def find_views(run: FinishedRun) -> list[View]:
     """Return the views of the analyses that a run has."""
-    views: list[View] = [
-        importlib.import_module(f"headstock.app.views.{name}").VIEW
-        for name in NAMES
-        if run.find_entry(name)
-    ]
-    return views
+    return [load_view(name) for name in NAMES if run.find_entry(name)]
 
 
 def list_tables(run: FinishedRun, *, long: bool = True) -> list[PlainTable]:

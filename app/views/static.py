@@ -15,9 +15,9 @@ from headstock.app.tables.static import (
     tabulate_compliance,
     tabulate_whole_compliance,
 )
-from headstock.app.tables.table import PlainTable, list_text_columns, tabulate
+from headstock.app.tables.table import Listing, PlainTable, list_text_columns, tabulate
 from headstock.app.texts.bounded_values import show_bound, show_compliances
-from headstock.app.views.view import FinishedRun, Listing, Section, Shares, TerminalPart, View
+from headstock.app.views.view import FinishedRun, Section, Shares, TerminalPart, View
 from headstock.geometry.frames import DIRECTIONS
 from headstock.pipeline.answers.static import PointSummary
 from headstock.pipeline.numbers.estimates import known_part

@@ -12,10 +12,10 @@ from headstock.app.tables.static import (
     merge_families,
     tabulate_budget,
 )
-from headstock.app.tables.table import Column, PlainTable, show_deviation, tabulate
+from headstock.app.tables.table import Column, Listing, PlainTable, show_deviation, tabulate
 from headstock.app.texts.bounded_values import NO_BOUND, show_bound, show_bounded
 from headstock.app.views.map import tabulate_map
-from headstock.app.views.view import FinishedRun, Listing, Section, Shares, TerminalPart, View
+from headstock.app.views.view import FinishedRun, Section, Shares, TerminalPart, View
 from headstock.geometry.machine.machine import show_position
 from headstock.pipeline.answers.volumetric import (
     SYMBOLS,
@@ -165,26 +165,29 @@ def _list_parts(run: FinishedRun) -> Iterator[TerminalPart]:
         yield ""
 
 
-def _write_section(_: FinishedRun) -> Section:
-    names = {
-        "columns": {
-            "deviations": DEVIATION_COLUMNS,
-            "lines": LINE_COLUMNS,
-            "squareness": SQUARENESS_COLUMNS,
+VIEW = View(
+    tables=_list_tables,
+    terminal=_list_parts,
+    section=Section(
+        "volumetric",
+        "Volumetric errors",
+        template="views/volumetric.html",
+        names={
+            "columns": {
+                "deviations": DEVIATION_COLUMNS,
+                "lines": LINE_COLUMNS,
+                "squareness": SQUARENESS_COLUMNS,
+            },
+            "draw_budget": draw_budget,
+            "draw_map": draw_map,
+            "draw_motions": draw_motions,
+            "draw_volume": draw_volume,
+            "list_lines": _list_lines,
+            "list_maps": list_maps,
+            "list_ranges": _list_ranges,
+            "map_layers": map_layers,
+            "merge_families": merge_families,
+            "volumetric_words": _volumetric_words,
         },
-        "draw_budget": draw_budget,
-        "draw_map": draw_map,
-        "draw_motions": draw_motions,
-        "draw_volume": draw_volume,
-        "list_lines": _list_lines,
-        "list_maps": list_maps,
-        "list_ranges": _list_ranges,
-        "map_layers": map_layers,
-        "merge_families": merge_families,
-        "volumetric_words": _volumetric_words,
-    }
-    template = "views/volumetric.html"
-    return Section("volumetric", "Volumetric errors", template=template, names=names)
-
-
-VIEW = View(tables=_list_tables, terminal=_list_parts, section=_write_section)
+    ),
+)
