@@ -3,32 +3,11 @@ results.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, ClassVar, NotRequired, TypedDict
+from dataclasses import asdict, dataclass, field
+from typing import Any, ClassVar, NotRequired, TypedDict, cast
 
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.numbers.numbers import Key
-
-
-class RoundSummary(TypedDict):
-    """The entry of a round; without an owner where no component is meshed, without changes where
-    the search ended with it.
-    """
-
-    quantity: str
-    error: float | None
-    reason: str
-    owner: NotRequired[str]
-    source: NotRequired[str]
-    changes: NotRequired[dict[str, str]]
-
-
-class BodyChoiceSummary(TypedDict):
-    """The entry of a body; ``next`` is empty for finite elements."""
-
-    model: str
-    why: str
-    next: str
 
 
 class ResponseAccuracySummary(TypedDict):
@@ -48,10 +27,10 @@ class AccuracySummary(TypedDict):
     estimated: float | None
     met: bool
     reason: str
-    rounds: list[RoundSummary]
+    rounds: list[dict[str, Any]]
     settings: dict[str, str]
     values: dict[str, Any]
-    models: NotRequired[dict[str, BodyChoiceSummary]]
+    models: NotRequired[dict[str, dict[str, str]]]
     responses: NotRequired[ResponseAccuracySummary]
 
 
@@ -82,18 +61,20 @@ class AccuracyRound:
     owner: tuple[str, str] | None = None
     changes: Mapping[str, str] | None = None
 
-    def summarise(self) -> RoundSummary:
-        """As it stands in ``summary.json``."""
-        summary: RoundSummary = {
+    def summarise(self) -> dict[str, Any]:
+        """Return it as it stands in ``summary.json``: without an owner where no component is meshed, without
+        changes where the search ended with it.
+        """
+        owner, source = self.owner or (None, None)
+        entries = {
             "quantity": self.quantity,
             "error": self.error,
             "reason": self.reason,
+            "owner": owner,
+            "source": source,
+            "changes": None if self.changes is None else dict(self.changes),
         }
-        if self.owner is not None:
-            summary["owner"], summary["source"] = self.owner
-        if self.changes is not None:
-            summary["changes"] = dict(self.changes)
-        return summary
+        return {key: value for key, value in entries.items() if value is not None or key == "error"}
 
 
 @dataclass(frozen=True)
@@ -160,12 +141,7 @@ class AccuracyAnswer(Answer):
                 for name, body in self.models.items()
             }
         if self.responses is not None:
-            own = self.responses
-            summary["responses"] = {
-                "quantity": own.quantity,
-                "error": own.error,
-                "met": own.met,
-            }
+            summary["responses"] = cast(ResponseAccuracySummary, asdict(self.responses))
         return summary
 
 

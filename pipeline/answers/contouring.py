@@ -16,7 +16,7 @@ from headstock.pipeline.answers.probe_motions import (
     ProbeTrace,
 )
 from headstock.pipeline.answers.probes import MEGA
-from headstock.pipeline.numbers.estimates import Estimate
+from headstock.pipeline.numbers.estimates import Estimate, scale_total
 from headstock.pipeline.numbers.numbers import Key, Number, Series, make_key
 from headstock.pipeline.storage.json_texts import check_finite
 from headstock.solvers.milling.tool_path import TraceFit
@@ -67,13 +67,6 @@ class StabilitySummary(TypedDict):
     error_mm: float | None
 
 
-class RangeSummary(TypedDict):
-    """Least and most on the way, along x, y, z."""
-
-    minimum: list[float]
-    maximum: list[float]
-
-
 class ProbeSeriesSummary(TypedDict):
     """What a probe saw, thinned out: stress by ``xx``, ``xy`` and so on."""
 
@@ -92,13 +85,6 @@ class SeriesSummary(TypedDict):
     probes: dict[str, ProbeSeriesSummary]
 
 
-class TraceSummary(TypedDict):
-    """How measured positions were followed."""
-
-    residual_rms_um: float
-    off_path_um: float
-
-
 class ContourSummary(TypedDict):
     """The entry ``contouring``."""
 
@@ -110,7 +96,7 @@ class ContourSummary(TypedDict):
     drives: list[str]
     faces: list[FaceSummary]
     face_3_over_face_1: dict[str, float | None]
-    gravity_deflection_um: RangeSummary
+    gravity_deflection_um: dict[str, list[float]]
     force_mean_n: list[float]
     force_peak_n: list[float]
     share_above_twice_the_highest_mode: float
@@ -121,7 +107,7 @@ class ContourSummary(TypedDict):
     stability: NotRequired[list[StabilitySummary]]
     milled_faces: NotRequired[list[MilledFaceSummary]]
     force_share_faster_than_steps: NotRequired[float]
-    traces: NotRequired[TraceSummary]
+    traces: NotRequired[dict[str, float]]
     error_sources: list[str]
     error_left_out: list[str]
 
@@ -194,8 +180,7 @@ class ContourFace:
             at: dict[str, str | int] = {"face": self.number, "figure": figure}
             keys = [make_key(kind, **at, **({role: name} if role else {})) for name in names]
             scale = UM if kind.endswith("gap") else 1.0
-            totals = [errors.get(key, Estimate()).total for key in keys]
-            return [None if total is None else scale * total for total in totals]
+            return [scale_total(errors.get(key), scale) for key in keys]
 
         what = f"contour on face {self.number}"
         found: FaceErrors = {
@@ -267,7 +252,7 @@ class FaceStability:
             "multiplier": self.multiplier,
             "stable": self.stable,
             "limit_depth_mm": 1e3 * self.limit_depth,
-            "error_mm": None if error.total is None else 1e3 * error.total,
+            "error_mm": scale_total(error, 1e3),
         }
 
 
@@ -403,9 +388,7 @@ class ContourAnswer(Answer):
         }
         if self.stability:
             summary["stability"] = [
-                face.summarise(
-                    self.errors.get(make_key("limit_depth", face=face.number), Estimate())
-                )
+                face.summarise(self.error_of(make_key("limit_depth", face=face.number)))
                 for face in self.stability
             ]
         if self.milled:

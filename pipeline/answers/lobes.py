@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.meshing.process.plain_hdf5 import h5py
 from headstock.pipeline.answers.answer import Answer
-from headstock.pipeline.numbers.estimates import Estimate, scale_shares
+from headstock.pipeline.numbers.estimates import Estimate, scale_shares, scale_total
 from headstock.pipeline.numbers.numbers import Number, Series, make_key
 
 MM = 1e3
@@ -214,11 +214,6 @@ class PoseLobes(Answer):
     }
     entry: ClassVar[str] = "lobes"
 
-    @property
-    def place(self) -> str:
-        """Its pose or point."""
-        return self.pose
-
     def list_numbers(self) -> Iterator[Number]:
         """Yield the lowest limit of each direction of travel and its frequency of chatter."""
         for own in self.directions:
@@ -280,12 +275,11 @@ class PoseLobes(Answer):
         rpm = RPM * self.speeds
         lowest, sizes = own.lowest, own.errors
         depth, chatter = (Estimate(), Estimate()) if lowest is None else own.estimate(lowest.place)
-        size = depth.total
         return {
             "direction": list(own.direction),
             "name": own.name,
             "lowest": None if lowest is None else self._summarise_lobe(own, lowest),
-            "lowest_error_mm": None if size is None else MM * size,
+            "lowest_error_mm": scale_total(depth, MM),
             "lowest_error_share": scale_shares(depth, MM),
             "chatter_error_hz": chatter.total,
             "chatter_error_share": scale_shares(chatter, 1.0),

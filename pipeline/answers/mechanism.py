@@ -31,11 +31,6 @@ class MechanismPose(Answer):
     condition_number: float
     entry: ClassVar[str] = "mechanism"
 
-    @property
-    def place(self) -> str:
-        """Its pose or point."""
-        return self.pose
-
     def list_numbers(self) -> Iterator[Number]:
         """Yield the coordinates and the condition number."""
         for name, value in self.coordinates.items():

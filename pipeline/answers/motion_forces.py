@@ -8,7 +8,7 @@ from typing import TypedDict
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.probe_motions import ProbeMotion
-from headstock.pipeline.numbers.estimates import Estimate
+from headstock.pipeline.numbers.estimates import Estimate, scale_total
 from headstock.pipeline.numbers.numbers import Key, Number, make_key
 from headstock.solvers.watched_outputs import Extreme
 
@@ -115,8 +115,8 @@ def summarise_drives(
         at: Roles of their keys: pose or feed.
     """
 
-    def find_total(kind: str, name: str) -> float | None:
-        return errors.get(make_key(kind, drive=name, **at), Estimate()).total
+    def find_total(kind: str, name: str, factor: float = 1.0) -> float | None:
+        return scale_total(errors.get(make_key(kind, drive=name, **at)), factor)
 
     return {
         name: {
@@ -125,9 +125,7 @@ def summarise_drives(
             "torque_off_nm": find_total("motor_torque", name),
             "position_error_um": 1e6 * found.position_error.value,
             "position_error_s": found.position_error.time,
-            "position_error_off_um": None
-            if (off := find_total("position_error", name)) is None
-            else 1e6 * off,
+            "position_error_off_um": find_total("position_error", name, 1e6),
         }
         for name, found in drives.items()
     }
@@ -148,9 +146,9 @@ def summarise_joints(
                 "unit": "N m" if direction.startswith("r") else "N",
                 "force": found.value,
                 "force_s": found.time,
-                "error": errors.get(
-                    make_key("joint_force", joint=name, direction=direction, **at), Estimate()
-                ).total,
+                "error": scale_total(
+                    errors.get(make_key("joint_force", joint=name, direction=direction, **at))
+                ),
             }
             for direction, found in directions.items()
         }

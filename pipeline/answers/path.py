@@ -4,7 +4,7 @@
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import ClassVar, NotRequired, TypedDict
 
 import numpy as np
@@ -25,7 +25,7 @@ from headstock.pipeline.answers.probe_motions import (
     ProbeMotionSummary,
     ProbeTrace,
 )
-from headstock.pipeline.numbers.estimates import Estimate, scale_shares
+from headstock.pipeline.numbers.estimates import Estimate, scale_shares, scale_total
 from headstock.pipeline.numbers.numbers import Number, Series, make_key
 from headstock.solvers.motion.deviation import CruiseFigures, PathDeviation, ZoneFigures
 from headstock.solvers.motion.set_points import show_feed
@@ -79,19 +79,6 @@ class FeedSummary(TypedDict):
     probes: dict[str, ProbeMotionSummary]
 
 
-class FollowedSummary(TypedDict):
-    """How the poses of a path were followed."""
-
-    sampled_poses: int
-    error: float
-    rotation_error: float
-    modes: int
-    next_hz: float | None
-    steps: int
-    truncation: float
-    effect: list[float]
-
-
 class PathSummary(TypedDict):
     """The entry ``path``."""
 
@@ -109,7 +96,7 @@ class PathSummary(TypedDict):
     low_frequency_modes: int
     drives: list[str]
     energy_error: dict[str, float]
-    poses: FollowedSummary | None
+    poses: dict[str, object] | None
     feeds: list[FeedSummary]
     error_left_out: list[str]
 
@@ -200,19 +187,6 @@ class FollowedPoses:
     truncation: float
     effect: tuple[float, ...]
 
-    def summarise(self) -> FollowedSummary:
-        """As it stands in ``summary.json``."""
-        return {
-            "sampled_poses": self.sampled_poses,
-            "error": self.error,
-            "rotation_error": self.rotation_error,
-            "modes": self.modes,
-            "next_hz": self.next_hz,
-            "steps": self.steps,
-            "truncation": self.truncation,
-            "effect": list(self.effect),
-        }
-
 
 @dataclass(frozen=True, eq=False)
 class PathResult(Answer):
@@ -283,7 +257,7 @@ class PathResult(Answer):
             "low_frequency_modes": self.low_frequency_modes,
             "drives": list(self.drives),
             "energy_error": self.energy_error,
-            "poses": None if self.poses is None else self.poses.summarise(),
+            "poses": None if self.poses is None else asdict(self.poses),
             "feeds": [_summarise_run(self, place) for place in range(len(self.runs))],
             "error_left_out": list(self.left_out),
         }
@@ -341,12 +315,7 @@ def _summarise_run(answer: PathResult, place: int) -> FeedSummary:
         "drives": summarise_drives(run.drives, answer.errors, feed=feed),
         "joints": summarise_joints(run.joints, answer.errors, feed=feed),
         "probes": {
-            name: probe.summarise(
-                *(
-                    answer.errors.get(make_key(kind, feed=feed, probe=name), Estimate())
-                    for kind in ("peak_stress", "peak_displacement")
-                )
-            )
+            name: probe.summarise(answer.errors, feed=feed, probe=name)
             for name, probe in run.probes.items()
         },
     }
@@ -367,14 +336,14 @@ def _summarise_output(answer: PathResult, run: PathRun, number: int) -> OutputSu
 
     def find_error(zone: str, figure: str) -> Estimate:
         at = {"feed": run.curves.name, "zone": zone, "output": name_channel(channel)}
-        return answer.errors.get(make_key("path_deviation", figure=figure, **at), Estimate())
+        return answer.error_of(make_key("path_deviation", figure=figure, **at))
 
     summary: OutputSummary = {
         "dof": list(channel),
         "accelerating": _summarise_zone(channel, zones[0], frozen[0]),
         "decelerating": _summarise_zone(channel, zones[1], frozen[1]),
         "errors": {
-            zone: {f"{size}_{unit}": _scale(find_error(zone, size), factor) for size in SIZES}
+            zone: {f"{size}_{unit}": scale_total(find_error(zone, size), factor) for size in SIZES}
             for zone in ZONES
         },
         "error_share": {zone: scale_shares(find_error(zone, "peak"), factor) for zone in ZONES},
@@ -394,7 +363,7 @@ def _summarise_output(answer: PathResult, run: PathRun, number: int) -> OutputSu
         else:
             summary["cruising"]["period_deg"] = math.degrees(cruise.distance)
         summary["errors"]["cruising"] = {
-            f"{size}_um": _scale(find_error("cruising", size), 1e6) for size in CRUISE
+            f"{size}_um": scale_total(find_error("cruising", size), 1e6) for size in CRUISE
         }
     return summary
 
@@ -402,10 +371,6 @@ def _summarise_output(answer: PathResult, run: PathRun, number: int) -> OutputSu
 def _unit_of(channel: Channel) -> str:
     """Return the SI unit of a deviation."""
     return "rad" if channel[1].startswith("r") else "m"
-
-
-def _scale(error: Estimate, factor: float) -> float | None:
-    return None if error.total is None else factor * error.total
 
 
 def deviation_unit(channel: Channel) -> tuple[str, float]:

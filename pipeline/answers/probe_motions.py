@@ -3,6 +3,7 @@
 """
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TypedDict
 
@@ -12,7 +13,8 @@ from numpy.typing import NDArray
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.process.plain_hdf5 import h5py
 from headstock.pipeline.answers.probes import MEGA, MICRO
-from headstock.pipeline.numbers.estimates import Estimate, scale_shares
+from headstock.pipeline.numbers.estimates import Estimate, scale_shares, scale_total
+from headstock.pipeline.numbers.numbers import Key, make_key
 from headstock.solvers.stresses import STRESS_NAMES, largest_von_mises
 from headstock.solvers.watched_outputs import Extreme
 
@@ -87,21 +89,24 @@ class ProbeMotion:
         return dataclasses.replace(self, trace=trace)
 
     def summarise(
-        self, mises: Estimate | None = None, moved: Estimate | None = None
+        self, errors: Mapping[Key, Estimate] | None = None, **at: str
     ) -> ProbeMotionSummary:
         """Return it as it stands in ``summary.json``.
 
         Args:
-            mises: ± of the equivalent stress by all sources [Pa]; that of the mesh around it by default.
-            moved: The same of the displacement [m].
+            errors: ± of its numbers by all sources; None for what the mesh around it leaves out.
+            at: Roles of their keys: feed and probe.
         """
-        mises, moved = mises or self.von_mises_error, moved or self.displacement_error
+        mises, moved = self.von_mises_error, self.displacement_error
+        if errors is not None:
+            mises = errors.get(make_key("peak_stress", **at), Estimate())
+            moved = errors.get(make_key("peak_displacement", **at), Estimate())
         return {
             "component": self.component,
             "singular": self.singular,
             "peak_von_mises_mpa": MEGA * self.von_mises.value,
             "peak_von_mises_s": self.von_mises.time,
-            "peak_von_mises_error_mpa": None if mises.total is None else MEGA * mises.total,
+            "peak_von_mises_error_mpa": scale_total(mises, MEGA),
             "peak_von_mises_error_share": scale_shares(mises, MEGA),
             "peak_stress_mpa": {
                 name: MEGA * float(value)
@@ -109,6 +114,6 @@ class ProbeMotion:
             },
             "peak_displacement_um": MICRO * self.displacement.value,
             "peak_displacement_s": self.displacement.time,
-            "peak_displacement_error_um": None if moved.total is None else MICRO * moved.total,
+            "peak_displacement_error_um": scale_total(moved, MICRO),
             "error_left_out": sorted({*mises.left_out, *moved.left_out}),
         }

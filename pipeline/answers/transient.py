@@ -3,7 +3,7 @@
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import ClassVar, TypedDict
 
 import numpy as np
@@ -25,7 +25,7 @@ from headstock.pipeline.answers.probe_motions import (
     ProbeMotionSummary,
     ProbeTrace,
 )
-from headstock.pipeline.numbers.estimates import Estimate, scale_shares
+from headstock.pipeline.numbers.estimates import Estimate, scale_shares, scale_total
 from headstock.pipeline.numbers.numbers import Key, Number, Series, make_key
 from headstock.pipeline.storage.json_texts import check_finite
 from headstock.scene.scene import Motors
@@ -51,26 +51,6 @@ class MovedOutputSummary(TypedDict):
     error_share: dict[str, float | None]
 
 
-class EnergySummary(TypedDict):
-    """The balance of energy [J]; ``error`` over its largest part."""
-
-    initial: float
-    work: float
-    dissipated: float
-    final: float
-    largest: float
-    error: float
-
-
-class TimedLoadSummary(TypedDict):
-    """The entry of a load."""
-
-    acts_on: str
-    shape: str
-    unit: str
-    largest: float
-
-
 class TransientSummary(TypedDict):
     """The entry of a pose in ``transient``."""
 
@@ -81,9 +61,9 @@ class TransientSummary(TypedDict):
     settled_within: float
     damped: bool
     motors: Motors
-    loads: dict[str, TimedLoadSummary]
+    loads: dict[str, dict[str, str | float]]
     outputs: dict[str, MovedOutputSummary]
-    energy: EnergySummary | None
+    energy: dict[str, float] | None
     error_left_out: list[str]
     drives: dict[str, DriveForceSummary]
     joints: dict[str, dict[str, JointForceSummary]]
@@ -223,11 +203,13 @@ class TransientAnswer(Answer):
             },
             "outputs": {
                 name_channel(channel): _summarise_output(
-                    channel, figures, self.errors.get(peak_key(pose, channel), Estimate())
+                    channel, figures, self.error_of(peak_key(pose, channel))
                 )
                 for channel, figures in zip(self.curves.outputs, self.figures, strict=True)
             },
-            "energy": None if self.energy is None else _summarise_energy(self.energy),
+            "energy": None
+            if self.energy is None
+            else {**asdict(self.energy), "error": self.energy.error},
             "error_left_out": sorted(
                 {words for error in self.errors.values() for words in error.left_out}
             ),
@@ -271,17 +253,6 @@ def _summarise_output(
         "final": None if figures.final is None else factor * figures.final,
         "overshoot": figures.overshoot,
         "settling_s": figures.settling,
-        "error": None if error.total is None else factor * error.total,
+        "error": scale_total(error, factor),
         "error_share": scale_shares(error, factor),
-    }
-
-
-def _summarise_energy(energy: EnergyBalance) -> EnergySummary:
-    return {
-        "initial": energy.initial,
-        "work": energy.work,
-        "dissipated": energy.dissipated,
-        "final": energy.final,
-        "largest": energy.largest,
-        "error": energy.error,
     }

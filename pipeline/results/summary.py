@@ -49,15 +49,6 @@ class TotalsSummary(TypedDict):
     peak_rss_mb: float
 
 
-class QualitySummary(TypedDict):
-    """Quality of the mesh of a component."""
-
-    minimum_scaled_jacobian: float
-    repaired: int
-    volume: float
-    cad_volume: float | None
-
-
 class ComponentSummary(TypedDict):
     """The entry of a component."""
 
@@ -67,7 +58,7 @@ class ComponentSummary(TypedDict):
     mass_kg: float
     cutoff_hz: float | None
     residual: float
-    mesh_quality: NotRequired[QualitySummary]
+    mesh_quality: NotRequired[dict[str, float | None]]
     mesh_corrected: NotRequired[bool]
 
 
