@@ -13,45 +13,45 @@ def _refuse(self: object, *args: object, **keys: object) -> NoReturn:
     )
 
 
-class FrozenTable(dict[str, TomlValue]):
+class _FrozenTable(dict[str, TomlValue]):
     """A table that is read like any other and not written; a copy of it can be."""
 
     __setitem__ = __delitem__ = __ior__ = _refuse
     clear = pop = popitem = setdefault = update = _refuse
 
     def __deepcopy__(self, memo: dict[int, Any]) -> TomlTable:
-        return {key: thaw(value) for key, value in self.items()}
+        return {key: _thaw(value) for key, value in self.items()}
 
     def __reduce__(self) -> tuple[type, tuple[TomlTable]]:
-        return FrozenTable, (dict(self),)
+        return _FrozenTable, (dict(self),)
 
 
-class FrozenList(list[TomlValue]):
+class _FrozenList(list[TomlValue]):
     """A list that is read like any other and not written; a copy of it can be."""
 
     __setitem__ = __delitem__ = __iadd__ = __imul__ = _refuse
     append = clear = extend = insert = pop = remove = reverse = sort = _refuse
 
     def __deepcopy__(self, memo: dict[int, Any]) -> list[TomlValue]:
-        return [thaw(value) for value in self]
+        return [_thaw(value) for value in self]
 
     def __reduce__(self) -> tuple[type, tuple[list[TomlValue]]]:
-        return FrozenList, (list(self),)
+        return _FrozenList, (list(self),)
 
 
-def freeze_table(table: Mapping[str, TomlValue]) -> FrozenTable:
+def freeze_table(table: Mapping[str, TomlValue]) -> _FrozenTable:
     """Return a copy of a table that cannot be changed, nor can what is in it."""
-    return FrozenTable({key: _freeze(value) for key, value in table.items()})
+    return _FrozenTable({key: _freeze(value) for key, value in table.items()})
 
 
 def _freeze(value: TomlValue) -> TomlValue:
     if isinstance(value, dict):
         return freeze_table(value)
-    return FrozenList(map(_freeze, value)) if isinstance(value, list) else value
+    return _FrozenList(map(_freeze, value)) if isinstance(value, list) else value
 
 
-def thaw(value: TomlValue) -> TomlValue:
+def _thaw(value: TomlValue) -> TomlValue:
     """Return a copy of a value that can be changed."""
     if isinstance(value, dict):
-        return {key: thaw(item) for key, item in value.items()}
-    return [thaw(item) for item in value] if isinstance(value, list) else value
+        return {key: _thaw(item) for key, item in value.items()}
+    return [_thaw(item) for item in value] if isinstance(value, list) else value

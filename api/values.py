@@ -33,7 +33,7 @@ DIGITS = range(12, 18)  # of a text: as few as are exactly the number
 
 
 @runtime_checkable
-class Tabled(Protocol):
+class _Tabled(Protocol):
     """What stands for a table of a scene."""
 
     @property
@@ -65,7 +65,7 @@ def write_at(model: type[BaseModel], key: KeyPath, value: object) -> TomlValue:
 
 
 def _write(hint: object, value: object, key: KeyPath) -> TomlValue:
-    if isinstance(value, Tabled):
+    if isinstance(value, _Tabled):
         return value.table
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()

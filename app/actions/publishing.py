@@ -123,7 +123,7 @@ def _read_worth(folder: Path, summary: RunSummary) -> Worth | None:
 
 
 def is_same_scene(first: ProvenanceSummary, second: ProvenanceSummary) -> bool:
-    """Whether two results come from the same text, variant and overrides."""
+    """Compare the text, variant and overrides that two results come from."""
     own, other = (
         (each["scene_sha256"], each["variant"], each["overrides"]) for each in (first, second)
     )

@@ -120,7 +120,7 @@ def require_ranks(ranks: int | None, comm: MPI.Comm) -> None:
 
 
 def describe_crowd(ranks: int, threads: int, cores: int) -> str:
-    """What it costs that there are more ranks on a node, or threads of them all, than free cores."""
+    """Say what it costs that there are more ranks on a node, or threads of them all, than free cores."""
     if ranks <= cores:
         return (
             f"{ranks} ranks with {threads} threads each (HEADSTOCK_THREADS) on {counted(cores, 'free core')}: poses and other "

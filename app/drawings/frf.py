@@ -162,7 +162,7 @@ def _lay_out_probes(curves: ResponseCurves) -> tuple[list[_Cell], int]:
 
 
 def has_more_fields(curves: ResponseCurves) -> bool:
-    """Whether some entries are not drawn."""
+    """Tell whether some entries are not drawn."""
     return max(len(curves.outputs), len(curves.inputs)) > MOST_FIELDS
 
 

@@ -71,8 +71,8 @@ def draw_lobes(found: DirectionSummary, identity: str, *, confirmed: bool) -> Ma
         parts.append(svg.text(middle, base + 18, words, anchor="middle", size=SIZE))
     modes = list(dict.fromkeys(lobe["mode"] for lobe in found["lobes"]))
     colors = dict(zip(modes, itertools.cycle(COLORS), strict=False))
-    green = Fill("#6a9a5b", 0.12) if confirmed else Fill(f"url(#{identity}_hatch)", 1.0)
-    hatch = Fill(f"url(#{identity}_hatch)", 1.0)
+    green = _Fill("#6a9a5b", 0.12) if confirmed else _Fill(f"url(#{identity}_hatch)", 1.0)
+    hatch = _Fill(f"url(#{identity}_hatch)", 1.0)
     parts += _fill_below(speeds, depths, across, up, stable=green, unknown=hatch)
     errors = np.array(series["error_mm"], dtype=float)
     parts += _draw_band(speeds, depths, errors, across, up)
@@ -98,7 +98,7 @@ def draw_lobes(found: DirectionSummary, identity: str, *, confirmed: bool) -> Ma
     )
 
 
-class Fill(NamedTuple):
+class _Fill(NamedTuple):
     """Colour or pattern of an area, and how opaque it is."""
 
     paint: str
@@ -111,8 +111,8 @@ def _fill_below(
     across: Scale,
     up: Scale,
     *,
-    stable: Fill,
-    unknown: Fill,
+    stable: _Fill,
+    unknown: _Fill,
 ) -> Iterator[Markup]:
     """What is stable between two speeds, up to the lower limit of both; all of it in the other fill
     where one is not known.

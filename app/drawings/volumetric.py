@@ -74,23 +74,23 @@ def _draw_line(axis: str, line: AxisMotionsSummary, top: float) -> Markup:
     return Markup("").join(parts)
 
 
-class MapChoice(NamedTuple):
+class _MapChoice(NamedTuple):
     """A quantity to draw as a map, and what it is called."""
 
     name: str
     title: str
 
 
-def list_maps(found: VolumetricSummary) -> dict[str, list[MapChoice]]:
+def list_maps(found: VolumetricSummary) -> dict[str, list[_MapChoice]]:
     """Maps that are drawn, by the heading of what causes them: what varies over the volume."""
-    shown: dict[str, list[MapChoice]] = {}
+    shown: dict[str, list[_MapChoice]] = {}
     for source, ranges in found["ranges"].items():
         # one source alone is all there is
         if len(found["ranges"]) == 2 and source != "total":
             continue
         dofs = range(6) if source == "total" else range(3)
         maps = [
-            MapChoice(
+            _MapChoice(
                 f"{source}_{SYMBOLS[dof]}",
                 f"{SYMBOLS[dof]} [{'µm' if dof < 3 else 'µrad'}]",
             )

@@ -27,7 +27,7 @@ from headstock.app.tables.model_answers import (
     show_change,
     verdict_words,
 )
-from headstock.app.tables.sweep_quantities import limit_words, list_quantities, sampled_error_words
+from headstock.app.tables.sweep_quantities import limit_words, list_swept, sampled_error_words
 from headstock.app.texts.scripts import script_json
 from headstock.geometry.machine.machine import SCENE_UNITS
 from headstock.pipeline.storage.provenance import ProvenanceSummary
@@ -51,7 +51,7 @@ def render_sweep(
         origin: Where it comes from, as ``Provenance.summarise`` gives it.
     """
     quantities = [
-        quantity for quantity in list_quantities(summary) if np.isfinite(quantity.values).any()
+        quantity for quantity in list_swept(summary) if np.isfinite(quantity.values).any()
     ]
     ranges = [
         (float(np.nanmin(quantity.values)), float(np.nanmax(quantity.values)))
@@ -109,7 +109,7 @@ def _page_data(summary: SweepSummary) -> dict[str, object]:
                 "unit": q.unit,
                 "values": _round([None if np.isnan(v) else float(v) for v in q.values]),
             }
-            for q in list_quantities(summary)
+            for q in list_swept(summary)
             if np.isfinite(q.values).any()
         ],
         "points": {

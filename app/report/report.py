@@ -170,7 +170,7 @@ def _encode_table(table: PlainTable) -> str:
 
 
 @dataclass(frozen=True)
-class KeyFigures:
+class _KeyFigures:
     """What a reader wants first.
 
     Attributes:
@@ -187,7 +187,7 @@ class KeyFigures:
     first: tuple[float, float | None, str] | None = None
 
 
-def _key_figures(summary: RunSummary) -> KeyFigures:
+def _key_figures(summary: RunSummary) -> _KeyFigures:
     """Return the compliance of the first point in the first pose, and the first mode in which
     something deforms.
     """
@@ -199,8 +199,8 @@ def _key_figures(summary: RunSummary) -> KeyFigures:
         first = next((mode for mode in named if WHOLE_MACHINE not in mode[-1]), None)
     for points in static_by_pose(summary).values():
         for name, point in points.items():
-            return KeyFigures(name, _list_compliances(point), point["text"], first)
-    return KeyFigures(first=first)
+            return _KeyFigures(name, _list_compliances(point), point["text"], first)
+    return _KeyFigures(first=first)
 
 
 def _list_compliances(

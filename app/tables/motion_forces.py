@@ -91,7 +91,7 @@ FORCE_COLUMNS = {  # as templates call them
 }
 
 
-def list_forces(
+def list_force_tables(
     found: FeedSummary | TransientSummary, where: str, stress: str
 ) -> Iterator[Listing[Any]]:
     """Yield what probes, drives and joints took at most, as far as there are any.

@@ -93,7 +93,7 @@ PROBE_COLUMNS = (
 
 
 @dataclass(frozen=True)
-class ProbePeakRow:
+class _ProbePeakRow:
     """The largest equivalent stress at a probe under an input."""
 
     probe: str
@@ -101,16 +101,16 @@ class ProbePeakRow:
     peak: ProbePeakSummary
 
 
-def list_probe_peaks(response: ResponseSummary) -> list[ProbePeakRow]:
+def list_probe_peaks(response: ResponseSummary) -> list[_ProbePeakRow]:
     """Every probe of a frequency response under every input."""
     return [
-        ProbePeakRow(name, probe["component"], peak)
+        _ProbePeakRow(name, probe["component"], peak)
         for name, probe in response.get("probes", {}).items()
         for peak in probe["inputs"]
     ]
 
 
-PROBE_PEAK_COLUMNS: tuple[Column[ProbePeakRow], ...] = (
+PROBE_PEAK_COLUMNS: tuple[Column[_ProbePeakRow], ...] = (
     Column(lambda row: row.probe, "probe", "probe", "Probe"),
     Column(lambda row: row.component, "component", "in", "Component"),
     Column(lambda row: " ".join(row.peak["input"]), "load", "load", "Load"),
@@ -190,7 +190,7 @@ def _list_trace_columns(probe: ProbeTrace) -> list[tuple[str, FloatArray]]:
 
 
 def tabulate_probes(curves: ResponseCurves) -> PlainTable:
-    """A row per frequency: largest equivalent stress over a cycle with its error, and real and
+    """Tabulate a row per frequency: largest equivalent stress over a cycle with its error, and real and
     imaginary part of displacement and stress, at every probe under every input; SI.
     """
     columns = itertools.chain.from_iterable(map(_list_columns, curves.probes))

@@ -92,7 +92,7 @@ def list_text_columns(*headings: str) -> list[Column[tuple[str, ...]]]:
 
 
 def tabulate_curves(name: str, columns: Iterable[tuple[str, FloatArray]]) -> PlainTable:
-    """A row per sample of curves.
+    """Tabulate a row per sample of curves.
 
     Args:
         columns: Heading and values ``(n,)`` of each; NaN where there is none.
@@ -105,7 +105,7 @@ def tabulate_curves(name: str, columns: Iterable[tuple[str, FloatArray]]) -> Pla
     return PlainTable(name, headings, cells)
 
 
-def find_scales[Row](columns: Sequence[Column[Row]], rows: Sequence[Row]) -> dict[str, float]:
+def find_unit_scales[Row](columns: Sequence[Column[Row]], rows: Sequence[Row]) -> dict[str, float]:
     """The largest number of a table in each unit, for :func:`drop_noise`.
 
     Args:

@@ -325,7 +325,7 @@ def _list_number(each: MeshedNumber, limit: Limit) -> dict[str, object]:
 
 
 def convergence_csv(found: Convergence) -> bytes:
-    """A row per mesh; of each number its value, what stands behind ±, and how far from the
+    """Tabulate a row per mesh; of each number its value, what stands behind ±, and how far from the
     limit.
     """
     costs = found.costs

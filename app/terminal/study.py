@@ -17,7 +17,7 @@ from headstock.app.terminal.console import (
     print_table,
     spaced,
 )
-from headstock.app.texts.bounded_values import AND_MORE, show_bound, show_bounded, show_size
+from headstock.app.texts.bounded_values import AND_MORE, show_bound, show_bounded, show_error
 from headstock.scene.reading.watch_paths import MEASURED_NAMES
 from headstock.scene.studies import describe_point, list_varied, shorten_key, show_value
 from headstock.studies.parameters.costs import CostPoint, cheapest_within, weigh_costs
@@ -418,7 +418,7 @@ def _break_heading(text: str) -> str:
 def _show_cell(row: StudyRow, column: str, *, repeats: int) -> str:
     value = row.values.get(column)
     if column in row.known:
-        return f"{show_size(row.known[column])} {AND_MORE}"
+        return f"{show_error(row.known[column])} {AND_MORE}"
     if value is None:
         return "failed" if row.record.status == "failed" else "-"
     if column in MEASURED_NAMES:

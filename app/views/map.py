@@ -9,7 +9,7 @@ from headstock.pipeline.answers.map import Grid, GridSummary
 
 
 def tabulate_map(stem: str, found: GridSummary) -> PlainTable:
-    """A row per pose with every quantity."""
+    """Tabulate a row per pose with every quantity."""
     names = list(found["quantities"])
     flat = [_flatten(found["quantities"][name]) for name in names]
     rows = tuple(

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from headstock.app.drawings.path import draw_path
 from headstock.app.drawings.transient import draw_path_drives
-from headstock.app.tables.motion_forces import FORCE_COLUMNS, list_forces, tabulate_forces
+from headstock.app.tables.motion_forces import FORCE_COLUMNS, list_force_tables, tabulate_forces
 from headstock.app.tables.probes import list_motion_columns
 from headstock.app.tables.table import (
     Column,
@@ -36,7 +36,7 @@ PART_NAMES = {
 }
 
 
-class ZoneRow(NamedTuple):
+class _ZoneRow(NamedTuple):
     """What a path analysis says of an output while a ramp lasts; sizes in µm or µrad."""
 
     run: FeedSummary
@@ -47,7 +47,7 @@ class ZoneRow(NamedTuple):
     parts: Mapping[str, float | None]  # of ± of its peak, by source
 
     def error(self, name: str) -> float | None:
-        """How far one of its sizes may be off; None where nobody says, or it is zero."""
+        """Return the error of one of its sizes; None where nobody says, or it is zero."""
         key = f"{name}_{deviation_unit((self.channel[0], self.channel[1]))[0]}"
         return _known_error(self.found[key], self.errors, key)
 
@@ -56,10 +56,10 @@ class ZoneRow(NamedTuple):
         return self.found[f"{name}_{deviation_unit((self.channel[0], self.channel[1]))[0]}"]
 
 
-def _list_zones(path: PathSummary, output: int | None = None) -> list[ZoneRow]:
+def _list_zones(path: PathSummary, output: int | None = None) -> list[_ZoneRow]:
     """Every feed, output and ramp of a path analysis; of one output where its number is given."""
     return [
-        ZoneRow(run, shown["dof"], zone, found, shown["errors"][zone], shown["error_share"][zone])
+        _ZoneRow(run, shown["dof"], zone, found, shown["errors"][zone], shown["error_share"][zone])
         for run in path["feeds"]
         for number, shown in enumerate(run["outputs"])
         if output in (None, number)
@@ -82,7 +82,7 @@ def _known_error(
     return math.nan if error is None else error
 
 
-ZONE_COLUMNS: tuple[Column[ZoneRow], ...] = (
+ZONE_COLUMNS: tuple[Column[_ZoneRow], ...] = (
     Column(lambda row: row.run["name"], screen="feed", report="Feed"),
     Column(lambda row: " ".join(row.channel), screen="<at"),
     Column(lambda row: row.zone, screen="<zone", report="Zone"),
@@ -124,7 +124,7 @@ ZONE_COLUMNS: tuple[Column[ZoneRow], ...] = (
 )
 
 
-class CruiseRow(NamedTuple):
+class _CruiseRow(NamedTuple):
     """An output of a path at constant feed."""
 
     run: FeedSummary
@@ -133,23 +133,23 @@ class CruiseRow(NamedTuple):
     errors: ZoneSummary
 
     def error(self, name: str, value: float) -> float | None:
-        """How far one of its sizes may be off."""
+        """Return the error of one of its sizes."""
         return _known_error(value, self.errors, name)
 
 
-def _list_cruises(path: PathSummary, output: int | None = None) -> list[CruiseRow]:
+def _list_cruises(path: PathSummary, output: int | None = None) -> list[_CruiseRow]:
     """Every feed and output of a path on which errors of guides act; of one output where its number
     is given.
     """
     return [
-        CruiseRow(run, shown["dof"], shown["cruising"], shown["errors"]["cruising"])
+        _CruiseRow(run, shown["dof"], shown["cruising"], shown["errors"]["cruising"])
         for run in path["feeds"]
         for number, shown in enumerate(run["outputs"])
         if output in (None, number) and "cruising" in shown
     ]
 
 
-CRUISE_COLUMNS: tuple[Column[CruiseRow], ...] = (
+CRUISE_COLUMNS: tuple[Column[_CruiseRow], ...] = (
     Column(lambda row: row.run["name"], screen="feed", report="Feed"),
     Column(lambda row: " ".join(row.channel), screen="<at"),
     Column(
@@ -205,7 +205,7 @@ def path_stem(feed: str) -> str:
 
 
 def tabulate_path(curves: PathCurves) -> PlainTable:
-    """A row per sample: time, set point, the deviation of every output with its parts, and what drives
+    """Tabulate a row per sample: time, set point, the deviation of every output with its parts, and what drives
     under control do.
     """
     found = curves.deviation
@@ -239,7 +239,7 @@ def _list_parts(run: FinishedRun) -> Iterator[TerminalPart]:
     yield from (f"  {words}" for words in _path_error_words(path))
     yield ""
     for feed in path["feeds"]:
-        yield from list_forces(feed, f"at {feed['name']}", "Largest stress")
+        yield from list_force_tables(feed, f"at {feed['name']}", "Largest stress")
 
 
 def _title(path: PathSummary) -> str:

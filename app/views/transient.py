@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 
 from headstock.app.drawings.transient import draw_transient
-from headstock.app.tables.motion_forces import FORCE_COLUMNS, list_forces, tabulate_forces
+from headstock.app.tables.motion_forces import FORCE_COLUMNS, list_force_tables, tabulate_forces
 from headstock.app.tables.probes import list_motion_columns
 from headstock.app.tables.table import (
     Cell,
@@ -78,7 +78,7 @@ def _transient_stem(curves: TransientCurves) -> str:
 
 
 def tabulate_transient(curves: TransientCurves) -> PlainTable:
-    """A row per sample: time, every load, the displacement of every output, stress and displacement at probes, and what
+    """Tabulate a row per sample: time, every load, the displacement of every output, stress and displacement at probes, and what
     drives under control do.
     """
     columns = [("time [s]", curves.times)]
@@ -108,7 +108,7 @@ def _list_parts(run: FinishedRun) -> Iterator[TerminalPart]:
             _list_moved(transient),
         )
         yield from (f"  {words}" for words in transient_words(transient))
-        yield from list_forces(transient, f"in pose {pose}", "Largest stress over time")
+        yield from list_force_tables(transient, f"in pose {pose}", "Largest stress over time")
 
 
 def _write_section(run: FinishedRun) -> Section | None:

@@ -48,24 +48,24 @@ def _list_errors(errors: Mapping[str, float | None]) -> list[float]:
     return [math.nan if error is None else 1e-6 * error for error in errors.values()]
 
 
-class LineRow(NamedTuple):
+class _LineRow(NamedTuple):
     """Deviations of the error motions along one axis."""
 
     axis: str
     line: AxisMotionsSummary
 
 
-def _list_lines(found: VolumetricSummary) -> list[LineRow]:
+def _list_lines(found: VolumetricSummary) -> list[_LineRow]:
     """The axes of a volumetric map."""
-    return [LineRow(axis, line) for axis, line in found["lines"].items()]
+    return [_LineRow(axis, line) for axis, line in found["lines"].items()]
 
 
-def _line_column(dof: int) -> Column[LineRow]:
+def _line_column(dof: int) -> Column[_LineRow]:
     symbol = SYMBOLS[dof]
     unit = "um" if dof < 3 else "urad"
     shown = f"{symbol} [{'µm' if dof < 3 else 'µrad'}]"
 
-    def error(row: LineRow) -> float | None:
+    def error(row: _LineRow) -> float | None:
         errors = _list_errors(row.line["errors"])
         still = show_deviation(row.line["deviations"][symbol]) == "0"
         return None if still or not errors else 1e6 * errors[dof]
@@ -80,14 +80,14 @@ def _line_column(dof: int) -> Column[LineRow]:
     )
 
 
-def _line_error(dof: int) -> Column[LineRow]:
+def _line_error(dof: int) -> Column[_LineRow]:
     symbol = SYMBOLS[dof]
     return Column(
         lambda row: row.line["errors"][symbol], f"± {symbol} [{'um' if dof < 3 else 'urad'}]"
     )
 
 
-LINE_COLUMNS: tuple[Column[LineRow], ...] = (
+LINE_COLUMNS: tuple[Column[_LineRow], ...] = (
     Column(lambda row: row.axis, "axis", "axis", "Axis"),
     *(_line_column(dof) for dof in range(6)),
     *(_line_error(dof) for dof in range(6)),

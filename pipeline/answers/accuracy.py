@@ -10,7 +10,7 @@ from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.numbers.numbers import Key
 
 
-class ResponseAccuracySummary(TypedDict):
+class _ResponseAccuracySummary(TypedDict):
     """The entry of the peaks and levels of frequency responses: the one furthest off."""
 
     quantity: str
@@ -31,7 +31,7 @@ class AccuracySummary(TypedDict):
     settings: dict[str, str]
     values: dict[str, Any]
     models: NotRequired[dict[str, dict[str, str]]]
-    responses: NotRequired[ResponseAccuracySummary]
+    responses: NotRequired[_ResponseAccuracySummary]
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ class AccuracyAnswer(Answer):
                 for name, body in self.models.items()
             }
         if self.responses is not None:
-            summary["responses"] = cast(ResponseAccuracySummary, asdict(self.responses))
+            summary["responses"] = cast(_ResponseAccuracySummary, asdict(self.responses))
         return summary
 
 
@@ -154,7 +154,7 @@ class BodyModelSummary(TypedDict):
     number: str
 
 
-class NumberChangeSummary(TypedDict):
+class _NumberChangeSummary(TypedDict):
     """The entry of a number by its name: its relative change, None where it has no partner, and
     what each body alone changes of it.
     """
@@ -167,7 +167,7 @@ class ModelErrorsSummary(TypedDict):
     """The entry ``model_errors``."""
 
     bodies: dict[str, BodyModelSummary]
-    numbers: dict[str, NumberChangeSummary]
+    numbers: dict[str, _NumberChangeSummary]
     missing: list[str]
     left_out: dict[str, str]
 

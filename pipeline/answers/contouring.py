@@ -26,7 +26,7 @@ UM = 1e6
 LOCKED_MOTORS = "limits of stability on faces are those of the machine with locked motors"
 
 
-class FaceErrors(TypedDict):
+class _FaceErrors(TypedDict):
     """How far the numbers of a face may be off; null where nobody knows."""
 
     outward_um: float | None
@@ -53,7 +53,7 @@ class FaceSummary(TypedDict):
     drive_force_peak_to_peak_n: list[float]
     motor_torque_mean_nm: NotRequired[list[float]]
     motor_torque_peak_to_peak_nm: NotRequired[list[float]]
-    errors: FaceErrors
+    errors: _FaceErrors
 
 
 class StabilitySummary(TypedDict):
@@ -67,7 +67,7 @@ class StabilitySummary(TypedDict):
     error_mm: float | None
 
 
-class ProbeSeriesSummary(TypedDict):
+class _ProbeSeriesSummary(TypedDict):
     """What a probe saw, thinned out: stress by ``xx``, ``xy`` and so on."""
 
     displacement_um: list[list[float]]
@@ -75,14 +75,14 @@ class ProbeSeriesSummary(TypedDict):
     stress_mpa: dict[str, list[float]]
 
 
-class SeriesSummary(TypedDict):
+class _SeriesSummary(TypedDict):
     """The contour over time, thinned out."""
 
     time_s: list[float]
     gap_um: list[list[float]]
     drive_force_n: list[list[float]]
     motor_torque_nm: NotRequired[list[list[float]]]
-    probes: dict[str, ProbeSeriesSummary]
+    probes: dict[str, _ProbeSeriesSummary]
 
 
 class ContourSummary(TypedDict):
@@ -102,7 +102,7 @@ class ContourSummary(TypedDict):
     share_above_twice_the_highest_mode: float
     face_times_s: list[float]
     assumptions: list[str]
-    series: SeriesSummary
+    series: _SeriesSummary
     probes: dict[str, ProbeMotionSummary]
     stability: NotRequired[list[StabilitySummary]]
     milled_faces: NotRequired[list[MilledFaceSummary]]
@@ -183,7 +183,7 @@ class ContourFace:
             return [scale_total(errors.get(key), scale) for key in keys]
 
         what = f"contour on face {self.number}"
-        found: FaceErrors = {
+        found: _FaceErrors = {
             "outward_um": find("outward_gap", "mean", "", [""])[0],
             "outward_peak_to_peak_um": find("outward_gap", "span", "", [""])[0],
             "mean_um": find("contour_gap", "mean", "direction", DIRECTIONS),
@@ -212,7 +212,7 @@ class ContourFace:
         return summary
 
 
-def _show_trace(trace: ProbeTrace) -> ProbeSeriesSummary:
+def _show_trace(trace: ProbeTrace) -> _ProbeSeriesSummary:
     what = f"contour at probe {trace.name}"
     return {
         "displacement_um": [check_finite(what, row) for row in UM * trace.displacement],
@@ -355,7 +355,7 @@ class ContourAnswer(Answer):
             AccuracyError: A result is not a finite number.
         """
         what = "contour"
-        series: SeriesSummary = {
+        series: _SeriesSummary = {
             "time_s": check_finite(what, self.times),
             "gap_um": [check_finite(what, row) for row in UM * self.gap],
             "drive_force_n": [check_finite(what, row) for row in self.drive_forces],

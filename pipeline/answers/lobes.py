@@ -44,7 +44,7 @@ class BestSpeedSummary(TypedDict):
     limited: bool
 
 
-class LobeSeries(TypedDict):
+class _LobeSeries(TypedDict):
     """Over the speeds: the limit, null where it was not looked for, the deepest cut that was tried where
     there is none; its ±, null where there is none; and what a single frequency says.
     """
@@ -73,7 +73,7 @@ class DirectionSummary(TypedDict):
     error_left_out: list[str]
     best_speeds: list[BestSpeedSummary]
     lobes: list[LobeSummary]
-    series: LobeSeries
+    series: _LobeSeries
 
 
 class LobesSummary(TypedDict):

@@ -53,7 +53,7 @@ class CruiseSummary(TypedDict):
     amplitude_um: float
 
 
-class OutputSummary(TypedDict):
+class _OutputSummary(TypedDict):
     """The entry of an output at one feed. ``errors``: how far the sizes may be off, by their names,
     of each zone; ``error_share``: that of its peak by source of error.
     """
@@ -73,7 +73,7 @@ class FeedSummary(TypedDict):
     feed_mm_per_min: NotRequired[float]  # where a linear axis moves
     feed_deg_per_min: NotRequired[float]  # where only rotary axes do
     acceleration: float
-    outputs: list[OutputSummary]
+    outputs: list[_OutputSummary]
     drives: dict[str, DriveForceSummary]
     joints: dict[str, dict[str, JointForceSummary]]
     probes: dict[str, ProbeMotionSummary]
@@ -326,7 +326,7 @@ def _summarise_run(answer: PathResult, place: int) -> FeedSummary:
     return summary
 
 
-def _summarise_output(answer: PathResult, run: PathRun, number: int) -> OutputSummary:
+def _summarise_output(answer: PathResult, run: PathRun, number: int) -> _OutputSummary:
     channel, zones, frozen = (
         run.curves.outputs[number],
         run.figures[number],
@@ -338,7 +338,7 @@ def _summarise_output(answer: PathResult, run: PathRun, number: int) -> OutputSu
         at = {"feed": run.curves.name, "zone": zone, "output": name_channel(channel)}
         return answer.error_of(make_key("path_deviation", figure=figure, **at))
 
-    summary: OutputSummary = {
+    summary: _OutputSummary = {
         "dof": list(channel),
         "accelerating": _summarise_zone(channel, zones[0], frozen[0]),
         "decelerating": _summarise_zone(channel, zones[1], frozen[1]),

@@ -169,7 +169,7 @@ class ProbeCurves:
 
     @property
     def von_mises_error(self) -> FloatArray | None:
-        """How far it may be off by all sources together; None where none was sought."""
+        """Error by all sources together; None where none was sought."""
         parts = list(self.von_mises_error_share.values())
         return np.asarray(np.sum(parts, axis=0)) if parts else None
 
@@ -194,7 +194,7 @@ class ProbeCurves:
                 )
 
     def summarise(self) -> ProbeCurvesSummary:
-        """Where the equivalent stress is largest, by input."""
+        """Return where the equivalent stress is largest, by input."""
         return {
             "component": self.component,
             "singular": self.singular,

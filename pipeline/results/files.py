@@ -236,7 +236,7 @@ def open_results(folder: Path) -> Results:
 
 
 def read_view(folder: Path) -> MachineView:
-    """What there is to draw, from ``results.h5``.
+    """Read what there is to draw from ``results.h5``.
 
     Raises:
         UnusableOutputError: The file is missing, damaged, of an earlier version or of another run than the

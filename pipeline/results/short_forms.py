@@ -44,7 +44,7 @@ class ShortForm:
         return f"{found}<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>{rest}"
 
 
-def show_value(value: object) -> str:
+def show_short(value: object) -> str:
     """Return a number with six digits at most, or a text; a dash for nothing."""
     if value is None:
         return "-"

@@ -26,7 +26,7 @@ from headstock.pipeline.results.results import ComponentFacts, Results
 from headstock.pipeline.storage.provenance import ProvenanceSummary
 
 
-class StageSummary(TypedDict):
+class _StageSummary(TypedDict):
     """The entry of a stage."""
 
     stage: str
@@ -39,7 +39,7 @@ class StageSummary(TypedDict):
     peak_rss_mb: float
 
 
-class TotalsSummary(TypedDict):
+class _TotalsSummary(TypedDict):
     """Sums over components and stages."""
 
     mass_kg: float
@@ -71,8 +71,8 @@ class RunSummary(TypedDict):
     name: str
     status: Literal["done", "failed"]
     versions: dict[str, str]
-    stages: list[StageSummary]
-    totals: TotalsSummary
+    stages: list[_StageSummary]
+    totals: _TotalsSummary
     components: dict[str, ComponentSummary]
     static: dict[str, PointSummary]  # of the first pose
     modal: list[ModesSummary]
@@ -127,7 +127,7 @@ def summarise(results: Results) -> RunSummary:
     return cast(RunSummary, summary)
 
 
-def _sum_up(results: Results) -> TotalsSummary:
+def _sum_up(results: Results) -> _TotalsSummary:
     facts = results.components.values()
     return {
         "mass_kg": sum(fact.mass_kg for fact in facts),
@@ -140,7 +140,7 @@ def _sum_up(results: Results) -> TotalsSummary:
     }
 
 
-def _summarise_stage(record: StageRecord) -> StageSummary:
+def _summarise_stage(record: StageRecord) -> _StageSummary:
     return {
         "stage": record.stage.kind,
         "component": record.stage.component,

@@ -7,7 +7,6 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from headstock.pipeline.storage.json_texts import JsonTable
 from headstock.scene.reading import units
 from headstock.scene.reading.keys import NUMBER
 from headstock.scene.reading.units import (
@@ -344,8 +343,3 @@ class TargetsTable(StrictTable):
     """numbers of the scene that are fitted, by name"""
     fit: FitTable = FitTable()
     """settings of the fit"""
-
-
-def targets_schema() -> JsonTable:
-    """JSON schema of a target file."""
-    return TargetsTable.model_json_schema(mode="validation")
