@@ -1,5 +1,6 @@
-"""Numbers and tables of a page in HTML."""
+"""Numbers and tables of a page in HTML, and data that its scripts read."""
 
+import json
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -135,3 +136,13 @@ def typeset(text: str) -> str:
 def write_data(value: float, text: str) -> Markup:
     """Write a number as a text, with its full value for machines."""
     return Markup('<data value="{}">{}</data>').format(repr(value), text)
+
+
+def script_json(content: Mapping[str, object]) -> str:
+    """JSON that no browser takes for the end of the script element it stands in, nor for a line
+    break in a script.
+    """
+    text = json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    for character in "<>&\u2028\u2029":
+        text = text.replace(character, f"\\u{ord(character):04x}")
+    return text

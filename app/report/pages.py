@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from markupsafe import Markup
 
+from headstock.app.drawings.markup import script_json
 from headstock.app.report.report import STYLE, Worth, read_asset, report_environment
 from headstock.app.tables.comparison import (
     alike_rigid_modes,
@@ -28,7 +29,6 @@ from headstock.app.tables.model_answers import (
     verdict_words,
 )
 from headstock.app.tables.sweep_quantities import limit_words, list_swept, sampled_error_words
-from headstock.app.texts.scripts import script_json
 from headstock.geometry.machine.machine import SCENE_UNITS
 from headstock.pipeline.storage.provenance import ProvenanceSummary
 from headstock.studies.comparison_summary import ComparisonSummary

@@ -24,12 +24,11 @@ from headstock.app.drawings.markup import (
 )
 from headstock.app.report.notes import judge_numbers
 from headstock.app.report.viewer_data import Caption, EncodedMachine, Kind, encode_machine
-from headstock.app.tables.components import COMPONENT_COLUMNS
 from headstock.app.tables.static import shared_budget, static_by_pose, top_shares
 from headstock.app.tables.table import PlainTable, encode_csv
 from headstock.app.texts.bounded_values import show_damping
 from headstock.app.texts.remarks import fold_remarks
-from headstock.app.views.registry import find_views, list_tables
+from headstock.app.views.registry import COMPONENT_COLUMNS, find_views, list_tables
 from headstock.app.views.view import FinishedRun, Section
 from headstock.geometry.frames import DIRECTIONS
 from headstock.geometry.machine.machine import show_position

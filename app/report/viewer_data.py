@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from headstock.app.texts.scripts import script_json
+from headstock.app.drawings.markup import script_json
 from headstock.geometry.frames import FloatArray, Frame, rigid_map
 from headstock.geometry.parts.skins import Skin
 from headstock.pipeline.results.mode_files import largest_shift

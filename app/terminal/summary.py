@@ -7,7 +7,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from rich.console import Console
 from rich.table import Table
 
-from headstock.app.tables.components import COMPONENT_COLUMNS
 from headstock.app.tables.static import sort_shares
 from headstock.app.tables.table import Column, Listing, drop_noise, find_unit, find_unit_scales
 from headstock.app.terminal.console import (
@@ -21,7 +20,7 @@ from headstock.app.terminal.console import (
     spaced,
 )
 from headstock.app.texts.bounded_values import show_bound, show_bounded
-from headstock.app.views.registry import find_views
+from headstock.app.views.registry import COMPONENT_COLUMNS, find_views
 from headstock.app.views.view import FinishedRun, Shares, TerminalPart
 from headstock.pipeline.planning.plan import Plan, StageRecord
 from headstock.pipeline.results.summary import RunSummary

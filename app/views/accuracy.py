@@ -7,8 +7,7 @@ from collections.abc import Iterator
 from headstock.app.tables.table import Column, Listing, show_percent
 from headstock.app.texts.bounded_values import accuracy_words, model_words
 from headstock.app.views.view import FinishedRun, Section, TerminalPart, View
-from headstock.pipeline.answers.accuracy import BodyModelSummary
-from headstock.pipeline.answers.interfaces import JointShapesSummary
+from headstock.pipeline.answers.accuracy import BodyModelSummary, JointShapesSummary
 
 type _Body = tuple[str, BodyModelSummary]
 type _Joint = tuple[str, JointShapesSummary]

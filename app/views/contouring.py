@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
-from headstock.app.drawings.milled_faces import draw_milled_faces
+from headstock.app.drawings.lobes import draw_milled_faces
 from headstock.app.drawings.path import draw_contour
 from headstock.app.tables.probes import PROBE_MOTION_PEAKS
 from headstock.app.tables.table import Column, Listing, PlainTable

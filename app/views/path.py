@@ -4,10 +4,13 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-from headstock.app.drawings.path import draw_path
-from headstock.app.drawings.transient import draw_path_drives
-from headstock.app.tables.motion_forces import FORCE_COLUMNS, list_force_tables, tabulate_forces
-from headstock.app.tables.probes import list_motion_columns
+from headstock.app.drawings.path import draw_path, draw_path_drives
+from headstock.app.tables.probes import (
+    FORCE_COLUMNS,
+    list_force_tables,
+    list_motion_columns,
+    tabulate_forces,
+)
 from headstock.app.tables.table import (
     Column,
     Listing,

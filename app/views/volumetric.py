@@ -1,7 +1,8 @@
-"""Position errors of points over a volume of poses."""
+"""Position errors of points over a volume of poses, and quantities of a mechanism over its workspace."""
 
 import math
 from collections.abc import Iterator, Mapping
+from itertools import product
 from typing import NamedTuple
 
 from headstock.app.drawings.figures import draw_budget, draw_map, map_layers
@@ -14,9 +15,9 @@ from headstock.app.tables.static import (
 )
 from headstock.app.tables.table import Column, Listing, PlainTable, show_deviation, tabulate
 from headstock.app.texts.bounded_values import NO_BOUND, show_bound, show_bounded
-from headstock.app.views.map import tabulate_map
 from headstock.app.views.view import FinishedRun, Section, Shares, TerminalPart, View
 from headstock.geometry.machine.machine import show_position
+from headstock.pipeline.answers.map import Grid, GridSummary
 from headstock.pipeline.answers.volumetric import (
     SYMBOLS,
     TOTAL,
@@ -25,6 +26,34 @@ from headstock.pipeline.answers.volumetric import (
     VolumetricSummary,
 )
 from headstock.pipeline.results.mode_files import file_stem
+
+
+def tabulate_map(stem: str, found: GridSummary) -> PlainTable:
+    """Tabulate a row per pose with every quantity."""
+    names = list(found["quantities"])
+    flat = [_flatten(found["quantities"][name]) for name in names]
+    rows = tuple(
+        (*place, *values)
+        for place, *values in zip(product(*found["positions"]), *flat, strict=True)
+    )
+    return PlainTable(stem, (*found["axes"], *names), rows)
+
+
+def _flatten(values: Grid) -> list[float | None]:
+    return [
+        value for item in values for value in (_flatten(item) if isinstance(item, list) else [item])
+    ]
+
+
+MAP_VIEW = View(
+    tables=lambda run: [tabulate_map("map", run.summary["map"])],
+    section=Section(
+        "map",
+        "Workspace map",
+        template="views/map.html",
+        names={"draw_map": draw_map, "map_layers": map_layers},
+    ),
+)
 
 
 def _list_ranges(found: VolumetricSummary) -> list[DeviationRow]:

@@ -9,11 +9,11 @@ from typing import ClassVar, NotRequired, TypedDict
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.milled_faces import MilledFace, MilledFaceSummary
-from headstock.pipeline.answers.motion_forces import list_forces
-from headstock.pipeline.answers.probe_motions import (
+from headstock.pipeline.answers.motion_forces import (
     ProbeMotion,
     ProbeMotionSummary,
     ProbeTrace,
+    list_forces,
 )
 from headstock.pipeline.answers.probes import MEGA
 from headstock.pipeline.numbers.estimates import Estimate, scale_total

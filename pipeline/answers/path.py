@@ -16,14 +16,12 @@ from headstock.pipeline.answers.motion_forces import (
     DriveExtremes,
     DriveForceSummary,
     JointForceSummary,
-    list_forces,
-    summarise_drives,
-    summarise_joints,
-)
-from headstock.pipeline.answers.probe_motions import (
     ProbeMotion,
     ProbeMotionSummary,
     ProbeTrace,
+    list_forces,
+    summarise_drives,
+    summarise_joints,
 )
 from headstock.pipeline.numbers.estimates import Estimate, scale_shares, scale_total
 from headstock.pipeline.numbers.numbers import Number, Series, make_key

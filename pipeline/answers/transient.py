@@ -15,16 +15,14 @@ from headstock.pipeline.answers.motion_forces import (
     DriveExtremes,
     DriveForceSummary,
     JointForceSummary,
+    ProbeMotion,
+    ProbeMotionSummary,
+    ProbeTrace,
     list_forces,
     summarise_drives,
     summarise_joints,
 )
 from headstock.pipeline.answers.path import deviation_unit
-from headstock.pipeline.answers.probe_motions import (
-    ProbeMotion,
-    ProbeMotionSummary,
-    ProbeTrace,
-)
 from headstock.pipeline.numbers.estimates import Estimate, scale_shares, scale_total
 from headstock.pipeline.numbers.numbers import Key, Number, Series, make_key
 from headstock.pipeline.storage.json_texts import check_finite

@@ -5,16 +5,15 @@ from typing import Literal, NotRequired, TypedDict, cast
 
 from headstock.pipeline.answers.accuracy import (
     AccuracySummary,
+    InterfaceErrorsSummary,
     ModelErrorsSummary,
 )
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.contouring import ContourSummary
 from headstock.pipeline.answers.control import ControlSummary
 from headstock.pipeline.answers.frf import ResponseSummary
-from headstock.pipeline.answers.interfaces import InterfaceErrorsSummary
 from headstock.pipeline.answers.lobes import LobesSummary
-from headstock.pipeline.answers.map import MapSummary
-from headstock.pipeline.answers.mechanism import MechanismSummary
+from headstock.pipeline.answers.map import MapSummary, MechanismSummary
 from headstock.pipeline.answers.modal import ModesSummary, PoseModes
 from headstock.pipeline.answers.path import PathSummary
 from headstock.pipeline.answers.probes import ProbeSummary

@@ -11,7 +11,7 @@ import pytest
 from mpi4py import MPI
 
 from common import approx
-from headstock.app.drawings.milled_faces import draw_milled_faces
+from headstock.app.drawings.lobes import draw_milled_faces
 from headstock.app.drawings.path import draw_contour
 from headstock.app.views.contouring import (
     _list_faces,
