@@ -17,7 +17,6 @@ from typing import ClassVar, Self, TypedDict, Unpack
 from pydantic import BaseModel
 
 from headstock.arguments import read_keys, read_name, read_path_argument
-from headstock.frozen import freeze_table
 from headstock.pipeline.storage.atomic_files import write_atomically
 from headstock.pipeline.storage.content_keys import file_digest, file_digests
 from headstock.pipeline.storage.outputs import naming_output
@@ -30,7 +29,7 @@ from headstock.scene.reading.keys import split_key
 from headstock.scene.scene import Scene
 from headstock.scene.schema.scene import complete_scene
 from headstock.scene.schema.validation import known_keys, validate_against
-from headstock.values import find_strange, write_at, write_table
+from headstock.values import find_strange, freeze_table, write_at, write_table
 
 
 class Noun:

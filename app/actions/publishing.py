@@ -26,11 +26,11 @@ from headstock.app.views.registry import list_tables
 from headstock.app.views.view import FinishedRun
 from headstock.meshing.process.strangers import SUMMARY, require_size
 from headstock.pipeline.numbers.folders import SUMMARY_FILE
-from headstock.pipeline.results.curves import collect_curves
 from headstock.pipeline.results.files import (
     FIGURES_FOLDER,
     REPORT_FILE,
     TABLES_FOLDER,
+    collect_curves,
     open_results,
     read_summary,
 )

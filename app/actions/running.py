@@ -23,8 +23,7 @@ from headstock.pipeline.numbers.folders import RESULTS_FILE, SUMMARY_FILE
 from headstock.pipeline.planning.budgets import BASE_MB
 from headstock.pipeline.planning.plan import Stage, StageRecord
 from headstock.pipeline.preview.doubts import free_motion_warnings
-from headstock.pipeline.results.curves import collect_curves
-from headstock.pipeline.results.files import REPORT_FILE
+from headstock.pipeline.results.files import REPORT_FILE, collect_curves
 from headstock.pipeline.results.mode_files import VOLUME_FOLDER
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise

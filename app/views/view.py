@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from headstock.app.tables.table import Listing, PlainTable
-from headstock.pipeline.results.curves import Curves, find_curves
+from headstock.pipeline.results.files import Curves, find_curves
 from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.results.views import MachineView
 

@@ -23,7 +23,7 @@ from headstock.pipeline.answers.motion_forces import ProbeMotion
 from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.answers.probes import ProbeAnswer
 from headstock.pipeline.answers.transient import TransientAnswer, TransientCurves
-from headstock.pipeline.results.curves import find_curves, read_curves
+from headstock.pipeline.results.files import find_curves, read_curves
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store
