@@ -29,7 +29,7 @@ from headstock.meshing.length_units import doubt_size
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.preview.watched_numbers import find_name_fault
 from headstock.pipeline.storage.json_texts import dump_summary
-from headstock.pipeline.storage.outputs import prepare_output, write_beside, write_output
+from headstock.pipeline.storage.outputs import prepare_output, write_named_files, write_output
 from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import Scene

@@ -29,7 +29,7 @@ from headstock.pipeline.numbers.folders import NUMBERS_FILE, encode_tables
 from headstock.pipeline.numbers.numbers import Numbers
 from headstock.pipeline.storage.content_keys import code_fingerprint
 from headstock.pipeline.storage.json_texts import dump_summary
-from headstock.pipeline.storage.outputs import write_beside, write_output
+from headstock.pipeline.storage.outputs import write_named_files, write_output
 from headstock.pipeline.storage.provenance import Provenance
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.watch_paths import parse_watch

@@ -16,7 +16,7 @@ from headstock.app.actions.running import claim_on_root, require_ranks
 from headstock.app.commands.tool_commands import ValidateOptions
 from headstock.app.terminal.console import make_console, print_remarks
 from headstock.app.terminal.guard import DONE, FAILED
-from headstock.pipeline.storage.outputs import write_beside
+from headstock.pipeline.storage.outputs import write_named_files
 from headstock.solvers.mpi import MPI
 from headstock.validation.case_registry import Case, SeedError, UnknownCaseError, run_validation
 from headstock.validation.references.rows import ValidationRow, rows_as_json
