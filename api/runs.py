@@ -27,6 +27,7 @@ from headstock.pipeline.numbers.folders import RESULTS_FILE, SUMMARY_FILE
 from headstock.pipeline.planning.plan import Plan, StageRecord
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.planning.rail_meshes import find_coarse_rails
+from headstock.pipeline.planning.reductions import add_compiling
 from headstock.pipeline.preview.doubts import doubt_machine, free_motion_warnings
 from headstock.pipeline.results.files import (
     FIGURES_FOLDER,

@@ -14,10 +14,10 @@ from headstock.app.terminal.guard import DONE
 from headstock.app.terminal.progress import show_progress
 from headstock.app.terminal.summary import print_plan
 from headstock.geometry.parts.components import Fidelity
-from headstock.pipeline.planning.kernels import add_compiling
 from headstock.pipeline.planning.plan import Plan
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.planning.rail_meshes import find_coarse_rails
+from headstock.pipeline.planning.reductions import add_compiling
 from headstock.pipeline.preview.doubts import doubt_machine, free_motion_warnings
 from headstock.pipeline.preview.watched_numbers import find_unknown_numbers
 from headstock.pipeline.storage.json_texts import dump_json, dump_summary
