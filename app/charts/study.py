@@ -21,7 +21,7 @@ from headstock.app.charts.charts import (
 )
 from headstock.app.pictures.libraries import Axes, Line2D, NullFormatter, NullLocator, withStroke
 from headstock.scene.reading.units import DIMENSIONS, read_unit, unit_of
-from headstock.scene.studies import shorten_key, show_value
+from headstock.scene.studies import shorten_key, show_setting
 from headstock.studies.parameters.convergence import Convergence
 from headstock.studies.parameters.costs import CostPoint, pareto_front, read_cost
 from headstock.studies.parameters.limits import MeshNeed, relative_errors

@@ -19,7 +19,7 @@ from headstock.app.terminal.console import (
 )
 from headstock.app.texts.bounded_values import AND_MORE, show_bound, show_bounded, show_error
 from headstock.scene.reading.watch_paths import MEASURED_NAMES
-from headstock.scene.studies import describe_point, list_varied, shorten_key, show_value
+from headstock.scene.studies import describe_point, list_varied, shorten_key, show_setting
 from headstock.studies.parameters.costs import CostPoint, cheapest_within, weigh_costs
 from headstock.studies.parameters.records import POINTS_FILE, StudyRecord
 from headstock.studies.parameters.runs import StudyProgress

@@ -7,8 +7,12 @@ from typing import ClassVar, TypedDict
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.mechanisms.exechon import LENGTHS, TOOL_POINT, ToolMechanism, condition_numbers
-
+from headstock.geometry.mechanisms.exechon import (
+    LENGTHS,
+    TOOL_POINT,
+    ToolMechanism,
+    condition_numbers,
+)
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.numbers.numbers import Number, Series, make_key
 from headstock.pipeline.storage.json_texts import check_finite
