@@ -22,7 +22,7 @@ def refuse(function: str, argument: str, message: str) -> SceneError:
     return SceneError([Problem(f"hs.{function}", argument, "", message)])
 
 
-def read_path(value: object, function: str, argument: str) -> Path:
+def read_path_argument(value: object, function: str, argument: str) -> Path:
     """Return a path that was given as text or as a path."""
     text = os.fspath(value) if isinstance(value, str | os.PathLike) else ""
     if text and isinstance(text, str):

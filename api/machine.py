@@ -16,8 +16,7 @@ from typing import ClassVar, Self, TypedDict, Unpack
 
 from pydantic import BaseModel
 
-from headstock.arguments import read_keys, read_name, read_path
-from headstock.frozen import freeze_table
+from headstock.arguments import read_keys, read_name, read_path_argument
 from headstock.pipeline.storage.atomic_files import write_atomically
 from headstock.pipeline.storage.content_keys import file_digest, file_digests
 from headstock.pipeline.storage.outputs import naming_output
@@ -30,7 +29,7 @@ from headstock.scene.reading.keys import split_key
 from headstock.scene.scene import Scene
 from headstock.scene.schema.scene import complete_scene
 from headstock.scene.schema.validation import known_keys, validate_against
-from headstock.values import find_strange, write_at, write_table
+from headstock.values import find_strange, freeze_table, write_at, write_table
 
 
 class Noun:
@@ -181,7 +180,7 @@ class Machine(Noun, schema=complete_scene()):
             SceneError: Anything is wrong; holds every problem.
         """
         table = write_table(complete_scene(), keys)
-        path = read_path(
+        path = read_path_argument(
             folder, "Machine", "folder"
         ) / f"{table.get('name') or 'machine'}.toml".replace("/", "-")
         self._take(table, Findings("Machine"), path=path, variant=None, choice=None)
@@ -260,7 +259,7 @@ class Machine(Noun, schema=complete_scene()):
                 not end in .toml.
             OutputError: A file cannot be written.
         """
-        target, source = read_path(path, "Machine.save", "path"), self.scene.path.parent
+        target, source = read_path_argument(path, "Machine.save", "path"), self.scene.path.parent
         findings = Findings(str(target))
         if target.suffix.lower() != ".toml":
             findings.add_line(None, f"a scene file ends in .toml; write {target.stem}.toml")

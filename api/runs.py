@@ -12,7 +12,14 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import cast
 
-from headstock.arguments import check_call, read_keys, read_name, read_names, read_path, refuse
+from headstock.arguments import (
+    check_call,
+    read_keys,
+    read_name,
+    read_names,
+    read_path_argument,
+    refuse,
+)
 from headstock.geometry.parts.components import Fidelity
 from headstock.machine import Machine, write_setting, write_settings
 from headstock.pipeline.accuracy.search import plan_first_round
@@ -21,8 +28,7 @@ from headstock.pipeline.planning.plan import Plan, StageRecord
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.planning.rail_meshes import find_coarse_rails
 from headstock.pipeline.planning.reductions import add_compiling
-from headstock.pipeline.preview.doubts import doubt_machine
-from headstock.pipeline.preview.free_motions import free_motion_warnings
+from headstock.pipeline.preview.doubts import doubt_machine, free_motion_warnings
 from headstock.pipeline.results.files import (
     FIGURES_FOLDER,
     REPORT_FILE,
@@ -102,7 +108,9 @@ def load(
     if variant is not None:
         read_name(variant, "load", "variant")
     settings = write_settings(read_keys(set, "load", "set"))
-    return Machine.load(SceneChoice(read_path(path, "load", "path"), variant, tuple(settings)))
+    return Machine.load(
+        SceneChoice(read_path_argument(path, "load", "path"), variant, tuple(settings))
+    )
 
 
 def check(machine: Source) -> tuple[str, ...]:
@@ -398,7 +406,7 @@ def identify(
         HeadstockError: A computation failed.
     """
     check_call(progress, "identify")
-    comm, path = comm or MPI.COMM_WORLD, read_path(targets, "identify", "targets")
+    comm, path = comm or MPI.COMM_WORLD, read_path_argument(targets, "identify", "targets")
     if starts is not None and not (isinstance(starts, int) and 1 <= starts <= MAX_STARTS):
         raise refuse(
             "identify", "starts", f"is {starts!r}; write a whole number, 1 to {MAX_STARTS}"
@@ -415,12 +423,16 @@ def open(folder: str | Path) -> Results:
     Raises:
         OutputError: There are none, or they are damaged or of another version.
     """
-    return open_results(read_path(folder, "open", "folder"))
+    return open_results(read_path_argument(folder, "open", "folder"))
 
 
 def _machine(source: Source, function: str) -> Machine:
     """Return the machine that a function is given."""
-    return source if isinstance(source, Machine) else load(read_path(source, function, "machine"))
+    return (
+        source
+        if isinstance(source, Machine)
+        else load(read_path_argument(source, function, "machine"))
+    )
 
 
 def _describe_study(made: Machine, vary: object, watch: object, *, pairwise: bool) -> Study:
@@ -495,7 +507,7 @@ def _claimed(
     be written; a temporary one where none is wanted.
     """
     with contextlib.ExitStack() as stack:
-        folder = Path() if output is None else read_path(output, function, "output")
+        folder = Path() if output is None else read_path_argument(output, function, "output")
         if comm.rank == 0 and output is None:
             scratch = tempfile.TemporaryDirectory(prefix="headstock-results-")
             folder = Path(stack.enter_context(scratch))

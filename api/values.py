@@ -1,5 +1,5 @@
 """Values of Python as a scene has them: SI floats as texts with a unit, numpy arrays as lists,
-nouns as tables.
+nouns as tables; and tables that cannot be changed, which a noun shows of itself.
 """
 
 import math
@@ -7,7 +7,16 @@ import types
 from collections.abc import Iterable, Mapping
 from datetime import date, time
 from pathlib import Path
-from typing import Annotated, Any, Protocol, Union, get_args, get_origin, runtime_checkable
+from typing import (
+    Annotated,
+    Any,
+    NoReturn,
+    Protocol,
+    Union,
+    get_args,
+    get_origin,
+    runtime_checkable,
+)
 
 import numpy as np
 from pydantic import BaseModel
@@ -33,7 +42,7 @@ DIGITS = range(12, 18)  # of a text: as few as are exactly the number
 
 
 @runtime_checkable
-class Tabled(Protocol):
+class _Tabled(Protocol):
     """What stands for a table of a scene."""
 
     @property
@@ -65,7 +74,7 @@ def write_at(model: type[BaseModel], key: KeyPath, value: object) -> TomlValue:
 
 
 def _write(hint: object, value: object, key: KeyPath) -> TomlValue:
-    if isinstance(value, Tabled):
+    if isinstance(value, _Tabled):
         return value.table
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
@@ -151,3 +160,54 @@ def _below(hint: object, part: str | int) -> object:
     if isinstance(hint, type) and issubclass(hint, BaseModel):
         return _field_of(hint, str(part))
     return arguments[-1] if origin in (dict, list) else None
+
+
+def _refuse(self: object, *args: object, **keys: object) -> NoReturn:
+    """Refuse a change."""
+    raise TypeError(
+        "a table of a machine cannot be changed; machine.change(set={...}) makes another"
+    )
+
+
+class _FrozenTable(dict[str, TomlValue]):
+    """A table that is read like any other and not written; a copy of it can be."""
+
+    __setitem__ = __delitem__ = __ior__ = _refuse
+    clear = pop = popitem = setdefault = update = _refuse
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> TomlTable:
+        return {key: _thaw(value) for key, value in self.items()}
+
+    def __reduce__(self) -> tuple[type, tuple[TomlTable]]:
+        return _FrozenTable, (dict(self),)
+
+
+class _FrozenList(list[TomlValue]):
+    """A list that is read like any other and not written; a copy of it can be."""
+
+    __setitem__ = __delitem__ = __iadd__ = __imul__ = _refuse
+    append = clear = extend = insert = pop = remove = reverse = sort = _refuse
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> list[TomlValue]:
+        return [_thaw(value) for value in self]
+
+    def __reduce__(self) -> tuple[type, tuple[list[TomlValue]]]:
+        return _FrozenList, (list(self),)
+
+
+def freeze_table(table: Mapping[str, TomlValue]) -> _FrozenTable:
+    """Return a copy of a table that cannot be changed, nor can what is in it."""
+    return _FrozenTable({key: _freeze(value) for key, value in table.items()})
+
+
+def _freeze(value: TomlValue) -> TomlValue:
+    if isinstance(value, dict):
+        return freeze_table(value)
+    return _FrozenList(map(_freeze, value)) if isinstance(value, list) else value
+
+
+def _thaw(value: TomlValue) -> TomlValue:
+    """Return a copy of a value that can be changed."""
+    if isinstance(value, dict):
+        return {key: _thaw(item) for key, item in value.items()}
+    return [_thaw(item) for item in value] if isinstance(value, list) else value

@@ -22,11 +22,11 @@ from mpi4py import MPI
 from stage_clock import StageClock
 
 from headstock.app.actions import running
-from headstock.app.actions.running import RunRequest, run_request
+from headstock.app.actions.running import run_command
+from headstock.app.commands.scene_commands import RunOptions
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages import frf as frf_stages
 from headstock.pipeline.stages import machine
-from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.reduction.components import elastic
 
 MACHINES = Path(__file__).resolve().parents[1] / "machines"
@@ -62,14 +62,14 @@ def main() -> None:
         file, _, variant = name.partition(":")
         with tempfile.TemporaryDirectory() as folder:
             os.environ["HEADSTOCK_STORE"] = f"{folder}/store"
-            chosen = SceneChoice(MACHINES / f"{file}.toml", variant or None)
-            request = RunRequest(scene=chosen, output=Path(folder) / "out")
+            scene, out = MACHINES / f"{file}.toml", Path(folder) / "out"
+            options = RunOptions(scene=scene, variant=variant or None, output=out)
             for store in ("empty", "full"):
                 clock.stages.clear()
                 marks.clear()
                 start = _cpu_seconds()
                 with contextlib.redirect_stdout(io.StringIO()):
-                    run_request(request, MPI.COMM_SELF)
+                    run_command(options, MPI.COMM_SELF)
                 whole, stages = _cpu_seconds() - start, marks[0]
                 parts = [clock.stages.get(what, {"cpu": 0.0})["cpu"] for _, _, what in WATCHED]
                 cells = "".join(f"{100 * part / stages:>14.1f} %" for part in parts)

@@ -18,8 +18,7 @@ from headstock.pipeline.planning.plan import Plan
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.planning.rail_meshes import find_coarse_rails
 from headstock.pipeline.planning.reductions import add_compiling
-from headstock.pipeline.preview.doubts import doubt_machine
-from headstock.pipeline.preview.free_motions import free_motion_warnings
+from headstock.pipeline.preview.doubts import doubt_machine, free_motion_warnings
 from headstock.pipeline.preview.watched_numbers import find_unknown_numbers
 from headstock.pipeline.storage.json_texts import dump_json, dump_summary
 from headstock.pipeline.storage.part_files import find_missing_patches

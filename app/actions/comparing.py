@@ -27,7 +27,7 @@ from headstock.app.terminal.guard import DONE, FAILED
 from headstock.geometry.parts.components import Fidelity
 from headstock.pipeline.numbers.folders import NUMBERS_FILE, encode_tables
 from headstock.pipeline.storage.json_texts import dump_summary
-from headstock.pipeline.storage.outputs import write_output
+from headstock.pipeline.storage.outputs import write_named_files, write_output
 from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import load_scene

@@ -9,7 +9,7 @@ import click
 from headstock.app.actions.running import claim_on_root, require_ranks
 from headstock.app.actions.showing import STEP_SUFFIXES
 from headstock.app.actions.starting import write_part_scene
-from headstock.app.charts.convergence import draw_convergence
+from headstock.app.charts.study import draw_convergence
 from headstock.app.commands.batch_commands import ConvergeOptions
 from headstock.app.commands.options import read_percent, trace_command
 from headstock.app.terminal.console import print_remarks

@@ -321,7 +321,7 @@ def _check_machine() -> list[Check]:
 
 
 def cache_folder() -> Path:
-    """Where the private root and the store of superelements live."""
+    """Return the folder of the private root and the store of superelements."""
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "headstock"
 
 

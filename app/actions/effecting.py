@@ -1,9 +1,10 @@
 """``headstock effects``: a scene run with each effect switched the other way, and with each part of
-its model changed; what each moves and costs, as a table and sentences.
+its model changed; what each moves and costs, as blocks and sentences.
 """
 
 import os
 import tempfile
+import textwrap
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -18,7 +19,6 @@ from headstock.app.commands.scene_commands import EffectsOptions
 from headstock.app.report.pages import render_effects
 from headstock.app.report.report import Worth
 from headstock.app.terminal.guard import DONE
-from headstock.app.terminal.models import print_findings
 from headstock.app.terminal.progress import show_progress
 from headstock.geometry.errors import HeadstockError
 from headstock.pipeline.numbers.estimates import show_share
@@ -55,6 +55,7 @@ from headstock.studies.model_trials import MODEL_KINDS, ModelTrial, list_model_t
 from headstock.studies.model_worth import (
     CLEARLY,
     ModelFinding,
+    RunPrice,
     rank_findings,
     try_models,
 )
@@ -312,3 +313,64 @@ def _write_checked(target: Path, content: str, variant: str) -> None:
         ) from error
     finally:
         Path(place).unlink(missing_ok=True)
+
+
+COLUMNS = 100
+MODES_SHOWN = 4  # answers per change
+IDLE = 1e-5  # largest change of what is listed together at the end
+
+
+def print_findings(findings: Sequence[ModelFinding]) -> None:
+    """A block per change of the model that moves anything, those that move most for their price
+    first, then a line per change; those that move nothing to speak of share one.
+    """
+    tried = [each for each in findings if not each.obstacle]
+    if not findings:
+        return
+    print("\nModels, one change at a time; processor seconds with meshing and reduction")
+    if tried:
+        print(f"as written: {_show_price(tried[0].written)}")
+    idle = [each for each in tried if each.worth < IDLE]
+    for each in [each for each in tried if each not in idle]:
+        print(f"\n{each.trial.name} ({_show_price(each.tried)})")
+        for what, modes in (("lacks", each.missing), ("adds", each.added)):
+            for mode in modes[:MODES_SHOWN]:
+                print(f"  {what} {mode}")
+            if len(modes) > MODES_SHOWN:
+                print(f"  {what} {len(modes) - MODES_SHOWN} more")
+        for change in [change for change in each.changes if change.share > IDLE][:MODES_SHOWN]:
+            # its modes are named above
+            if change.without is not None and change.present is not None:
+                print(
+                    f"  {change.label:<28} {show_share(change.share):>9}   {_describe_model(change)}"
+                )
+    print("\nSummary of models, worth over price")
+    for each in [each for each in findings if each not in idle]:
+        _print_entry(each.trial.name, each.verdict)
+    if idle:
+        _print_entry(f"less than {show_share(IDLE)}", "; ".join(each.trial.name for each in idle))
+
+
+def _print_entry(head: str, words: str) -> None:
+    """A line, or a head with indented lines below it where one would be too long."""
+    line = f"  {head}: {words}"
+    print(line if len(line) <= COLUMNS else f"  {head}:\n{_indent(words)}")
+
+
+def _indent(words: str) -> str:
+    return textwrap.fill(words, COLUMNS, initial_indent="      ", subsequent_indent="      ")
+
+
+def _show_price(price: RunPrice) -> str:
+    """Processor time with two digits, and peak memory."""
+    seconds = price.cpu_seconds
+    time = f"{seconds:.0f} s" if seconds >= 10.0 else f"{seconds:.2g} s"
+    return f"{time}, {price.peak_memory_mb:.0f} MB"
+
+
+def _describe_model(change: Change) -> str:
+    shown = change.summarise()
+    written, tried = (
+        f"{value:.5g}" for value in (shown["present"], shown["without"]) if value is not None
+    )
+    return f"{written} → {tried} {shown['unit']} ({change.place})"

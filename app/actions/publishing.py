@@ -10,6 +10,7 @@ from pathlib import Path
 
 import jinja2
 
+from headstock.app.commands.tool_commands import ReportOptions
 from headstock.app.pictures.pictures import (
     Drawing,
     draw_charts,
@@ -20,17 +21,18 @@ from headstock.app.pictures.pictures import (
 from headstock.app.report.report import Stills, Worth, render_report, write_report
 from headstock.app.tables.table import encode_csv
 from headstock.app.terminal.console import print_remarks
+from headstock.app.terminal.guard import DONE
 from headstock.app.views.registry import list_tables
 from headstock.app.views.view import FinishedRun
 from headstock.meshing.process.strangers import SUMMARY, require_size
 from headstock.pipeline.numbers.folders import SUMMARY_FILE
-from headstock.pipeline.results.curves import read_curves
 from headstock.pipeline.results.files import (
     FIGURES_FOLDER,
     REPORT_FILE,
     TABLES_FOLDER,
+    collect_curves,
+    open_results,
     read_summary,
-    read_view,
 )
 from headstock.pipeline.results.mode_files import MODES_FOLDER, VOLUME_FOLDER, write_mode_files
 from headstock.pipeline.results.summary import RunSummary
@@ -79,6 +81,12 @@ def publish_run(
     return list(dict.fromkeys([*remarks, *(part.remark for part in (drawn, *more) if part.remark)]))
 
 
+def report_command(options: ReportOptions) -> int:
+    """Write the report of a finished run again, and say where."""
+    print(renew_report(options.folder))
+    return DONE
+
+
 def renew_report(folder: Path) -> Path:
     """Write what `publish_again` writes from a folder of results, and say what there is to remark;
     the file of the report.
@@ -89,7 +97,8 @@ def renew_report(folder: Path) -> Path:
     """
     summary = read_summary(folder)
     with claim_output(folder, (REPORT_FILE,), PARTS):
-        run = FinishedRun(summary, read_curves(folder), read_view(folder))
+        results = open_results(folder)
+        run = FinishedRun(summary, collect_curves(results.answers), results.view)
         print_remarks(publish_again(folder, run))
     return folder / REPORT_FILE
 
@@ -114,7 +123,7 @@ def _read_worth(folder: Path, summary: RunSummary) -> Worth | None:
 
 
 def is_same_scene(first: ProvenanceSummary, second: ProvenanceSummary) -> bool:
-    """Whether two results come from the same text, variant and overrides."""
+    """Compare the text, variant and overrides that two results come from."""
     own, other = (
         (each["scene_sha256"], each["variant"], each["overrides"]) for each in (first, second)
     )

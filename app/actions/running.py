@@ -22,9 +22,8 @@ from headstock.geometry.parts.solids import MeshFile, StepFile
 from headstock.pipeline.numbers.folders import RESULTS_FILE, SUMMARY_FILE
 from headstock.pipeline.planning.budgets import BASE_MB
 from headstock.pipeline.planning.plan import Stage, StageRecord
-from headstock.pipeline.preview.free_motions import free_motion_warnings
-from headstock.pipeline.results.curves import collect_curves
-from headstock.pipeline.results.files import REPORT_FILE
+from headstock.pipeline.preview.doubts import free_motion_warnings
+from headstock.pipeline.results.files import REPORT_FILE, collect_curves
 from headstock.pipeline.results.mode_files import VOLUME_FOLDER
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
@@ -120,7 +119,7 @@ def require_ranks(ranks: int | None, comm: MPI.Comm) -> None:
 
 
 def describe_crowd(ranks: int, threads: int, cores: int) -> str:
-    """What it costs that there are more ranks on a node, or threads of them all, than free cores."""
+    """Say what it costs that there are more ranks on a node, or threads of them all, than free cores."""
     if ranks <= cores:
         return (
             f"{ranks} ranks with {threads} threads each (HEADSTOCK_THREADS) on {counted(cores, 'free core')}: poses and other "

@@ -1,24 +1,22 @@
 """``headstock study``: vary keys of a scene, watch results, and go on where a killed study was."""
 
-import contextlib
 import dataclasses
 import functools
 import importlib
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import headstock.validation
-from headstock.app.actions.running import require_ranks
+from headstock.app.actions.running import claim_on_root, require_ranks
 from headstock.app.charts.refinement import draw_refinement
 from headstock.app.charts.study import draw_costs, draw_study
+from headstock.app.commands.batch_commands import StudyOptions
 from headstock.app.tables.table import encode_csv
 from headstock.app.terminal.console import print_remarks
 from headstock.app.terminal.guard import DONE, FAILED
 from headstock.app.terminal.refinement import list_statements, print_refinement, refinement_tables
 from headstock.app.terminal.study import (
-    StudyListing,
     cost_table,
     digit_words,
     list_costs,
@@ -31,8 +29,8 @@ from headstock.pipeline.numbers.folders import NUMBERS_FILE, encode_tables
 from headstock.pipeline.numbers.numbers import Numbers
 from headstock.pipeline.storage.content_keys import code_fingerprint
 from headstock.pipeline.storage.json_texts import dump_summary
-from headstock.pipeline.storage.outputs import claim_output, write_named_files, write_output
-from headstock.pipeline.storage.provenance import Provenance, SceneChoice
+from headstock.pipeline.storage.outputs import write_named_files, write_output
+from headstock.pipeline.storage.provenance import Provenance
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.watch_paths import parse_watch
 from headstock.scene.scene import require_name
@@ -51,25 +49,8 @@ PAPER_MODULE = "headstock.validation.refinement.paper_elements"
 Extra = dict[str, bytes]  # further files of a study, by name
 
 
-@dataclass(frozen=True, kw_only=True)
-class StudyRequest:
-    """What the command line asked for."""
-
-    scene: SceneChoice
-    name: str
-    output: Path | None = None
-    ranks: int | None = None
-    cold: bool = False
-    repeats: int | None = None
-    retry: bool = False
-    json_file: Path | None = None
-
-
-def study_request(request: StudyRequest, comm: MPI.Comm, origin: Provenance | None = None) -> int:
+def study_command(options: StudyOptions, comm: MPI.Comm) -> int:
     """Run a study on all ranks, print its table and write its files, with where it comes from.
-
-    Args:
-        origin: Where the results come from.
 
     Raises:
         SceneError: The scene or a varied value has problems, or it has no such study.
@@ -77,20 +58,16 @@ def study_request(request: StudyRequest, comm: MPI.Comm, origin: Provenance | No
         NumberNameError: A watched name fits no number; all files are written.
         HeadstockError: A file cannot be written.
     """
-    start = time.perf_counter()
-    require_ranks(request.ranks, comm)
-    job = make_on_root(comm, lambda: _make_job(request))
-    folder = request.output or Path("results") / f"{request.scene.path.stem}-{request.name}"
-    with (
-        claim_output(folder, (TABLE_FILE, LISTING_FILE))
-        if comm.rank == 0
-        else contextlib.nullcontext()
-    ):
+    start, origin = time.perf_counter(), options.trace(comm.size)
+    require_ranks(options.ranks, comm)
+    job = make_on_root(comm, lambda: _make_job(options))
+    folder = options.output or Path("results") / f"{options.scene.stem}-{options.name}"
+    with claim_on_root(comm, folder, (TABLE_FILE, LISTING_FILE)):
         records = run_study(job, folder, comm=comm, observer=print_progress)
 
         def finish() -> int:
             table = tabulate_study(job.study, records)
-            remarks = _publish(table, records, folder, request, origin)
+            remarks = _publish(table, records, folder, options, origin)
             print_study(table, seconds=time.perf_counter() - start, folder=folder)
             print_remarks(remarks)
             _require_matches(table)
@@ -112,16 +89,16 @@ def _require_matches(table: StudyTable) -> None:
                 known.select(text)
 
 
-def _make_job(request: StudyRequest) -> StudyJob:
-    chosen = request.scene
+def _make_job(options: StudyOptions) -> StudyJob:
+    chosen = options.chosen
     content = hash_scene(chosen.path) if chosen.path.is_file() else ""
     scene = load_scene(chosen.path, variant=chosen.variant, overrides=chosen.overrides)
-    require_name(scene, "studies", request.name, scene.studies)
-    study = scene.studies[request.name]
-    repeats = study.repeats if request.repeats is None else request.repeats
+    require_name(scene, "studies", options.name, scene.studies)
+    study = scene.studies[options.name]
+    repeats = study.repeats if options.repeats is None else options.repeats
     job = StudyJob(
         path=chosen.path,
-        study=dataclasses.replace(study, cold=request.cold or study.cold, repeats=repeats),
+        study=dataclasses.replace(study, cold=options.cold or study.cold, repeats=repeats),
         raw=scene.raw,
         content=content,
         variant=chosen.variant,
@@ -132,7 +109,7 @@ def _make_job(request: StudyRequest) -> StudyJob:
         measure_name=""
         if study.reference is None
         else f"{study.reference} {code_fingerprint(headstock.validation)}",
-        retry=request.retry,
+        retry=options.retry,
     )
     check_study(job)
     return job
@@ -142,14 +119,14 @@ def _publish(
     table: StudyTable,
     records: Sequence[StudyRecord],
     folder: Path,
-    request: StudyRequest,
+    options: StudyOptions,
     origin: Provenance | None,
 ) -> list[str]:
     """Write the files of a study beside its records, and print what a reference says of it; remarks
     for the user.
     """
     extra: Extra = {}
-    listing = list_study(table, request.scene.path)
+    listing = list_study(table, options.scene)
     if table.study.reference is not None:
         _add_refinement(reference_beam(table.study.reference), records, listing, extra)
     if table.study.reference_run is not None:
@@ -163,13 +140,13 @@ def _publish(
     write_output(folder / TABLE_FILE, study_csv(table))
     if origin is not None:
         listing["provenance"] = origin.summarise()
-    write_output(folder / LISTING_FILE, dump_summary(listing).encode())
-    if request.json_file is not None:
-        write_output(request.json_file, dump_summary(listing).encode())
+    text = dump_summary(listing)
+    write_output(folder / LISTING_FILE, text.encode())
+    options.write_json(text)
     return remarks
 
 
-def _add_costs(table: StudyTable, listing: StudyListing, extra: Extra) -> None:
+def _add_costs(table: StudyTable, listing: dict[str, object], extra: Extra) -> None:
     """Errors beside costs, as a table and a figure."""
     points = weigh_costs(table)
     extra["cost.csv"] = encode_csv(cost_table(points))
@@ -180,7 +157,7 @@ def _add_costs(table: StudyTable, listing: StudyListing, extra: Extra) -> None:
 
 
 def _add_refinement(
-    beam: ReferenceBeam, records: Sequence[StudyRecord], listing: StudyListing, extra: Extra
+    beam: ReferenceBeam, records: Sequence[StudyRecord], listing: dict[str, object], extra: Extra
 ) -> None:
     """Figures, tables and statements of a refinement study."""
     paper = importlib.import_module(PAPER_MODULE)  # loads PETSc

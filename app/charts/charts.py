@@ -35,8 +35,7 @@ from headstock.app.texts.curves import (
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.answers.modal import ModesSummary
-from headstock.pipeline.results.curves import find_curves, read_curves
-from headstock.pipeline.results.files import read_summary, read_view
+from headstock.pipeline.results.files import open_results, read_summary
 from headstock.pipeline.results.mode_files import file_stem
 from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.results.views import COLORS, component_colors
@@ -62,11 +61,12 @@ CURVE, DIRECT = "#4f7cac", "#b5566e"
 
 def draw_folder(folder: Path) -> dict[str, bytes]:
     """Every chart of a folder of results: name to a PNG file."""
-    charts = draw_charts(read_summary(folder), component_colors(read_view(folder)))
-    return charts | draw_responses(find_curves(read_curves(folder), ResponseCurves))
+    results = open_results(folder)
+    charts = draw_summary(read_summary(folder), component_colors(results.view))
+    return charts | draw_responses([response.curves for response in results.frf.values()])
 
 
-def draw_charts(summary: RunSummary, colors: dict[str, str]) -> dict[str, bytes]:
+def draw_summary(summary: RunSummary, colors: dict[str, str]) -> dict[str, bytes]:
     """Every chart of a summary: name to a PNG file.
 
     Args:
@@ -143,14 +143,14 @@ def add_legend(figure: Figure, handles: Sequence[Artist], labels: Sequence[str])
     )
 
 
-class LineStyle(TypedDict):
+class _LineStyle(TypedDict):
     """What lines are distinguished by."""
 
     color: str
     linestyle: str
 
 
-def line_style(number: int, colors: Sequence[str]) -> LineStyle:
+def line_style(number: int, colors: Sequence[str]) -> _LineStyle:
     """Colour and dashes of the line of this number: dashes change where colours begin again."""
     return {
         "color": colors[number % len(colors)],
@@ -236,7 +236,7 @@ def draw_responses(responses: Sequence[ResponseCurves]) -> dict[str, bytes]:
     return drawn | ({"frf_all_poses": _draw_grid(together)} if together else {})
 
 
-def draw_overlay(
+def draw_models(
     responses: Mapping[str, ResponseCurves], entries: Sequence[tuple[Channel, Channel]]
 ) -> bytes:
     """Bode plots of several models over each other, as a PNG file.

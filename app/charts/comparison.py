@@ -13,7 +13,7 @@ from headstock.app.charts.charts import (
     INK,
     add_legend,
     calm_axes,
-    draw_overlay,
+    draw_models,
     encode_figure,
     new_figure,
 )
@@ -52,7 +52,7 @@ def draw_comparison(
         figures["compliances"] = _draw_compliances(summary, points)
     entries = _list_entries(summary, lines)
     if entries:
-        figures["responses"] = draw_overlay(lines, entries)
+        figures["responses"] = draw_models(lines, entries)
     if any(variant["mac"] for variant in summary["variants"].values()):
         figures["mac"] = _draw_mac(summary)
     return figures

@@ -7,7 +7,7 @@ import numpy as np
 
 from headstock.app.charts.charts import DPI, INK, calm_axes, encode_figure, line_style, new_figure
 from headstock.app.pictures.libraries import Figure
-from headstock.app.tables.sweep_quantities import Quantity, list_quantities
+from headstock.app.tables.sweep_quantities import Quantity, list_swept
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import SCENE_UNITS
 from headstock.pipeline.answers.lobes import MM, RPM
@@ -37,7 +37,7 @@ def draw_sweep(
         limits: Limit depths of cut by the name of the direction of travel.
     """
     quantities = [
-        quantity for quantity in list_quantities(summary) if np.isfinite(quantity.values).any()
+        quantity for quantity in list_swept(summary) if np.isfinite(quantity.values).any()
     ]
     families = {
         "modes": [quantity for quantity in quantities if quantity.name.startswith("mode_")],
@@ -221,7 +221,7 @@ def _draw_curves(summary: SweepSummary, quantities: list[Quantity]) -> bytes:
 
 
 def way_of(summary: SweptAxes) -> tuple[FloatArray, str]:
-    """Where the poses stand along a sweep ``(n,)``, and what to write below: the axis that moves,
+    """Return where poses are along a sweep ``(n,)``, and what to write below: the axis that moves,
     or the number of the pose.
     """
     positions = np.array(summary["positions"], dtype=float)

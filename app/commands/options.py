@@ -143,7 +143,7 @@ class SceneOptions(CommandOptions):
 
     @property
     def chosen(self) -> "SceneChoice":
-        """What the command line says of the scene, as one thing."""
+        """Scene, variant, settings and analyses of the command line."""
         from headstock.pipeline.storage.provenance import SceneChoice
 
         overrides, analyses = tuple(self.set_ or ()), tuple(self.analysis or ())
@@ -220,7 +220,7 @@ def make_command(kind: type[CommandOptions]) -> Callable[..., int]:
         def act(*comm: "MPI.Comm") -> int:
             if job.on is None:
                 return _load_action(kind.action)(options, *comm)
-            described, words = job.describe_job(1, options.ranks), command_words()
+            described, words = job.describe_job(1, options.ranks), _command_words()
             return _load_action(SUBMIT)(words, described, comm[0].size, wait=not job.no_wait)
 
         if kind.collective:
@@ -252,7 +252,7 @@ def _load_action(place: str) -> Callable[..., int]:
     return action
 
 
-def command_words() -> tuple[str, ...] | None:
+def _command_words() -> tuple[str, ...] | None:
     """Return the words of the present command line; None without one."""
     context = click.get_current_context(silent=True)
     words: tuple[str, ...] | None = None if context is None else context.find_root().obj
@@ -276,7 +276,9 @@ def trace_command(choice: "SceneChoice", *, ranks: int = 1, with_host: bool) -> 
         content = scene_content(choice.path)
     except (OSError, SceneError):
         return None
-    return trace_content(choice, content, ranks=ranks, command=command_words(), with_host=with_host)
+    return trace_content(
+        choice, content, ranks=ranks, command=_command_words(), with_host=with_host
+    )
 
 
 def read_percent(text: str) -> float:

@@ -200,7 +200,7 @@ def map_values(found: GridSummary, name: str) -> FloatArray:
     return np.array(found["quantities"][name], dtype=float)
 
 
-class MapLayer(NamedTuple):
+class _MapLayer(NamedTuple):
     """A plane to draw: its place along the third axis of a volume, and what it stands at; of a
     plane it is the map itself.
     """
@@ -209,14 +209,14 @@ class MapLayer(NamedTuple):
     title: str = ""
 
 
-def map_layers(found: GridSummary) -> list[MapLayer]:
+def map_layers(found: GridSummary) -> list[_MapLayer]:
     """The map itself, or the lowest, middle and highest layer of a volume."""
     if len(found["axes"]) == 2:
-        return [MapLayer()]
+        return [_MapLayer()]
     levels, axis = found["positions"][2], found["axes"][2]
     places = sorted({0, (len(levels) - 1) // 2, len(levels) - 1})
     return [
-        MapLayer(place, f"{axis} = {show_position(levels[place], found['units'][axis])}")
+        _MapLayer(place, f"{axis} = {show_position(levels[place], found['units'][axis])}")
         for place in places
     ]
 

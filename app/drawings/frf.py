@@ -11,6 +11,7 @@ import numpy as np
 from markupsafe import Markup
 
 from headstock.app.drawings import svg
+from headstock.app.drawings.markup import script_json
 from headstock.app.texts.bounded_values import raise_digits
 from headstock.app.texts.curves import (
     MOST_FIELDS,
@@ -21,7 +22,6 @@ from headstock.app.texts.curves import (
     response_unit,
     round_ticks,
 )
-from headstock.app.texts.scripts import script_json
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.answers.probes import MEGA, probe_units
@@ -162,7 +162,7 @@ def _lay_out_probes(curves: ResponseCurves) -> tuple[list[_Cell], int]:
 
 
 def has_more_fields(curves: ResponseCurves) -> bool:
-    """Whether some entries are not drawn."""
+    """Tell whether some entries are not drawn."""
     return max(len(curves.outputs), len(curves.inputs)) > MOST_FIELDS
 
 

@@ -1,6 +1,7 @@
-"""Stability lobes in the report: limit depth over the speed of the spindle, one picture for each
-direction of travel, each lobe in the colour of its mode. Two stand side by side; one alone can be read
-on a screen of 400 pixels.
+"""What cutting leads to, in the report: stability lobes, limit depth over the speed of the spindle, one picture
+for each direction of travel, each lobe in the colour of its mode (two stand side by side; one alone can be read
+on a screen of 400 pixels); and the profile of each milled face along the travel, with a short piece of it in
+which the marks of the teeth are seen.
 """
 
 import itertools
@@ -16,6 +17,7 @@ from headstock.app.texts.bounded_values import show_best_depth, show_bound, show
 from headstock.app.texts.curves import even_ticks
 from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.pipeline.answers.lobes import DirectionSummary
+from headstock.pipeline.answers.milled_faces import MilledFaceSummary
 
 WIDTH, LEFT, RIGHT, TITLE, HEIGHT, LINE = 600, 34, 14, 28, 230, 19
 WIDEST = 780.0  # on the page [px]
@@ -71,8 +73,8 @@ def draw_lobes(found: DirectionSummary, identity: str, *, confirmed: bool) -> Ma
         parts.append(svg.text(middle, base + 18, words, anchor="middle", size=SIZE))
     modes = list(dict.fromkeys(lobe["mode"] for lobe in found["lobes"]))
     colors = dict(zip(modes, itertools.cycle(COLORS), strict=False))
-    green = Fill("#6a9a5b", 0.12) if confirmed else Fill(f"url(#{identity}_hatch)", 1.0)
-    hatch = Fill(f"url(#{identity}_hatch)", 1.0)
+    green = _Fill("#6a9a5b", 0.12) if confirmed else _Fill(f"url(#{identity}_hatch)", 1.0)
+    hatch = _Fill(f"url(#{identity}_hatch)", 1.0)
     parts += _fill_below(speeds, depths, across, up, stable=green, unknown=hatch)
     errors = np.array(series["error_mm"], dtype=float)
     parts += _draw_band(speeds, depths, errors, across, up)
@@ -98,7 +100,7 @@ def draw_lobes(found: DirectionSummary, identity: str, *, confirmed: bool) -> Ma
     )
 
 
-class Fill(NamedTuple):
+class _Fill(NamedTuple):
     """Colour or pattern of an area, and how opaque it is."""
 
     paint: str
@@ -111,8 +113,8 @@ def _fill_below(
     across: Scale,
     up: Scale,
     *,
-    stable: Fill,
-    unknown: Fill,
+    stable: _Fill,
+    unknown: _Fill,
 ) -> Iterator[Markup]:
     """What is stable between two speeds, up to the lower limit of both; all of it in the other fill
     where one is not known.
@@ -156,7 +158,7 @@ def _draw_border(
         lobe = series["lobe"][looked[run[0]]]
         color = UNKNOWN if lobe is None else colors[found["lobes"][lobe]["mode"]]
         for piece in _pieces(looked, places, run[0], run[-1] + 2):
-            yield _line(piece, color, 1.8)
+            yield svg.polyline(piece, color, 1.8, joined=True)
     if len(looked) > MOST_DOTS and len(looked) == len(known):
         return
     for (x, y), place in zip(places, looked, strict=True):
@@ -203,13 +205,15 @@ def _mark_lowest(found: DirectionSummary, across: Scale, up: Scale) -> Markup:
         return Markup("")
     depth, error = lowest["limit_depth_mm"], found["lowest_error_mm"]
     x, y = across(lowest["rpm"]), up(depth)
-    limit = _tell(depth, error)
-    chatter = _tell(lowest["chatter_hz"], found["chatter_error_hz"])
+    limit = _show_value(depth, error)
+    chatter = _show_value(lowest["chatter_hz"], found["chatter_error_hz"])
     parts = [_circle(x, y, LOWEST)]
     if error is not None:
         ends = [up(depth + error), up(max(depth - error, 0.0))]
-        parts.append(_line([(x, end) for end in ends], LOWEST, 1.2))
-        parts += [_line([(x - 5.0, end), (x + 5.0, end)], LOWEST, 1.2) for end in ends]
+        parts.append(svg.polyline([(x, end) for end in ends], LOWEST, 1.2, joined=True))
+        parts += [
+            svg.polyline([(x - 5.0, end), (x + 5.0, end)], LOWEST, 1.2, joined=True) for end in ends
+        ]
     words = f"{limit} mm, chatter {chatter} Hz"
     half = 0.5 * LETTER * len(words)
     beside = min(max(x, LEFT + half), WIDTH - RIGHT - half)
@@ -238,7 +242,7 @@ def _mark_best(found: DirectionSummary, across: Scale, up: Scale) -> Markup:
     return Markup("").join(parts)
 
 
-def _tell(value: float, error: float | None) -> str:
+def _show_value(value: float, error: float | None) -> str:
     """A value with its ±, where one is known."""
     if error is None:
         return f"{value:.3g}"
@@ -246,7 +250,7 @@ def _tell(value: float, error: float | None) -> str:
 
 
 def _stroke(x: float, y: float, color: str) -> Markup:
-    return _line([(x - 8.0, y), (x + 8.0, y)], color, 3.0)
+    return svg.polyline([(x - 8.0, y), (x + 8.0, y)], color, 3.0, joined=True)
 
 
 def _circle(x: float, y: float, color: str, radius: float = 4.0) -> Markup:
@@ -255,15 +259,127 @@ def _circle(x: float, y: float, color: str, radius: float = 4.0) -> Markup:
     )
 
 
-def _line(places: list[tuple[float, float]], color: str, width: float) -> Markup:
-    return Markup(
-        '<polyline points="{}" fill="none" stroke="{}" stroke-width="{}" stroke-linejoin="round"/>'
-    ).format(svg.points(places), color, width)
-
-
 def _runs(owners: Sequence[object]) -> list[list[int]]:
     """Numbers of neighbours with the same owner."""
     return [
         [place for place, _ in group]
         for _, group in itertools.groupby(enumerate(owners), key=lambda item: item[1])
     ]
+
+
+FACE_WIDTH, FACE_TITLE, FACE_HEIGHT, FACE_FOOT = 1150, 24, 130, 26
+WHOLE, PIECE = (52.0, 770.0), (850.0, 1138.0)  # from left to right
+LINE_COLOR, BAND_COLOR = "#2f6db3", "#8c9bab"
+SEEN = (10.0, 90.0)  # percentiles that the axis spans: an entry does not flatten profiles
+FACE_HEADROOM, MOST_ROUGH = 2.0, 1.25
+
+
+def draw_milled_faces(faces: Sequence[MilledFaceSummary]) -> Markup:
+    """The profiles of faces under each other, micrometres equally long in all of them."""
+    half = max(_half_span(face) for face in faces)
+    rough = max(float(np.ptp(face["detail"]["height_um"])) for face in faces)
+    parts, top = list[Markup](), 0.0
+    for face in faces:
+        parts += [_draw_whole(face, top, half), _draw_piece(face, top, 0.5 * rough)]
+        top += FACE_TITLE + FACE_HEIGHT + FACE_FOOT
+    return svg.picture(
+        parts,
+        identity="milled_faces",
+        kind="sticks",
+        width=FACE_WIDTH,
+        height=top,
+        label="Profiles of the milled faces",
+    )
+
+
+def _half_span(face: MilledFaceSummary) -> float:
+    profile = face["profile"]
+    ends = np.concatenate([profile["lowest_um"], profile["highest_um"]]) - face["location_error_um"]
+    return float(np.abs(np.percentile(ends, SEEN)).max())
+
+
+def _draw_whole(face: MilledFaceSummary, top: float, half: float) -> Markup:
+    profile, middle = face["profile"], face["location_error_um"]
+    places, low, high, line = (
+        np.array(values)
+        for values in (
+            profile["at_mm"],
+            profile["lowest_um"],
+            profile["highest_um"],
+            profile["waviness_um"],
+        )
+    )
+    panel = _make_panel(WHOLE, (0.0, face["length_mm"]), top, middle, FACE_HEADROOM * half)
+    begin, end = panel.place(np.array(face["evaluated_mm"]))
+    band = zip(
+        panel.place(np.concatenate([places, places[::-1]])),
+        panel.level(np.concatenate([low, high[::-1]])),
+        strict=True,
+    )
+    title = (
+        f"Face {face['face']}, {face['at']}: height [µm] at {face['height_mm']:.3g} mm, mean line of"
+        f" {face['cut_off_mm']:.3g} mm; evaluated where shaded"
+    )
+    return Markup("").join(
+        [
+            svg.shade(begin, f"{panel.y:.1f}", end - begin, FACE_HEIGHT, 0.05),
+            *_grid(panel, middle, 0.95 * FACE_HEADROOM * half),
+            Markup(
+                '<clipPath id="milled_face_{}"><rect x="{}" y="{}" width="{}" height="{}"/></clipPath>'
+            ).format(face["face"], panel.x, panel.y, panel.width, FACE_HEIGHT),
+            Markup('<g clip-path="url(#milled_face_{})">').format(face["face"]),
+            svg.area(band, BAND_COLOR, opacity=0.45),
+            _draw_profile(panel, places, line),
+            Markup("</g>"),
+            svg.heading(panel.x, panel.y - 8, title),
+        ]
+    )
+
+
+def _draw_piece(face: MilledFaceSummary, top: float, half: float) -> Markup:
+    places, heights = np.array(face["detail"]["at_mm"]), np.array(face["detail"]["height_um"])
+    middle = 0.5 * float(heights.max() + heights.min())
+    span = float(places[0]), float(places[-1])
+    panel = _make_panel(PIECE, span, top, middle, MOST_ROUGH * half)
+    title = f"Marks of the teeth, {face['feed_per_tooth_mm']:.3g} mm apart if rigid"
+    return Markup("").join(
+        [
+            *_grid(panel, middle, half),
+            _draw_profile(panel, places, heights),
+            svg.heading(panel.x, panel.y - 8, title),
+        ]
+    )
+
+
+def _make_panel(
+    sides: tuple[float, float],
+    span: tuple[float, float],
+    top: float,
+    middle: float,
+    half: float,
+) -> svg.Panel:
+    """Return the field of a profile: millimetres along and micrometres across a face."""
+    half = half or 1.0
+    up = (middle - half, middle + half)
+    return svg.Panel(sides[0], top + FACE_TITLE, sides[1] - sides[0], FACE_HEIGHT, span, up)
+
+
+def _grid(panel: svg.Panel, middle: float, half: float) -> list[Markup]:
+    base, right, parts = panel.y + FACE_HEIGHT, panel.x + panel.width, list[Markup]()
+    for value in even_ticks(middle - half, middle + half, 4):
+        y = float(panel.level(np.array(value)))
+        parts.append(svg.line(panel.x, y, right, y, opacity=0.13))
+        parts.append(svg.text(panel.x - 5, y + 3.5, f"{value:.6g}", anchor="end", size=10.5))
+    ticks = even_ticks(*panel.across, 6)
+    for value in ticks:
+        x, words = float(panel.place(np.array(value))), f"{value:.6g}"
+        parts.append(svg.line(x, base, x, base + 4.0, opacity=0.5))
+        words += " mm" if value == ticks[-1] else ""
+        parts.append(svg.text(x, base + 15, words, anchor="middle", size=10.5))
+    parts.append(svg.line(panel.x, base, right, base, opacity=0.35))
+    return parts
+
+
+def _draw_profile(panel: svg.Panel, places: FloatArray, heights: FloatArray) -> Markup:
+    points = zip(panel.place(places), panel.level(heights), strict=True)
+    return svg.polyline(points, LINE_COLOR, 1.3)

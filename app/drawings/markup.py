@@ -1,5 +1,6 @@
-"""Numbers and tables of a page in HTML."""
+"""Numbers and tables of a page in HTML, and data that its scripts read."""
 
+import json
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -7,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from markupsafe import Markup
 
 from headstock.app.drawings.figures import JOINT_COLOR
-from headstock.app.tables.table import Column, drop_noise, find_scales, find_unit
+from headstock.app.tables.table import Column, drop_noise, find_unit, find_unit_scales
 from headstock.app.texts.bounded_values import raise_digits, show_bound, show_bounded
 
 
@@ -60,7 +61,7 @@ def draw_rows[Row](
         for column in columns
         if column.report and (column.missing or any(column.value(row) is not None for row in rows))
     ]
-    scales, body, numeric = find_scales(shown, rows), [], [False] * len(shown)
+    scales, body, numeric = find_unit_scales(shown, rows), [], [False] * len(shown)
     for row in rows:
         cells = []
         for place, column in enumerate(shown):
@@ -108,11 +109,11 @@ def write_bound(error: float | None, value: float | None, known: float | None = 
     """An error beside its value; its number is rounded up, which its class says. Of one with unknown
     sources, what is known.
     """
-    return write_beside(error, show_bound(value, error, known))
+    return write_error(error, show_bound(value, error, known))
 
 
-def write_beside(error: float | None, text: str) -> Markup:
-    """What stands behind a value, as written; nothing where there is nothing to say."""
+def write_error(error: float | None, text: str) -> Markup:
+    """Write the error behind a value; nothing where there is nothing to say."""
     if error is None or not math.isfinite(error) or not text:
         return Markup('<span class="missing">{}</span>').format(text)
     return Markup('± <data class="bound" value="{}">{}</data>').format(
@@ -135,3 +136,13 @@ def typeset(text: str) -> str:
 def write_data(value: float, text: str) -> Markup:
     """Write a number as a text, with its full value for machines."""
     return Markup('<data value="{}">{}</data>').format(repr(value), text)
+
+
+def script_json(content: Mapping[str, object]) -> str:
+    """JSON that no browser takes for the end of the script element it stands in, nor for a line
+    break in a script.
+    """
+    text = json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    for character in "<>&\u2028\u2029":
+        text = text.replace(character, f"\\u{ord(character):04x}")
+    return text

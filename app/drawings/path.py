@@ -1,5 +1,5 @@
-"""Paths and contours in the report: the line as travelled, its deviation over time, and the gap and
-leg forces of a contour.
+"""Motions in the report: paths as travelled, their deviation over time, gap and leg forces of a contour; motion
+under loads over time with the loads, and what drives under control do.
 """
 
 from collections.abc import Sequence
@@ -9,18 +9,20 @@ import numpy as np
 from markupsafe import Markup
 
 from headstock.app.drawings import svg
-from headstock.app.drawings.panels import (
+from headstock.app.drawings.svg import (
     Panel,
-    draw_axes,
     draw_curve,
+    draw_panel_axes,
     draw_shade,
     round_label,
     show_range,
 )
-from headstock.geometry.frames import DIRECTIONS
+from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.machine.machine import SCENE_UNITS
 from headstock.pipeline.answers.contouring import ContourSummary
 from headstock.pipeline.answers.path import PathCurves, deviation_unit
+from headstock.pipeline.answers.probes import MEGA
+from headstock.pipeline.answers.transient import TransientCurves
 from headstock.solvers.second_order import name_channel
 
 WIDTH, LEFT, RIGHT, TITLE, FOOT = 1150, 52, 14, 24, 26
@@ -68,7 +70,7 @@ def _draw_line(curves: Sequence[PathCurves], output: int) -> Markup:
     for begin, end in fastest.zones:
         places = scale * np.interp([begin, end], fastest.deviation.times, fastest.positions)
         parts.append(draw_shade(panel, float(places[0]), float(places[1])))
-    parts.append(draw_axes(panel, shown, UNITS[unit]))
+    parts.append(draw_panel_axes(panel, shown, UNITS[unit]))
     for number, (run, value) in enumerate(zip(curves, values, strict=True)):
         color = FEED_COLORS[number % len(FEED_COLORS)]
         parts.append(draw_curve(panel, scale * run.positions, value, color, 1.3))
@@ -129,7 +131,7 @@ def _draw_run(run: PathCurves, output: int, top: float) -> Markup:
             for begin, end in run.zones
             if begin < span[1] and end > span[0]
         ]
-        parts.append(draw_axes(panel, "s", ""))
+        parts.append(draw_panel_axes(panel, "s", ""))
         if number:
             parts.append(draw_curve(panel, found.times, residual, RESIDUAL, 1.0))
         parts += [
@@ -182,9 +184,8 @@ def draw_contour(found: ContourSummary, picture: Literal["gap", "drives", "probe
             parts.append(svg.line(CONTOUR_LEFT, y, right, y, opacity=0.25))
             parts.append(svg.text(CONTOUR_LEFT - 5, y + 4, round_label(value), anchor="end"))
     for column, color in enumerate(CONTOUR_COLORS[: len(names)]):
-        points = svg.points(zip(panel.place(times), panel.level(levels[:, column]), strict=True))
-        line = Markup('<polyline points="{}" fill="none" stroke="{}" stroke-width="1.3"/>')
-        parts.append(line.format(points, color))
+        places = zip(panel.place(times), panel.level(levels[:, column]), strict=True)
+        parts.append(svg.polyline(places, color, 1.3))
         parts.append(svg.text(CONTOUR_LEFT + 470 + 80 * column, 13, names[column], color=color))
     parts += [
         svg.text(CONTOUR_LEFT, 13, title),
@@ -208,17 +209,9 @@ def _shade_faces(found: ContourSummary, panel: Panel) -> Markup:
     for place, face in enumerate(found["faces"]):
         begins, ends = face["times_s"]
         start, end = panel.place(np.array([begins, min(ends, panel.across[1])]))
-        parts.append(
-            Markup(
-                '<rect x="{:.1f}" y="{}" width="{:.1f}" height="{}" fill="currentColor" opacity="{}"/>'
-            ).format(
-                start,
-                TOP,
-                end - start,
-                CONTOUR_HEIGHT - TOP - BOTTOM,
-                0.0 if place % 2 else 0.07,
-            )
-        )
+        faint = 0.0 if place % 2 else 0.07
+        height = CONTOUR_HEIGHT - TOP - BOTTOM
+        parts.append(svg.shade(start, str(TOP), end - start, height, faint))
         parts.append(
             svg.text(
                 float(start + end) / 2,
@@ -227,4 +220,112 @@ def _shade_faces(found: ContourSummary, panel: Panel) -> Markup:
                 anchor="middle",
             )
         )
+    return Markup("").join(parts)
+
+
+TIMES_WIDTH, TIMES_LEFT, TIMES_RIGHT, TIMES_TITLE, TIMES_FOOT = 1150, 58, 14, 24, 30
+LOAD_HEIGHT, OUTPUT_HEIGHT, DRIVE_HEIGHT = 70, 150, 100
+DRIVES_HEIGHT = 2 * (TIMES_TITLE + DRIVE_HEIGHT + TIMES_FOOT)
+TIMES_COLORS = ("#2f6db3", "#d08a4a", "#6a9a5b", "#8a6bb0", "#b5566e", "#5d8f8f")
+NEGLIGIBLE = 1e-10  # of the largest output of its kind: at rest by symmetry
+
+
+def draw_transient(curves: TransientCurves, identity: str) -> Markup:
+    """One SVG: a panel per load that has values over time, then one for all displacements and one
+    for all rotations, one for the stress at probes, and of drives one for torques and one for
+    position errors.
+
+    Args:
+        identity: ``id`` in the page.
+    """
+    parts, top = [], 0.0
+    for number, (name, unit) in enumerate(zip(curves.loads, curves.units, strict=True)):
+        values = curves.load_values[:, number]
+        if not unit.endswith(" s") and values.any():
+            label = f"Load {name} [{unit}]" if unit != "1" else f"Static load {name}, factor"
+            lines = [("", values, "currentColor")]
+            parts.append(_draw_field(curves.times, lines, label, top, LOAD_HEIGHT))
+            top += TIMES_TITLE + LOAD_HEIGHT + TIMES_FOOT
+    for unit in ("um", "urad"):
+        chosen = [
+            number
+            for number, channel in enumerate(curves.outputs)
+            if deviation_unit(channel)[0] == unit
+        ]
+        moved = 1e6 * curves.displacements[:, chosen]
+        sizes = np.abs(moved).max(axis=0, initial=0.0)
+        lines = [
+            (
+                name_channel(curves.outputs[number]),
+                moved[:, place],
+                TIMES_COLORS[place % len(TIMES_COLORS)],
+            )
+            for place, number in enumerate(chosen)
+            if sizes[place] > NEGLIGIBLE * sizes.max()
+        ]
+        if lines:
+            label = f"{'Displacement' if unit == 'um' else 'Rotation'} [{UNITS[unit]}]"
+            parts.append(_draw_field(curves.times, lines, label, top, OUTPUT_HEIGHT))
+            top += TIMES_TITLE + OUTPUT_HEIGHT + TIMES_FOOT
+    if curves.probes:
+        lines = [
+            (probe.name, MEGA * probe.von_mises, TIMES_COLORS[number % len(TIMES_COLORS)])
+            for number, probe in enumerate(curves.probes)
+        ]
+        label = "Equivalent stress at probes [MPa]"
+        parts.append(_draw_field(curves.times, lines, label, top, DRIVE_HEIGHT))
+        top += TIMES_TITLE + DRIVE_HEIGHT + TIMES_FOOT
+    if curves.drives:
+        parts.append(_draw_drives(curves.times, curves, top))
+        top += DRIVES_HEIGHT
+    said = f"Motion in pose {curves.pose}"
+    return svg.picture(
+        parts, identity=identity, kind="sticks", width=TIMES_WIDTH, height=top, label=said
+    )
+
+
+def draw_path_drives(curves: PathCurves, identity: str) -> Markup:
+    """One SVG: torques and position errors of drives along a path."""
+    said = f"Drives at {curves.name}"
+    drawn = [_draw_drives(curves.deviation.times, curves, 0.0)]
+    return svg.picture(
+        drawn, identity=identity, kind="sticks", width=TIMES_WIDTH, height=DRIVES_HEIGHT, label=said
+    )
+
+
+def _draw_drives(times: FloatArray, curves: TransientCurves | PathCurves, top: float) -> Markup:
+    """A panel for the torques of motors, and one for position errors."""
+    parts = []
+    for label, values in (
+        ("Torque of motors [N m]", curves.torques),
+        ("Position error [µm]", 1e6 * curves.position_errors),
+    ):
+        lines = [
+            (name, values[:, number], TIMES_COLORS[number % len(TIMES_COLORS)])
+            for number, name in enumerate(curves.drives)
+        ]
+        parts.append(_draw_field(times, lines, label, top, DRIVE_HEIGHT))
+        top += 0.5 * DRIVES_HEIGHT
+    return Markup("").join(parts)
+
+
+def _draw_field(
+    times: FloatArray,
+    lines: list[tuple[str, FloatArray, str]],
+    label: str,
+    top: float,
+    height: float,
+) -> Markup:
+    milliseconds = 1e3 * times
+    across = (0.0, float(milliseconds[-1]))
+    up = show_range([values for _, values, _ in lines])
+    panel = Panel(
+        TIMES_LEFT, top + TIMES_TITLE, TIMES_WIDTH - TIMES_LEFT - TIMES_RIGHT, height, across, up
+    )
+    parts = [svg.heading(TIMES_LEFT, panel.y - 10, label), draw_panel_axes(panel, "ms", "")]
+    for number, (name, values, color) in enumerate(lines):
+        parts.append(draw_curve(panel, milliseconds, values, color, 1.3))
+        if name:
+            place = TIMES_WIDTH - TIMES_RIGHT - 90 * (len(lines) - number - 1)
+            parts.append(svg.text(place, panel.y - 10, name, anchor="end", size=10.5, color=color))
     return Markup("").join(parts)

@@ -8,7 +8,7 @@ import numpy as np
 from markupsafe import Markup
 
 from headstock.app.drawings import svg
-from headstock.app.drawings.panels import Panel, draw_axes, draw_curve, show_range
+from headstock.app.drawings.svg import Panel, draw_curve, draw_panel_axes, show_range
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import SCENE_UNITS
 from headstock.pipeline.answers.volumetric import SYMBOLS, AxisMotionsSummary, VolumetricSummary
@@ -57,7 +57,7 @@ def _draw_line(axis: str, line: AxisMotionsSummary, top: float) -> Markup:
             show_range(curves),
         )
         parts.append(svg.heading(panel.x, panel.y - 10, f"Axis {axis} [{amount}]"))
-        parts.append(draw_axes(panel, unit, ""))
+        parts.append(draw_panel_axes(panel, unit, ""))
         for place, (symbol, curve) in enumerate(zip(SYMBOLS[first:last], curves, strict=True)):
             parts.append(draw_curve(panel, places, curve, COLORS[place], 1.5))
             beside = panel.x + panel.width - 55 * (2 - place)
@@ -74,23 +74,23 @@ def _draw_line(axis: str, line: AxisMotionsSummary, top: float) -> Markup:
     return Markup("").join(parts)
 
 
-class MapChoice(NamedTuple):
+class _MapChoice(NamedTuple):
     """A quantity to draw as a map, and what it is called."""
 
     name: str
     title: str
 
 
-def list_maps(found: VolumetricSummary) -> dict[str, list[MapChoice]]:
+def list_maps(found: VolumetricSummary) -> dict[str, list[_MapChoice]]:
     """Maps that are drawn, by the heading of what causes them: what varies over the volume."""
-    shown: dict[str, list[MapChoice]] = {}
+    shown: dict[str, list[_MapChoice]] = {}
     for source, ranges in found["ranges"].items():
         # one source alone is all there is
         if len(found["ranges"]) == 2 and source != "total":
             continue
         dofs = range(6) if source == "total" else range(3)
         maps = [
-            MapChoice(
+            _MapChoice(
                 f"{source}_{SYMBOLS[dof]}",
                 f"{SYMBOLS[dof]} [{'µm' if dof < 3 else 'µrad'}]",
             )
@@ -211,6 +211,5 @@ def _draw_grid(points: FloatArray, color: str, width: float, opacity: float) -> 
                 index[axis] = number
             row = points[tuple(index)]
             known = row[np.isfinite(row).all(axis=1)]
-            lines.append(" ".join(f"{x:.1f},{y:.1f}" for x, y in known))
-    line = Markup('<polyline points="{}" fill="none" stroke="{}" stroke-width="{}" opacity="{}"/>')
-    return Markup("").join(line.format(points, color, width, opacity) for points in lines)
+            lines.append(svg.polyline(known, color, width, opacity=opacity))
+    return Markup("").join(lines)

@@ -77,7 +77,7 @@ class LabelledSurface:
 
 
 @dataclass(frozen=True)
-class Spot:
+class _Spot:
     """A visible area's innermost pixel, and how many pixels lie between it and the border."""
 
     place: tuple[float, float]
@@ -85,7 +85,7 @@ class Spot:
 
 
 @dataclass(frozen=True)
-class Label:
+class _Label:
     """A text in a picture: what it names, where, and half its width and height in pixels; a note
     belongs to owner 0.
     """
@@ -219,28 +219,28 @@ def _read_owners(png: bytes) -> IntArray:
     return np.where(opacity > 0, (red << 16) + (green << 8) + blue, 0)
 
 
-def _find_spots(owners: IntArray) -> dict[int, Spot]:
+def _find_spots(owners: IntArray) -> dict[int, _Spot]:
     """Where each visible owner is farthest from the border of its area."""
-    spots: dict[int, Spot] = {}
+    spots: dict[int, _Spot] = {}
     for owner, area in enumerate(find_objects(owners), 1):
         if area is None:
             continue
         room = distance_transform_edt(np.pad(owners[area] == owner, 1))
         y, x = np.unravel_index(int(np.argmax(room)), room.shape)
-        spots[owner] = Spot(
+        spots[owner] = _Spot(
             (float(area[1].start + x - 1), float(area[0].start + y - 1)), float(room[y, x])
         )
     return spots
 
 
-def _place_labels(spots: Mapping[int, Spot], texts: Mapping[int, str]) -> list[Label]:
+def _place_labels(spots: Mapping[int, _Spot], texts: Mapping[int, str]) -> list[_Label]:
     """Labels inside what they name where there is room, else beside it on a leader, else none."""
-    labels: list[Label] = []
+    labels: list[_Label] = []
     for owner, spot in sorted(spots.items(), key=lambda item: -item[1].room):
         half = (LETTER * len(texts[owner]) / 2 + 2, LINE / 2)
         offsets = [(0.0, 0.0)] if spot.room >= CLEARANCE else LEADERS if spot.room >= SEEN else []
         for x, y in offsets:
-            label = Label(
+            label = _Label(
                 owner, texts[owner], spot.place, (spot.place[0] + x, spot.place[1] + y), half
             )
             if not any(_overlap(label, other) for other in labels):
@@ -250,10 +250,10 @@ def _place_labels(spots: Mapping[int, Spot], texts: Mapping[int, str]) -> list[L
 
 
 def _place_notes(
-    notes: Sequence[Note], places: Sequence[FloatArray], labels: Sequence[Label]
-) -> list[Label]:
+    notes: Sequence[Note], places: Sequence[FloatArray], labels: Sequence[_Label]
+) -> list[_Label]:
     """Texts beside what they name, on a leader, where they cover no other text; else none."""
-    found: list[Label] = []
+    found: list[_Label] = []
     width, height = PIXELS
     for note, place in zip(notes, places, strict=True):
         half = (LETTER * len(note.text) / 2 + 2, LINE / 2)
@@ -262,7 +262,7 @@ def _place_notes(
         for reach in NOTE_REACHES:
             for x, y in LEADERS:
                 at = (float(place[0] + reach * x), float(place[1] + reach * y))
-                label = Label(0, note.text, (float(place[0]), float(place[1])), at, half, dark)
+                label = _Label(0, note.text, (float(place[0]), float(place[1])), at, half, dark)
                 inside = (
                     half[0] <= at[0] <= width - half[0] and half[1] <= at[1] <= height - half[1]
                 )
@@ -275,7 +275,7 @@ def _place_notes(
     return found
 
 
-def _overlap(first: Label, second: Label) -> bool:
+def _overlap(first: _Label, second: _Label) -> bool:
     return all(
         abs(first.text_at[i] - second.text_at[i]) < first.half[i] + second.half[i] for i in range(2)
     )

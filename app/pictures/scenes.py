@@ -107,7 +107,7 @@ def _mode_picture(
 
 
 @dataclass(frozen=True, eq=False)
-class JoinedSkins:
+class _JoinedSkins:
     """All skins of a machine in a pose as one surface.
 
     Attributes:
@@ -125,7 +125,7 @@ class JoinedSkins:
     palette: FloatArray
 
 
-def join_skins_in_pose(view: MachineView, pose: PoseView) -> JoinedSkins:
+def join_skins_in_pose(view: MachineView, pose: PoseView) -> _JoinedSkins:
     """Every component's skin where it stands in a pose."""
     points: list[FloatArray] = [np.zeros((0, 3))]
     triangles: list[IntArray] = [np.zeros((0, 3), dtype=np.int64)]
@@ -140,7 +140,7 @@ def join_skins_in_pose(view: MachineView, pose: PoseView) -> JoinedSkins:
     counts = [len(skin.triangles) for skin in view.skins.values()]
     colors = ["#ffffff", *component_colors(view).values()]
     palette = [[int(color[i : i + 2], 16) / 255.0 for i in (1, 3, 5)] for color in colors]
-    return JoinedSkins(
+    return _JoinedSkins(
         np.vstack(points),
         np.vstack(triangles),
         np.vstack(edges),

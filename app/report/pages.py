@@ -5,11 +5,11 @@ shows its modes and compliance.
 import base64
 import functools
 from collections.abc import Mapping, Sequence
-from typing import TypedDict
 
 import numpy as np
 from markupsafe import Markup
 
+from headstock.app.drawings.markup import script_json
 from headstock.app.report.report import STYLE, Worth, read_asset, report_environment
 from headstock.app.tables.comparison import (
     alike_rigid_modes,
@@ -28,14 +28,11 @@ from headstock.app.tables.model_answers import (
     show_change,
     verdict_words,
 )
-from headstock.app.tables.sweep_quantities import limit_words, list_quantities, sampled_error_words
-from headstock.app.texts.scripts import script_json
+from headstock.app.tables.sweep_quantities import limit_words, list_swept, sampled_error_words
 from headstock.geometry.machine.machine import SCENE_UNITS
 from headstock.pipeline.storage.provenance import ProvenanceSummary
-from headstock.scene.studies import SweepKind
 from headstock.studies.comparison_summary import ComparisonSummary
 from headstock.studies.sweeps.files import Numbers, SweepSummary
-from headstock.studies.sweeps.journals import PoseState
 
 TEMPLATE, SCRIPT = "sweep_template.html", "sweep_maps.js"
 DIGITS = 6
@@ -54,7 +51,7 @@ def render_sweep(
         origin: Where it comes from, as ``Provenance.summarise`` gives it.
     """
     quantities = [
-        quantity for quantity in list_quantities(summary) if np.isfinite(quantity.values).any()
+        quantity for quantity in list_swept(summary) if np.isfinite(quantity.values).any()
     ]
     ranges = [
         (float(np.nanmin(quantity.values)), float(np.nanmax(quantity.values)))
@@ -90,44 +87,8 @@ def _list_errors(summary: SweepSummary) -> dict[str, float]:
     return found
 
 
-class QuantityData(TypedDict):
-    """A quantity over the poses."""
-
-    name: str
-    title: str
-    unit: str
-    values: Numbers
-
-
-class PointData(TypedDict):
-    """Compliance at a point over the poses, and what gives most there."""
-
-    matrix: Numbers
-    direction: Numbers
-    largest: Numbers
-    weakest: list[list[str]]
-    share: Numbers
-
-
-class PageData(TypedDict):
-    """What the script of a sweep's page reads."""
-
-    kind: SweepKind
-    axes: list[str]
-    units: list[str]
-    shape: list[int]
-    labels: list[str]
-    positions: Numbers
-    states: list[PoseState]
-    errors: dict[str, str]
-    modes: list[str]
-    frequencies: Numbers
-    quantities: list[QuantityData]
-    points: dict[str, PointData]
-
-
-def _page_data(summary: SweepSummary) -> PageData:
-    """Numbers to six digits."""
+def _page_data(summary: SweepSummary) -> dict[str, object]:
+    """Return what the script of a page of a sweep reads, numbers to six digits."""
     factors = [SCENE_UNITS[unit] for unit in summary["units"]]
     scaled = np.array(summary["positions"], dtype=float) * [factor for factor, _ in factors]
     return {
@@ -148,7 +109,7 @@ def _page_data(summary: SweepSummary) -> PageData:
                 "unit": q.unit,
                 "values": _round([None if np.isnan(v) else float(v) for v in q.values]),
             }
-            for q in list_quantities(summary)
+            for q in list_swept(summary)
             if np.isfinite(q.values).any()
         ],
         "points": {

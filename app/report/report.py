@@ -24,12 +24,11 @@ from headstock.app.drawings.markup import (
 )
 from headstock.app.report.notes import judge_numbers
 from headstock.app.report.viewer_data import Caption, EncodedMachine, Kind, encode_machine
-from headstock.app.tables.components import COMPONENT_COLUMNS
 from headstock.app.tables.static import shared_budget, static_by_pose, top_shares
 from headstock.app.tables.table import PlainTable, encode_csv
 from headstock.app.texts.bounded_values import show_damping
 from headstock.app.texts.remarks import fold_remarks
-from headstock.app.views.registry import find_views, list_tables
+from headstock.app.views.registry import COMPONENT_COLUMNS, find_views, list_tables
 from headstock.app.views.view import FinishedRun, Section
 from headstock.geometry.frames import DIRECTIONS
 from headstock.geometry.machine.machine import show_position
@@ -145,7 +144,7 @@ def _write_sections(run: FinishedRun, names: Mapping[str, Any]) -> list[tuple[Se
     """
     environment, sections = report_environment(), []
     for view in find_views(run):
-        if (section := view.section(run)) is not None:
+        if (section := view.make_section(run)) is not None:
             text = ""
             if section.template:
                 text = environment.get_template(section.template).render(names, **section.names)
@@ -170,7 +169,7 @@ def _encode_table(table: PlainTable) -> str:
 
 
 @dataclass(frozen=True)
-class KeyFigures:
+class _KeyFigures:
     """What a reader wants first.
 
     Attributes:
@@ -187,7 +186,7 @@ class KeyFigures:
     first: tuple[float, float | None, str] | None = None
 
 
-def _key_figures(summary: RunSummary) -> KeyFigures:
+def _key_figures(summary: RunSummary) -> _KeyFigures:
     """Return the compliance of the first point in the first pose, and the first mode in which
     something deforms.
     """
@@ -199,8 +198,8 @@ def _key_figures(summary: RunSummary) -> KeyFigures:
         first = next((mode for mode in named if WHOLE_MACHINE not in mode[-1]), None)
     for points in static_by_pose(summary).values():
         for name, point in points.items():
-            return KeyFigures(name, _list_compliances(point), point["text"], first)
-    return KeyFigures(first=first)
+            return _KeyFigures(name, _list_compliances(point), point["text"], first)
+    return _KeyFigures(first=first)
 
 
 def _list_compliances(

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from headstock.app.texts.scripts import script_json
+from headstock.app.drawings.markup import script_json
 from headstock.geometry.frames import FloatArray, Frame, rigid_map
 from headstock.geometry.parts.skins import Skin
 from headstock.pipeline.results.mode_files import largest_shift
@@ -104,14 +104,14 @@ class _Shape:
     energies: tuple[FloatArray | None, ...]
 
     def count_bytes(self, width: int) -> int:
-        """How many have to be written."""
+        """Count what has to be written."""
         return sum(width * part.size for part in self.parts if part.ndim == 2) + sum(
             density.size for density in self.energies if density is not None
         )
 
 
 def encode_machine(view: MachineView, captions: Captions) -> EncodedMachine | None:
-    """What the page needs to draw the machine; None when there is nothing to draw.
+    """Encode what the page needs to draw the machine; None when there is nothing to draw.
 
     Args:
         view: What there is to draw.

@@ -13,7 +13,7 @@ from headstock.app.texts.bounded_values import (
     error_words,
     largest_shares,
     shares_begin,
-    show_size,
+    show_error,
 )
 from headstock.geometry.frames import DIRECTIONS
 from headstock.pipeline.answers.frf import ResponseCurves
@@ -40,7 +40,7 @@ STEP_NAMES = {
 
 
 def describe_store(effort: EffortSummary) -> str:
-    """Where the elastic components came from."""
+    """Say where the elastic components came from."""
     if not effort["elastic_components"]:
         return "nothing meshed"
     if not effort["from_store"]:
@@ -54,13 +54,13 @@ def describe_store(effort: EffortSummary) -> str:
 
 
 def variant_error_words(summary: ComparisonSummary) -> list[str]:
-    """Where the errors of the variants' numbers come from and what is not in them; once for
+    """Say where the errors of the variants' numbers come from and what is not in them; once for
     variants that share the words.
     """
     owners: dict[str, list[str]] = {}
     for name, variant in summary["variants"].items():
         sources = [
-            f"{source} up to {show_size(size)} Hz"
+            f"{source} up to {show_error(size)} Hz"
             for source, size in largest_shares(variant).items()
         ]
         words = [f"{shares_begin(variant)} {', '.join(sources)}"] if sources else []
@@ -186,7 +186,7 @@ def _tabulate_costs(summary: ComparisonSummary) -> PlainTable:
 
 
 def _tabulate_others(summary: ComparisonSummary) -> PlainTable:
-    """A row per number of the other analyses."""
+    """Tabulate a row per number of the other analyses."""
     found = {name: variant["others"] for name, variant in summary["variants"].items()}
     rows: dict[tuple[str, str, str], dict[str, OtherSummary]] = {}
     for name, kinds in found.items():
@@ -211,7 +211,7 @@ def _tabulate_others(summary: ComparisonSummary) -> PlainTable:
 
 
 def tabulate_lines(lines: Mapping[str, ResponseCurves]) -> PlainTable:
-    """A row per frequency: real and imaginary part of every entry of every variant, in SI.
+    """Tabulate a row per frequency: real and imaginary part of every entry of every variant, in SI.
 
     Args:
         lines: Variant to its response, all on the same frequencies.

@@ -110,7 +110,7 @@ NUMBER_COLUMNS: tuple[Column[NumberSummary], ...] = (
 
 
 def tabulate_response(curves: ResponseCurves) -> PlainTable:
-    """A row per frequency: real and imaginary part of every entry in SI, its error and the part of
+    """Tabulate a row per frequency: real and imaginary part of every entry in SI, its error and the part of
     each source; empty where there is none.
     """
     values, errors, shares = curves.values, curves.value_errors, curves.value_error_share

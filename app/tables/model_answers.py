@@ -42,7 +42,7 @@ DEFORMING = (
 
 
 @dataclass(frozen=True)
-class ModelCell:
+class _ModelCell:
     """What a model says in a row: a value, and smaller below it what belongs to it."""
 
     text: str
@@ -58,11 +58,11 @@ class ModelRow:
     """
 
     head: str
-    cells: dict[str, ModelCell] = field(default_factory=dict)
+    cells: dict[str, _ModelCell] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
-class ModelSection:
+class _ModelSection:
     """Rows under a heading."""
 
     title: str
@@ -82,7 +82,7 @@ def _signed(change: float) -> str:
 
 
 def share_rows(summary: ComparisonSummary, point: str, direction: str) -> list[ModelRow]:
-    """Which parts the compliance at a point in a direction comes from, largest first; joints and
+    """List the parts that the compliance at a point in a direction comes from, largest first; joints and
     components whose names differ by a number only are one part.
 
     Args:
@@ -106,7 +106,7 @@ def share_rows(summary: ComparisonSummary, point: str, direction: str) -> list[M
     return [
         ModelRow(
             f"  {part}",
-            {name: ModelCell(f"{100.0 * share:.0f} %") for name, share in totals[part].items()},
+            {name: _ModelCell(f"{100.0 * share:.0f} %") for name, share in totals[part].items()},
         )
         for part, size in sort_shares(most)
         if size >= NAMED_SHARE
@@ -115,7 +115,7 @@ def share_rows(summary: ComparisonSummary, point: str, direction: str) -> list[M
 
 def response_sections(
     summary: ComparisonSummary, *, drive_points: bool = False
-) -> list[ModelSection]:
+) -> list[_ModelSection]:
     """A section per entry of the frequency responses that is more than a trace of symmetry lost.
 
     Args:
@@ -135,18 +135,20 @@ def response_sections(
     ]
 
 
-def _show_largest(entry: EntrySummary, own: EntrySummary | None, factor: float) -> ModelCell | None:
+def _show_largest(
+    entry: EntrySummary, own: EntrySummary | None, factor: float
+) -> _ModelCell | None:
     size, hz = entry["peak"], entry["peak_hz"]
     if size is None or hz is None:
         return None
     change = show_change(size, own["peak"] if own else None)
-    return ModelCell(
+    return _ModelCell(
         f"{show_digits(factor * size, 4)}",
         "\n".join(filter(None, (f"at {show_digits(hz, 4)} Hz", change))),
     )
 
 
-def _show_real(entry: EntrySummary, own: EntrySummary | None, factor: float) -> ModelCell | None:
+def _show_real(entry: EntrySummary, own: EntrySummary | None, factor: float) -> _ModelCell | None:
     value, hz, error = (
         entry["most_negative_real"],
         entry["most_negative_real_hz"],
@@ -156,45 +158,45 @@ def _show_real(entry: EntrySummary, own: EntrySummary | None, factor: float) -> 
         return None
     size = None if error is None else factor * error
     change = show_change(value, own["most_negative_real"] if own else None)
-    return ModelCell(
+    return _ModelCell(
         f"{show_bounded(factor * value, size)} {show_bound(factor * value, size)}",
         "\n".join(filter(None, (f"at {show_digits(hz, 4)} Hz", change))),
     )
 
 
-def _show_peaks(entry: EntrySummary, _: EntrySummary | None, factor: float) -> ModelCell | None:
+def _show_peaks(entry: EntrySummary, _: EntrySummary | None, factor: float) -> _ModelCell | None:
     highest = sorted(entry["peaks"], key=lambda peak: -peak["size"])[:PEAKS_SHOWN]
     texts = [
         f"{show_digits(peak['frequency_hz'], 4)} Hz: {show_digits(factor * peak['size'], 3)}"
         for peak in highest
     ]
-    return ModelCell("\n".join(texts)) if texts else None
+    return _ModelCell("\n".join(texts)) if texts else None
 
 
 def _show_difference(
     entry: EntrySummary, _: EntrySummary | None, factor: float
-) -> ModelCell | None:
+) -> _ModelCell | None:
     far = entry["difference"]
     if far is None:
         return None
     share = f"{100.0 * far['share_of_peak']:.0f} % of its peak"
-    return ModelCell(
+    return _ModelCell(
         show_digits(factor * far["size"], 3), f"at {show_digits(far['at_hz'], 4)} Hz\n{share}"
     )
 
 
-def _show_agreement(entry: EntrySummary, _: EntrySummary | None, __: float) -> ModelCell | None:
+def _show_agreement(entry: EntrySummary, _: EntrySummary | None, __: float) -> _ModelCell | None:
     far = entry["difference"]
     if far is None:
         return None
     to = far["agrees_to_hz"]
-    return ModelCell("nowhere" if to is None else f"{show_digits(to, 3)} Hz")
+    return _ModelCell("nowhere" if to is None else f"{show_digits(to, 3)} Hz")
 
 
 # heads with the reference, and what makes a cell from an entry, that of the reference and a factor of
 # units
 RESPONSE_ROWS: tuple[
-    tuple[str, Callable[[EntrySummary, EntrySummary | None, float], ModelCell | None]], ...
+    tuple[str, Callable[[EntrySummary, EntrySummary | None, float], _ModelCell | None]], ...
 ] = (
     ("largest dynamic compliance", _show_largest),
     ("most negative real part", _show_real),
@@ -206,21 +208,21 @@ RESPONSE_ROWS: tuple[
 
 def _response_section(
     output: Channel, given: Channel, found: Mapping[str, EntrySummary], reference: str
-) -> ModelSection:
+) -> _ModelSection:
     unit, factor = response_unit("receptance", output, given)
     own, rows = found.get(reference), []
     for head, show in RESPONSE_ROWS:
         cells = {
-            name: ModelCell(CANNOT) if entry["reason"] else show(entry, own, factor)
+            name: _ModelCell(CANNOT) if entry["reason"] else show(entry, own, factor)
             for name, entry in found.items()
         }
         shown = {name: cell for name, cell in cells.items() if cell is not None}
         if shown:
             rows.append(ModelRow(head.format(reference), shown))
-    return ModelSection(f"Response {name_entry(output, given)} [{unit}]", tuple(rows))
+    return _ModelSection(f"Response {name_entry(output, given)} [{unit}]", tuple(rows))
 
 
-def other_sections(summary: ComparisonSummary) -> list[ModelSection]:
+def other_sections(summary: ComparisonSummary) -> list[_ModelSection]:
     """A section per kind of numbers of analyses other than modes, compliances and responses; components
     of a vector share a row.
     """
@@ -233,7 +235,7 @@ def other_sections(summary: ComparisonSummary) -> list[ModelSection]:
                 columns.setdefault(name, []).append(number)
     order = [kind.label for kind in KINDS.values()]
     return [
-        ModelSection(
+        _ModelSection(
             f"{label[0].upper()}{label[1:]} [{unit}]",
             tuple(
                 ModelRow(
@@ -252,13 +254,13 @@ def other_sections(summary: ComparisonSummary) -> list[ModelSection]:
     ]
 
 
-def _other_cell(numbers: Sequence[OtherSummary], reference: Sequence[OtherSummary]) -> ModelCell:
+def _other_cell(numbers: Sequence[OtherSummary], reference: Sequence[OtherSummary]) -> _ModelCell:
     """Numbers of a row, of many the least and the largest; and by how much the largest differs from
     that of the reference.
     """
     sizes = [number["value"] for number in numbers if number["value"] is not None]
     if not sizes:
-        return ModelCell(MISSING)
+        return _ModelCell(MISSING)
     first = max(
         (number["value"] for number in reference if number["value"] is not None),
         key=abs,
@@ -266,7 +268,7 @@ def _other_cell(numbers: Sequence[OtherSummary], reference: Sequence[OtherSummar
     )
     change = show_change(max(sizes, key=abs), first)
     if len(numbers) > MOST_SHOWN:
-        return ModelCell(f"{show_digits(min(sizes), 4)} .. {show_digits(max(sizes), 4)}", change)
+        return _ModelCell(f"{show_digits(min(sizes), 4)} .. {show_digits(max(sizes), 4)}", change)
     least = ROUNDING * max(map(abs, sizes))
     shown = [
         MISSING
@@ -274,28 +276,28 @@ def _other_cell(numbers: Sequence[OtherSummary], reference: Sequence[OtherSummar
         else show_digits(0.0 if abs(number["value"]) < least else number["value"], 4)
         for number in numbers
     ]
-    return ModelCell(", ".join(shown), change)
+    return _ModelCell(", ".join(shown), change)
 
 
 def cost_rows(summary: ComparisonSummary) -> list[ModelRow]:
-    """What each model costs."""
+    """List what each model costs."""
 
-    def row(head: str, make: Callable[[VariantSummary], ModelCell]) -> ModelRow:
+    def row(head: str, make: Callable[[VariantSummary], _ModelCell]) -> ModelRow:
         return ModelRow(head, {name: make(each) for name, each in summary["variants"].items()})
 
-    def seconds(variant: VariantSummary) -> ModelCell:
+    def seconds(variant: VariantSummary) -> _ModelCell:
         effort = variant["effort"]
-        return ModelCell(f"{effort['seconds']['total']:.2f}", describe_store(effort))
+        return _ModelCell(f"{effort['seconds']['total']:.2f}", describe_store(effort))
 
     return [
-        row("dofs of the components", lambda each: ModelCell(_spaced(each["full_dofs"]))),
-        row("dofs solved for", lambda each: ModelCell(_spaced(each["coupled_dofs"]))),
+        row("dofs of the components", lambda each: _ModelCell(_spaced(each["full_dofs"]))),
+        row("dofs solved for", lambda each: _ModelCell(_spaced(each["coupled_dofs"]))),
         row("seconds from scene to results", seconds),
         row(
             "processor seconds",
-            lambda each: ModelCell(f"{each['effort']['cpu_seconds']['total']:.2f}"),
+            lambda each: _ModelCell(f"{each['effort']['cpu_seconds']['total']:.2f}"),
         ),
-        row("peak memory [MB]", lambda each: ModelCell(f"{each['effort']['peak_rss_mb']:.0f}")),
+        row("peak memory [MB]", lambda each: _ModelCell(f"{each['effort']['peak_rss_mb']:.0f}")),
     ]
 
 

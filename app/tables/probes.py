@@ -1,17 +1,25 @@
-"""Rows of displacement and stress at probes, under static loads and over frequency."""
+"""Rows of displacement and stress at probes, under static loads, over frequency and over time; and of what drives
+and joints take while a machine moves.
+"""
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 
-from headstock.app.tables.table import Column, PlainTable, tabulate_curves
+from headstock.app.tables.table import Cell, Column, Listing, PlainTable, tabulate, tabulate_curves
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.pipeline.answers.frf import ResponseCurves, ResponseSummary
-from headstock.pipeline.answers.path import PathCurves
-from headstock.pipeline.answers.probe_motions import ProbeMotionSummary, ProbeTrace
+from headstock.pipeline.answers.motion_forces import (
+    DriveForceSummary,
+    JointForceSummary,
+    ProbeMotionSummary,
+    ProbeTrace,
+)
+from headstock.pipeline.answers.path import FeedSummary, PathCurves
 from headstock.pipeline.answers.probes import (
     MEGA,
     MICRO,
@@ -20,7 +28,7 @@ from headstock.pipeline.answers.probes import (
     ProbeSummary,
     probe_units,
 )
-from headstock.pipeline.answers.transient import TransientCurves
+from headstock.pipeline.answers.transient import TransientCurves, TransientSummary
 from headstock.pipeline.results.mode_files import file_stem
 from headstock.solvers.second_order import ComplexArray, name_channel
 from headstock.solvers.stresses import STRESS_NAMES
@@ -93,7 +101,7 @@ PROBE_COLUMNS = (
 
 
 @dataclass(frozen=True)
-class ProbePeakRow:
+class _ProbePeakRow:
     """The largest equivalent stress at a probe under an input."""
 
     probe: str
@@ -101,16 +109,16 @@ class ProbePeakRow:
     peak: ProbePeakSummary
 
 
-def list_probe_peaks(response: ResponseSummary) -> list[ProbePeakRow]:
+def list_probe_peaks(response: ResponseSummary) -> list[_ProbePeakRow]:
     """Every probe of a frequency response under every input."""
     return [
-        ProbePeakRow(name, probe["component"], peak)
+        _ProbePeakRow(name, probe["component"], peak)
         for name, probe in response.get("probes", {}).items()
         for peak in probe["inputs"]
     ]
 
 
-PROBE_PEAK_COLUMNS: tuple[Column[ProbePeakRow], ...] = (
+PROBE_PEAK_COLUMNS: tuple[Column[_ProbePeakRow], ...] = (
     Column(lambda row: row.probe, "probe", "probe", "Probe"),
     Column(lambda row: row.component, "component", "in", "Component"),
     Column(lambda row: " ".join(row.peak["input"]), "load", "load", "Load"),
@@ -190,7 +198,7 @@ def _list_trace_columns(probe: ProbeTrace) -> list[tuple[str, FloatArray]]:
 
 
 def tabulate_probes(curves: ResponseCurves) -> PlainTable:
-    """A row per frequency: largest equivalent stress over a cycle with its error, and real and
+    """Tabulate a row per frequency: largest equivalent stress over a cycle with its error, and real and
     imaginary part of displacement and stress, at every probe under every input; SI.
     """
     columns = itertools.chain.from_iterable(map(_list_columns, curves.probes))
@@ -220,3 +228,128 @@ def _parts(values: ComplexArray) -> tuple[tuple[str, FloatArray], ...]:
         ("Re", np.asarray(values.real, dtype=float)),
         ("Im", np.asarray(values.imag, dtype=float)),
     )
+
+
+type MotorRow = tuple[str, DriveForceSummary]
+type JointForces = Mapping[str, JointForceSummary]
+type JointRow = tuple[str, JointForces]
+
+MOTOR_COLUMNS: tuple[Column[MotorRow], ...] = (
+    Column(lambda row: row[0], "drive", "drive", "Drive"),
+    Column(
+        lambda row: row[1]["torque_nm"],
+        "largest torque [N m]",
+        ">torque N m",
+        "Torque [N m]",
+        error=lambda row: row[1]["torque_off_nm"],
+    ),
+    Column(lambda row: row[1]["torque_off_nm"], "± torque [N m]"),
+    Column(lambda row: 1e3 * row[1]["torque_s"], "torque at [ms]", ">at ms", "at [ms]"),
+    Column(
+        lambda row: row[1]["position_error_um"],
+        "largest position error [um]",
+        ">position error µm",
+        "Position error [µm]",
+        error=lambda row: row[1]["position_error_off_um"],
+    ),
+    Column(lambda row: row[1]["position_error_off_um"], "± position error [um]"),
+    Column(
+        lambda row: 1e3 * row[1]["position_error_s"],
+        "position error at [ms]",
+        ">at ms ",
+        "at [ms]",
+    ),
+)
+
+
+def _largest(row: JointRow, unit: str) -> tuple[str, JointForceSummary] | None:
+    own = [(name, found) for name, found in row[1].items() if found["unit"] == unit]
+    return max(own, key=lambda item: abs(item[1]["force"]), default=None)
+
+
+def _read(row: JointRow, unit: str, what: Literal["direction", "force", "force_s"]) -> Cell:
+    largest = _largest(row, unit)
+    if largest is None:
+        return None
+    if what == "direction":
+        return largest[0]
+    return largest[1][what] * (1e3 if what == "force_s" else 1.0)
+
+
+def _find_error(row: JointRow, unit: str) -> float | None:
+    largest = _largest(row, unit)
+    return None if largest is None or not largest[1]["force"] else largest[1]["error"]
+
+
+# the largest force and the largest moment of each joint; files have all directions
+JOINT_FORCE_COLUMNS: tuple[Column[JointRow], ...] = (
+    Column(lambda row: row[0], "", "joint", "Joint"),
+    Column(lambda row: _read(row, "N", "direction"), "", "force in", "Force in"),
+    Column(
+        lambda row: _read(row, "N", "force"),
+        "",
+        ">N",
+        "[N]",
+        error=lambda row: _find_error(row, "N"),
+    ),
+    Column(lambda row: _read(row, "N", "force_s"), "", ">at ms", "at [ms]"),
+    Column(lambda row: _read(row, "N m", "direction"), "", "moment about", "Moment about"),
+    Column(
+        lambda row: _read(row, "N m", "force"),
+        "",
+        ">N m",
+        "[N m]",
+        error=lambda row: _find_error(row, "N m"),
+    ),
+    Column(lambda row: _read(row, "N m", "force_s"), "", ">at ms ", "at [ms]"),
+)
+
+
+FORCE_COLUMNS = {  # as templates call them
+    "probe_peaks_over_time": PROBE_MOTION_PEAKS,
+    "motors": MOTOR_COLUMNS,
+    "joint_forces": JOINT_FORCE_COLUMNS,
+}
+
+
+def list_force_tables(
+    found: FeedSummary | TransientSummary, where: str, stress: str
+) -> Iterator[Listing[Any]]:
+    """Yield what probes, drives and joints took at most, as far as there are any.
+
+    Args:
+        where: Ends the titles: at which feed or in which pose.
+        stress: Begins the title of probes.
+    """
+    if found["probes"]:
+        yield Listing(f"{stress} at probes {where}", PROBE_MOTION_PEAKS, found["probes"].items())
+    if found["drives"]:
+        yield Listing(f"Motors {where}", MOTOR_COLUMNS, found["drives"].items())
+    if found["joints"]:
+        title = f"Largest forces of joints {where}"
+        yield Listing(title, JOINT_FORCE_COLUMNS, found["joints"].items())
+
+
+def tabulate_forces(
+    found: FeedSummary | TransientSummary, stem: str, probes: str
+) -> Iterator[PlainTable]:
+    """Yield the same for files, joints with a row per direction.
+
+    Args:
+        stem: Ends the names of the files.
+        probes: Begins the name of that of probes.
+    """
+    if found["drives"]:
+        yield tabulate(f"motors_{stem}", MOTOR_COLUMNS, found["drives"].items())
+    if found["probes"]:
+        yield tabulate(f"{probes}_{stem}", PROBE_MOTION_PEAKS, found["probes"].items())
+    if found["joints"]:
+        yield PlainTable(
+            f"joint_forces_{stem}",
+            ("joint", "direction", "largest force on the first end", "±", "unit", "at [s]"),
+            tuple(
+                (joint, direction, force["force"], force["error"], force["unit"], force["force_s"])
+                for joint, directions in found["joints"].items()
+                for direction, force in directions.items()
+            ),
+        )

@@ -55,7 +55,7 @@ DEVIATION_COLUMNS: tuple[Column[DeviationRow], ...] = (
 
 
 def list_displacements(point: PointSummary) -> list[DeviationRow]:
-    """How a point is moved by each static load, errors of guides among them, and by all."""
+    """List how a point is moved by each static load, errors of guides among them, and by all."""
     if "displacement" not in point:
         return []
     rows = [

@@ -47,7 +47,7 @@ class Quantity:
     values: FloatArray
 
 
-def list_quantities(summary: SweepSummary) -> list[Quantity]:
+def list_swept(summary: SweepSummary) -> list[Quantity]:
     """Return frequencies of tracked modes, compliances, condition number, figures of frequency
     responses and limits of cuts.
     """
@@ -103,7 +103,7 @@ def _fill(name: str, title: str, unit: str, values: Numbers) -> Quantity:
 
 
 def limit_words(summary: SweepSummary) -> list[str]:
-    """What is stable in every pose, which modes limit it, and whether limits are confirmed; empty
+    """Say what is stable in every pose, which modes limit it, and whether limits are confirmed; empty
     without lobes.
     """
     words = []
@@ -131,10 +131,10 @@ def _end_of_range(limits: LimitMapSummary) -> str:
 
 
 def tabulate_sweep(summary: SweepSummary) -> PlainTable:
-    """A row per pose: its positions in SI, its state, every quantity with its unit in the head, and
+    """Tabulate a row per pose: its positions in SI, its state, every quantity with its unit in the head, and
     what gives most at each point.
     """
-    quantities = list_quantities(summary)
+    quantities = list_swept(summary)
     labels = summary["labels"] or [""] * len(summary["positions"])
     axes = [
         f"{axis} [{unit}]" for axis, unit in zip(summary["axes"], summary["units"], strict=True)

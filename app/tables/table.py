@@ -64,6 +64,25 @@ def tabulate[Row](name: str, columns: Sequence[Column[Row]], rows: Iterable[Row]
     )
 
 
+@dataclass(frozen=True, eq=False)
+class Listing[Row]:
+    """A table for files, terminal and report, which each take the columns that they have.
+
+    Attributes:
+        rows: As the columns take them.
+        name: Stem of its file; in the report its ``id`` is this with ``-table``.
+    """
+
+    title: str
+    columns: Sequence[Column[Row]]
+    rows: Iterable[Row]
+    name: str = ""
+
+    def tabulate(self) -> PlainTable:
+        """Return the columns that files have."""
+        return tabulate(self.name, self.columns, self.rows)
+
+
 def list_text_columns(*headings: str) -> list[Column[tuple[str, ...]]]:
     """Return columns of the screen for rows that are texts, a heading for each."""
     return [
@@ -73,7 +92,7 @@ def list_text_columns(*headings: str) -> list[Column[tuple[str, ...]]]:
 
 
 def tabulate_curves(name: str, columns: Iterable[tuple[str, FloatArray]]) -> PlainTable:
-    """A row per sample of curves.
+    """Tabulate a row per sample of curves.
 
     Args:
         columns: Heading and values ``(n,)`` of each; NaN where there is none.
@@ -86,7 +105,7 @@ def tabulate_curves(name: str, columns: Iterable[tuple[str, FloatArray]]) -> Pla
     return PlainTable(name, headings, cells)
 
 
-def find_scales[Row](columns: Sequence[Column[Row]], rows: Sequence[Row]) -> dict[str, float]:
+def find_unit_scales[Row](columns: Sequence[Column[Row]], rows: Sequence[Row]) -> dict[str, float]:
     """The largest number of a table in each unit, for :func:`drop_noise`.
 
     Args:

@@ -177,7 +177,7 @@ def _print_notes(console: Console, summary: ComparisonSummary) -> None:
 
 
 def print_effort(summary: ComparisonSummary) -> None:
-    """What the first model and a changed one cost, where that was measured from an empty store."""
+    """Print what the first model and a changed one cost, where that was measured from an empty store."""
     if "effort" not in summary:
         return
     change = summary["effort"]["change"]

@@ -42,7 +42,7 @@ class Screen(Console):
     def render(
         self, renderable: RenderableType, options: ConsoleOptions | None = None
     ) -> Iterable[Segment]:
-        """What is written, marks as spaces."""
+        """Write marks as spaces."""
         for segment in super().render(renderable, options):
             yield segment._replace(text=segment.text.replace(UNBROKEN_SPACE, " "))
 
@@ -52,7 +52,7 @@ def _keep_percents(text: str) -> str:
 
 
 def is_terminal(stream: TextIO) -> bool:
-    """Whether somebody looks at a stream; mpirun gives every rank a terminal of its own, wherever
+    """Tell whether somebody looks at a stream; mpirun gives every rank a terminal of its own, wherever
     its own output goes.
     """
     return stream.isatty() and not {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE"} & set(os.environ)
@@ -66,14 +66,14 @@ def make_console(*, stderr: bool = False) -> Console:
 
 
 def print_remarks(remarks: Sequence[str]) -> None:
-    """What the user should know: warnings of a run, or of how its results were written."""
+    """Print what the user should know: warnings of a run, or of how its results were written."""
     console = make_console()
     for remark in fold_remarks(remarks):
         console.print(f"warning: {remark}", style="yellow", markup=False)
 
 
 def print_assumptions(assumptions: Sequence[str]) -> None:
-    """Which values are the catalogue's, and how uncertain they are."""
+    """Print which values are the catalogue's, and how uncertain they are."""
     console = make_console()
     for assumption in assumptions:
         console.print(f"assumed: {assumption}", markup=False)

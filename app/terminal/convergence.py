@@ -5,7 +5,6 @@ number, the mesh that an accuracy takes, and all of it in one sentence.
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NotRequired, TypedDict
 
 from rich.console import Console
 
@@ -20,7 +19,6 @@ from headstock.app.terminal.console import (
     spaced,
 )
 from headstock.app.texts.bounded_values import show_bound, show_bounded
-from headstock.pipeline.storage.provenance import ProvenanceSummary
 from headstock.scene.studies import describe_point
 from headstock.studies.parameters.convergence import (
     Convergence,
@@ -40,27 +38,23 @@ FILES = ("convergence.csv", "convergence.json")
 
 
 def print_mesh(progress: StudyProgress) -> None:
-    """One line per mesh, when it is finished."""
-    record, seconds = progress.record, median_seconds(progress.record)
-    spent = f"{seconds[0]:8.2f} s" if seconds else f"{'':8}  "
-    dofs = 0 if record.summary is None else record.summary["totals"]["full_dofs"]
-    state = f"  {spaced(dofs)} dofs" if record.status == "done" else f"  failed: {record.error}"
-    known = "  finished before" if progress.known else ""
-    line = f"  mesh {progress.number + 1}  {spent}  {describe_point(progress.point)}{state[:ERROR_LENGTH]}{known}"
-    make_console().print(line, markup=False, soft_wrap=True)
+    """Print one line per mesh, when it is finished."""
+    _print_run(progress, f"mesh {progress.number + 1}", describe_point(progress.point))
 
 
 def print_feature_trial(progress: StudyProgress) -> None:
-    """One line per mesh without small features, when it is finished."""
-    record, seconds = progress.record, median_seconds(progress.record)
+    """Print one line per mesh without small features, when it is finished."""
     radius = next(iter(progress.point.varied.values()))
+    _print_run(progress, "again ", f"without fillets and holes up to {radius}")
+
+
+def _print_run(progress: StudyProgress, head: str, words: str) -> None:
+    record, seconds = progress.record, median_seconds(progress.record)
     spent = f"{seconds[0]:8.2f} s" if seconds else f"{'':8}  "
     dofs = 0 if record.summary is None else record.summary["totals"]["full_dofs"]
     state = f"  {spaced(dofs)} dofs" if record.status == "done" else f"  failed: {record.error}"
     known = "  finished before" if progress.known else ""
-    line = (
-        f"  again   {spent}  without fillets and holes up to {radius}{state[:ERROR_LENGTH]}{known}"
-    )
+    line = f"  {head}  {spent}  {words}{state[:ERROR_LENGTH]}{known}"
     make_console().print(line, markup=False, soft_wrap=True)
 
 
@@ -264,82 +258,27 @@ def _show_percent(share: float | None, *, signed: bool = True) -> str:
     return f"{text if signed else text.lstrip('+')} %"
 
 
-class MeshListing(TypedDict):
-    """A mesh that was computed."""
+def list_convergence(advice: MeshAdvice, scene: Path) -> dict[str, object]:
+    """Return the content of ``convergence.json``: everything that is printed, meshes from coarse to fine."""
+    found, costs, series = advice.found, advice.found.costs, advice.found.series
 
-    sizes: dict[str, str]
-    settings: dict[str, object]
-    dofs: int
-    seconds: float
-    memory_mb: float
+    def list_mesh(
+        factor: float, dofs: float, seconds: float, memory_mb: float
+    ) -> dict[str, object]:
+        return {
+            "sizes": series.sizes(factor),
+            "settings": dict(series.settings(factor)),
+            "dofs": dofs,
+            "seconds": seconds,
+            "memory_mb": memory_mb,
+        }
 
-
-class NumberListing(TypedDict):
-    """A number on every mesh, and its limit; None where a mesh has not got it."""
-
-    name: str
-    title: str
-    unit: str
-    values: list[float | None]
-    error_estimates: list[float | None]
-    from_limit: list[float | None]
-    limit: float
-    limit_error: float | None
-    order: float | None
-    remark: str
-
-
-class NeedListing(MeshListing):
-    """The mesh that an accuracy takes."""
-
-    accuracy: float
-    decided_by: str
-    reach: str
-
-
-class FeatureListing(TypedDict):
-    """A mesh without fillets, holes and pins up to a radius, beside the same with them."""
-
-    radius_m: float
-    change: float
-    decided_by: str
-    dofs: int
-    dofs_with: int
-    matters: bool
-
-
-class ConvergenceListing(TypedDict):
-    """The content of ``convergence.json``; meshes from coarse to fine."""
-
-    scene: str
-    text: str
-    meshes: list[MeshListing]
-    numbers: list[NumberListing]
-    needs: list[NeedListing]
-    features: list[FeatureListing]
-    end: str
-    failures: list[str]
-    provenance: NotRequired[ProvenanceSummary]
-
-
-def list_convergence(advice: MeshAdvice, scene: Path) -> ConvergenceListing:
-    """Everything that is printed, for ``--json``."""
-    found = advice.found
-    costs, series = found.costs, found.series
     return {
         "scene": scene.name,
         "text": _sum_up(advice),
         "meshes": [
-            {
-                "sizes": series.sizes(factor),
-                "settings": dict(series.settings(factor)),
-                "dofs": dofs,
-                "seconds": seconds,
-                "memory_mb": memory,
-            }
-            for factor, dofs, seconds, memory in zip(
-                costs.factors, costs.dofs, costs.seconds, costs.memory_mb, strict=True
-            )
+            list_mesh(*mesh)
+            for mesh in zip(costs.factors, costs.dofs, costs.seconds, costs.memory_mb, strict=True)
         ],
         "numbers": [
             _list_number(each, limit)
@@ -348,11 +287,7 @@ def list_convergence(advice: MeshAdvice, scene: Path) -> ConvergenceListing:
         "needs": [
             {
                 "accuracy": need.accuracy,
-                "sizes": series.sizes(need.factor),
-                "settings": dict(series.settings(need.factor)),
-                "dofs": need.dofs,
-                "seconds": need.seconds,
-                "memory_mb": need.memory_mb,
+                **list_mesh(need.factor, need.dofs, need.seconds, need.memory_mb),
                 "decided_by": need.decisive,
                 "reach": need.reach,
             }
@@ -374,7 +309,7 @@ def list_convergence(advice: MeshAdvice, scene: Path) -> ConvergenceListing:
     }
 
 
-def _list_number(each: MeshedNumber, limit: Limit) -> NumberListing:
+def _list_number(each: MeshedNumber, limit: Limit) -> dict[str, object]:
     return {
         "name": each.name,
         "title": each.title,
@@ -390,7 +325,7 @@ def _list_number(each: MeshedNumber, limit: Limit) -> NumberListing:
 
 
 def convergence_csv(found: Convergence) -> bytes:
-    """A row per mesh; of each number its value, what stands behind ±, and how far from the
+    """Tabulate a row per mesh; of each number its value, what stands behind ±, and how far from the
     limit.
     """
     costs = found.costs

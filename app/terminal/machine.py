@@ -62,7 +62,7 @@ def print_machine(
 def list_machine(
     scene: Scene, placed: PoseView, supports: Mapping[str, SupportView]
 ) -> dict[str, object]:
-    """What is shown, in SI units."""
+    """List what is shown, in SI units."""
     return {
         "components": {
             name: {

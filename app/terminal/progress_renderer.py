@@ -1,4 +1,4 @@
-"""The process that shows how a long stage goes on while the main one computes: a bar on a terminal,
+"""The process that shows how a long stage goes on while the follow_parent one computes: a bar on a terminal,
 plain lines elsewhere.
 
 It is run as a file and knows only the standard library, so that it starts in a few hundredths of a
@@ -48,7 +48,7 @@ def render_line(label: str, elapsed: float, expected: float) -> str:
     return f"  {label:<26} for {elapsed:.0f} s{about}"
 
 
-class Renderer:
+class _Renderer:
     """What is shown, and when next."""
 
     def __init__(self, kind: str, time_scale: float) -> None:
@@ -99,7 +99,7 @@ def _terminal_columns() -> int:
         return 80
 
 
-def main(arguments: list[str]) -> int:
+def follow_parent(arguments: list[str]) -> int:
     """Follow the parent's words.
 
     Args:
@@ -107,7 +107,7 @@ def main(arguments: list[str]) -> int:
             factor on all waiting times.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    renderer, answers = Renderer(arguments[0], float(arguments[2])), int(arguments[1])
+    renderer, answers = _Renderer(arguments[0], float(arguments[2])), int(arguments[1])
     waiting = b""
     while True:
         if not select.select([0], [], [], renderer.wait())[0]:
@@ -129,6 +129,6 @@ def main(arguments: list[str]) -> int:
 
 if __name__ == "__main__":
     try:
-        sys.exit(main(sys.argv[1:]))
+        sys.exit(follow_parent(sys.argv[1:]))
     except OSError:
         sys.exit(1)  # nobody looks any more

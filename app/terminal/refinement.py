@@ -2,9 +2,9 @@
 statements of the paper hold.
 """
 
+import dataclasses
 import math
 from collections.abc import Sequence
-from typing import TypedDict
 
 from rich.console import Console
 from rich.table import Table
@@ -91,32 +91,9 @@ def refinement_tables(
     ]
 
 
-class StatementListing(TypedDict):
-    """A statement as ``study.json`` has it."""
-
-    figure: int
-    models: str
-    text: str
-    confirmed: bool
-    decides: str
-    value: float | None
-    note: str
-
-
-def list_statements(statements: Sequence[EvaluatedStatement]) -> list[StatementListing]:
-    """Claims for ``--json``."""
-    return [
-        {
-            "figure": statement.figure,
-            "models": statement.models,
-            "text": statement.text,
-            "confirmed": statement.confirmed,
-            "decides": statement.decides,
-            "value": statement.value,
-            "note": statement.note,
-        }
-        for statement in statements
-    ]
+def list_statements(statements: Sequence[EvaluatedStatement]) -> list[dict[str, object]]:
+    """Return statements as ``study.json`` has them."""
+    return [dataclasses.asdict(statement) for statement in statements]
 
 
 def _reference_table(beam: ReferenceBeam) -> Table:

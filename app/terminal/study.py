@@ -5,7 +5,6 @@ reference run, error beside cost.
 import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Literal, NotRequired, TypedDict
 
 from rich.console import Console
 
@@ -18,14 +17,11 @@ from headstock.app.terminal.console import (
     print_table,
     spaced,
 )
-from headstock.app.terminal.refinement import StatementListing
-from headstock.app.texts.bounded_values import AND_MORE, show_bound, show_bounded, show_size
-from headstock.pipeline.storage.provenance import ProvenanceSummary
-from headstock.scene.reading.files import TomlValue
-from headstock.scene.reading.watch_paths import MEASURED_NAMES, Watched
+from headstock.app.texts.bounded_values import AND_MORE, show_bound, show_bounded, show_error
+from headstock.scene.reading.watch_paths import MEASURED_NAMES
 from headstock.scene.studies import describe_point, list_varied, shorten_key, show_setting
 from headstock.studies.parameters.costs import CostPoint, cheapest_within, weigh_costs
-from headstock.studies.parameters.records import POINTS_FILE, Measured, StudyRecord
+from headstock.studies.parameters.records import POINTS_FILE, StudyRecord
 from headstock.studies.parameters.runs import StudyProgress
 from headstock.studies.parameters.tables import (
     SizeSeries,
@@ -318,68 +314,10 @@ def study_csv(table: StudyTable) -> bytes:
     return encode_csv(PlainTable("study", headings, rows))
 
 
-class _Partly(TypedDict, total=False):
-    """Of errors with unknown sources: the sum of the known ones by column, and what they lack."""
-
-    known: dict[str, float]
-    unknown: list[str]
-
-
-class RowListing(_Partly):
-    """A point of a study; seconds have an item per repeat, ``missing`` says which watched paths led
-    nowhere.
+def list_study(table: StudyTable, scene: Path) -> dict[str, object]:
+    """Return the content of ``study.json``; with a published reference ``claims`` on its statements, and
+    costs with a reference run, join it.
     """
-
-    family: str
-    varied: dict[str, TomlValue]
-    status: Literal["done", "failed"]
-    error: str
-    values: dict[str, Watched]
-    missing: list[str]
-    measured: Measured
-    seconds: list[float]
-    cpu_seconds: list[float]
-    threads: int
-    ranks: int
-    cached_stages: int
-
-
-class SeriesListing(TypedDict):
-    """A watched number over the sizes of a mesh, and where it goes."""
-
-    column: str
-    family: str
-    others: dict[str, TomlValue]
-    sizes_m: list[float]
-    values: list[float]
-    order: float | None
-    extrapolated: float | None
-    finest_error: float | None
-    remark: str
-
-
-class StudyListing(TypedDict):
-    """The content of ``study.json``: ``claims`` judge the statements of a published reference, costs
-    compare with a reference run.
-    """
-
-    scene: str
-    study: str
-    reference: str | None
-    store: Literal["cold", "warm"]
-    repeats: int
-    timing: str
-    rows: list[RowListing]
-    orders: list[SeriesListing]
-    claims: NotRequired[list[StatementListing]]
-    own_claims: NotRequired[list[StatementListing]]
-    costs: NotRequired[list[dict[str, Cell]]]
-    digits: NotRequired[list[str]]
-    provenance: NotRequired[ProvenanceSummary]
-
-
-def list_study(table: StudyTable, scene: Path) -> StudyListing:
-    """Everything a study shows, for ``--json``."""
     return {
         "scene": scene.name,
         "study": table.study.name,
@@ -392,9 +330,12 @@ def list_study(table: StudyTable, scene: Path) -> StudyListing:
     }
 
 
-def _list_row(row: StudyRow) -> RowListing:
+def _list_row(row: StudyRow) -> dict[str, object]:
+    """Return a point: of errors with unknown sources ``known`` is the sum of the others, ``missing`` says
+    which watched paths led nowhere, seconds have an item per repeat.
+    """
     record = row.record
-    partly: _Partly = {"known": dict(row.known), "unknown": list(row.unknown)} if row.known else {}
+    partly = {"known": dict(row.known), "unknown": list(row.unknown)} if row.known else {}
     return {
         "family": record.family,
         "varied": record.varied,
@@ -412,7 +353,7 @@ def _list_row(row: StudyRow) -> RowListing:
     }
 
 
-def _list_series(series: SizeSeries) -> SeriesListing:
+def _list_series(series: SizeSeries) -> dict[str, object]:
     found = series.extrapolation
     return {
         "column": series.column,
@@ -477,7 +418,7 @@ def _break_heading(text: str) -> str:
 def _show_cell(row: StudyRow, column: str, *, repeats: int) -> str:
     value = row.values.get(column)
     if column in row.known:
-        return f"{show_size(row.known[column])} {AND_MORE}"
+        return f"{show_error(row.known[column])} {AND_MORE}"
     if value is None:
         return "failed" if row.record.status == "failed" else "-"
     if column in MEASURED_NAMES:

@@ -7,9 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from rich.console import Console
 from rich.table import Table
 
-from headstock.app.tables.components import COMPONENT_COLUMNS
 from headstock.app.tables.static import sort_shares
-from headstock.app.tables.table import Column, drop_noise, find_scales, find_unit
+from headstock.app.tables.table import Column, Listing, drop_noise, find_unit, find_unit_scales
 from headstock.app.terminal.console import (
     add_row,
     counted,
@@ -21,8 +20,8 @@ from headstock.app.terminal.console import (
     spaced,
 )
 from headstock.app.texts.bounded_values import show_bound, show_bounded
-from headstock.app.views.registry import find_views
-from headstock.app.views.view import FinishedRun, Listing, Shares, TerminalPart
+from headstock.app.views.registry import COMPONENT_COLUMNS, find_views
+from headstock.app.views.view import FinishedRun, Shares, TerminalPart
 from headstock.pipeline.planning.plan import Plan, StageRecord
 from headstock.pipeline.results.summary import RunSummary
 from headstock.scene.scene import Scene
@@ -115,7 +114,7 @@ def tell_rows[Row](columns: Sequence[Column[Row]], rows: Iterable[Row]) -> Table
     """A table on the screen, of the columns that it has there."""
     shown = [column for column in columns if column.screen]
     table, rows = make_table(*(column.screen for column in shown)), list(rows)
-    scales = find_scales(shown, rows)
+    scales = find_unit_scales(shown, rows)
     for row in rows:
         add_row(
             table, *(_tell(column, row, scales.get(find_unit(column), 0.0)) for column in shown)

@@ -40,7 +40,7 @@ FREE = "free"  # in place of a compliance that a free motion of the machine leav
 
 
 def bound_size(value: float | None, error: float | None) -> float | None:
-    """What stands behind ±, as a number: the error rounded up by the rule, at least the last digit
+    """Return the number behind ±: the error rounded up by the rule, at least the last digit
     that the value may have.
     """
     size = None if value is None else _round(value, error).size
@@ -86,7 +86,7 @@ def show_digits(value: float, digits: int) -> str:
     )
 
 
-def show_size(error: float | None) -> str:
+def show_error(error: float | None) -> str:
     """An error by itself, rounded as behind ±."""
     size = _round(0.0, error).size
     return "?" if size is None else _write(size)
@@ -249,18 +249,18 @@ def show_parts(largest: Mapping[str, float]) -> str:
 
 
 def shares_begin(modes: FrequencyErrors) -> str:
-    """What stands before the largest shares of a pose: what ± covers, unless none is complete."""
+    """Return the words before the largest shares of a pose: what ± covers, unless none is complete."""
     shares = modes.get("error_share", [])[modes["rigid_count"] :]
     complete = any(share and None not in share.values() for share in shares)
     return "± covers 95 % of errors, from" if complete else "known of ±, not all:"
 
 
 def error_words(modes: FrequencyErrors) -> list[str]:
-    """What is not in the errors of a pose's frequencies, and where there are none."""
+    """Say what is not in the errors of a pose's frequencies, and where there are none."""
     shares = modes.get("error_share", [])[modes["rigid_count"] :]
 
     def mark(source: str) -> str | None:
-        """How modes read whose error lacks a source; None where none does."""
+        """Mark modes whose error lacks a source; None where none does."""
         lacking = [share for share in shares if share.get(source, 0.0) is None]
         partly = any(known_part(share) is not None for share in lacking)
         wholly = any(known_part(share) is None for share in lacking)
@@ -296,7 +296,7 @@ def error_words(modes: FrequencyErrors) -> list[str]:
 
 
 def response_error_words(response: ResponseSummary) -> list[str]:
-    """How far the lines of a frequency response may be off, by source, and what is not in it; empty
+    """Say how far the lines of a frequency response may be off, by source, and what is not in it; empty
     where nothing is known.
     """
     found, left_out = response.get("error"), response.get("error_left_out")
@@ -366,7 +366,7 @@ def show_best_depth(best: BestSpeedSummary) -> str:
 
 
 def transient_words(transient: TransientSummary) -> list[str]:
-    """What a settling time means, where the errors of peaks come from, and how the energy adds up."""
+    """Say what a settling time means, where the errors of peaks come from, and how the energy adds up."""
     words = [f"settled: within {100 * transient['settled_within']:g} % of the way, or of the peak"]
     largest, unknown = largest_parts(
         (output["peak"], output["error_share"]) for output in transient["outputs"].values()
@@ -390,7 +390,7 @@ def transient_words(transient: TransientSummary) -> list[str]:
 
 
 def model_words(models: ModelErrorsSummary) -> str:
-    """What all rigid and segmented bodies together leave out."""
+    """Say what all rigid and segmented bodies together leave out."""
     changes = {
         name: abs(number["change"])
         for name, number in models["numbers"].items()
@@ -407,7 +407,7 @@ def model_words(models: ModelErrorsSummary) -> str:
 def accuracy_words(
     accuracy: AccuracySummary, responses: Mapping[str, ResponseSummary] | None = None
 ) -> list[str]:
-    """How settings were chosen for an accuracy: what was asked for, what is reached, with which
+    """Say how settings were chosen for an accuracy: what was asked for, what is reached, with which
     settings, and that lines of frequency responses by pose are further off, where they are.
     """
     rounds, reached = accuracy["rounds"], accuracy["estimated"]

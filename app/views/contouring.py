@@ -3,12 +3,12 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
-from headstock.app.drawings.milled_faces import draw_milled_faces
+from headstock.app.drawings.lobes import draw_milled_faces
 from headstock.app.drawings.path import draw_contour
 from headstock.app.tables.probes import PROBE_MOTION_PEAKS
-from headstock.app.tables.table import Column, PlainTable
+from headstock.app.tables.table import Column, Listing, PlainTable
 from headstock.app.texts.bounded_values import NO_BOUND, show_bound, show_bounded
-from headstock.app.views.view import FinishedRun, Listing, Section, TerminalPart, View
+from headstock.app.views.view import FinishedRun, Section, TerminalPart, View
 from headstock.geometry.frames import DIRECTIONS
 from headstock.pipeline.answers.contouring import (
     LOCKED_MOTORS,
@@ -26,7 +26,7 @@ type MilledKey = Literal[
 LEAST_WAVE_UM = 1e-3  # that is told of a profile
 
 
-class FaceRow(NamedTuple):
+class _FaceRow(NamedTuple):
     """A face of a contour: the gap beside it, its profile and its limit of stability where it has
     them.
     """
@@ -38,34 +38,34 @@ class FaceRow(NamedTuple):
     stability: StabilitySummary | None
 
 
-def list_faces(found: ContourSummary) -> list[FaceRow]:
+def _list_faces(found: ContourSummary) -> list[_FaceRow]:
     """Faces of a contour in the order of the path."""
     gaps = {face["face"]: face for face in found["faces"]}
     milled = {face["face"]: face for face in found.get("milled_faces", [])}
     stability = {face["face"]: face for face in found.get("stability", [])}
     names = {number: face["at"] for number, face in (gaps | milled).items()}
     return [
-        FaceRow(number, names[number], gaps.get(number), milled.get(number), stability.get(number))
+        _FaceRow(number, names[number], gaps.get(number), milled.get(number), stability.get(number))
         for number in sorted(names)
     ]
 
 
-def _of_milled(key: MilledKey) -> Callable[[FaceRow], float | None]:
+def _of_milled(key: MilledKey) -> Callable[[_FaceRow], float | None]:
     return lambda row: None if row.milled is None else row.milled[key]
 
 
-def _profile_error(key: MilledKey) -> Callable[[FaceRow], float | None]:
+def _profile_error(key: MilledKey) -> Callable[[_FaceRow], float | None]:
     return lambda row: None if row.milled is None else row.milled["errors"][key]
 
 
-def _tell_wave(row: FaceRow) -> str | None:
+def _tell_wave(row: _FaceRow) -> str | None:
     if row.milled is None or row.milled["strongest_wave"]["amplitude_um"] < LEAST_WAVE_UM:
         return None
     wave = row.milled["strongest_wave"]
     return f"{wave['length_mm']:.3g} mm, {wave['amplitude_um']:.2g} µm"
 
 
-def _parameter(name: str, key: MilledKey) -> Column[FaceRow]:
+def _parameter(name: str, key: MilledKey) -> Column[_FaceRow]:
     """Of the profile of a face, by its name in ISO 21920."""
     return Column(
         _of_milled(key),
@@ -77,7 +77,7 @@ def _parameter(name: str, key: MilledKey) -> Column[FaceRow]:
     )
 
 
-FACE_COLUMNS: tuple[Column[FaceRow], ...] = (
+FACE_COLUMNS: tuple[Column[_FaceRow], ...] = (
     Column(lambda row: row.face, "face", screen=">face", report="Face"),
     Column(lambda row: row.at, "at", screen="<at", report="At"),
     Column(
@@ -145,7 +145,7 @@ FACE_COLUMNS: tuple[Column[FaceRow], ...] = (
 
 
 def contour_words(found: ContourSummary) -> str | None:
-    """How the profiles were measured; None where there is none."""
+    """Say how the profiles were measured; None where there is none."""
     if not found.get("milled_faces"):
         return None
     face = found["milled_faces"][0]
@@ -172,7 +172,7 @@ def _contour_error_words(found: ContourSummary) -> str | None:
     return f"± of gaps, forces, torques and profiles: the contour once more {' and '.join(ways)}.{rest}"
 
 
-def limit_words(found: ContourSummary) -> str | None:
+def _limit_words(found: ContourSummary) -> str | None:
     """At which depth of cut chatter starts on each face; None where nobody asked."""
     faces = found.get("stability", [])
     if not faces:
@@ -256,7 +256,7 @@ def _list_tables(run: FinishedRun) -> Iterator[PlainTable]:
 def _list_listings(run: FinishedRun) -> Iterator[Listing[Any]]:
     contour = run.summary["contouring"]
     title = "Faces along the contour [µm]"
-    yield Listing(title, FACE_COLUMNS, list_faces(contour), "contour_faces")
+    yield Listing(title, FACE_COLUMNS, _list_faces(contour), "contour_faces")
     if contour["probes"]:
         title, rows = "Largest stress at probes along the contour", contour["probes"].items()
         yield Listing(title, PROBE_MOTION_PEAKS, rows, "probes_contour")
@@ -266,24 +266,11 @@ def _list_parts(run: FinishedRun) -> Iterator[TerminalPart]:
     contour = run.summary["contouring"]
     faces, *probes = _list_listings(run)
     yield faces
-    for words in (contour_words(contour), _contour_error_words(contour), limit_words(contour)):
+    for words in (contour_words(contour), _contour_error_words(contour), _limit_words(contour)):
         if words:
             yield f"  {words}"
             yield ""
     yield from probes
-
-
-def _write_section(_: FinishedRun) -> Section:
-    names = {
-        "columns": {"faces": FACE_COLUMNS, "probe_peaks_over_time": PROBE_MOTION_PEAKS},
-        "draw_contour": draw_contour,
-        "draw_milled_faces": draw_milled_faces,
-        "list_faces": list_faces,
-        "contour_words": contour_words,
-        "contour_error_words": _contour_error_words,
-        "largest": _find_largest,
-    }
-    return Section("contour", "Contouring", template="views/contouring.html", names=names)
 
 
 def _find_largest(rows: Iterable[Mapping[str, Sequence[float]]], *keys: str) -> float:
@@ -293,4 +280,21 @@ def _find_largest(rows: Iterable[Mapping[str, Sequence[float]]], *keys: str) -> 
     )
 
 
-VIEW = View(tables=_list_tables, terminal=_list_parts, section=_write_section)
+VIEW = View(
+    tables=_list_tables,
+    terminal=_list_parts,
+    section=Section(
+        "contour",
+        "Contouring",
+        template="views/contouring.html",
+        names={
+            "columns": {"faces": FACE_COLUMNS, "probe_peaks_over_time": PROBE_MOTION_PEAKS},
+            "draw_contour": draw_contour,
+            "draw_milled_faces": draw_milled_faces,
+            "list_faces": _list_faces,
+            "contour_words": contour_words,
+            "contour_error_words": _contour_error_words,
+            "largest": _find_largest,
+        },
+    ),
+)

@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from typing import Literal
 
 from headstock.app.drawings.figures import draw_poles
-from headstock.app.tables.table import Cell, Column, PlainTable, tabulate
+from headstock.app.tables.table import Cell, Column, Listing, PlainTable, tabulate
 from headstock.app.texts.bounded_values import show_damping
-from headstock.app.views.view import FinishedRun, Listing, Section, TerminalPart, View
+from headstock.app.views.view import FinishedRun, Section, TerminalPart, View
 from headstock.pipeline.answers.control import DriveSummary, PoleSummary
 from headstock.pipeline.results.mode_files import file_stem
 
@@ -79,13 +79,17 @@ def _list_parts(run: FinishedRun) -> Iterator[TerminalPart]:
         yield Listing(title, DRIVE_COLUMNS, control["drives"].items())
 
 
-def _write_section(_: FinishedRun) -> Section:
-    names = {
-        "columns": {"drives": DRIVE_COLUMNS, "poles": POLE_COLUMNS},
-        "draw_poles": draw_poles,
-        "enumerate": enumerate,
-    }
-    return Section("control", "Control", template="views/control.html", names=names)
-
-
-VIEW = View(tables=_list_tables, terminal=_list_parts, section=_write_section)
+VIEW = View(
+    tables=_list_tables,
+    terminal=_list_parts,
+    section=Section(
+        "control",
+        "Control",
+        template="views/control.html",
+        names={
+            "columns": {"drives": DRIVE_COLUMNS, "poles": POLE_COLUMNS},
+            "draw_poles": draw_poles,
+            "enumerate": enumerate,
+        },
+    ),
+)

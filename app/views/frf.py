@@ -11,10 +11,10 @@ from headstock.app.tables.frf import (
     tabulate_response,
 )
 from headstock.app.tables.probes import PROBE_PEAK_COLUMNS, list_probe_peaks, tabulate_probes
-from headstock.app.tables.table import PlainTable, tabulate
+from headstock.app.tables.table import Listing, PlainTable, tabulate
 from headstock.app.texts.bounded_values import response_error_words
 from headstock.app.texts.curves import overlaid_responses
-from headstock.app.views.view import FinishedRun, Listing, Section, TerminalPart, View
+from headstock.app.views.view import FinishedRun, Section, TerminalPart, View
 from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.results.mode_files import file_stem
 

@@ -4,9 +4,9 @@ from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 from headstock.app.drawings.lobes import draw_lobes
-from headstock.app.tables.table import Column, PlainTable, show_percent, tabulate
+from headstock.app.tables.table import Column, Listing, PlainTable, show_percent, tabulate
 from headstock.app.texts.bounded_values import limit_error_words, show_best_depth
-from headstock.app.views.view import FinishedRun, Listing, Section, TerminalPart, View
+from headstock.app.views.view import FinishedRun, Section, TerminalPart, View
 from headstock.pipeline.answers.lobes import (
     DirectionSummary,
     LobesSummary,
@@ -15,7 +15,7 @@ from headstock.pipeline.answers.lobes import (
 from headstock.pipeline.results.mode_files import file_stem
 
 
-class LobeRow(NamedTuple):
+class _LobeRow(NamedTuple):
     """A lobe of a direction of travel in a pose."""
 
     pose: str
@@ -23,10 +23,10 @@ class LobeRow(NamedTuple):
     lobe: LobeSummary
 
 
-def _list_lowest_lobes(lobes: Mapping[str, LobesSummary]) -> list[LobeRow]:
+def _list_lowest_lobes(lobes: Mapping[str, LobesSummary]) -> list[_LobeRow]:
     """The lowest limit of every pose and direction of travel."""
     return [
-        LobeRow(pose, direction, direction["lowest"])
+        _LobeRow(pose, direction, direction["lowest"])
         for pose, found in lobes.items()
         for direction in found["directions"]
         if direction["lowest"] is not None
@@ -42,7 +42,7 @@ def _tell_best(direction: DirectionSummary) -> str | None:
     return f"{show_best_depth(best[0])} at {best[0]['rpm']:.0f}" if best else None
 
 
-LOWEST_LOBE_COLUMNS: tuple[Column[LobeRow], ...] = (
+LOWEST_LOBE_COLUMNS: tuple[Column[_LobeRow], ...] = (
     Column(lambda row: row.pose, screen="pose", report="Pose"),
     Column(lambda row: row.direction["name"], screen="<travel", report="Travel"),
     Column(
@@ -72,7 +72,7 @@ LOWEST_LOBE_COLUMNS: tuple[Column[LobeRow], ...] = (
     ),
 )
 
-LOBE_COLUMNS: tuple[Column[LobeRow], ...] = (
+LOBE_COLUMNS: tuple[Column[_LobeRow], ...] = (
     Column(lambda row: row.pose, "pose"),
     Column(lambda row: row.direction["name"], "travel", report="Travel"),
     Column(lambda row: row.lobe["waves"], "waves", report="Waves"),
@@ -95,7 +95,7 @@ LOBE_COLUMNS: tuple[Column[LobeRow], ...] = (
 )
 
 
-def _list_lobes(pose: str, found: LobesSummary, most: int | None = None) -> list[LobeRow]:
+def _list_lobes(pose: str, found: LobesSummary, most: int | None = None) -> list[_LobeRow]:
     """Lobes of a pose, direction by direction, rising in speed.
 
     Args:
@@ -107,12 +107,12 @@ def _list_lobes(pose: str, found: LobesSummary, most: int | None = None) -> list
         if most is not None and len(lobes) > most:
             widest = sorted(lobes, key=lambda lobe: lobe["from_rpm"] - lobe["to_rpm"])[:most]
             lobes = sorted(widest, key=lambda lobe: lobe["from_rpm"])
-        rows += [LobeRow(pose, direction, lobe) for lobe in lobes]
+        rows += [_LobeRow(pose, direction, lobe) for lobe in lobes]
     return rows
 
 
 def _tabulate_limits(pose: str, found: LobesSummary) -> PlainTable:
-    """A row per direction and speed."""
+    """Tabulate a row per direction and speed."""
     rows = [
         (direction["name"], *values, None if lobe is None else direction["lobes"][lobe]["mode"])
         for direction in found["directions"]
@@ -160,15 +160,20 @@ def _title(lobes: Mapping[str, LobesSummary]) -> str:
     )
 
 
-def _write_section(_: FinishedRun) -> Section:
-    names = {
-        "columns": {"lobes": LOBE_COLUMNS, "lowest_lobes": LOWEST_LOBE_COLUMNS},
-        "draw_lobes": draw_lobes,
-        "limit_error_words": limit_error_words,
-        "list_lobes": _list_lobes,
-        "list_lowest_lobes": _list_lowest_lobes,
-    }
-    return Section("lobes", "Stability lobes", "Lobes", template="views/lobes.html", names=names)
-
-
-VIEW = View(tables=_list_tables, terminal=_list_parts, section=_write_section)
+VIEW = View(
+    tables=_list_tables,
+    terminal=_list_parts,
+    section=Section(
+        "lobes",
+        "Stability lobes",
+        "Lobes",
+        template="views/lobes.html",
+        names={
+            "columns": {"lobes": LOBE_COLUMNS, "lowest_lobes": LOWEST_LOBE_COLUMNS},
+            "draw_lobes": draw_lobes,
+            "limit_error_words": limit_error_words,
+            "list_lobes": _list_lobes,
+            "list_lowest_lobes": _list_lowest_lobes,
+        },
+    ),
+)

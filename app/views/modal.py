@@ -7,9 +7,9 @@ from typing import Literal
 from markupsafe import Markup
 
 from headstock.app.drawings.figures import draw_frequencies, draw_stack
-from headstock.app.drawings.markup import typeset, write_beside, write_data
+from headstock.app.drawings.markup import typeset, write_data, write_error
 from headstock.app.tables.static import merge_families, top_shares
-from headstock.app.tables.table import Column, PlainTable
+from headstock.app.tables.table import Column, Listing, PlainTable
 from headstock.app.texts.bounded_values import (
     bound_size,
     error_words,
@@ -19,10 +19,10 @@ from headstock.app.texts.bounded_values import (
     show_bounded,
     show_damped,
     show_damping_error,
-    show_size,
+    show_error,
     show_span,
 )
-from headstock.app.views.view import FinishedRun, Listing, Section, TerminalPart, View
+from headstock.app.views.view import FinishedRun, Section, TerminalPart, View
 from headstock.geometry.machine.machine import show_position
 from headstock.pipeline.answers.modal import ModesSummary
 from headstock.pipeline.numbers.estimates import known_part
@@ -113,7 +113,8 @@ def _list_parts(run: FinishedRun) -> Iterator[TerminalPart]:
     for modes in run.summary["modal"]:
         yield _list_modes(modes)
         found = ", ".join(
-            f"{source} up to {show_size(size)} Hz" for source, size in largest_shares(modes).items()
+            f"{source} up to {show_error(size)} Hz"
+            for source, size in largest_shares(modes).items()
         )
         if found:
             yield f"  {shares_begin(modes)} {found}"
@@ -191,24 +192,6 @@ def _list_modes(modes: ModesSummary) -> Listing[ModeRow]:
     return Listing(f"Natural modes in pose {pose}", columns, rows)
 
 
-def _write_section(_: FinishedRun) -> Section:
-    names = {
-        "list_modes": list_modes,
-        "draw_frequencies": draw_frequencies,
-        "draw_stack": draw_stack,
-        "damped_cells": _write_damped,
-        "damping_cells": _write_damping,
-        "size": lambda error: Markup('<data class="bound" value="{}">{}</data>').format(
-            repr(error), typeset(show_size(error))
-        ),
-        "top": lambda shares: top_shares(shares, SHARES_NAMED, SMALLEST_NAMED),
-        "largest_shares": largest_shares,
-        "shares_begin": shares_begin,
-        "error_words": error_words,
-    }
-    return Section("modes", "Natural modes", template="views/modal.html", names=names)
-
-
 def _write_damping(mode: ModeRow) -> tuple[Markup, Markup]:
     """Write damping ratio of a mode, and its ±."""
     shown, bound = show_damping_error(mode.damping_ratio, mode.damping_error, rigid=mode.rigid)
@@ -217,7 +200,7 @@ def _write_damping(mode: ModeRow) -> tuple[Markup, Markup]:
         if mode.damping_ratio is None
         else write_data(mode.damping_ratio, typeset(shown))
     )
-    return value, write_beside(mode.damping_error, bound)
+    return value, write_error(mode.damping_error, bound)
 
 
 def _write_damped(mode: ModeRow) -> tuple[Markup, Markup]:
@@ -228,11 +211,29 @@ def _write_damped(mode: ModeRow) -> tuple[Markup, Markup]:
         if mode.damped_hz is None
         else write_data(mode.damped_hz, typeset(shown) if mode.damped_hz else shown)
     )
-    return value, write_beside(mode.damped_error_hz, bound)
+    return value, write_error(mode.damped_error_hz, bound)
 
 
 VIEW = View(
     tables=lambda run: map(_tabulate_modes, run.summary["modal"]),
     terminal=_list_parts,
-    section=_write_section,
+    section=Section(
+        "modes",
+        "Natural modes",
+        template="views/modal.html",
+        names={
+            "list_modes": list_modes,
+            "draw_frequencies": draw_frequencies,
+            "draw_stack": draw_stack,
+            "damped_cells": _write_damped,
+            "damping_cells": _write_damping,
+            "size": lambda error: Markup('<data class="bound" value="{}">{}</data>').format(
+                repr(error), typeset(show_error(error))
+            ),
+            "top": lambda shares: top_shares(shares, SHARES_NAMED, SMALLEST_NAMED),
+            "largest_shares": largest_shares,
+            "shares_begin": shares_begin,
+            "error_words": error_words,
+        },
+    ),
 )

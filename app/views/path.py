@@ -4,17 +4,22 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-from headstock.app.drawings.path import draw_path
-from headstock.app.drawings.transient import draw_path_drives
-from headstock.app.tables.motion_forces import (
-    JOINT_FORCE_COLUMNS,
-    MOTOR_COLUMNS,
-    tabulate_joint_forces,
+from headstock.app.drawings.path import draw_path, draw_path_drives
+from headstock.app.tables.probes import (
+    FORCE_COLUMNS,
+    list_force_tables,
+    list_motion_columns,
+    tabulate_forces,
 )
-from headstock.app.tables.probes import PROBE_MOTION_PEAKS, list_motion_columns
-from headstock.app.tables.table import Column, PlainTable, show_deviation, tabulate, tabulate_curves
+from headstock.app.tables.table import (
+    Column,
+    Listing,
+    PlainTable,
+    show_deviation,
+    tabulate_curves,
+)
 from headstock.app.texts.bounded_values import NO_BOUND, largest_parts, show_parts
-from headstock.app.views.view import FinishedRun, Listing, Section, TerminalPart, View
+from headstock.app.views.view import FinishedRun, Section, TerminalPart, View
 from headstock.geometry.machine.machine import SCENE_UNITS, show_position
 from headstock.pipeline.answers.path import (
     CruiseSummary,
@@ -34,7 +39,7 @@ PART_NAMES = {
 }
 
 
-class ZoneRow(NamedTuple):
+class _ZoneRow(NamedTuple):
     """What a path analysis says of an output while a ramp lasts; sizes in µm or µrad."""
 
     run: FeedSummary
@@ -45,7 +50,7 @@ class ZoneRow(NamedTuple):
     parts: Mapping[str, float | None]  # of ± of its peak, by source
 
     def error(self, name: str) -> float | None:
-        """How far one of its sizes may be off; None where nobody says, or it is zero."""
+        """Return the error of one of its sizes; None where nobody says, or it is zero."""
         key = f"{name}_{deviation_unit((self.channel[0], self.channel[1]))[0]}"
         return _known_error(self.found[key], self.errors, key)
 
@@ -54,10 +59,10 @@ class ZoneRow(NamedTuple):
         return self.found[f"{name}_{deviation_unit((self.channel[0], self.channel[1]))[0]}"]
 
 
-def _list_zones(path: PathSummary, output: int | None = None) -> list[ZoneRow]:
+def _list_zones(path: PathSummary, output: int | None = None) -> list[_ZoneRow]:
     """Every feed, output and ramp of a path analysis; of one output where its number is given."""
     return [
-        ZoneRow(run, shown["dof"], zone, found, shown["errors"][zone], shown["error_share"][zone])
+        _ZoneRow(run, shown["dof"], zone, found, shown["errors"][zone], shown["error_share"][zone])
         for run in path["feeds"]
         for number, shown in enumerate(run["outputs"])
         if output in (None, number)
@@ -80,7 +85,7 @@ def _known_error(
     return math.nan if error is None else error
 
 
-ZONE_COLUMNS: tuple[Column[ZoneRow], ...] = (
+ZONE_COLUMNS: tuple[Column[_ZoneRow], ...] = (
     Column(lambda row: row.run["name"], screen="feed", report="Feed"),
     Column(lambda row: " ".join(row.channel), screen="<at"),
     Column(lambda row: row.zone, screen="<zone", report="Zone"),
@@ -122,7 +127,7 @@ ZONE_COLUMNS: tuple[Column[ZoneRow], ...] = (
 )
 
 
-class CruiseRow(NamedTuple):
+class _CruiseRow(NamedTuple):
     """An output of a path at constant feed."""
 
     run: FeedSummary
@@ -131,23 +136,23 @@ class CruiseRow(NamedTuple):
     errors: ZoneSummary
 
     def error(self, name: str, value: float) -> float | None:
-        """How far one of its sizes may be off."""
+        """Return the error of one of its sizes."""
         return _known_error(value, self.errors, name)
 
 
-def _list_cruises(path: PathSummary, output: int | None = None) -> list[CruiseRow]:
+def _list_cruises(path: PathSummary, output: int | None = None) -> list[_CruiseRow]:
     """Every feed and output of a path on which errors of guides act; of one output where its number
     is given.
     """
     return [
-        CruiseRow(run, shown["dof"], shown["cruising"], shown["errors"]["cruising"])
+        _CruiseRow(run, shown["dof"], shown["cruising"], shown["errors"]["cruising"])
         for run in path["feeds"]
         for number, shown in enumerate(run["outputs"])
         if output in (None, number) and "cruising" in shown
     ]
 
 
-CRUISE_COLUMNS: tuple[Column[CruiseRow], ...] = (
+CRUISE_COLUMNS: tuple[Column[_CruiseRow], ...] = (
     Column(lambda row: row.run["name"], screen="feed", report="Feed"),
     Column(lambda row: " ".join(row.channel), screen="<at"),
     Column(
@@ -203,7 +208,7 @@ def path_stem(feed: str) -> str:
 
 
 def tabulate_path(curves: PathCurves) -> PlainTable:
-    """A row per sample: time, set point, the deviation of every output with its parts, and what drives
+    """Tabulate a row per sample: time, set point, the deviation of every output with its parts, and what drives
     under control do.
     """
     found = curves.deviation
@@ -225,13 +230,7 @@ def tabulate_path(curves: PathCurves) -> PlainTable:
 
 def _list_tables(run: FinishedRun) -> Iterator[PlainTable]:
     for feed in run.summary["path"]["feeds"]:
-        stem = path_stem(feed["name"])
-        if feed["drives"]:
-            yield tabulate(f"motors_{stem}", MOTOR_COLUMNS, feed["drives"].items())
-        if feed["probes"]:
-            yield tabulate(f"probes_{stem}", PROBE_MOTION_PEAKS, feed["probes"].items())
-        if feed["joints"]:
-            yield tabulate_joint_forces(f"joint_forces_{stem}", feed["joints"])
+        yield from tabulate_forces(feed, path_stem(feed["name"]), "probes")
 
 
 def _list_parts(run: FinishedRun) -> Iterator[TerminalPart]:
@@ -243,15 +242,7 @@ def _list_parts(run: FinishedRun) -> Iterator[TerminalPart]:
     yield from (f"  {words}" for words in _path_error_words(path))
     yield ""
     for feed in path["feeds"]:
-        name = f"at {feed['name']}"
-        if feed["probes"]:
-            title = f"Largest stress at probes {name}"
-            yield Listing(title, PROBE_MOTION_PEAKS, feed["probes"].items())
-        if feed["drives"]:
-            yield Listing(f"Motors {name}", MOTOR_COLUMNS, feed["drives"].items())
-        if feed["joints"]:
-            title = f"Largest forces of joints {name}"
-            yield Listing(title, JOINT_FORCE_COLUMNS, feed["joints"].items())
+        yield from list_force_tables(feed, f"at {feed['name']}", "Largest stress")
 
 
 def _title(path: PathSummary) -> str:
@@ -270,9 +261,7 @@ def _write_section(run: FinishedRun) -> Section | None:
         "columns": {
             "zones": ZONE_COLUMNS,
             "cruises": CRUISE_COLUMNS,
-            "probe_peaks_over_time": PROBE_MOTION_PEAKS,
-            "motors": MOTOR_COLUMNS,
-            "joint_forces": JOINT_FORCE_COLUMNS,
+            **FORCE_COLUMNS,
         },
         "draw_path": draw_path,
         "draw_path_drives": draw_path_drives,

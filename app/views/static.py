@@ -1,4 +1,6 @@
-"""Static compliance at points: matrices, budgets and displacements under static loads."""
+"""Static compliance at points: matrices, budgets and displacements under static loads; displacement and stress at
+points of components under them.
+"""
 
 from collections.abc import Iterator
 
@@ -6,6 +8,7 @@ from markupsafe import Markup
 
 from headstock.app.drawings.figures import draw_budget
 from headstock.app.drawings.markup import typeset, write_data
+from headstock.app.tables.probes import PROBE_COLUMNS, PROBE_MOTION_COLUMNS, PROBE_STRESS_COLUMNS
 from headstock.app.tables.static import (
     DEVIATION_COLUMNS,
     list_displacements,
@@ -15,10 +18,11 @@ from headstock.app.tables.static import (
     tabulate_compliance,
     tabulate_whole_compliance,
 )
-from headstock.app.tables.table import PlainTable, list_text_columns, tabulate
+from headstock.app.tables.table import Listing, PlainTable, list_text_columns, tabulate
 from headstock.app.texts.bounded_values import show_bound, show_compliances
-from headstock.app.views.view import FinishedRun, Listing, Section, Shares, TerminalPart, View
+from headstock.app.views.view import FinishedRun, Section, Shares, TerminalPart, View
 from headstock.geometry.frames import DIRECTIONS
+from headstock.pipeline.answers.probes import ProbeSummary
 from headstock.pipeline.answers.static import PointSummary
 from headstock.pipeline.numbers.estimates import known_part
 from headstock.pipeline.results.mode_files import file_stem
@@ -111,3 +115,26 @@ def _write_moved(point: PointSummary, row: int, column: int) -> Markup:
 
 
 VIEW = View(tables=_list_tables, terminal=_list_parts, section=_write_section)
+
+
+def _list_probes(run: FinishedRun) -> Iterator[Listing[tuple[str, ProbeSummary]]]:
+    for pose, probes in run.summary["probes"].items():
+        title = f"Under the static loads in pose {pose}"
+        yield Listing(title, PROBE_COLUMNS, probes.items(), f"probes_{file_stem(pose)}")
+
+
+PROBES_VIEW = View(
+    tables=lambda run: (listing.tabulate() for listing in _list_probes(run)),
+    terminal=_list_probes,
+    section=Section(
+        "probes",
+        "Probes",
+        template="views/probes.html",
+        names={
+            "columns": {
+                "probe_motions": PROBE_MOTION_COLUMNS,
+                "probe_stresses": PROBE_STRESS_COLUMNS,
+            }
+        },
+    ),
+)

@@ -3,23 +3,24 @@
 import math
 from collections.abc import Iterator
 
-from headstock.app.drawings.transient import draw_transient
-from headstock.app.tables.motion_forces import (
-    JOINT_FORCE_COLUMNS,
-    MOTOR_COLUMNS,
-    tabulate_joint_forces,
+from headstock.app.drawings.path import draw_transient
+from headstock.app.tables.probes import (
+    FORCE_COLUMNS,
+    list_force_tables,
+    list_motion_columns,
+    tabulate_forces,
 )
-from headstock.app.tables.probes import PROBE_MOTION_PEAKS, list_motion_columns
 from headstock.app.tables.table import (
     Cell,
     Column,
+    Listing,
     PlainTable,
     show_percent,
     tabulate,
     tabulate_curves,
 )
 from headstock.app.texts.bounded_values import transient_words
-from headstock.app.views.view import FinishedRun, Listing, Section, TerminalPart, View
+from headstock.app.views.view import FinishedRun, Section, TerminalPart, View
 from headstock.pipeline.answers.path import deviation_unit
 from headstock.pipeline.answers.transient import (
     MovedOutputSummary,
@@ -81,7 +82,7 @@ def _transient_stem(curves: TransientCurves) -> str:
 
 
 def tabulate_transient(curves: TransientCurves) -> PlainTable:
-    """A row per sample: time, every load, the displacement of every output, stress and displacement at probes, and what
+    """Tabulate a row per sample: time, every load, the displacement of every output, stress and displacement at probes, and what
     drives under control do.
     """
     columns = [("time [s]", curves.times)]
@@ -99,13 +100,7 @@ def _list_tables(run: FinishedRun) -> Iterator[PlainTable]:
     for pose, transient in run.summary["transient"].items():
         stem = file_stem(pose)
         yield tabulate(f"peaks_{stem}", MOVED_COLUMNS, _list_moved(transient))
-        if transient["drives"]:
-            yield tabulate(f"motors_{stem}", MOTOR_COLUMNS, transient["drives"].items())
-        if transient["probes"]:
-            name = f"probes_over_time_{stem}"
-            yield tabulate(name, PROBE_MOTION_PEAKS, transient["probes"].items())
-        if transient["joints"]:
-            yield tabulate_joint_forces(f"joint_forces_{stem}", transient["joints"])
+        yield from tabulate_forces(transient, stem, "probes_over_time")
 
 
 def _list_parts(run: FinishedRun) -> Iterator[TerminalPart]:
@@ -117,14 +112,7 @@ def _list_parts(run: FinishedRun) -> Iterator[TerminalPart]:
             _list_moved(transient),
         )
         yield from (f"  {words}" for words in transient_words(transient))
-        if transient["probes"]:
-            title = f"Largest stress over time at probes in pose {pose}"
-            yield Listing(title, PROBE_MOTION_PEAKS, transient["probes"].items())
-        if transient["drives"]:
-            yield Listing(f"Motors in pose {pose}", MOTOR_COLUMNS, transient["drives"].items())
-        if transient["joints"]:
-            title = f"Largest forces of joints in pose {pose}"
-            yield Listing(title, JOINT_FORCE_COLUMNS, transient["joints"].items())
+        yield from list_force_tables(transient, f"in pose {pose}", "Largest stress over time")
 
 
 def _write_section(run: FinishedRun) -> Section | None:
@@ -133,9 +121,7 @@ def _write_section(run: FinishedRun) -> Section | None:
         "histories": {history.pose: history for history in histories},
         "columns": {
             "moved": MOVED_COLUMNS,
-            "probe_peaks_over_time": PROBE_MOTION_PEAKS,
-            "motors": MOTOR_COLUMNS,
-            "joint_forces": JOINT_FORCE_COLUMNS,
+            **FORCE_COLUMNS,
         },
         "draw_transient": draw_transient,
         "list_moved": _list_moved,

@@ -4,8 +4,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from headstock.app.tables.table import Column, PlainTable, tabulate
-from headstock.pipeline.results.curves import Curves, find_curves
+from headstock.app.tables.table import Listing, PlainTable
+from headstock.pipeline.results.files import Curves, find_curves
 from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.results.views import MachineView
 
@@ -31,25 +31,6 @@ class FinishedRun:
     def find_curves[Kind: Curves](self, kind: type[Kind]) -> list[Kind]:
         """Return the curves of one kind, in the order of their stages."""
         return find_curves(self.curves, kind)
-
-
-@dataclass(frozen=True, eq=False)
-class Listing[Row]:
-    """A table for files, terminal and report, which each take the columns that they have.
-
-    Attributes:
-        rows: As the columns take them.
-        name: Stem of its file; in the report its ``id`` is this with ``-table``.
-    """
-
-    title: str
-    columns: Sequence[Column[Row]]
-    rows: Iterable[Row]
-    name: str = ""
-
-    def tabulate(self) -> PlainTable:
-        """Return the columns that files have."""
-        return tabulate(self.name, self.columns, self.rows)
 
 
 @dataclass(frozen=True)
@@ -102,10 +83,14 @@ class View:
         tables: For files; the report offers them, too.
         long_tables: For files only: a row per sample.
         terminal: Tables, shares and lines in order.
-        section: Of the report; None for none.
+        section: Of the report, or what makes it of a run; None for none.
     """
 
     tables: Callable[[FinishedRun], Iterable[PlainTable]] = _show_nothing
     long_tables: Callable[[FinishedRun], Iterable[PlainTable]] = _show_nothing
     terminal: Callable[[FinishedRun], Iterable[TerminalPart]] = _show_nothing
-    section: Callable[[FinishedRun], Section | None] = lambda _: None
+    section: Section | Callable[[FinishedRun], Section | None] | None = None
+
+    def make_section(self, run: FinishedRun) -> Section | None:
+        """Return the section of the report; None for none."""
+        return self.section(run) if callable(self.section) else self.section

@@ -1,7 +1,8 @@
-"""Position errors of points over a volume of poses."""
+"""Position errors of points over a volume of poses, and quantities of a mechanism over its workspace."""
 
 import math
 from collections.abc import Iterator, Mapping
+from itertools import product
 from typing import NamedTuple
 
 from headstock.app.drawings.figures import draw_budget, draw_map, map_layers
@@ -12,11 +13,11 @@ from headstock.app.tables.static import (
     merge_families,
     tabulate_budget,
 )
-from headstock.app.tables.table import Column, PlainTable, show_deviation, tabulate
+from headstock.app.tables.table import Column, Listing, PlainTable, show_deviation, tabulate
 from headstock.app.texts.bounded_values import NO_BOUND, show_bound, show_bounded
-from headstock.app.views.map import tabulate_map
-from headstock.app.views.view import FinishedRun, Listing, Section, Shares, TerminalPart, View
+from headstock.app.views.view import FinishedRun, Section, Shares, TerminalPart, View
 from headstock.geometry.machine.machine import show_position
+from headstock.pipeline.answers.map import Grid, GridSummary
 from headstock.pipeline.answers.volumetric import (
     SYMBOLS,
     TOTAL,
@@ -25,6 +26,34 @@ from headstock.pipeline.answers.volumetric import (
     VolumetricSummary,
 )
 from headstock.pipeline.results.mode_files import file_stem
+
+
+def tabulate_map(stem: str, found: GridSummary) -> PlainTable:
+    """Tabulate a row per pose with every quantity."""
+    names = list(found["quantities"])
+    flat = [_flatten(found["quantities"][name]) for name in names]
+    rows = tuple(
+        (*place, *values)
+        for place, *values in zip(product(*found["positions"]), *flat, strict=True)
+    )
+    return PlainTable(stem, (*found["axes"], *names), rows)
+
+
+def _flatten(values: Grid) -> list[float | None]:
+    return [
+        value for item in values for value in (_flatten(item) if isinstance(item, list) else [item])
+    ]
+
+
+MAP_VIEW = View(
+    tables=lambda run: [tabulate_map("map", run.summary["map"])],
+    section=Section(
+        "map",
+        "Workspace map",
+        template="views/map.html",
+        names={"draw_map": draw_map, "map_layers": map_layers},
+    ),
+)
 
 
 def _list_ranges(found: VolumetricSummary) -> list[DeviationRow]:
@@ -48,24 +77,24 @@ def _list_errors(errors: Mapping[str, float | None]) -> list[float]:
     return [math.nan if error is None else 1e-6 * error for error in errors.values()]
 
 
-class LineRow(NamedTuple):
+class _LineRow(NamedTuple):
     """Deviations of the error motions along one axis."""
 
     axis: str
     line: AxisMotionsSummary
 
 
-def _list_lines(found: VolumetricSummary) -> list[LineRow]:
+def _list_lines(found: VolumetricSummary) -> list[_LineRow]:
     """The axes of a volumetric map."""
-    return [LineRow(axis, line) for axis, line in found["lines"].items()]
+    return [_LineRow(axis, line) for axis, line in found["lines"].items()]
 
 
-def _line_column(dof: int) -> Column[LineRow]:
+def _line_column(dof: int) -> Column[_LineRow]:
     symbol = SYMBOLS[dof]
     unit = "um" if dof < 3 else "urad"
     shown = f"{symbol} [{'µm' if dof < 3 else 'µrad'}]"
 
-    def error(row: LineRow) -> float | None:
+    def error(row: _LineRow) -> float | None:
         errors = _list_errors(row.line["errors"])
         still = show_deviation(row.line["deviations"][symbol]) == "0"
         return None if still or not errors else 1e6 * errors[dof]
@@ -80,14 +109,14 @@ def _line_column(dof: int) -> Column[LineRow]:
     )
 
 
-def _line_error(dof: int) -> Column[LineRow]:
+def _line_error(dof: int) -> Column[_LineRow]:
     symbol = SYMBOLS[dof]
     return Column(
         lambda row: row.line["errors"][symbol], f"± {symbol} [{'um' if dof < 3 else 'urad'}]"
     )
 
 
-LINE_COLUMNS: tuple[Column[LineRow], ...] = (
+LINE_COLUMNS: tuple[Column[_LineRow], ...] = (
     Column(lambda row: row.axis, "axis", "axis", "Axis"),
     *(_line_column(dof) for dof in range(6)),
     *(_line_error(dof) for dof in range(6)),
@@ -165,26 +194,29 @@ def _list_parts(run: FinishedRun) -> Iterator[TerminalPart]:
         yield ""
 
 
-def _write_section(_: FinishedRun) -> Section:
-    names = {
-        "columns": {
-            "deviations": DEVIATION_COLUMNS,
-            "lines": LINE_COLUMNS,
-            "squareness": SQUARENESS_COLUMNS,
+VIEW = View(
+    tables=_list_tables,
+    terminal=_list_parts,
+    section=Section(
+        "volumetric",
+        "Volumetric errors",
+        template="views/volumetric.html",
+        names={
+            "columns": {
+                "deviations": DEVIATION_COLUMNS,
+                "lines": LINE_COLUMNS,
+                "squareness": SQUARENESS_COLUMNS,
+            },
+            "draw_budget": draw_budget,
+            "draw_map": draw_map,
+            "draw_motions": draw_motions,
+            "draw_volume": draw_volume,
+            "list_lines": _list_lines,
+            "list_maps": list_maps,
+            "list_ranges": _list_ranges,
+            "map_layers": map_layers,
+            "merge_families": merge_families,
+            "volumetric_words": _volumetric_words,
         },
-        "draw_budget": draw_budget,
-        "draw_map": draw_map,
-        "draw_motions": draw_motions,
-        "draw_volume": draw_volume,
-        "list_lines": _list_lines,
-        "list_maps": list_maps,
-        "list_ranges": _list_ranges,
-        "map_layers": map_layers,
-        "merge_families": merge_families,
-        "volumetric_words": _volumetric_words,
-    }
-    template = "views/volumetric.html"
-    return Section("volumetric", "Volumetric errors", template=template, names=names)
-
-
-VIEW = View(tables=_list_tables, terminal=_list_parts, section=_write_section)
+    ),
+)

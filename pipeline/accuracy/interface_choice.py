@@ -21,8 +21,8 @@ from headstock.pipeline.accuracy.interface_errors import (
     make_shaped_machines,
 )
 from headstock.pipeline.accuracy.rounds import replace_components
+from headstock.pipeline.answers.accuracy import InterfaceErrorsAnswer
 from headstock.pipeline.answers.answer import find_answers
-from headstock.pipeline.answers.interfaces import InterfaceErrorsAnswer
 from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.answers.static import StaticAnswer
 from headstock.pipeline.numbers.estimates import show_share

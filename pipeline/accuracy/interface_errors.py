@@ -19,9 +19,9 @@ from headstock.pipeline.accuracy.followed import (
     list_damping_errors,
     list_followed,
 )
+from headstock.pipeline.answers.accuracy import InterfaceErrorsAnswer, JointShapes
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.frf import PoseResponse
-from headstock.pipeline.answers.interfaces import InterfaceErrorsAnswer, JointShapes
 from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.numbers.changes import compare_numbers, to_errors
 from headstock.pipeline.numbers.estimates import INTERFACE, Estimate, show_share

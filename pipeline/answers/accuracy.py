@@ -1,37 +1,16 @@
-"""How settings were chosen for a stated accuracy, and what rigid and segmented bodies leave out, as
-results.
+"""How settings were chosen for a stated accuracy, and what rigid and segmented bodies and the interfaces of rigid
+joints leave out, as results.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, ClassVar, NotRequired, TypedDict
+from dataclasses import asdict, dataclass, field
+from typing import Any, ClassVar, NotRequired, TypedDict, cast
 
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.numbers.numbers import Key
 
 
-class RoundSummary(TypedDict):
-    """The entry of a round; without an owner where no component is meshed, without changes where
-    the search ended with it.
-    """
-
-    quantity: str
-    error: float | None
-    reason: str
-    owner: NotRequired[str]
-    source: NotRequired[str]
-    changes: NotRequired[dict[str, str]]
-
-
-class BodyChoiceSummary(TypedDict):
-    """The entry of a body; ``next`` is empty for finite elements."""
-
-    model: str
-    why: str
-    next: str
-
-
-class ResponseAccuracySummary(TypedDict):
+class _ResponseAccuracySummary(TypedDict):
     """The entry of the peaks and levels of frequency responses: the one furthest off."""
 
     quantity: str
@@ -48,11 +27,11 @@ class AccuracySummary(TypedDict):
     estimated: float | None
     met: bool
     reason: str
-    rounds: list[RoundSummary]
+    rounds: list[dict[str, Any]]
     settings: dict[str, str]
     values: dict[str, Any]
-    models: NotRequired[dict[str, BodyChoiceSummary]]
-    responses: NotRequired[ResponseAccuracySummary]
+    models: NotRequired[dict[str, dict[str, str]]]
+    responses: NotRequired[_ResponseAccuracySummary]
 
 
 @dataclass(frozen=True)
@@ -82,18 +61,20 @@ class AccuracyRound:
     owner: tuple[str, str] | None = None
     changes: Mapping[str, str] | None = None
 
-    def summarise(self) -> RoundSummary:
-        """As it stands in ``summary.json``."""
-        summary: RoundSummary = {
+    def summarise(self) -> dict[str, Any]:
+        """Return it as it stands in ``summary.json``: without an owner where no component is meshed, without
+        changes where the search ended with it.
+        """
+        owner, source = self.owner or (None, None)
+        entries = {
             "quantity": self.quantity,
             "error": self.error,
             "reason": self.reason,
+            "owner": owner,
+            "source": source,
+            "changes": None if self.changes is None else dict(self.changes),
         }
-        if self.owner is not None:
-            summary["owner"], summary["source"] = self.owner
-        if self.changes is not None:
-            summary["changes"] = dict(self.changes)
-        return summary
+        return {key: value for key, value in entries.items() if value is not None or key == "error"}
 
 
 @dataclass(frozen=True)
@@ -160,12 +141,7 @@ class AccuracyAnswer(Answer):
                 for name, body in self.models.items()
             }
         if self.responses is not None:
-            own = self.responses
-            summary["responses"] = {
-                "quantity": own.quantity,
-                "error": own.error,
-                "met": own.met,
-            }
+            summary["responses"] = cast(_ResponseAccuracySummary, asdict(self.responses))
         return summary
 
 
@@ -178,7 +154,7 @@ class BodyModelSummary(TypedDict):
     number: str
 
 
-class NumberChangeSummary(TypedDict):
+class _NumberChangeSummary(TypedDict):
     """The entry of a number by its name: its relative change, None where it has no partner, and
     what each body alone changes of it.
     """
@@ -191,7 +167,7 @@ class ModelErrorsSummary(TypedDict):
     """The entry ``model_errors``."""
 
     bodies: dict[str, BodyModelSummary]
-    numbers: dict[str, NumberChangeSummary]
+    numbers: dict[str, _NumberChangeSummary]
     missing: list[str]
     left_out: dict[str, str]
 
@@ -255,4 +231,79 @@ class ModelErrorsAnswer(Answer):
             },
             "missing": list(self.missing),
             "left_out": self.left_out,
+        }
+
+
+class JointShapesSummary(TypedDict):
+    """The entry of a joint; without a number that changes ``largest`` is 0 and ``number`` empty."""
+
+    between: str
+    shapes: int
+    compared_with: int
+    largest: float
+    number: str
+
+
+class InterfaceErrorsSummary(TypedDict):
+    """The entry ``interface_errors``."""
+
+    joints: dict[str, JointShapesSummary]
+    numbers: dict[str, dict[str, float]]
+    lines: dict[str, dict[str, float]]
+    left_out: dict[str, str]
+
+
+@dataclass(frozen=True)
+class JointShapes:
+    """A rigid joint: its interfaces, their deformation shapes, and how many it was compared with."""
+
+    between: str
+    shapes: int
+    compared_with: int
+
+
+@dataclass(frozen=True)
+class InterfaceErrorsAnswer(Answer):
+    """What the interfaces of rigid joints leave out.
+
+    Attributes:
+        parts: Joint to its part of how far numbers may be off, over the number.
+        lines: Joint to the same of the line of each frequency response that changes most, over the
+            largest entry of that line.
+        left_out: Joints of which nothing is known, with the reason.
+    """
+
+    joints: dict[str, JointShapes]
+    parts: Mapping[Key, Mapping[str, float]]
+    lines: Mapping[Key, Mapping[str, float]] = field(default_factory=dict)
+    left_out: Mapping[str, str] = field(default_factory=dict)
+    entry: ClassVar[str] = "interface_errors"
+
+    def largest(self, joint: str) -> tuple[Key | None, float]:
+        """Return the number that a joint puts off most, and by how much of it; a line of a response only
+        where there is nothing else, since next to a peak little moves it much.
+        """
+        found = {
+            number: parts.get(joint, 0.0) for number, parts in (self.parts or self.lines).items()
+        }
+        number = max(found, key=lambda key: found[key], default=None)
+        return number, found.get(number, 0.0) if number is not None else 0.0
+
+    def summarise(self) -> InterfaceErrorsSummary:
+        """As it stands in ``summary.json``."""
+        joints: dict[str, JointShapesSummary] = {}
+        for name, joint in self.joints.items():
+            number, largest = self.largest(name)
+            joints[name] = {
+                "between": joint.between,
+                "shapes": joint.shapes,
+                "compared_with": joint.compared_with,
+                "largest": largest,
+                "number": "" if number is None else str(number),
+            }
+        return {
+            "joints": joints,
+            "numbers": {str(key): dict(parts) for key, parts in self.parts.items()},
+            "lines": {str(key): dict(parts) for key, parts in self.lines.items()},
+            "left_out": dict(self.left_out),
         }

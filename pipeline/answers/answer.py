@@ -28,7 +28,8 @@ class Answer:
     @property
     def place(self) -> str:
         """Pose or point that it belongs to; empty for an answer of the whole run."""
-        return ""
+        owner = getattr(self, "pose", "")
+        return owner if isinstance(owner, str) else str(owner.name)
 
     def summarise(self) -> Mapping[str, object]:
         """Return it as it stands in ``summary.json``."""
@@ -52,6 +53,10 @@ class Answer:
         """Every number with its ±, by key."""
         return Numbers.collect(self.list_numbers())
 
+    def error_of(self, key: Key) -> Estimate:
+        """Return the ± of a number, without shares where there is none."""
+        return self.errors.get(key, Estimate())
+
     def with_errors(self, new: Mapping[Key, Estimate], how: Literal["add", "replace"]) -> Self:
         """Return the answer with other ±.
 
@@ -61,8 +66,7 @@ class Answer:
         """
         if how == "add":
             new = {
-                key: combine_estimates([self.errors.get(key, Estimate()), error])
-                for key, error in new.items()
+                key: combine_estimates([self.error_of(key), error]) for key, error in new.items()
             }
         return replace(self, errors={**self.errors, **new})
 

@@ -9,14 +9,14 @@ from typing import ClassVar, NotRequired, TypedDict
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.milled_faces import MilledFace, MilledFaceSummary
-from headstock.pipeline.answers.motion_forces import list_forces
-from headstock.pipeline.answers.probe_motions import (
+from headstock.pipeline.answers.motion_forces import (
     ProbeMotion,
     ProbeMotionSummary,
     ProbeTrace,
+    list_forces,
 )
 from headstock.pipeline.answers.probes import MEGA
-from headstock.pipeline.numbers.estimates import Estimate
+from headstock.pipeline.numbers.estimates import Estimate, scale_total
 from headstock.pipeline.numbers.numbers import Key, Number, Series, make_key
 from headstock.pipeline.storage.json_texts import check_finite
 from headstock.solvers.milling.tool_path import TraceFit
@@ -26,7 +26,7 @@ UM = 1e6
 LOCKED_MOTORS = "limits of stability on faces are those of the machine with locked motors"
 
 
-class FaceErrors(TypedDict):
+class _FaceErrors(TypedDict):
     """How far the numbers of a face may be off; null where nobody knows."""
 
     outward_um: float | None
@@ -53,7 +53,7 @@ class FaceSummary(TypedDict):
     drive_force_peak_to_peak_n: list[float]
     motor_torque_mean_nm: NotRequired[list[float]]
     motor_torque_peak_to_peak_nm: NotRequired[list[float]]
-    errors: FaceErrors
+    errors: _FaceErrors
 
 
 class StabilitySummary(TypedDict):
@@ -67,14 +67,7 @@ class StabilitySummary(TypedDict):
     error_mm: float | None
 
 
-class RangeSummary(TypedDict):
-    """Least and most on the way, along x, y, z."""
-
-    minimum: list[float]
-    maximum: list[float]
-
-
-class ProbeSeriesSummary(TypedDict):
+class _ProbeSeriesSummary(TypedDict):
     """What a probe saw, thinned out: stress by ``xx``, ``xy`` and so on."""
 
     displacement_um: list[list[float]]
@@ -82,21 +75,14 @@ class ProbeSeriesSummary(TypedDict):
     stress_mpa: dict[str, list[float]]
 
 
-class SeriesSummary(TypedDict):
+class _SeriesSummary(TypedDict):
     """The contour over time, thinned out."""
 
     time_s: list[float]
     gap_um: list[list[float]]
     drive_force_n: list[list[float]]
     motor_torque_nm: NotRequired[list[list[float]]]
-    probes: dict[str, ProbeSeriesSummary]
-
-
-class TraceSummary(TypedDict):
-    """How measured positions were followed."""
-
-    residual_rms_um: float
-    off_path_um: float
+    probes: dict[str, _ProbeSeriesSummary]
 
 
 class ContourSummary(TypedDict):
@@ -110,18 +96,18 @@ class ContourSummary(TypedDict):
     drives: list[str]
     faces: list[FaceSummary]
     face_3_over_face_1: dict[str, float | None]
-    gravity_deflection_um: RangeSummary
+    gravity_deflection_um: dict[str, list[float]]
     force_mean_n: list[float]
     force_peak_n: list[float]
     share_above_twice_the_highest_mode: float
     face_times_s: list[float]
     assumptions: list[str]
-    series: SeriesSummary
+    series: _SeriesSummary
     probes: dict[str, ProbeMotionSummary]
     stability: NotRequired[list[StabilitySummary]]
     milled_faces: NotRequired[list[MilledFaceSummary]]
     force_share_faster_than_steps: NotRequired[float]
-    traces: NotRequired[TraceSummary]
+    traces: NotRequired[dict[str, float]]
     error_sources: list[str]
     error_left_out: list[str]
 
@@ -194,11 +180,10 @@ class ContourFace:
             at: dict[str, str | int] = {"face": self.number, "figure": figure}
             keys = [make_key(kind, **at, **({role: name} if role else {})) for name in names]
             scale = UM if kind.endswith("gap") else 1.0
-            totals = [errors.get(key, Estimate()).total for key in keys]
-            return [None if total is None else scale * total for total in totals]
+            return [scale_total(errors.get(key), scale) for key in keys]
 
         what = f"contour on face {self.number}"
-        found: FaceErrors = {
+        found: _FaceErrors = {
             "outward_um": find("outward_gap", "mean", "", [""])[0],
             "outward_peak_to_peak_um": find("outward_gap", "span", "", [""])[0],
             "mean_um": find("contour_gap", "mean", "direction", DIRECTIONS),
@@ -227,7 +212,7 @@ class ContourFace:
         return summary
 
 
-def _show_trace(trace: ProbeTrace) -> ProbeSeriesSummary:
+def _show_trace(trace: ProbeTrace) -> _ProbeSeriesSummary:
     what = f"contour at probe {trace.name}"
     return {
         "displacement_um": [check_finite(what, row) for row in UM * trace.displacement],
@@ -267,7 +252,7 @@ class FaceStability:
             "multiplier": self.multiplier,
             "stable": self.stable,
             "limit_depth_mm": 1e3 * self.limit_depth,
-            "error_mm": None if error.total is None else 1e3 * error.total,
+            "error_mm": scale_total(error, 1e3),
         }
 
 
@@ -370,7 +355,7 @@ class ContourAnswer(Answer):
             AccuracyError: A result is not a finite number.
         """
         what = "contour"
-        series: SeriesSummary = {
+        series: _SeriesSummary = {
             "time_s": check_finite(what, self.times),
             "gap_um": [check_finite(what, row) for row in UM * self.gap],
             "drive_force_n": [check_finite(what, row) for row in self.drive_forces],
@@ -403,9 +388,7 @@ class ContourAnswer(Answer):
         }
         if self.stability:
             summary["stability"] = [
-                face.summarise(
-                    self.errors.get(make_key("limit_depth", face=face.number), Estimate())
-                )
+                face.summarise(self.error_of(make_key("limit_depth", face=face.number)))
                 for face in self.stability
             ]
         if self.milled:

@@ -19,6 +19,10 @@ MARGIN_UNITS = {
     "bandwidth_hz": "Hz",
     "resonance": "1",
 }
+MARGINS = (  # as ``LoopMargins`` has them
+    *("gain", "gain_hz", "lowest_gain", "phase_deg", "phase_hz", "sensitivity", "sensitivity_hz"),
+    *("bandwidth_hz", "resonance"),
+)
 
 
 class PoleSummary(TypedDict):
@@ -30,20 +34,6 @@ class PoleSummary(TypedDict):
     imag: float
     drive: str
     name: str
-
-
-class MarginsSummary(TypedDict):
-    """Margins of a drive, as in ``LoopMargins``."""
-
-    gain: float | None
-    gain_hz: float | None
-    lowest_gain: float | None
-    phase_deg: float | None
-    phase_hz: float | None
-    sensitivity: float
-    sensitivity_hz: float
-    bandwidth_hz: float | None
-    resonance: float
 
 
 class DriveSummary(TypedDict):
@@ -58,7 +48,7 @@ class DriveSummary(TypedDict):
     dead_time_s: float
     motor_mass_kg: float
     velocity_lag_um: float | None
-    margins: MarginsSummary | None
+    margins: dict[str, float | None] | None
 
 
 class ControlSummary(TypedDict):
@@ -115,7 +105,7 @@ class ClosedLoopDrive:
 
     def summarise(self, *, stable: bool) -> DriveSummary:
         """As it stands in ``summary.json``; ``stable`` says that lag and margins mean something."""
-        train, margins, control = self.train, self.margins, self.train.control
+        train, control = self.train, self.train.control
         return {
             "axis": train.axis,
             "encoder": control.encoder,
@@ -124,19 +114,7 @@ class ClosedLoopDrive:
             "dead_time_s": control.dead_time,
             "motor_mass_kg": train.motor_mass + train.screw_mass,
             "velocity_lag_um": self.velocity_lag * UM if stable else None,
-            "margins": {
-                "gain": margins.gain,
-                "gain_hz": margins.gain_hz,
-                "lowest_gain": margins.lowest_gain,
-                "phase_deg": margins.phase_deg,
-                "phase_hz": margins.phase_hz,
-                "sensitivity": margins.sensitivity,
-                "sensitivity_hz": margins.sensitivity_hz,
-                "bandwidth_hz": margins.bandwidth_hz,
-                "resonance": margins.resonance,
-            }
-            if stable
-            else None,
+            "margins": {name: getattr(self.margins, name) for name in MARGINS} if stable else None,
         }
 
 
@@ -157,11 +135,6 @@ class ControlAnswer(Answer):
     drives: tuple[ClosedLoopDrive, ...]
     verdict: str = ""
     entry: ClassVar[str] = "control"
-
-    @property
-    def place(self) -> str:
-        """Its pose or point."""
-        return self.pose
 
     def list_numbers(self) -> Iterator[Number]:
         """Yield the poles and, of stable loops, lag and margins of each drive."""

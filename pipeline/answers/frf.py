@@ -11,9 +11,9 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.process.plain_hdf5 import h5py
 from headstock.pipeline.answers.answer import Answer
-from headstock.pipeline.answers.probes import ProbeCurves, ProbeCurvesSummary, parse_probe_curves
+from headstock.pipeline.answers.probes import ProbeCurves, ProbeCurvesSummary
 from headstock.pipeline.answers.static import N_PER_UM, UM_PER_KN
-from headstock.pipeline.numbers.estimates import REDUCTION, Estimate, scale_shares
+from headstock.pipeline.numbers.estimates import Estimate, scale_shares, scale_total
 from headstock.pipeline.numbers.numbers import Key, Number, Series, make_key
 from headstock.scene.scene import LOAD
 from headstock.solvers.linear.frequency_response import convert_receptance
@@ -68,16 +68,9 @@ class NumberSummary(TypedDict):
     error_share: dict[str, float | None]
 
 
-class LineErrors(TypedDict):
-    """Errors of a source over the largest entry of the same line."""
-
-    median_share: float
-    largest_share: float
-    largest_share_hz: float
-
-
 class ResponseSummary(TypedDict):
-    """The entry of a pose in ``frf``; its ``error`` is by source, and ``bounded_to_hz`` says how
+    """The entry of a pose in ``frf``; its ``error`` is by source ``median_share`` and ``largest_share`` over
+    the largest entry of the same line, the latter at ``largest_share_hz``, and ``bounded_to_hz`` says how
     far up there is a bound.
     """
 
@@ -91,7 +84,7 @@ class ResponseSummary(TypedDict):
     damped: bool
     free_body: list[str]
     singular_hz: list[float]
-    error: dict[str, LineErrors | float | None] | None
+    error: dict[str, dict[str, float] | float | None] | None
     error_left_out: list[str]
     drive_points: list[DrivePointSummary]
     peaks: list[NumberSummary]
@@ -157,7 +150,7 @@ class ResponseCurves:
 
     @property
     def error(self) -> FloatArray | None:
-        """How far the receptance may be off by all sources together; None where none was sought."""
+        """Error of the receptance by all sources together; None where none was sought."""
         return (
             np.asarray(np.sum(list(self.error_share.values()), axis=0))
             if self.error_share
@@ -299,9 +292,7 @@ class PoseResponse(Answer):
             "error": _summarise_error(curves),
             "error_left_out": list(self.error_left_out),
             "drive_points": [
-                _summarise_drive_point(
-                    figures, self.errors.get(self.figure_key(figures.channel), Estimate())
-                )
+                _summarise_drive_point(figures, self.error_of(self.figure_key(figures.channel)))
                 for figures in self.figures
             ],
             "peaks": [self._summarise_height(height) for height in self.heights],
@@ -314,8 +305,8 @@ class PoseResponse(Answer):
         output, given = self.curves.outputs[height.output], self.curves.inputs[height.given]
         linear = output[1] in "xyz" and given[1] in "xyz"
         scale = UM_PER_KN if linear else 1.0
-        own = self.errors.get(self.key(height), Estimate())
-        size, error = scale * height.height, None if own.total is None else scale * own.total
+        own = self.error_of(self.key(height))
+        size, error = scale * height.height, scale_total(own, scale)
         summary: NumberSummary = {
             "kind": "level" if isinstance(height, ResponseLevel) else "peak",
             "output": list(output),
@@ -330,10 +321,10 @@ class PoseResponse(Answer):
 
     def fill(self, file: "h5py.File") -> None:
         """Write the curves."""
-        fill_curves(file.create_group(f"frf/{self.curves.pose}"), self.curves)
+        _fill_curves(file.create_group(f"frf/{self.curves.pose}"), self.curves)
 
 
-def fill_curves(group: h5py.Group, curves: ResponseCurves) -> None:
+def _fill_curves(group: h5py.Group, curves: ResponseCurves) -> None:
     """Write the curves of a pose: receptance in SI, NaN where there is no value."""
     group["frequencies_hz"] = curves.frequencies_hz
     group["receptance"] = curves.receptance
@@ -350,41 +341,6 @@ def fill_curves(group: h5py.Group, curves: ResponseCurves) -> None:
         probe.fill(group.create_group(f"probes/{probe.name}"))
 
 
-def parse_curves(pose: str, group: h5py.Group) -> ResponseCurves:
-    """Read what ``fill_curves`` wrote.
-
-    Raises:
-        KeyError: A part is missing.
-    """
-    inputs, outputs = (_parse_channels(group, name) for name in ("inputs", "outputs"))
-    given, lines = group.attrs, group["frequencies_hz"][:]
-    return ResponseCurves(
-        pose,
-        inputs,
-        outputs,
-        lines,
-        group["receptance"][:],
-        given["motion"],
-        given["spacing"],
-        _parse_errors(group),
-        tuple(
-            parse_probe_curves(name, own, inputs, lines)
-            for name, own in group.get("probes", {}).items()
-        ),
-    )
-
-
-def _parse_channels(group: h5py.Group, name: str) -> tuple[Channel, ...]:
-    return tuple(split_channel(text.decode()) for text in group[name][:])
-
-
-def _parse_errors(group: h5py.Group) -> dict[str, FloatArray]:
-    if "error_share" in group:
-        return {source: share[:] for source, share in group["error_share"].items()}
-    # files of before meshes had a part in it
-    return {REDUCTION: group["error"][:]} if "error" in group else {}
-
-
 def _response_unit(output: Channel, given: Channel) -> str:
     """Return the unit of a receptance."""
     return _per_load("rad" if output[1].startswith("r") else "m", given)
@@ -397,22 +353,9 @@ def _per_load(unit: str, given: Channel) -> str:
     return f"{unit}/{'(N m)' if given[1].startswith('r') else 'N'}"
 
 
-def split_channel(text: str) -> Channel:
-    """The channel of a name such as ``tcp x``."""
-    name, _, direction = text.rpartition(" ")
-    return name, direction
-
-
 def _summarise_drive_point(figures: DrivePointFigures, off: Estimate) -> DrivePointSummary:
     linear = figures.channel[1] in "xyz"
     soft, stiff = (UM_PER_KN, N_PER_UM) if linear else (1.0, 1.0)
-    static, worst, error = (
-        _scaled(value, soft) for value in (figures.static, figures.most_negative_real, off.total)
-    )
-    chatter, most_compliant = (
-        _scaled(value, stiff)
-        for value in (figures.chatter_limit, figures.minimum_dynamic_stiffness)
-    )
     summary: DrivePointSummary = {
         "dof": list(figures.channel),
         "most_negative_real_hz": figures.most_negative_real_hz,
@@ -423,29 +366,29 @@ def _summarise_drive_point(figures: DrivePointFigures, off: Estimate) -> DrivePo
         "lines_hz": list(figures.lines_hz),
     }
     lines = [_scaled(value, soft) for value in figures.lines]
+    static, worst = _scaled(figures.static, soft), _scaled(figures.most_negative_real, soft)
+    chatter = _scaled(figures.chatter_limit, stiff)
+    least = _scaled(figures.minimum_dynamic_stiffness, stiff)
     if linear:
-        summary |= {
+        return summary | {
             "lines_um_per_kN": lines,
             "static_um_per_kN": static,
             "most_negative_real_um_per_kN": worst,
-            "most_negative_real_error_um_per_kN": error,
-        }
-        summary |= {
+            "most_negative_real_error_um_per_kN": scale_total(off, soft),
             "chatter_limit_N_per_um": chatter,
-            "minimum_dynamic_stiffness_N_per_um": most_compliant,
+            "minimum_dynamic_stiffness_N_per_um": least,
         }
-    else:
-        summary |= {
-            "lines_SI": lines,
-            "static_SI": static,
-            "most_negative_real_SI": worst,
-            "most_negative_real_error_SI": error,
-        }
-        summary |= {"chatter_limit_SI": chatter, "minimum_dynamic_stiffness_SI": most_compliant}
-    return summary
+    return summary | {
+        "lines_SI": lines,
+        "static_SI": static,
+        "most_negative_real_SI": worst,
+        "most_negative_real_error_SI": scale_total(off, soft),
+        "chatter_limit_SI": chatter,
+        "minimum_dynamic_stiffness_SI": least,
+    }
 
 
-def _summarise_error(curves: ResponseCurves) -> dict[str, LineErrors | float | None] | None:
+def _summarise_error(curves: ResponseCurves) -> dict[str, dict[str, float] | float | None] | None:
     """Largest and median error by source over the largest entry of the same line, and how far up
     there is a bound.
     """
@@ -454,7 +397,7 @@ def _summarise_error(curves: ResponseCurves) -> dict[str, LineErrors | float | N
     seen = np.isfinite(curves.receptance).all(axis=(1, 2))
     bounded = seen & np.isfinite(curves.error).all(axis=(1, 2))
     lines = curves.frequencies_hz[bounded]
-    found: dict[str, LineErrors | float | None] = {
+    found: dict[str, dict[str, float] | float | None] = {
         "bounded_to_hz": float(lines[-1]) if len(lines) else 0.0
     }
     for source, error in curves.error_share.items():

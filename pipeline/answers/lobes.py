@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.meshing.process.plain_hdf5 import h5py
 from headstock.pipeline.answers.answer import Answer
-from headstock.pipeline.numbers.estimates import Estimate, scale_shares
+from headstock.pipeline.numbers.estimates import Estimate, scale_shares, scale_total
 from headstock.pipeline.numbers.numbers import Number, Series, make_key
 
 MM = 1e3
@@ -44,7 +44,7 @@ class BestSpeedSummary(TypedDict):
     limited: bool
 
 
-class LobeSeries(TypedDict):
+class _LobeSeries(TypedDict):
     """Over the speeds: the limit, null where it was not looked for, the deepest cut that was tried where
     there is none; its ±, null where there is none; and what a single frequency says.
     """
@@ -73,7 +73,7 @@ class DirectionSummary(TypedDict):
     error_left_out: list[str]
     best_speeds: list[BestSpeedSummary]
     lobes: list[LobeSummary]
-    series: LobeSeries
+    series: _LobeSeries
 
 
 class LobesSummary(TypedDict):
@@ -214,11 +214,6 @@ class PoseLobes(Answer):
     }
     entry: ClassVar[str] = "lobes"
 
-    @property
-    def place(self) -> str:
-        """Its pose or point."""
-        return self.pose
-
     def list_numbers(self) -> Iterator[Number]:
         """Yield the lowest limit of each direction of travel and its frequency of chatter."""
         for own in self.directions:
@@ -280,12 +275,11 @@ class PoseLobes(Answer):
         rpm = RPM * self.speeds
         lowest, sizes = own.lowest, own.errors
         depth, chatter = (Estimate(), Estimate()) if lowest is None else own.estimate(lowest.place)
-        size = depth.total
         return {
             "direction": list(own.direction),
             "name": own.name,
             "lowest": None if lowest is None else self._summarise_lobe(own, lowest),
-            "lowest_error_mm": None if size is None else MM * size,
+            "lowest_error_mm": scale_total(depth, MM),
             "lowest_error_share": scale_shares(depth, MM),
             "chatter_error_hz": chatter.total,
             "chatter_error_share": scale_shares(chatter, 1.0),

@@ -1,4 +1,4 @@
-"""A map over the poses of a lumped mechanism as a result: quantities on a grid of poses."""
+"""A lumped mechanism as a result: quantities on a grid of poses, and its positions in a pose."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -7,7 +7,12 @@ from typing import ClassVar, TypedDict
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.mechanisms.exechon import TOOL_POINT
+from headstock.geometry.mechanisms.exechon import (
+    LENGTHS,
+    TOOL_POINT,
+    ToolMechanism,
+    condition_numbers,
+)
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.numbers.numbers import Number, Series, make_key
 from headstock.pipeline.storage.json_texts import check_finite
@@ -111,3 +116,49 @@ def nest_grid(values: FloatArray) -> Grid:
     return [
         nest_grid(row) if row.ndim else (float(row) if np.isfinite(row) else None) for row in values
     ]
+
+
+class MechanismSummary(TypedDict):
+    """The entry of a pose in ``mechanism``."""
+
+    coordinates: dict[str, float]
+    condition_number: float
+
+
+@dataclass(frozen=True)
+class MechanismPose(Answer):
+    """A closed-loop mechanism in a pose.
+
+    Attributes:
+        coordinates: Of driven and passive joints [m, rad].
+        condition_number: How well its drives command the wrist centre.
+    """
+
+    pose: str
+    coordinates: dict[str, float]
+    condition_number: float
+    entry: ClassVar[str] = "mechanism"
+
+    def list_numbers(self) -> Iterator[Number]:
+        """Yield the coordinates and the condition number."""
+        for name, value in self.coordinates.items():
+            key = make_key("joint_coordinate", pose=self.pose, joint=name)
+            yield Number(key, value, "m" if name in LENGTHS else "rad")
+        yield Number(make_key("condition_number", pose=self.pose), self.condition_number, "1")
+
+    def summarise(self) -> MechanismSummary:
+        """As it stands in ``summary.json``."""
+        return {"coordinates": self.coordinates, "condition_number": self.condition_number}
+
+
+def describe_state(mechanism: ToolMechanism, pose: str, state: FloatArray) -> MechanismPose:
+    """Coordinates and condition number of a mechanism in a pose.
+
+    Args:
+        state: ``(n,)`` closed state in it.
+    """
+    known = mechanism.mounted.mechanism
+    coordinates = {
+        name: float(state[known.index(name)]) for name in (*known.driven, *known.passive)
+    }
+    return MechanismPose(pose, coordinates, float(condition_numbers(known, state)))

@@ -9,7 +9,7 @@ from typing import TypedDict
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.numbers.estimates import Estimate
+from headstock.pipeline.numbers.estimates import Estimate, scale_total
 from headstock.pipeline.numbers.numbers import Key, make_key
 from headstock.pipeline.storage.json_texts import check_finite
 from headstock.solvers.milling.milled_faces import ProfileParameters
@@ -17,48 +17,21 @@ from headstock.solvers.milling.milled_faces import ProfileParameters
 UM, MM = 1e6, 1e3
 
 
-class DepthSummary(TypedDict):
-    """Location error at one height above the lower end of the tool."""
-
-    height_mm: float
-    location_error_um: float
-
-
-class WaveSummary(TypedDict):
-    """The strongest wave that is longer than the marks of the teeth."""
-
-    length_mm: float
-    amplitude_um: float
-
-
-class ProfileSummary(TypedDict):
-    """A profile over the whole face: lowest and highest place in cells, and its mean line."""
-
-    at_mm: list[float]
-    lowest_um: list[float]
-    highest_um: list[float]
-    waviness_um: list[float]
-
-
-class DetailSummary(TypedDict):
-    """A short piece of the profile, every sample."""
-
-    at_mm: list[float]
-    height_um: list[float]
-
-
 class MilledFaceSummary(TypedDict):
-    """The entry of a milled face; ``errors``: how far its parameters may be off, by their names."""
+    """The entry of a milled face; ``errors``: how far its parameters may be off, by their names. ``profile``:
+    lowest and highest place in cells over the whole face, and its mean line; ``detail``: a short piece, every
+    sample; ``strongest_wave``: of those that are longer than the marks of the teeth.
+    """
 
     face: int
     at: str
     location_error_um: float
-    location_by_height: list[DepthSummary]
+    location_by_height: list[dict[str, float]]
     ra_um: float
     rz_um: float
     wt_um: float
     pt_um: float
-    strongest_wave: WaveSummary
+    strongest_wave: dict[str, float]
     mark_at_start_um: float
     mark_at_end_um: float
     length_mm: float
@@ -67,8 +40,8 @@ class MilledFaceSummary(TypedDict):
     height_mm: float
     feed_per_tooth_mm: float
     rigid_cusp_um: float
-    profile: ProfileSummary
-    detail: DetailSummary
+    profile: dict[str, list[float]]
+    detail: dict[str, list[float]]
     errors: dict[str, float | None]
 
 
@@ -174,10 +147,9 @@ class MilledFace:
                 "height_um": check_finite(what, UM * self.detail),
             },
             "errors": {
-                f"{name}_um": None if total is None else UM * total
+                f"{name}_um": scale_total(
+                    errors.get(make_key("profile", face=self.number, figure=name)), UM
+                )
                 for name in self.sizes
-                for total in [
-                    errors.get(make_key("profile", face=self.number, figure=name), Estimate()).total
-                ]
             },
         }

@@ -84,11 +84,6 @@ class PoseModes(Answer):
     }
     entry: ClassVar[str] = "modal"
 
-    @property
-    def place(self) -> str:
-        """Its pose or point."""
-        return self.pose.name
-
     @classmethod
     def gather(cls, answers: Sequence[Self]) -> dict[str, object]:
         """Return the modes of every pose as a list."""
@@ -101,7 +96,7 @@ class PoseModes(Answer):
     def list_errors(self, kind: ModeKind = "frequency") -> tuple[Estimate, ...]:
         """Return the ± of a number of every mode; an overdamped frequency is zero for certain."""
         count = range(len(self.frequencies_hz))
-        return tuple(self.errors.get(self.key(kind, index), Estimate()) for index in count)
+        return tuple(self.error_of(self.key(kind, index)) for index in count)
 
     @property
     def error_hz(self) -> tuple[float | None, ...]:

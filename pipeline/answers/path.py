@@ -4,7 +4,7 @@
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import ClassVar, NotRequired, TypedDict
 
 import numpy as np
@@ -12,22 +12,18 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.process.plain_hdf5 import h5py
 from headstock.pipeline.answers.answer import Answer
-from headstock.pipeline.answers.frf import split_channel
 from headstock.pipeline.answers.motion_forces import (
     DriveExtremes,
     DriveForceSummary,
     JointForceSummary,
+    ProbeMotion,
+    ProbeMotionSummary,
+    ProbeTrace,
     list_forces,
     summarise_drives,
     summarise_joints,
 )
-from headstock.pipeline.answers.probe_motions import (
-    ProbeMotion,
-    ProbeMotionSummary,
-    ProbeTrace,
-    parse_probe_trace,
-)
-from headstock.pipeline.numbers.estimates import Estimate, scale_shares
+from headstock.pipeline.numbers.estimates import Estimate, scale_shares, scale_total
 from headstock.pipeline.numbers.numbers import Number, Series, make_key
 from headstock.solvers.motion.deviation import CruiseFigures, PathDeviation, ZoneFigures
 from headstock.solvers.motion.set_points import show_feed
@@ -55,7 +51,7 @@ class CruiseSummary(TypedDict):
     amplitude_um: float
 
 
-class OutputSummary(TypedDict):
+class _OutputSummary(TypedDict):
     """The entry of an output at one feed. ``errors``: how far the sizes may be off, by their names,
     of each zone; ``error_share``: that of its peak by source of error.
     """
@@ -75,23 +71,10 @@ class FeedSummary(TypedDict):
     feed_mm_per_min: NotRequired[float]  # where a linear axis moves
     feed_deg_per_min: NotRequired[float]  # where only rotary axes do
     acceleration: float
-    outputs: list[OutputSummary]
+    outputs: list[_OutputSummary]
     drives: dict[str, DriveForceSummary]
     joints: dict[str, dict[str, JointForceSummary]]
     probes: dict[str, ProbeMotionSummary]
-
-
-class FollowedSummary(TypedDict):
-    """How the poses of a path were followed."""
-
-    sampled_poses: int
-    error: float
-    rotation_error: float
-    modes: int
-    next_hz: float | None
-    steps: int
-    truncation: float
-    effect: list[float]
 
 
 class PathSummary(TypedDict):
@@ -111,7 +94,7 @@ class PathSummary(TypedDict):
     low_frequency_modes: int
     drives: list[str]
     energy_error: dict[str, float]
-    poses: FollowedSummary | None
+    poses: dict[str, object] | None
     feeds: list[FeedSummary]
     error_left_out: list[str]
 
@@ -202,19 +185,6 @@ class FollowedPoses:
     truncation: float
     effect: tuple[float, ...]
 
-    def summarise(self) -> FollowedSummary:
-        """As it stands in ``summary.json``."""
-        return {
-            "sampled_poses": self.sampled_poses,
-            "error": self.error,
-            "rotation_error": self.rotation_error,
-            "modes": self.modes,
-            "next_hz": self.next_hz,
-            "steps": self.steps,
-            "truncation": self.truncation,
-            "effect": list(self.effect),
-        }
-
 
 @dataclass(frozen=True, eq=False)
 class PathResult(Answer):
@@ -285,7 +255,7 @@ class PathResult(Answer):
             "low_frequency_modes": self.low_frequency_modes,
             "drives": list(self.drives),
             "energy_error": self.energy_error,
-            "poses": None if self.poses is None else self.poses.summarise(),
+            "poses": None if self.poses is None else asdict(self.poses),
             "feeds": [_summarise_run(self, place) for place in range(len(self.runs))],
             "error_left_out": list(self.left_out),
         }
@@ -343,12 +313,7 @@ def _summarise_run(answer: PathResult, place: int) -> FeedSummary:
         "drives": summarise_drives(run.drives, answer.errors, feed=feed),
         "joints": summarise_joints(run.joints, answer.errors, feed=feed),
         "probes": {
-            name: probe.summarise(
-                *(
-                    answer.errors.get(make_key(kind, feed=feed, probe=name), Estimate())
-                    for kind in ("peak_stress", "peak_displacement")
-                )
-            )
+            name: probe.summarise(answer.errors, feed=feed, probe=name)
             for name, probe in run.probes.items()
         },
     }
@@ -359,7 +324,7 @@ def _summarise_run(answer: PathResult, place: int) -> FeedSummary:
     return summary
 
 
-def _summarise_output(answer: PathResult, run: PathRun, number: int) -> OutputSummary:
+def _summarise_output(answer: PathResult, run: PathRun, number: int) -> _OutputSummary:
     channel, zones, frozen = (
         run.curves.outputs[number],
         run.figures[number],
@@ -369,14 +334,14 @@ def _summarise_output(answer: PathResult, run: PathRun, number: int) -> OutputSu
 
     def find_error(zone: str, figure: str) -> Estimate:
         at = {"feed": run.curves.name, "zone": zone, "output": name_channel(channel)}
-        return answer.errors.get(make_key("path_deviation", figure=figure, **at), Estimate())
+        return answer.error_of(make_key("path_deviation", figure=figure, **at))
 
-    summary: OutputSummary = {
+    summary: _OutputSummary = {
         "dof": list(channel),
         "accelerating": _summarise_zone(channel, zones[0], frozen[0]),
         "decelerating": _summarise_zone(channel, zones[1], frozen[1]),
         "errors": {
-            zone: {f"{size}_{unit}": _scale(find_error(zone, size), factor) for size in SIZES}
+            zone: {f"{size}_{unit}": scale_total(find_error(zone, size), factor) for size in SIZES}
             for zone in ZONES
         },
         "error_share": {zone: scale_shares(find_error(zone, "peak"), factor) for zone in ZONES},
@@ -396,7 +361,7 @@ def _summarise_output(answer: PathResult, run: PathRun, number: int) -> OutputSu
         else:
             summary["cruising"]["period_deg"] = math.degrees(cruise.distance)
         summary["errors"]["cruising"] = {
-            f"{size}_um": _scale(find_error("cruising", size), 1e6) for size in CRUISE
+            f"{size}_um": scale_total(find_error("cruising", size), 1e6) for size in CRUISE
         }
     return summary
 
@@ -404,10 +369,6 @@ def _summarise_output(answer: PathResult, run: PathRun, number: int) -> OutputSu
 def _unit_of(channel: Channel) -> str:
     """Return the SI unit of a deviation."""
     return "rad" if channel[1].startswith("r") else "m"
-
-
-def _scale(error: Estimate, factor: float) -> float | None:
-    return None if error.total is None else factor * error.total
 
 
 def deviation_unit(channel: Channel) -> tuple[str, float]:
@@ -450,29 +411,3 @@ def _fill_path(group: h5py.Group, curves: PathCurves) -> None:
     group["torques"], group["position_errors"] = curves.torques, curves.position_errors
     for probe in curves.probes:
         probe.fill(group.create_group(f"probes/{probe.name}"))
-
-
-def parse_path(group: h5py.Group) -> PathCurves:
-    """Read what ``_fill_path`` wrote.
-
-    Raises:
-        KeyError: A part is missing.
-    """
-    first, second = (
-        (float(begin), float(end)) for begin, end in np.asarray(group.attrs["zones"], dtype=float)
-    )
-    deviation = PathDeviation(times=group["times"][:], **{name: group[name][:] for name in _PARTS})
-    return PathCurves(
-        feed=float(group.attrs["feed"]),
-        unit=str(group.attrs["unit"]),
-        zones=(first, second),
-        outputs=tuple(split_channel(text.decode()) for text in group["outputs"][:]),
-        deviation=deviation,
-        frozen=group["frozen"][:],
-        positions=group["positions"][:],
-        accelerations=group["accelerations"][:],
-        drives=tuple(text.decode() for text in group["drives"][:]),
-        torques=group["torques"][:],
-        position_errors=group["position_errors"][:],
-        probes=tuple(parse_probe_trace(name, own) for name, own in group.get("probes", {}).items()),
-    )

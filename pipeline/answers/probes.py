@@ -11,7 +11,7 @@ import numpy as np
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.meshing.process.plain_hdf5 import h5py
 from headstock.pipeline.answers.answer import Answer
-from headstock.pipeline.numbers.estimates import Estimate
+from headstock.pipeline.numbers.estimates import Estimate, scale_total
 from headstock.pipeline.numbers.numbers import Key, Number, make_key
 from headstock.pipeline.storage.json_texts import check_finite
 from headstock.solvers.second_order import Channel, ComplexArray
@@ -90,11 +90,6 @@ class ProbeAnswer(Answer):
     }
     entry: ClassVar[str] = "probes"
 
-    @property
-    def place(self) -> str:
-        """Its pose or point."""
-        return self.pose
-
     def list_numbers(self) -> Iterator[Number]:
         """Yield displacements, stresses and equivalent stresses."""
         for name, probe in self.probes.items():
@@ -113,7 +108,7 @@ class ProbeAnswer(Answer):
             name: _summarise_probe(
                 name,
                 probe,
-                [self.errors.get(key, Estimate()) for key in probe_keys(self.pose, name)],
+                [self.error_of(key) for key in probe_keys(self.pose, name)],
             )
             for name, probe in self.probes.items()
         }
@@ -124,7 +119,7 @@ class ProbeAnswer(Answer):
             group = file.create_group(f"probes/{self.pose}/{name}")
             group["displacement"], group["stress"] = probe.displacement, probe.stress
             totals = [
-                np.nan if (total := self.errors.get(key, Estimate()).total) is None else total
+                np.nan if (total := self.error_of(key).total) is None else total
                 for key in probe_keys(self.pose, name)
             ]
             group["displacement_error"] = np.array(totals[:3])
@@ -174,7 +169,7 @@ class ProbeCurves:
 
     @property
     def von_mises_error(self) -> FloatArray | None:
-        """How far it may be off by all sources together; None where none was sought."""
+        """Error by all sources together; None where none was sought."""
         parts = list(self.von_mises_error_share.values())
         return np.asarray(np.sum(parts, axis=0)) if parts else None
 
@@ -199,7 +194,7 @@ class ProbeCurves:
                 )
 
     def summarise(self) -> ProbeCurvesSummary:
-        """Where the equivalent stress is largest, by input."""
+        """Return where the equivalent stress is largest, by input."""
         return {
             "component": self.component,
             "singular": self.singular,
@@ -218,32 +213,6 @@ class ProbeCurves:
         ):
             for source, size in shares.items():
                 group[f"{what}_error_share/{source}"] = size
-
-
-def parse_probe_curves(
-    name: str, group: h5py.Group, inputs: tuple[Channel, ...], frequencies_hz: FloatArray
-) -> ProbeCurves:
-    """Read what ``fill`` wrote.
-
-    Raises:
-        KeyError: A part is missing.
-    """
-    shares = {
-        what: {source: size[:] for source, size in group.get(f"{what}_error_share", {}).items()}
-        for what in ("displacement", "stress", "von_mises")
-    }
-    return ProbeCurves(
-        name,
-        group.attrs["component"],
-        inputs,
-        frequencies_hz,
-        group["displacement"][:],
-        group["stress"][:],
-        shares["displacement"],
-        shares["stress"],
-        shares["von_mises"],
-        group.attrs["singular"],
-    )
 
 
 def probe_units(given: Channel, load: str = "load") -> tuple[str, str, float]:
@@ -308,13 +277,13 @@ def _summarise_probe(name: str, probe: ProbeResponse, errors: list[Estimate]) ->
     return {
         "component": probe.component,
         "displacement_um": check_finite(what, moved * MICRO),
-        "displacement_error_um": [_scale(each, MICRO) for each in errors[:3]],
+        "displacement_error_um": [scale_total(each, MICRO) for each in errors[:3]],
         "stress_mpa": dict(zip(STRESS_NAMES, check_finite(what, stress * MEGA), strict=True)),
         "stress_error_mpa": dict(
-            zip(STRESS_NAMES, (_scale(each, MEGA) for each in errors[3:-1]), strict=True)
+            zip(STRESS_NAMES, (scale_total(each, MEGA) for each in errors[3:-1]), strict=True)
         ),
         "von_mises_mpa": mises * MEGA,
-        "von_mises_error_mpa": _scale(errors[-1], MEGA),
+        "von_mises_error_mpa": scale_total(errors[-1], MEGA),
         "singular": probe.singular,
         "error_left_out": sorted({words for each in errors[:-1] for words in each.left_out}),
     }
@@ -323,7 +292,3 @@ def _summarise_probe(name: str, probe: ProbeResponse, errors: list[Estimate]) ->
 def _clear(values: FloatArray, scale: float) -> FloatArray:
     """Zeros for what rounding leaves beside numbers of a scale."""
     return np.where(np.abs(values) < ROUNDING * scale, 0.0, values)
-
-
-def _scale(error: Estimate, factor: float) -> float | None:
-    return None if error.total is None else factor * error.total

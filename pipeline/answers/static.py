@@ -9,7 +9,7 @@ import numpy as np
 from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray
 from headstock.meshing.process.plain_hdf5 import h5py
 from headstock.pipeline.answers.answer import Answer
-from headstock.pipeline.numbers.estimates import Estimate, scale_parts, scale_shares
+from headstock.pipeline.numbers.estimates import Estimate, scale_parts, scale_shares, scale_total
 from headstock.pipeline.numbers.numbers import Key, Number, make_key
 from headstock.pipeline.storage.json_texts import check_finite, null_open
 
@@ -69,11 +69,6 @@ class StaticAnswer(Answer):
         r"static/.*/displacements?(/.*)?": "SI: m, m, m, rad, rad, rad",
     }
     entry: ClassVar[str] = "static"
-
-    @property
-    def place(self) -> str:
-        """Its pose or point."""
-        return self.pose
 
     def list_numbers(self) -> Iterator[Number]:
         """Yield compliances in and across x, y, z, and displacements under the scene's loads."""
@@ -158,8 +153,7 @@ def _summarise_point(
         },
         "text": point.text,
         "error_um_per_kN": {
-            direction: None if error.total is None else UM_PER_KN * error.total
-            for direction, error in errors.items()
+            direction: scale_total(error, UM_PER_KN) for direction, error in errors.items()
         },
         "error_share": {
             direction: scale_shares(error, UM_PER_KN) for direction, error in errors.items()

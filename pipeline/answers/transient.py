@@ -3,7 +3,7 @@
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import ClassVar, TypedDict
 
 import numpy as np
@@ -11,23 +11,19 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.process.plain_hdf5 import h5py
 from headstock.pipeline.answers.answer import Answer
-from headstock.pipeline.answers.frf import split_channel
 from headstock.pipeline.answers.motion_forces import (
     DriveExtremes,
     DriveForceSummary,
     JointForceSummary,
+    ProbeMotion,
+    ProbeMotionSummary,
+    ProbeTrace,
     list_forces,
     summarise_drives,
     summarise_joints,
 )
 from headstock.pipeline.answers.path import deviation_unit
-from headstock.pipeline.answers.probe_motions import (
-    ProbeMotion,
-    ProbeMotionSummary,
-    ProbeTrace,
-    parse_probe_trace,
-)
-from headstock.pipeline.numbers.estimates import Estimate, scale_shares
+from headstock.pipeline.numbers.estimates import Estimate, scale_shares, scale_total
 from headstock.pipeline.numbers.numbers import Key, Number, Series, make_key
 from headstock.pipeline.storage.json_texts import check_finite
 from headstock.scene.scene import Motors
@@ -53,26 +49,6 @@ class MovedOutputSummary(TypedDict):
     error_share: dict[str, float | None]
 
 
-class EnergySummary(TypedDict):
-    """The balance of energy [J]; ``error`` over its largest part."""
-
-    initial: float
-    work: float
-    dissipated: float
-    final: float
-    largest: float
-    error: float
-
-
-class TimedLoadSummary(TypedDict):
-    """The entry of a load."""
-
-    acts_on: str
-    shape: str
-    unit: str
-    largest: float
-
-
 class TransientSummary(TypedDict):
     """The entry of a pose in ``transient``."""
 
@@ -83,9 +59,9 @@ class TransientSummary(TypedDict):
     settled_within: float
     damped: bool
     motors: Motors
-    loads: dict[str, TimedLoadSummary]
+    loads: dict[str, dict[str, str | float]]
     outputs: dict[str, MovedOutputSummary]
-    energy: EnergySummary | None
+    energy: dict[str, float] | None
     error_left_out: list[str]
     drives: dict[str, DriveForceSummary]
     joints: dict[str, dict[str, JointForceSummary]]
@@ -225,11 +201,13 @@ class TransientAnswer(Answer):
             },
             "outputs": {
                 name_channel(channel): _summarise_output(
-                    channel, figures, self.errors.get(peak_key(pose, channel), Estimate())
+                    channel, figures, self.error_of(peak_key(pose, channel))
                 )
                 for channel, figures in zip(self.curves.outputs, self.figures, strict=True)
             },
-            "energy": None if self.energy is None else _summarise_energy(self.energy),
+            "energy": None
+            if self.energy is None
+            else {**asdict(self.energy), "error": self.energy.error},
             "error_left_out": sorted(
                 {words for error in self.errors.values() for words in error.left_out}
             ),
@@ -260,31 +238,6 @@ def peak_key(pose: str, channel: Channel) -> Key:
     return make_key("time_deviation", pose=pose, output=name_channel(channel), figure="peak")
 
 
-def parse_transient(pose: str, group: h5py.Group) -> TransientCurves:
-    """Read what ``TransientAnswer.fill`` wrote.
-
-    Raises:
-        KeyError: A part is missing.
-    """
-    names = {
-        name: tuple(text.decode() for text in group[name][:])
-        for name in ("outputs", "loads", "units", "drives")
-    }
-    return TransientCurves(
-        pose=pose,
-        outputs=tuple(split_channel(text) for text in names["outputs"]),
-        times=group["times"][:],
-        displacements=group["displacements"][:],
-        loads=names["loads"],
-        units=names["units"],
-        load_values=group["load_values"][:],
-        drives=names["drives"],
-        torques=group["torques"][:],
-        position_errors=group["position_errors"][:],
-        probes=tuple(parse_probe_trace(name, own) for name, own in group.get("probes", {}).items()),
-    )
-
-
 def _summarise_output(
     channel: Channel, figures: TransientFigures, error: Estimate
 ) -> MovedOutputSummary:
@@ -298,17 +251,6 @@ def _summarise_output(
         "final": None if figures.final is None else factor * figures.final,
         "overshoot": figures.overshoot,
         "settling_s": figures.settling,
-        "error": None if error.total is None else factor * error.total,
+        "error": scale_total(error, factor),
         "error_share": scale_shares(error, factor),
-    }
-
-
-def _summarise_energy(energy: EnergyBalance) -> EnergySummary:
-    return {
-        "initial": energy.initial,
-        "work": energy.work,
-        "dissipated": energy.dissipated,
-        "final": energy.final,
-        "largest": energy.largest,
-        "error": energy.error,
     }

@@ -10,7 +10,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.meshing.process.plain_hdf5 import h5py
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.map import GridSummary, nest_grid
-from headstock.pipeline.numbers.estimates import Estimate, scale_parts, scale_shares
+from headstock.pipeline.numbers.estimates import scale_parts, scale_shares, scale_total
 from headstock.pipeline.numbers.numbers import Key, Number, Series, make_key
 from headstock.pipeline.storage.json_texts import check_finite
 from headstock.solvers.linear.volumetric import AxisMotions, Squareness, measure_range
@@ -162,7 +162,7 @@ class VolumetricAnswer(Answer):
             },
             "range_errors": {
                 source: {
-                    symbol: _scale(self.errors[range_key(self.point, source, symbol)])
+                    symbol: scale_total(self.errors[range_key(self.point, source, symbol)], MICRO)
                     for symbol in SYMBOLS
                 }
                 for source in every
@@ -177,7 +177,7 @@ class VolumetricAnswer(Answer):
             },
             "error_left_out": list(self.errors[largest_key(self.point)].left_out),
             "largest_um": MICRO * float(sizes[worst]),
-            "largest_error_um": _scale(self.errors[largest_key(self.point)]),
+            "largest_error_um": scale_total(self.errors[largest_key(self.point)], MICRO),
             "largest_at": {
                 axis: float(values[place])
                 for axis, values, place in zip(self.axes, self.positions, worst, strict=True)
@@ -190,7 +190,7 @@ class VolumetricAnswer(Answer):
                     "second": each.second,
                     "symbol": each.symbol,
                     "angle_urad": MICRO * each.angle,
-                    "error_urad": _scale(self.errors[squareness_key(self.point, each)]),
+                    "error_urad": scale_total(self.errors[squareness_key(self.point, each)], MICRO),
                 }
                 for each in self.squareness
             ],
@@ -207,7 +207,7 @@ class VolumetricAnswer(Answer):
             },
             "deviations": _by_symbol(line.deviations),
             "errors": {
-                symbol: _scale(self.errors[line_key(self.point, line.axis, symbol)])
+                symbol: scale_total(self.errors[line_key(self.point, line.axis, symbol)], MICRO)
                 for symbol in SYMBOLS
             },
             "along": None
@@ -248,10 +248,6 @@ def squareness_key(point: str, pair: Squareness) -> Key:
 def _unit_of(symbol: str) -> str:
     """Return the SI unit of a component."""
     return "m" if symbol in SYMBOLS[:3] else "rad"
-
-
-def _scale(error: Estimate) -> float | None:
-    return None if error.total is None else MICRO * error.total
 
 
 def _by_symbol(values: FloatArray) -> dict[str, float]:

@@ -12,8 +12,7 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import Drive, ripple_force
 from headstock.geometry.machine.machine import travel_directions
-from headstock.pipeline.answers.motion_forces import PathForces
-from headstock.pipeline.answers.probe_motions import ProbeMotion
+from headstock.pipeline.answers.motion_forces import PathForces, ProbeMotion
 from headstock.pipeline.motion.motion_forces import record_drives, watch_drives
 from headstock.pipeline.motion.path_model import (
     SolvedMoves,

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.answers.probe_motions import ProbeMotion
+from headstock.pipeline.answers.motion_forces import ProbeMotion
 from headstock.solvers.milling.tool_path import ContourPlan, TraceFit
 from headstock.solvers.motion.alpha import CompliantHistory, LinearMotion
 

@@ -11,9 +11,8 @@ import numpy as np
 
 from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray
 from headstock.geometry.machine.machine import Machine
-from headstock.pipeline.answers.motion_forces import PathForces
+from headstock.pipeline.answers.motion_forces import PathForces, ProbeMotion
 from headstock.pipeline.answers.path import FollowedPoses
-from headstock.pipeline.answers.probe_motions import ProbeMotion
 from headstock.pipeline.motion.motion_forces import largest_joint_forces, watch_joints
 from headstock.pipeline.motion.probe_motions import (
     place_probes,

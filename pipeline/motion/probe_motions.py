@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.answers.probe_motions import ProbeMotion, ProbeTrace
+from headstock.pipeline.answers.motion_forces import ProbeMotion, ProbeTrace
 from headstock.pipeline.answers.transient import TRUNCATION
 from headstock.pipeline.motion.motion_forces import SteppedStates
 from headstock.pipeline.numbers.estimates import DISCRETISATION, REDUCTION, Estimate

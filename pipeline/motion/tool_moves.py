@@ -14,9 +14,8 @@ import scipy  # whose interpolation, a third of a second, is loaded where it is 
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.machine.drives import Drive
 from headstock.geometry.mechanisms.exechon import LENGTHS, tool_pose
-from headstock.pipeline.answers.motion_forces import PathForces
+from headstock.pipeline.answers.motion_forces import PathForces, ProbeMotion
 from headstock.pipeline.answers.path import FollowedPoses
-from headstock.pipeline.answers.probe_motions import ProbeMotion
 from headstock.pipeline.motion.guide_errors import (
     STEPS_PER_WAVE,
     TrajectoryErrors,

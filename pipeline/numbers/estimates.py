@@ -99,6 +99,12 @@ def show_share(share: float | None) -> str:
     )
 
 
+def scale_total(error: Estimate | None, factor: float = 1.0) -> float | None:
+    """Return the total in another unit; None where there is none."""
+    total = None if error is None else error.total
+    return None if total is None else factor * total
+
+
 def scale_shares(error: Estimate, factor: float) -> dict[str, float | None]:
     """Source of error to its size in another unit."""
     return {

@@ -316,10 +316,10 @@ def _has_probe_loads(scene: Scene) -> bool:
 
 STAGES, ANSWERS = "headstock.pipeline.stages", "headstock.pipeline.answers"
 OTHER_ANSWERS = (
-    f"{ANSWERS}.mechanism:MechanismPose",
+    f"{ANSWERS}.map:MechanismPose",
     f"{ANSWERS}.accuracy:AccuracyAnswer",
     f"{ANSWERS}.accuracy:ModelErrorsAnswer",
-    f"{ANSWERS}.interfaces:InterfaceErrorsAnswer",
+    f"{ANSWERS}.accuracy:InterfaceErrorsAnswer",
 )
 # in the order of their stages: those of each pose first
 RECORDS: tuple[AnalysisRecord, ...] = (

@@ -16,7 +16,7 @@ from headstock.pipeline.numbers.estimates import Estimate
 from headstock.pipeline.numbers.numbers import Number, Numbers, make_key
 from headstock.pipeline.planning.plan import StageRecord
 from headstock.pipeline.results.grids import MESH_MODULE, Grid, pose_numbers, surface_grid
-from headstock.pipeline.results.short_forms import Displayed, ShortForm, list_few, show_value
+from headstock.pipeline.results.short_forms import Displayed, ShortForm, list_few, show_short
 from headstock.pipeline.results.views import MachineView, pick_name
 from headstock.pipeline.storage.frames import Frame
 from headstock.pipeline.storage.provenance import Provenance
@@ -197,4 +197,4 @@ class Results(Displayed):
 def _show_error(error: Estimate) -> str:
     """An error as a notebook shows it, ``0.3 + ?`` where other sources are not known."""
     partly = error.total is None and error.known is not None
-    return f"{show_value(error.known)} + ?" if partly else show_value(error.total)
+    return f"{show_short(error.known)} + ?" if partly else show_short(error.total)

@@ -58,7 +58,7 @@ class Displayed:
         return self._short_form().html()
 
 
-def show_value(value: object) -> str:
+def show_short(value: object) -> str:
     """Return a number with six digits at most, or a text; a dash for nothing."""
     if value is None:
         return "-"

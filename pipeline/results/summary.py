@@ -5,16 +5,15 @@ from typing import Literal, NotRequired, TypedDict, cast
 
 from headstock.pipeline.answers.accuracy import (
     AccuracySummary,
+    InterfaceErrorsSummary,
     ModelErrorsSummary,
 )
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.contouring import ContourSummary
 from headstock.pipeline.answers.control import ControlSummary
 from headstock.pipeline.answers.frf import ResponseSummary
-from headstock.pipeline.answers.interfaces import InterfaceErrorsSummary
 from headstock.pipeline.answers.lobes import LobesSummary
-from headstock.pipeline.answers.map import MapSummary
-from headstock.pipeline.answers.mechanism import MechanismSummary
+from headstock.pipeline.answers.map import MapSummary, MechanismSummary
 from headstock.pipeline.answers.modal import ModesSummary, PoseModes
 from headstock.pipeline.answers.path import PathSummary
 from headstock.pipeline.answers.probes import ProbeSummary
@@ -26,7 +25,7 @@ from headstock.pipeline.results.results import ComponentFacts, Results
 from headstock.pipeline.storage.provenance import ProvenanceSummary
 
 
-class StageSummary(TypedDict):
+class _StageSummary(TypedDict):
     """The entry of a stage."""
 
     stage: str
@@ -39,7 +38,7 @@ class StageSummary(TypedDict):
     peak_rss_mb: float
 
 
-class TotalsSummary(TypedDict):
+class _TotalsSummary(TypedDict):
     """Sums over components and stages."""
 
     mass_kg: float
@@ -47,15 +46,6 @@ class TotalsSummary(TypedDict):
     reduced_dofs: int
     seconds: float
     peak_rss_mb: float
-
-
-class QualitySummary(TypedDict):
-    """Quality of the mesh of a component."""
-
-    minimum_scaled_jacobian: float
-    repaired: int
-    volume: float
-    cad_volume: float | None
 
 
 class ComponentSummary(TypedDict):
@@ -67,7 +57,7 @@ class ComponentSummary(TypedDict):
     mass_kg: float
     cutoff_hz: float | None
     residual: float
-    mesh_quality: NotRequired[QualitySummary]
+    mesh_quality: NotRequired[dict[str, float | None]]
     mesh_corrected: NotRequired[bool]
 
 
@@ -80,8 +70,8 @@ class RunSummary(TypedDict):
     name: str
     status: Literal["done", "failed"]
     versions: dict[str, str]
-    stages: list[StageSummary]
-    totals: TotalsSummary
+    stages: list[_StageSummary]
+    totals: _TotalsSummary
     components: dict[str, ComponentSummary]
     static: dict[str, PointSummary]  # of the first pose
     modal: list[ModesSummary]
@@ -136,7 +126,7 @@ def summarise(results: Results) -> RunSummary:
     return cast(RunSummary, summary)
 
 
-def _sum_up(results: Results) -> TotalsSummary:
+def _sum_up(results: Results) -> _TotalsSummary:
     facts = results.components.values()
     return {
         "mass_kg": sum(fact.mass_kg for fact in facts),
@@ -149,7 +139,7 @@ def _sum_up(results: Results) -> TotalsSummary:
     }
 
 
-def _summarise_stage(record: StageRecord) -> StageSummary:
+def _summarise_stage(record: StageRecord) -> _StageSummary:
     return {
         "stage": record.stage.kind,
         "component": record.stage.component,

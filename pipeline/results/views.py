@@ -139,13 +139,13 @@ def component_skin(component: Component, superelement: Superelement, skin: Skin 
 
 
 def view_pose(coupled: CoupledMachine, machine: Machine) -> PoseView:
-    """Where everything is in the pose a machine was coupled in."""
+    """Return where everything is in the pose that a machine was coupled in."""
     frames = {spring.name: spring.frame for spring in coupled.joint_springs}
     return place_view(machine, coupled.layout, frames)
 
 
 def place_view(machine: Machine, layout: DofLayout, frames: Mapping[str, Frame]) -> PoseView:
-    """Where components, joints and points are.
+    """Return where components, joints and points are.
 
     Args:
         machine: Whose joints and points they are.

@@ -15,7 +15,7 @@ from headstock.geometry.machine.machine import Pose
 from headstock.geometry.mechanisms.exechon import solve_pose
 from headstock.geometry.parts.skins import Skin
 from headstock.meshing.components.skins import PIXEL, skin_size, thin_skin
-from headstock.pipeline.answers.mechanism import describe_state
+from headstock.pipeline.answers.map import describe_state
 from headstock.pipeline.answers.static import PointCompliance, compliance_key
 from headstock.pipeline.numbers.estimates import Estimate
 from headstock.pipeline.planning.plan import Stage

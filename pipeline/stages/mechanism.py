@@ -13,7 +13,7 @@ from headstock.geometry.machine.joints import JointEnd
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.mechanisms.exechon import LEGS, LENGTHS, solve_pose
 from headstock.geometry.parts.skins import Skin
-from headstock.pipeline.answers.mechanism import describe_state
+from headstock.pipeline.answers.map import describe_state
 from headstock.pipeline.answers.static import PointCompliance
 from headstock.pipeline.numbers.estimates import Estimate
 from headstock.pipeline.planning.plan import Stage

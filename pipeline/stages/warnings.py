@@ -11,8 +11,8 @@ from headstock.geometry.parts.skins import Skin
 from headstock.geometry.parts.solids import Box, MeshFile, StepFile
 from headstock.meshing.component_mesh import POOR_QUALITY, MeshQuality
 from headstock.meshing.length_units import doubt_mesh_size, doubt_size
+from headstock.pipeline.answers.accuracy import InterfaceErrorsAnswer
 from headstock.pipeline.answers.answer import find_answers
-from headstock.pipeline.answers.interfaces import InterfaceErrorsAnswer
 from headstock.pipeline.answers.modal import FREQUENCY
 from headstock.pipeline.numbers.estimates import DISCRETISATION, REDUCTION, Estimate
 from headstock.pipeline.planning.interfaces import find_glued_joints, find_reach

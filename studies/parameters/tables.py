@@ -15,7 +15,7 @@ from headstock.geometry.errors import NumberNameError
 from headstock.pipeline.numbers.estimates import known_part
 from headstock.pipeline.numbers.numbers import Numbers
 from headstock.pipeline.results.short_forms import Displayed, ShortForm, list_few
-from headstock.pipeline.results.short_forms import show_value as show_cell
+from headstock.pipeline.results.short_forms import show_short as show_cell
 from headstock.pipeline.storage.frames import Frame, frame_columns
 from headstock.scene.reading.files import TomlValue
 from headstock.scene.reading.units import DIMENSIONS, LENGTH, UnitError, parse_quantity

@@ -13,7 +13,7 @@ from headstock.geometry.machine.machine import Point, Pose
 from headstock.geometry.machine.tool_travel import NO_FEED
 from headstock.geometry.mechanisms.exechon import LEGS, solve_pose, survey_tool_poses, tool_pose
 from headstock.pipeline.answers.lobes import HZ
-from headstock.pipeline.answers.mechanism import describe_state
+from headstock.pipeline.answers.map import describe_state
 from headstock.pipeline.lobes.cutting_point import lobes_request
 from headstock.pipeline.lobes.lobes import solve_lobes
 from headstock.pipeline.stages.frf import respond

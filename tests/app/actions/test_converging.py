@@ -3,12 +3,12 @@
 import csv
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from fixture_machines import machine
 from headstock.app.command_line import main
-from headstock.app.terminal.convergence import ConvergenceListing
 from headstock.studies.parameters.records import POINTS_FILE
 
 DATA = Path(__file__).resolve().parents[2] / "data"
@@ -44,9 +44,9 @@ def scene_file(tmp_path: Path) -> Path:
     return path
 
 
-def converge(path: Path, folder: Path, *options: str) -> ConvergenceListing:
+def converge(path: Path, folder: Path, *options: str) -> dict[str, Any]:
     assert main(["converge", str(path), "-o", str(folder), *options]) == 0
-    listing: ConvergenceListing = json.loads((folder / "convergence.json").read_text())
+    listing: dict[str, Any] = json.loads((folder / "convergence.json").read_text())
     return listing
 
 

@@ -21,8 +21,7 @@ from headstock.app.tables.frf import tabulate_response
 from headstock.app.tables.table import encode_csv
 from headstock.app.views.view import FinishedRun
 from headstock.pipeline.answers.frf import ResponseCurves
-from headstock.pipeline.results.curves import find_curves, read_curves
-from headstock.pipeline.results.files import read_summary, read_view
+from headstock.pipeline.results.files import find_curves, read_curves, read_summary, read_view
 from headstock.solvers.second_order import ComplexArray
 
 CHANNELS = (("tcp", "x"), ("<b>", "rx"))

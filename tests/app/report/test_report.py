@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 
 from common import approx, present, sketch
 from headstock.app.command_line import main
-from headstock.app.drawings.markup import draw_rows, format_number
+from headstock.app.drawings.markup import draw_rows, format_number, script_json
 from headstock.app.report.report import render_report
 from headstock.app.report.viewer_data import (
     RIGID_SHARE,
@@ -31,7 +31,6 @@ from headstock.app.report.viewer_data import (
 from headstock.app.tables.table import Column
 from headstock.app.terminal.console import Screen
 from headstock.app.terminal.summary import tell_rows
-from headstock.app.texts.scripts import script_json
 from headstock.app.views.view import FinishedRun
 from headstock.geometry.frames import FloatArray, Frame, rigid_map
 from headstock.geometry.parts.skins import Skin, box_skin

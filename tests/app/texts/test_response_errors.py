@@ -2,9 +2,7 @@
 
 import csv
 import io
-from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 
@@ -12,7 +10,7 @@ from common import approx
 from headstock.app.tables.frf import tabulate_response
 from headstock.app.tables.table import encode_csv
 from headstock.app.texts.bounded_values import response_error_words
-from headstock.pipeline.answers.frf import PoseResponse, ResponseCurves, fill_curves, parse_curves
+from headstock.pipeline.answers.frf import PoseResponse, ResponseCurves
 from headstock.pipeline.numbers.estimates import DISCRETISATION, REDUCTION
 
 CHANNEL = ("tcp", "x")
@@ -43,20 +41,6 @@ def test_the_error_of_a_line_is_the_sum_of_its_parts_and_each_has_a_column(
         [20.0 * np.pi * size for size in (1.5, 1.0, 0.5)]
     )
     assert rows[2][3] == rows[2][5] == "" and float(rows[2][4]) > 0.0
-
-
-def test_parts_come_back_from_the_file_and_a_file_without_parts_is_all_reduction(
-    curves: ResponseCurves, tmp_path: Path
-) -> None:
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        fill_curves(file.create_group("new"), curves)
-        fill_curves(file.create_group("old"), curves)
-        del file["old/error_share"]
-        found, old = (parse_curves("reference", file[name]) for name in ("new", "old"))
-    for source, share in curves.error_share.items():
-        np.testing.assert_array_equal(found.error_share[source], share)
-    assert list(old.error_share) == [REDUCTION]
-    np.testing.assert_array_equal(old.error, curves.error)
 
 
 def test_words_name_every_source_and_what_is_left_out(curves: ResponseCurves) -> None:

@@ -7,9 +7,9 @@ import pytest
 
 from common import approx
 from headstock.geometry.frames import FloatArray
+from headstock.pipeline.answers.accuracy import InterfaceErrorsAnswer
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse, ResponseCurves
-from headstock.pipeline.answers.interfaces import InterfaceErrorsAnswer
 from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.answers.static import StaticAnswer
 from headstock.pipeline.numbers.estimates import INTERFACE

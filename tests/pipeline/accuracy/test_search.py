@@ -2,7 +2,7 @@
 
 import dataclasses
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ from headstock.geometry.parts.solids import Box, HollowColumn
 from headstock.meshing.components.meshing import count_hexes
 from headstock.pipeline.accuracy.search import plan_first_round
 from headstock.pipeline.accuracy.settings import Trial, observed_rate, refine_mesh, start_component
-from headstock.pipeline.answers.accuracy import AccuracyAnswer, AccuracySummary, RoundSummary
+from headstock.pipeline.answers.accuracy import AccuracyAnswer, AccuracySummary
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import ResponseSummary
 from headstock.pipeline.results.results import Results
@@ -259,7 +259,7 @@ def test_a_plan_shows_the_first_round_and_not_the_mesh_of_the_scene() -> None:
 
 
 def test_without_a_mesh_nothing_is_said_to_be_met() -> None:
-    rounds: list[RoundSummary] = [
+    rounds: list[dict[str, Any]] = [
         {"quantity": "every number", "error": 0.0, "reason": "no component is meshed"}
     ]
     (words,) = accuracy_words(

@@ -11,11 +11,11 @@ import pytest
 from mpi4py import MPI
 
 from common import approx
-from headstock.app.drawings.milled_faces import draw_milled_faces
+from headstock.app.drawings.lobes import draw_milled_faces
 from headstock.app.drawings.path import draw_contour
 from headstock.app.views.contouring import (
+    _list_faces,
     contour_words,
-    list_faces,
     tabulate_contour,
     tabulate_profiles,
 )
@@ -125,7 +125,7 @@ def test_a_steady_force_leaves_a_face_where_the_static_compliance_says(machine: 
     face, outward = faces[0], run.plan.cuts[0].outward
     assert face.parameters.location - face.cusp / 3.0 == approx(moved @ outward, rel=5e-4)
     answer = evaluate_contour(request, run, milled=faces).summarise()
-    rows = list_faces(answer)
+    rows = _list_faces(answer)
     assert [row.face for row in rows] == [1] and rows[0].gap is None
     assert "cut-off of 0.8 mm" in str(contour_words(answer))
     assert str(draw_milled_faces(answer["milled_faces"])).count("<polyline") == 2
@@ -293,4 +293,4 @@ def test_a_face_that_is_passed_too_fast_has_no_gap_and_a_reason(short_run: Conto
     hurried = dataclasses.replace(run, plan=dataclasses.replace(run.plan, cuts=(hasty,)))
     (reason,) = explain_gaps(hurried)
     assert reason.startswith("face 1 has no gap") and "write a lower feed" in reason
-    assert list_faces(evaluate_contour(request, hurried).summarise()) == []
+    assert _list_faces(evaluate_contour(request, hurried).summarise()) == []

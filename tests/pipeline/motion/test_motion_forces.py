@@ -17,7 +17,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.answers.transient import TransientAnswer, TransientCurves
-from headstock.pipeline.results.curves import find_curves, read_curves
+from headstock.pipeline.results.files import find_curves, read_curves
 from headstock.pipeline.results.results import Results
 from scene_runs import compute
 

@@ -13,7 +13,7 @@ from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.path import PathCurves, PathResult
 from headstock.pipeline.numbers.estimates import DISCRETISATION
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.results.curves import find_curves, read_curves
+from headstock.pipeline.results.files import find_curves, read_curves
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages.refined_models import NOT_ASKED

@@ -19,11 +19,11 @@ from headstock.app.views.view import FinishedRun
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
+from headstock.pipeline.answers.motion_forces import ProbeMotion
 from headstock.pipeline.answers.path import PathResult
-from headstock.pipeline.answers.probe_motions import ProbeMotion
 from headstock.pipeline.answers.probes import ProbeAnswer
 from headstock.pipeline.answers.transient import TransientAnswer, TransientCurves
-from headstock.pipeline.results.curves import find_curves, read_curves
+from headstock.pipeline.results.files import find_curves, read_curves
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store

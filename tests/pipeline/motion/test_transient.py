@@ -22,7 +22,7 @@ from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.answers.transient import TRUNCATION, TransientAnswer, TransientCurves
 from headstock.pipeline.motion.transient import SMOOTHING, respond_in_time
-from headstock.pipeline.results.curves import find_curves, read_curves
+from headstock.pipeline.results.files import find_curves, read_curves
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.stages.control import drive_machine

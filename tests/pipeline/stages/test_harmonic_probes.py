@@ -14,8 +14,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse, ResponseCurves
 from headstock.pipeline.answers.probes import ProbeAnswer, ProbeCurves
-from headstock.pipeline.results.curves import find_curves, read_curves
-from headstock.pipeline.results.files import read_summary
+from headstock.pipeline.results.files import find_curves, read_curves, read_summary
 from headstock.pipeline.results.results import Results
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError

@@ -10,9 +10,9 @@ from mpi4py import MPI
 
 from common import approx
 from headstock.app.drawings.figures import draw_map, map_layers, map_values
-from headstock.app.views.map import tabulate_map
 from headstock.app.views.registry import list_tables
 from headstock.app.views.view import FinishedRun
+from headstock.app.views.volumetric import tabulate_map
 from headstock.pipeline.results.summary import RunSummary, summarise
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages.map import _map_workspace

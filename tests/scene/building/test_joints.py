@@ -7,7 +7,7 @@ import pytest
 
 from common import approx
 from fixture_machines import machine
-from headstock.pipeline.preview.free_motions import free_motion_warnings
+from headstock.pipeline.preview.doubts import free_motion_warnings
 from headstock.scene.building.joints import KINDS, build_joint, find_joint_faults, joint_rotation
 from headstock.scene.building.loader import load_scene
 from headstock.scene.schema.joints import JointTable

@@ -2,7 +2,7 @@
 
 import pytest
 
-from headstock.app.terminal.models import COLUMNS, print_findings
+from headstock.app.actions.effecting import COLUMNS, print_findings
 from headstock.pipeline.numbers.numbers import make_key
 from headstock.studies.kind_changes import Change
 from headstock.studies.model_trials import ModelTrial
