@@ -12,6 +12,8 @@ from headstock.pipeline.numbers.changes import compare_numbers
 from headstock.pipeline.numbers.kinds import KINDS
 from headstock.pipeline.numbers.numbers import Key, Number
 
+# changes of a number below which what makes them may be left out, and from which it is to be named
+LITTLE, MUCH = 1e-3, 1e-2
 RIGID_HZ = 1e-2  # below it a frequency is a rigid-body mode's
 ROUNDING = 1e-9  # relative to the largest number of a kind
 DERIVED = SIZES[2:]  # figures of a deviation that follow its peak and range

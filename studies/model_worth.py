@@ -40,8 +40,7 @@ from headstock.solvers.linear.frequency_response import evaluate_frf
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
 from headstock.solvers.shared_work import use_threads
-from headstock.studies.effects import LITTLE, MUCH
-from headstock.studies.kind_changes import Change, compare_kinds
+from headstock.studies.kind_changes import LITTLE, MUCH, Change, compare_kinds
 from headstock.studies.model_trials import (
     MODEL_KINDS,
     ModelKind,

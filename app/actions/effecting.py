@@ -36,12 +36,11 @@ from headstock.scene.schema.effects import EFFECT_NAMES
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
 from headstock.studies.effects import (
-    MUCH,
     EffectTrial,
     rank_trials,
+    summarise_effects,
     try_effects,
 )
-from headstock.studies.effects_summary import summarise_effects
 from headstock.studies.good_enough import (
     VARIANT,
     Drop,
@@ -50,7 +49,7 @@ from headstock.studies.good_enough import (
     keep_within,
     name_variant,
 )
-from headstock.studies.kind_changes import Change
+from headstock.studies.kind_changes import MUCH, Change
 from headstock.studies.model_trials import MODEL_KINDS, ModelTrial, list_model_trials
 from headstock.studies.model_worth import (
     CLEARLY,

@@ -46,7 +46,7 @@ from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.pipeline.storage.typed_json import find_fault
 
 CHART_MODULE = "headstock.app.charts.effects"
-EFFECTS_MODULE = "headstock.studies.effects_summary"
+EFFECTS_MODULE = "headstock.studies.effects"
 EFFECTS_FILE = "effects.json"  # beside the results of the scene that it is of
 PARTS = (TABLES_FOLDER, FIGURES_FOLDER, MODES_FOLDER, VOLUME_FOLDER)
 

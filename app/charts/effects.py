@@ -8,7 +8,7 @@ from typing import NamedTuple
 from headstock.app.charts.charts import FAINT, INK, add_legend, calm_axes, encode_figure, new_figure
 from headstock.app.charts.study import COLORS
 from headstock.app.pictures.libraries import FuncFormatter, Line2D, MaxNLocator, NullLocator, Patch
-from headstock.studies.effects_summary import EffectsSummary
+from headstock.studies.effects import EffectsSummary
 from headstock.studies.model_worth import CLEARLY
 
 SMALLEST = 1e-5  # what moves less is drawn as that

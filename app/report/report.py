@@ -42,7 +42,7 @@ from headstock.pipeline.storage.outputs import write_output
 from headstock.reduction.motions.mode_naming import WHOLE_MACHINE
 
 if TYPE_CHECKING:
-    from headstock.studies.effects_summary import EffectsSummary
+    from headstock.studies.effects import EffectsSummary
 
 TEMPLATE, STYLE, SCRIPT = "report_template.html", "report.css", "viewer/viewer.bundle.js"
 SMALLEST_NAMED = 0.02
