@@ -233,13 +233,13 @@ def _lumped_field(
 ) -> FloatArray:
     """As ``machine_field`` of a lumped mechanism, whose bodies are rigid."""
     motions, parts = machine.expand(shapes), machine.parts.superelements
-    found: list[FloatArray] = [np.zeros((0, shapes.shape[1]))]
+    parts_moved: list[FloatArray] = [np.zeros((0, shapes.shape[1]))]
     for name, chosen in places.items():
         rotation, center = machine.placements[name].rotation, parts[name].center_of_mass
         moved = rigid_map(chosen.points @ rotation.T, rotation @ center)
-        own = moved @ motions[machine.offsets[name]]
-        found.append(np.repeat(np.sqrt(chosen.masses), 3)[:, None] * own)
-    return np.vstack(found)
+        motion = moved @ motions[machine.offsets[name]]
+        parts_moved.append(np.repeat(np.sqrt(chosen.masses), 3)[:, None] * motion)
+    return np.vstack(parts_moved)
 
 
 def _enter_cells(

@@ -247,16 +247,16 @@ def _summarise_variant(solution: VariantSolution, comparison: Comparison) -> Var
 
 
 def _summarise_others(numbers: Numbers) -> dict[str, dict[str, OtherSummary]]:
-    found: dict[str, dict[str, OtherSummary]] = {}
+    others: dict[str, dict[str, OtherSummary]] = {}
     for key, number in select_compared(numbers.values()).items():
         unit, factor = number.shown
         total = None if number.error is None else number.error.total
-        found.setdefault(key.group.label, {})[str(key)] = {
+        others.setdefault(key.group.label, {})[str(key)] = {
             "value": factor * number.value if np.isfinite(number.value) else None,
             "error": None if total is None else factor * total,
             "unit": unit,
         }
-    return found
+    return others
 
 
 def _summarise_point(

@@ -157,8 +157,8 @@ class _Pair(NamedTuple):
 
 
 def _switched_runs(effect: str, scene: Scene) -> _Pair:
-    beside = _missing_need(effect, scene)
-    need = (f"effects.{beside}=true",) if beside else ()
+    needed = _missing_need(effect, scene)
+    need = (f"effects.{needed}=true",) if needed else ()
     return _Pair(need, (*need, *switch_effect(effect, scene)))
 
 

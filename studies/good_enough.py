@@ -115,7 +115,7 @@ def name_variant(scene: Scene) -> str:
 
 def _as_toml(value: str) -> str:
     try:
-        found = tomllib.loads(f"value = {value.strip()}")
+        parsed = tomllib.loads(f"value = {value.strip()}")
     except tomllib.TOMLDecodeError:
         return json.dumps(value.strip())
-    return value.strip() if list(found) == ["value"] else json.dumps(value.strip())
+    return value.strip() if list(parsed) == ["value"] else json.dumps(value.strip())

@@ -118,13 +118,13 @@ def _list_changes(before: Mapping[Key, Number], after: Mapping[Key, Number]) -> 
         kinds[key.kind] = max(size, kinds.get(key.kind, 0.0))
     for key, number in {**before, **after}.items():
         first, second = (
-            None if key not in found or np.isnan(found[key].value) else found[key].value
-            for found in (before, after)
+            None if key not in numbers or np.isnan(numbers[key].value) else numbers[key].value
+            for numbers in (before, after)
         )
         largest = vectors[key.vector, number.unit]
         unknown = first is None and second is None
         if unknown or largest <= ROUNDING * kinds[key.kind]:
             continue
-        known = first is not None and second is not None
-        share = abs(moved.difference[key]) / largest if known else 1.0
+        paired = first is not None and second is not None
+        share = abs(moved.difference[key]) / largest if paired else 1.0
         yield Change(key, share, first, second, number.unit)

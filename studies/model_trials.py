@@ -80,17 +80,17 @@ def list_model_trials(
     """
     if scene.accuracy is not None:
         return []
-    found: list[ModelTrial] = []
+    trials: list[ModelTrial] = []
     if not scene.is_lumped:
         for names in _group_equals(scene):
             part = scene.machine.components[names[0]]
-            found += _vary_elasticity(part, names)
+            trials += _vary_elasticity(part, names)
             if part.fidelity == "elastic":
-                found += _vary_interfaces(part, names)
-                found += _vary_modes(part, plan.components[part.name], names)
-                found += _vary_mesh(part, names) if "mesh" in kinds else []
-    found += _vary_pose(scene)
-    return [trial for trial in found if trial.kind in kinds]
+                trials += _vary_interfaces(part, names)
+                trials += _vary_modes(part, plan.components[part.name], names)
+                trials += _vary_mesh(part, names) if "mesh" in kinds else []
+    trials += _vary_pose(scene)
+    return [trial for trial in trials if trial.kind in kinds]
 
 
 def _group_equals(scene: Scene) -> list[tuple[str, ...]]:
@@ -98,9 +98,9 @@ def _group_equals(scene: Scene) -> list[tuple[str, ...]]:
     for name, part in scene.machine.components.items():
         if isinstance(part.solid, SuperelementFile | PointMass):
             continue
-        for place, group in enumerate(groups):
+        for index, group in enumerate(groups):
             if are_alike(scene.machine.components[group[0]], part):
-                groups[place] = (*group, name)
+                groups[index] = (*group, name)
                 break
         else:
             groups.append((name,))
@@ -120,16 +120,16 @@ def _vary_elasticity(part: Component, names: tuple[str, ...]) -> Iterator[ModelT
     """Every other fidelity; of a rigid body the finite elements alone, which show what it leaves
     out.
     """
-    own = RICHNESS.index(part.fidelity)
-    for place, fidelity in enumerate(RICHNESS):
-        if place != own and (part.fidelity != "rigid" or fidelity == "elastic"):
+    written = RICHNESS.index(part.fidelity)
+    for richness, fidelity in enumerate(RICHNESS):
+        if richness != written and (part.fidelity != "rigid" or fidelity == "elastic"):
             yield ModelTrial(
                 "elasticity",
                 names,
                 part.fidelity,
                 fidelity,
                 _set(names, "fidelity", f'"{fidelity}"'),
-                "simpler" if place < own else "richer",
+                "simpler" if richness < written else "richer",
             )
 
 

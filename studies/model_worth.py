@@ -91,11 +91,11 @@ def _follow_model(
     Args:
         model: The other model, of the same family.
     """
-    found = _FollowedModel()
+    followed = _FollowedModel()
     for modes in written.modal:
-        _follow_modes(modes, family, model, found)
-    found.lines.extend(_compare_lines(response, model) for response in written.frf.values())
-    return found
+        _follow_modes(modes, family, model, followed)
+    followed.lines.extend(_compare_lines(response, model) for response in written.frf.values())
+    return followed
 
 
 def _follow_modes(
@@ -104,9 +104,9 @@ def _follow_modes(
     """Add the modes of a pose to what was found."""
     pose = modes.pose.name
     followed = follow_numbers(modes, family.base, model)
-    own = modes.frequencies_hz[modes.rigid_count :]
+    frequencies = modes.frequencies_hz[modes.rigid_count :]
     names = modes.mode_names[modes.rigid_count :]
-    for number, hz, name in zip(followed.numbers, own, names, strict=True):
+    for number, hz, name in zip(followed.numbers, frequencies, names, strict=True):
         if hz / FAR < number.value < hz * FAR:
             found.numbers.append(number)
         else:
@@ -126,18 +126,18 @@ def _compare_lines(response: PoseResponse, model: ComparedMachine) -> Change:
     curves = response.curves
     prepared = prepare_response(model.at(curves.pose))
     receptance = evaluate_frf(prepared, curves.frequencies_hz).receptance
-    own, other = (np.nan_to_num(values) for values in (curves.receptance, receptance))
-    peaks = np.abs(own).max(axis=0)
+    written_lines, other = (np.nan_to_num(values) for values in (curves.receptance, receptance))
+    peaks = np.abs(written_lines).max(axis=0)
     counted = peaks > NEGLIGIBLE * np.sqrt(np.outer(peaks.max(axis=1), peaks.max(axis=0)))
     off: FloatArray = np.where(
-        counted, np.abs(other - own) / np.where(peaks > 0.0, peaks, 1.0), 0.0
+        counted, np.abs(other - written_lines) / np.where(peaks > 0.0, peaks, 1.0), 0.0
     )
-    line, output, given = (int(place) for place in np.unravel_index(np.argmax(off), off.shape))
+    line, output, given = (int(index) for index in np.unravel_index(np.argmax(off), off.shape))
     where = (
         f"{' '.join(curves.outputs[output])} under {' '.join(curves.inputs[given])} at "
         f"{curves.frequencies_hz[line]:.4g} Hz"
     )
-    without, present = (float(abs(lines[line, output, given])) for lines in (other, own))
+    without, present = (float(abs(lines[line, output, given])) for lines in (other, written_lines))
     entry = list(response.list_series())[output * len(curves.inputs) + given]
     return Change(
         make_key("response_line", pose=curves.pose, line=where),
@@ -387,10 +387,10 @@ def _make_cold(
 def _move_entries(source: Store, target: Store) -> None:
     """Put what one store holds and the other does not into the other."""
     for path in [path for path in source.root.rglob("*") if path.is_file()]:
-        place = target.root / path.relative_to(source.root)
-        if not place.exists():
-            place.parent.mkdir(parents=True, exist_ok=True)
-            path.replace(place)
+        moved = target.root / path.relative_to(source.root)
+        if not moved.exists():
+            moved.parent.mkdir(parents=True, exist_ok=True)
+            path.replace(moved)
 
 
 @dataclass(frozen=True, eq=False)

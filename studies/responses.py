@@ -96,18 +96,18 @@ def overlay_responses(
     if first is None:
         return {}
     inputs, outputs = first.curves.inputs, first.curves.outputs
-    known: dict[str, tuple[PoseResponse, FrfModel]] = {
+    alike: dict[str, tuple[PoseResponse, FrfModel]] = {
         name: (solution.response, solution.frf)
         for name, solution in solutions.items()
         if solution.response is not None
         and solution.frf is not None
         and (solution.response.curves.inputs, solution.response.curves.outputs) == (inputs, outputs)
     }
-    own = first.curves.frequencies_hz
+    band = first.curves.frequencies_hz
     lines = np.unique(
-        np.concatenate([response.curves.frequencies_hz for response, _ in known.values()])
+        np.concatenate([response.curves.frequencies_hz for response, _ in alike.values()])
     )
-    lines = lines[(lines >= own[0]) & (lines <= own[-1])]
+    lines = lines[(lines >= band[0]) & (lines <= band[-1])]
     return {
         name: ResponseCurves(
             pose=response.curves.pose,
@@ -118,7 +118,7 @@ def overlay_responses(
             motion=first.curves.motion,
             spacing=first.curves.spacing,
         )
-        for name, (response, model) in known.items()
+        for name, (response, model) in alike.items()
     }
 
 
@@ -183,7 +183,9 @@ def _describe_entry(
     negligible = output != given and bool(
         tops[row, column] < NEGLIGIBLE * _usual_size(curves, tops, output, given)
     )
-    figures = next((own for own in response.figures if own.channel == output == given), None)
+    figures = next(
+        (figure for figure in response.figures if figure.channel == output == given), None
+    )
     entry = _start_entry(output, given)
     if figures is not None and figures.minimum_dynamic_stiffness:
         error = response.errors.get(response.figure_key(figures.channel), Estimate()).total
@@ -214,13 +216,13 @@ def _usual_size(curves: ResponseCurves, tops: FloatArray, output: Channel, given
     """Size that an entry would have if both ports moved together: the geometric mean of those of
     the two drive points; without one, the largest of entries in the same unit.
     """
-    own = [
+    drive_points = [
         float(tops[curves.outputs.index(channel), curves.inputs.index(channel)])
         for channel in (output, given)
         if channel in curves.outputs and channel in curves.inputs
     ]
-    if len(own) == 2:
-        return float(np.sqrt(own[0] * own[1]))
+    if len(drive_points) == 2:
+        return float(np.sqrt(drive_points[0] * drive_points[1]))
     turns = (output[1].startswith("r"), given[1].startswith("r"))
     alike = [
         float(tops[row, column])
@@ -232,25 +234,25 @@ def _usual_size(curves: ResponseCurves, tops: FloatArray, output: Channel, given
 
 
 def _list_peaks(frequencies_hz: FloatArray, sizes: FloatArray) -> list[_PeakSummary]:
-    known = np.isfinite(sizes) & (sizes > 0.0)
-    lines, logs = frequencies_hz[known], np.log(sizes[known])
+    positive = np.isfinite(sizes) & (sizes > 0.0)
+    lines, logs = frequencies_hz[positive], np.log(sizes[positive])
     places, _ = scipy.signal.find_peaks(logs, prominence=np.log(PROMINENCE))
     return [
-        {"frequency_hz": float(lines[place]), "size": float(np.exp(logs[place]))}
-        for place in places
+        {"frequency_hz": float(lines[index]), "size": float(np.exp(logs[index]))}
+        for index in places
     ]
 
 
 def _differ(
     frequencies_hz: FloatArray, mine: ComplexArray, other: ComplexArray
 ) -> _DifferenceSummary | None:
-    known = np.isfinite(mine) & np.isfinite(other)
-    if not known.any() or not np.abs(other[known]).any():
+    determined = np.isfinite(mine) & np.isfinite(other)
+    if not determined.any() or not np.abs(other[determined]).any():
         return None
     lines, away, sizes = (
-        frequencies_hz[known],
-        np.abs(mine - other)[known],
-        np.abs(other[known]),
+        frequencies_hz[determined],
+        np.abs(mine - other)[determined],
+        np.abs(other[determined]),
     )
     most, beyond = int(np.argmax(away)), np.flatnonzero(away > HOLDS * sizes)
     if not len(beyond):

@@ -254,11 +254,11 @@ def share_variants[T](
         What ``work`` made of each; empty on other ranks.
     """
     if comm.size == 1:
-        found = []
+        solved = []
         for number, choice in enumerate(choices):
-            found.append(work(choice))
-            observer(number, found[-1])
-        return found
+            solved.append(work(choice))
+            observer(number, solved[-1])
+        return solved
     planned = make_on_root(
         comm,
         lambda: [
@@ -313,18 +313,18 @@ def _answer(state: RunState, choice: VariantChoice, pose: Pose, effort: Effort) 
 
 def name_uncompared(scene: Scene) -> tuple[str, ...]:
     """Answers that a comparison has none of, each with what would give it."""
-    asked, found = scene.analyses, []
+    asked, uncompared = scene.analyses, []
     point = next(iter(scene.machine.points), "COMPONENT.INTERFACE")
     if StaticRequest not in asked:
-        found.append("no compliances are compared: the scene has no [analyses.static]")
+        uncompared.append("no compliances are compared: the scene has no [analyses.static]")
     if ModalRequest not in asked:
-        found.append("no modes are compared: the scene has no [analyses.modal]")
+        uncompared.append("no modes are compared: the scene has no [analyses.modal]")
     if FrfRequest not in asked:
-        found.append(
+        uncompared.append(
             "no frequency responses are compared: the scene has no [analyses.frf]; "
             f'add inputs = ["{point}"], to = "500 Hz" there, and damping in [effects]'
         )
-    return tuple(found)
+    return tuple(uncompared)
 
 
 def _choose_pose(scene: Scene, name: str | None) -> Pose:
@@ -392,13 +392,13 @@ def _with_compliances(solution: VariantSolution, state: RunState) -> VariantSolu
     except ModelError as error:
         return dataclasses.replace(solution, failures=(f"static analysis: {error}",))
     for name, budget in points.items():
-        known = (
+        by_axis = (
             dict.fromkeys(DIRECTIONS, LUMPED)
             if machine.coupled is None
             else estimate_compliance_errors(state.parts, machine.coupled, budget.displacements)
         )
         errors |= {
-            compliance_key(solution.pose, name, axis): error for axis, error in known.items()
+            compliance_key(solution.pose, name, axis): error for axis, error in by_axis.items()
         }
     return dataclasses.replace(
         solution,

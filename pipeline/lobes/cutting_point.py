@@ -226,9 +226,9 @@ def _support_weakly(system: SecondOrderSystem, count: int, slowest: float) -> Se
     """
     omega = WEAK * slowest
     stiffness, damping = system.stiffness.copy(), np.zeros_like(system.mass)
-    place = np.arange(count)
-    stiffness[place, place] += omega**2
-    damping[place, place] = 0.6 * omega
+    index = np.arange(count)
+    stiffness[index, index] += omega**2
+    damping[index, index] = 0.6 * omega
     if system.damping is not None:
         damping += system.damping
     return dataclasses.replace(system, stiffness=stiffness, damping=damping)

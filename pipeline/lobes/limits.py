@@ -109,12 +109,12 @@ def find_limits(
     request = point.request
     safe = safe_depth(tip, request.cut_at(float(request.speeds[0])))
     cuts = _cuts_at_speeds(request, tip, choose_speeds(request))
-    found = find_border(cuts, diagram.depths, safe=safe, deepest=request.deepest)
+    borders = find_border(cuts, diagram.depths, safe=safe, deepest=request.deepest)
     depths, chatter = (
-        np.array([getattr(border, name) for border in found]) for name in ("depth", "omega")
+        np.array([getattr(border, name) for border in borders]) for name in ("depth", "omega")
     )
-    limited = np.array([border.limited for border in found])
-    eigenvalues = np.zeros(len(found), dtype=complex)
+    limited = np.array([border.limited for border in borders])
+    eigenvalues = np.zeros(len(borders), dtype=complex)
     if limited.any():
         eigenvalues[limited] = chatter_eigenvalues(
             turn_response(point.tip(chatter[limited]), frame),
@@ -126,10 +126,10 @@ def find_limits(
     return Limits(
         depths,
         limited,
-        np.array([border.error if border.limited else np.nan for border in found]),
-        np.array([border.slope for border in found]),
+        np.array([border.error if border.limited else np.nan for border in borders]),
+        np.array([border.slope for border in borders]),
         chatter,
-        np.array([border.waves for border in found], dtype=np.intp),
+        np.array([border.waves for border in borders], dtype=np.intp),
         eigenvalues,
     )
 
@@ -155,17 +155,17 @@ def best_speeds(depths: FloatArray) -> tuple[int, ...]:
     Args:
         depths: ``(n,)`` [m]; NaN where none was looked for.
     """
-    known = np.flatnonzero(np.isfinite(depths))
-    if not len(known):
+    limited = np.flatnonzero(np.isfinite(depths))
+    if not len(limited):
         return ()
-    own = depths[known]
-    starts = np.flatnonzero(np.concatenate([[True], own[1:] != own[:-1]]))
-    ends = np.concatenate([starts[1:], [len(own)]]) - 1
-    level = own[starts]
+    chosen = depths[limited]
+    starts = np.flatnonzero(np.concatenate([[True], chosen[1:] != chosen[:-1]]))
+    ends = np.concatenate([starts[1:], [len(chosen)]]) - 1
+    level = chosen[starts]
     before, after = np.concatenate([[-np.inf], level[:-1]]), np.concatenate([level[1:], [-np.inf]])
-    tops = np.flatnonzero((level > before) & (level > after) & (level > WORTHWHILE * own.min()))
+    tops = np.flatnonzero((level > before) & (level > after) & (level > WORTHWHILE * chosen.min()))
     order = sorted(tops, key=lambda top: -level[top])[:BEST_SPEEDS]
-    return tuple(int(known[(starts[top] + ends[top]) // 2]) for top in order)
+    return tuple(int(limited[(starts[top] + ends[top]) // 2]) for top in order)
 
 
 def estimate_limits(
@@ -178,20 +178,20 @@ def estimate_limits(
     left_out = name_what_is_left_out(machine.parts).left_out if machine.coupled else ()
     if point.poles is None:
         left_out = (*left_out, BY_ONE_FREQUENCY)
-        return tuple(dataclasses.replace(own, left_out=left_out) for own in found)
+        return tuple(dataclasses.replace(lobes, left_out=left_out) for lobes in found)
     changes = _find_changes(machine, point, found, limits)
     return tuple(
         dataclasses.replace(
-            own,
+            lobes,
             depth_errors={
                 BORDER: border.search,
                 **depths,
-                **_spread_coefficients(point, own, border),
+                **_spread_coefficients(point, lobes, border),
             },
             chatter_errors=chatter,
             left_out=left_out,
         )
-        for own, border, (depths, chatter) in zip(found, limits, changes, strict=True)
+        for lobes, border, (depths, chatter) in zip(found, limits, changes, strict=True)
     )
 
 
@@ -202,8 +202,10 @@ def _spread_coefficients(point: CuttingPoint, own: DirectionLobes, limits: Limit
         return {}
     tip = turn_tip(poles, travel_frame(own.direction, request.up, request.part))
     half = np.zeros(len(limits.depths))
-    for known in request.coefficients.ranges.values():
-        moved = [_move_border(point, tip, limits, limits.limited, end).depth for end in known.ends]
+    for coefficient in request.coefficients.ranges.values():
+        moved = [
+            _move_border(point, tip, limits, limits.limited, end).depth for end in coefficient.ends
+        ]
         half += limits.depths * np.abs(np.array(moved) - 1.0).max(axis=0)
     return {CUTTING: half}
 
@@ -235,8 +237,8 @@ def _find_changes(
         return tips[id(change)]
 
     errors = []
-    for own, border in zip(found, limits, strict=True):
-        frame = travel_frame(own.direction, request.up, request.part)
+    for lobes, border in zip(found, limits, strict=True):
+        frame = travel_frame(lobes.direction, request.up, request.part)
 
         def find(
             change: SystemChange | None,
@@ -278,20 +280,20 @@ def _move_border(
         tip: Of the other machine, in the axes of the travel.
         some: ``(n,)`` at which speeds, all of which have a limit; NaN at others.
     """
-    own = point.request.coefficients
+    usual = point.request.coefficients
     # limits go with the inverse of the coefficients, all else is a small change
-    scale = 1.0 if coefficients is None else own.chip[0] / coefficients.chip[0]
+    scale = 1.0 if coefficients is None else usual.chip[0] / coefficients.chip[0]
     depth, chatter = np.full((2, len(some)), np.nan)
     cuts = _cuts_at_speeds(point.request, tip, some, coefficients)
-    for place in np.flatnonzero(some):
-        if (cut := cuts[place]) is not None:
+    for index in np.flatnonzero(some):
+        if (cut := cuts[index]) is not None:
             share = scale
             for _ in range(STEPS):
-                largest = cut.largest(share * float(limits.depths[place]), FINER)
-                step = float(np.log(np.abs(largest.value)) / limits.slopes[place])
+                largest = cut.largest(share * float(limits.depths[index]), FINER)
+                step = float(np.log(np.abs(largest.value)) / limits.slopes[index])
                 if not abs(step) < FARTHEST:
                     break  # too far for a slope: nothing bounds it
                 share *= 1.0 - step
             else:
-                depth[place], chatter[place] = share, cut.frequency(largest)
+                depth[index], chatter[index] = share, cut.frequency(largest)
     return Border(depth, chatter)

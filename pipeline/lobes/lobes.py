@@ -70,13 +70,13 @@ def run_lobes_stage(state: RunState, stage: Stage) -> Outcome:
 
 def _describe_limits(found: PoseLobes) -> str:
     """Lowest limit, and how many speeds have one."""
-    depths = np.array([own.depths for own in found.directions])
-    known = np.isfinite(depths)
-    limited = sum(int(own.limited.sum()) for own in found.directions)
-    if not known.any():
+    depths = np.array([lobes.depths for lobes in found.directions])
+    looked_at = np.isfinite(depths)
+    limited = sum(int(lobes.limited.sum()) for lobes in found.directions)
+    if not looked_at.any():
         return "no speed looked at"
     lowest = f"lowest limit depth {1e3 * np.nanmin(depths):.3g} mm, " if limited else ""
-    return f"{lowest}limits at {limited} of {int(known.sum())} speeds"
+    return f"{lowest}limits at {limited} of {int(looked_at.sum())} speeds"
 
 
 def _feed_of_path(model: PoseModel, request: LobesRequest) -> FloatArray:
@@ -131,9 +131,11 @@ def solve_lobes(
     solved = [
         _solve_direction(machine, point, travel, whole=whole) for travel in request.travels(feed)
     ]
-    found = tuple(own for own, _ in solved)
+    directions = tuple(lobes for lobes, _ in solved)
     if whole:
-        found = estimate_limits(machine, point, found, tuple(limits for _, limits in solved))
+        directions = estimate_limits(
+            machine, point, directions, tuple(limits for _, limits in solved)
+        )
     answer = PoseLobes(
         pose=machine.pose.name,
         material=request.material,
@@ -150,9 +152,9 @@ def solve_lobes(
         method=MULTIPLIERS if point.poles is not None else ONE_FREQUENCY,
         confirmed=point.poles is not None,
         speeds=request.speeds,
-        directions=found,
+        directions=directions,
     )
-    return Solved(answer, tuple(_warn_of_limits(machine, point, found)))
+    return Solved(answer, tuple(_warn_of_limits(machine, point, directions)))
 
 
 def _solve_direction(
@@ -170,7 +172,7 @@ def _solve_direction(
         else find_limits(point, frame, turn_tip(poles, frame), diagram)
     )
     lobes, owner = _group_lobes(point, limits, frame, machine, whole=whole)
-    own = DirectionLobes(
+    of_travel = DirectionLobes(
         name=travel.name,
         direction=travel.along,
         depths=limits.depths,
@@ -181,7 +183,7 @@ def _solve_direction(
         lobes=lobes,
         best=best_speeds(limits.depths) if point.poles is not None else (),
     )
-    return own, limits
+    return of_travel, limits
 
 
 def _describe_tool(request: LobesRequest) -> str:
@@ -207,14 +209,14 @@ def _warn_of_limits(
         ]
     warnings = []
     wanted = choose_speeds(request)
-    skipped = np.any([wanted & np.isnan(own.depths) for own in found], axis=0)
+    skipped = np.any([wanted & np.isnan(lobes.depths) for lobes in found], axis=0)
     if skipped.any():
         fastest = RPM * float(request.speeds[skipped].max())
         warnings.append(
             f"lobes in pose {pose}: {int(skipped.sum())} of {int(wanted.sum())} speeds, up to {fastest:.0f} rpm, were not evaluated: too many"
             " waves of the machine's modes between two teeth; begin with a higher speed"
         )
-    highest = max((HZ * np.nanmax(own.chatter, initial=0.0) for own in found), default=0.0)
+    highest = max((HZ * np.nanmax(lobes.chatter, initial=0.0) for lobes in found), default=0.0)
     parts = {} if machine.coupled is None else truncated_parts(machine.coupled)
     if highest > request.reach_hz and parts:
         warnings.append(
@@ -248,16 +250,16 @@ def _group_lobes(
     names = _name_sources(machine, point, sorted({int(source) for source in sources}))
     lobes = []
     for number in range(int(owner.max()) + 1):
-        own = np.flatnonzero(owner == number)
-        place = int(own[np.argmin(depths[own])])
-        at = int(np.flatnonzero(limited == place)[0])
+        speeds = np.flatnonzero(owner == number)
+        lowest = int(speeds[np.argmin(depths[speeds])])
+        at = int(np.flatnonzero(limited == lowest)[0])
         name, hz, part = names[int(sources[at])]
         lobes.append(
             Lobe(
-                place=place,
-                first=int(own[0]),
-                last=int(own[-1]),
-                waves=int(limits.waves[place]),
+                place=lowest,
+                first=int(speeds[0]),
+                last=int(speeds[-1]),
+                waves=int(limits.waves[lowest]),
                 mode=name,
                 mode_hz=hz,
                 mode_share=float(shares[at]),
@@ -301,27 +303,31 @@ def _name_sources(
     """Name, natural frequency and part of modes of the machine and of parts of the assembly."""
     coordinates = point.model.coordinates
     count = 0 if coordinates is None else len(coordinates.eigenvalues)
-    found: dict[int, tuple[str, float | None, str]] = {-1: ("", None, "")}
-    own = np.array([source for source in sources if 0 <= source < count], dtype=np.intp)
-    if len(own):
+    sources_by_number: dict[int, tuple[str, float | None, str]] = {-1: ("", None, "")}
+    machine_modes = np.array([source for source in sources if 0 <= source < count], dtype=np.intp)
+    if len(machine_modes):
         modes = machine.all_modes
         some = dataclasses.replace(
             modes,
-            frequencies_hz=modes.frequencies_hz[own],
-            shapes=modes.shapes[:, own],
-            rigid_count=int((own < modes.rigid_count).sum()),
-            residuals=modes.residuals[own],
+            frequencies_hz=modes.frequencies_hz[machine_modes],
+            shapes=modes.shapes[:, machine_modes],
+            rigid_count=int((machine_modes < modes.rigid_count).sum()),
+            residuals=modes.residuals[machine_modes],
         )
         named = machine.name_modes(some)
-        for place, shown in enumerate(own):
-            strain = named.strain_shares[place] or named.kinetic_shares[place]
+        for index, shown in enumerate(machine_modes):
+            strain = named.strain_shares[index] or named.kinetic_shares[index]
             part = max(strain, key=lambda name: strain[name], default="")
-            found[int(shown)] = (named.names[place], float(some.frequencies_hz[place]), part)
+            sources_by_number[int(shown)] = (
+                named.names[index],
+                float(some.frequencies_hz[index]),
+                part,
+            )
     for source in sources:
         if source >= count:
             if isinstance(point.assembly, MeasuredAssembly):
-                found[source] = ("measured assembly of spindle and tool", None, "tool")
+                sources_by_number[source] = ("measured assembly of spindle and tool", None, "tool")
             else:
                 mode = point.assembly[source - count]
-                found[source] = (f"{mode.name} on its base", mode.hz, mode.name)
-    return found
+                sources_by_number[source] = (f"{mode.name} on its base", mode.hz, mode.name)
+    return sources_by_number

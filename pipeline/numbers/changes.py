@@ -142,15 +142,15 @@ def _add(key: Key, moves: Mapping[Owner, Moved], split: Split | None) -> Estimat
     parts = []
     for owner, moved in moves.items():
         size, (name, source) = _size(key, owner, moved), owner
-        own = {} if size is None or not name else {source: {name: size}}
-        parts.append(Estimate({source: size}, (), own))
+        of_owner = {} if size is None or not name else {source: {name: size}}
+        parts.append(Estimate({source: size}, (), of_owner))
     return combine_estimates(parts)
 
 
 def _take_largest(key: Key, moves: Mapping[Owner, Moved], split: Split | None) -> Estimate:
     sizes = [_size(key, owner, moved) for owner, moved in moves.items()]
-    known, source = [size for size in sizes if size is not None], next(iter(moves))[1]
-    size = max(known) if len(known) == len(sizes) else None
+    bounded, source = [size for size in sizes if size is not None], next(iter(moves))[1]
+    size = max(bounded) if len(bounded) == len(sizes) else None
     parts = {} if size is None or split is None else {source: split(key, size)}
     return Estimate({source: size}, (), parts)
 

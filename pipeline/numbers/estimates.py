@@ -65,8 +65,8 @@ def combine_estimates(parts: Sequence[Estimate]) -> Estimate:
     shares: dict[str, float | None] = {}
     for part in parts:
         for source, size in part.shares.items():
-            known = shares.get(source, 0.0)
-            shares[source] = None if known is None or size is None else known + size
+            before = shares.get(source, 0.0)
+            shares[source] = None if before is None or size is None else before + size
     owners: dict[str, dict[str, float]] = {}
     for part in parts:
         for source, sizes in part.parts.items():

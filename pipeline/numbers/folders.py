@@ -63,9 +63,9 @@ def read_plain_summary(folder: Path) -> dict[str, Any]:
         raise UnusableOutputError(
             f"{path} is not a summary: it holds a {type(summary).__name__}; {remedy}"
         )
-    if (found := summary.get("format", 1)) != RESULT_FORMAT:
+    if (stated := summary.get("format", 1)) != RESULT_FORMAT:
         raise UnusableOutputError(
-            f"{path} has format {found}, and this version reads format {RESULT_FORMAT}; {remedy}"
+            f"{path} has format {stated}, and this version reads format {RESULT_FORMAT}; {remedy}"
         )
     return summary
 
@@ -172,12 +172,12 @@ def _refuse_constant(name: str) -> Never:
 
 def _find_other_results(folder: Path) -> str:
     """Return what to do with a folder of a command that computes many runs; empty where it is none."""
-    found = [name for name in OTHER_RESULTS if (folder / name).is_file()]
-    if not found:
+    names = [name for name in OTHER_RESULTS if (folder / name).is_file()]
+    if not names:
         return ""
-    command = OTHER_RESULTS[found[0]]
+    command = OTHER_RESULTS[names[0]]
     return (
-        f"{folder / found[0]} is of `headstock {command}`, which writes its own pages: run it again"
+        f"{folder / names[0]} is of `headstock {command}`, which writes its own pages: run it again"
     )
 
 

@@ -274,10 +274,10 @@ class Numbers(Mapping[Key, Number]):
         """
         whole = pattern if "(" in pattern else f"{pattern}(*)"
         expression = re.compile(fnmatch.translate(whole.replace("[", "[[]")))
-        found = [name for name in self._rows if expression.match(name)]
-        if not found:
+        names = [name for name in self._rows if expression.match(name)]
+        if not names:
             raise NumberNameError(_list_alternatives(pattern, self._rows))
-        return Numbers.collect(self[name] for name in found)
+        return Numbers.collect(self[name] for name in names)
 
     def to_pandas(self) -> Frame:
         """Return a frame with name, kind and a column per role, then value [SI], unit, ±, its known part and what is

@@ -122,11 +122,11 @@ class CaseState:
         Raises:
             HeadstockError: The parts cannot be built next to these values.
         """
-        found = (
+        slopes = (
             (index, _slope_case(self, parameter))
             for index, parameter in enumerate(self.model.parameters)
         )
-        return {index: slope for index, slope in found if slope is not None}
+        return {index: slope for index, slope in slopes if slope is not None}
 
     @cached_property
     def slopes(self) -> CoupledSlopes:
@@ -268,12 +268,14 @@ def _slope_pieces(state: CaseState, parameter: Parameter) -> StackedPieces | Non
     if touched.stiffness_only:
         return _slope_springs(state, parameter)
     joints = state.model.parametric.scene.machine.joints
-    beside = [name for name, joint in joints.items() if _bodies_of(joint) & set(touched.components)]
+    neighbours = [
+        name for name, joint in joints.items() if _bodies_of(joint) & set(touched.components)
+    ]
     watched = [
         name for name in state.model.observers if _owners(state, name) & set(touched.components)
     ]
     wanted = Selection(
-        touched.components, tuple(dict.fromkeys([*touched.joints, *beside])), tuple(watched)
+        touched.components, tuple(dict.fromkeys([*touched.joints, *neighbours])), tuple(watched)
     )
     value = state.values[parameter.name]
     reached = MESHED_STEP if touched.meshed else STEP

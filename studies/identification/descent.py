@@ -92,15 +92,15 @@ def _propose_exchanges(problem: FitProblem, point: FitPoint) -> list[tuple[Pairi
     cases = _linearise(problem, point)
     residuals = np.concatenate([point.residuals, prior_residuals(problem, point.coordinates)])
     jacobian = np.vstack([data_jacobian(problem, point), prior_jacobian(problem)])
-    found: dict[tuple[Pairing, ...], float] = {}
-    for place in _places(problem, point):
-        move = place
+    costs: dict[tuple[Pairing, ...], float] = {}
+    for start in _places(problem, point):
+        move = start
         for _ in range(SWEEPS):
             pairings = tuple(_pair(case, move) for case in cases)
             move, cost = _solve(problem, point, cases, pairings, (residuals, jacobian))
         if pairings != point.pairings and cost < PROMISING * point.cost:
-            found[pairings] = min(cost, found.get(pairings, np.inf))
-    return sorted(found, key=lambda pairings: found[pairings])[:TRIALS]
+            costs[pairings] = min(cost, costs.get(pairings, np.inf))
+    return sorted(costs, key=lambda pairings: costs[pairings])[:TRIALS]
 
 
 def _linearise(problem: FitProblem, point: FitPoint) -> list[_LinearCase]:
@@ -223,15 +223,16 @@ class _Descent:
     def residuals(self, coordinates: FloatArray) -> FloatArray:
         self.count += 1
         self.settle()
-        known = self.latest
+        before = self.latest
         try:
             self.latest = evaluate(self.problem, coordinates, self.anchor)
         except HeadstockError:
-            if known is None:
+            if before is None:
                 raise
             self.refused += 1
             return np.full(
-                len(known.residuals) + len(prior_residuals(self.problem, coordinates)), OUT_OF_REACH
+                len(before.residuals) + len(prior_residuals(self.problem, coordinates)),
+                OUT_OF_REACH,
             )
         if self.follow and self.anchor is None:
             self.anchor = self.latest
@@ -308,15 +309,15 @@ def spread_starts(problem: FitProblem) -> list[FloatArray]:
     means, sigmas = problem.priors
     with_prior = np.isfinite(sigmas)
     for share in shares:
-        place = lower + share * (upper - lower)
+        start = lower + share * (upper - lower)
         low, high = (
             norm.cdf((bound[with_prior] - means[with_prior]) / sigmas[with_prior])
             for bound in (lower, upper)
         )
-        place[with_prior] = means[with_prior] + sigmas[with_prior] * norm.ppf(
+        start[with_prior] = means[with_prior] + sigmas[with_prior] * norm.ppf(
             low + share[with_prior] * (high - low)
         )
-        starts.append(np.clip(place, lower, upper))
+        starts.append(np.clip(start, lower, upper))
     return starts
 
 
@@ -379,7 +380,7 @@ def _descend(
         settle=settle,
         anchor=anchor,
     )
-    found = least_squares(
+    solution = least_squares(
         descent.residuals,
         np.clip(start, problem.lower, problem.upper),
         jac=descent.jacobian,
@@ -391,8 +392,8 @@ def _descend(
         gtol=TOLERANCE,
         max_nfev=at_most or problem.settings.evaluations,
     )
-    reason = TEXTS.get(found.status, str(found.message))
-    end = descent.point_at(found.x)
+    reason = TEXTS.get(solution.status, str(solution.message))
+    end = descent.point_at(solution.x)
     return StartRecord(
-        start, end, descent.count, descent.refused, 0, converged=found.status > 0, reason=reason
+        start, end, descent.count, descent.refused, 0, converged=solution.status > 0, reason=reason
     )

@@ -112,14 +112,14 @@ def render_overrides(found: Identification, written: Scene, command: str) -> str
     lines += [f"# {_describe(item)}" for item in found.parameters]
     lines += ["", f"[variants.{VARIANT}]", *_entries(shared)]
     for variant, values in keys.items():
-        own = {key: value for key, value in values.items() if shared.get(key) != value}
-        if own:
+        special = {key: value for key, value in values.items() if shared.get(key) != value}
+        if special:
             name = f"{VARIANT}_{(variant or 'written').replace('+', '_')}"
             lines += [
                 "",
                 f"# --variant {variant}+{VARIANT}+{name}",
                 f"[variants.{name}]",
-                *_entries(own),
+                *_entries(special),
             ]
     return "\n".join(lines) + "\n"
 

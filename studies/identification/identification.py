@@ -322,15 +322,15 @@ def _fitted(
     problem: FitProblem, point: FitPoint, statistics: FitStatistics
 ) -> tuple[FittedParameter, ...]:
     reach = statistics.quantile * statistics.sigmas
-    known = reach < UNKNOWN
-    ends = (point.coordinates + side * np.where(known, reach, 0.0) for side in (0.0, -1.0, 1.0))
+    bounded = reach < UNKNOWN
+    ends = (point.coordinates + side * np.where(bounded, reach, 0.0) for side in (0.0, -1.0, 1.0))
     value, low, high = (problem.values(end) for end in ends)
     return tuple(
         FittedParameter(
             parameter=parameter,
             value=value[parameter.name],
-            low=low[parameter.name] if known[index] else np.nan,
-            high=high[parameter.name] if known[index] else np.nan,
+            low=low[parameter.name] if bounded[index] else np.nan,
+            high=high[parameter.name] if bounded[index] else np.nan,
             data_share=float(statistics.data_share[index]),
             at_bound=_at_bound(problem, point.coordinates, index),
         )

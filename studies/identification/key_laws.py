@@ -187,7 +187,7 @@ def find_laws(scene: Scene, parameters: Sequence[Parameter]) -> tuple[KeyLaw, ..
         for rule in parameter.rules:
             if holds_number(scene.raw, rule.key):
                 rules.setdefault(rule.key, []).append((parameter, rule))
-    laws = {key: _make_law(scene.raw, key, tuple(found)) for key, found in rules.items()}
+    laws = {key: _make_law(scene.raw, key, tuple(pairs)) for key, pairs in rules.items()}
     named = tuple(law for key, law in laws.items() if key[0] == PARAMETERS)
     if not named:
         return tuple(laws.values())

@@ -64,7 +64,7 @@ def read_parameters(
         scenes: The scene of each variant that the targets use.
         findings: Takes the faults, with their place in the file.
     """
-    found = []
+    parameters = []
     setters: dict[KeyPath, str] = {}
     for name, entry in table.parameters.items():
         key: KeyPath = ("parameters", name)
@@ -80,9 +80,9 @@ def read_parameters(
                 findings.add(target.place, text)
         parameter = _read_parameter(name, entry, targets, findings) if targets else None
         if parameter is not None:
-            found.append(parameter)
+            parameters.append(parameter)
             _check_followers(parameter, targets, scenes, findings)
-    return tuple(found)
+    return tuple(parameters)
 
 
 def _check_followers(
@@ -94,14 +94,14 @@ def _check_followers(
     named = [target for target in targets if target.rule.key[0] == PARAMETERS]
     if not named:
         return
-    first, found = named[0], 0
+    first, count = named[0], 0
     for scene in scenes.values():
         try:
             laws = [law for law in find_laws(scene, (parameter,)) if law.calculated is not None]
         except ParameterValueError as error:
             findings.add(first.place, str(error))
             return
-        found += len(laws)
+        count += len(laws)
         faults = [_find_fault(law.key, scene) for law in laws if law.key[2] != "mesh"]
         for fault in [fault for fault in faults if fault][:1]:
             name = show_key(first.rule.key)
@@ -109,7 +109,7 @@ def _check_followers(
                 first.place, f"a value is calculated from {name} that no fit takes: {fault}"
             )
             return
-    if not found:
+    if not count:
         name = show_key(first.rule.key[1:])
         findings.add(
             first.place,
@@ -122,11 +122,11 @@ def _find_targets(
     base: KeyPath, kind: str, index: int, rule: Rule, scenes: Scenes, findings: Findings
 ) -> list[_Target]:
     """Return every key a rule means, in any of the variants."""
-    place: KeyPath = (*base, _TABLES[kind], index)
+    rule_key: KeyPath = (*base, _TABLES[kind], index)
     try:
         pattern = split_key(rule.key)
     except ValueError as error:
-        findings.add(place, str(error))
+        findings.add(rule_key, str(error))
         return []
     targets: dict[KeyPath, _Target] = {}
     faults: list[str] = []
@@ -134,12 +134,12 @@ def _find_targets(
         for key in find_keys(scene.raw, pattern):
             faults.append(_find_fault(key, scene))
             if key not in targets and holds_number(scene.raw, key):
-                targets[key] = target = _make_target(key, kind, rule, scene, place)
+                targets[key] = target = _make_target(key, kind, rule, scene, rule_key)
                 faults.append(_find_offset_fault(rule, target.quantity))
     if not targets and not any(faults):
         faults.append(_explain_missing(pattern, rule.key, scenes))
     for fault in filter(None, faults):
-        findings.add(place, fault)
+        findings.add(rule_key, fault)
         return []
     return list(targets.values())
 
@@ -217,8 +217,8 @@ def _read_parameter(
     reference = 1.0 if example is None else 0.0
     if first is not None and first.rule.factor:
         reference = (first.quantity.value - first.rule.offset) / first.rule.factor
-    for place, fault in _find_rule_faults(key, targets, dimension, reference):
-        findings.add(place, fault)
+    for where, fault in _find_rule_faults(key, targets, dimension, reference):
+        findings.add(where, fault)
     values = _read_values(key, table, dimension, reference, findings)
     if values is None or len(findings.problems) > before:
         return None
@@ -241,11 +241,11 @@ def _find_rule_faults(
 ) -> Iterator[_Fault]:
     """Yield rules that do not fit the parameter, with their places."""
     for target in targets:
-        found = target.quantity.dimension
-        if target.rule.kind != "multiply" and found != dimension:
+        held = target.quantity.dimension
+        if target.rule.kind != "multiply" and held != dimension:
             yield (
                 target.place,
-                f"{show_key(target.rule.key)} is a {found.name} and the parameter a {dimension.name}; "
+                f"{show_key(target.rule.key)} is a {held.name} and the parameter a {dimension.name}; "
                 "put it under multiplies, which takes any number along in proportion",
             )
         if target.rule.factor == 0.0:
@@ -301,14 +301,14 @@ def _find_bound_faults(table: ParameterTable, dimension: Dimension) -> Iterator[
     given = {("bounds", 0): table.bounds[0], ("bounds", 1): table.bounds[1]}
     given |= {("start",): table.start, ("prior",): table.prior}
     wrong = {
-        place: value
-        for place, value in given.items()
+        where: value
+        for where, value in given.items()
         if value is not None and value.dimension != dimension
     }
     example = "a plain number such as 1.2" if dimension == NUMBER else f'"{dimension.example}"'
-    for place, value in wrong.items():
+    for where, value in wrong.items():
         yield (
-            place,
+            where,
             f"is a {value.dimension.name} but what it moves is a {dimension.name}; write {example}",
         )
     lower, upper = (bound.value for bound in table.bounds)

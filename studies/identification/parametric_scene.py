@@ -195,12 +195,12 @@ class _ParametricShape:
         return component, reduce(component, properties, loads)
 
     def _entry(self, section: str, name: str, numbers: tuple[float, ...]) -> ReadValue:
-        own: dict[KeyPath, float | Quantity] = {
+        by_key: dict[KeyPath, float | Quantity] = {
             law.key[2:]: number if law.dimension == NUMBER else Quantity(number, law.dimension)
             for law, number in zip(self.laws, numbers, strict=True)
             if law.key[:2] == (section, name)
         }
-        return replace_numbers(read_entries(self.scene.raw, section)[name], own)
+        return replace_numbers(read_entries(self.scene.raw, section)[name], by_key)
 
     def _loads(self) -> tuple[Load, ...]:
         return tuple(
@@ -376,21 +376,23 @@ def make_parametric(
                 by_component.setdefault(owner, []).append(law)
     shapes = [component.shape for other in others for component in other.components.values()]
     components = {}
-    for name, own in by_component.items():
+    for name, own_laws in by_component.items():
         shape = _share_shape(
             _ParametricShape(
                 scene,
                 name,
                 superelements[name],
-                tuple(law for law in own if not moves(law)),
+                tuple(law for law in own_laws if not moves(law)),
                 reduce,
             ),
             shapes,
         )
-        components[name] = _ParametricComponent(scene.machine.components[name], shape, tuple(own))
+        components[name] = _ParametricComponent(
+            scene.machine.components[name], shape, tuple(own_laws)
+        )
     joints = {
-        name: _ParametricJoint(scene.machine.joints[name], tuple(own))
-        for name, own in by_joint.items()
+        name: _ParametricJoint(scene.machine.joints[name], tuple(own_laws))
+        for name, own_laws in by_joint.items()
     }
     touched = {
         parameter.name: _find_touched(parameter.name, components, joints)
@@ -441,7 +443,7 @@ def _find_followers(
         name: [law for law in entry.laws if law.depends_on(parameter)]
         for name, entry in entries.items()
     }
-    return {name: found for name, found in laws.items() if found}
+    return {name: follow for name, follow in laws.items() if follow}
 
 
 def _match_modal_dofs(before: Superelement, after: Superelement) -> Superelement:
@@ -456,18 +458,18 @@ def _match_modal_dofs(before: Superelement, after: Superelement) -> Superelement
     size, count = before.boundary_size, min(before.modal_count, after.modal_count)
     if count == 0 or before.modal_count != after.modal_count:
         return after
-    wanted, found = (
+    wanted, reduced = (
         _couplings(part.mass[size:, :size], before.node_size) for part in (before, after)
     )
     logs = [np.log(part.modal_frequencies_hz) for part in (before, after)]
-    alike = np.abs(wanted @ found.T) / np.outer(_sizes(wanted), _sizes(found))
+    alike = np.abs(wanted @ reduced.T) / np.outer(_sizes(wanted), _sizes(reduced))
     order = linear_sum_assignment(alike - np.abs(np.subtract.outer(*logs)) / FAR, maximize=True)[1]
     turned = np.zeros((count, count))
     start = 0
     for end in range(1, count + 1):
         if end == count or logs[0][end] - logs[0][end - 1] > CLOSE:
             group = slice(start, end)
-            left, _, right = np.linalg.svd(wanted[group] @ found[order[group]].T)
+            left, _, right = np.linalg.svd(wanted[group] @ reduced[order[group]].T)
             turned[group, order[group]] = left @ right
             start = end
     turn = scipy.linalg.block_diag(np.eye(size), turned)

@@ -92,9 +92,9 @@ def compare_shape(state: CaseState, shape: ShapeTarget) -> FloatArray:
 
     Source: Allemang and Brown (1982).
     """
-    seen, wanted = _seen_shapes(state, shape)
-    sizes = np.maximum(np.einsum("ij,ij->j", seen, seen), np.finfo(float).tiny)
-    return np.asarray((wanted @ seen) ** 2 / sizes)
+    observed, wanted = _seen_shapes(state, shape)
+    sizes = np.maximum(np.einsum("ij,ij->j", observed, observed), np.finfo(float).tiny)
+    return np.asarray((wanted @ observed) ** 2 / sizes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,16 +204,16 @@ def _shape_rows(state: CaseState, shape: ShapeTarget) -> FloatArray:
 
 def _shape_gap(state: CaseState, shape: ShapeTarget, mode: int) -> FloatArray:
     """Part of the target at right angles to the mode ``(k,)``: its square is ``1 - MAC``."""
-    seen, wanted = _seen_shapes(state, shape)
-    unit = seen[:, mode] / max(float(np.linalg.norm(seen[:, mode])), np.finfo(float).tiny)
+    observed, wanted = _seen_shapes(state, shape)
+    unit = observed[:, mode] / max(float(np.linalg.norm(observed[:, mode])), np.finfo(float).tiny)
     return np.asarray((wanted - (wanted @ unit) * unit) / shape.tolerance)
 
 
 def _shape_gap_slopes(state: CaseState, shape: ShapeTarget, mode: int) -> FloatArray:
     slopes, count = state.by_parameter, len(state.model.parameters)
-    seen, wanted = _seen_shapes(state, shape)
-    size = max(float(np.linalg.norm(seen[:, mode])), np.finfo(float).tiny)
-    unit = seen[:, mode] / size
+    observed, wanted = _seen_shapes(state, shape)
+    size = max(float(np.linalg.norm(observed[:, mode])), np.finfo(float).tiny)
+    unit = observed[:, mode] / size
     result = np.zeros((len(wanted), count))
     changes = _shape_rows(state, shape) @ slope_motions(state, mode, list(slopes.values()))
     length = state.coupled.layout.length
@@ -343,8 +343,8 @@ def evaluate(
     values = problem.values(coordinates)
     states = tuple(solve_case(model, values) for model in problem.cases)
     if anchor is not None:
-        known = zip(anchor.states, anchor.pairings, states, strict=True)
-        pairings = tuple(follow_modes(before, pairing, state) for before, pairing, state in known)
+        pairs = zip(anchor.states, anchor.pairings, states, strict=True)
+        pairings = tuple(follow_modes(before, pairing, state) for before, pairing, state in pairs)
     else:
         pairings = tuple(_pair_targets(state) for state in states)
     return _make_point(problem, np.array(coordinates), states, pairings)

@@ -129,9 +129,9 @@ def _invert(information: FloatArray, allowed: FloatArray) -> FloatArray:
     """
     scaled = information * np.outer(allowed, allowed)
     values, vectors = np.linalg.eigh(scaled)
-    known = values > np.finfo(float).eps * len(values) * max(float(values[-1]), 1.0)
-    inverse = (vectors[:, known] / values[known]) @ vectors[:, known].T
-    lost = np.einsum("ij,ij->i", vectors[:, ~known], vectors[:, ~known]) > 1e-9
+    determined = values > np.finfo(float).eps * len(values) * max(float(values[-1]), 1.0)
+    inverse = (vectors[:, determined] / values[determined]) @ vectors[:, determined].T
+    lost = np.einsum("ij,ij->i", vectors[:, ~determined], vectors[:, ~determined]) > 1e-9
     inverse[lost, lost] = np.inf
     return np.asarray(inverse * np.outer(allowed, allowed))
 

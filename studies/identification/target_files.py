@@ -167,8 +167,8 @@ def _read_shape(table: ModeTargetTable) -> ShapeTarget | None:
     """
     if table.vectors is not None:
         entries = [
-            (place, dof, value)
-            for place, vector in table.vectors.items()
+            (observer, dof, value)
+            for observer, vector in table.vectors.items()
             for dof, value in enumerate(vector)
         ]
         return ShapeTarget(
@@ -176,14 +176,16 @@ def _read_shape(table: ModeTargetTable) -> ShapeTarget | None:
         )
     if table.moves is None:
         return None
-    found: list[tuple[str, int, float]] = []
+    entries_moved: list[tuple[str, int, float]] = []
     for move in table.moves:
         letter = move.rotation or move.translation or ""
         dof = "xyz".index(letter[-1]) + (3 if move.rotation else 0)
-        found += [(body, dof, -1.0 if letter.startswith("-") else 1.0) for body in move.bodies]
+        entries_moved += [
+            (body, dof, -1.0 if letter.startswith("-") else 1.0) for body in move.bodies
+        ]
     ignored = [(body, -1, 0.0) for body in table.ignore or ()]
     return ShapeTarget(
-        (*found, *ignored), table.shape_tolerance or DESCRIBED_TOLERANCE, described=True
+        (*entries_moved, *ignored), table.shape_tolerance or DESCRIBED_TOLERANCE, described=True
     )
 
 
@@ -207,8 +209,8 @@ def _fill_shape(mode: ModeTarget, scene: Scene) -> ModeTarget:
 
 
 def _check_shape(key: KeyPath, table: ModeTargetTable, scene: Scene, findings: Findings) -> None:
-    for seen in table.vectors or ():
-        _check_place((*key, "vectors", seen), seen, scene, findings)
+    for observer in table.vectors or ():
+        _check_place((*key, "vectors", observer), observer, scene, findings)
     if table.vectors is not None and not any(any(vector) for vector in table.vectors.values()):
         findings.add((*key, "vectors"), "every vector is zero; give the motions that were measured")
     bodies = [
@@ -218,10 +220,10 @@ def _check_shape(key: KeyPath, table: ModeTargetTable, scene: Scene, findings: F
     ]
     bodies += [((*key, "ignore", i), body) for i, body in enumerate(table.ignore or ())]
     components = scene.machine.components
-    for place, body in bodies:
+    for where, body in bodies:
         if body not in components:
             findings.add(
-                place,
+                where,
                 f"unknown component {body[:80]!r}; {suggest_names(body, components, what='components')}",
             )
 
@@ -233,7 +235,7 @@ def _check_place(key: KeyPath, place: str, scene: Scene, findings: Findings) -> 
         component in machine.components and interface in machine.components[component].interfaces
     ):
         return
-    known = [
+    observers = [
         *machine.points,
         *(
             f"{name}.{other}"
@@ -243,7 +245,7 @@ def _check_place(key: KeyPath, place: str, scene: Scene, findings: Findings) -> 
     ]
     findings.add(
         key,
-        f"unknown point {place[:80]!r}; {suggest_names(place, known, what='points and interfaces')}",
+        f"unknown point {place[:80]!r}; {suggest_names(place, observers, what='points and interfaces')}",
     )
 
 

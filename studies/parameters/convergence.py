@@ -82,7 +82,7 @@ class MeshSeries:
         """Keys of the scene at a factor: every length of a mesh follows, rims faster, where stresses
         are singular, and elements across patches, too.
         """
-        found: dict[str, TomlValue] = {}
+        keys: dict[str, TomlValue] = {}
         for name, part in self.parts.items():
             mesh = part.mesh
             for key, size, power in (
@@ -92,13 +92,13 @@ class MeshSeries:
                 ("details", mesh.details, 1.0),
             ):
                 if size is not None:
-                    found[f"components.{name}.mesh.{key}"] = write_size(factor**power * size)
+                    keys[f"components.{name}.mesh.{key}"] = write_size(factor**power * size)
             if mesh.growth is not None:
-                found[f"components.{name}.mesh.growth"] = mesh.growth
+                keys[f"components.{name}.mesh.growth"] = mesh.growth
             if any(p.shape != "whole" for i in part.interfaces.values() for p in i.patches):
                 across = max(FEWEST_ACROSS, math.ceil(mesh.across_patches / factor - 1e-9))
-                found[f"components.{name}.mesh.across_patches"] = across
-        return found
+                keys[f"components.{name}.mesh.across_patches"] = across
+        return keys
 
     def sizes(self, factor: float) -> dict[str, str]:
         """Element size of each component at a factor."""
@@ -208,7 +208,7 @@ def run_convergence(
         StudyError: The scene file changed meanwhile.
         OutputError: A record cannot be written.
     """
-    found: Convergence | None = None
+    convergence: Convergence | None = None
     for count in range(1, len(series.factors) + 1):
         step = dataclasses.replace(job, study=_extend(job.study, series, count))
 
@@ -217,12 +217,12 @@ def run_convergence(
                 observer(dataclasses.replace(progress, total=progress.number + 1))
 
         records = run_study(step, folder, comm=comm, observer=tell, warm_up=count == 1)
-        found = make_on_root(comm, functools.partial(_evaluate, series, records, goal))
-        if found.end:
+        convergence = make_on_root(comm, functools.partial(_evaluate, series, records, goal))
+        if convergence.end:
             break
-    if found is not None and not found.records:
-        raise ConvergenceError(f"no mesh could be computed: {found.failures[-1]}")
-    return found if comm.rank == 0 else None
+    if convergence is not None and not convergence.records:
+        raise ConvergenceError(f"no mesh could be computed: {convergence.failures[-1]}")
+    return convergence if comm.rank == 0 else None
 
 
 def _extend(study: Study, series: MeshSeries, count: int) -> Study:
@@ -259,8 +259,8 @@ def _evaluate(
     chosen = tuple(record for _, record in done)
     watched = tuple(watch_numbers(chosen, goal.watch)) if chosen else ()
     limits = tuple(find_limit(costs.factors, number) for number in watched)
-    found = Convergence(series, costs, chosen, watched, limits, failures=failed)
-    return dataclasses.replace(found, end=_find_end(found, records, goal))
+    convergence = Convergence(series, costs, chosen, watched, limits, failures=failed)
+    return dataclasses.replace(convergence, end=_find_end(convergence, records, goal))
 
 
 def _find_end(found: Convergence, records: Sequence[StudyRecord], goal: ConvergenceGoal) -> str:

@@ -138,14 +138,14 @@ def _plan_trials(found: Convergence) -> _Trials | None:
         for name, part in found.series.parts.items()
         if isinstance(part.solid, StepFile) and part.mesh.leave_out is None
     }
-    seen = any(limit.order is not None for limit in found.limits)
-    if not parts or not seen:
+    converges = any(limit.order is not None for limit in found.limits)
+    if not parts or not converges:
         return None
-    place = max(0, len(found.records) - 2)
+    index = max(0, len(found.records) - 2)
     return _Trials(
         _find_radii(parts),
-        found.series.settings(found.costs.factors[place]),
-        found.records[place],
+        found.series.settings(found.costs.factors[index]),
+        found.records[index],
         tuple(parts),
     )
 

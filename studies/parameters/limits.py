@@ -97,8 +97,8 @@ class MeshedNumber:
         return self.finest.shown[1] * rest
 
     def _scale(self, read: Callable[[Number], float | None]) -> tuple[float | None, ...]:
-        found = [None if number is None else read(number) for number in self.numbers]
-        return tuple(None if value is None else self.finest.shown[1] * value for value in found)
+        numbers = [None if number is None else read(number) for number in self.numbers]
+        return tuple(None if value is None else self.finest.shown[1] * value for value in numbers)
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,12 +227,14 @@ class _Mesh(NamedTuple):
 
 def _extrapolate_sizes(last: Sequence[_Mesh]) -> tuple[float | None, str]:
     """The limit by Richardson's extrapolation; None, and why, without a believable order."""
-    found = extrapolate_values([mesh.factor for mesh in last], [mesh.value for mesh in last])
-    order = found.order
-    if order is None and found.remark.startswith("changes fall faster"):
+    extrapolation = extrapolate_values(
+        [mesh.factor for mesh in last], [mesh.value for mesh in last]
+    )
+    order = extrapolation.order
+    if order is None and extrapolation.remark.startswith("changes fall faster"):
         order = LARGEST_ORDER
     if order is None or order < TRUSTED_ORDER:
-        return None, found.remark.split(":")[0]
+        return None, extrapolation.remark.split(":")[0]
     return _limit_by_order(last, min(order, LARGEST_ORDER)), ""
 
 
@@ -254,13 +256,13 @@ def _extrapolate_errors(last: Sequence[_Mesh]) -> tuple[float, float, float] | N
     ):
         return None
     slopes = [
-        (values[place] - values[place + 1]) / (errors[place] - errors[place + 1])
-        for place in (0, 1)
+        (values[index] - values[index + 1]) / (errors[index] - errors[index + 1])
+        for index in (0, 1)
     ]
     if slopes[0] * slopes[1] <= 0.0 or not 1.0 / SAME_SLOPE < slopes[0] / slopes[1] < SAME_SLOPE:
         return None
     line = np.polynomial.Polynomial.fit(errors, values, 1).convert()
-    pairs = [values[place + 1] - errors[place + 1] * slopes[place] for place in (0, 1)]
+    pairs = [values[index + 1] - errors[index + 1] * slopes[index] for index in (0, 1)]
     return float(line(0.0)), pairs[0], pairs[1]
 
 
@@ -338,7 +340,7 @@ def estimate_dofs(costs: MeshCosts, factor: float) -> float:
             costs.factors[first] / costs.factors[-1]
         )
     # over 1 / size, which rises as dofs do
-    sizes = [1.0 / known for known in costs.factors]
+    sizes = [1.0 / size for size in costs.factors]
     return _follow(
         sizes, costs.dofs, 1.0 / factor, float(np.clip(slope, LEAST_SLOPE, LARGEST_SLOPE))
     )

@@ -303,10 +303,10 @@ def _read_number(value: TomlValue) -> _Number | None:
     if is_number(value):
         return _Number(value, "")
     try:
-        found = parse_quantity(value, *DIMENSIONS) if isinstance(value, str) else None
+        quantity = parse_quantity(value, *DIMENSIONS) if isinstance(value, str) else None
     except UnitError:
         return None
-    return None if found is None else _Number(found.value, found.dimension.unit)
+    return None if quantity is None else _Number(quantity.value, quantity.dimension.unit)
 
 
 def median_seconds(record: StudyRecord, name: str = "seconds") -> tuple[float, float] | None:
@@ -333,14 +333,16 @@ def _make_row(study: Study, record: StudyRecord) -> StudyRow:
             problems.append(str(error))
         except WatchError as error:
             problems.append(f"{text}: {error}")
-    known: dict[str, float] = {}
+    known_parts: dict[str, float] = {}
     unknown: list[str] = []
     for column in (name for name, value in values.items() if value is None):
         part, lacking = _known_part(column, record.summary or {})
         if part is not None:
-            known[column] = part
+            known_parts[column] = part
             unknown += lacking
-    return StudyRow(record, values, units, tuple(problems), known, tuple(dict.fromkeys(unknown)))
+    return StudyRow(
+        record, values, units, tuple(problems), known_parts, tuple(dict.fromkeys(unknown))
+    )
 
 
 def _read_watched(text: str, record: StudyRecord, units: dict[str, str]) -> dict[str, Watched]:
@@ -378,10 +380,10 @@ def known_head(column: str) -> str:
 def _known_part(column: str, summary: Mapping[str, object]) -> tuple[float | None, list[str]]:
     """What is known of a watched error without a bound, and what it lacks; None of what is no error."""
     steps = parse_watch(column).steps
-    for place, step in enumerate(steps):
+    for index, step in enumerate(steps):
         named = ERROR_NAME.fullmatch(step) if isinstance(step, str) else None
         if named is not None:
-            where, rest = steps[:place], steps[place + 1 :]
+            where, rest = steps[:index], steps[index + 1 :]
             shares = find_entry((*where, f"{named[1]}_share", *rest), summary)
             if isinstance(shares, dict) and (part := known_part(shares)) is not None:
                 sources = [f"{source}" for source, size in shares.items() if size is None]
@@ -394,21 +396,21 @@ def _known_part(column: str, summary: Mapping[str, object]) -> tuple[float | Non
 def _size_series(
     study: Study, columns: Sequence[str], rows: Sequence[StudyRow]
 ) -> list[SizeSeries]:
-    found: list[SizeSeries] = []
+    all_series: list[SizeSeries] = []
     for family in study.families:
-        own = [row for row in rows if row.record.family == family.name]
+        of_family = [row for row in rows if row.record.family == family.name]
         for key in _size_keys(family):
             groups: dict[str, list[StudyRow]] = {}
-            for row in own:
+            for row in of_family:
                 groups.setdefault(repr(_others(row, family, key)), []).append(row)
-            found += [
+            all_series += [
                 series
                 for group in groups.values()
                 for column in columns
                 if column not in MEASURED_NAMES
                 and (series := _make_series(column, key, family, group))
             ]
-    return found
+    return all_series
 
 
 def _size_keys(family: StudyFamily) -> list[str]:
@@ -421,7 +423,9 @@ def _size_keys(family: StudyFamily) -> list[str]:
     if len(keys) < len(family.vary):
         return []
     sizes = [[_read_size(value) for value in family.vary[key]] for key in keys]
-    ratios = [[own / first for own, first in zip(other, sizes[0], strict=True)] for other in sizes]
+    ratios = [
+        [size / first for size, first in zip(other, sizes[0], strict=True)] for other in sizes
+    ]
     together = all(max(ratio) - min(ratio) <= PROPORTION_TOLERANCE * max(ratio) for ratio in ratios)
     return keys[:1] if together else []
 

@@ -248,10 +248,10 @@ def _summarise_errors(pose: int, errors: Mapping[Key, Estimate]) -> _SampleSumma
 
 
 def _list_crossings(results: SweepResults) -> list[_CrossingSummary]:
-    found = {} if results.tracked is None else results.tracked.crossings
+    crossings = {} if results.tracked is None else results.tracked.crossings
     return [
         {"modes": [one + 1, other + 1], "between_neighbours": count}
-        for (one, other), count in found.items()
+        for (one, other), count in crossings.items()
     ]
 
 
@@ -269,15 +269,15 @@ def _summarise_point(point: PointMap) -> PointMapSummary:
 def _summarise_limits(limits: LimitMap) -> LimitMapSummary:
     rpm, everywhere = RPM * limits.speeds, MM * limits.everywhere
     looked = np.isfinite(limits.depths)
-    known = np.asarray(looked.any(axis=1))
+    looked_at = np.asarray(looked.any(axis=1))
     low, high = (np.where(looked, limits.depths, side) for side in (np.inf, -np.inf))
     best = int(np.nanargmax(everywhere)) if np.isfinite(everywhere).any() else None
     return {
         "directions": _nulls(limits.directions),
-        "lowest_mm": _nulls(np.where(known, MM * low.min(axis=1), np.nan)),
-        "lowest_rpm": _nulls(np.where(known, rpm[np.argmin(low, axis=1)], np.nan)),
-        "best_mm": _nulls(np.where(known, MM * high.max(axis=1), np.nan)),
-        "best_rpm": _nulls(np.where(known, rpm[np.argmax(high, axis=1)], np.nan)),
+        "lowest_mm": _nulls(np.where(looked_at, MM * low.min(axis=1), np.nan)),
+        "lowest_rpm": _nulls(np.where(looked_at, rpm[np.argmin(low, axis=1)], np.nan)),
+        "best_mm": _nulls(np.where(looked_at, MM * high.max(axis=1), np.nan)),
+        "best_rpm": _nulls(np.where(looked_at, rpm[np.argmax(high, axis=1)], np.nan)),
         "chatter_hz": _nulls(limits.chatter_hz),
         "modes": list(limits.modes),
         "rpm": _nulls(rpm),
@@ -285,7 +285,7 @@ def _summarise_limits(limits: LimitMap) -> LimitMapSummary:
         "common_best_mm": None if best is None else float(everywhere[best]),
         "common_best_rpm": None if best is None else float(rpm[best]),
         "at_common_best_mm": _nulls(
-            np.full(len(known), np.nan) if best is None else MM * limits.depths[:, best]
+            np.full(len(looked_at), np.nan) if best is None else MM * limits.depths[:, best]
         ),
     }
 

@@ -132,7 +132,7 @@ def decode_result(content: bytes) -> PoseResult:
         if length > min(LARGEST_HEAD, len(content)):
             raise ValueError("its head is too long")
         head = json.loads(content[_HEAD.size : _HEAD.size + length])
-        place = _HEAD.size + length
+        offset = _HEAD.size + length
         values: dict[str, Any] = {}
         for name, hint in typing.get_type_hints(PoseResult).items():
             value = head[name]
@@ -144,8 +144,10 @@ def decode_result(content: bytes) -> PoseResult:
             ):
                 kind, *shape = value
                 count = math.prod(shape)
-                value = np.frombuffer(content, dtype=kind, count=count, offset=place).reshape(shape)
-                place += count * np.dtype(kind).itemsize
+                value = np.frombuffer(content, dtype=kind, count=count, offset=offset).reshape(
+                    shape
+                )
+                offset += count * np.dtype(kind).itemsize
             values[name] = tuple(value) if isinstance(value, list) else value
         return PoseResult(**values)
     except (struct.error, KeyError, TypeError, AttributeError, UnicodeDecodeError) as error:
@@ -180,15 +182,15 @@ def read_journals(folder: Path, key: str) -> dict[bytes, PoseResult]:
     Raises:
         OutputError: A journal cannot be read, or is a file that Headstock did not write.
     """
-    found: dict[bytes, PoseResult] = {}
+    results: dict[bytes, PoseResult] = {}
     for path in sorted((folder / FOLDER).glob(f"{key[:KEY_LETTERS]}-*{SUFFIX}")):
         for record in read_journal(path, pose_form(key)):
             with contextlib.suppress(ValueError):
                 result = decode_result(record)
                 name = result.identity
-                if name not in found or found[name].state == "failed":
-                    found[name] = result
-    return found
+                if name not in results or results[name].state == "failed":
+                    results[name] = result
+    return results
 
 
 def remove_other_journals(folder: Path, key: str) -> None:

@@ -87,14 +87,14 @@ def solve_machine_pose(
         positions: The same as ``(k,)``, for the result.
         feed: ``(3,)`` direction of the feed; NaN where there is none.
     """
-    found = PoseResult(positions, feed=feed)
+    result = PoseResult(positions, feed=feed)
     try:
         coupled = couple(shared.superelements, shared.parts.scene.machine, pose, memo=shared.memo)
     except PoseError as error:
-        return replace(found, state="unreachable", error=str(error))
+        return replace(result, state="unreachable", error=str(error))
     except POSE_ERRORS as error:
-        return replace(found, state="failed", error=f"coupling: {error}")
-    found = replace(found, condition=_find_condition(shared, pose))
+        return replace(result, state="failed", error=f"coupling: {error}")
+    result = replace(result, condition=_find_condition(shared, pose))
     errors: list[str] = []
     model = CoupledPose(shared.parts, pose, coupled, RESOLVED)
     analyses = shared.parts.scene.analyses
@@ -105,10 +105,10 @@ def solve_machine_pose(
         ("lobes", _add_limits),
     ):
         try:
-            found = add(model, found) if name in analyses.names else found
+            result = add(model, result) if name in analyses.names else result
         except POSE_ERRORS as error:
             errors.append(f"{name} analysis: {error}")
-    return replace(found, state="failed" if errors else "done", error="; ".join(errors))
+    return replace(result, state="failed" if errors else "done", error="; ".join(errors))
 
 
 def _find_condition(shared: MachinePoses, pose: Pose) -> FloatArray:
@@ -165,9 +165,9 @@ def _add_modes(model: CoupledPose, found: PoseResult) -> PoseResult:
         else keep_lowest(model.all_modes, count=count, up_to_hz=limit)
     )
     stacked = coupled.basis @ modal.shapes
-    for name, place in coupled.offsets.items():
+    for name, rows in coupled.offsets.items():
         part = coupled.layout.superelements[name]
-        stacked[place] = turn_dofs(part, coupled.placements[name]) @ stacked[place]
+        stacked[rows] = turn_dofs(part, coupled.placements[name]) @ stacked[rows]
     return replace(
         found,
         frequencies_hz=modal.frequencies_hz,
@@ -193,14 +193,16 @@ def _add_limits(model: PoseModel, found: PoseResult) -> PoseResult:
         found: The result so far, with the direction of the feed.
     """
     request, solved = lobes_request(model), solve_lobes(model, found.feed, whole=False).answer
-    by_name = {own.name: own for own in solved.directions}
+    by_name = {lobes.name: lobes for lobes in solved.directions}
     unknown = np.full(len(request.speeds), np.nan)
     limits, chatter, modes = [], [], []
     for travel in request.directions:
-        own = by_name.get(travel.name)
-        lowest = None if own is None else own.lowest
-        limits.append(unknown if own is None else own.depths)
-        chatter.append(np.nan if own is None or lowest is None else HZ * own.chatter[lowest.place])
+        lobes = by_name.get(travel.name)
+        lowest = None if lobes is None else lobes.lowest
+        limits.append(unknown if lobes is None else lobes.depths)
+        chatter.append(
+            np.nan if lobes is None or lowest is None else HZ * lobes.chatter[lowest.place]
+        )
         modes.append("" if lowest is None else lowest.mode)
     return replace(
         found,
@@ -228,9 +230,13 @@ class _LumpedPoses:
 
 def share_mechanism(parts: MachineParts, superelements: Mapping[str, Superelement]) -> _LumpedPoses:
     """Prepare what all poses of the mechanism of a scene share."""
-    own = {name: component.placement for name, component in parts.plan.components.items()}
+    frames = {name: component.placement for name, component in parts.plan.components.items()}
     return _LumpedPoses(
-        parts, scene_mechanism(parts), build_lumped_model(parts, superelements), superelements, own
+        parts,
+        scene_mechanism(parts),
+        build_lumped_model(parts, superelements),
+        superelements,
+        frames,
     )
 
 
@@ -265,18 +271,18 @@ def solve_lumped_poses(
             )
             continue
         condition = np.array([survey.condition[number]])
-        found = replace(next(solved), condition=condition, feed=feeds[number])
+        result = replace(next(solved), condition=condition, feed=feeds[number])
         analyses = shared.parts.scene.analyses
         if FrfRequest in analyses or LobesRequest in analyses:
             model = place_pose(shared.parts, pose, shared.model, shared.superelements)
             try:
                 if FrfRequest in analyses:
-                    found = _add_figures(model, found)
+                    result = _add_figures(model, result)
                 if LobesRequest in analyses:
-                    found = _add_limits(model, found)
+                    result = _add_limits(model, result)
             except POSE_ERRORS as error:
-                found = replace(found, state="failed", error=f"frf or lobes analysis: {error}")
-        results.append(found)
+                result = replace(result, state="failed", error=f"frf or lobes analysis: {error}")
+        results.append(result)
     return results
 
 
@@ -288,19 +294,19 @@ def _solve_taken(
     """
     analyses = shared.parts.scene.analyses
     motions = linearise_poses(shared.model, states)
-    found = [PoseResult(place) for place in positions]
+    solved = [PoseResult(position) for position in positions]
     if (modal := analyses.get(ModalRequest)) is not None:
         modes = solve_lumped_modes(motions)
         # amplitudes whose squares are the shares of the strain energy: orthonormal in every pose
         shapes = np.sqrt(modes.energy) * np.sign(modes.shapes)
-        found = [
+        solved = [
             replace(
                 result,
                 frequencies_hz=modes.frequencies_hz[number],
                 wanted=modal.count_wanted(modes.frequencies_hz[number], 0),
                 shapes=shapes[number].astype(np.float32),
             )
-            for number, result in enumerate(found)
+            for number, result in enumerate(solved)
         ]
     if StaticRequest in analyses:
         turn = shared.mechanism.mounted.mounting.rotation
@@ -317,16 +323,16 @@ def _solve_taken(
         names, shares = _weakest_parts(
             shared, states, stretches**2 * motions.stiffness[:, None, None, :]
         )
-        found = [
+        solved = [
             replace(
                 result,
                 compliance=compliance[number],
                 links=tuple(names[number]),
                 link_shares=shares[number],
             )
-            for number, result in enumerate(found)
+            for number, result in enumerate(solved)
         ]
-    return found
+    return solved
 
 
 def _point_motion(shared: _LumpedPoses, motions: SmallMotions, point: Point) -> FloatArray:
@@ -334,11 +340,11 @@ def _point_motion(shared: _LumpedPoses, motions: SmallMotions, point: Point) -> 
     the chains.
     """
     name, interface = point.tool.component or "", point.tool.interface or ""
-    marker, own = shared.mechanism.carries[name], shared.own[name]
+    marker, frame = shared.mechanism.carries[name], shared.own[name]
     tip = shared.superelements[name].interface_position(interface) + np.asarray(point.offset)
-    local = own.origin + own.rotation @ tip
-    place = shared.model.mechanism.markers.index(marker)
-    arm = motions.kinematics.placement.rotations[:, place] @ local
+    local = frame.origin + frame.rotation @ tip
+    marker_index = shared.model.mechanism.markers.index(marker)
+    arm = motions.kinematics.placement.rotations[:, marker_index] @ local
     motion = marker_motion(shared.model, motions, marker)
     return np.asarray(
         motion[:, :3] + np.cross(motion[:, 3:], arm[:, :, None], axisa=1, axisb=1, axisc=1)

@@ -81,8 +81,8 @@ class LimitMap:
     @property
     def everywhere(self) -> FloatArray:
         """``(s,)`` depth that is stable in every pose at a speed [m]; NaN where one was not looked at."""
-        known = self.depths[np.isfinite(self.depths).any(axis=1)]
-        return known.min(axis=0) if len(known) else np.full(len(self.speeds), np.nan)
+        looked_at = self.depths[np.isfinite(self.depths).any(axis=1)]
+        return looked_at.min(axis=0) if len(looked_at) else np.full(len(self.speeds), np.nan)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -127,8 +127,8 @@ class SweepResults(Displayed):
         states = {state: self.states.count(state) for state in dict.fromkeys(self.states)}
         counts = ", ".join(f"{count} {state}" for state, count in states.items())
         facts = [("poses", f"{len(self.states)} of axes {list_few(self.sweep.axes)}: {counts}")]
-        if len(found := self.frequencies_hz[~np.isnan(self.frequencies_hz)]):
-            span = f"{found.min():.4g} to {found.max():.4g} Hz"
+        if len(present := self.frequencies_hz[~np.isnan(self.frequencies_hz)]):
+            span = f"{present.min():.4g} to {present.max():.4g} Hz"
             facts.append(("frequencies_hz", f"{self.frequencies_hz.shape[1]} modes, {span}"))
         if self.points:
             facts.append(("points", list_few(list(self.points))))
@@ -156,8 +156,8 @@ class SweepResults(Displayed):
         tracked = self.frequencies_hz
         return Numbers.collect(
             number
-            for place in range(len(self.states))
-            for number in self._list_numbers(place, tracked[place])
+            for pose in range(len(self.states))
+            for number in self._list_numbers(pose, tracked[pose])
             if np.isfinite(number.value)
         )
 
@@ -245,11 +245,11 @@ def collect_results(
         tracked=tracked,
         shapes=shapes,
         points={
-            name: _map_point(found, place)
-            for place, name in enumerate(() if static is None else static.at)
+            name: _map_point(found, index)
+            for index, name in enumerate(() if static is None else static.at)
         },
         condition=conditions[:, 0] if conditions.shape[1] else None,
-        figures={channel: _figures(found, place) for place, channel in enumerate(channels)},
+        figures={channel: _figures(found, index) for index, channel in enumerate(channels)},
         limits=_map_limits(scene.analyses.get(LobesRequest), found),
         limits_confirmed=all(result.limits_confirmed for result in found),
         warnings=remarks,
@@ -276,11 +276,11 @@ def _map_limits(request: LobesRequest | None, found: Sequence[PoseResult]) -> di
         travel.name: LimitMap(
             np.array([result.feed if travel.along is None else travel.along for result in found]),
             request.speeds,
-            depths[:, place],
-            chatter[:, place],
-            tuple(result.chatter_modes[place] if result.chatter_modes else "" for result in found),
+            depths[:, index],
+            chatter[:, index],
+            tuple(result.chatter_modes[index] if result.chatter_modes else "" for result in found),
         )
-        for place, travel in enumerate(request.directions)
+        for index, travel in enumerate(request.directions)
     }
 
 
@@ -315,39 +315,39 @@ def _principal_compliance(compliance: FloatArray) -> _PrincipalCompliance:
     The eigenvectors of the symmetric ``(n, 3, 3)`` are the directions in which force and motion are
     parallel.
     """
-    known = np.isfinite(compliance).all(axis=(1, 2))
+    determined = np.isfinite(compliance).all(axis=(1, 2))
     largest, ratio = np.full(len(compliance), np.nan), np.full(len(compliance), np.nan)
     direction = np.full((len(compliance), 3), np.nan)
-    symmetric = 0.5 * (compliance[known] + np.swapaxes(compliance[known], 1, 2))
+    symmetric = 0.5 * (compliance[determined] + np.swapaxes(compliance[determined], 1, 2))
     levels, vectors = np.linalg.eigh(symmetric)
-    largest[known] = levels[:, 2]
+    largest[determined] = levels[:, 2]
     # a direction and its opposite are the same: the largest part points forward
     axis = vectors[:, :, 2]
     ahead = np.take_along_axis(axis, np.argmax(np.abs(axis), axis=1)[:, None], axis=1)
-    direction[known] = axis * np.sign(ahead)
+    direction[determined] = axis * np.sign(ahead)
     stiff = levels[:, 0] > 0.0
-    ratio[known] = np.where(stiff, levels[:, 2] / np.where(stiff, levels[:, 0], 1.0), np.nan)
+    ratio[determined] = np.where(stiff, levels[:, 2] / np.where(stiff, levels[:, 0], 1.0), np.nan)
     return _PrincipalCompliance(largest, direction, ratio)
 
 
 def _map_point(found: Sequence[PoseResult], place: int) -> PointMap:
-    known = [len(result.compliance) > place for result in found]
+    present = [len(result.compliance) > place for result in found]
     blank = np.full((3, 3), np.nan)
     compliance = np.array(
         [
             result.compliance[place] if has else blank
-            for result, has in zip(found, known, strict=True)
+            for result, has in zip(found, present, strict=True)
         ]
     )
     span = slice(3 * place, 3 * place + 3)
     links = tuple(
         result.links[span] if has else ("", "", "")
-        for result, has in zip(found, known, strict=True)
+        for result, has in zip(found, present, strict=True)
     )
     shares = np.array(
         [
             result.link_shares[span] if has else np.full(3, np.nan)
-            for result, has in zip(found, known, strict=True)
+            for result, has in zip(found, present, strict=True)
         ]
     )
     principal = _principal_compliance(compliance)
@@ -396,14 +396,14 @@ def name_tracked_modes(parts: MachineParts, results: SweepResults) -> SweepResul
     for number in np.argsort(far, kind="stable"):
         here = [mode for mode in np.flatnonzero(index[number] >= 0) if int(mode) not in names]
         if here:
-            found, points = _name_pose_modes(parts, results, int(number), with_static=not samples)
-            names |= {int(mode): found.mode_names[index[number, mode]] for mode in here}
+            modes, points = _name_pose_modes(parts, results, int(number), with_static=not samples)
+            names |= {int(mode): modes.mode_names[index[number, mode]] for mode in here}
             errors = {
                 make_key(
-                    "frequency", pose=found.pose.name, mode=int(mode) + 1
-                ): found.list_errors()[index[number, mode]]
+                    "frequency", pose=modes.pose.name, mode=int(mode) + 1
+                ): modes.list_errors()[index[number, mode]]
                 for mode in here
-                if index[number, mode] >= found.rigid_count
+                if index[number, mode] >= modes.rigid_count
             }
             samples[int(number)] = errors | dict(points.errors)
         if len(names) == index.shape[1]:

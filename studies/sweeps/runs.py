@@ -96,12 +96,12 @@ class SweepOutcome:
         Raises:
             OutputError: A pose is missing: another part has not computed it.
         """
-        found = [result for result in self.results if result is not None]
-        if len(found) < len(self.results):
+        results = [result for result in self.results if result is not None]
+        if len(results) < len(self.results):
             raise OutputError(
-                f"{len(self.results) - len(found)} of {len(self.results)} poses are not computed yet"
+                f"{len(self.results) - len(results)} of {len(self.results)} poses are not computed yet"
             )
-        return found
+        return results
 
 
 def select_analyses(scene: Scene) -> Scene:
@@ -146,8 +146,8 @@ def run_sweep(
             for result in _solve_poses(job, parts, superelements, feed, mine):
                 journal.append(encode_result(result))
     _wait_for_all(comm)
-    known = read_journals(job.folder, key) if comm.rank == 0 else {}
-    results = tuple(map(known.get, names))
+    finished = read_journals(job.folder, key) if comm.rank == 0 else {}
+    results = tuple(map(finished.get, names))
     return SweepOutcome(key, results, len(waiting), remarks, parts, superelements)
 
 
@@ -165,19 +165,19 @@ def _find_feed(
     if request is None or not request.asks_for_feed:
         return np.tile(NO_FEED, (count, 1)), ()
     poses = [sweep_pose(sweep, number) for number in range(count)]
-    found = trace_feed(job.scene.machine, superelements, request.at, poses)
-    if not np.isfinite(found.directions).any():
+    traced = trace_feed(job.scene.machine, superelements, request.at, poses)
+    if not np.isfinite(traced.directions).any():
         raise refuse_still_feed(job.scene, request)
     along_axis = [
         number
-        for number, feed in enumerate(found.directions)
+        for number, feed in enumerate(traced.directions)
         if np.isfinite(feed).all() and len(request.travels(feed)) < len(request.directions)
     ]
-    directions = found.directions.copy()
+    directions = traced.directions.copy()
     directions[along_axis] = np.nan
     remarks = (
-        ("the way has a corner, so the feed is that of the move that ends there", found.corners),
-        ("the tool stands still in its work, so the feed is that of the way through its place", found.standing),
+        ("the way has a corner, so the feed is that of the move that ends there", traced.corners),
+        ("the tool stands still in its work, so the feed is that of the way through its place", traced.standing),
         ("the tool is fed along its axis, so there is no limit depth", along_axis),
     )  # fmt: skip
     return directions, tuple(
@@ -198,8 +198,10 @@ def _list_poses(sweep: Sweep, numbers: Sequence[int]) -> str:
 
 
 def _find_waiting(job: SweepJob, key: str, names: list[bytes]) -> list[int]:
-    known = read_journals(job.folder, key)
-    done = {name for name, result in known.items() if not (job.retry and result.state == "failed")}
+    finished = read_journals(job.folder, key)
+    done = {
+        name for name, result in finished.items() if not (job.retry and result.state == "failed")
+    }
     waiting = [number for number, name in enumerate(names) if name not in done]
     return [number for number in waiting if number % job.part.of == job.part.number - 1]
 

@@ -354,10 +354,10 @@ def read_submission(folder: Path, key: str) -> Submission | None:
     """The last array job submitted for this sweep from this folder, if there is one."""
     try:
         content = json.loads((folder / FOLDER / SUBMISSION_FILE).read_text())
-        found = Submission(**{**content, "submitted": tuple(content["submitted"])})
+        submission = Submission(**{**content, "submitted": tuple(content["submitted"])})
     except (OSError, ValueError, TypeError, KeyError):
         return None
-    return found if found.key == key else None
+    return submission if submission.key == key else None
 
 
 def log_file(folder: Path, job: str, task: int) -> Path:
