@@ -432,4 +432,4 @@ def _find_touched(
 
 
 def _laws_of(parameter: str, laws: Iterable[KeyLaw]) -> list[KeyLaw]:
-    return [law for law in laws if law.quasi_static(parameter)]
+    return [law for law in laws if law.depends_on(parameter)]
